@@ -1,0 +1,42 @@
+"""The binary BVH that every builder makes and every tracer walks."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+MAX_LEAF = 8  # triangles in a leaf, at most
+MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
+EMPTY = np.int32(-2147483648)  # link of a child that is not there (only under the root of a scene of 0 or 1 triangles)
+
+
+class Bvh(NamedTuple):
+    """A BVH of ``len(prim_ids)`` triangles; node 0 is the root and always there.
+
+    A node is one 64-byte line that holds the boxes of *both* its children (left L, right R), grouped by axis so that
+    one 4-wide register tests a slab of both::
+
+        0..3   x: L.lower  R.lower  L.upper  R.upper
+        4..7   y: the same
+        8..11  z: the same
+        12     link of L (int32 bits)
+        13     link of R
+        14,15  not used (zero)
+
+    A link >= 0 is the index of an inner node. A link < 0 is a leaf: ``~link = first * 8 + count - 1`` where ``first``
+    is a slot in ``prim_ids`` and ``corners``. A child that is not there has link ``EMPTY`` and the box
+    lower = +inf, upper = -inf, which no ray enters.
+    """
+
+    nodes: np.ndarray  # (n_nodes, 16) float32, 64-byte aligned
+    links: np.ndarray  # (n_nodes, 16) int32, the same memory
+    prim_ids: np.ndarray  # (n,) int32, slot -> triangle index
+    corners: np.ndarray  # (n, 9) float32, slot -> the triangle's three vertices (a copy in leaf order)
+
+
+def aligned_empty(shape: tuple[int, ...], dtype: str) -> np.ndarray:
+    """Uninitialised C-contiguous array that starts on a 64-byte line."""
+    dt = np.dtype(dtype)
+    size = int(np.prod(shape)) * dt.itemsize
+    raw = np.empty(size + 64, np.uint8)
+    skip = -raw.ctypes.data % 64
+    return raw[skip : skip + size].view(dt).reshape(shape)
