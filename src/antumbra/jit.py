@@ -37,7 +37,4 @@ def _choose_cache() -> Path:
 CACHE_DIR = _choose_cache()
 
 kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
-"""Decorator of every kernel: cached on disk, free of the GIL, IEEE division, no fast-math."""
-
-inline = numba.njit(cache=True, nogil=True, error_model="numpy", inline="never")
-"""Decorator of the small functions that kernels are made of; LLVM inlines them."""
+"""Decorator of every compiled function: cached on disk, free of the GIL, IEEE division, no fast-math."""

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from .vectors import vector
 
 
 class CameraRays(NamedTuple):
@@ -41,9 +42,9 @@ class Camera:
     """
 
     def __init__(self, position, target, up=(0.0, 1.0, 0.0), vfov=60.0, width=1024, height=1024):
-        self.position = _vector(position, "camera position")
-        self.target = _vector(target, "camera target")
-        self.up = _vector(up, "camera up")
+        self.position = vector(position, "camera position")
+        self.target = vector(target, "camera target")
+        self.up = vector(up, "camera up")
         self.vfov = float(vfov)
         self.width, self.height = _size(width, "width"), _size(height, "height")
         if not 0.0 < self.vfov < 180.0:
@@ -79,16 +80,6 @@ class Camera:
             f"Camera(position=({p}), target=({t}), up=({u}), vfov={self.vfov:g}, "
             f"width={self.width}, height={self.height})"
         )
-
-
-def _vector(value, what: str) -> np.ndarray:
-    try:
-        v = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be three numbers, not {value!r}") from None
-    if v.shape != (3,) or not np.isfinite(v).all():
-        raise InputError(f"{what} must be three finite numbers, not {value!r}")
-    return v
 
 
 def _size(value, what: str) -> int:

@@ -1,0 +1,135 @@
+"""Sample sets on a light: 16 sets that interleave over 4x4 pixels and together form one fine set.
+
+Interleaved sampling [Keller and Heidrich 2001], as multi-frusta tracing uses it (Sec. 4.5): pixel (x, y) takes set
+(x mod 4) + 4 (y mod 4); 16 neighbouring pixels share 16 spp samples, and each set by itself is well spread.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..errors import InputError
+
+N_SETS = 16
+MAX_SPP = 1024
+
+
+def hammersley(n: int) -> np.ndarray:
+    """(n, 2) float64: i / n and the van der Corput radical inverse of i; n a power of two."""
+    i = np.arange(n, dtype=np.uint64)
+    return np.stack([(i + 0.5) / n, _radical_inverse(i, _van_der_corput_rows())], 1)
+
+
+def larcher_pillichshammer(n: int) -> np.ndarray:
+    """(n, 2) float64: i / n and the Larcher-Pillichshammer radical inverse [Kollig and Keller 2002]; n a power of two."""
+    i = np.arange(n, dtype=np.uint64)
+    rows = [0]
+    for k in range(32):  # v ^= 2**31 >> ... of Kollig and Keller's listing: v | v >> 1
+        rows.append(0x80000000 if k == 0 else rows[-1] >> 1 | 0x80000000)
+    return np.stack([(i + 0.5) / n, _radical_inverse(i, rows[1:])], 1)
+
+
+def _van_der_corput_rows():
+    return [0x80000000 >> k for k in range(32)]
+
+
+def _radical_inverse(i, rows):
+    out = np.zeros(len(i), np.uint64)
+    for k, row in enumerate(rows):
+        out ^= np.where(i >> np.uint64(k) & np.uint64(1), np.uint64(row), np.uint64(0))
+    return (out + 0.5) / 2.0**32
+
+
+def _split_net(points: np.ndarray) -> np.ndarray:
+    """(16 m, 2) net -> (16, m, 2): every set has one point in each of m elementary cells, in Z order of the cells.
+
+    The net has 16 points in each cell. Set k takes the point whose rank by x is k, permuted from row to row in the
+    rank's high bits (which decide x) and from column to column in its low bits (which decide y in a digital net), so
+    that the projections of each set on the axes are spread as well.
+    """
+    m = len(points) // N_SETS
+    bits = m.bit_length() - 1
+    nx, ny = 1 << (bits + 1) // 2, 1 << bits // 2
+    column, row = (points * (nx, ny)).astype(int).T
+    cell = row * nx + column
+    order = np.lexsort((points[:, 0], cell)).reshape(m, N_SETS)  # by cell, then by x
+    rows = np.arange(m) // nx
+    reverse = sum(((rows >> k) & 1) << (3 - k) for k in range(4))
+    pick = np.arange(N_SETS)[:, None] ^ reverse ^ (np.arange(m) % nx & 15)  # (16, m)
+    sets = points[order[np.arange(m), pick]]
+    return sets[:, np.argsort(_z_order(np.arange(m) % nx, rows), kind="stable")]
+
+
+def _z_order(x, y):
+    return sum(((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(6))
+
+
+def _scrambled_sobol(spp: int, seed: int) -> np.ndarray:
+    from scipy.stats import qmc  # slow to import, so only when asked for
+
+    size = _power_of_two(spp)
+    points = qmc.Sobol(2, scramble=True, rng=seed).random(N_SETS * size)
+    return points.reshape(N_SETS, size, 2)[:, :spp]  # every aligned block is a net, every prefix well spread
+
+
+def _net(generate: Callable[[int], np.ndarray]):
+    def sets(spp: int, seed: int) -> np.ndarray:
+        size = _power_of_two(spp)
+        split = _split_net(generate(N_SETS * size))
+        if spp < size:  # keep a well-spread part: cells in bit-reversed Z order
+            bits = size.bit_length() - 1
+            i = np.arange(size)
+            reverse = sum(((i >> k) & 1) << (bits - 1 - k) for k in range(bits))
+            split = split[:, np.sort(np.argsort(reverse, kind="stable")[:spp])]
+        return split
+
+    return sets
+
+
+def _power_of_two(n: int) -> int:
+    return 1 << (n - 1).bit_length()
+
+
+SAMPLERS: dict[str, Callable[[int, int], np.ndarray]] = {
+    "larcher-pillichshammer": _net(larcher_pillichshammer),
+    "hammersley": _net(hammersley),
+    "sobol": _scrambled_sobol,
+}
+
+
+def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0) -> np.ndarray:
+    """(16, spp, 2) float64 in (0, 1): the sample sets of a 4x4 pixel pattern.
+
+    Parameters
+    ----------
+    spp : int
+        Samples a set, 1 to 1024.
+    sampler : str
+        A name in `SAMPLERS`. ``seed`` only matters to "sobol" (scrambled, from scipy).
+
+    Raises
+    ------
+    InputError
+        On an unknown sampler or spp out of range.
+    """
+    if isinstance(spp, bool) or int(spp) != spp or not 1 <= spp <= MAX_SPP:
+        raise InputError(f"spp is {spp!r}; it must be a whole number from 1 to {MAX_SPP}")
+    if sampler not in SAMPLERS:
+        raise InputError(f"unknown sampler {sampler!r}; choose one of {', '.join(SAMPLERS)}")
+    return np.ascontiguousarray(SAMPLERS[sampler](int(spp), seed))
+
+
+def to_domain(square: np.ndarray, domain: str) -> np.ndarray:
+    """Map samples (..., 2) of the unit square to a light's domain: "square", "disk" (radius 1) or "point"."""
+    if domain == "square":
+        return square
+    if domain == "point":
+        return np.zeros_like(square)
+    # Shirley and Chiu's concentric map keeps cells compact
+    x, y = 2.0 * square[..., 0] - 1.0, 2.0 * square[..., 1] - 1.0
+    wide = np.abs(x) > np.abs(y)
+    r = np.where(wide, x, y)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        angle = np.where(wide, np.pi / 4 * (y / x), np.pi / 2 - np.pi / 4 * (x / y))
+    angle = np.where(r == 0.0, 0.0, angle)
+    return np.stack([r * np.cos(angle), r * np.sin(angle)], -1)

@@ -1,0 +1,44 @@
+"""What tracing counts. Counting is compiled away when nobody asked for it."""
+
+import numpy as np
+
+from ..jit import kernel
+from ..simd import atomic_add
+
+COUNTERS = ("rays", "below_horizon", "nodes", "box_tests", "triangle_tests", "uncertain", "exact", "repeat_hits")
+"""Names, in the order of the array: rays asked; those that their own surface settled; inner nodes visited; boxes
+tested; triangles tested; tests that float32 left to float64; tests that float64 left to exact arithmetic; rays blocked
+by the triangle that blocked the ray before."""
+
+RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(len(COUNTERS))
+
+
+def new_counters(wanted: bool) -> np.ndarray | None:
+    """An array of zeros, one a counter, or None, which compiles the counting away."""
+    return np.zeros(len(COUNTERS), np.int64) if wanted else None
+
+
+def as_dict(counters: np.ndarray | None) -> dict[str, int] | None:
+    """Names and values, for people."""
+    return None if counters is None else dict(zip(COUNTERS, counters.tolist()))
+
+
+@kernel
+def private_counters(counters):
+    """A thread's own zeros (None when nothing is counted), so that threads do not share cache lines."""
+    return None if counters is None else np.zeros_like(counters)
+
+
+@kernel
+def add_counters(counters, mine):
+    """Add a thread's counts to the shared ones."""
+    if counters is not None:
+        for i in range(len(mine)):
+            atomic_add(counters, i, mine[i])
+
+
+@kernel
+def count(counters, which, n):
+    """Add n to one counter of this thread."""
+    if counters is not None:
+        counters[which] += n

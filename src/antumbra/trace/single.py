@@ -1,0 +1,99 @@
+"""`single`: one ray at a time. The baseline that every other tracer must agree with, bit for bit."""
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..predicate.exact import ray_along, segment
+from ..predicate.filters import volumes64
+from ..query.receivers import NOTHING
+from ..query.samples import patch_at, sample_point
+from ..query.shadow import above_horizon
+from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, private_counters
+from .traverse import triangle_hit, walk
+
+TILE = 16  # pixels; neighbours are traced after each other, by one thread
+
+
+@kernel
+def _blocked(bvh, ray, skip, cull_faces, last, counters):
+    """Slot of a triangle that blocks the ray, or -1. `last`, the slot that blocked the ray before, is tried first."""
+    if last >= 0 and bvh.prim_ids[last] != skip:
+        o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
+        d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
+        if triangle_hit(bvh, last, ray, o, d, cull_faces, counters):
+            count(counters, REPEAT_HITS, 1)
+            return last
+    return walk(bvh, ray, skip, cull_faces, True, counters)[0]
+
+
+@kernel
+def _shadow_pixel(bvh, query, y, x, bits, last, counters):
+    """All samples of one receiver; the slot that blocked the last blocked one."""
+    o, skip = query.origins[y, x], np.int64(query.faces[y, x])
+    samples = query.samples[(x & 3) + 4 * (y & 3)]
+    patch = patch_at(query.light, o[0], o[1], o[2])
+    count(counters, RAYS, len(samples))
+    for s in range(len(samples)):
+        lx, ly, lz = sample_point(patch, samples[s, 0], samples[s, 1])
+        if not above_horizon(query, y, x, lx, ly, lz):
+            count(counters, BELOW_HORIZON, 1)
+        else:
+            slot = _blocked(bvh, segment(o[0], o[1], o[2], lx, ly, lz), skip, query.cull_faces, last, counters)
+            if slot < 0:
+                continue
+            last = slot
+        bits[y, x, s >> 6] |= np.uint64(1) << np.uint64(s & 63)
+    return last
+
+
+@kernel
+def _shadow_tiles(ticket, bvh, query, bits, counters):
+    h, w = query.sides.shape
+    columns = (w + TILE - 1) // TILE
+    mine = private_counters(counters)
+    tile = take(ticket)
+    while tile >= 0:
+        y0, x0 = tile // columns * TILE, tile % columns * TILE
+        last = np.int64(-1)  # starts afresh in each tile, so counts do not depend on threads
+        for y in range(y0, min(y0 + TILE, h)):
+            for x in range(x0, min(x0 + TILE, w)):
+                if query.sides[y, x] != NOTHING:
+                    last = _shadow_pixel(bvh, query, y, x, bits, last, mine)
+        tile = take(ticket)
+    add_counters(counters, mine)
+
+
+def trace_shadow(bvh, query, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    """
+    h, w = query.sides.shape
+    tiles = -(-h // TILE) * -(-w // TILE)
+    run(_shadow_tiles, thread_count(threads), new_ticket(tiles, 1), bvh, query, bits, counters, progress=progress)
+
+
+@kernel
+def _ray_list(ticket, bvh, rays, any_hit, out, counters):
+    mine = private_counters(counters)
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            o, d = rays.origins[i], rays.directions[i]
+            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], rays.tmax[i])
+            count(mine, RAYS, 1)
+            slot, t = walk(bvh, ray, np.int64(rays.skip[i]), rays.cull_faces, any_hit, mine)
+            out.face[i] = -1 if slot < 0 else bvh.prim_ids[slot]
+            if not any_hit and slot >= 0:
+                w = volumes64(ray, bvh.corners, slot)
+                out.t[i], out.u[i], out.v[i] = t, w.e1 / w.d, w.e2 / w.d
+        first = take(ticket)
+    add_counters(counters, mine)
+
+
+def trace_rays(bvh, rays, any_hit, out, threads=None, counters=None, progress=None) -> None:
+    """Trace a `query.rays.RayList`: fills ``out.face`` with a triangle index or -1, and t, u, v for the nearest hit."""
+    ticket = new_ticket(len(rays.origins), 256)
+    run(_ray_list, thread_count(threads), ticket, bvh, rays, any_hit, out, counters, progress=progress)
