@@ -38,3 +38,6 @@ CACHE_DIR = _choose_cache()
 
 kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
 """Decorator of every compiled function: cached on disk, free of the GIL, IEEE division, no fast-math."""
+
+inlined = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+"""The same for small functions on hot paths: LLVM must inline them, whatever it thinks."""

@@ -4,9 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..jit import inlined
+from ..simd import ptr
+
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
-EMPTY = np.int32(-2147483648)  # link of a child that is not there (only under the root of a scene of 0 or 1 triangles)
+EMPTY = np.int32(
+    -2147483648
+)  # link of a child that is not there (only under the root of a scene of 0 or 1 triangles)
 
 
 class Bvh(NamedTuple):
@@ -31,6 +36,21 @@ class Bvh(NamedTuple):
     links: np.ndarray  # (n_nodes, 16) int32, the same memory
     prim_ids: np.ndarray  # (n,) int32, slot -> triangle index
     corners: np.ndarray  # (n, 9) float32, slot -> the triangle's three vertices (a copy in leaf order)
+
+
+class Tree(NamedTuple):
+    """Pointers to the arrays of a `Bvh`, for hot kernels: passing arrays costs reference counts."""
+
+    nodes: object  # float32 *, 16 a node
+    links: object  # int32 *, the same memory
+    prim_ids: object  # int32 *
+    corners: object  # float32 *, 9 a slot
+
+
+@inlined
+def tree_of(bvh):
+    """The pointers of a `Bvh`, which must outlive them."""
+    return Tree(ptr(bvh.nodes), ptr(bvh.links), ptr(bvh.prim_ids), ptr(bvh.corners))
 
 
 def aligned_empty(shape: tuple[int, ...], dtype: str) -> np.ndarray:

@@ -11,13 +11,17 @@ corners relative to o and n the triangle's normal, all follows from signs of 3 x
 
 All e >= 0 or all <= 0, not all zero: the line meets the triangle. Because the signs are those of the real numbers,
 triangles that share an edge or a vertex see the same line on the same side of it: closed meshes cannot leak.
+
+Here and in `filters`, `corners` is an (n, 9) float32 array, or a pointer to its first number (`simd.ptr`), which hot
+kernels prefer: passing an array costs a reference count.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
+from ..simd import get
 from .expansion import CAPACITY, add_determinant, sign_of, two_diff, value_of
 
 
@@ -37,14 +41,14 @@ class Ray(NamedTuple):
     tmax: np.float64
 
 
-@kernel
+@inlined
 def ray_along(ox, oy, oz, dx, dy, dz, tmin, tmax):
     """The ray of a float32 origin, a direction, and the open interval (tmin, tmax) in lengths of the direction."""
     f = np.float64
     return Ray(f(ox), f(oy), f(oz), f(dx), f(dy), f(dz), 0.0, 0.0, 0.0, f(tmin), f(tmax))
 
 
-@kernel
+@inlined
 def segment(ox, oy, oz, lx, ly, lz):
     """The ray from float32 point o to float32 point l, both ends excluded."""
     f = np.float64
@@ -64,16 +68,17 @@ def _set_direction(row, ray):
 @kernel
 def _set_difference(row, corners, i, corner, x, y, z):
     """row = corner - (x, y, z), exactly."""
-    k = 3 * corner
-    row[0, 0], row[0, 1] = two_diff(np.float64(corners[i, k]), x)
-    row[1, 0], row[1, 1] = two_diff(np.float64(corners[i, k + 1]), y)
-    row[2, 0], row[2, 1] = two_diff(np.float64(corners[i, k + 2]), z)
+    k = 9 * i + 3 * corner
+    row[0, 0], row[0, 1] = two_diff(np.float64(get(corners, k)), x)
+    row[1, 0], row[1, 1] = two_diff(np.float64(get(corners, k + 1)), y)
+    row[2, 0], row[2, 1] = two_diff(np.float64(get(corners, k + 2)), z)
 
 
 @kernel
 def _add_normal_dot_direction(sum_, n, rows, ray, corners, i, scale):
     """Add scale * d . n = scale * det(d, v1 - v0, v2 - v0)."""
-    x, y, z = np.float64(corners[i, 0]), np.float64(corners[i, 1]), np.float64(corners[i, 2])
+    f, k = np.float64, 9 * i
+    x, y, z = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
     _set_direction(rows[0], ray)
     _set_difference(rows[1], corners, i, 1, x, y, z)
     _set_difference(rows[2], corners, i, 2, x, y, z)

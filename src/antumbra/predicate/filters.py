@@ -13,22 +13,35 @@ six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 
 with m = |a|_inf and s the largest component of p and q. e0 adds three such errors and two roundings (at most
 10 u |d|_1 s max(m, s)), so 60 u |d|_1 s max(m, s) bounds the error of each e. ``_FACTOR`` = 20 leaves room for the second
 order, for the rounding of the bounds themselves and of the comparisons with tmin and tmax. An absolute term covers
-underflow. Overflow makes bounds infinite or values NaN: the comparisons below then answer UNSURE.
+underflow. Where a product could overflow the bound is infinite, so that the answer is UNSURE; no NaN ever decides.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
+from ..simd import get
 from .exact import exact_meets, exact_plane_side, exact_t
 
 MISS, UNSURE = 0, 2  # a hit is the sign of d . n: 1 or -1
 
 _FACTOR = 20.0
-_U32, _U64 = np.float32(_FACTOR * 2.0**-24), np.float64(_FACTOR * 2.0**-53)
-_TINY32, _TINY64 = np.float32(1e-37), np.float64(1e-300)
 _T_ACCURACY = np.float64(2.0**-30)  # relative accuracy of `hit_t`, relied on by the traversal's culling
+
+
+class _Limits(NamedTuple):
+    """Constants of one float type."""
+
+    u: float  # _FACTOR times the unit roundoff
+    three: float
+    tiny: float  # above what underflow can cost
+    large: float  # lengths below this cannot overflow in a product of three
+    infinite: float
+
+
+_LIMITS32 = _Limits(*(np.float32(x) for x in (_FACTOR * 2.0**-24, 3, 1e-37, 1e12, np.inf)))
+_LIMITS64 = _Limits(*(np.float64(x) for x in (_FACTOR * 2.0**-53, 3, 1e-300, 1e100, np.inf)))
 
 
 class Volumes(NamedTuple):
@@ -44,54 +57,81 @@ class Volumes(NamedTuple):
     d_error: float
 
 
-@kernel
-def _volumes(d, a, p, q, u, tiny):
-    dx, dy, dz = d
-    ax, ay, az = a
-    px, py, pz = p
-    qx, qy, qz = q
-    rx, ry, rz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
-    nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-    e2 = px * rx + py * ry + pz * rz
-    e1 = -(qx * rx + qy * ry + qz * rz)
-    det = dx * nx + dy * ny + dz * nz
-    e0 = det - e1 - e2
-    volume = ax * nx + ay * ny + az * nz
-    d1 = abs(dx) + abs(dy) + abs(dz)
-    m = max(abs(ax), abs(ay), abs(az))
-    s = max(max(abs(px), abs(py), abs(pz)), max(abs(qx), abs(qy), abs(qz)))
-    floor = tiny * (d1 + m + s) + tiny
-    three_u = u + u + u  # of the right float type
-    e_error = three_u * d1 * s * max(m, s) + floor
-    return Volumes(e0, e1, e2, volume, det, e_error, three_u * m * s * s + floor, u * d1 * s * s + floor)
+@inlined
+def _larger(a, b):
+    """max of two numbers that are not NaN; Python's own max compiles to tests for NaN."""
+    return a if a > b else b
 
 
-@kernel
+@inlined
+def _smaller(a, b):
+    return a if a < b else b
+
+
+@inlined
+def widest(v):
+    """Largest magnitude of a vector's three components."""
+    return _larger(_larger(abs(v[0]), abs(v[1])), abs(v[2]))
+
+
+@inlined
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def _volumes(d, a, p, q, limits):
+    r, n = _cross(d, a), _cross(p, q)
+    e2, e1 = _dot(p, r), -_dot(q, r)
+    det, volume = _dot(d, n), _dot(a, n)
+    d1 = abs(d[0]) + abs(d[1]) + abs(d[2])
+    m, s = widest(a), _larger(widest(p), widest(q))
+    wide, uss = _larger(m, s), limits.u * s * s
+    floor = limits.tiny * (d1 + wide) + limits.tiny
+    three = limits.three
+    e_error = three * limits.u * d1 * s * wide + floor
+    e_error = e_error if _larger(d1, wide) < limits.large else limits.infinite
+    return Volumes(det - e1 - e2, e1, e2, volume, det, e_error, three * m * uss + floor, d1 * uss + floor)
+
+
+@inlined
 def volumes32(o, d, corners, i):
-    """`Volumes` in float32: o, d are tuples of three float32 (d rounded once), corners (n, 9) float32."""
-    x, y, z = corners[i, 0], corners[i, 1], corners[i, 2]
+    """`Volumes` in float32: o, d are tuples of three float32, d the ray's direction rounded once."""
+    k = 9 * i
+    x, y, z = get(corners, k), get(corners, k + 1), get(corners, k + 2)
     a = (x - o[0], y - o[1], z - o[2])
-    p = (corners[i, 3] - x, corners[i, 4] - y, corners[i, 5] - z)
-    q = (corners[i, 6] - x, corners[i, 7] - y, corners[i, 8] - z)
-    return _volumes(d, a, p, q, _U32, _TINY32)
+    p = (get(corners, k + 3) - x, get(corners, k + 4) - y, get(corners, k + 5) - z)
+    q = (get(corners, k + 6) - x, get(corners, k + 7) - y, get(corners, k + 8) - z)
+    return _volumes(d, a, p, q, _LIMITS32)
 
 
-@kernel
+@inlined
+def _edges64(corners, i, x, y, z):
+    """(v0 - (x, y, z), v1 - v0, v2 - v0) in float64."""
+    f, k = np.float64, 9 * i
+    x0, y0, z0 = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
+    p = (f(get(corners, k + 3)) - x0, f(get(corners, k + 4)) - y0, f(get(corners, k + 5)) - z0)
+    q = (f(get(corners, k + 6)) - x0, f(get(corners, k + 7)) - y0, f(get(corners, k + 8)) - z0)
+    return (x0 - x, y0 - y, z0 - z), p, q
+
+
+@inlined
 def volumes64(ray, corners, i):
     """`Volumes` in float64, of the leading part of the ray's direction."""
-    f = np.float64
-    x, y, z = f(corners[i, 0]), f(corners[i, 1]), f(corners[i, 2])
-    a = (x - ray.ox, y - ray.oy, z - ray.oz)
-    p = (f(corners[i, 3]) - x, f(corners[i, 4]) - y, f(corners[i, 5]) - z)
-    q = (f(corners[i, 6]) - x, f(corners[i, 7]) - y, f(corners[i, 8]) - z)
-    return _volumes((ray.dx, ray.dy, ray.dz), a, p, q, _U64, _TINY64)
+    a, p, q = _edges64(corners, i, ray.ox, ray.oy, ray.oz)
+    return _volumes((ray.dx, ray.dy, ray.dz), a, p, q, _LIMITS64)
 
 
-@kernel
+@inlined
 def line_verdict(w):
     """Does the line meet the closed triangle? The sign of d . n, MISS, or UNSURE."""
-    low = min(w.e0, min(w.e1, w.e2))
-    high = max(w.e0, max(w.e1, w.e2))
+    low = _smaller(w.e0, _smaller(w.e1, w.e2))
+    high = _larger(w.e0, _larger(w.e1, w.e2))
     if low < -w.e_error and high > w.e_error:
         return MISS
     if low > w.e_error:
@@ -101,7 +141,7 @@ def line_verdict(w):
     return UNSURE
 
 
-@kernel
+@inlined
 def verdict(w, tmin, tmax):
     """Does the ray meet the closed triangle inside (tmin, tmax)? The sign of d . n, MISS, or UNSURE.
 
@@ -144,15 +184,23 @@ def hit_t(ray, corners, i):
     return exact_t(ray, corners, i)
 
 
+@inlined
+def plane(corners, i, x, y, z):
+    """Plane of triangle i in float64: (v0 - (x, y, z), normal n, e).
+
+    For any point a relative to v0, |a . n - its true value| <= e |a|_inf.
+    """
+    a, p, q = _edges64(corners, i, x, y, z)
+    s = _larger(widest(p), widest(q))
+    return a, _cross(p, q), _LIMITS64.three * _LIMITS64.u * s * s + _LIMITS64.tiny
+
+
 @kernel
 def plane_side(x, y, z, corners, i):
     """Side of the plane of triangle i on which a float32 point lies: 1 where the normal points, -1, 0 on the plane."""
     f = np.float64
-    x0, y0, z0 = f(corners[i, 0]), f(corners[i, 1]), f(corners[i, 2])
-    a = (f(x) - x0, f(y) - y0, f(z) - z0)
-    p = (f(corners[i, 3]) - x0, f(corners[i, 4]) - y0, f(corners[i, 5]) - z0)
-    q = (f(corners[i, 6]) - x0, f(corners[i, 7]) - y0, f(corners[i, 8]) - z0)
-    w = _volumes(a, a, p, q, _U64, _TINY64)
-    if abs(w.t) > w.t_error:
-        return 1 if w.t > 0.0 else -1
+    a, n, error = plane(corners, i, f(x), f(y), f(z))
+    volume = -_dot(a, n)
+    if abs(volume) > error * widest(a):
+        return 1 if volume > 0.0 else -1
     return exact_plane_side(f(x), f(y), f(z), corners, i)

@@ -43,7 +43,9 @@ def as_array(value, what: str) -> np.ndarray:
         try:
             value = np.from_dlpack(value)
         except (BufferError, RuntimeError, TypeError) as error:
-            raise InputError(f"{what} cannot be read through DLPack ({error}); copy it to host memory first") from None
+            raise InputError(
+                f"{what} cannot be read through DLPack ({error}); copy it to host memory first"
+            ) from None
     try:
         array = np.asarray(value)
     except ValueError:
@@ -53,7 +55,9 @@ def as_array(value, what: str) -> np.ndarray:
     return array
 
 
-def ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin) -> tuple[RayList, tuple[int, ...]]:
+def ray_list(
+    origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin
+) -> tuple[RayList, tuple[int, ...]]:
     """Check and convert the arguments of `Scene.occluded` and `Scene.closest_hit`: (RayList, leading shape).
 
     Float64 world coordinates are recentred (minus ``frame_origin``) before they are rounded to float32.
@@ -61,7 +65,9 @@ def ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, frame_origi
     origins = as_array(origins, "origins")
     if directions is None:
         if origins.ndim < 1 or origins.shape[-1] != 6:
-            raise InputError(f"rays must have shape (..., 6), or origins and directions (..., 3) each; got {origins.shape}")
+            raise InputError(
+                f"rays must have shape (..., 6), or origins and directions (..., 3) each; got {origins.shape}"
+            )
         origins, directions = origins[..., :3], origins[..., 3:]
     directions = as_array(directions, "directions")
     for array, what in ((origins, "origins"), (directions, "directions")):
@@ -72,7 +78,9 @@ def ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, frame_origi
     if skip.dtype.kind == "f":
         raise InputError(f"skip_face must hold integers, not {skip.dtype}")
     try:
-        shape = np.broadcast_shapes(origins.shape[:-1], directions.shape[:-1], tmin.shape, tmax.shape, skip.shape)
+        shape = np.broadcast_shapes(
+            origins.shape[:-1], directions.shape[:-1], tmin.shape, tmax.shape, skip.shape
+        )
     except ValueError:
         raise InputError(
             f"shapes do not broadcast: origins {origins.shape}, directions {directions.shape}, "
@@ -100,19 +108,27 @@ def cull_value(cull_faces) -> int:
 
 def _flat(array, shape, dtype):
     flat = np.broadcast_to(array, shape).astype(dtype, order="C")
-    return flat.reshape(-1, 3) if len(shape) and shape[-1] == 3 and array.ndim and array.shape[-1] == 3 else flat.reshape(-1)
+    return (
+        flat.reshape(-1, 3)
+        if len(shape) and shape[-1] == 3 and array.ndim and array.shape[-1] == 3
+        else flat.reshape(-1)
+    )
 
 
 def _check(rays: RayList) -> None:
     if not np.isfinite(rays.origins).all():
         raise InputError(f"origins hold NaN or infinity (ray {_first(~np.isfinite(rays.origins).all(1))})")
     if not np.isfinite(rays.directions).all():
-        raise InputError(f"directions hold NaN or infinity (ray {_first(~np.isfinite(rays.directions).all(1))})")
+        raise InputError(
+            f"directions hold NaN or infinity (ray {_first(~np.isfinite(rays.directions).all(1))})"
+        )
     zero = ~rays.directions.any(1)
     if zero.any():
         raise InputError(f"direction of ray {_first(zero)} is zero; give every ray a direction")
     if not (rays.tmin >= 0).all() or np.isinf(rays.tmin).any():
-        raise InputError(f"tmin must be finite and not negative (ray {_first(~(rays.tmin >= 0) | np.isinf(rays.tmin))})")
+        raise InputError(
+            f"tmin must be finite and not negative (ray {_first(~(rays.tmin >= 0) | np.isinf(rays.tmin))})"
+        )
     if np.isnan(rays.tmax).any():
         raise InputError(f"tmax is NaN (ray {_first(np.isnan(rays.tmax))})")
 

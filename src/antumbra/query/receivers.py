@@ -15,7 +15,9 @@ from ..predicate.filters import plane_side
 
 NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point without a surface
 
-_SHIFT = np.float64(2.0**-21)  # eight units of float32 roundoff: rounding of position and normal, and of neighbours
+_SHIFT = np.float64(
+    2.0**-21
+)  # eight units of float32 roundoff: rounding of position and normal, and of neighbours
 _MAX_DOUBLINGS = 60  # a triangle without area has no side; it is never seen, but the loop must end
 
 
@@ -48,7 +50,11 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
             side, face = sides[i], faces[i]
             x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
             if side == NOTHING:
-                origins[i, 0], origins[i, 1], origins[i, 2] = positions[i, 0], positions[i, 1], positions[i, 2]
+                origins[i, 0], origins[i, 1], origins[i, 2] = (
+                    positions[i, 0],
+                    positions[i, 1],
+                    positions[i, 2],
+                )
                 continue
             nx, ny, nz = np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2])
             shift = _SHIFT * max(max(abs(x), abs(y), abs(z)), _magnitude(corners, face))

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
 from ..scene.lights import DIRECTIONAL, SPHERE
 
 
@@ -22,7 +22,7 @@ class Patch(NamedTuple):
     vz: float
 
 
-@kernel
+@inlined
 def patch_at(light, x, y, z):
     """The `Patch` of a LightPatch for a receiver at the float32 point (x, y, z)."""
     b, u, v = light.base, light.u, light.v
@@ -41,7 +41,9 @@ def _tangent_disk(cx, cy, cz, radius, x, y, z):
         nx, ny, nz = nx / distance, ny / distance, nz / distance
     else:
         nx, ny, nz = 0.0, 0.0, 1.0
-    if distance > radius:  # the circle of tangency lies before the centre and is smaller than the great circle
+    if (
+        distance > radius
+    ):  # the circle of tangency lies before the centre and is smaller than the great circle
         shift = radius * radius / distance
         cx, cy, cz = cx + shift * nx, cy + shift * ny, cz + shift * nz
         radius *= np.sqrt(1.0 - (radius / distance) ** 2)
@@ -50,11 +52,19 @@ def _tangent_disk(cx, cy, cz, radius, x, y, z):
     b = nx * ny * a
     r = radius
     return Patch(
-        cx, cy, cz, r * (1.0 + s * nx * nx * a), r * (s * b), r * (-s * nx), r * b, r * (s + ny * ny * a), r * -ny
+        cx,
+        cy,
+        cz,
+        r * (1.0 + s * nx * nx * a),
+        r * (s * b),
+        r * (-s * nx),
+        r * b,
+        r * (s + ny * ny * a),
+        r * -ny,
     )
 
 
-@kernel
+@inlined
 def sample_point(patch, a, b):
     """The float32 light sample (a, b) of a patch: ((base + a u) + b v) in float64, rounded once."""
     return (

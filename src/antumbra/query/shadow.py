@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
-from ..predicate.filters import plane_side
+from ..jit import inlined, kernel
+from ..predicate.exact import exact_plane_side
+from ..predicate.filters import plane, widest
 from ..scene.lights import LightPatch
 from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
@@ -22,26 +23,60 @@ class ShadowQuery(NamedTuple):
 
     origins: np.ndarray  # (h, w, 3) float32, receivers moved off their surface, recentred frame
     faces: np.ndarray  # (h, w) int32, the receiver's own triangle, -1 if it has none
-    sides: np.ndarray  # (h, w) int8: +-1 the side of its surface it sees, FREE without surface, NOTHING: no receiver
-    normals: np.ndarray  # (h, w, 3) float64 towards the seen side where faces == -1; (0, 0, 3) if never needed
+    sides: (
+        np.ndarray
+    )  # (h, w) int8: +-1 the side of its surface it sees, FREE without surface, NOTHING: no receiver
+    normals: (
+        np.ndarray
+    )  # (h, w, 3) float64 towards the seen side where faces == -1; (0, 0, 3) if never needed
     corners: np.ndarray  # (n, 9) float32, triangles that `faces` counts in
     light: LightPatch
     samples: np.ndarray  # (16, spp, 2) float64, (a, b) in the light's domain
     cull_faces: int  # a value of CULL_FACES
 
 
-@kernel
-def above_horizon(query, y, x, lx, ly, lz):
-    """Is the light sample on the side of the receiver's surface that the receiver is on?"""
-    side = query.sides[y, x]
-    if side == FREE:
-        return True
-    face = query.faces[y, x]
-    if face >= 0:
-        return plane_side(lx, ly, lz, query.corners, face) == side
-    n, o = query.normals[y, x], query.origins[y, x]
+class Horizon(NamedTuple):
+    """The plane of one receiver's surface: which light samples are above it? Float64 scalars."""
+
+    side: int  # the side of the plane that the receiver sees; FREE: there is no plane
+    face: int  # triangle that the plane belongs to, -1: known by its normal only
+    px: float  # a point of the plane
+    py: float
+    pz: float
+    nx: float  # its normal, any length
+    ny: float
+    nz: float
+    error: float  # of the product (l - p) . n, for each unit of the largest component of l - p
+
+
+@inlined
+def horizon_of(query, y, x):
+    """The `Horizon` of receiver (y, x)."""
+    side, face = np.int64(query.sides[y, x]), np.int64(query.faces[y, x])
     f = np.float64
-    return n[0] * (f(lx) - f(o[0])) + n[1] * (f(ly) - f(o[1])) + n[2] * (f(lz) - f(o[2])) > 0.0
+    if face >= 0:
+        zero = np.float64(0.0)
+        (px, py, pz), (nx, ny, nz), error = plane(query.corners, face, zero, zero, zero)
+        return Horizon(side, face, px, py, pz, nx, ny, nz, error)
+    px, py, pz = f(query.origins[y, x, 0]), f(query.origins[y, x, 1]), f(query.origins[y, x, 2])
+    if side == FREE:
+        return Horizon(side, face, px, py, pz, f(0.0), f(0.0), f(0.0), f(0.0))
+    nx, ny, nz = query.normals[y, x, 0], query.normals[y, x, 1], query.normals[y, x, 2]
+    return Horizon(side, face, px, py, pz, nx, ny, nz, f(0.0))
+
+
+@inlined
+def is_above(horizon, lx, ly, lz, corners):
+    """Is the float32 light sample strictly on the receiver's side of its surface? Exact where a triangle is known."""
+    if horizon.side == FREE:
+        return True
+    a = (np.float64(lx) - horizon.px, np.float64(ly) - horizon.py, np.float64(lz) - horizon.pz)
+    height = a[0] * horizon.nx + a[1] * horizon.ny + a[2] * horizon.nz
+    if abs(height) <= horizon.error * widest(a):
+        if horizon.face < 0:
+            return False
+        return exact_plane_side(np.float64(lx), np.float64(ly), np.float64(lz), corners, horizon.face) == horizon.side
+    return (height > 0.0) == (horizon.side > 0)
 
 
 @kernel
@@ -51,11 +86,12 @@ def _segments_kernel(query, ends, above):
         for x in range(w):
             o = query.origins[y, x]
             patch = patch_at(query.light, o[0], o[1], o[2])
+            horizon = horizon_of(query, y, x)
             for s in range(query.samples.shape[1]):
                 a, b = query.samples[(x & 3) + 4 * (y & 3), s]
                 lx, ly, lz = sample_point(patch, a, b)
                 ends[y, x, s, 0], ends[y, x, s, 1], ends[y, x, s, 2] = lx, ly, lz
-                above[y, x, s] = query.sides[y, x] != NOTHING and above_horizon(query, y, x, lx, ly, lz)
+                above[y, x, s] = query.sides[y, x] != NOTHING and is_above(horizon, lx, ly, lz, query.corners)
 
 
 def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:

@@ -58,7 +58,9 @@ class Light:
 
 
 def _fixed(base, u=(0, 0, 0), v=(0, 0, 0), origin=(0, 0, 0)) -> LightPatch:
-    return LightPatch(FIXED, base - np.asarray(origin, np.float64), np.asarray(u, float), np.asarray(v, float), 0.0)
+    return LightPatch(
+        FIXED, base - np.asarray(origin, np.float64), np.asarray(u, float), np.asarray(v, float), 0.0
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +91,9 @@ class QuadLight(Light):
             object.__setattr__(self, name, vector(getattr(self, name), f"QuadLight {name}"))
         self._check()
         if not self.area() > 0.0:
-            raise InputError("QuadLight has no area (u and v are parallel or zero); use PointLight for a point")
+            raise InputError(
+                "QuadLight has no area (u and v are parallel or zero); use PointLight for a point"
+            )
 
     def area(self):
         return float(np.linalg.norm(np.cross(self.u, self.v)))
@@ -162,7 +166,9 @@ class DirectionalLight(Light):
     def __post_init__(self):
         object.__setattr__(self, "direction", _unit(self.direction, "DirectionalLight direction"))
         if not 0.0 <= self.angular_diameter < 180.0:
-            raise InputError(f"DirectionalLight angular_diameter is {self.angular_diameter!r}; 0 to 180 degrees, please")
+            raise InputError(
+                f"DirectionalLight angular_diameter is {self.angular_diameter!r}; 0 to 180 degrees, please"
+            )
         self._check()
 
     def patch(self, origin, reach):

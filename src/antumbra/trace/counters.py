@@ -5,7 +5,16 @@ import numpy as np
 from ..jit import kernel
 from ..simd import atomic_add
 
-COUNTERS = ("rays", "below_horizon", "nodes", "box_tests", "triangle_tests", "uncertain", "exact", "repeat_hits")
+COUNTERS = (
+    "rays",
+    "below_horizon",
+    "nodes",
+    "box_tests",
+    "triangle_tests",
+    "uncertain",
+    "exact",
+    "repeat_hits",
+)
 """Names, in the order of the array: rays asked; those that their own surface settled; inner nodes visited; boxes
 tested; triangles tested; tests that float32 left to float64; tests that float64 left to exact arithmetic; rays blocked
 by the triangle that blocked the ray before."""

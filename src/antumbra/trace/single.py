@@ -2,44 +2,47 @@
 
 import numpy as np
 
-from ..jit import kernel
+from ..bvh.nodes import tree_of
+from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..predicate.exact import ray_along, segment
 from ..predicate.filters import volumes64
 from ..query.receivers import NOTHING
 from ..query.samples import patch_at, sample_point
-from ..query.shadow import above_horizon
+from ..query.shadow import horizon_of, is_above
+from ..simd import get, ptr
 from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, private_counters
 from .traverse import triangle_hit, walk
 
 TILE = 16  # pixels; neighbours are traced after each other, by one thread
 
 
-@kernel
-def _blocked(bvh, ray, skip, cull_faces, last, counters):
+@inlined
+def _blocked(tree, ray, skip, cull_faces, last, counters):
     """Slot of a triangle that blocks the ray, or -1. `last`, the slot that blocked the ray before, is tried first."""
-    if last >= 0 and bvh.prim_ids[last] != skip:
+    if last >= 0 and get(tree.prim_ids, last) != skip:
         o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
         d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
-        if triangle_hit(bvh, last, ray, o, d, cull_faces, counters):
+        if triangle_hit(tree.corners, last, ray, o, d, cull_faces, counters):
             count(counters, REPEAT_HITS, 1)
             return last
-    return walk(bvh, ray, skip, cull_faces, True, counters)[0]
+    return walk(tree, ray, skip, cull_faces, True, counters)[0]
 
 
-@kernel
-def _shadow_pixel(bvh, query, y, x, bits, last, counters):
+@inlined
+def _shadow_pixel(tree, query, y, x, bits, last, counters):
     """All samples of one receiver; the slot that blocked the last blocked one."""
-    o, skip = query.origins[y, x], np.int64(query.faces[y, x])
-    samples = query.samples[(x & 3) + 4 * (y & 3)]
-    patch = patch_at(query.light, o[0], o[1], o[2])
-    count(counters, RAYS, len(samples))
-    for s in range(len(samples)):
-        lx, ly, lz = sample_point(patch, samples[s, 0], samples[s, 1])
-        if not above_horizon(query, y, x, lx, ly, lz):
+    ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
+    corners = ptr(query.corners)
+    skip, sample_set, spp = np.int64(query.faces[y, x]), (x & 3) + 4 * (y & 3), query.samples.shape[1]
+    patch, horizon = patch_at(query.light, ox, oy, oz), horizon_of(query, y, x)
+    count(counters, RAYS, spp)
+    for s in range(spp):
+        lx, ly, lz = sample_point(patch, query.samples[sample_set, s, 0], query.samples[sample_set, s, 1])
+        if not is_above(horizon, lx, ly, lz, corners):
             count(counters, BELOW_HORIZON, 1)
         else:
-            slot = _blocked(bvh, segment(o[0], o[1], o[2], lx, ly, lz), skip, query.cull_faces, last, counters)
+            slot = _blocked(tree, segment(ox, oy, oz, lx, ly, lz), skip, query.cull_faces, last, counters)
             if slot < 0:
                 continue
             last = slot
@@ -51,7 +54,7 @@ def _shadow_pixel(bvh, query, y, x, bits, last, counters):
 def _shadow_tiles(ticket, bvh, query, bits, counters):
     h, w = query.sides.shape
     columns = (w + TILE - 1) // TILE
-    mine = private_counters(counters)
+    mine, tree = private_counters(counters), tree_of(bvh)
     tile = take(ticket)
     while tile >= 0:
         y0, x0 = tile // columns * TILE, tile % columns * TILE
@@ -59,7 +62,7 @@ def _shadow_tiles(ticket, bvh, query, bits, counters):
         for y in range(y0, min(y0 + TILE, h)):
             for x in range(x0, min(x0 + TILE, w)):
                 if query.sides[y, x] != NOTHING:
-                    last = _shadow_pixel(bvh, query, y, x, bits, last, mine)
+                    last = _shadow_pixel(tree, query, y, x, bits, last, mine)
         tile = take(ticket)
     add_counters(counters, mine)
 
@@ -72,22 +75,32 @@ def trace_shadow(bvh, query, bits, threads=None, counters=None, progress=None) -
     """
     h, w = query.sides.shape
     tiles = -(-h // TILE) * -(-w // TILE)
-    run(_shadow_tiles, thread_count(threads), new_ticket(tiles, 1), bvh, query, bits, counters, progress=progress)
+    run(
+        _shadow_tiles,
+        thread_count(threads),
+        new_ticket(tiles, 1),
+        bvh,
+        query,
+        bits,
+        counters,
+        progress=progress,
+    )
 
 
 @kernel
 def _ray_list(ticket, bvh, rays, any_hit, out, counters):
-    mine = private_counters(counters)
+    mine, tree = private_counters(counters), tree_of(bvh)
     first = take(ticket)
     while first >= 0:
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            o, d = rays.origins[i], rays.directions[i]
-            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], rays.tmax[i])
+            ox, oy, oz = rays.origins[i, 0], rays.origins[i, 1], rays.origins[i, 2]
+            dx, dy, dz = rays.directions[i, 0], rays.directions[i, 1], rays.directions[i, 2]
+            ray = ray_along(ox, oy, oz, dx, dy, dz, rays.tmin[i], rays.tmax[i])
             count(mine, RAYS, 1)
-            slot, t = walk(bvh, ray, np.int64(rays.skip[i]), rays.cull_faces, any_hit, mine)
-            out.face[i] = -1 if slot < 0 else bvh.prim_ids[slot]
+            slot, t = walk(tree, ray, np.int64(rays.skip[i]), rays.cull_faces, any_hit, mine)
+            out.face[i] = -1 if slot < 0 else get(tree.prim_ids, slot)
             if not any_hit and slot >= 0:
-                w = volumes64(ray, bvh.corners, slot)
+                w = volumes64(ray, tree.corners, slot)
                 out.t[i], out.u[i], out.v[i] = t, w.e1 / w.d, w.e2 / w.d
         first = take(ticket)
     add_counters(counters, mine)

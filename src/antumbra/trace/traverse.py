@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import EMPTY, MAX_DEPTH
-from ..jit import kernel
+from ..jit import inlined, kernel
 from ..predicate.exact import exact_meets
-from ..predicate.filters import UNSURE, hit_t, verdict, volumes32, volumes64
+from ..predicate.filters import UNSURE, hit_t, verdict, volumes32, volumes64, widest
 from ..simd import (
     bits,
     extract,
@@ -21,7 +21,6 @@ from ..simd import (
     mask_from_bits4,
     maximum,
     minimum,
-    ptr,
     put,
     select,
     splat4,
@@ -51,36 +50,43 @@ class BoxRay(NamedTuple):
     tmin: object
 
 
-@kernel
-def _slab(o, d, largest, pad):
+@inlined
+def _slab(o, d, limit, pad):
     """(origin for lower planes, origin for upper planes, reciprocal) of one axis.
 
     A ray that does not move along the axis stays in a slab whose boundary it touches: its origin is moved inwards by
     `pad`, which is tiny, but makes the boundary's t huge and of the right sign. The reciprocal is always finite, so no
     NaN can arise.
     """
-    limit = _TINY * largest
     if abs(d) > limit:
         return o, o, np.float32(1.0) / d
     return o + pad, o - pad, np.float32(1.0) / limit
 
 
 @kernel
-def box_ray(bvh, ray):
+def _reach(nodes, reach):
+    """The largest of `reach` and the magnitudes of the root's bounds."""
+    for k in range(12):
+        bound = abs(get(nodes, k))
+        if bound > reach and bound < np.float32(np.inf):
+            reach = bound
+    return reach
+
+
+@inlined
+def box_ray(nodes, ray):
     """The `BoxRay` of a `Ray`."""
     f = np.float32
     ox, oy, oz = f(ray.ox), f(ray.oy), f(ray.oz)
     dx, dy, dz = f(ray.dx), f(ray.dy), f(ray.dz)
-    largest = max(abs(dx), abs(dy), abs(dz))
-    reach = max(abs(ox), abs(oy), abs(oz))
-    for k in range(12):
-        bound = abs(bvh.nodes[0, k])
-        if bound < f(np.inf):
-            reach = max(reach, bound)
-    pad = reach * _PAD
-    lx, ux, ix = _slab(ox, dx, largest, pad)
-    ly, uy, iy = _slab(oy, dy, largest, pad)
-    lz, uz, iz = _slab(oz, dz, largest, pad)
+    largest = widest((dx, dy, dz))
+    limit = _TINY * largest
+    pad = f(0.0)
+    if abs(dx) <= limit or abs(dy) <= limit or abs(dz) <= limit:
+        pad = _PAD * _reach(nodes, widest((ox, oy, oz)))
+    lx, ux, ix = _slab(ox, dx, limit, pad)
+    ly, uy, iy = _slab(oy, dy, limit, pad)
+    lz, uz, iz = _slab(oz, dz, limit, pad)
     tmin = f(ray.tmin)
     if largest < _SHORT:
         ix, iy, iz, tmin = f(0.0), f(0.0), f(0.0), f(0.0)
@@ -94,20 +100,27 @@ def box_ray(bvh, ray):
 
 
 @kernel
-def triangle_hit(bvh, slot, ray, o, d, cull_faces, counters):
-    """Does the ray meet the triangle in `slot`? Float32 decides if it can, then float64, then exact arithmetic."""
-    count(counters, TRIANGLE_TESTS, 1)
-    side = verdict(volumes32(o, d, bvh.corners, slot), np.float32(ray.tmin), np.float32(ray.tmax))
+def settle(ray, corners, slot, counters):
+    """What float32 could not decide: does the ray meet the triangle? Float64, then exact arithmetic. Kept out of line."""
+    count(counters, UNCERTAIN, 1)
+    side = verdict(volumes64(ray, corners, slot), ray.tmin, ray.tmax)
     if side == UNSURE:
-        count(counters, UNCERTAIN, 1)
-        side = verdict(volumes64(ray, bvh.corners, slot), ray.tmin, ray.tmax)
-        if side == UNSURE:
-            count(counters, EXACT, 1)
-            side = exact_meets(ray, bvh.corners, slot)
+        count(counters, EXACT, 1)
+        side = exact_meets(ray, corners, slot)
+    return side
+
+
+@inlined
+def triangle_hit(corners, slot, ray, o, d, cull_faces, counters):
+    """Does the ray meet the triangle in `slot`? o, d: its origin and direction in float32."""
+    count(counters, TRIANGLE_TESTS, 1)
+    side = verdict(volumes32(o, d, corners, slot), np.float32(ray.tmin), np.float32(ray.tmax))
+    if side == UNSURE:
+        side = settle(ray, corners, slot, counters)
     return side != 0 and side != cull_faces
 
 
-@kernel
+@inlined
 def _enter(nodes, node, box, limit):
     """Both children of a node: (bit mask of the boxes that the ray enters before `limit`, vector of entry t)."""
     b = node * 16
@@ -123,14 +136,14 @@ def _enter(nodes, node, box, limit):
 
 
 @kernel
-def walk(bvh, ray, skip, cull_faces, any_hit, counters):
+def walk(tree, ray, skip, cull_faces, any_hit, counters):
     """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
 
     slot is -1 on a miss; t is only computed for the nearest. `skip` is a triangle index that does not count, or -1.
     """
-    nodes, links = ptr(bvh.nodes), ptr(bvh.links)
+    nodes, links = tree.nodes, tree.links
     stack, entry = stack_i32(_STACK), stack_f32(_STACK)
-    box = box_ray(bvh, ray)
+    box = box_ray(nodes, ray)
     o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
     d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
     best, best_id, best_t = np.int64(-1), np.int64(-1), ray.tmax
@@ -158,11 +171,11 @@ def walk(bvh, ray, skip, cull_faces, any_hit, counters):
             code = ~link
             start = code >> 3
             for slot in range(start, start + (code & 7) + 1):
-                prim = np.int64(bvh.prim_ids[slot])
-                if prim != skip and triangle_hit(bvh, slot, ray, o, d, cull_faces, counters):
+                prim = np.int64(get(tree.prim_ids, slot))
+                if prim != skip and triangle_hit(tree.corners, slot, ray, o, d, cull_faces, counters):
                     if any_hit:
                         return slot, best_t
-                    t = hit_t(ray, bvh.corners, slot)
+                    t = hit_t(ray, tree.corners, slot)
                     if best < 0 or t < best_t or (t == best_t and prim < best_id):
                         best, best_id, best_t = slot, prim, t
                         limit = np.float32(best_t * _FAR)

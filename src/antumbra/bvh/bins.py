@@ -1,0 +1,130 @@
+"""Binned SAH split of a range of records [Wald 2007, "On fast construction of SAH-based bounding volume hierarchies"]."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import kernel
+from ..simd import extract, get, load4, load8, maximum, minimum, put, select, splat4, splat8, stack_f32, store, swap_halves, to_i32
+from .bounds import INF, half_area
+
+BINS = 32  # on each axis, at most
+BIN_COUNTS = 3 * BINS
+BIN_BOXES = BIN_COUNTS * 8
+_BELOW_ONE = np.float32(1.0 - 2.0**-20)  # keeps the largest centroid in the last bin
+
+
+class Bins(NamedTuple):
+    """Memory for the bins of a range: pointers to 3 x BINS boxes (8 float32 each) and 3 x BINS counts."""
+
+    boxes: object
+    counts: object
+
+
+class Mapping(NamedTuple):
+    """From twice a centroid to its bin on each axis: truncate((c - origin) * factor)."""
+
+    origin: object  # f32x4
+    factor: object  # f32x4; 0 on an axis along which all centroids are (nearly) the same
+    n_bins: object  # int64
+
+
+class Split(NamedTuple):
+    """Records whose bin on `axis` is less than `bin` go left. `axis` is -1 where no split has a finite cost."""
+
+    axis: object  # int64
+    bin: object  # int64
+    cost: object  # float32: half the area of each side by its count of records, added
+
+
+@kernel
+def bin_count(n):
+    """Bins for n records: few records do not fill many bins."""
+    return min(np.int64(BINS), np.int64(4) + n // 16)
+
+
+@kernel
+def make_mapping(centroids, n):
+    """The mapping of `n` records with this centroid box."""
+    n_bins = bin_count(n)
+    sides = -(centroids + swap_halves(centroids))
+    store_at = stack_f32(16)
+    store(store_at, 0, centroids)
+    store(store_at, 8, sides)
+    factor = (np.float32(n_bins) * _BELOW_ONE) / load4(store_at, 8)
+    factor = select(factor < INF, factor, np.float32(0.0))  # also where it is NaN
+    return Mapping(load4(store_at, 0), factor, n_bins)
+
+
+@kernel
+def clear_bins(bins, n_bins):
+    for k in range(3 * n_bins):
+        store(bins.boxes, k * 8, splat8(INF))
+        put(bins.counts, k, 0)
+
+
+@kernel
+def fill_bins(records, first, last, mapping, bins):
+    """Add the records from `first` to `last` - 1 to the bins."""
+    top = np.int32(mapping.n_bins - 1)
+    n_bins = mapping.n_bins
+    boxes, counts = bins.boxes, bins.counts
+    for i in range(first, last):
+        record = load8(records, i * 8)
+        centroid = load4(records, i * 8) - load4(records, i * 8 + 4)
+        place = minimum(maximum(to_i32((centroid - mapping.origin) * mapping.factor), np.int32(0)), top)
+        x = np.int64(extract(place, 0))
+        y = np.int64(extract(place, 1)) + n_bins
+        z = np.int64(extract(place, 2)) + 2 * n_bins
+        store(boxes, x * 8, minimum(load8(boxes, x * 8), record))
+        store(boxes, y * 8, minimum(load8(boxes, y * 8), record))
+        store(boxes, z * 8, minimum(load8(boxes, z * 8), record))
+        put(counts, x, get(counts, x) + 1)
+        put(counts, y, get(counts, y) + 1)
+        put(counts, z, get(counts, z) + 1)
+
+
+@kernel
+def cheapest_split(bins, n_bins, scale):
+    """The split between two bins that costs least."""
+    right = stack_f32(BINS)
+    best, best_axis, best_bin = INF, np.int64(-1), np.int64(0)
+    for axis in range(3):
+        base = axis * n_bins
+        box, count = splat8(INF), np.int64(0)
+        for k in range(n_bins - 1, 0, -1):
+            box = minimum(box, load8(bins.boxes, (base + k) * 8))
+            count += get(bins.counts, base + k)
+            put(right, k, half_area(box, scale) * np.float32(count))
+        box, count = splat8(INF), np.int64(0)
+        for k in range(1, n_bins):
+            box = minimum(box, load8(bins.boxes, (base + k - 1) * 8))
+            count += get(bins.counts, base + k - 1)
+            cost = half_area(box, scale) * np.float32(count) + get(right, k)
+            if cost < best:  # never where a side is empty: its infinite area by 0 records is NaN
+                best, best_axis, best_bin = cost, np.int64(axis), np.int64(k)
+    return Split(best_axis, best_bin, best)
+
+
+@kernel
+def goes_left(records, i, axis, origin, factor, limit):
+    """Whether the record's bin on `axis` is less than `limit`; rounds as `fill_bins` does."""
+    centroid = get(records, i * 8 + axis) - get(records, i * 8 + axis + 4)
+    return (centroid - origin) * factor < limit
+
+
+@kernel
+def partition(records, first, last, mapping, split):
+    """Reorder the records so that those of the left side come first; the number of the first on the right.
+
+    Lomuto's scheme, with both stores made each time: which side the next record is on cannot be predicted.
+    """
+    origin, factor = extract(mapping.origin, split.axis), extract(mapping.factor, split.axis)
+    limit, middle = np.float32(split.bin), first
+    for i in range(first, last):
+        left = goes_left(records, i, split.axis, origin, factor, limit)
+        record, other = load8(records, i * 8), load8(records, middle * 8)
+        store(records, middle * 8, record)
+        store(records, i * 8, other)
+        middle += np.int64(left)
+    return middle

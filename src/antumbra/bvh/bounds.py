@@ -1,0 +1,114 @@
+"""Boxes for building: one 8-wide register a box, so growing it, or joining two, is one instruction.
+
+The register holds ``lower.x lower.y lower.z -- -upper.x -upper.y -upper.z --``: the upper corner is negated, so that both
+corners grow by `minimum`. A *record* is the box of one triangle with the triangle's index in the fourth lane. A *centroid
+box* holds twice the centroids (lower + upper) of some records, in the same form.
+"""
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import CHUNK, N, take
+from ..simd import (
+    as_i32,
+    extract,
+    get,
+    load4,
+    load8,
+    maximum,
+    minimum,
+    ptr,
+    put,
+    reduce_max,
+    select,
+    shuffle,
+    splat4,
+    splat8,
+    store,
+    swap_halves,
+    mask_from_bits4,
+    absolute,
+)
+
+INF = np.float32(np.inf)
+_ZERO = np.float32(0.0)
+_ID_BIT = np.int32(1 << 30)
+# The bit makes a float between 2 and 2**33 of any index: denormal numbers, which small integers are, can cost an
+# x86 processor a hundred cycles each when they pass through arithmetic, even in a lane that nobody looks at.
+
+MAX_TRIANGLES = 1 << 28  # a leaf's link holds 8 times the slot of its first triangle
+PART = 24  # float32 of what one chunk of records adds to the whole: box, centroid box, 0 or NaN
+
+
+@kernel
+def record_id(records, i):
+    """Index of the triangle whose record is number `i`."""
+    return get(as_i32(records), i * 8 + 3) ^ _ID_BIT
+
+
+@kernel
+def double_centroid(box):
+    """lower + upper of a box, as a centroid box."""
+    return box - swap_halves(box)
+
+
+@kernel
+def half_area(box, scale):
+    """Half the surface area of a box whose sides are multiplied by `scale`; inf or NaN for an empty box."""
+    scaled = box * scale
+    sides = scaled + swap_halves(scaled)  # negated, but they are multiplied in pairs
+    x, y, z = extract(sides, 0), extract(sides, 1), extract(sides, 2)
+    return x * (y + z) + y * z
+
+
+@kernel
+def range_bounds(records, first, last):
+    """(box, centroid box) of the records from `first` to `last` - 1."""
+    box, centroids = splat8(INF), splat8(INF)
+    for i in range(first, last):
+        record = load8(records, i * 8)
+        box = minimum(box, record)
+        centroids = minimum(centroids, double_centroid(record))
+    return box, centroids
+
+
+@kernel
+def write_boxes(nodes, node, left, right):
+    """The boxes of both children into a node; the links and the unused words become 0."""
+    for k in range(3):
+        i = node * 16 + 4 * k
+        put(nodes, i, extract(left, k))
+        put(nodes, i + 1, extract(right, k))
+        put(nodes, i + 2, -extract(left, k + 4))
+        put(nodes, i + 3, -extract(right, k + 4))
+    store(nodes, node * 16 + 12, splat4(_ZERO))
+
+
+@kernel
+def _triangle(vertices, i):
+    """The three corners of triangle `i`; each fourth lane holds some other coordinate of the same triangle."""
+    a, b, c = load4(vertices, i * 9), load4(vertices, i * 9 + 3), load4(vertices, i * 9 + 5)
+    return a, b, shuffle(c, 1, 2, 3, 0)  # not read from + 6: the last triangle would be overrun
+
+
+@kernel
+def write_records(ticket, vertices, records, parts):
+    """Worker: the records of all triangles, and of each chunk of them a row of `parts`."""
+    v, out, out_ids, rows = ptr(vertices), ptr(records), as_i32(records), ptr(parts)
+    coordinates = mask_from_bits4(7)
+    first = take(ticket)
+    while first >= 0:
+        faults = splat4(_ZERO)
+        last = min(first + ticket[CHUNK], ticket[N])
+        for i in range(first, last):
+            a, b, c = _triangle(v, i)
+            faults += a * _ZERO + b * _ZERO + c * _ZERO  # NaN from then on, if something is NaN or infinite
+            store(out, i * 8, minimum(minimum(a, b), c))
+            put(out_ids, i * 8 + 3, np.int32(i) | _ID_BIT)
+            store(out, i * 8 + 4, select(coordinates, -maximum(maximum(a, b), c), _ZERO))
+        box, centroids = range_bounds(out, first, last)
+        row = first // ticket[CHUNK] * PART
+        store(rows, row, box)
+        store(rows, row + 8, centroids)
+        store(rows, row + 16, faults)
+        first = take(ticket)

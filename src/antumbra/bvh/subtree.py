@@ -1,0 +1,140 @@
+"""One thread's share of a build: everything below a range of records, depth first and in place."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import kernel
+from ..simd import (
+    get,
+    load8,
+    prefetch,
+    put,
+    stack_f32,
+    stack_i32,
+    store,
+)
+from .bins import BIN_BOXES, BIN_COUNTS, Bins, Split, cheapest_split, clear_bins, fill_bins, make_mapping, partition
+from .bounds import half_area, range_bounds, record_id, write_boxes
+from .nodes import MAX_DEPTH
+from .smallest import SMALLEST, build_smallest
+
+_WAITING = MAX_DEPTH + 1  # ranges at a time: the right child at each level, and a left one
+_NUMBERS = 4 * _WAITING
+_BOXES = 16 * _WAITING
+_AHEAD = 8
+
+
+class Settings(NamedTuple):
+    max_leaf: object  # int64
+    scale: object  # float32, a power of two: makes the largest coordinate about 1, so that no area overflows
+
+
+class Out(NamedTuple):
+    """Pointers to what a builder fills."""
+
+    nodes: object  # float32, 16 a node
+    links: object  # int32, the same memory
+    prim_ids: object  # int32
+    corners: object  # float32, 9 a slot
+
+
+class Ranges(NamedTuple):
+    """A stack of ranges to build."""
+
+    numbers: object  # pointer, int32: first, last, depth, slot in links
+    boxes: object  # pointer, float32: box, centroid box
+
+
+@kernel
+def _push(ranges, height, first, last, depth, slot, box, centroids):
+    put(ranges.numbers, height * 4, first)
+    put(ranges.numbers, height * 4 + 1, last)
+    put(ranges.numbers, height * 4 + 2, depth)
+    put(ranges.numbers, height * 4 + 3, slot)
+    store(ranges.boxes, height * 16, box)
+    store(ranges.boxes, height * 16 + 8, centroids)
+    return height + 1
+
+
+@kernel
+def must_halve(n, depth):
+    """Whether a node at this depth must have equal halves for its tree to end by MAX_DEPTH.
+
+    If not, either child holds less than 2 ** (MAX_DEPTH - 1 - depth) records: halving suffices from there on.
+    """
+    return (n >> (MAX_DEPTH - 1 - depth)) > 0
+
+
+@kernel
+def find_split(records, first, last, centroids, depth, scale, bins):
+    """(mapping, split) of a range; axis -1 if it is to be cut in the middle."""
+    n = last - first
+    mapping = make_mapping(centroids, n)
+    if must_halve(n, depth):
+        return mapping, Split(np.int64(-1), np.int64(0), np.float32(np.inf))
+    clear_bins(bins, mapping.n_bins)
+    fill_bins(records, first, last, mapping, bins)
+    return mapping, cheapest_split(bins, mapping.n_bins, scale)
+
+
+@kernel
+def _leaf_is_cheaper(n, depth, box, split, settings):
+    if n > settings.max_leaf or depth == 0:
+        return False
+    area = half_area(box, settings.scale)
+    return not (area + split.cost < area * np.float32(n))
+
+
+@kernel
+def _write_leaf(records, first, last, out, slot):
+    put(out.links, slot, ~(first * 8 + last - first - 1))
+    for i in range(first, last):
+        put(out.prim_ids, i, record_id(records, i))
+
+
+@kernel
+def copy_corners(vertices, first, last, out):
+    """The vertices of the triangles in slots `first` to `last` - 1, in slot order."""
+    for i in range(first, last):
+        prefetch(vertices, np.int64(get(out.prim_ids, min(i + _AHEAD, last - 1))) * 9)
+        source = np.int64(get(out.prim_ids, i)) * 9
+        store(out.corners, i * 9, load8(vertices, source))
+        put(out.corners, i * 9 + 8, get(vertices, source + 8))
+
+
+@kernel
+def build_subtree(vertices, records, first, last, depth, box, centroids, settings, out):
+    """Build the tree over the records from `first` to `last` - 1; the number of nodes made.
+
+    They are the nodes `first` + 1, `first` + 2, ..., depth first. The left link of node `first` is the link to the tree;
+    nothing else is written there. A tree of n records has at most n - 1 nodes, so subtrees have room side by side.
+    """
+    ranges = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES))
+    bins = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
+    next_node = first + 1
+    height = _push(ranges, 0, first, last, depth, first * 16 + 12, box, centroids)
+    while height > 0:
+        height -= 1
+        b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
+        d, slot = np.int64(get(ranges.numbers, height * 4 + 2)), np.int64(get(ranges.numbers, height * 4 + 3))
+        if e - b <= SMALLEST and d + e - b - 1 <= MAX_DEPTH:
+            next_node = build_smallest(records, b, e - b, settings, out, next_node, slot, d == 0)
+            continue
+        here = load8(ranges.boxes, height * 16)
+        mapping, split = find_split(records, b, e, load8(ranges.boxes, height * 16 + 8), d, settings.scale, bins)
+        if _leaf_is_cheaper(e - b, d, here, split, settings):
+            _write_leaf(records, b, e, out, slot)
+            continue
+        m = (b + e) >> 1
+        if split.axis >= 0:
+            m = partition(records, b, e, mapping, split)
+        left, left_centroids = range_bounds(records, b, m)
+        right, right_centroids = range_bounds(records, m, e)
+        put(out.links, slot, next_node)
+        write_boxes(out.nodes, next_node, left, right)
+        height = _push(ranges, height, m, e, d + 1, next_node * 16 + 13, right, right_centroids)
+        height = _push(ranges, height, b, m, d + 1, next_node * 16 + 12, left, left_centroids)
+        next_node += 1
+    copy_corners(vertices, first, last, out)
+    return next_node - first - 1

@@ -1,0 +1,186 @@
+"""The first levels of a build, by all threads together [Wald 2007, sec. 4, "horizontal" parallelisation].
+
+The ranges of one level are cut in blocks of a fixed size. Threads bin blocks; the bins of a range's blocks are joined and its
+split is chosen; threads then move each block's records, in order, to places in another array that were counted beforehand.
+Nothing depends on which thread does what, so neither does the tree.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import new_ticket, run, take
+from ..simd import as_i32, extract, get, load8, mask_from_bits8, minimum, ptr_at, put, select, stack_f32, stack_i32, store
+from .bins import BIN_BOXES, BIN_COUNTS, Bins, Split, cheapest_split, clear_bins, fill_bins, goes_left, make_mapping
+from .bounds import INF, double_centroid
+from .subtree import must_halve
+
+BLOCK = 4096  # records
+_BINS = BIN_BOXES + BIN_COUNTS  # words
+
+
+class Level(NamedTuple):
+    """The ranges of records that are split at one level, and the blocks they are cut in."""
+
+    ranges: np.ndarray  # (k, 3) int64: first and last record, first block
+    boxes: np.ndarray  # (k, 16) float32: box, centroid box
+    splits: np.ndarray  # (k, 3) int64: axis or -1, bin, first record on the right
+    blocks: np.ndarray  # (m, 3) int64: range, first and last record
+    bins: np.ndarray  # (m, _BINS) float32: the bins of each block, counts as int32
+    places: np.ndarray  # (m, 2) int64: where the block's first left and first right record go
+    sides: np.ndarray  # (m, 32) float32: boxes of what goes left, boxes of what goes right
+
+
+class Top(NamedTuple):
+    """The nodes of the first levels, and the ranges that are left to build."""
+
+    boxes: np.ndarray  # (t, 2, 8) float32: of both children
+    children: np.ndarray  # (t, 2) int64: node of the top, or ~subtree
+    ranges: np.ndarray  # (s, 4) int64, of the subtrees: first and last record, depth, which of the two arrays has them
+    range_boxes: np.ndarray  # (s, 16) float32: box, centroid box
+
+
+@kernel
+def _bins_of_block(level, block):
+    row = ptr_at(level.bins, block * _BINS)
+    return Bins(row, as_i32(ptr_at(row, BIN_BOXES)))
+
+
+@kernel
+def _mapping_of_range(level, r):
+    return make_mapping(load8(level.boxes, r * 16 + 8), level.ranges[r, 1] - level.ranges[r, 0])
+
+
+@kernel
+def _bin_blocks(ticket, records, level):
+    """Worker: fill the bins of each block."""
+    block = take(ticket)
+    while block >= 0:
+        r, first, last = level.blocks[block]
+        mapping, bins = _mapping_of_range(level, r), _bins_of_block(level, block)
+        clear_bins(bins, mapping.n_bins)
+        fill_bins(records, first, last, mapping, bins)
+        block = take(ticket)
+
+
+@kernel
+def _join_bins(level, first, last, n_bins, total):
+    """The bins of all records in the blocks from `first` to `last` - 1."""
+    clear_bins(total, n_bins)
+    for block in range(first, last):
+        bins = _bins_of_block(level, block)
+        for k in range(3 * n_bins):
+            store(total.boxes, k * 8, minimum(load8(total.boxes, k * 8), load8(bins.boxes, k * 8)))
+            put(total.counts, k, get(total.counts, k) + get(bins.counts, k))
+
+
+@kernel
+def _count_left(level, block, split, n_bins, middle):
+    """How many records of a block go left."""
+    if split.axis < 0:
+        return min(max(middle - level.blocks[block, 1], 0), level.blocks[block, 2] - level.blocks[block, 1])
+    bins, count = _bins_of_block(level, block), np.int64(0)
+    for k in range(split.axis * n_bins, split.axis * n_bins + split.bin):
+        count += get(bins.counts, k)
+    return count
+
+
+@kernel
+def _choose_splits(level, depth, scale):
+    """The split of each range, and where its records go."""
+    total = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
+    for r in range(len(level.ranges)):
+        first, last, block = level.ranges[r]
+        end = level.ranges[r + 1, 2] if r + 1 < len(level.ranges) else len(level.blocks)
+        n_bins = _mapping_of_range(level, r).n_bins
+        split = Split(np.int64(-1), np.int64(0), INF)
+        if not must_halve(last - first, depth):
+            _join_bins(level, block, end, n_bins, total)
+            split = cheapest_split(total, n_bins, scale)
+        left = first
+        for b in range(block, end):
+            count = _count_left(level, b, split, n_bins, (first + last) >> 1)
+            level.places[b, 0], level.places[b, 1] = left, count
+            left += count
+        right = left
+        for b in range(block, end):
+            count = level.blocks[b, 2] - level.blocks[b, 1] - level.places[b, 1]
+            level.places[b, 1] = right
+            right += count
+        level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.bin, left
+
+
+@kernel
+def _move_block(source, target, level, block):
+    r, first, last = level.blocks[block]
+    axis, bin_, middle = level.splits[r]
+    mapping, limit = _mapping_of_range(level, r), np.float32(bin_)
+    origin, factor = extract(mapping.origin, max(axis, 0)), extract(mapping.factor, max(axis, 0))
+    to_left, to_right = level.places[block]
+    left_box, left_centroids, right_box, right_centroids = splat8(INF), splat8(INF), splat8(INF), splat8(INF)
+    for i in range(first, last):
+        left = goes_left(source, i, axis, origin, factor, limit) if axis >= 0 else i < middle
+        record = load8(source, i * 8)
+        centroid, side = double_centroid(record), splat8(left)
+        left_box = minimum(left_box, select(side, record, INF))
+        left_centroids = minimum(left_centroids, select(side, centroid, INF))
+        right_box = minimum(right_box, select(side, INF, record))
+        right_centroids = minimum(right_centroids, select(side, INF, centroid))
+        store(target, (to_left if left else to_right) * 8, record)
+        to_left += np.int64(left)
+        to_right += np.int64(not left)
+    row = block * 32
+    store(level.sides, row, left_box)
+    store(level.sides, row + 8, left_centroids)
+    store(level.sides, row + 16, right_box)
+    store(level.sides, row + 24, right_centroids)
+
+
+@kernel
+def _move_blocks(ticket, source, target, level):
+    """Worker: move each block's records to their side of the split, and bound both sides."""
+    block = take(ticket)
+    while block >= 0:
+        _move_block(source, target, level, block)
+        block = take(ticket)
+
+
+def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
+    """The level of these ranges, (k, 2) first and last record, cut in blocks."""
+    counts = -(-(ranges[:, 1] - ranges[:, 0]) // BLOCK)
+    start = np.cumsum(counts) - counts
+    k, m = len(ranges), int(counts.sum())
+    owner = np.repeat(np.arange(k), counts)
+    first = ranges[owner, 0] + (np.arange(m) - start[owner]) * BLOCK
+    return Level(
+        np.column_stack([ranges, start]),
+        boxes,
+        np.empty((k, 3), np.int64),
+        np.column_stack([owner, first, np.minimum(first + BLOCK, ranges[owner, 1])]),
+        np.empty((m, _BINS), np.float32),
+        np.empty((m, 2), np.int64),
+        np.empty((m, 32), np.float32),
+    )
+
+
+def build_top(records, spare, box, centroids, scale, largest, threads) -> Top:
+    """Split all records until each range has at most `largest`.
+
+    Parameters
+    ----------
+    records : (n, 8) float32
+    spare : (n, 8) float32
+        Ranges lie in `records` after an even number of splits and in `spare` after an odd one.
+    box, centroids : (8,) float32
+        Of all records.
+    scale : float32
+        See `Settings`.
+    """
+    depth, n_nodes = 0, 0
+    ranges, range_boxes = np.array([[0, len(records)]]), np.concatenate([box, centroids])[None]
+    done, done_boxes, boxes, children = [], [], [], [np.zeros((0, 2), np.int64)]
+    n_done = 0
+    while True:
+        large = ranges[:, 1] - ranges[:, 0] > largest
+        children_of_level = np.where(large, np.cumsum(large) - 1 + n_nodes, ~(np.cumsum(~large) - 1 + n_done))

@@ -1,0 +1,79 @@
+"""Pictures on disk: PNG for looking at, EXR for measuring."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..output import checked_output, replacing
+from .tonemap import automatic_exposure, checked_exposure, to_srgb8
+
+SUFFIXES = (".png", ".exr")
+
+
+def check_output(path) -> Path:
+    """`path` if a picture can be written there; InputError, naming the cure, if not. Asked before a long render."""
+    return checked_output(path, SUFFIXES)
+
+
+def frame_exposure(frame) -> float:
+    """The exposure that ``save_frame(frame, "x.png")`` chooses by itself."""
+    return automatic_exposure(frame.image, frame.gbuffer.face >= 0)
+
+
+def save_frame(frame, path, exposure: float | None = None) -> None:
+    """Write a `Frame` as a picture; see `Frame.save`.
+
+    Parameters
+    ----------
+    frame : Frame
+    path : str or path-like
+        ``.png``: 8-bit sRGB with soft highlights. ``.exr``: linear float32 channels R, G, B; visibility.0, ... (a light
+        each); depth.Z (infinite where nothing is seen); normal.X, normal.Y, normal.Z.
+    exposure : float or None
+        Factor on the light of a PNG; None: automatic. An EXR has no exposure.
+
+    Raises
+    ------
+    InputError
+        On another suffix, an exposure that is no positive number, or a path that cannot be written. The file is
+        written under another name and then renamed: it is whole, or as it was before.
+    """
+    path = check_output(path)
+    if exposure is not None:
+        exposure = checked_exposure(exposure)
+    if path.suffix.lower() == ".png":
+        rgb = to_srgb8(frame.image, frame_exposure(frame) if exposure is None else exposure)
+        with replacing(path) as temporary:
+            _write_png(rgb, temporary)
+    else:
+        with replacing(path) as temporary:
+            _write_exr(exr_channels(frame), temporary)
+
+
+def exr_channels(frame) -> dict[str, np.ndarray]:
+    """Name -> (H, W) float32 (RGB: (H, W, 3)) of everything that an EXR file holds."""
+    channels = {"RGB": frame.image, "depth.Z": frame.gbuffer.depth}
+    channels |= {f"normal.{axis}": frame.gbuffer.normal[..., k] for k, axis in enumerate("XYZ")}
+    channels |= {f"visibility.{i}": fraction for i, fraction in enumerate(frame.visibility)}
+    return {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
+
+
+def _write_png(rgb: np.ndarray, path: Path) -> None:
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    colour_space = PngInfo()
+    colour_space.add(b"sRGB", b"\0")
+    # Level 1 takes a third of the time of the default, and 15 % more room.
+    Image.fromarray(rgb).save(path, format="PNG", compress_level=1, pnginfo=colour_space)
+
+
+def _write_exr(channels: dict[str, np.ndarray], path: Path) -> None:
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    try:
+        with OpenEXR.File(header, channels) as file:
+            file.write(str(path))
+    except RuntimeError as error:  # what the library makes of errors of the system
+        raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error

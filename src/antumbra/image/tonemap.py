@@ -1,0 +1,79 @@
+"""From linear light to what a screen shows: exposure, highlight roll-off, sRGB."""
+
+from functools import cache
+
+import numpy as np
+
+from ..errors import InputError
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+"""Rec. 709 weights of linear red, green and blue."""
+
+PERCENTILE = 97.0  # of the luminance of the pixels that see something ...
+BRIGHT = 0.75  # ... is shown at this share of white: bright, with room above it for highlights
+SHOULDER = 0.6  # up to here light is shown as it is; above it rolls off softly towards white
+
+_TOP = 4.0  # the roll-off is white to 8 bits long before this
+_ENTRIES = 1 << 16
+_ROWS = 64  # converted at once, so that temporaries stay in the cache
+
+
+def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
+    """The factor that shows a picture bright but not clipped; 1.0 where there is no light at all.
+
+    Parameters
+    ----------
+    image : (H, W, 3) float32, linear
+    seen : (H, W) bool
+        Pixels that count.
+    """
+    luminance = image[seen] @ LUMINANCE
+    luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
+    if not len(luminance):
+        return 1.0
+    return BRIGHT / max(float(np.percentile(luminance, PERCENTILE)), 1e-30)
+
+
+def checked_exposure(exposure) -> float:
+    """`exposure` as a float; InputError unless it is a finite number above 0."""
+    try:
+        value = float(exposure)
+    except (TypeError, ValueError):
+        value = np.nan
+    if not (np.isfinite(value) and value > 0.0):
+        raise InputError(f"exposure is {exposure!r}; it must be a finite number above 0, or None for automatic")
+    return value
+
+
+def roll_off(x: np.ndarray) -> np.ndarray:
+    """Linear light >= 0 to [0, 1]: itself up to `SHOULDER`, then ever slower towards 1; smooth to first order."""
+    room = 1.0 - SHOULDER
+    return np.where(x <= SHOULDER, x, 1.0 - room * np.exp(-np.maximum(x - SHOULDER, 0.0) / room))
+
+
+def linear_to_srgb(x: np.ndarray) -> np.ndarray:
+    """Linear light in [0, 1] as sRGB (IEC 61966-2-1)."""
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1.0 / 2.4) - 0.055)
+
+
+def to_srgb8(image: np.ndarray, exposure: float) -> np.ndarray:
+    """(H, W, 3) uint8 sRGB of linear light times `exposure`, highlights rolled off.
+
+    NaN and negative light are black. A table of 65536 entries stands for the curve: where that curve is steepest, in
+    black, an entry is a fifth of an 8-bit step.
+    """
+    out = np.empty(image.shape, np.uint8)
+    scale = np.float32(min(exposure * (_ENTRIES / _TOP), np.finfo(np.float32).max))
+    with np.errstate(invalid="ignore", over="ignore"):
+        for y in range(0, len(image), _ROWS):
+            entry = image[y : y + _ROWS] * scale
+            np.fmax(entry, np.float32(0.0), out=entry)  # fmax and fmin drop NaN
+            np.fmin(entry, np.float32(_ENTRIES - 1), out=entry)
+            out[y : y + _ROWS] = _curve()[entry.astype(np.uint16)]
+    return out
+
+
+@cache
+def _curve() -> np.ndarray:
+    x = (np.arange(_ENTRIES) + 0.5) * (_TOP / _ENTRIES)
+    return np.round(255.0 * linear_to_srgb(roll_off(x))).astype(np.uint8)

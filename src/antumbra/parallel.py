@@ -1,0 +1,192 @@
+"""Threads that share out the work of one kernel.
+
+A kernel is compiled to run without the GIL, so plain Python threads use every core. Work is handed out
+while it runs: each thread takes the next `chunk` items from a ticket when it has done its last ones, so no
+thread waits for a slower one. A worker is a kernel of this shape::
+
+    @kernel
+    def worker(ticket, values):
+        first = take(ticket)
+        while first >= 0:
+            for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+                values[i] *= 2
+            first = take(ticket)
+
+    run(worker, thread_count(None), new_ticket(len(values), 64), values)
+"""
+
+import numbers
+import os
+import queue
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TypeAlias
+
+import numpy as np
+
+from antumbra.errors import InputError
+from antumbra.jit import kernel
+from antumbra.simd import atomic_add
+
+__all__ = ["CHUNK", "DONE", "NEXT", "STOP", "N", "Ticket", "new_ticket", "run", "take", "thread_count"]
+
+Ticket: TypeAlias = np.ndarray
+"""(5,) int64: the fields below."""
+
+NEXT = 0  # first item that no thread has taken yet; runs past N at the end
+STOP = 1  # not 0: nothing more is handed out
+N = 2  # number of items
+CHUNK = 3  # items handed out at a time
+DONE = 4  # for the worker's own count; starts at 0, and nothing here reads it
+
+_POLL_SECONDS = 0.1
+
+
+def thread_count(threads: int | None) -> int:
+    """The number of threads to use; None means one for each core that this process may use.
+
+    Raises
+    ------
+    InputError
+        When `threads` is not an integer of at least 1.
+    """
+    if threads is None:
+        if hasattr(os, "sched_getaffinity"):
+            return len(os.sched_getaffinity(0))
+        return os.cpu_count() or 1
+    if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or threads < 1:
+        raise InputError(f"threads is {threads!r}: give a whole number of at least 1, or None for all cores")
+    return int(threads)
+
+
+def new_ticket(n_items: int, chunk: int) -> Ticket:
+    """A ticket for items 0 to `n_items` - 1, handed out `chunk` (at least 1) at a time; good for one run."""
+    return np.array([0, 0, n_items, max(chunk, 1), 0], np.int64)
+
+
+@kernel
+def take(ticket):
+    """The first of the next ``ticket[CHUNK]`` items; -1 when there is none left, or `STOP` is set."""
+    # Adding 0 reads STOP from memory each time; a plain read may be moved out of the worker's loop.
+    if atomic_add(ticket, STOP, 0) != 0:  # type: ignore[call-arg]  # mypy counts the typing context
+        return np.int64(-1)
+    first = atomic_add(ticket, NEXT, ticket[CHUNK])
+    return first if first < ticket[N] else np.int64(-1)
+
+
+class _Job:
+    """One `run`: what to call, and what came of it in each thread."""
+
+    def __init__(self, worker, ticket, args, n_threads):
+        self.worker, self.ticket, self.args, self.n_threads = worker, ticket, args, n_threads
+        self.begun: list[None] = []  # one None per thread that has begun; appending to a list is atomic
+        self.outcomes: list[
+            BaseException | None
+        ] = []  # one per thread that has finished: None, or its exception
+        self.wake: queue.SimpleQueue[None] = (
+            queue.SimpleQueue()
+        )  # something arrives here when the last thread has finished
+
+    def work(self):
+        self.begun.append(None)
+        try:
+            self.worker(self.ticket, *self.args)
+        except BaseException as error:
+            self.ticket[STOP] = 1
+            return error
+        return None
+
+    def finish(self, outcome):
+        self.outcomes.append(outcome)
+        if len(self.outcomes) >= self.n_threads:
+            self.wake.put(None)
+
+
+class _Thread:
+    """A thread that waits for jobs; it is in `_idle` whenever it has none."""
+
+    def __init__(self):
+        self.inbox: queue.SimpleQueue[_Job] = queue.SimpleQueue()
+        threading.Thread(target=self._serve, name="antumbra", daemon=True).start()
+
+    def _serve(self):
+        while True:
+            job = self.inbox.get()
+            outcome = job.work()
+            _idle.append(self)  # before the caller wakes, so that its next run finds this thread
+            job.finish(outcome)
+            del job, outcome  # else the arrays would live until the next job
+
+
+_idle: list[_Thread] = []
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_idle.clear)  # threads do not survive a fork
+
+
+def _idle_thread() -> _Thread:
+    try:
+        return _idle.pop()
+    except IndexError:
+        return _Thread()
+
+
+def _wait(job: _Job, seconds: float) -> None:
+    with suppress(queue.Empty):
+        job.wake.get(timeout=seconds)
+
+
+def run(
+    worker: Callable,
+    n_threads: int,
+    ticket: Ticket,
+    *args,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Call ``worker(ticket, *args)`` in `n_threads` threads at once and wait until all have returned.
+
+    Parameters
+    ----------
+    worker : kernel (or any function) that takes its work from `ticket`
+        What it returns is dropped.
+    n_threads : int
+        At least 1; no more are used than there are pieces of work. With 1, and without `progress`, the
+        caller's own thread does the work.
+    ticket : from `new_ticket`
+    progress : function of (items handed out, items), optional
+        Called in the caller's thread about ten times a second, and once at the end.
+
+    Raises
+    ------
+    Exception
+        The first exception that a worker raised; the others stop at their next piece of work.
+    KeyboardInterrupt
+        Raised in the caller's thread while it waits: the workers stop at their next piece of work, and are
+        waited for, before it goes on. A caller's thread that does the work itself hears it only afterwards.
+    """
+    total = int(ticket[N])
+    n_threads = max(1, min(n_threads, -(-total // int(ticket[CHUNK]))))
+    if n_threads == 1 and progress is None:
+        worker(ticket, *args)
+        return
+    job, started = _Job(worker, ticket, args, n_threads), 0
+    try:
+        while started < n_threads:
+            _idle_thread().inbox.put(job)
+            started += 1
+        while len(job.outcomes) < n_threads:
+            _wait(job, _POLL_SECONDS)
+            if progress is not None:
+                progress(min(int(ticket[NEXT]), total), total)
+    except BaseException:
+        ticket[STOP] = 1
+        # The interrupt may have come after a thread was given the job and before it was counted.
+        while len(job.outcomes) < max(started, len(job.begun)):
+            try:
+                _wait(job, _POLL_SECONDS)
+            except KeyboardInterrupt:
+                continue  # it is being obeyed already
+        raise
+    for outcome in job.outcomes:
+        if outcome is not None:
+            raise outcome

@@ -1,0 +1,158 @@
+"""Questions that are not pictures: ray arrays, and points that ask which lights they see."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .errors import InputError
+from .parallel import thread_count
+from .query.rays import Hit, HitArrays, RayList, as_array, cull_value, ray_list
+from .query.receivers import FREE, point_receivers
+from .query.sampling import sample_sets, to_domain
+from .query.shadow import ShadowQuery, fraction_lit
+from .renderer import Accelerated, Renderer, check_lights, reach
+from .trace import TRACERS
+from .trace.single import trace_rays
+from .warm import warm_up, warm_up_rays
+
+
+class Visibility(NamedTuple):
+    """Which samples of a light each point sees; leading shape (...) as the points had."""
+
+    bits: np.ndarray  # (..., ceil(spp / 64)) uint64: bit s = sample s occluded
+    fraction: np.ndarray  # (...) float32: share of the samples that is not occluded
+
+
+def accelerated(scene, time=0.0, threads=None, plan="bsah+single") -> Accelerated:
+    """The scene's triangles and BVH at a time; the last one made is kept with the scene."""
+    renderer = Renderer(scene, plan, threads)
+    key = (renderer.plan.build, float(time))
+    kept = scene.__dict__.get("_accelerated")
+    if kept is None or kept[0] != key:
+        kept = (key, renderer.accelerate(time))
+        scene.__dict__["_accelerated"] = kept
+    return kept[1]
+
+
+def trace_list(scene, rays: RayList, any_hit: bool, time, threads) -> HitArrays:
+    """Trace checked rays through a scene."""
+    m = len(rays.origins)
+    n = 0 if any_hit else m
+    out = HitArrays(
+        np.empty(m, np.int32), np.full(n, np.inf), np.zeros(n, np.float32), np.zeros(n, np.float32)
+    )
+    trace_rays(accelerated(scene, time, threads).bvh, rays, any_hit, out, threads)
+    return out
+
+
+def occluded(
+    scene,
+    origins,
+    directions=None,
+    tmin=0.0,
+    tmax=np.inf,
+    skip_face=None,
+    time=0.0,
+    *,
+    cull_faces=None,
+    threads=None,
+):
+    """See `Scene.occluded`."""
+    rays, shape = ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, scene.origin)
+    thread_count(threads)
+    warm_up_rays()
+    return trace_list(scene, rays, True, time, threads).face.reshape(shape) >= 0
+
+
+def closest_hit(
+    scene,
+    origins,
+    directions=None,
+    tmin=0.0,
+    tmax=np.inf,
+    skip_face=None,
+    time=0.0,
+    *,
+    cull_faces=None,
+    threads=None,
+) -> Hit:
+    """See `Scene.closest_hit`."""
+    rays, shape = ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, scene.origin)
+    thread_count(threads)
+    warm_up_rays()
+    out = trace_list(scene, rays, False, time, threads)
+    return Hit(*(a.reshape(shape) for a in (out.t, out.face, out.u, out.v)))
+
+
+def visibility(
+    scene, points, light, normals=None, *, spp=16, plan="bsah+single", time=0.0, threads=None,
+    sampler="larcher-pillichshammer", cull_faces=None,
+) -> Visibility:  # fmt: skip
+    """Which samples of a light do points see? Receivers that are not pixels: vertices, sensors, plots of land.
+
+    Parameters
+    ----------
+    scene : Scene
+    points : (..., 3) float, world; anything with DLPack
+    light : a light
+    normals : (..., 3) float, broadcast against the points, or None
+        Where points lie on surfaces: the surfaces' normals, any length, towards the side that asks. The points are
+        moved off their surface by a few units in the last place, and samples below its horizon are occluded. None:
+        the points float freely and are used as they are.
+    spp, plan, time, threads, sampler, cull_faces
+        As in `antumbra.render`. Point i uses sample set i mod 4.
+
+    Returns
+    -------
+    Visibility
+
+    Raises
+    ------
+    InputError
+        On wrong shapes or dtypes, NaN or infinite numbers, zero normals, or an unknown plan.
+    """
+    renderer = Renderer(scene, plan, threads)
+    points = as_array(points, "points")
+    if points.ndim < 1 or points.shape[-1] != 3:
+        raise InputError(f"points must have shape (..., 3), not {points.shape}")
+    (light,) = check_lights([light])
+    square = sample_sets(spp, sampler)
+    world = points.astype(np.float64).reshape(-1, 3)
+    if not np.isfinite(world).all():
+        raise InputError("points hold NaN or infinity")
+    local = world - scene.origin
+    if normals is None:
+        origins, unit = local.astype(np.float32), np.empty((0, 0, 3))
+    else:
+        unit = _unit_normals(normals, points.shape)
+        origins = point_receivers(local, unit, world, points.dtype == np.float32)
+    warm_up(renderer.plan, renderer.gbuffer, False)
+    triangles, bvh = accelerated(scene, time, threads, plan)
+    query = ShadowQuery(
+        origins[None],
+        np.full((1, len(local)), -1, np.int32),
+        np.full((1, len(local)), FREE if normals is None else 1, np.int8),
+        unit if normals is None else unit[None],
+        triangles.vertices.reshape(-1, 9),
+        light.patch(triangles.origin, reach(triangles, origins) if len(origins) else 1.0),
+        np.ascontiguousarray(to_domain(square, light.domain)),
+        cull_value(cull_faces),
+    )
+    bits = np.zeros((1, len(local), -(-spp // 64)), np.uint64)
+    TRACERS[renderer.plan.trace].trace(bvh, query, bits, renderer.threads, None, None)
+    bits = bits.reshape(*points.shape[:-1], -1)
+    return Visibility(bits, fraction_lit(bits, spp))
+
+
+def _unit_normals(normals, shape) -> np.ndarray:
+    normals = as_array(normals, "normals").astype(np.float64)
+    try:
+        normals = np.broadcast_to(normals, shape).reshape(-1, 3)
+    except ValueError:
+        raise InputError(f"normals {normals.shape} do not broadcast to the points {shape}") from None
+    length = np.sqrt((normals * normals).sum(1, keepdims=True))
+    if not (np.isfinite(length) & (length > 0)).all():
+        raise InputError(
+            "normals hold zero, NaN or infinite vectors; leave normals out for points in free space"
+        )
+    return np.ascontiguousarray(normals / length)

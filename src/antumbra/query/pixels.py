@@ -1,0 +1,17 @@
+"""The ray of a pixel, the same bits for everything that asks what a pixel sees."""
+
+import numpy as np
+
+from ..jit import kernel
+
+
+@kernel
+def pixel_direction(rays, x, y):
+    """Direction through the centre of pixel (x, y): three float32, rounded once from float64 (see `CameraRays`)."""
+    right, down = np.float64(x) + 0.5, np.float64(y) + 0.5
+    corner, dx, dy = rays.corner, rays.dx, rays.dy
+    return (
+        np.float32((corner[0] + right * dx[0]) + down * dy[0]),
+        np.float32((corner[1] + right * dx[1]) + down * dy[1]),
+        np.float32((corner[2] + right * dx[2]) + down * dy[2]),
+    )

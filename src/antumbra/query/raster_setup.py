@@ -1,0 +1,219 @@
+"""From a triangle to its edge functions on the screen, with proven bounds of all rounding errors.
+
+A vector v from the eye is written h = (z, x, y) in *pixel coordinates*: v = z c + x r + y d, where c points to the
+centre of the upper left pixel and r, d step one pixel right and down. The ray of pixel (i, j) is then g = (1, i, j),
+apart from the rounding of its direction to float32, and the contract's determinants (`predicate.exact`) become, up to
+the common factor det(c, r, d),
+
+    e0 = det(g, h1, h2)   e1 = det(g, h2, h0)   e2 = det(g, h0, h1)   t = det(h0, h1, h2) / (e0 + e1 + e2)
+
+These are homogeneous edge functions [Olano and Greer 1997]: linear over the screen, and right for triangles that cross
+the camera's plane, without clipping. The triangle covers the pixel where each e has the sign of det(h0, h1, h2) or is 0
+(with t > 0 the other case of the contract, all signs opposite, cannot be). The depth key 1 / t is linear as well.
+
+Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`), which moves e = C + A i + B j by
+|C| shift_z + |A| shift_x + |B| shift_y. With u = 2**-53, a vector no component of which exceeds r has components of h
+wrong by at most 8 u r (`norm_z`, `norm_x`, `norm_y`): three inputs, products and sums, and the move to a tile's origin.
+A 2 x 2 determinant of two such vectors is then wrong by 36 u norm norm r r. All functions are made of a = v0 - eye,
+p = v1 - v0, q = v2 - v0, so errors shrink with the triangle:
+
+    |error e1|, |error e2| <= K r s    |error (e0 + e1 + e2)| <= K s s    |error det| <= V r s s    r = |a|, s = |p|, |q|
+"""
+
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import kernel
+from ..simd import get
+
+TILE = 32  # pixels; tiles are square
+REACH = TILE + 8  # no function is evaluated farther than this from its origin: a tile, and one vector beyond it
+
+_U = 2.0**-53
+_F = np.float32
+_EPSILON = 2.0**-24  # of float32
+_SLACK = 1.001  # for second order terms, and for the rounding of the bounds themselves
+_TINY = 1e-37  # more than float32 loses by underflow
+_HUGE = 1e30  # less than float32 overflows at, with room for sums
+
+
+class View(NamedTuple):
+    """A camera in pixel coordinates: float64 numbers, and no arrays, whose reference counts threads would fight over."""
+
+    eye_x: float
+    eye_y: float
+    eye_z: float
+    zx: float  # the matrix from v - eye to h, each entry correctly rounded: row z
+    zy: float
+    zz: float
+    xx: float  # row x
+    xy: float
+    xz: float
+    yx: float  # row y
+    yy: float
+    yz: float
+    turn: int  # sign of det(c, r, d)
+    width: int
+    height: int
+    norm_z: float  # |h| is at most norm * |v - eye|_inf, component by component, also relative to a pixel of the screen
+    norm_x: float
+    norm_y: float
+    shift_z: float  # how far rounding its direction to float32 moves a ray
+    shift_x: float
+    shift_y: float
+    slope_error: float  # K above: error of the edge function of two vectors of length 1, up to REACH from its origin
+    volume_error: float  # V above
+
+
+def make_view(rays) -> View:
+    """The `View` of `CameraRays`."""
+    rows, turn = _inverse(rays.corner + 0.5 * rays.dx + 0.5 * rays.dy, rays.dx, rays.dy)
+    norm = np.abs(rows).sum(1) * _SLACK
+    z, x, y = norm[0], norm[1] + rays.width * norm[0], norm[2] + rays.height * norm[0]
+    size = np.abs(rays.corner) + rays.width * np.abs(rays.dx) + rays.height * np.abs(rays.dy)
+    rounding = (_EPSILON + 16 * _U) * size + 2.0**-149
+    shift = np.abs(rows) @ rounding * _SLACK
+    shift_x, shift_y = shift[1] + rays.width * shift[0], shift[2] + rays.height * shift[0]
+    slope_error = 48 * _U * (x * y + REACH * z * (x + y))
+    bounds = (z, x, y, shift[0], shift_x, shift_y, slope_error, 200 * _U * x * y * z)
+    eye = rays.origin.tolist()
+    return View(*eye, *rows.ravel().tolist(), turn, int(rays.width), int(rays.height), *map(float, bounds))
+
+
+def _inverse(*columns):
+    """Inverse of the matrix of three columns ((3, 3) float64), each entry correctly rounded; sign of the determinant."""
+    c, r, d = ([Fraction(float(x)) for x in column] for column in columns)
+    cross = lambda a, b: [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
+    rows = [cross(r, d), cross(d, c), cross(c, r)]
+    det = sum(x * y for x, y in zip(c, rows[0]))
+    return np.array([[float(x / det) for x in row] for row in rows]), 1 if det > 0 else -1
+
+
+class EdgeFunctions(NamedTuple):
+    """Three edge functions and the depth key over the pixels (i, j) from an origin: value = c + a i + b j, all float32.
+
+    Each edge function is divided by the bound of its error: above 1 the pixel is surely inside, below -1 surely outside.
+    The depth key is 1 / t, wrong by at most ``key_error``.
+    """
+
+    a0: float
+    b0: float
+    c0: float
+    a1: float
+    b1: float
+    c1: float
+    a2: float
+    b2: float
+    c2: float
+    key_a: float
+    key_b: float
+    key_c: float
+    key_error: float
+
+
+@kernel
+def pixel_vector(view, x, y, z):
+    """h = (z, x, y) of a vector."""
+    return (
+        view.zx * x + view.zy * y + view.zz * z,
+        view.xx * x + view.xy * y + view.xz * z,
+        view.yx * x + view.yy * y + view.yz * z,
+    )
+
+
+@kernel
+def corner_of(corners, i, k):
+    """Corner k of triangle i in float64; `corners` is the pointer to the array's first element."""
+    f, at = np.float64, 9 * i + 3 * k
+    return f(get(corners, at)), f(get(corners, at + 1)), f(get(corners, at + 2))
+
+
+@kernel
+def minus(v, x, y, z):
+    """v - (x, y, z)."""
+    return v[0] - x, v[1] - y, v[2] - z
+
+
+@kernel
+def largest(v):
+    """The largest component's size."""
+    return max(abs(v[0]), abs(v[1]), abs(v[2]))
+
+
+@kernel
+def _relative(h, x0, y0):
+    """h in the pixel coordinates whose origin is pixel (x0, y0)."""
+    return h[0], h[1] - x0 * h[0], h[2] - y0 * h[0]
+
+
+@kernel
+def _linear(v, w):
+    """det(g, v, w) as (a, b, c): c + a i + b j for g = (1, i, j)."""
+    return v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0], v[1] * w[2] - v[2] * w[1]
+
+
+@kernel
+def _scaled(f, view, x_reach, y_reach, error, sign):
+    """An edge function over the bound of its error, in float32."""
+    a, b, c = abs(f[0]), abs(f[1]), abs(f[2])
+    error += (
+        a * (view.shift_x + 5 * _EPSILON * x_reach)
+        + b * (view.shift_y + 5 * _EPSILON * y_reach)
+        + c * (view.shift_z + 5 * _EPSILON)
+    )
+    scale = sign / (error * _SLACK)
+    return _F(f[0] * scale), _F(f[1] * scale), _F(f[2] * scale)
+
+
+@kernel
+def _depth_key(f, view, x_reach, y_reach, error, volume, volume_error):
+    """(a, b, c, error) of 1 / t in float32; the error is infinite where float32 cannot hold it."""
+    a, b, c = abs(f[0]), abs(f[1]), abs(f[2])
+    error += a * view.shift_x + b * view.shift_y + c * view.shift_z
+    size, inverse = abs(volume), 1.0 / volume
+    # 2**-28: `hit_t` itself is within 2**-30 of the truth
+    relative = volume_error / size + 6 * _EPSILON + 2.0**-28
+    error = (error + (a * x_reach + b * y_reach + c) * relative) * _SLACK / size + _TINY
+    if not (volume_error < 1e-3 * size and (a * x_reach + b * y_reach + c) < _HUGE * size and error < _HUGE):
+        return _F(0.0), _F(0.0), _F(0.0), _F(np.inf)
+    return _F(f[0] * inverse), _F(f[1] * inverse), _F(f[2] * inverse), _F(error)
+
+
+@kernel
+def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
+    """(turn, `EdgeFunctions`) of triangle i with origin at pixel (x0, y0), for pixels up to x_reach, y_reach from it.
+
+    turn: the sign of det(h0, h1, h2), by which the edge functions are multiplied; 0 where float64 cannot tell: then
+    they have their own sign.
+    """
+    v0 = corner_of(corners, i, 0)
+    a = minus(v0, view.eye_x, view.eye_y, view.eye_z)
+    p = minus(corner_of(corners, i, 1), v0[0], v0[1], v0[2])
+    q = minus(corner_of(corners, i, 2), v0[0], v0[1], v0[2])
+    r, s = largest(a), max(largest(p), largest(q))
+    fx, fy = np.float64(x0), np.float64(y0)
+    ha = _relative(pixel_vector(view, a[0], a[1], a[2]), fx, fy)
+    hp = _relative(pixel_vector(view, p[0], p[1], p[2]), fx, fy)
+    hq = _relative(pixel_vector(view, q[0], q[1], q[2]), fx, fy)
+    total, e1, e2 = _linear(hp, hq), _linear(hq, ha), _linear(ha, hp)
+    e0 = (total[0] - e1[0] - e2[0], total[1] - e1[1] - e2[1], total[2] - e1[2] - e2[2])
+    volume = ha[0] * total[2] + ha[1] * total[0] + ha[2] * total[1]
+    volume_error = view.volume_error * r * s * s
+    turn = (1 if volume > 0.0 else -1) if abs(volume) > volume_error else 0
+    sign = -1.0 if turn < 0 else 1.0
+    w, h, error = np.float64(x_reach), np.float64(y_reach), view.slope_error * s * (s + r + r)
+    f0 = _scaled(e0, view, w, h, error, sign)
+    f1 = _scaled(e1, view, w, h, error, sign)
+    f2 = _scaled(e2, view, w, h, error, sign)
+    key = _depth_key(total, view, w, h, view.slope_error * s * s, volume, volume_error)
+    return turn, EdgeFunctions(*f0, *f1, *f2, *key)
+
+
+@kernel
+def turned(f):
+    """The edge functions multiplied by -1."""
+    return EdgeFunctions(
+        -f.a0, -f.b0, -f.c0, -f.a1, -f.b1, -f.c1, -f.a2, -f.b2, -f.c2, f.key_a, f.key_b, f.key_c, f.key_error
+    )

@@ -1,0 +1,258 @@
+"""One frame, or a sequence with state kept between frames: evaluate, G-buffer, cull, build, trace, shade."""
+
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from .bvh import BUILDERS
+from .bvh.nodes import Bvh
+from .errors import InputError
+from .image.shade import irradiance, shade
+from .parallel import thread_count
+from .plan import parse_plan
+from .query.gbuffer import GBuffer, from_hits
+from .query.raster import rasterise
+from .query.rays import cull_value
+from .query.receivers import NOTHING, surface_receivers
+from .query.sampling import sample_sets, to_domain
+from .query.shadow import ShadowQuery, fraction_lit
+from .scene.camera import Camera
+from .scene.lights import Light
+from .scene.triangles import Triangles
+from .trace import TRACERS
+from .trace.counters import as_dict, new_counters
+from .trace.primary import trace_primary
+from .warm import warm_up
+
+PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
+
+
+class Frame(NamedTuple):
+    """A rendered frame. H, W: the camera's height and width."""
+
+    image: np.ndarray  # (H, W, 3) float32, linear
+    visibility: list[
+        np.ndarray
+    ]  # for each light (H, W) float32: the share of samples not occluded; 1 where nothing is seen
+    bits: list[
+        np.ndarray
+    ]  # for each light (H, W, ceil(spp / 64)) uint64: bit s = sample s occluded; 0 where nothing is seen
+    gbuffer: GBuffer
+    rays: int  # shadow rays asked
+    timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
+    counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless asked for
+
+    def save(self, path, exposure: float | None = None) -> None:
+        """Write ``.png`` (sRGB; exposure None: automatic) or ``.exr`` (linear; image, visibility, depth, normal).
+
+        Raises
+        ------
+        InputError
+            On another suffix or a path that cannot be written; no partial file is left.
+        """
+        from .image.save import save_frame
+
+        save_frame(self, path, exposure)
+
+
+class Accelerated(NamedTuple):
+    """A scene at one moment with its BVH."""
+
+    triangles: Triangles
+    bvh: Bvh
+
+
+class _Clock:
+    """Adds up the seconds of each phase."""
+
+    def __init__(self):
+        self.seconds = dict.fromkeys(PHASES, 0.0)
+        self.start = self.last = perf_counter()
+
+    def lap(self, phase: str) -> None:
+        now = perf_counter()
+        self.seconds[phase] += now - self.last
+        self.last = now
+
+    def timings(self) -> dict[str, float]:
+        return {**self.seconds, "total": self.last - self.start}
+
+
+class Renderer:
+    """Renders frames of one scene by one plan.
+
+    Parameters
+    ----------
+    scene : Scene
+    plan : str or Plan
+    threads : int or None
+        None: all cores.
+    gbuffer : "raster" or "rays"
+        How primary visibility is found; both give the same bits.
+    """
+
+    def __init__(self, scene, plan="bsah+single", threads=None, gbuffer="raster"):
+        if gbuffer not in ("raster", "rays"):
+            raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
+        self.scene, self.plan, self.gbuffer = scene, parse_plan(plan), gbuffer
+        self.threads = thread_count(threads)
+
+    def render(
+        self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
+        progress=None,
+    ) -> Frame:  # fmt: skip
+        """Render a frame; see `antumbra.render`."""
+        lights = check_lights(lights)
+        if not isinstance(camera, Camera):
+            raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
+        square, facing = sample_sets(spp, sampler), cull_value(cull_faces)
+        warm_up(self.plan, self.gbuffer, counters)
+        return self.frame(camera, lights, square, facing, time, counters, progress)
+
+    def frame(self, camera, lights, square, facing=0, time=0.0, counters=False, progress=None) -> Frame:
+        """Render a frame from checked arguments: ``square`` from `sample_sets`, ``facing`` a value of CULL_FACES."""
+        clock = _Clock()
+        triangles = self.scene.triangles(time)
+        clock.lap("evaluate")
+        bvh = None
+        if self.gbuffer == "rays":
+            bvh = self._build(triangles)
+            clock.lap("build")
+        gbuffer = self._gbuffer(triangles, camera, bvh)
+        clock.lap("gbuffer")
+        if bvh is None:
+            bvh = self._build(triangles)
+            clock.lap("build")
+        tally = new_counters(counters)
+        queries = shadow_queries(triangles, gbuffer, lights, square, facing, self.threads)
+        bits = [self._trace(bvh, query, tally, progress) for query in queries]
+        visibility = [fraction_lit(b, len(square[0])) for b in bits]
+        clock.lap("trace")
+        arriving = [irradiance(gbuffer, q.light, q.samples, self.threads) for q in queries]
+        image = shade(gbuffer, triangles.colour, lights, arriving, visibility)
+        clock.lap("shade")
+        rays = int(np.count_nonzero(gbuffer.side != NOTHING)) * len(square[0]) * len(lights)
+        return Frame(image, visibility, bits, gbuffer, rays, clock.timings(), as_dict(tally))
+
+    def accelerate(self, time=0.0) -> Accelerated:
+        """The scene's triangles at a time, with their BVH."""
+        triangles = self.scene.triangles(time)
+        return Accelerated(triangles, self._build(triangles))
+
+    def _build(self, triangles) -> Bvh:
+        return BUILDERS[self.plan.build].build(triangles.vertices, self.threads)
+
+    def _gbuffer(self, triangles, camera, bvh) -> GBuffer:
+        rays = camera.rays(triangles.origin)
+        if bvh is None:
+            face, t = rasterise(triangles.vertices.reshape(-1, 9), rays, self.threads)
+        else:
+            face, t = trace_primary(bvh, rays, self.threads)
+        return from_hits(face, t, triangles, rays, self.threads)
+
+    def _trace(self, bvh, query, tally, progress) -> np.ndarray:
+        bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+        TRACERS[self.plan.trace].trace(bvh, query, bits, self.threads, tally, progress)
+        return bits
+
+
+def check_lights(lights) -> list[Light]:
+    """The lights as a list; InputError unless they are lights."""
+    lights = [lights] if isinstance(lights, Light) else list(lights)
+    if not lights:
+        raise InputError("no lights; give at least one, for example scene.default_light()")
+    for light in lights:
+        if not isinstance(light, Light):
+            raise InputError(f"a light must be a QuadLight, DiskLight, ... not {type(light).__name__}")
+    return lights
+
+
+def reach(triangles, points) -> float:
+    """A length greater than the distance of any of the (..., 3) points to any triangle's corner."""
+    corners = triangles.vertices.reshape(-1, 3)
+    lower, upper = np.minimum(corners.min(0), points.min(0)), np.maximum(corners.max(0), points.max(0))
+    return float(2.0 * np.linalg.norm(upper.astype(np.float64) - lower) + np.finfo(np.float32).tiny)
+
+
+def shadow_queries(triangles, gbuffer, lights, square, cull_faces=0, threads=None) -> list[ShadowQuery]:
+    """The query of each light for the surfaces in a G-buffer; ``square``: (16, spp, 2) from `sample_sets`."""
+    shape = gbuffer.face.shape
+    corners = triangles.vertices.reshape(-1, 9)
+    flat = (
+        gbuffer.position.reshape(-1, 3),
+        gbuffer.normal.reshape(-1, 3),
+        gbuffer.face.reshape(-1),
+        gbuffer.side.reshape(-1),
+    )
+    origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
+    far = reach(triangles, flat[0]) if triangles.vertices.size else 1.0
+    return [
+        ShadowQuery(
+            origins,
+            gbuffer.face,
+            gbuffer.side,
+            np.empty((0, 0, 3)),
+            corners,
+            light.patch(triangles.origin, far),
+            np.ascontiguousarray(to_domain(square, light.domain)),
+            cull_faces,
+        )
+        for light in lights
+    ]
+
+
+def render(
+    scene, camera=None, lights=None, *, spp=16, plan="bsah+single", time=0.0, threads=None, counters=False,
+    gbuffer="raster", sampler="larcher-pillichshammer", cull_faces=None, progress=None,
+) -> Frame:  # fmt: skip
+    """Render one frame with exact shadows.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera or None
+        None: ``scene.default_camera()``.
+    lights : list of lights, one light, or None
+        None: the scene's own lights, or ``scene.default_light()`` if it has none.
+    spp : int
+        Shadow rays a pixel and light, 1 to 1024.
+    plan : str or Plan
+        Which methods answer, such as ``"bsah+single"`` (see ``antumbra plans``). Never changes the bits.
+    time : float
+        Seconds, clamped to [0, scene.duration].
+    threads : int or None
+        None: all cores.
+    counters : bool
+        Count tests and nodes exactly (costs a little time).
+    gbuffer : "raster" or "rays"
+        How primary visibility is found. Never changes the bits.
+    sampler : str
+        A name in `antumbra.query.sampling.SAMPLERS`.
+    cull_faces : None, "front" or "back"
+        Triangles that turn this side to a receiver do not block its rays.
+    progress : function of (done, total), optional
+        Called about ten times a second while rays are traced.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    InputError
+        On a value out of range, an unknown plan, or things that are not cameras and lights.
+    """
+    camera = scene.default_camera() if camera is None else camera
+    if lights is None:
+        lights = scene.lights or [scene.default_light()]
+    return Renderer(scene, plan, threads, gbuffer).render(
+        camera,
+        lights,
+        spp=spp,
+        time=time,
+        counters=counters,
+        sampler=sampler,
+        cull_faces=cull_faces,
+        progress=progress,
+    )

@@ -1,0 +1,139 @@
+"""A folder of arrays: the vertices of one mesh at several moments."""
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.lib import format as npy
+
+from ..errors import InputError
+from .files import checked_file
+from .mesh import MeshInfo, check_finite, face_colours, used_faces
+from .source import Piece
+
+FRAMES_PER_SECOND = 24.0  # where info.json says nothing of time
+_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+_SPAN = re.compile(r"\bt\s*=\s*(-?[0-9.]{1,20})\s*\.\.\s*(-?[0-9.]{1,20})")
+
+
+class VertexFrames:
+    """Vertices at several times, straight lines in between (see `antumbra.scene.source.Source`).
+
+    The frames stay on disk, memory-mapped; a frame is read, and checked, when a time asks for it.
+    """
+
+    def __init__(self, file: str, frames, faces, colour, times: np.ndarray):
+        self.file = file
+        self.duration = float(times[-1] - times[0])
+        self._frames, self._times, self._colour = frames, times - times[0], colour
+        self._faces, self._used = used_faces(faces, frames.shape[1], f"{file}/faces.npy")
+        self.meshes = [MeshInfo(file, len(self._faces), 1)]
+
+    def pieces(self, time: float) -> Iterator[Piece]:
+        k = int(np.searchsorted(self._times, time, side="right")) - 1
+        vertices = self._frame(k)
+        if self._times[k] < time and k + 1 < len(self._times):
+            t = (time - self._times[k]) / (self._times[k + 1] - self._times[k])
+            vertices = (1.0 - t) * vertices + t * self._frame(k + 1)
+        yield Piece(vertices[None], self._faces, self._colour, f"{self.file}/frames.npy")
+
+    def cameras(self, time: float) -> list:
+        return []
+
+    def lights(self, time: float) -> list:
+        return []
+
+    def _frame(self, k: int) -> np.ndarray:
+        frame = self._frames[k]
+        vertices = np.asarray(frame if self._used is None else frame[self._used], np.float64)
+        check_finite(vertices, f"{self.file}/frames.npy frame {k}")
+        return vertices
+
+
+def read_frames(folder: Path) -> tuple[VertexFrames, list[str]]:
+    """The source of a folder with frames.npy and faces.npy, and notes."""
+    name = folder.resolve().name
+    missing = [f for f in ("frames.npy", "faces.npy") if not (folder / f).exists()]
+    if missing:
+        raise InputError(f"{name}: a folder without {' and '.join(missing)}; name a scene file in it instead")
+    frames = mapped_array(folder / "frames.npy", f"{name}/frames.npy")
+    if frames.ndim != 3 or frames.shape[2] != 3 or frames.dtype.kind != "f" or frames.size == 0:
+        raise InputError(
+            f"{name}/frames.npy is {frames.dtype} {frames.shape}; it must be float, (frames, vertices, 3)"
+        )
+    faces = mapped_array(folder / "faces.npy", f"{name}/faces.npy")
+    colour, path = None, folder / "face_rgba.npy"
+    if path.exists():
+        colour = _linear(mapped_array(path, f"{name}/face_rgba.npy"), f"{name}/face_rgba.npy")
+    colour = face_colours(colour, len(faces) if faces.ndim else 0, f"{name}/face_rgba.npy")
+    times = _times(folder / "info.json", len(frames), f"{name}/info.json")
+    return VertexFrames(name, frames, faces, colour, times), []
+
+
+def mapped_array(path: Path, where: str) -> np.ndarray:
+    """A .npy file, memory-mapped once its header agrees with its size; nothing is unpickled."""
+    checked_file(path, where)
+    with path.open("rb") as stream:
+        try:
+            shape, fortran, dtype = _HEADERS[npy.read_magic(stream)](stream)
+        except Exception as error:  # the header is Python source; its parser raises what it likes
+            raise InputError(f"{where}: not a numpy array file; write it with numpy.save") from error
+        offset = stream.tell()
+    if dtype.hasobject or dtype.kind not in "fiu":
+        raise InputError(f"{where} holds {dtype}; only plain numbers are read")
+    if any(n < 0 for n in shape):
+        raise InputError(f"{where} has shape {shape}; write it again with numpy.save")
+    needed, real = math.prod(shape) * dtype.itemsize, path.stat().st_size - offset
+    if needed > real:
+        raise InputError(
+            f"{where} says {needed} bytes of data, but has {real}; it is cut short, copy it again"
+        )
+    if needed == 0:
+        return np.empty(shape, dtype)
+    return np.memmap(path, dtype, "r", offset, shape, "F" if fortran else "C")
+
+
+def _linear(rgba: np.ndarray, where: str) -> np.ndarray:
+    if rgba.ndim != 2 or rgba.shape[1] not in (3, 4) or (rgba.dtype != np.uint8 and rgba.dtype.kind != "f"):
+        raise InputError(f"{where} is {rgba.dtype} {rgba.shape}; it must be uint8 or float, (faces, 4)")
+    return rgba[:, :3] / np.float32(255.0) if rgba.dtype == np.uint8 else np.asarray(rgba[:, :3])
+
+
+def _times(path: Path, count: int, where: str) -> np.ndarray:
+    """Seconds of the frames: "times" of info.json, or evenly over a span it tells in words ("t=0.0..2.5")."""
+    info = {}
+    if path.exists():
+        checked_file(path, where)
+        try:
+            info = json.loads(path.read_bytes())
+        except (ValueError, RecursionError):
+            raise InputError(f"{where}: not JSON; mend or remove it") from None
+    if not isinstance(info, dict):
+        raise InputError(f"{where}: must be a JSON object; mend or remove it")
+    span = _SPAN.search(info["frames"]) if isinstance(info.get("frames"), str) else None
+    if info.get("times") is not None:
+        times = _as_times(info["times"], count, where)
+    elif span and count > 1:
+        times = np.linspace(_number(span[1]), _number(span[2]), count)
+    else:
+        times = np.arange(count) / FRAMES_PER_SECOND
+    if not (np.isfinite(times).all() and (np.diff(times) > 0.0).all()):
+        raise InputError(f"{where}: the times of the frames must be finite and increase")
+    return times
+
+
+def _as_times(value, count: int, where: str) -> np.ndarray:
+    numbers = isinstance(value, list) and all(type(v) in (int, float) and abs(v) < 1e300 for v in value)
+    if not numbers or len(value) != count:
+        raise InputError(f'{where}: "times" must be a list of {count} numbers, one for each frame')
+    return np.array(value, np.float64)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")

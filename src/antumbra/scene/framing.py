@@ -1,0 +1,46 @@
+"""A camera and a light for a scene that brings none."""
+
+import numpy as np
+
+from .camera import Camera
+from .lights import QuadLight
+
+VFOV = 45.0
+AZIMUTH, ELEVATION = np.radians(35.0), np.radians(25.0)
+
+
+def axes(up: str) -> np.ndarray:
+    """Right, up and towards-the-viewer ((3, 3) float64 rows) of a scene whose up axis is "y" or "z"."""
+    if up == "z":
+        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    return np.eye(3)
+
+
+def default_camera(bounds: np.ndarray, up: str, width: int, height: int) -> Camera:
+    """Three-quarter view from a little above, the bounding sphere of `bounds` ((2, 3), world) in view."""
+    right, upward, towards = axes(up)
+    centre, radius = _sphere(bounds)
+    half = np.arctan(np.tan(np.radians(VFOV) / 2.0) * min(1.0, width / height))
+    distance = 1.02 * radius / np.sin(half)
+    flat = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
+    position = centre + distance * (np.cos(ELEVATION) * flat + np.sin(ELEVATION) * upward)
+    return Camera(position, centre, upward, VFOV, width, height)
+
+
+def default_light(bounds: np.ndarray, up: str) -> QuadLight:
+    """A square as wide as the radius of the bounding sphere of `bounds`, above it and to the viewer's left.
+
+    Its intensity lights a surface at the centre that faces it so that white looks white.
+    """
+    right, upward, towards = axes(up)
+    centre, radius = _sphere(bounds)
+    middle = centre + radius * (1.6 * upward - 0.6 * right + 0.4 * towards)
+    u, v = radius * right, radius * towards  # u x v points down
+    distance = np.linalg.norm(middle - centre)
+    return QuadLight(corner=middle - (u + v) / 2.0, u=u, v=v, intensity=float(np.pi * distance**2))
+
+
+def _sphere(bounds) -> tuple[np.ndarray, float]:
+    lower, upper = bounds
+    radius = float(np.linalg.norm(upper - lower)) / 2.0
+    return lower + (upper - lower) / 2.0, radius if radius > 0.0 else 1.0

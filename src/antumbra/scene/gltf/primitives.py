@@ -1,0 +1,118 @@
+"""Mesh primitives: triangles, strips and fans, with what skins and morph targets need."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ..mesh import Mesh, check_finite, n_faces, used_faces
+from .accessors import Accessors
+from .fields import Fields
+from .materials import Materials
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+
+
+class Primitive(NamedTuple):
+    """A mesh primitive with triangles."""
+
+    mesh: Mesh
+    where: str  # what errors call it
+    targets: np.ndarray | None  # (t, v, 3) float, displacements of morph targets
+    joints: np.ndarray | None  # (v, j) int32, indices into the joints of a skin
+    weights: np.ndarray | None  # (v, j) float64, their sum 1
+
+    @property
+    def triangles(self) -> int:
+        return n_faces(self.mesh.positions, self.mesh.faces)
+
+
+def read_primitive(fields: Fields, name: str, accessors: Accessors, materials: Materials) -> Primitive | None:
+    """A primitive, or None for points, lines and what else has no triangles."""
+    mode = fields.whole("mode", TRIANGLES, high=7)
+    attributes = fields.mapping("attributes", len(accessors))
+    if mode < TRIANGLES or "POSITION" not in attributes:
+        return None
+    positions = accessors.floats(attributes["POSITION"], "VEC3")
+    faces = _faces(fields, mode, len(positions), accessors)
+    if n_faces(positions, faces) == 0:
+        return None
+    used = None
+    if faces is not None:
+        faces, used = used_faces(faces, len(positions), fields.where)
+
+    def rows(values: np.ndarray) -> np.ndarray:
+        if len(values) != len(positions):
+            raise InputError(
+                f"{fields.where} has {len(positions)} positions but {len(values)} of another attribute"
+            )
+        return np.array(values if used is None else values[used])
+
+    targets = _targets(fields, accessors, rows)
+    joints, weights = _influences(attributes, accessors, rows)
+    colour = _colour(fields, attributes, accessors, rows, faces, materials)
+    own = rows(positions)
+    check_finite(own, fields.where)
+    return Primitive(Mesh(name, own, faces, colour), fields.where, targets, joints, weights)
+
+
+def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> np.ndarray | None:
+    """(f, 3) indices; None for three vertices in a row."""
+    index = fields.whole("indices", None, high=len(accessors))
+    corners = None if index is None else accessors.whole(index, "SCALAR")[:, 0]
+    count = n_vertices if corners is None else len(corners)
+    if mode == TRIANGLES:
+        if count % 3:
+            raise InputError(
+                f"{fields.where} has {count} corners, no multiple of 3; export the mesh triangulated"
+            )
+        return None if corners is None else corners.reshape(-1, 3)
+    if corners is None:
+        corners = np.arange(count)
+    i = np.arange(max(count - 2, 0))
+    if mode == STRIP:
+        return np.stack([corners[i], corners[i + 1 + i % 2], corners[i + 2 - i % 2]], axis=1)
+    return np.stack([corners[i + 1], corners[i + 2], corners[i * 0]], axis=1)
+
+
+def _targets(fields: Fields, accessors: Accessors, rows) -> np.ndarray | None:
+    targets = []
+    for target in fields.objects("targets"):
+        index = target.whole("POSITION", None, high=len(accessors))
+        targets.append(None if index is None else rows(accessors.floats(index, "VEC3")))
+    moving = [t for t in targets if t is not None]
+    if not moving:
+        return None
+    for t in moving:
+        check_finite(t, f"{fields.where} morph target")
+    still = np.zeros_like(moving[0])
+    return np.stack([still if t is None else t for t in targets])
+
+
+def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple:
+    """Joints and weights of all sets (JOINTS_0, JOINTS_1, ...) side by side, weights summing to 1."""
+    joints, weights = [], []
+    for n in range(len(attributes)):
+        if f"JOINTS_{n}" not in attributes or f"WEIGHTS_{n}" not in attributes:
+            break
+        joints.append(rows(accessors.whole(attributes[f"JOINTS_{n}"], "VEC4")))
+        weights.append(rows(accessors.finite(attributes[f"WEIGHTS_{n}"], "VEC4")))
+    if not joints:
+        return None, None
+    joint, weight = np.concatenate(joints, axis=1).astype(np.int64), np.concatenate(weights, axis=1)
+    joint[weight == 0.0] = 0  # what exporters leave there means nothing
+    total = weight.sum(axis=1, keepdims=True)
+    weight[:, 0] += (total == 0.0)[:, 0]  # a vertex without weights follows its first joint
+    return joint.astype(np.int32), weight / np.where(total == 0.0, 1.0, total)
+
+
+def _colour(
+    fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials
+) -> np.ndarray:
+    """Base colour: material, times the mean of a face's vertex colours; (3,) or (f, 3) float32, linear."""
+    colour = materials.colour(fields)
+    if "COLOR_0" not in attributes:
+        return colour.astype(np.float32)
+    corners = rows(accessors.floats(attributes["COLOR_0"], "VEC3", "VEC4"))[:, :3]
+    corners = np.nan_to_num(corners[faces] if faces is not None else corners.reshape(-1, 3, 3))
+    return np.clip(corners.mean(axis=1, dtype=np.float64) * colour, 0.0, 1.0).astype(np.float32)

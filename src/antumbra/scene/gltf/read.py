@@ -1,0 +1,212 @@
+"""A glTF file as the source of a scene."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ..mesh import MeshInfo
+from ..source import Piece
+from .accessors import Accessors
+from .animation import Track, read_tracks, sample
+from .deform import Skin, check_skin, morphed, read_skins, skinned
+from .document import Document, open_document
+from .fields import Fields
+from .materials import Materials
+from .nodes import (
+    Nodes,
+    carriers,
+    check_invertible,
+    local_matrices,
+    posed,
+    read_nodes,
+    singular,
+    transformed,
+    world_matrices,
+)
+from .primitives import Primitive, read_primitive
+from .views import Views
+
+MAX_TRIANGLES = 2**31 - 1
+_BATCH = 1 << 18  # vertices of one mesh's copies evaluated at once
+
+
+class Draw(NamedTuple):
+    """A mesh at a node: what is evaluated at each time."""
+
+    node: int
+    primitives: list[Primitive]
+    weights: np.ndarray  # (t,) float64, of the morph targets, at rest
+    skin: Skin | None
+    copies: np.ndarray | None  # (k, 4, 4) float64, of EXT_mesh_gpu_instancing, within the node
+
+
+class GltfSource:
+    """Geometry, cameras and lights of a glTF file (see `antumbra.scene.source.Source`).
+
+    Faces come in the order of nodes in the file, then of primitives, then of instances.
+    """
+
+    def __init__(self, file: str, meshes: list[MeshInfo], nodes: Nodes, draws, tracks, views: Views):
+        self.file, self.meshes = file, meshes
+        self.duration = max([0.0, *(float(t.times[-1]) for t in tracks)])
+        self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
+
+    def pieces(self, time: float) -> Iterator[Piece]:
+        world, weights = self._pose(time)
+        for draw in self._draws:
+            for primitive in draw.primitives:
+                positions = morphed(primitive, weights.get(draw.node, draw.weights))
+                for vertices in _placed(positions, primitive, draw, world):
+                    yield Piece(vertices, primitive.mesh.faces, primitive.mesh.colour, primitive.where)
+
+    def cameras(self, time: float) -> list:
+        return self._views.cameras(self._pose(time)[0])
+
+    def lights(self, time: float) -> list:
+        return self._views.lights(self._pose(time)[0])
+
+    def _pose(self, time: float) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """The nodes' world matrices ((n, 4, 4)) and the animated morph weights by node."""
+        nodes, weights = self._nodes, {}
+        moved = {p: getattr(nodes, p).copy() for p in ("translation", "rotation", "scale")}
+        for track in self._tracks:
+            value = sample(track, time)
+            if track.path == "weights":
+                weights[track.node] = value
+            else:
+                moved[track.path][track.node] = value
+        return world_matrices(nodes, posed(nodes, **moved)), weights
+
+
+def read_gltf(path: Path) -> tuple[GltfSource, list[str]]:
+    """The source of a .glb or .gltf file, and notes on what was left out."""
+    document = open_document(path)
+    root, accessors, materials = document.root, Accessors(document), Materials(document)
+    nodes = read_nodes(root)
+    meshes = [_Mesh(fields, i) for i, fields in enumerate(root.objects("meshes"))]
+    held = [f.whole("mesh", None, high=len(meshes)) for f in nodes.fields]
+    draws = _draws(document, accessors, materials, nodes, meshes, held)
+    n_weights = [0 if m is None else meshes[m].n_targets for m in held]
+    tracks, notes = read_tracks(root, accessors, nodes, n_weights)
+    views = Views(root, nodes)
+    _check_size(document.file, draws)
+    _check_transforms(nodes, draws, tracks, views)
+    source = GltfSource(document.file, _info(meshes, held, draws), nodes, draws, tracks, views)
+    return source, notes + materials.notes + views.notes
+
+
+class _Mesh:
+    """A mesh of the file; its primitives are read when a node shows it."""
+
+    def __init__(self, fields: Fields, index: int):
+        self.fields = fields
+        self.name = fields.text("name", None) or f"mesh {index}"
+        self.parts = fields.objects("primitives")
+        counts = {len(p.objects("targets")) for p in self.parts}
+        if len(counts) > 1:
+            raise InputError(f"{fields.where} has primitives with different numbers of morph targets")
+        self.n_targets = counts.pop() if counts else 0
+        self._primitives: list[Primitive] | None = None
+
+    def primitives(self, accessors: Accessors, materials: Materials) -> list[Primitive]:
+        if self._primitives is None:
+            read = [read_primitive(p, self.name, accessors, materials) for p in self.parts]
+            self._primitives = [p for p in read if p is not None]
+        return self._primitives
+
+    def count(self) -> int:
+        return sum(p.triangles for p in self._primitives or ())
+
+
+def _draws(document: Document, accessors, materials, nodes: Nodes, meshes, held) -> list[Draw]:
+    skins, draws = read_skins(document.root, accessors, len(nodes.fields)), []
+    for node in np.flatnonzero(nodes.visible).tolist():
+        if held[node] is None:
+            continue
+        fields, mesh = nodes.fields[node], meshes[held[node]]
+        primitives = mesh.primitives(accessors, materials)
+        index = fields.whole("skin", None, high=len(skins))
+        skin = None if index is None else skins[index]
+        if skin is not None:
+            for primitive in primitives:
+                check_skin(primitive, skin)
+        draws.append(Draw(node, primitives, _weights(fields, mesh), skin, _copies(fields, accessors)))
+    return draws
+
+
+def _weights(node: Fields, mesh: _Mesh) -> np.ndarray:
+    """Morph weights at rest: the node's, else the mesh's, else zero."""
+    for fields in (node, mesh.fields):
+        weights = fields.numbers("weights", None, None)
+        if weights is not None and len(weights):
+            if len(weights) != mesh.n_targets:
+                raise fields.bad("weights", f"{mesh.n_targets} numbers, one for each morph target")
+            return weights
+    return np.zeros(mesh.n_targets)
+
+
+def _copies(node: Fields, accessors: Accessors) -> np.ndarray | None:
+    """Transforms of EXT_mesh_gpu_instancing ((k, 4, 4) float64)."""
+    extension = node.extension("EXT_mesh_gpu_instancing")
+    if extension is None:
+        return None
+    attributes = extension.mapping("attributes", len(accessors))
+    kinds = {"TRANSLATION": "VEC3", "ROTATION": "VEC4", "SCALE": "VEC3"}
+    values = {k: accessors.finite(attributes[k], kind) for k, kind in kinds.items() if k in attributes}
+    counts = {len(v) for v in values.values()}
+    if len(counts) != 1:
+        raise InputError(f"{extension.where} needs TRANSLATION, ROTATION or SCALE, all with the same count")
+    (k,) = counts
+    rotation = values.get("ROTATION", np.broadcast_to((0.0, 0.0, 0.0, 1.0), (k, 4)))
+    rotation = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
+    copies = local_matrices(
+        values.get("TRANSLATION", np.zeros((k, 3))), rotation, values.get("SCALE", np.ones((k, 3)))
+    )
+    flat = np.flatnonzero(singular(copies))
+    if len(flat):
+        raise InputError(
+            f"{extension.where} instance {flat[0]} has a transform without inverse; remove the instance"
+        )
+    return copies
+
+
+def _placed(
+    positions: np.ndarray, primitive: Primitive, draw: Draw, world: np.ndarray
+) -> Iterator[np.ndarray]:
+    """World positions ((k, v, 3) float64) of a primitive, a batch of copies at a time."""
+    if draw.skin is not None and primitive.joints is not None:
+        yield skinned(positions, primitive, draw.skin, world)
+        return
+    matrices = world[draw.node][None] if draw.copies is None else world[draw.node] @ draw.copies
+    batch = max(1, _BATCH // len(positions))
+    for a in range(0, len(matrices), batch):
+        yield transformed(positions, matrices[a : a + batch])
+
+
+def _info(meshes: list[_Mesh], held, draws: list[Draw]) -> list[MeshInfo]:
+    instances = [0] * len(meshes)
+    for draw in draws:
+        instances[held[draw.node]] += 1 if draw.copies is None else len(draw.copies)
+    return [MeshInfo(m.name, m.count(), n) for m, n in zip(meshes, instances) if n]
+
+
+def _check_size(file: str, draws: list[Draw]) -> None:
+    total = sum(p.triangles * (1 if d.copies is None else len(d.copies)) for d in draws for p in d.primitives)
+    if total > MAX_TRIANGLES:
+        raise InputError(f"{file}: {total} triangles with all instances; at most {MAX_TRIANGLES} fit")
+
+
+def _check_transforms(nodes: Nodes, draws, tracks: list[Track], views: Views) -> None:
+    """Transforms that show something must have an inverse at rest, unless their scale is animated."""
+    holds = np.zeros(len(nodes.fields), bool)
+    for draw in draws:
+        holds[draw.node] = draw.skin is None
+        if draw.skin is not None:
+            holds[draw.skin.joints] = True
+    holds[views.holders()] = True
+    needed = carriers(nodes, holds)
+    needed[[t.node for t in tracks if t.path == "scale"]] = False
+    check_invertible(nodes, needed)

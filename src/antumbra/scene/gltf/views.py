@@ -1,0 +1,97 @@
+"""Cameras and KHR_lights_punctual lights as nodes place them."""
+
+import numpy as np
+
+from ...errors import InputError
+from ..camera import Camera
+from ..lights import DirectionalLight, Light, PointLight
+from .fields import Fields
+from .nodes import Nodes
+
+HEIGHT = 1024  # of a camera's picture, in pixels; glTF gives only the proportions
+EXTENSION = "KHR_lights_punctual"
+
+
+class Views:
+    """The perspective cameras and the lights that a file's scene shows, in the order of their nodes."""
+
+    def __init__(self, root: Fields, nodes: Nodes):
+        self.notes: list[str] = []
+        self._nodes = nodes
+        self._cameras = self._placed_cameras(root)
+        self._lights = self._placed_lights(root)
+
+    def holders(self) -> list[int]:
+        """Nodes that hold a camera or light."""
+        return [node for node, _, _ in self._cameras] + [node for node, *_ in self._lights]
+
+    def cameras(self, world: np.ndarray) -> list[Camera]:
+        """Cameras looking along -Z of their nodes, given the nodes' world matrices."""
+        cameras = []
+        for node, vfov, width in self._cameras:
+            position, up, backward = (
+                world[node][:3, 3],
+                self._axis(world, node, 1),
+                self._axis(world, node, 2),
+            )
+            cameras.append(Camera(position, position - backward, up, vfov, width, HEIGHT))
+        return cameras
+
+    def lights(self, world: np.ndarray) -> list[Light]:
+        """Lights, shining along -Z of their nodes where they have a direction."""
+        lights: list[Light] = []
+        for node, kind, intensity, colour in self._lights:
+            if kind == "directional":
+                direction = -self._axis(world, node, 2)
+                lights.append(DirectionalLight(direction=direction, intensity=intensity, colour=colour))
+            else:
+                lights.append(PointLight(position=world[node][:3, 3], intensity=intensity, colour=colour))
+        return lights
+
+    def _axis(self, world: np.ndarray, node: int, column: int) -> np.ndarray:
+        axis = world[node][:3, column]
+        length = np.linalg.norm(axis)
+        if not 0.0 < length < np.inf:
+            raise InputError(
+                f"{self._nodes.fields[node].where} holds a camera or light but its transform is flat"
+            )
+        return axis / length
+
+    def _placed_cameras(self, root: Fields) -> list[tuple[int, float, int]]:
+        cameras, placed = root.objects("cameras"), []
+        for node in np.flatnonzero(self._nodes.visible).tolist():
+            index = self._nodes.fields[node].whole("camera", None, high=len(cameras))
+            if index is None:
+                continue
+            lens = cameras[index].object("perspective")
+            if lens is None:
+                self.notes.append(f"{cameras[index].where} is not a perspective camera; left out")
+                continue
+            vfov, aspect = np.degrees(lens.number("yfov")), lens.number("aspectRatio", 1.0)
+            if not 0.0 < vfov < 180.0:
+                raise lens.bad("yfov", "an angle between 0 and pi radians")
+            if not 1.0 / HEIGHT <= aspect <= 32.0:
+                raise lens.bad("aspectRatio", f"between 1/{HEIGHT} and 32")
+            placed.append((node, float(vfov), round(HEIGHT * aspect)))
+        return placed
+
+    def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple]]:
+        extension = root.extension(EXTENSION)
+        lights, placed = [] if extension is None else extension.objects("lights"), []
+        for node in np.flatnonzero(self._nodes.visible).tolist():
+            reference = self._nodes.fields[node].extension(EXTENSION)
+            if reference is None:
+                continue
+            light = lights[reference.whole("light", high=len(lights))]
+            kind, intensity = light.text("type"), light.number("intensity", 1.0)
+            if kind not in ("point", "directional", "spot"):
+                raise light.bad("type", "point, directional or spot")
+            if intensity < 0.0:
+                raise light.bad("intensity", "0 or more")
+            if kind == "spot":
+                self.notes.append(
+                    f"{light.where} is a spot light; taken as a point light that shines all around"
+                )
+            colour = tuple(np.maximum(light.numbers("color", 3, np.ones(3)), 0.0).tolist())
+            placed.append((node, kind, intensity, colour))
+        return placed

@@ -1,0 +1,93 @@
+"""A scene in the making: meshes and where their copies stand; counted cheaply, put together at the end."""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from .shapes import Mesh
+
+
+class Part(NamedTuple):
+    """Copies of a mesh: vertices of copy i are ``matrix[i] @ vertex + offset[i]``."""
+
+    mesh: Mesh
+    offset: np.ndarray  # (k, 3) float32
+    matrix: np.ndarray  # (k, 3, 3) float32
+    shade: np.ndarray  # (k,) uint8, added to the colour of every face
+
+    @property
+    def n_triangles(self) -> int:
+        return len(self.offset) * len(self.mesh.faces)
+
+
+def turned(angle) -> np.ndarray:
+    """(k, 3, 3) rotations about +Y by (k,) angles in radians; 90 degrees take +Z to +X."""
+    angle = np.atleast_1d(np.asarray(angle, np.float64))
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    return np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=-1).reshape(-1, 3, 3)
+
+
+def tilted(angle) -> np.ndarray:
+    """(k, 3, 3) rotations about +X by (k,) angles in radians; 90 degrees take +Y to +Z."""
+    angle = np.atleast_1d(np.asarray(angle, np.float64))
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(-1, 3, 3)
+
+
+def put(mesh: Mesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0) -> Part:
+    """Copies of a mesh at (k, 3) places: scaled ((k,) or (k, 3)), tilted about X, then turned about Y (radians)."""
+    offset = np.atleast_2d(np.asarray(at, np.float32))
+    k = len(offset)
+    matrix = turned(turn)
+    if tilt is not None:
+        matrix = matrix @ tilted(tilt)
+    scale = np.asarray(scale, np.float64)
+    if scale.ndim == 1:
+        scale = scale[:, None, None]
+    elif scale.ndim == 2:
+        scale = scale[:, None, :]
+    matrix = np.broadcast_to((matrix * scale).astype(np.float32), (k, 3, 3))
+    return Part(mesh, offset, matrix, np.broadcast_to(np.asarray(shade, np.uint8), (k,)))
+
+
+def count(parts: Iterable[Part]) -> int:
+    """How many triangles the parts have, without making them."""
+    return sum(part.n_triangles for part in parts)
+
+
+def assemble(parts: Iterable[Part]) -> Mesh:
+    """All copies of all parts as one mesh."""
+    parts = [part for part in parts if part.n_triangles]
+    n_vertices = sum(len(part.offset) * len(part.mesh.vertices) for part in parts)
+    vertices = np.empty((n_vertices, 3), np.float32)
+    faces = np.empty((count(parts), 3), np.int32)
+    colour = np.empty(len(faces), np.uint8)
+    v = f = 0
+    for part in parts:
+        k, m, n = len(part.offset), len(part.mesh.vertices), len(part.mesh.faces)
+        moved = vertices[v : v + k * m].reshape(k, m, 3)
+        np.matmul(part.mesh.vertices, part.matrix.transpose(0, 2, 1), out=moved)
+        moved += part.offset[:, None]
+        starts = np.arange(v, v + k * m, m, dtype=np.int32)[:, None, None]
+        np.add(part.mesh.faces, starts, out=faces[f : f + k * n].reshape(k, n, 3))
+        np.add(part.mesh.colour, part.shade[:, None], out=colour[f : f + k * n].reshape(k, n))
+        v, f = v + k * m, f + k * n
+    return Mesh(vertices, faces, colour)
+
+
+def fitted(build: Callable[[float], list[Part]], triangles: int, detail: float) -> list[Part]:
+    """`build(detail)` with the detail at which it has just under `triangles` triangles, found from a first guess.
+
+    Triangles are taken to grow with the square of the detail, which is what tessellation does.
+    """
+    best: list[Part] = []
+    for _ in range(8):
+        parts = build(detail)
+        n = count(parts)
+        if n <= triangles and n > count(best):
+            best = parts
+        if 0.93 * triangles <= n <= triangles:
+            break
+        detail *= np.sqrt(0.97 * triangles / n)
+    return best or parts

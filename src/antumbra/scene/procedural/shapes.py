@@ -1,0 +1,256 @@
+"""Small closed meshes from grids of points. Faces turn counter-clockwise seen from outside; +Y is up."""
+
+from functools import lru_cache
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Mesh(NamedTuple):
+    """Indexed triangles."""
+
+    vertices: np.ndarray  # (v, 3) float32, metres
+    faces: np.ndarray  # (f, 3) int32
+    colour: np.ndarray  # (f,) uint8, row of the palette
+
+
+def steps(number: float, detail: float, least: int = 1) -> int:
+    """A tessellation count that is `number` at detail 1 and grows with it."""
+    return max(least, round(number * detail))
+
+
+def merge(*meshes: Mesh) -> Mesh:
+    """Several meshes as one."""
+    starts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]], dtype=np.int32)
+    return Mesh(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.faces + start for m, start in zip(meshes, starts)]),
+        np.concatenate([m.colour for m in meshes]),
+    )
+
+
+def outward(mesh: Mesh) -> Mesh:
+    """A closed mesh with its faces turned the right way: positive volume."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) - mesh.vertices[0] for i in range(3))
+    if np.sum(np.cross(a, b) * c) < 0.0:
+        return mesh._replace(faces=mesh.faces[:, ::-1])
+    return mesh
+
+
+def _split(index: np.ndarray, flip: np.ndarray | None = None) -> np.ndarray:
+    """Two triangles for each cell of an array of vertex indices; `flip` chooses the other diagonal."""
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    pairs = np.stack([a, b, c, a, c, d], axis=-1)
+    if flip is not None:
+        pairs = np.where(flip[..., None], np.stack([a, b, d, b, c, d], axis=-1), pairs)
+    return pairs.reshape(-1, 3)
+
+
+def _colours(colour, n: int) -> np.ndarray:
+    """`colour`, one or per cell, as (n,) uint8."""
+    colour = np.asarray(colour, np.uint8).reshape(-1)
+    return np.repeat(colour, n // len(colour))
+
+
+def grid(points, colour=0, flip=None) -> Mesh:
+    """An open surface through (m, n, 3) points, facing (along n) x (along m); colour one or (m-1, n-1)."""
+    points = np.asarray(points, np.float32)
+    index = np.arange(points.shape[0] * points.shape[1], dtype=np.int32).reshape(points.shape[:2])
+    faces = _split(index, flip)
+    return Mesh(points.reshape(-1, 3), faces, _colours(colour, len(faces)))
+
+
+def heightfield(x, z, height, colour=0) -> Mesh:
+    """An open surface (x[i], height[i, j], z[j]) that faces up."""
+    points = np.empty((len(x), len(z), 3), np.float32)
+    points[..., 0], points[..., 1], points[..., 2] = np.asarray(x)[:, None], height, z
+    return grid(points, colour)
+
+
+@lru_cache(maxsize=64)
+def _rim(m: int, n: int) -> np.ndarray:
+    """The boundary vertices of an m x n grid, in the direction in which its faces pass them."""
+    index = np.arange(m * n, dtype=np.int32).reshape(m, n)
+    return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
+
+
+def shell(front, back, colour=0, rim_colour=None) -> Mesh:
+    """The solid between two (m, n, 3) grids of points."""
+    front, back = np.asarray(front, np.float32), np.asarray(back, np.float32)
+    m, n = front.shape[:2]
+    index = np.arange(m * n, dtype=np.int32).reshape(m, n)
+    near, rim = _split(index), _rim(m, n)
+    wall = _split(np.stack([np.append(rim, rim[0]), np.append(rim, rim[0]) + m * n])[::-1].astype(np.int32))
+    faces = np.concatenate([near, near[:, ::-1] + m * n, wall])
+    cells = _colours(colour, len(near))
+    edge = _colours(cells[0] if rim_colour is None else rim_colour, len(wall))
+    vertices = np.concatenate([front.reshape(-1, 3), back.reshape(-1, 3)])
+    return outward(Mesh(vertices, faces, np.concatenate([cells, cells, edge])))
+
+
+def block(points, level: float, colour=0) -> Mesh:
+    """The solid between a surface of (m, n, 3) points and the horizontal plane at height `level`."""
+    top = grid(points, colour)
+    m, n = np.asarray(points).shape[:2]
+    rim = _rim(m, n)
+    foot = top.vertices[rim] * np.float32([1, 0, 1]) + np.float32([0, level, 0])
+    under = np.arange(m * n, m * n + len(rim), dtype=np.int32)
+    wall = _split(np.stack([np.append(under, under[0]), np.append(rim, rim[0])]))
+    cap = np.stack([np.full_like(under, m * n + len(rim)), np.roll(under, -1), under], axis=1)
+    return outward(
+        Mesh(
+            np.concatenate([top.vertices, foot, foot.mean(axis=0, keepdims=True)]),
+            np.concatenate([top.faces, wall, cap]),
+            np.concatenate([top.colour, _colours(top.colour[0], len(wall) + len(cap))]),
+        )
+    )
+
+
+@lru_cache(maxsize=256)
+def _loft_faces(n: int, k: int, closed: bool) -> np.ndarray:
+    index = np.arange(n * k, dtype=np.int32).reshape(n, k)
+    index = np.concatenate([index, index[:, :1]], axis=1)
+    if closed:
+        return _split(np.concatenate([index, index[:1]]))
+    fan = np.stack([np.zeros(k - 2, np.int32), np.arange(1, k - 1), np.arange(2, k)], axis=1)
+    return np.concatenate([_split(index), fan[:, ::-1], fan + (n - 1) * k]).astype(np.int32)
+
+
+def lofts(sections, colour=0, closed=False) -> Mesh:
+    """Solids through (c, n, k, 3) sections: c bodies of n loops of k points, in one mesh.
+
+    Seen from the last section the loops turn counter-clockwise. Ends are capped by a fan, so the end loops must be
+    convex; `closed` joins the last loop to the first. colour: one, or one for each body.
+    """
+    sections = np.asarray(sections, np.float32)
+    c, n, k = sections.shape[:3]
+    one = _loft_faces(n, k, closed)
+    faces = (one + np.arange(0, c * n * k, n * k, dtype=np.int32)[:, None, None]).reshape(-1, 3)
+    return Mesh(sections.reshape(-1, 3), faces, _colours(colour, len(faces)))
+
+
+def loft(sections, colour=0, closed=False) -> Mesh:
+    """The solid through (n, k, 3) sections, whichever way they turn; see `lofts`."""
+    return outward(lofts(np.asarray(sections)[None], colour, closed))
+
+
+def revolve(profile, segments: int, colour=0, scale=None) -> Mesh:
+    """A solid of revolution about +Y through (k, 2) points (radius, height); its ends are closed on the axis.
+
+    scale : (k, segments), optional
+        Factors of the radius, for flutes and ribs.
+    """
+    profile = np.asarray(profile, np.float32)
+    ring = profile[:, 0] > 0.0
+    angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
+    radius = profile[:, :1] if scale is None else profile[:, :1] * scale
+    points = np.empty((len(profile), segments, 3), np.float32)
+    points[..., 0], points[..., 2] = radius * np.cos(angle), -radius * np.sin(angle)
+    points[..., 1] = profile[:, 1:]
+    points = points[ring]
+    n, k = points.shape[:2]
+    index = np.arange(n * k, dtype=np.int32).reshape(n, k)
+    index = np.concatenate([index, index[:, :1]], axis=1)
+    poles = np.array([[0, profile[0, 1], 0], [0, profile[-1, 1], 0]], np.float32)
+    low, high = (np.full(k, n * k + i, np.int32) for i in range(2))
+    bottom = np.stack([low, index[0, 1:], index[0, :-1]], axis=1)
+    top = np.stack([high, index[-1, :-1], index[-1, 1:]], axis=1)
+    faces = np.concatenate([_split(index), bottom, top])
+    return Mesh(np.concatenate([points.reshape(-1, 3), poles]), faces, _colours(colour, len(faces)))
+
+
+_SIGNS = np.array(list(product((-1, 1), repeat=3)), np.int32)  # corner = 4 [x > 0] + 2 [y > 0] + [z > 0]
+
+
+def _hull(polygons, points) -> np.ndarray:
+    """Fans over planar convex polygons around the origin, turned outward."""
+    faces = []
+    for p in polygons:
+        normal = np.cross(points[p[1]] - points[p[0]], points[p[2]] - points[p[0]])
+        p = p if normal @ points[p].mean(axis=0) > 0 else p[::-1]
+        faces += [(p[0], p[i], p[i + 1]) for i in range(1, len(p) - 1)]
+    return np.array(faces, np.int32)
+
+
+def _corner(signs) -> int:
+    return int((np.array(signs) > 0) @ np.array([4, 2, 1]))
+
+
+def _box_faces(bevelled: bool) -> np.ndarray:
+    """Faces of a box; bevelled, corner c has three vertices 3 c + axis, each lying in the face of that axis."""
+    per = 3 if bevelled else 1
+    points = np.repeat(_SIGNS.astype(float), per, axis=0)
+    if bevelled:
+        points *= np.tile(0.5 + 0.5 * np.eye(3), (8, 1))
+    polygons = []
+    for axis, side in product(range(3), (-1, 1)):
+        loop = [np.insert(uv, axis, side) for uv in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
+        polygons.append([per * _corner(s) + axis % per for s in loop])
+    if bevelled:
+        polygons += [[3 * c, 3 * c + 1, 3 * c + 2] for c in range(8)]
+        for axis, side in product(range(3), product((-1, 1), repeat=2)):
+            a, b = (3 * _corner(np.insert(side, axis, end)) for end in (-1, 1))
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            polygons.append([a + i, a + j, b + j, b + i])
+    return _hull(polygons, points)
+
+
+_BOX, _BEVELLED = _box_faces(False), _box_faces(True)
+
+
+def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> Mesh:
+    """A box of `size` (3,) around `centre`; bevelled by `bevel` metres: 12 or 44 triangles."""
+    half = np.asarray(size, np.float64) / 2.0
+    if bevel > 0.0:
+        inset = half - np.minimum(bevel, 0.45 * half) * (1.0 - np.eye(3))
+        vertices, faces = (_SIGNS[:, None] * inset).reshape(-1, 3), _BEVELLED
+    else:
+        vertices, faces = _SIGNS * half, _BOX
+    return Mesh((vertices + centre).astype(np.float32), faces, _colours(colour, len(faces)))
+
+
+def boxes(sizes, centres, colour=0) -> Mesh:
+    """Plain boxes of (k, 3) sizes around (k, 3) centres; one colour, or one for each."""
+    sizes, centres = np.broadcast_arrays(np.asarray(sizes, np.float32), np.asarray(centres, np.float32))
+    vertices = _SIGNS.astype(np.float32) * (sizes[:, None] / 2) + centres[:, None]
+    faces = _BOX + np.arange(0, 8 * len(sizes), 8, dtype=np.int32)[:, None, None]
+    return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), _colours(colour, 12 * len(sizes)))
+
+
+def arc(centre, radius, start: float, end: float, n: int) -> np.ndarray:
+    """(n + 1, 2) points of an arc around `centre`, angles in degrees; radius: one or (2,)."""
+    angle = np.radians(np.linspace(start, end, n + 1))
+    return np.asarray(centre) + np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
+
+
+def prism(lower, upper, depth: float, colour=0) -> Mesh:
+    """The solid between two polylines (n, 2) in the x-y plane, `depth` thick in z around 0."""
+    flat = np.stack([np.asarray(lower, np.float32), np.asarray(upper, np.float32)])
+    z = np.full((*flat.shape[:2], 1), depth / 2, np.float32)
+    return shell(np.concatenate([flat, z], axis=-1), np.concatenate([flat, -z], axis=-1), colour)
+
+
+def frame_ring(profile, half_x: float, half_z: float, colour=0) -> Mesh:
+    """A moulding around a rectangle, mitred: a closed (k, 2) profile of (outward offset, height)."""
+    profile = np.asarray(profile, np.float32)
+    sx, sz = np.array([1, 1, -1, -1])[:, None], np.array([1, -1, -1, 1])[:, None]
+    out, y = profile[:, 0], np.broadcast_to(profile[:, 1], (4, len(profile)))
+    points = np.stack([sx * (half_x + out), y, sz * (half_z + out)], axis=-1)
+    return loft(points, colour, closed=True)
+
+
+def tubes(paths, radii, sides: int, colour=0) -> Mesh:
+    """Round bars along (c, n, 3) paths with (c, n) or (n,) radii > 0; closed."""
+    paths = np.asarray(paths, np.float64)
+    tangent = np.gradient(paths, axis=1)
+    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
+    overall = paths[:, -1] - paths[:, 0]
+    across = np.where(np.abs(overall[:, 1:2]) > np.linalg.norm(overall, axis=1, keepdims=True) * 0.7, 0, 1)
+    reference = np.stack([1.0 - across, across, across * 0.0], axis=-1)
+    u = np.cross(reference, tangent)
+    u /= np.linalg.norm(u, axis=-1, keepdims=True)
+    v = np.cross(tangent, u)
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[:, None]
+    ring = np.cos(angle) * u[:, :, None] + np.sin(angle) * v[:, :, None]
+    return lofts(paths[:, :, None] + np.asarray(radii)[..., None, None] * ring, colour)

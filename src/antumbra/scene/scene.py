@@ -1,0 +1,209 @@
+"""A scene: triangles, cameras and lights as a function of time."""
+
+import numpy as np
+
+from ..errors import InputError
+from . import framing
+from .camera import Camera
+from .mesh import MeshInfo, make_mesh
+from .recentre import MAX_EXTENT, frame_origin, recentred
+from .source import Piece, Source, StaticMeshes
+from .triangles import Triangles
+
+_BLOCK = 1 << 16  # faces gathered at once, so that temporaries stay in the cache
+
+
+class Scene:
+    """Triangles, cameras and lights in world space, at any time between 0 and `duration`.
+
+    Made by `antumbra.load`, `antumbra.procedural` or `Scene.from_arrays`. Coordinates are evaluated in
+    float64, recentred, and only then rounded to float32: world position = vertex + `origin`.
+
+    The origin belongs to the scene and is the same at every time. On each axis it is
+    ``lower + round(((upper - lower) / 2) / g) * g`` in float64, with the bounds at time 0 and
+    ``g = 2**(floor(log2(widest extent)) - 20)``: about the middle, and such that moving the whole scene by an
+    offset that float64 adds exactly (a map grid's 5e6 m) leaves the float32 vertices the same bits.
+
+    Attributes
+    ----------
+    name : str
+    up : "y" or "z"
+        Which axis points up; `default_camera` and `default_light` follow it, coordinates stay as they are.
+    duration : float
+        Length of the animation in seconds; 0.0 where nothing moves.
+    n_triangles : int
+    bounds : (2, 3) float64, world
+        Lowest and highest corner at time 0.
+    origin : (3,) float64, world
+        Zero of the frame of the triangles.
+    colours : (n, 3) float32
+        Linear base colour of each face, in [0, 1]. Shared with the `Triangles`: do not write to it.
+    meshes : list of MeshInfo
+        Name, triangles and instances of each mesh.
+    notes : tuple of str
+        What the loader left out, or took differently from what the file may have meant.
+    """
+
+    def __init__(self, source: Source, *, name: str = "scene", up: str = "y", notes: tuple[str, ...] = ()):
+        self.name, self.up, self.notes = name, checked_up(up), tuple(notes)
+        self.duration = float(source.duration)
+        self.meshes: list[MeshInfo] = source.meshes
+        self._source = source
+        self.bounds, self.colours = _survey(source)
+        self.origin = frame_origin(*self.bounds)
+        self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
+
+    @classmethod
+    def from_arrays(cls, vertices, faces=None, colours=None, *, name="arrays", up="y") -> "Scene":
+        """A static scene from arrays.
+
+        Parameters
+        ----------
+        vertices : (v, 3) float, world
+            Or an (n, 3, 3) soup of triangles, with `faces` None. Any float or integer dtype.
+        faces : (f, 3) int, optional
+            Indices of vertices. None: three vertices in a row are a face.
+        colours : (3,) or (f, 3) float, optional
+            Linear base colour of the scene or of each face, in [0, 1]; white by default.
+
+        Raises
+        ------
+        InputError
+            On wrong shapes or dtypes, NaN or infinite vertices, indices out of range, or no triangles.
+        """
+        positions, indices = _as_positions(vertices, name), None
+        if faces is not None:
+            if positions.ndim == 3:
+                raise InputError(f"{name}: vertices are a triangle soup (n, 3, 3); leave faces out")
+            indices = np.asarray(faces)
+        elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
+            raise InputError(f"{name}: {len(positions)} vertices are no multiple of 3; give faces")
+        mesh = make_mesh(name, positions.reshape(-1, 3), indices, colours, name)
+        return cls(StaticMeshes([mesh], name), name=name, up=up)
+
+    @property
+    def n_triangles(self) -> int:
+        return len(self.colours)
+
+    @property
+    def animated(self) -> bool:
+        """Whether anything can change between time 0 and `duration`."""
+        return self.duration > 0.0
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """The perspective cameras of the file at time 0, 1024 pixels high."""
+        return list(self._cameras)
+
+    @property
+    def lights(self) -> list:
+        """The lights of the file (KHR_lights_punctual) at time 0."""
+        return list(self._lights)
+
+    def triangles(self, time: float = 0.0) -> Triangles:
+        """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
+
+        Raises
+        ------
+        InputError
+            When the time is not a number, or the animation moves vertices to infinity.
+        """
+        time = self._clamped(time)
+        vertices = np.empty((self.n_triangles, 3, 3), np.float32)
+        start = 0
+        with np.errstate(all="ignore"):
+            for piece in self._source.pieces(time):
+                start += _gather(piece, self.origin, vertices[start:])
+        face_id = np.arange(self.n_triangles, dtype=np.int32)
+        return Triangles(vertices, self.origin.copy(), face_id, self.colours)
+
+    def camera(self, index: int = 0, time: float = 0.0) -> Camera:
+        """Camera `index` of the file as it is at `time`."""
+        if not 0 <= index < len(self._cameras):
+            raise InputError(f"{self.name}: there is no camera {index}; the scene has {len(self._cameras)}")
+        return self._source.cameras(self._clamped(time))[index]
+
+    def light(self, index: int = 0, time: float = 0.0):
+        """Light `index` of the file as it is at `time`."""
+        if not 0 <= index < len(self._lights):
+            raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
+        return self._source.lights(self._clamped(time))[index]
+
+    def default_camera(self, width: int = 1024, height: int = 1024) -> Camera:
+        """Three-quarter view from a little above, with the bounding sphere of the scene in view."""
+        return framing.default_camera(self.bounds, self.up, width, height)
+
+    def default_light(self):
+        """A `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
+        return framing.default_light(self.bounds, self.up)
+
+    def _clamped(self, time) -> float:
+        try:
+            time = float(time)
+        except (TypeError, ValueError):
+            time = np.nan
+        if np.isnan(time):
+            raise InputError(f"{self.name}: time must be a number of seconds from 0 to {self.duration:g}")
+        return min(max(time, 0.0), self.duration)
+
+    def __repr__(self) -> str:
+        moving = f", duration={self.duration:g}" if self.animated else ""
+        return f"Scene({self.name!r}, {self.n_triangles} triangles{moving}, up={self.up!r})"
+
+
+def checked_up(up: str) -> str:
+    if up not in ("y", "z"):
+        raise InputError(f'up is {up!r}; it must be "y" or "z"')
+    return up
+
+
+def _survey(source: Source) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0."""
+    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+    colours = [np.empty((0, 3), np.float32)]
+    for piece in source.pieces(0.0):
+        copies, n_vertices = piece.vertices.shape[:2]
+        faces = n_vertices // 3 if piece.faces is None else len(piece.faces)
+        colours.append(np.broadcast_to(piece.colour, (copies, faces, 3)).reshape(-1, 3))
+        if faces and copies:
+            lower = np.minimum(lower, piece.vertices.min(axis=(0, 1)))  # NaN stays, and fails below
+            upper = np.maximum(upper, piece.vertices.max(axis=(0, 1)))
+    n = sum(map(len, colours))
+    if n == 0:
+        raise InputError(f"{source.file}: no triangles; export the scene with its meshes triangulated")
+    if not (upper - lower <= MAX_EXTENT).all():
+        raise InputError(
+            f"{source.file}: the scene reaches from {lower.tolist()} to {upper.tolist()}; "
+            f"it must be finite and at most {MAX_EXTENT:g} units wide"
+        )
+    return np.stack([lower, upper]), np.concatenate(colours)
+
+
+def _gather(piece: Piece, origin: np.ndarray, out: np.ndarray) -> int:
+    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32); how many there were."""
+    local = recentred(piece.vertices, origin, piece.where)
+    copies, n_vertices = local.shape[:2]
+    if piece.faces is None:
+        count = copies * n_vertices // 3
+        out[:count] = local.reshape(-1, 3, 3)
+        return count
+    n = len(piece.faces)
+    rows = out[: copies * n].reshape(copies, n, 3, 3)
+    for a in range(0, n, _BLOCK):
+        rows[:, a : a + _BLOCK] = np.take(local, piece.faces[a : a + _BLOCK], axis=1)
+    return copies * n
+
+
+def _as_positions(vertices, name: str) -> np.ndarray:
+    """`vertices` as (v, 3) or (n, 3, 3) floating point: float32 where that holds them, else float64."""
+    try:
+        positions = np.asarray(vertices)
+    except (TypeError, ValueError):
+        positions = np.asarray(None)
+    if positions.dtype.kind not in "fiu" or positions.shape[-1:] != (3,) or positions.ndim not in (2, 3):
+        raise InputError(
+            f"{name}: vertices must be numbers, (v, 3) or (n, 3, 3), not {positions.dtype} {positions.shape}"
+        )
+    if positions.ndim == 3 and positions.shape[1] != 3:
+        raise InputError(f"{name}: a triangle soup has shape (n, 3, 3), not {positions.shape}")
+    return positions.astype(np.float32 if positions.dtype in (np.float16, np.float32) else np.float64)

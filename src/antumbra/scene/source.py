@@ -1,0 +1,55 @@
+"""What a `Scene` asks of the geometry behind it, and the simplest such source: meshes that never move."""
+
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from .mesh import Mesh, MeshInfo, n_faces
+
+
+class Piece(NamedTuple):
+    """Part of a scene at one moment: `k` copies of a mesh, in world space."""
+
+    vertices: np.ndarray  # (k, v, 3) float64, world
+    faces: np.ndarray | None  # (f, 3) int32; None: three vertices in a row are a face
+    colour: np.ndarray  # (3,) or (f, 3) float32, linear
+    where: str  # what errors call it
+
+
+class Source(Protocol):
+    """Geometry, cameras and lights as a function of time in seconds, 0 <= time <= duration."""
+
+    file: str  # what errors call it
+    duration: float
+    meshes: list[MeshInfo]
+
+    def pieces(self, time: float) -> Iterator[Piece]:
+        """The pieces, in an order and with faces that are the same at every time."""
+        ...
+
+    def cameras(self, time: float) -> list: ...
+
+    def lights(self, time: float) -> list: ...
+
+
+class StaticMeshes:
+    """Meshes whose own frame is the world's."""
+
+    duration = 0.0
+
+    def __init__(self, meshes: list[Mesh], file: str):
+        self._meshes = meshes
+        self.file = file
+        self.meshes = [MeshInfo(m.name, n_faces(m.positions, m.faces), 1) for m in meshes]
+
+    def pieces(self, time: float) -> Iterator[Piece]:
+        for mesh in self._meshes:
+            vertices = mesh.positions[None].astype(np.float64)
+            yield Piece(vertices, mesh.faces, mesh.colour, f'{self.file}: mesh "{mesh.name}"')
+
+    def cameras(self, time: float) -> list:
+        return []
+
+    def lights(self, time: float) -> list:
+        return []

@@ -1,0 +1,217 @@
+"""Vectors and scalars from and to memory: arrays, raw pointers, memory on the stack. No bound is checked.
+
+`a` is a C-contiguous array of any number of dimensions, or a pointer from `ptr`, `ptr_at`, `as_f32`,
+`as_i32` or `stack_*`; `i` counts its elements from the first one. A negative `i` is an address before the
+first element: it does not wrap around.
+"""
+
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+from antumbra.simd.vectors import I32, Vector, call_llvm, llvm_type, reject, repeat
+
+_STACK_ALIGNMENT = 64  # bytes: one cache line, one AVX-512 register
+
+
+def _check(function, a, i=types.int64, writes=False):
+    """Reject what is not (array or pointer, integer)."""
+    if isinstance(a, types.Array):
+        if a.layout != "C":
+            reject(function, a, cure="pass a C-contiguous array (numpy.ascontiguousarray)")
+        if writes and not a.mutable:
+            reject(function, a, cure="the array is read-only: pass a writeable one")
+    elif not isinstance(a, types.CPointer):
+        reject(function, a, cure="the first argument must be an array or a pointer")
+    if not isinstance(i, types.Integer):
+        reject(function, a, i, cure="the index must be an integer")
+
+
+def _first(context, builder, a, value):
+    """Pointer to the first element."""
+    return context.make_array(a)(context, builder, value).data if isinstance(a, types.Array) else value
+
+
+def _address(context, builder, sig, values):
+    """Pointer to element `i`, for a signature that starts with (a, i)."""
+    index = context.cast(builder, values[1], sig.args[1], types.int64)
+    return builder.gep(_first(context, builder, sig.args[0], values[0]), [index])
+
+
+def _vector_of(function, a, lanes):
+    """The vector type that `a`'s elements fill."""
+    if a.dtype not in (types.float32, types.int32):
+        reject(function, a, cure="elements must be float32 or int32 (as_i32 or as_f32 reads others' bits)")
+    return Vector(a.dtype, lanes)
+
+
+def _make_load(lanes):
+    @intrinsic
+    def load(typingctx, a, i):
+        """Elements i, i + 1, ... of `a`, one per lane; any alignment."""
+        _check(f"load{lanes}", a, i)
+        vector = _vector_of(f"load{lanes}", a, lanes)
+
+        def codegen(context, builder, sig, values):
+            pointer = _address(context, builder, sig, values)
+            return builder.load(builder.bitcast(pointer, llvm_type(vector).as_pointer()), align=4)
+
+        return vector(a, i), codegen
+
+    return load
+
+
+def _make_broadcast(lanes):
+    @intrinsic
+    def broadcast(typingctx, a, i):
+        """Element i of `a` in every lane."""
+        _check(f"broadcast{lanes}", a, i)
+        vector = _vector_of(f"broadcast{lanes}", a, lanes)
+
+        def codegen(context, builder, sig, values):
+            return repeat(builder, builder.load(_address(context, builder, sig, values)), lanes)
+
+        return vector(a, i), codegen
+
+    return broadcast
+
+
+load4, load8, load16 = (_make_load(lanes) for lanes in (4, 8, 16))
+broadcast4, broadcast8, broadcast16 = (_make_broadcast(lanes) for lanes in (4, 8, 16))
+
+
+@intrinsic
+def store(typingctx, a, i, v):
+    """Write the lanes of `v` to elements i, i + 1, ... of `a`; any alignment."""
+    _check("store", a, i, writes=True)
+    if not isinstance(v, Vector) or v.element != a.dtype:
+        reject(
+            "store", a, i, v, cure="the value must be a vector of the array's own element type, f32 or i32"
+        )
+
+    def codegen(context, builder, sig, values):
+        pointer = _address(context, builder, sig, values)
+        builder.store(values[2], builder.bitcast(pointer, llvm_type(v).as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(a, i, v), codegen
+
+
+@intrinsic
+def get(typingctx, p, i):
+    """Element i of `p`, a scalar, without the test for a negative index that ``p[i]`` makes."""
+    _check("get", p, i)
+
+    def codegen(context, builder, sig, values):
+        return context.unpack_value(builder, p.dtype, _address(context, builder, sig, values))
+
+    return p.dtype(p, i), codegen
+
+
+@intrinsic
+def put(typingctx, p, i, x):
+    """Write the scalar `x`, converted to the element type, to element i of `p`."""
+    _check("put", p, i, writes=True)
+    if not isinstance(x, (types.Number, types.Boolean)):
+        reject("put", p, i, x, cure="the value must be a number")
+
+    def codegen(context, builder, sig, values):
+        value = context.cast(builder, values[2], x, p.dtype)
+        context.pack_value(builder, p.dtype, value, _address(context, builder, sig, values))
+        return context.get_dummy_value()
+
+    return types.void(p, i, x), codegen
+
+
+@intrinsic
+def ptr(typingctx, array):
+    """Pointer to the first element; does not keep the array alive."""
+    _check("ptr", array)
+
+    def codegen(context, builder, sig, values):
+        return _first(context, builder, array, values[0])
+
+    return types.CPointer(array.dtype)(array), codegen
+
+
+@intrinsic
+def ptr_at(typingctx, a, i):
+    """Pointer to element i; does not keep the array alive."""
+    _check("ptr_at", a, i)
+    return types.CPointer(a.dtype)(a, i), _address
+
+
+def _make_cast(name, element):
+    @intrinsic
+    def cast(typingctx, p):
+        """The same address, its bits seen as another element type."""
+        _check(name, p)
+
+        def codegen(context, builder, sig, values):
+            pointer = context.get_data_type(element).as_pointer()
+            return builder.bitcast(_first(context, builder, p, values[0]), pointer)
+
+        return types.CPointer(element)(p), codegen
+
+    return cast
+
+
+as_f32 = _make_cast("as_f32", types.float32)
+as_i32 = _make_cast("as_i32", types.int32)
+
+
+def _make_stack(name, element):
+    @intrinsic(prefer_literal=True)
+    def stack(typingctx, n):
+        """`n` elements (a literal or a module constant) of this function's own stack, aligned to 64 bytes."""
+        if not isinstance(n, types.IntegerLiteral) or n.literal_value < 1:
+            reject(name, n, cure="the size must be a positive literal or a module-level constant")
+
+        def codegen(context, builder, sig, values):
+            # Not cgutils.alloca_once: that clears the memory on every entry to the function.
+            with builder.goto_entry_block():
+                memory = builder.alloca(
+                    ir.ArrayType(context.get_data_type(element), n.literal_value), name=name
+                )
+            memory.align = _STACK_ALIGNMENT
+            return builder.bitcast(memory, context.get_data_type(element).as_pointer())
+
+        return types.CPointer(element)(n), codegen
+
+    return stack
+
+
+stack_f32 = _make_stack("stack_f32", types.float32)
+stack_i32 = _make_stack("stack_i32", types.int32)
+stack_i64 = _make_stack("stack_i64", types.int64)
+
+
+@intrinsic
+def prefetch(typingctx, p, i):
+    """Ask for the cache line of element i; any address will do, even one outside the array."""
+    _check("prefetch", p, i)
+
+    def codegen(context, builder, sig, values):
+        pointer = builder.bitcast(_address(context, builder, sig, values), ir.IntType(8).as_pointer())
+        read, keep_in_all_levels, data = I32(0), I32(3), I32(1)
+        call_llvm(builder, "llvm.prefetch.p0", ir.VoidType(), [pointer, read, keep_in_all_levels, data])
+        return context.get_dummy_value()
+
+    return types.void(p, i), codegen
+
+
+@intrinsic
+def atomic_add(typingctx, a, i, x):
+    """Add `x` to element i of an int64 array, undivided among threads; the element's old value.
+
+    Orders nothing else: other memory written before it may be seen late by the other threads.
+    """
+    _check("atomic_add", a, i, writes=True)
+    if a.dtype != types.int64 or not isinstance(x, types.Integer):
+        reject("atomic_add", a, i, x, cure="needs an int64 array or pointer, an index and an integer")
+
+    def codegen(context, builder, sig, values):
+        amount = context.cast(builder, values[2], x, types.int64)
+        return builder.atomic_rmw("add", _address(context, builder, sig, values), amount, "monotonic")
+
+    return types.int64(a, i, x), codegen

@@ -1,0 +1,96 @@
+"""Kernels are compiled before anything is timed, once for each machine, and the user is told."""
+
+import sys
+from collections.abc import Callable, Iterable
+from functools import cache
+
+import numpy as np
+
+from .jit import CACHE_DIR
+
+
+def tell(line: str) -> None:
+    """Where the line about compiling goes: standard error."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def _marker(name: str):
+    from llvmlite import binding
+
+    return CACHE_DIR / "compiled" / f"{name}-{binding.get_host_cpu_name()}"
+
+
+def _once(name: str, work: Callable[[], None], say: Callable[[str], None]) -> None:
+    """Do `work`, which makes Numba compile or load kernels; say so if they have not been compiled here before."""
+    marker = _marker(name)
+    known = marker.exists()
+    if not known:
+        say(f"antumbra: compiling the kernels of {name} for this machine (once; up to a minute) ...")
+    work()
+    if not known:
+        try:
+            marker.parent.mkdir(parents=True, exist_ok=True)
+            marker.touch()
+        except OSError:
+            say(
+                f"antumbra: {CACHE_DIR} cannot be written, so kernels are compiled each time; set NUMBA_CACHE_DIR"
+            )
+
+
+@cache
+def warm_up(plan, gbuffer: str, counters: bool) -> None:
+    """Compile, or load from the cache, all kernels that rendering by this plan calls: by rendering two triangles."""
+    _once(
+        f"{plan} ({gbuffer}{', counted' if counters else ''})",
+        lambda: _render_tiny(plan, gbuffer, counters),
+        tell,
+    )
+
+
+@cache
+def warm_up_rays() -> None:
+    """The same for `Scene.occluded` and `Scene.closest_hit`."""
+
+    def work():
+        from .queries import trace_list
+        from .query.rays import ray_list
+
+        trace_list(
+            _tiny_scene(),
+            ray_list(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0],
+            True,
+            0.0,
+            1,
+        )
+
+    _once("ray queries", work, tell)
+
+
+def _tiny_scene():
+    from .scene.scene import Scene
+
+    return Scene.from_arrays(
+        np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]), np.array([[0, 1, 2], [0, 2, 3]])
+    )
+
+
+def _render_tiny(plan, gbuffer, counters):
+    from . import renderer
+    from .query.sampling import sample_sets
+    from .scene.camera import Camera
+    from .scene.lights import PointLight
+
+    work = renderer.Renderer(_tiny_scene(), plan, 1, gbuffer)
+    camera = Camera((0, 2, 3), (0, 0, 0), width=8, height=8)
+    work.frame(camera, [PointLight((0, 2, 0))], sample_sets(1), counters=counters)
+
+
+def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
+    """(name, function that compiles) of everything the given plans need, for `antumbra warmup`."""
+    work: list[tuple[str, Callable[[], None]]] = [("ray queries", warm_up_rays)]
+    for plan in plans:
+        for gbuffer in ("raster", "rays"):
+            for counters in (False, True):
+                name = f"{plan} ({gbuffer}{', counted' if counters else ''})"
+                work.append((name, lambda p=plan, g=gbuffer, c=counters: warm_up(p, g, c)))
+    return work

@@ -1,0 +1,44 @@
+"""Helpers for tests of tracers: queries small enough for the brute-force oracle, and the oracle's answer to them."""
+
+import numpy as np
+import oracle
+
+from antumbra.query.sampling import sample_sets
+from antumbra.query.shadow import segments
+from antumbra.renderer import Renderer, shadow_queries
+from antumbra.trace import TRACERS
+
+
+def query_of(scene, camera, light, spp, time=0.0):
+    """(triangles, ShadowQuery) of what a camera sees."""
+    renderer = Renderer(scene, threads=2)
+    triangles = scene.triangles(time)
+    gbuffer = renderer._gbuffer(triangles, camera, None)
+    return triangles, shadow_queries(triangles, gbuffer, [light], sample_sets(spp))[0]
+
+
+def unpack(bits, spp):
+    """(h, w, spp) bool from packed bits."""
+    s = np.arange(spp)
+    return (bits[..., s // 64] >> (s % 64).astype(np.uint64) & np.uint64(1)).astype(bool)
+
+
+def true_occlusion(triangles, query):
+    """(h, w, spp) bool: what the bits of a query must be, by brute force; and which of them are rays that were asked."""
+    ends, above = segments(query)
+    asked = np.broadcast_to((query.sides != 0)[..., None], above.shape)
+    truth = asked & ~above
+    y, x, s = np.nonzero(above)
+    truth[y, x, s] = oracle.occluded(triangles.vertices, query.origins[y, x], ends=ends[y, x, s])
+    return truth, asked
+
+
+def answer(plan, triangles, query, threads=2, counters=None):
+    """(h, w, spp) bool by a plan."""
+    from antumbra.bvh import BUILDERS
+
+    spp = query.samples.shape[1]
+    bvh = BUILDERS[plan.build].build(triangles.vertices, threads)
+    bits = np.zeros((*query.sides.shape, -(-spp // 64)), np.uint64)
+    TRACERS[plan.trace].trace(bvh, query, bits, threads, counters, None)
+    return unpack(bits, spp)

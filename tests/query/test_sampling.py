@@ -1,0 +1,77 @@
+"""Sample sets: every set well spread, the sixteen together too, and the maps onto lights."""
+
+import numpy as np
+import pytest
+
+from antumbra.errors import InputError
+from antumbra.query.sampling import SAMPLERS, hammersley, larcher_pillichshammer, sample_sets, to_domain
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("spp", [1, 2, 3, 5, 16, 17, 100, 256, 1000, 1024])
+def test_shape_range_and_no_point_twice(sampler, spp):
+    sets = sample_sets(spp, sampler)
+    assert sets.shape == (16, spp, 2) and sets.dtype == np.float64 and sets.flags.c_contiguous
+    assert (sets > 0).all() and (sets < 1).all()
+    assert len(np.unique(sets.reshape(-1, 2), axis=0)) == 16 * spp
+    np.testing.assert_array_equal(sets, sample_sets(spp, sampler))
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("spp", [4, 16, 64, 256, 1024])
+def test_every_set_has_one_point_in_each_cell_and_all_sets_one_in_each_fine_cell(sampler, spp):
+    sets = sample_sets(spp, sampler)
+    k = int(spp**0.5)
+
+    def occupied(points, k):
+        return len(np.unique((points * k).astype(int) @ (1, k)))
+
+    assert all(occupied(s, k) == spp for s in sets)
+    if sampler != "sobol":  # scrambled blocks are nets each; their union is close to one
+        assert occupied(sets.reshape(-1, 2), 4 * k) == 16 * spp
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_projections_on_the_axes_are_spread(sampler):
+    for s in sample_sets(64, sampler):
+        assert len(np.unique((s[:, 0] * 64).astype(int))) == 64
+        assert len(np.unique((s[:, 1] * 64).astype(int))) >= 32
+
+
+def test_the_sets_integrate_better_than_random():
+    rng = np.random.default_rng(0)
+    f = lambda p: (p[..., 0] ** 2 + p[..., 1] < 0.7).mean(-1)
+    truth = f(rng.uniform(size=(2_000_000, 2)))
+    random = np.abs(f(rng.uniform(size=(2000, 64, 2))) - truth).mean()
+    for sampler in SAMPLERS:
+        assert np.abs(f(sample_sets(64, sampler)) - truth).mean() < 0.5 * random
+
+
+def test_first_points_by_their_definitions():
+    np.testing.assert_allclose(hammersley(4), [[0.125, 0], [0.375, 0.5], [0.625, 0.25], [0.875, 0.75]], atol=1e-9)
+    y = larcher_pillichshammer(8)[:, 1]
+    # bit k of i flips the bits 2**-1 ... 2**-(k+1): 1 -> .1, 2 -> .11, 4 -> .111 (binary)
+    np.testing.assert_allclose(y, [0, 0.5, 0.75, 0.25, 0.875, 0.375, 0.125, 0.625], atol=1e-9)
+
+
+def test_domains():
+    square = sample_sets(256).reshape(-1, 2)
+    disk = to_domain(square, "disk")
+    radius = np.hypot(*disk.T)
+    assert radius.max() <= 1
+    for r in (0.25, 0.5, 0.75):  # uniform in area
+        assert abs((radius < r).mean() - r * r) < 0.01
+    np.testing.assert_array_equal(to_domain(np.full((1, 2), 0.5), "disk"), 0)
+    assert to_domain(square, "square") is square
+    assert not to_domain(square, "point").any()
+
+
+@pytest.mark.parametrize("spp", [0, -1, 1025, 2.5, True])
+def test_spp_out_of_range(spp):
+    with pytest.raises(InputError, match="spp"):
+        sample_sets(spp)
+
+
+def test_unknown_sampler():
+    with pytest.raises(InputError, match="larcher-pillichshammer"):
+        sample_sets(4, "random")

@@ -1,0 +1,146 @@
+"""Light patches, receivers and horizons: the segments that a query asks."""
+
+import numpy as np
+import oracle
+import pytest
+from asking import query_of
+
+import antumbra as at
+from antumbra.query.shadow import fraction_lit, segments
+
+CENTRE = np.array([0.3, 5.0, -0.2])
+
+
+def _scene():
+    rng = np.random.default_rng(2)
+    return at.Scene.from_arrays(rng.normal(size=(400, 1, 3)) + rng.normal(size=(400, 3, 3)) * 0.4)
+
+
+def _ends(light, spp=256):
+    triangles, query = query_of(_scene(), at.Camera((0, 1, 7), (0, 0, 0), width=16, height=12), light, spp)
+    ends, above = segments(query)
+    seen = query.sides != 0
+    assert seen.any()
+    return query.origins[seen].astype(float), ends[seen].astype(float), above[seen], triangles, query
+
+
+def test_quad_samples_lie_on_the_quad_and_fill_it():
+    light = at.QuadLight(CENTRE, (2, 0, 0), (0, 1, 1))
+    _, ends, _, triangles, _ = _ends(light)
+    local = ends + triangles.origin - light.corner
+    a, b = local @ light.u / 4, local @ light.v / 2
+    np.testing.assert_allclose(a[..., None] * light.u + b[..., None] * light.v, local, atol=1e-5)
+    for c in (a, b):
+        assert c.min() > -1e-5 and c.max() < 1 + 1e-5 and abs(c.mean() - 0.5) < 0.01
+
+
+def test_disk_samples_lie_on_the_disk():
+    light = at.DiskLight(CENTRE, (1, 2, 3), 1.5)
+    _, ends, _, triangles, _ = _ends(light)
+    local = ends + triangles.origin - light.center
+    np.testing.assert_allclose(local @ light.normal, 0, atol=1e-5)
+    r = np.linalg.norm(local, axis=-1)
+    assert 1.4 < r.max() <= 1.5 + 1e-5 and abs((r < 0.75).mean() - 0.25) < 0.01
+
+
+def test_sphere_samples_fill_exactly_the_cone_in_which_the_sphere_is_seen():
+    light = at.SphereLight(CENTRE, 1.2)
+    origins, ends, _, triangles, _ = _ends(light)
+    to_centre = light.center - triangles.origin - origins
+    distance = np.linalg.norm(to_centre, axis=-1)
+    d = ends - origins[:, None]
+    cosine = (d * to_centre[:, None]).sum(-1) / np.linalg.norm(d, axis=-1) / distance[:, None]
+    widest = np.arccos(cosine.min(1))
+    assert (distance > 1.2).all()
+    limit = np.arcsin(1.2 / distance)
+    assert (widest <= limit + 1e-4).all() and (widest > 0.9 * limit).all()
+    assert (np.linalg.norm(ends + triangles.origin - light.center, axis=-1) <= 1.2 + 1e-4).all()
+
+
+@pytest.mark.parametrize("diameter", [0.0, 0.53, 40.0])
+def test_sun_samples_are_directions_beyond_the_scene(diameter):
+    light = at.DirectionalLight((0.2, -2, 0.3), diameter)
+    origins, ends, _, triangles, _ = _ends(light)
+    d = ends - origins[:, None]
+    length = np.linalg.norm(d, axis=-1)
+    assert length.min() > np.linalg.norm(np.ptp(triangles.vertices.reshape(-1, 3), axis=0))
+    angle = np.degrees(np.arccos(np.clip(-(d @ light.direction) / length, -1, 1)))
+    assert angle.max() <= diameter / 2 + 0.05 and angle.max() >= 0.9 * diameter / 2
+
+
+def test_point_samples_are_the_point():
+    _, ends, _, triangles, _ = _ends(at.PointLight(CENTRE), 3)
+    np.testing.assert_allclose(ends + triangles.origin, np.broadcast_to(CENTRE, ends.shape), atol=1e-6)
+
+
+def test_receivers_are_on_the_seen_side_of_their_own_plane_and_close_to_it():
+    scene = _scene()
+    camera = at.Camera((0, 1, 7), (0, 0, 0), width=64, height=48)
+    triangles, query = query_of(scene, camera, at.PointLight(CENTRE), 1)
+    gbuffer = at.render(scene, camera, at.PointLight(CENTRE), spp=1).gbuffer
+    eye = (camera.position - triangles.origin).astype(np.float32)
+    y, x = np.nonzero(query.sides)
+    assert len(y) > 300
+    for i in range(0, len(y), 7):
+        here = y[i], x[i]
+        own = triangles.vertices[query.faces[here]]
+        assert oracle.plane_side(query.origins[here], own) == query.sides[here] == oracle.plane_side(eye, own)
+    moved = np.abs(query.origins[y, x] - gbuffer.position[y, x]).max(1)
+    assert moved.max() <= 2.0**-19 * np.abs(triangles.vertices).max()
+
+
+def test_the_horizon_is_the_exact_plane():
+    light = at.QuadLight((-4, -1, -4), (8, 2, 0), (0, 0.5, 8))
+    _, ends, above, triangles, query = _ends(light, 4)
+    faces, sides = query.faces[query.sides != 0], query.sides[query.sides != 0]
+    truth = [
+        [oracle.plane_side(e.astype(np.float32), triangles.vertices[f]) == s for e in row]
+        for row, f, s in zip(ends, faces, sides)
+    ]
+    np.testing.assert_array_equal(above, truth)
+    assert above.any() and not above.all()
+
+
+def test_points_with_normals_are_occluded_below_their_horizon_and_free_points_are_not():
+    scene = at.Scene.from_arrays(np.array([[-50.0, -50, -50], [-49, -50, -50], [-50, -49, -50]]), np.array([[0, 1, 2]]))
+    light = at.PointLight((0, 5, 0))
+    points = np.zeros((2, 3, 3))
+    assert (at.visibility(scene, points, light).fraction == 1).all()
+    assert (at.visibility(scene, points, light, normals=(0, 2, 0)).fraction == 1).all()
+    assert (at.visibility(scene, points, light, normals=(0, -1, 0)).fraction == 0).all()
+    assert at.visibility(scene, points, light, spp=65).bits.shape == (2, 3, 2)
+
+
+def test_points_on_a_surface_do_not_shadow_themselves_at_map_coordinates():
+    rng = np.random.default_rng(3)
+    normal = np.array([0.3, 1.0, 0.2]) / np.linalg.norm([0.3, 1.0, 0.2])
+    u, v = np.cross(normal, (1, 0, 0)), np.cross(normal, (0, 0, 1))
+    offset = np.array([5e6, 30.0, 4.5e5])
+    quad = offset + np.array([-u - v, u - v, u + v, -u + v]) * 50
+    scene = at.Scene.from_arrays(quad, np.array([[0, 1, 2], [0, 2, 3]]))
+    points = offset + rng.uniform(-30, 30, (5000, 1)) * u + rng.uniform(-30, 30, (5000, 1)) * v
+    light = at.DirectionalLight(-normal, 10.0)
+    assert (at.visibility(scene, points, light, normals=normal).fraction == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (dict(points=np.zeros((4, 2))), "shape"),
+        (dict(points=np.full((4, 3), np.nan)), "NaN"),
+        (dict(normals=np.zeros(3)), "normals"),
+        (dict(normals=np.ones((5, 3))), "broadcast"),
+        (dict(light="lamp"), "light"),
+        (dict(spp=0), "spp"),
+        (dict(plan="bsah+teleport"), "single"),
+    ],
+)
+def test_bad_arguments(change, says):
+    args = dict(points=np.zeros((4, 3)), light=at.PointLight((0, 5, 0))) | change
+    with pytest.raises(at.InputError, match=says):
+        at.visibility(_scene(), **args)
+
+
+def test_fraction_lit():
+    bits = np.array([[0], [0b1011], [2**64 - 1]], np.uint64)
+    np.testing.assert_allclose(fraction_lit(bits, 64), [1, 61 / 64, 0])

@@ -1,0 +1,84 @@
+"""Paths that are no scene files."""
+
+import os
+import threading
+
+import pytest
+
+from antumbra.errors import InputError
+from antumbra.scene import load as module
+from antumbra.scene.load import load
+from scene.gltf_files import single
+
+
+def message_of(path) -> str:
+    with pytest.raises(InputError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize(
+    "name", ["gone.glb", "gone.gltf", "gone.obj", "gone.ply", "gone.stl", "gone.xyz", "gone"]
+)
+def test_missing_files(tmp_path, name):
+    assert message_of(tmp_path / name) == f"{name}: no such file; check the path"
+    assert message_of(str(tmp_path / name)) == f"{name}: no such file; check the path"
+
+
+@pytest.mark.parametrize("name", ["a.fbx", "a.txt", "nosuffix", ".glb"])
+def test_unknown_formats(tmp_path, name):
+    (tmp_path / name).write_bytes(single().glb())
+    message = message_of(tmp_path / name)
+    assert message.startswith(f"{name}: unknown format") and ".glb, .gltf, .obj, .ply, .stl" in message
+
+
+def test_folders_without_frames(tmp_path):
+    (tmp_path / "dir.glb").mkdir()
+    message = message_of(tmp_path / "dir.glb")
+    assert message.startswith("dir.glb: a folder without frames.npy and faces.npy")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+@pytest.mark.parametrize("name", ["pipe.glb", "pipe.obj"])
+def test_pipes_do_not_block(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    messages = []
+    reader = threading.Thread(target=lambda: messages.append(message_of(tmp_path / name)), daemon=True)
+    reader.start()
+    reader.join(20)
+    assert messages == [f"{name}: not an ordinary file; name a scene file"]
+
+
+@pytest.mark.parametrize("path", [None, 3, 2.5, ["a.glb"]])
+def test_paths_of_other_types(path):
+    assert "must be a string or a path" in message_of(path)
+
+
+def test_paths_that_no_system_has(tmp_path):
+    for path in ("a\0b.glb", "x" * 5000 + ".glb", ""):
+        assert message_of(path)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the superuser may read everything"
+)
+def test_files_that_may_not_be_read(tmp_path):
+    path = single().write(tmp_path)
+    path.chmod(0)
+    assert "made.glb: cannot be read" in message_of(path)
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("first line\nsecond"), KeyError("x"), RecursionError(), MemoryError()]
+)
+def test_what_no_check_foresees_still_becomes_one_line(tmp_path, monkeypatch, error):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(module, "_read", fail)
+    with pytest.raises(InputError) as caught:
+        load(tmp_path / "a.glb")
+    assert str(caught.value).startswith("a.glb: ") and "\n" not in str(caught.value)
+    assert caught.value.__cause__ is error

@@ -1,0 +1,182 @@
+"""OBJ, PLY and STL."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from antumbra.errors import InputError
+from antumbra.scene.load import load
+from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png
+from scene.test_gltf_colours import linear
+
+SOLID = TETRAHEDRON[TETRAHEDRON_FACES]
+
+
+def obj_text(vertices=TETRAHEDRON, faces=TETRAHEDRON_FACES, head=""):
+    lines = [head, *("v " + " ".join(repr(float(c)) for c in v) for v in vertices)]
+    lines += ["f " + " ".join(str(i + 1) for i in f) for f in faces]
+    return "\n".join(lines) + "\n"
+
+
+def ply_text(vertices=TETRAHEDRON, faces=TETRAHEDRON_FACES, kind="double", n_vertices=None, n_faces=None):
+    head = ["ply", "format ascii 1.0", f"element vertex {n_vertices or len(vertices)}"]
+    head += [f"property {kind} {c}" for c in "xyz"] + [f"element face {n_faces or len(faces)}"]
+    head += ["property list uchar int vertex_indices", "end_header"]
+    body = [" ".join(repr(float(c)) for c in v) for v in vertices]
+    return "\n".join(head + body + ["3 " + " ".join(map(str, f)) for f in faces]) + "\n"
+
+
+def ply_binary(n_faces=4):
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 4\n"
+    head += "".join(f"property float {c}\n" for c in "xyz")
+    head += f"element face {n_faces}\nproperty list uchar int vertex_indices\nend_header\n"
+    faces = b"".join(struct.pack("<B3i", 3, *f) for f in TETRAHEDRON_FACES.tolist())
+    return head.encode() + TETRAHEDRON.tobytes() + faces
+
+
+def stl_binary(count=4):
+    facets = b"".join(struct.pack("<12fH", 0, 0, 0, *t.reshape(-1).tolist(), 0) for t in SOLID)
+    return bytes(80) + struct.pack("<I", count) + facets
+
+
+def stl_text():
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*v) for v in t)
+        + "endloop\nendfacet\n"
+        for t in SOLID.tolist()
+    )
+    return f"solid a\n{facets}endsolid a\n"
+
+
+def put(folder, name, content):
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+@pytest.mark.parametrize(
+    "name, content",
+    [
+        ("a.obj", obj_text()),
+        ("a.OBJ", obj_text().replace("f 1 3 2", "f -4 -2 -3")),
+        ("a.ply", ply_text()),
+        ("b.ply", ply_binary()),
+        ("a.stl", stl_binary()),
+        ("b.stl", stl_text()),
+    ],
+)
+def test_formats(tmp_path, name, content):
+    scene = load(put(tmp_path, name, content))
+    assert_at(scene, SOLID)
+    assert scene.meshes[0].triangles == 4 and scene.name == name[0]
+    assert scene.cameras == [] and scene.lights == [] and scene.duration == 0.0
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.ply"])
+def test_map_coordinates_keep_their_precision(tmp_path, name):
+    vertices = np.random.default_rng(0).uniform(-50, 50, (4, 3)) + np.array([448262.0, 5411932.0, 120.0])
+    text = obj_text(vertices) if name == "a.obj" else ply_text(vertices)
+    scene = load(put(tmp_path, name, text), up="z")
+    expected = (vertices[TETRAHEDRON_FACES] - scene.origin).astype(np.float32)
+    np.testing.assert_array_equal(scene.triangles().vertices, expected)
+
+
+def test_polygons_are_cut_into_triangles(tmp_path):
+    scene = load(put(tmp_path, "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 2 3\n"))
+    assert scene.n_triangles == 3
+    triangles = scene.triangles().vertices.astype(float)
+    areas = (
+        np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+        / 2
+    )
+    np.testing.assert_allclose(sorted(areas), [0.5, 0.5, 0.5])
+
+
+def test_zero_area_triangles_are_kept(tmp_path):
+    assert load(put(tmp_path, "a.obj", obj_text(faces=[(0, 0, 1), (0, 1, 2), (3, 3, 3)]))).n_triangles == 3
+
+
+def test_obj_materials_and_textures_from_the_folder(tmp_path):
+    pixels = np.random.default_rng(0).integers(0, 256, (4, 4, 3))
+    (tmp_path / "t.png").write_bytes(png(pixels))
+    put(tmp_path, "m.mtl", "newmtl red\nKd 1 0 0\nnewmtl wood\nKd 1 1 1\nmap_Kd t.png\n")
+    text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\n"
+    text += "usemtl red\nf 1/1 2/1 3/1\nusemtl wood\nf 1/1 2/1 4/1\n"
+    scene = load(put(tmp_path, "a.obj", text))
+    mean = [np.mean([linear(v / 255) for v in channel]) for channel in pixels.reshape(-1, 3).T.tolist()]
+    by_corner = {
+        bool(t[..., 2].max() > t[..., 2].min()): c for t, c in zip(scene.triangles().vertices, scene.colours)
+    }
+    np.testing.assert_allclose(by_corner[False], [1, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(by_corner[True], mean, rtol=1e-6)
+
+
+def test_ply_vertex_colours_are_srgb(tmp_path):
+    text = ply_text().replace(
+        "property double z\n",
+        "property double z\n" + "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")),
+    )
+    lines = text.splitlines()
+    at = lines.index("end_header") + 1
+    shades = [(0, 10, 255), (255, 20, 255), (50, 30, 255), (100, 40, 255)]
+    lines[at : at + 4] = [f"{line} {r} {g} {b}" for line, (r, g, b) in zip(lines[at : at + 4], shades)]
+    scene = load(put(tmp_path, "a.ply", "\n".join(lines) + "\n"))
+    value = np.array([[linear(c / 255) for c in shade] for shade in shades])
+    np.testing.assert_allclose(scene.colours, value[TETRAHEDRON_FACES].mean(axis=1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "library", ["../m.mtl", "/etc/passwd", "http://example.org/m.mtl", "sub/../../m.mtl", "gone.mtl"]
+)
+def test_material_files_outside_the_folder_are_not_read(tmp_path, library):
+    put(tmp_path, "m.mtl", "newmtl red\nKd 1 0 0\n")
+    (tmp_path / "in").mkdir()
+    path = put(tmp_path / "in", "a.obj", obj_text(head=f"mtllib {library}\nusemtl red"))
+    with pytest.warns(UserWarning, match=r"a.obj: file"):
+        scene = load(path)
+    assert (scene.colours == 1).all() and len(scene.notes) == 1
+
+
+WRONG = {
+    "empty.obj": ("", "no triangles"),
+    "points.obj": (obj_text(faces=[]), "no triangles"),
+    "edges.obj": (obj_text(faces=[(0, 1)]), "no triangles"),
+    "high.obj": (obj_text(faces=[(0, 1, 9)]), "missing vertex"),
+    "low.obj": (obj_text() + "f 1 2 -9\n", "missing vertex"),
+    "zero.obj": (obj_text() + "f 1 0 2\n", "line 10 uses vertex 0"),
+    "zero2.obj": (obj_text() + "f 1/1 2/1 0/1\n", "line 10 uses vertex 0"),
+    "nan.obj": (obj_text(TETRAHEDRON * np.nan), "vertex 0 is (nan, nan, nan)"),
+    "inf.obj": (obj_text().replace("v 1.0", "v 1e999"), "vertex 1 is (inf, 0.0, 0.0)"),
+    "flat.obj": ("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "a vertex is x y z"),
+    "letters.obj": (obj_text() + "f a b c\n", "cannot be read"),
+    "bytes.obj": (bytes(range(256)) * 4, "no triangles"),
+    "empty.ply": ("", "no PLY header"),
+    "high.ply": (ply_text(faces=[(0, 1, 4)]), "face 0 uses vertex 0, 1, 4"),
+    "low.ply": (ply_text(faces=[(0, 1, -1)]), "face 0 uses vertex 0, 1, -1"),
+    "many.ply": (ply_text(n_vertices=4_000_000_000), "PLY header declares 4000000004 elements"),
+    "many2.ply": (ply_binary(n_faces=4_000_000_000), "PLY header declares 4000000004 elements"),
+    "short.ply": (ply_binary()[:-7], "cannot be read"),
+    "nan.ply": (ply_text(TETRAHEDRON * np.nan), "vertex 0"),
+    "points.ply": (ply_text(faces=[]), "no triangles"),
+    "empty.stl": ("", "STL header needs 84 bytes, there are 0"),
+    "short.stl": (stl_binary()[:-9], "STL header needs 284 bytes, there are 275"),
+    "many.stl": (stl_binary(4_000_000_000), "STL header needs 200000000084 bytes"),
+    "bad text.stl": (stl_text().replace("normal 0 0 0", "normal 0 x 0"), "cannot be read"),
+    "none.stl": (stl_binary(0)[:84], "no triangles"),
+    "nan.stl": (
+        stl_binary().replace(struct.pack("<f", 1.0), struct.pack("<f", np.nan)),
+        "vertex 1 is (0.0, nan, 0.0)",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_bad_mesh_files(tmp_path, capfd, name):
+    content, words = WRONG[name]
+    with pytest.raises(InputError) as caught:
+        load(put(tmp_path, name, content))
+    message = str(caught.value)
+    assert words in message and message.startswith(name) and "\n" not in message
+    assert capfd.readouterr() == ("", "")  # trimesh's log keeps quiet

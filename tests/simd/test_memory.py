@@ -1,0 +1,271 @@
+"""Loads, stores, pointers, memory on the stack, the atomic counter."""
+
+import threading
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pytest
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+from antumbra import simd
+from antumbra.simd import (
+    as_f32,
+    as_i32,
+    atomic_add,
+    broadcast4,
+    extract,
+    f32x8,
+    get,
+    load4,
+    load8,
+    mask8,
+    prefetch,
+    ptr,
+    ptr_at,
+    put,
+    select,
+    splat8,
+    stack_f32,
+    stack_i32,
+    stack_i64,
+    store,
+)
+
+compiled = numba.njit(nogil=True, error_model="numpy")
+
+
+@intrinsic
+def _address(typingctx, pointer):
+    return types.int64(pointer), lambda context, builder, sig, values: builder.ptrtoint(
+        values[0], ir.IntType(64)
+    )
+
+
+@pytest.mark.parametrize("lanes", [4, 8, 16])
+@pytest.mark.parametrize("dtype", [np.float32, np.int32])
+def test_load_and_store_touch_exactly_their_lanes_at_any_offset(lanes, dtype):
+    load = getattr(simd, f"load{lanes}")
+
+    @compiled
+    def move(source, i, target, j):
+        store(target, j, load(source, i))
+
+    source = np.arange(1, 41).astype(dtype)
+    for i, j in ((0, 0), (1, 2), (7, 3), (40 - lanes, 24)):
+        target = np.zeros(40, dtype)
+        move(source, i, target, j)
+        expected = np.zeros(40, dtype)
+        expected[j : j + lanes] = source[i : i + lanes]
+        assert np.array_equal(target, expected)
+
+
+def test_arrays_of_more_dimensions_count_elements_from_the_first():
+    @compiled
+    def move(source, target):
+        store(target, 5, load4(source, 3))
+        put(target, 0, get(source, 7))
+
+    source, target = np.arange(8, dtype=np.float32).reshape(2, 2, 2), np.zeros((3, 3), np.float32)
+    move(source, target)
+    assert target.ravel().tolist() == [7, 0, 0, 0, 0, 3, 4, 5, 6]
+
+
+def test_pointers_index_without_wraparound():
+    @compiled
+    def read(a, out):
+        third = ptr_at(a, 3)
+        store(out, 0, load4(third, np.uint32(1)))
+        out[4] = get(third, -1)
+        out[5] = extract(broadcast4(third, np.int32(-2)), 3)
+        put(ptr_at(third, 2), -5, 99)
+        store(ptr(out), 6, load4(ptr(a), 0))
+
+    a, out = np.arange(8, dtype=np.float32), np.zeros(10, np.float32)
+    read(a, out)
+    assert out.tolist() == [4, 5, 6, 7, 2, 1, 99, 1, 2, 3]
+
+
+@pytest.mark.parametrize("dtype", [np.bool_, np.uint8, np.int16, np.uint32, np.int64, np.float32, np.float64])
+def test_get_and_put_every_element_type(dtype):
+    @compiled
+    def copy(a, b):
+        for i in range(a.size):
+            put(b, i, get(ptr(a), i))
+
+    largest = np.iinfo(dtype).max if np.issubdtype(dtype, np.integer) else 1
+    a, b = np.array([0, largest, 1, 0, 1], dtype), np.zeros(5, dtype)
+    copy(a, b)
+    assert np.array_equal(a, b)
+
+
+def test_put_converts_to_the_element_type():
+    @compiled
+    def write(a, b):
+        put(a, 0, 7)
+        put(a, 1, np.float64(0.1))
+        put(b, 0, np.int64(2**32 + 5))
+
+    a, b = np.zeros(2, np.float32), np.zeros(1, np.int32)
+    write(a, b)
+    assert a.tolist() == [7, np.float32(0.1)] and b[0] == 5
+
+
+def test_the_same_bytes_as_float_and_as_integer():
+    """A store through one type is seen by a load through the other, also when the compiler sees both."""
+
+    @compiled
+    def negate(a, out):
+        words = as_i32(a)
+        for i in range(4):
+            a[i] = np.float32(i)
+            put(words, i, get(words, i) | np.int32(-(2**31)))
+            out[i] = a[i]
+        store(as_f32(as_i32(ptr(out))), 4, load4(as_f32(words), 0))
+
+    a, out = np.ones(4, np.float32), np.zeros(8, np.float32)
+    negate(a, out)
+    assert out.tolist() == [-0.0, -1, -2, -3] * 2 and np.signbit(out).all()
+
+
+def test_overlapping_stores_happen_in_order():
+    @compiled
+    def smear(a):
+        p, q = ptr(a), ptr_at(a, 1)
+        for i in range(4):
+            store(q, i, load4(p, i))
+
+    a = np.arange(8, dtype=np.int32)
+    expected = a.copy()
+    for i in range(4):
+        expected[i + 1 : i + 5] = expected[i : i + 4].copy()
+    smear(a)
+    assert np.array_equal(a, expected)
+
+
+SIZE = 24
+
+
+def test_stack_memory_holds_what_is_put_there_and_is_aligned():
+    @compiled
+    def push_and_pop(values, out, addresses):
+        floats, ints, longs, one = stack_f32(SIZE), stack_i32(SIZE), stack_i64(SIZE), stack_i32(1)
+        put(one, 0, -1)
+        for i in range(SIZE):
+            put(floats, i, values[i])
+            put(ints, i, i * 3)
+            put(longs, i, np.int64(i) << 40)
+        store(floats, 8, load8(floats, 0) + load8(floats, 16))
+        for i in range(SIZE):
+            out[0, i], out[1, i], out[2, i] = get(floats, i), get(ints, i), get(longs, i)
+        addresses[0], addresses[1] = _address(floats), _address(ints)
+        addresses[2], addresses[3] = _address(longs), _address(one)
+        return get(one, 0)
+
+    values = np.linspace(0, 1, SIZE).astype(np.float32)
+    out, addresses = np.zeros((3, SIZE)), np.zeros(4, np.int64)
+    assert push_and_pop(values, out, addresses) == -1
+    expected = values.copy()
+    expected[8:16] = values[:8] + values[16:]
+    assert np.array_equal(out[0], expected)
+    assert np.array_equal(out[1], np.arange(SIZE) * 3)
+    assert np.array_equal(out[2], np.arange(SIZE) * 2.0**40)
+    assert not np.any(addresses % 64) and len(set(addresses.tolist())) == 4
+
+
+def test_each_call_of_a_kernel_has_stack_memory_of_its_own():
+    @compiled
+    def depth_first(n):
+        mine = stack_i64(2)
+        put(mine, 0, n)
+        below = depth_first(n - 1) if n > 0 else np.int64(0)
+        return below + get(mine, 0)
+
+    assert depth_first(np.int64(50)) == 50 * 51 // 2
+
+
+def test_stack_memory_in_a_loop_is_one_block():
+    @compiled
+    def addresses(out):
+        for i in range(out.size):
+            out[i] = _address(stack_f32(1024))
+
+    out = np.zeros(10, np.int64)
+    addresses(out)
+    assert len(set(out.tolist())) == 1
+
+
+def test_prefetch_does_nothing_to_values_even_outside_the_array():
+    @compiled
+    def fetch(a):
+        prefetch(a, 2)
+        prefetch(ptr(a), 1 << 40)
+        prefetch(a, -(1 << 30))
+        return a[0]
+
+    assert fetch(np.array([5, 6, 7])) == 5
+
+
+def test_atomic_add_returns_the_old_value():
+    @compiled
+    def add(a):
+        return atomic_add(a, 1, 5), atomic_add(ptr(a), 1, np.int32(-7)), atomic_add(a, 1, 0)
+
+    a = np.array([1, 10, 100])
+    assert add(a) == (10, 15, 8)
+    assert a.tolist() == [1, 8, 100]
+
+
+def test_atomic_add_loses_nothing_between_threads():
+    @compiled
+    def count(counter, turns, seen):
+        for _ in range(turns):
+            old = atomic_add(counter, 0, 1)
+            seen[old] += 1
+
+    counter, seen = np.zeros(1, np.int64), np.zeros(200_000, np.int64)
+    count(counter, 0, seen)  # compile
+    threads = [threading.Thread(target=count, args=(counter, 50_000, seen)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert counter[0] == 200_000 and np.all(seen == 1)
+
+
+class Interval(NamedTuple):
+    lower: object
+    upper: object
+
+
+def test_vectors_travel_in_tuples_between_kernels():
+    @compiled
+    def widen(interval, by):
+        return Interval(interval.lower - by, interval.upper + by)
+
+    @compiled
+    def swap_where(mask, pair):
+        return select(mask, pair[1], pair[0]), select(mask, pair[0], pair[1]), mask
+
+    @compiled
+    def compute(a, out):
+        interval = widen(Interval(load8(a, 0), load8(a, 8)), splat8(np.float32(1)))
+        lower, upper, mask = swap_where(interval.lower > interval.upper, (interval.lower, interval.upper))
+        if simd.any_lane(mask):
+            store(out, 0, lower)
+            store(out, 8, upper)
+
+    a, out = np.arange(16, dtype=np.float32)[::-1].copy(), np.zeros(16, np.float32)
+    compute(a, out)
+    assert np.array_equal(out[:8], a[8:] + 1) and np.array_equal(out[8:], a[:8] - 1)
+
+
+def test_types_name_signatures():
+    @numba.njit(f32x8(f32x8, mask8))
+    def keep(v, mask):
+        return select(mask, v, 0)
+
+    assert keep.signatures == [(f32x8, mask8)]
+    assert str(f32x8) == "f32x8" and str(mask8) == "mask8"

@@ -1,0 +1,83 @@
+"""Every operation and number of lanes against numpy, bit for bit."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import vector_operations as ops
+
+
+def assert_same(name, got, want, unspecified=None):
+    """Equal bit for bit, except that any NaN equals any other, and where the result is unspecified."""
+    assert got.dtype == want.dtype and got.shape == want.shape, name
+    equal = got == want
+    if got.dtype == np.float32:
+        equal = (got.view(np.int32) == want.view(np.int32)) | (np.isnan(got) & np.isnan(want))
+    if unspecified is not None:
+        assert not unspecified.all()
+        equal |= unspecified
+    wrong = np.flatnonzero(~equal)
+    assert wrong.size == 0, f"{name}: {got[wrong[:4]]} instead of {want[wrong[:4]]} at {wrong[:4]}"
+
+
+def merged(dicts):
+    vectors, masks, scalars = dicts
+    assert not (vectors.keys() & masks.keys() or vectors.keys() & scalars.keys())
+    return vectors | masks | scalars
+
+
+@pytest.mark.parametrize("lanes", ops.LANES)
+def test_f32(lanes):
+    a, b, c = ops.f32_inputs()
+    got, want = ops.compute_f32(lanes), merged(ops.expect_f32(lanes))
+    assert got.keys() == want.keys()
+    extrema = ("minimum", "maximum")
+    unspecified = np.isnan(a) | np.isnan(b) | ((a == 0) & (b == 0))  # NaN; which of two zeros
+    assert unspecified.sum() > 50
+    for name in got.keys() - {"fma"}:
+        assert_same(name, got[name], want[name], unspecified if name in extrema else None)
+    for name in extrema:  # of two zeros, still a zero
+        assert not np.any(got[name][(a == 0) & (b == 0)])
+    assert_fused_or_not(got["fma"], c, want["fma"])
+
+
+def assert_fused_or_not(got, c, rounded_twice):
+    """All lanes of fma(c, c, -0.1) are what two roundings give, or all are what one gives: the nearest."""
+    if np.array_equal(got, rounded_twice):
+        return
+    addend = Fraction(float(np.float32(-0.1)))
+    for x, y in zip(got, c):
+        exact = Fraction(float(y)) ** 2 + addend
+        error = abs(Fraction(float(x)) - exact)
+        for neighbour in (np.nextafter(x, np.float32(np.inf)), np.nextafter(x, np.float32(-np.inf))):
+            assert error <= abs(Fraction(float(neighbour)) - exact)
+
+
+@pytest.mark.parametrize("lanes", ops.LANES)
+def test_i32(lanes):
+    got, want = ops.compute_i32(lanes), merged(ops.expect_i32(lanes))
+    want["to_f32"] = ops.i32_inputs()[0].astype(np.float32)
+    assert got.keys() == want.keys()
+    for name in got:
+        assert_same(name, got[name], want[name])
+
+
+@pytest.mark.parametrize("lanes", ops.LANES)
+def test_masks(lanes):
+    got, want = ops.compute_mask(lanes), ops.expect_mask(lanes)
+    assert got.keys() == want.keys()
+    for name in got:
+        assert_same(name, got[name], want[name])
+
+
+def test_inputs_are_hard():
+    a, b, _ = ops.f32_inputs()
+    for array in (a, b):
+        assert np.isnan(array).any() and np.isinf(array).any()
+        assert np.any((array == 0) & np.signbit(array)) and np.any((array == 0) & ~np.signbit(array))
+        assert np.any((array != 0) & (abs(array) < np.finfo(np.float32).smallest_normal))
+    i, j, shifts = ops.i32_inputs()
+    for operation in (np.add, np.subtract, np.multiply):
+        wide = operation(i, j, dtype=np.int64)
+        assert np.any(wide != wide.astype(np.int32))
+    assert shifts.min() == 0 and shifts.max() == 31

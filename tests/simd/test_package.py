@@ -1,0 +1,86 @@
+"""The names, the example in the docstring, and the disk cache."""
+
+import inspect
+import os
+import subprocess
+import sys
+import textwrap
+from types import ModuleType
+
+from antumbra import simd
+
+WIDE = "f32x i32x mask load broadcast splat iota mask_from_bits"
+ONCE = """store minimum maximum fma absolute flip_sign select bits any_lane all_lanes reduce_min reduce_max
+    extract swap_halves shuffle to_f32 to_i32 ptr ptr_at as_i32 as_f32 get put stack_f32 stack_i32 stack_i64
+    prefetch popcount lowest_bit atomic_add"""
+
+
+def test_public_names():
+    expected = {f"{name}{lanes}" for name in WIDE.split() for lanes in (4, 8, 16)} | set(ONCE.split())
+    assert set(simd.__all__) == expected and len(simd.__all__) == len(expected)
+    public = {n for n, v in vars(simd).items() if not n.startswith("_") and not isinstance(v, ModuleType)}
+    assert public == expected
+
+
+def test_docstring_explains_every_name():
+    types = {"f32x", "i32x", "mask"}
+    names = {*ONCE.split(), *(name + ("N" if name in types else "4") for name in WIDE.split())}
+    assert not [name for name in names if f"`{name}`" not in simd.__doc__]
+
+
+def _example():
+    """The block of code in the docstring."""
+    lines = inspect.getdoc(simd).split("::", 1)[1].splitlines()
+    block = []
+    for line in lines:
+        if line and not line.startswith(" "):
+            break
+        block.append(line)
+    return textwrap.dedent("\n".join(block))
+
+
+CHECK = """
+assert inside == ((points.astype(np.float64) ** 2).sum(0) <= 1).sum() and 100 < inside < 800
+stats = count_inside.stats
+print("hits", sum(stats.cache_hits.values()), "misses", sum(stats.cache_misses.values()))
+"""
+
+VECTOR_ARGUMENTS = """
+import numpy as np
+from antumbra.jit import kernel
+from antumbra.simd import load8, select, stack_f32, store
+
+@kernel
+def limit(v, mask):
+    scratch = stack_f32(8)
+    store(scratch, 0, select(mask, v, 2))
+    return load8(scratch, 0)
+
+@kernel
+def compute(a):
+    store(a, 0, limit(load8(a, 0), load8(a, 0) < 2))
+
+a = np.arange(8, dtype=np.float32)
+compute(a)
+assert a.tolist() == [0, 1, 2, 2, 2, 2, 2, 2]
+stats = compute.stats
+print("hits", sum(stats.cache_hits.values()), "misses", sum(stats.cache_misses.values()))
+"""
+
+
+def _run_twice(source, folder):
+    """What the program prints in a first and in a second process that share a disk cache."""
+    path = folder / "program.py"
+    path.write_text(source)
+    env = dict(os.environ, NUMBA_CACHE_DIR=str(folder / "cache"))
+    runs = [subprocess.run([sys.executable, path], env=env, capture_output=True, text=True) for _ in range(2)]
+    assert not any(run.returncode for run in runs), [run.stderr for run in runs]
+    return [run.stdout.strip() for run in runs]
+
+
+def test_docstring_example_runs_and_is_cached(tmp_path):
+    assert _run_twice(_example() + CHECK, tmp_path) == ["hits 0 misses 1", "hits 1 misses 0"]
+
+
+def test_kernels_that_pass_vectors_are_cached(tmp_path):
+    assert _run_twice(VECTOR_ARGUMENTS, tmp_path) == ["hits 0 misses 1", "hits 1 misses 0"]

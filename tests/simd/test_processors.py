@@ -1,0 +1,90 @@
+"""The same bits whatever x86 processor the kernels are compiled for, and one instruction where it has one."""
+
+import os
+import platform
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numpy as np
+import pytest
+import vector_operations as ops
+
+pytestmark = pytest.mark.skipif(
+    platform.machine().lower() not in ("x86_64", "amd64"),
+    reason=f"compares x86 processors, and this is {platform.machine()}",
+)
+
+needs_avx2 = pytest.mark.skipif(
+    not all(llvm.get_host_cpu_features().get(feature) for feature in ("avx2", "fma")),
+    reason="this processor cannot run code compiled for haswell: it lacks AVX2 or FMA",
+)
+
+
+def results_compiled_for(cpu, folder):
+    """What another process computes, with kernels compiled for `cpu`."""
+    path = folder / f"{cpu}.npz"
+    # Without empty features the ones of the host would be added to the named processor's.
+    env = dict(os.environ, NUMBA_CPU_NAME=cpu, NUMBA_CPU_FEATURES="", NUMBA_CACHE_DIR=str(folder))
+    script = Path(ops.__file__)
+    done = subprocess.run([sys.executable, str(script), str(path)], env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    with np.load(path) as results:
+        return dict(results)
+
+
+@pytest.fixture(scope="module")
+def baseline(tmp_path_factory):
+    return results_compiled_for("x86-64", tmp_path_factory.mktemp("baseline"))
+
+
+@pytest.fixture(scope="module")
+def haswell(tmp_path_factory):
+    return results_compiled_for("haswell", tmp_path_factory.mktemp("haswell"))
+
+
+def assert_same_bits(one, other):
+    """Equal but for `fma`, for what is unspecified, and for which NaN a NaN is."""
+    names = one.keys() - {"assembly"}
+    assert names == other.keys() - {"assembly"}
+    a, b, _ = ops.f32_inputs()
+    unspecified = np.isnan(a) | np.isnan(b) | ((a == 0) & (b == 0))
+    for name in names:
+        lanes_of, _, operation = name.partition(".")
+        if operation == "fma":
+            continue
+        x, y = one[name], other[name]
+        if lanes_of.startswith("f32") and operation in ("minimum", "maximum"):
+            x, y = x[~unspecified], y[~unspecified]
+        if x.dtype == np.float32:
+            nan = np.isnan(x)
+            assert np.array_equal(nan, np.isnan(y)), name
+            x, y = x[~nan].view(np.int32), y[~nan].view(np.int32)
+        assert x.size > 0 and np.array_equal(x, y), name
+
+
+def test_baseline_computes_the_same(baseline):
+    assert_same_bits(baseline, ops.compute_all())
+
+
+@needs_avx2
+def test_avx2_computes_the_same(baseline, haswell):
+    assert_same_bits(baseline, haswell)
+
+
+@needs_avx2
+def test_fma_rounds_once_only_where_there_is_the_instruction(baseline, haswell):
+    for lanes in ops.LANES:
+        name, twice = f"f32x{lanes}.fma", ops.expect_f32(lanes)[0]["fma"]
+        assert np.array_equal(baseline[name], twice)
+        assert not np.array_equal(haswell[name], twice)
+
+
+@needs_avx2
+def test_one_instruction_each(baseline, haswell):
+    assembly = str(haswell["assembly"])
+    for instruction in ("vaddps", "vminps", "vblendvps"):
+        assert len(re.findall(rf"\b{instruction}\b.*ymm", assembly)) == 1, instruction
+    assert "ymm" not in str(baseline["assembly"])  # so the two really were compiled for different processors

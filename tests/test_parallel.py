@@ -1,0 +1,304 @@
+"""Threads that share out work: all of it, once, and an end to it when something goes wrong."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from antumbra import parallel
+from antumbra.errors import InputError
+from antumbra.parallel import CHUNK, NEXT, STOP, N, new_ticket, run, take, thread_count
+
+# No cache: this file is imported under two names, by pytest and by a process of its own.
+compiled = numba.njit(nogil=True, error_model="numpy")
+
+
+@compiled
+def count_visits(ticket, visits, pieces):
+    first = take(ticket)
+    while first >= 0:
+        pieces[first // ticket[CHUNK]] += 1
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            visits[i] += 1
+        first = take(ticket)
+
+
+@compiled
+def until_stopped(ticket):
+    """Only takes, so nothing but `take` itself makes the compiler read the ticket again."""
+    while take(ticket) >= 0:
+        pass
+
+
+def endless():
+    return new_ticket(2**62, 1)
+
+
+def wait_until_busy(ticket):
+    while ticket[NEXT] < 1000:
+        time.sleep(0.001)
+
+
+# --- thread_count ---------------------------------------------------------------------------------------
+
+
+def test_thread_count_default_is_the_cores_this_process_may_use():
+    expected = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    assert thread_count(None) == expected >= 1
+
+
+def test_thread_count_without_affinity(monkeypatch):
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert thread_count(None) == 1
+
+
+@pytest.mark.parametrize("threads", [1, 3, np.int32(7)])
+def test_thread_count_given(threads):
+    assert thread_count(threads) == threads and type(thread_count(threads)) is int
+
+
+@pytest.mark.parametrize("threads", [0, -1, 2.0, "2", True])
+def test_thread_count_rejects(threads):
+    with pytest.raises(InputError, match=r"^threads is .*: give a whole number of at least 1"):
+        thread_count(threads)
+
+
+# --- all the work, once ---------------------------------------------------------------------------------
+
+
+@settings(deadline=None)  # the first example compiles
+@given(st.integers(0, 300), st.integers(1, 400), st.integers(1, 6))
+def test_every_item_is_done_exactly_once(n_items, chunk, n_threads):
+    visits, pieces = np.zeros(n_items, np.int64), np.zeros(-(-n_items // chunk), np.int64)
+    run(count_visits, n_threads, new_ticket(n_items, chunk), visits, pieces)
+    assert np.all(visits == 1) and np.all(pieces == 1)
+
+
+def test_threads_that_contend_for_each_item_do_it_once():
+    visits = np.zeros(500_000, np.int64)
+    run(count_visits, 4, new_ticket(visits.size, 1), visits, np.zeros(visits.size, np.int64))
+    assert np.all(visits == 1)
+
+
+def test_a_chunk_of_nothing_is_one_item():
+    visits = np.zeros(5, np.int64)
+    run(count_visits, 2, new_ticket(5, 0), visits, np.zeros(5, np.int64))
+    assert np.all(visits == 1)
+
+
+def test_each_thread_runs_the_worker_and_later_runs_reuse_the_threads():
+    def rendezvous(ticket, barrier, seen):
+        barrier.wait(timeout=30)  # passes only when all are here at the same time
+        seen.add(threading.get_ident())
+
+    seen = [set(), set()]
+    for idents in seen:
+        run(rendezvous, 3, new_ticket(3, 1), threading.Barrier(3), idents)
+    assert seen[0] == seen[1] and len(seen[0]) == 3 and threading.get_ident() not in seen[0]
+
+
+def test_one_thread_is_the_callers():
+    seen = []
+    run(lambda ticket: seen.append(threading.get_ident()), 1, new_ticket(10, 1))
+    run(lambda ticket: seen.append(threading.get_ident()), 8, new_ticket(10, 10))  # one piece of work
+    assert seen == [threading.get_ident()] * 2
+
+
+def test_a_worker_may_run_others():
+    def outer(ticket, visits):
+        first = take(ticket)
+        while first >= 0:
+            run(count_visits, 2, new_ticket(visits.shape[1], 3), visits[first], np.zeros(99, np.int64))
+            first = take(ticket)
+
+    visits = np.zeros((7, 40), np.int64)
+    run(outer, 3, new_ticket(7, 1), visits)
+    assert np.all(visits == 1)
+
+
+def test_arrays_are_let_go_after_the_run():
+    visits = np.zeros(10, np.int64)
+    before = sys.getrefcount(visits)
+    run(count_visits, 2, new_ticket(10, 1), visits, np.zeros(10, np.int64))
+    deadline = time.monotonic() + 10
+    while sys.getrefcount(visits) > before and time.monotonic() < deadline:
+        time.sleep(0.001)  # the threads let go just after the run's end
+    assert sys.getrefcount(visits) == before
+
+
+# --- stop, progress, errors -----------------------------------------------------------------------------
+
+
+def test_nothing_is_taken_once_stop_is_set():
+    ticket = new_ticket(10, 4)
+    assert [take(ticket) for _ in range(2)] == [0, 4]
+    ticket[STOP] = 1
+    assert take(ticket) == -1
+    ticket[STOP] = 0
+    assert [take(ticket) for _ in range(3)] == [8, -1, -1]
+
+
+def test_compiled_workers_see_stop():
+    """The read of STOP is not moved out of the worker's loop."""
+    ticket = endless()
+
+    def stop_soon():
+        wait_until_busy(ticket)
+        ticket[STOP] = 1
+
+    threading.Thread(target=stop_soon).start()
+    run(until_stopped, 2, ticket)
+    assert 1000 <= ticket[NEXT] < ticket[N]
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+def test_progress(monkeypatch, n_threads):
+    monkeypatch.setattr(parallel, "_POLL_SECONDS", 0.001)
+
+    def slow(ticket):
+        while take(ticket) >= 0:
+            time.sleep(0.005)
+
+    calls = []
+    run(slow, n_threads, new_ticket(10, 3), progress=lambda done, total: calls.append((done, total)))
+    assert calls[-1] == (10, 10) and len(calls) > 2
+    assert calls == sorted(calls) and {total for _, total in calls} == {10}
+
+
+def test_an_error_in_progress_stops_the_workers(monkeypatch):
+    monkeypatch.setattr(parallel, "_POLL_SECONDS", 0.001)
+
+    def fail(done, total):
+        raise ZeroDivisionError
+
+    ticket = endless()
+    with pytest.raises(ZeroDivisionError):
+        run(until_stopped, 2, ticket, progress=fail)
+    assert_idle(ticket)
+
+
+def assert_idle(ticket):
+    """No thread takes from the ticket any more."""
+    taken = ticket[NEXT]
+    time.sleep(0.02)
+    assert ticket[NEXT] == taken and ticket[STOP] == 1
+
+
+@pytest.mark.parametrize("n_threads", [1, 2, 4])
+def test_a_workers_error_reaches_the_caller_and_stops_the_others(n_threads):
+    def worker(ticket):
+        first = take(ticket)
+        while first >= 0:
+            if first == 20:
+                raise ValueError("item 20")
+            first = take(ticket)
+
+    with pytest.raises(ValueError, match="item 20"):
+        run(worker, n_threads, new_ticket(2**62, 1))
+    visits = np.zeros(50, np.int64)  # and the threads still serve
+    run(count_visits, n_threads, new_ticket(50, 1), visits, np.zeros(50, np.int64))
+    assert np.all(visits == 1)
+
+
+def test_a_kernels_error_reaches_the_caller():
+    @compiled
+    def worker(ticket):
+        raise OverflowError("from compiled code")
+
+    ticket = new_ticket(4, 1)
+    with pytest.raises(OverflowError, match="from compiled code"):
+        run(worker, 2, ticket)
+    assert ticket[STOP] == 1
+
+
+@pytest.fixture
+def ctrl_c():
+    """Sends an interrupt to the main thread, and returns when it has been handled there."""
+    if not hasattr(signal, "pthread_kill"):
+        pytest.skip("this system cannot send a signal to a thread")
+    main, handled = threading.main_thread(), []
+    assert threading.current_thread() is main
+
+    def handler(signum, frame):
+        handled.append(signum)
+        raise KeyboardInterrupt
+
+    def send():
+        before = len(handled)
+        signal.pthread_kill(main.ident, signal.SIGINT)
+        while len(handled) == before:
+            time.sleep(0.001)
+
+    old = signal.signal(signal.SIGINT, handler)
+    yield send
+    signal.signal(signal.SIGINT, old)
+
+
+def test_ctrl_c_stops_the_workers_and_reaches_the_caller(ctrl_c):
+    ticket = endless()
+
+    def interrupt():
+        wait_until_busy(ticket)
+        ctrl_c()
+
+    threading.Thread(target=interrupt).start()
+    with pytest.raises(KeyboardInterrupt):
+        run(until_stopped, 2, ticket)
+    assert_idle(ticket)
+
+
+def test_ctrl_c_again_still_waits_for_the_workers(ctrl_c):
+    finished, end = [], threading.Event()
+
+    def slow(ticket, both):
+        both.wait(timeout=30)
+        end.wait(timeout=30)
+        finished.append(take(ticket))
+
+    def interrupt(both):
+        both.wait(timeout=30)
+        ctrl_c()
+        ctrl_c()
+        end.set()
+
+    both = threading.Barrier(3)
+    threading.Thread(target=interrupt, args=(both,)).start()
+    with pytest.raises(KeyboardInterrupt):
+        run(slow, 2, new_ticket(2, 1), both)
+    assert finished == [-1, -1]
+
+
+FORKED = """
+import os, sys
+import numpy as np
+from test_parallel import count_visits, new_ticket, run
+
+def work():
+    visits = np.zeros(100, np.int64)
+    run(count_visits, 2, new_ticket(100, 1), visits, np.zeros(100, np.int64))
+    return visits.tolist() == [1] * 100
+
+assert work()
+child = os.fork()
+if child == 0:
+    os._exit(0 if work() else 1)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_process_starts_threads_of_its_own():
+    folder = os.path.dirname(__file__)
+    done = subprocess.run(
+        [sys.executable, "-c", FORKED], cwd=folder, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,120 @@
+"""Every plan against the brute-force oracle: not one bit may differ."""
+
+import numpy as np
+import pytest
+from asking import answer, query_of, true_occlusion
+
+import antumbra as at
+from antumbra.plan import all_plans
+from antumbra.scene.procedural import PROCEDURAL
+
+PLANS = all_plans()
+TRIANGLES = 3000
+SIZE = (96, 68)  # pixels: with 16 samples more than 100 000 rays
+
+
+def _soup(seed=3):
+    rng = np.random.default_rng(seed)
+    n = TRIANGLES
+    soup = rng.normal(size=(n, 1, 3)) * (2, 1, 2) + rng.normal(size=(n, 3, 3)) * 0.15
+    soup[: n // 4] = np.round(soup[: n // 4] * 4) / 4
+    floor = np.array([[[-9, -3, -9], [-9, -3, 9], [9, -3, 9]], [[-9, -3, -9], [9, -3, 9], [9, -3, -9]]])
+    return at.Scene.from_arrays(np.concatenate([soup, floor]), name="soup")
+
+
+def _case(name):
+    if name == "soup":
+        scene = _soup()
+        return scene, at.Camera((0, 2, 9), (0, -0.5, 0), width=SIZE[0], height=SIZE[1]), None
+    scene = at.procedural(name, triangles=TRIANGLES)
+    return scene, scene.cameras[0].resized(*SIZE), scene.lights[0]
+
+
+@pytest.fixture(scope="module", params=["soup", *PROCEDURAL])
+def case(request):
+    scene, camera, light = _case(request.param)
+    triangles, query = query_of(scene, camera, light or at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2)), 16)
+    truth, asked = true_occlusion(triangles, query)
+    print(f"{request.param}: {asked.sum()} rays, {truth[asked].mean():.1%} occluded")
+    assert asked.sum() > 50_000
+    assert 0.02 < truth[asked].mean() < 0.98
+    return triangles, query, truth
+
+
+@pytest.mark.parametrize("plan", PLANS, ids=str)
+def test_no_bit_differs_from_the_oracle(case, plan):
+    triangles, query, truth = case
+    np.testing.assert_array_equal(answer(plan, triangles, query), truth)
+
+
+LIGHTS = {
+    "point": at.PointLight((0.5, 5, 0.25)),
+    "quad": at.QuadLight((-2, 5, -2), (4, 1, 0), (0, 0, 4)),
+    "disk": at.DiskLight((0, 5, 1), (0.2, -1, 0), 1.5),
+    "sphere": at.SphereLight((1, 5, 0), 1.0),
+    "sphere around everything": at.SphereLight((0, 0, 0), 20.0),
+    "sun": at.DirectionalLight((0.3, -1, 0.2)),
+    "wide sun": at.DirectionalLight((0.3, -1, 0.2), angular_diameter=60),
+    "parallel sun": at.DirectionalLight((0, -1, 0), angular_diameter=0),
+    "light inside the geometry": at.QuadLight((-1, -0.5, -1), (2, 0, 0), (0, 0, 2)),
+    "light in the floor's plane": at.QuadLight((-1, -3, -1), (2, 0, 0), (0, 0, 2)),
+}
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+@pytest.mark.parametrize("plan", PLANS, ids=str)
+def test_every_light_shape(plan, name):
+    scene = _soup(7)
+    camera = at.Camera((0, 2, 9), (0, -0.5, 0), width=24, height=20)
+    triangles, query = query_of(scene, camera, LIGHTS[name], 5)
+    truth, asked = true_occlusion(triangles, query)
+    assert truth[asked].any() and (name == "light in the floor's plane" or not truth[asked].all())
+    np.testing.assert_array_equal(answer(plan, triangles, query), truth)
+
+
+@pytest.mark.parametrize("spp", [1, 3, 64, 65, 200])
+@pytest.mark.parametrize("plan", PLANS, ids=str)
+def test_every_number_of_samples(plan, spp):
+    triangles, query = query_of(
+        _soup(9), at.Camera((0, 2, 9), (0, -0.5, 0), width=12, height=9), LIGHTS["quad"], spp
+    )
+    truth, asked = true_occlusion(triangles, query)
+    assert truth[asked].any() and not truth[asked].all()
+    np.testing.assert_array_equal(answer(plan, triangles, query), truth)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize("plan", PLANS, ids=str)
+def test_scales(plan, scale):
+    scene = at.Scene.from_arrays(_soup(11).triangles().vertices.astype(np.float64) * scale)
+    camera = at.Camera((0, 2 * scale, 9 * scale), (0, -0.5 * scale, 0), width=24, height=20)
+    light = at.QuadLight((-scale, 6 * scale, -scale), (2 * scale, 0, 0), (0, 0, 2 * scale))
+    triangles, query = query_of(scene, camera, light, 8)
+    truth, asked = true_occlusion(triangles, query)
+    assert truth[asked].any() and not truth[asked].all()
+    np.testing.assert_array_equal(answer(plan, triangles, query), truth)
+
+
+@pytest.mark.parametrize("plan", PLANS, ids=str)
+def test_threads_and_tiles_do_not_matter(plan):
+    triangles, query = query_of(
+        _soup(13), at.Camera((0, 2, 9), (0, -0.5, 0), width=45, height=37), LIGHTS["quad"], 4
+    )
+    one = answer(plan, triangles, query, threads=1)
+    np.testing.assert_array_equal(answer(plan, triangles, query, threads=3), one)
+
+
+@pytest.mark.parametrize("plan", PLANS, ids=str)
+def test_an_offset_of_a_map_grid_changes_no_bit(plan):
+    """UTM-sized coordinates: the same bits as the centred scene (coordinates that float64 can shift exactly)."""
+    soup = np.round(_soup(15).triangles().vertices.astype(np.float64) * 2**20) / 2**20
+    images = []
+    for offset in (np.zeros(3), np.array([5e6, 120.0, 4.5e5])):
+        scene = at.Scene.from_arrays(soup + offset)
+        camera = at.Camera(
+            np.array([0, 2.0, 9]) + offset, np.array([0, -0.5, 0]) + offset, width=40, height=30
+        )
+        light = at.QuadLight(np.array([-1.0, 6, -1]) + offset, (2, 0, 0), (0, 0, 2))
+        images.append(at.render(scene, camera, light, spp=16, plan=plan).bits[0])
+    np.testing.assert_array_equal(images[0], images[1])
+    assert images[0].any()
