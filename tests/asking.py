@@ -1,8 +1,8 @@
 """Helpers for tests of tracers: queries small enough for the brute-force oracle, and the oracle's answer to them."""
 
 import numpy as np
-import oracle
 
+import oracle
 from antumbra.query.sampling import sample_sets
 from antumbra.query.shadow import segments
 from antumbra.renderer import Renderer, shadow_queries

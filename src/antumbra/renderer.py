@@ -129,8 +129,8 @@ class Renderer:
         bits = [self._trace(bvh, query, tally, progress) for query in queries]
         visibility = [fraction_lit(b, len(square[0])) for b in bits]
         clock.lap("trace")
-        arriving = [irradiance(gbuffer, q.light, q.samples, self.threads) for q in queries]
-        image = shade(gbuffer, triangles.colour, lights, arriving, visibility)
+        arriving = [irradiance(gbuffer, q.light, s.domain, self.threads) for q, s in zip(queries, lights)]
+        image = shade(gbuffer, triangles.colour, lights, arriving, visibility, threads=self.threads)
         clock.lap("shade")
         rays = int(np.count_nonzero(gbuffer.side != NOTHING)) * len(square[0]) * len(lights)
         return Frame(image, visibility, bits, gbuffer, rays, clock.timings(), as_dict(tally))

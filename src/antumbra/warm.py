@@ -39,10 +39,10 @@ def _once(name: str, work: Callable[[], None], say: Callable[[str], None]) -> No
 
 @cache
 def warm_up(plan, gbuffer: str, counters: bool) -> None:
-    """Compile, or load from the cache, all kernels that rendering by this plan calls: by rendering two triangles."""
+    """Compile, or load from the cache, all kernels that rendering by this plan calls: by rendering a small scene."""
     _once(
         f"{plan} ({gbuffer}{', counted' if counters else ''})",
-        lambda: _render_tiny(plan, gbuffer, counters),
+        lambda: _render_small(plan, gbuffer, counters),
         tell,
     )
 
@@ -56,7 +56,7 @@ def warm_up_rays() -> None:
         from .query.rays import ray_list
 
         trace_list(
-            _tiny_scene(),
+            _small_scene(),
             ray_list(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0],
             True,
             0.0,
@@ -66,23 +66,26 @@ def warm_up_rays() -> None:
     _once("ray queries", work, tell)
 
 
-def _tiny_scene():
+def _small_scene():
+    """Hills of about 10 000 triangles: enough for builders to take every path that large scenes take."""
     from .scene.scene import Scene
 
-    return Scene.from_arrays(
-        np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]), np.array([[0, 1, 2], [0, 2, 3]])
-    )
+    x, z = np.meshgrid(np.linspace(-1, 1, 73), np.linspace(-1, 1, 73))
+    a = (np.arange(72)[:, None] * 73 + np.arange(72)).ravel()
+    faces = np.concatenate([np.stack([a, a + 73, a + 1], 1), np.stack([a + 1, a + 73, a + 74], 1)])
+    return Scene.from_arrays(np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3), faces)
 
 
-def _render_tiny(plan, gbuffer, counters):
+def _render_small(plan, gbuffer, counters):
     from . import renderer
     from .query.sampling import sample_sets
     from .scene.camera import Camera
     from .scene.lights import PointLight
 
-    work = renderer.Renderer(_tiny_scene(), plan, 1, gbuffer)
     camera = Camera((0, 2, 3), (0, 0, 0), width=8, height=8)
-    work.frame(camera, [PointLight((0, 2, 0))], sample_sets(1), counters=counters)
+    renderer.Renderer(_small_scene(), plan, 2, gbuffer).frame(
+        camera, [PointLight((0, 2, 0))], sample_sets(1), counters=counters
+    )
 
 
 def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:

@@ -1,12 +1,12 @@
 """Light patches, receivers and horizons: the segments that a query asks."""
 
 import numpy as np
-import oracle
 import pytest
-from asking import query_of
 
 import antumbra as at
+import oracle
 from antumbra.query.shadow import fraction_lit, segments
+from asking import query_of
 
 CENTRE = np.array([0.3, 5.0, -0.2])
 

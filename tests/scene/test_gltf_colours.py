@@ -95,7 +95,7 @@ def test_no_material_is_white(tmp_path):
 
 def _broken_images():
     bomb = io.BytesIO()
-    Image.new("1", (30000, 30000)).save(bomb, "PNG")
+    Image.new("1", (6000, 6000)).save(bomb, "PNG")  # 36 million pixels in some thousand bytes
     whole = png(np.zeros((64, 64, 3)))
     return {
         "missing": None,

@@ -105,7 +105,7 @@ def posed(document, read, t, animations):
 
 
 def expected(path, t):
-    """The triangles of a file ((n, 3, 3) world) by the definitions; the first animation only if they clash."""
+    """The triangles of a file ((n, 3, 3) world) by the definitions; of rival animations, the first."""
     document, read = opened(path)
     animations = document.get("animations", [])
     animations = animations if path.stem == "InterpolationTest" else animations[:1]

@@ -10,6 +10,7 @@ from pathlib import Path
 import llvmlite.binding as llvm
 import numpy as np
 import pytest
+
 import vector_operations as ops
 
 pytestmark = pytest.mark.skipif(

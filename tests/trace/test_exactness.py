@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from asking import answer, query_of, true_occlusion
 
 import antumbra as at
 from antumbra.plan import all_plans
 from antumbra.scene.procedural import PROCEDURAL
+from asking import answer, query_of, true_occlusion
 
 PLANS = all_plans()
 TRIANGLES = 3000

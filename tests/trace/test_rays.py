@@ -1,13 +1,13 @@
 """`Scene.occluded` and `Scene.closest_hit` on arrays."""
 
 import numpy as np
-import oracle
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import soups
 
 import antumbra as at
+import oracle
+from strategies import soups
 
 
 @given(soups(), st.integers(0, 2**32 - 1))

@@ -5,7 +5,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import kernel
-from ..simd import extract, get, load4, load8, maximum, minimum, put, select, splat4, splat8, stack_f32, store, swap_halves, to_i32
+from ..simd import (
+    extract,
+    get,
+    load4,
+    load8,
+    maximum,
+    minimum,
+    put,
+    select,
+    splat8,
+    stack_f32,
+    store,
+    swap_halves,
+    to_i32,
+)
 from .bounds import INF, half_area
 
 BINS = 32  # on each axis, at most

@@ -15,19 +15,17 @@ from ..simd import (
     get,
     load4,
     load8,
+    mask_from_bits4,
     maximum,
     minimum,
     ptr,
     put,
-    reduce_max,
     select,
     shuffle,
     splat4,
     splat8,
     store,
     swap_halves,
-    mask_from_bits4,
-    absolute,
 )
 
 INF = np.float32(np.inf)
@@ -36,8 +34,9 @@ _ID_BIT = np.int32(1 << 30)
 # The bit makes a float between 2 and 2**33 of any index: denormal numbers, which small integers are, can cost an
 # x86 processor a hundred cycles each when they pass through arithmetic, even in a lane that nobody looks at.
 
+MAX_COORDINATE = np.float32(2.0**125)  # so that the difference of two sums of two coordinates is finite
 MAX_TRIANGLES = 1 << 28  # a leaf's link holds 8 times the slot of its first triangle
-PART = 24  # float32 of what one chunk of records adds to the whole: box, centroid box, 0 or NaN
+PART = 20  # float32 of what one chunk of records adds to the whole: box, centroid box, 0 or NaN
 
 
 @kernel

@@ -107,13 +107,13 @@ def copy_corners(vertices, first, last, out):
 def build_subtree(vertices, records, first, last, depth, box, centroids, settings, out):
     """Build the tree over the records from `first` to `last` - 1; the number of nodes made.
 
-    They are the nodes `first` + 1, `first` + 2, ..., depth first. The left link of node `first` is the link to the tree;
-    nothing else is written there. A tree of n records has at most n - 1 nodes, so subtrees have room side by side.
+    They are nodes 1, 2, ... of `out`, depth first; of n records come at most n - 1. The left link of node 0 is the link to
+    the tree, and nothing else is written there.
     """
     ranges = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES))
     bins = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
-    next_node = first + 1
-    height = _push(ranges, 0, first, last, depth, first * 16 + 12, box, centroids)
+    next_node = np.int64(1)
+    height = _push(ranges, 0, first, last, depth, 12, box, centroids)
     while height > 0:
         height -= 1
         b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
@@ -137,4 +137,4 @@ def build_subtree(vertices, records, first, last, depth, box, centroids, setting
         height = _push(ranges, height, b, m, d + 1, next_node * 16 + 12, left, left_centroids)
         next_node += 1
     copy_corners(vertices, first, last, out)
-    return next_node - first - 1
+    return next_node - 1

@@ -11,7 +11,20 @@ import numpy as np
 
 from ..jit import kernel
 from ..parallel import new_ticket, run, take
-from ..simd import as_i32, extract, get, load8, mask_from_bits8, minimum, ptr_at, put, select, stack_f32, stack_i32, store
+from ..simd import (
+    as_i32,
+    extract,
+    get,
+    load8,
+    minimum,
+    ptr_at,
+    put,
+    select,
+    splat8,
+    stack_f32,
+    stack_i32,
+    store,
+)
 from .bins import BIN_BOXES, BIN_COUNTS, Bins, Split, cheapest_split, clear_bins, fill_bins, goes_left, make_mapping
 from .bounds import INF, double_centroid
 from .subtree import must_halve
@@ -177,10 +190,31 @@ def build_top(records, spare, box, centroids, scale, largest, threads) -> Top:
     scale : float32
         See `Settings`.
     """
-    depth, n_nodes = 0, 0
-    ranges, range_boxes = np.array([[0, len(records)]]), np.concatenate([box, centroids])[None]
-    done, done_boxes, boxes, children = [], [], [], [np.zeros((0, 2), np.int64)]
-    n_done = 0
+    ranges, boxes = np.array([[0, len(records)]]), np.concatenate([box, centroids])[None]
+    depth, n_nodes, n_done = 0, 0, 0
+    children, node_boxes, done, done_boxes = [], [np.empty((0, 2, 8), np.float32)], [], []
     while True:
         large = ranges[:, 1] - ranges[:, 0] > largest
-        children_of_level = np.where(large, np.cumsum(large) - 1 + n_nodes, ~(np.cumsum(~large) - 1 + n_done))
+        children.append(np.where(large, n_nodes + np.cumsum(large) - 1, ~(n_done + np.cumsum(~large) - 1)))
+        k, small = np.count_nonzero(large), np.count_nonzero(~large)
+        done.append(np.column_stack([ranges[~large], np.full((small, 2), [depth, depth & 1])]))
+        done_boxes.append(boxes[~large])
+        n_nodes, n_done = n_nodes + k, n_done + small
+        if k == 0:
+            break
+        level = _cut(ranges[large], boxes[large])
+        run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), records, level)
+        _choose_splits(level, depth, scale)
+        run(_move_blocks, threads, new_ticket(len(level.blocks), 1), records, spare, level)
+        sides = np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
+        node_boxes.append(sides.reshape(k, 4, 8)[:, ::2])
+        ranges = level.splits[:, [2, 2, 2, 2]]
+        ranges[:, 0], ranges[:, 3] = level.ranges[:, 0], level.ranges[:, 1]
+        ranges, boxes = ranges.reshape(2 * k, 2), sides.reshape(2 * k, 16)
+        records, spare, depth = spare, records, depth + 1
+    return Top(
+        np.concatenate(node_boxes),
+        np.concatenate(children)[1:].reshape(-1, 2),
+        np.concatenate(done),
+        np.concatenate(done_boxes),
+    )

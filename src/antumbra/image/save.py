@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..checks import number
 from ..output import checked_output, replacing
-from .tonemap import automatic_exposure, checked_exposure, to_srgb8
+from .tonemap import automatic_exposure, to_srgb8
 
 SUFFIXES = (".png", ".exr")
 
@@ -13,6 +14,11 @@ SUFFIXES = (".png", ".exr")
 def check_output(path) -> Path:
     """`path` if a picture can be written there; InputError, naming the cure, if not. Asked before a long render."""
     return checked_output(path, SUFFIXES)
+
+
+def checked_exposure(exposure) -> float:
+    """`exposure` as a float; InputError unless it is a finite number above 0."""
+    return number(exposure, "exposure", 0.0, np.inf)
 
 
 def frame_exposure(frame) -> float:

@@ -11,7 +11,9 @@ from ..scene.lights import DIRECTIONAL
 AMBIENT = 0.12
 """Ambient irradiance as a share of the mean direct irradiance that the seen surfaces would get without shadows."""
 
-_LIGHT_POINTS = 16  # points of a light that stand for all of it
+_CROSS = np.array([[0.3, 0.1], [0.9, 0.3], [0.7, 0.9], [0.1, 0.7]])
+_POINTS = {"square": _CROSS, "disk": (2.0 * _CROSS - 1.0) * 0.8, "point": np.zeros((1, 2))}
+"""By domain: points (a, b) that stand for all of a light."""
 
 
 @kernel
@@ -40,45 +42,58 @@ def _irradiance_rows(ticket, position, normal, side, light, flat, points, out):
             for x in range(side.shape[1]):
                 total = 0.0
                 if side[y, x] != NOTHING:
-                    p, n = position[y, x], normal[y, x]
-                    patch = patch_at(light, p[0], p[1], p[2])
+                    px, py, pz = position[y, x, 0], position[y, x, 1], position[y, x, 2]
+                    nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
+                    patch = patch_at(light, px, py, pz)
                     for s in range(len(points)):
                         lx, ly, lz = sample_point(patch, points[s, 0], points[s, 1])
-                        total += _point_irradiance(
-                            light, flat, p[0], p[1], p[2], n[0], n[1], n[2], lx, ly, lz
-                        )
+                        total += _point_irradiance(light, flat, px, py, pz, nx, ny, nz, lx, ly, lz)
                 out[y, x] = np.float32(total / len(points))
         y0 = take(ticket)
 
 
-def irradiance(gbuffer, patch, samples, threads=None) -> np.ndarray:
+def irradiance(gbuffer, patch, domain, threads=None) -> np.ndarray:
     """(H, W) float32: what each pixel's surface would get of a light of intensity 1 if nothing were in the way.
 
-    patch : LightPatch; samples : (16, spp, 2) in the light's domain, of which some stand for the light
+    patch : LightPatch; domain : the light's, of which a few points stand for the light
     """
     flat = np.cross(patch.u, patch.v) if patch.kind != DIRECTIONAL else np.zeros(3)
     length = np.linalg.norm(flat)
     flat = flat / length if length > 0 else np.zeros(3)
-    points = np.ascontiguousarray(samples.reshape(-1, 2)[:: max(1, samples.size // 2 // _LIGHT_POINTS)])
     out = np.empty(gbuffer.face.shape, np.float32)
     ticket = new_ticket(len(out), 8)
-    args = gbuffer.position, gbuffer.normal, gbuffer.side, patch, flat, points, out
+    args = gbuffer.position, gbuffer.normal, gbuffer.side, patch, flat, _POINTS[domain], out
     run(_irradiance_rows, thread_count(threads), ticket, *args)
     return out
 
 
-def shade(gbuffer, colour, lights, irradiances, visibility, ambient=AMBIENT) -> np.ndarray:
+@kernel
+def _shade_rows(ticket, face, colour, tints, irradiances, visibility, ambient, image):
+    inverse_pi = np.float32(1.0 / np.pi)
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(face.shape[1]):
+                i = face[y, x]
+                for c in range(3):
+                    light = ambient[c]
+                    for k in range(len(tints)):
+                        light += irradiances[k, y, x] * visibility[k, y, x] * tints[k, c]
+                    image[y, x, c] = light * colour[i, c] * inverse_pi if i >= 0 else np.float32(0.0)
+        y0 = take(ticket)
+
+
+def shade(gbuffer, colour, lights, irradiances, visibility, ambient=AMBIENT, threads=None) -> np.ndarray:
     """(H, W, 3) float32 linear radiance of diffuse surfaces; 0 where nothing is seen.
 
     colour : (n, 3) float32, of each face
     lights : objects with `intensity` and `colour`; irradiances, visibility : (H, W) float32 for each
     """
-    seen = gbuffer.side != NOTHING
-    light = np.zeros((*seen.shape, 3), np.float32)
-    everywhere = np.zeros(3)
-    for source, e, v in zip(lights, irradiances, visibility):
-        rgb = np.asarray(source.colour, np.float32) * np.float32(source.intensity)
-        light += (e * v)[..., None] * rgb
-        everywhere += (e.sum(dtype=np.float64) / max(1, np.count_nonzero(seen))) * rgb
-    light += (ambient * everywhere).astype(np.float32)
-    return np.where(seen[..., None], light * colour[gbuffer.face] * np.float32(1.0 / np.pi), np.float32(0.0))
+    tints = np.array([np.asarray(s.colour, np.float32) * np.float32(s.intensity) for s in lights])
+    irradiances, visibility = np.stack(irradiances), np.stack(visibility)
+    mean = irradiances.sum(axis=(1, 2), dtype=np.float64) / max(1, np.count_nonzero(gbuffer.side != NOTHING))
+    everywhere = (ambient * mean @ tints).astype(np.float32)
+    image = np.empty((*gbuffer.face.shape, 3), np.float32)
+    args = gbuffer.face, colour, tints, irradiances, visibility, everywhere, image
+    run(_shade_rows, thread_count(threads), new_ticket(len(image), 8), *args)
+    return image

@@ -4,8 +4,6 @@ from functools import cache
 
 import numpy as np
 
-from ..errors import InputError
-
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Rec. 709 weights of linear red, green and blue."""
 
@@ -34,17 +32,6 @@ def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
     return BRIGHT / max(float(np.percentile(luminance, PERCENTILE)), 1e-30)
 
 
-def checked_exposure(exposure) -> float:
-    """`exposure` as a float; InputError unless it is a finite number above 0."""
-    try:
-        value = float(exposure)
-    except (TypeError, ValueError):
-        value = np.nan
-    if not (np.isfinite(value) and value > 0.0):
-        raise InputError(f"exposure is {exposure!r}; it must be a finite number above 0, or None for automatic")
-    return value
-
-
 def roll_off(x: np.ndarray) -> np.ndarray:
     """Linear light >= 0 to [0, 1]: itself up to `SHOULDER`, then ever slower towards 1; smooth to first order."""
     room = 1.0 - SHOULDER
@@ -63,7 +50,7 @@ def to_srgb8(image: np.ndarray, exposure: float) -> np.ndarray:
     black, an entry is a fifth of an 8-bit step.
     """
     out = np.empty(image.shape, np.uint8)
-    scale = np.float32(min(exposure * (_ENTRIES / _TOP), np.finfo(np.float32).max))
+    scale = np.float32(min(exposure * (_ENTRIES / _TOP), 3e38))
     with np.errstate(invalid="ignore", over="ignore"):
         for y in range(0, len(image), _ROWS):
             entry = image[y : y + _ROWS] * scale

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..checks import whole_number
 from ..errors import InputError
 
 N_SETS = 16
@@ -112,11 +113,10 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
     InputError
         On an unknown sampler or spp out of range.
     """
-    if isinstance(spp, bool) or int(spp) != spp or not 1 <= spp <= MAX_SPP:
-        raise InputError(f"spp is {spp!r}; it must be a whole number from 1 to {MAX_SPP}")
+    spp = whole_number(spp, "spp", 1, MAX_SPP)
     if sampler not in SAMPLERS:
         raise InputError(f"unknown sampler {sampler!r}; choose one of {', '.join(SAMPLERS)}")
-    return np.ascontiguousarray(SAMPLERS[sampler](int(spp), seed))
+    return np.ascontiguousarray(SAMPLERS[sampler](spp, seed))
 
 
 def to_domain(square: np.ndarray, domain: str) -> np.ndarray:

@@ -4,8 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..checks import number, vector, whole_number
 from ..errors import InputError
-from .vectors import vector
+
+MAX_SIZE = 32768  # pixels, each way
 
 
 class CameraRays(NamedTuple):
@@ -45,10 +47,9 @@ class Camera:
         self.position = vector(position, "camera position")
         self.target = vector(target, "camera target")
         self.up = vector(up, "camera up")
-        self.vfov = float(vfov)
-        self.width, self.height = _size(width, "width"), _size(height, "height")
-        if not 0.0 < self.vfov < 180.0:
-            raise InputError(f"camera vfov is {self.vfov:g} degrees; it must lie between 0 and 180")
+        self.vfov = number(vfov, "camera vfov (degrees)", 0.0, 180.0)
+        self.width = whole_number(width, "picture width", 1, MAX_SIZE)
+        self.height = whole_number(height, "picture height", 1, MAX_SIZE)
         view = self.target - self.position
         if not np.linalg.norm(view) > 0.0:
             raise InputError("camera target is at the camera position; move one of them")
@@ -80,9 +81,3 @@ class Camera:
             f"Camera(position=({p}), target=({t}), up=({u}), vfov={self.vfov:g}, "
             f"width={self.width}, height={self.height})"
         )
-
-
-def _size(value, what: str) -> int:
-    if int(value) != value or not 1 <= value <= 32768:
-        raise InputError(f"picture {what} is {value!r}; it must be a whole number from 1 to 32768")
-    return int(value)

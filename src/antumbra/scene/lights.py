@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..checks import vector
 from ..errors import InputError
-from .vectors import vector
 
 FIXED, DIRECTIONAL, SPHERE = 0, 1, 2
 

@@ -6,8 +6,8 @@ from ..bvh.nodes import tree_of
 from ..jit import kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..predicate.exact import ray_along
-from .traverse import walk
 from ..query.pixels import pixel_direction
+from .traverse import walk
 
 _TILE = 16
 

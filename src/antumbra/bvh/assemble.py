@@ -1,0 +1,79 @@
+"""The nodes of the top and of the subtrees, made apart, into one array in depth-first order."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import new_ticket, run, take
+from ..simd import load16, ptr, store
+from .nodes import MAX_DEPTH, aligned_empty
+from .top import Top
+
+
+class Subtrees(NamedTuple):
+    """What has been built below the top."""
+
+    nodes: np.ndarray  # (m, 16) float32: the nodes of each subtree together, depth first; a link counts from 1 for its root
+    shares: np.ndarray  # (s, 3) int64: of each subtree, first node, number of nodes (0 for a leaf), link to it
+
+
+@kernel
+def _place(children, shares, node_at, subtree_at):
+    """Where each node of the top, and the first node of each subtree, comes in depth-first order; the number of nodes."""
+    waiting = np.empty(MAX_DEPTH + 1, np.int64)
+    waiting[0] = 0 if len(children) else -1
+    height, position = 1, 0
+    while height > 0:
+        height -= 1
+        child = waiting[height]
+        if child < 0:
+            subtree_at[~child] = position
+            position += shares[~child, 1]
+            continue
+        node_at[child] = position
+        position += 1
+        waiting[height], waiting[height + 1] = children[child, 1], children[child, 0]
+        height += 2
+    return position
+
+
+@kernel
+def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
+    """Worker: move the nodes of each subtree to their place and count their links from there."""
+    source, target = ptr(subtrees.nodes), ptr(nodes)
+    s = take(ticket)
+    while s >= 0:
+        first, count, at = subtrees.shares[s, 0], subtrees.shares[s, 1], subtree_at[s]
+        for i in range(count):
+            store(target, (at + i) * 16, load16(source, (first + i) * 16))
+            for word in (12, 13):
+                if links[at + i, word] >= 0:
+                    links[at + i, word] += at - 1
+        s = take(ticket)
+
+
+def _top_lines(top: Top, node_at, subtree_at, shares) -> np.ndarray:
+    """(t, 16) float32: the nodes of the top."""
+    t = len(top.children)
+    lines = np.zeros((t, 16), np.float32)
+    corners = np.concatenate([top.boxes[:, :, 0:3], -top.boxes[:, :, 4:7]], axis=1)
+    lines[:, :12] = corners.transpose(0, 2, 1).reshape(t, 12)
+    is_node = top.children >= 0
+    s = ~top.children[~is_node]
+    links = np.empty((t, 2), np.int64)
+    links[is_node] = node_at[top.children[is_node]]
+    links[~is_node] = np.where(shares[s, 2] >= 0, subtree_at[s], shares[s, 2])
+    lines.view(np.int32)[:, 12:14] = links
+    return lines
+
+
+def assemble(top: Top, subtrees: Subtrees, threads: int) -> np.ndarray:
+    """All nodes, (n, 16) float32 on a 64-byte line, every left child right behind its parent."""
+    node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty(len(subtrees.shares), np.int64)
+    count = _place(top.children, subtrees.shares, node_at, subtree_at)
+    nodes = aligned_empty((count, 16), "f4")
+    ticket = new_ticket(len(subtree_at), 1)
+    run(_copy_subtrees, threads, ticket, subtrees, subtree_at, nodes, nodes.view(np.int32))
+    nodes[node_at] = _top_lines(top, node_at, subtree_at, subtrees.shares)
+    return nodes

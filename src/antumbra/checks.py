@@ -1,0 +1,37 @@
+"""Checked numbers for the public face."""
+
+import numpy as np
+
+from .errors import InputError
+
+
+def vector(value, what: str) -> np.ndarray:
+    """`value` as (3,) float64; InputError naming `what` unless it is three finite numbers."""
+    try:
+        v = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be three numbers, not {value!r}") from None
+    if v.shape != (3,) or not np.isfinite(v).all():
+        raise InputError(f"{what} must be three finite numbers, not {value!r}")
+    return v
+
+
+def whole_number(value, what: str, low: int, high: int) -> int:
+    """`value` as an int; InputError naming `what` unless it is a whole number from `low` to `high`."""
+    try:
+        if not isinstance(value, bool) and int(value) == value and low <= value <= high:
+            return int(value)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"{what} is {value!r}; it must be a whole number from {low} to {high}")
+
+
+def number(value, what: str, low: float, high: float) -> float:
+    """`value` as a float; InputError naming `what` unless low < value < high."""
+    try:
+        x = float(value)
+    except (TypeError, ValueError):
+        x = float("nan")
+    if not low < x < high:
+        raise InputError(f"{what} is {value!r}; it must lie between {low:g} and {high:g}")
+    return x

@@ -1,0 +1,234 @@
+import os
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+import antumbra as at
+from antumbra.cli.activity import Activity
+
+
+def pixels(path):
+    with Image.open(path) as image:
+        return np.asarray(image)
+
+
+def test_a_picture_and_a_summary(render, tmp_path):
+    done = render("--spp", 4)
+    assert done.code == 0
+    assert os.listdir(tmp_path) == ["antumbra.png"]
+    assert pixels("antumbra.png").shape == (32, 32, 3) and pixels("antumbra.png").std() > 1.0
+    for word in ("antumbra.png", "atrium", "triangles", "32x32", "QuadLight", "4,096 (4 a pixel", "bsah+single", "trace", "save"):
+        assert word in done.out, done.out
+    assert "uncertain" not in done.out
+
+
+def test_the_summary_as_json(render):
+    told = render("--json", "--counters", "--spp", 4, "-o", "x.exr").json()
+    assert told["output"] == "x.exr" and told["exposure"] is None
+    assert told["scene"]["name"] == "atrium" and told["scene"]["notes"] == []
+    assert told["camera"]["width"] == 32 and len(told["camera"]["position"]) == 3
+    assert [light["type"] for light in told["lights"]] == ["QuadLight"]
+    assert (told["spp"], told["plan"], told["gbuffer"], told["threads"]) == (4, "bsah+single", "raster", None)
+    assert told["rays"] == 4 * told["seen"] == told["counters"]["rays"] > 0
+    assert 0.0 < told["lit"][0] < 1.0
+    assert {"evaluate", "gbuffer", "build", "trace", "shade", "total"} <= told["timings"].keys()
+    assert min(told["load"], told["save"], told["mrays_per_second"]) > 0.0
+    assert told["uncertain_fraction"] == told["counters"]["uncertain"] / told["counters"]["triangle_tests"] < 1e-2
+
+
+def test_json_without_counters(render):
+    told = render("--json").json()
+    assert told["counters"] is None and told["uncertain_fraction"] is None
+    assert told["output"] == "antumbra.png" and told["exposure"] > 0.0
+
+
+def test_counters_for_people(render):
+    told = render("--counters").out
+    assert "triangle tests" in told and "left to float64" in told
+
+
+def test_quiet(render, tmp_path):
+    assert render("--quiet") == (0, "", "")
+    assert render("-q", "--json").json()["output"] == "antumbra.png"
+
+
+def test_the_same_arguments_give_the_same_file_however_it_is_computed(render):
+    plain = render("-o", "a.png")
+    assert plain.code == 0
+    for name, more in [("b", ()), ("c", ("--threads", 1)), ("d", ("--gbuffer", "rays")), ("e", ("--counters", "--threads", 3))]:
+        assert render("-o", f"{name}.png", *more).code == 0
+        assert (pixels(f"{name}.png") == pixels("a.png")).all(), more
+
+
+@pytest.mark.parametrize("option", [("--spp", "2"), ("--sampler", "sobol"), ("--exposure", "0.001"), ("--camera", "0,1,0:1,1,0")])
+def test_options_that_change_the_picture(render, option):
+    assert render("-o", "a.png").code == render("-o", "b.png", *option).code == 0
+    assert (pixels("a.png") != pixels("b.png")).any()
+
+
+def test_the_seed_reaches_the_scene(render):
+    for seed in (0, 1):
+        assert render("-o", f"{seed}.png", scene=f"procedural:atrium?triangles=2k&seed={seed}").code == 0
+    assert (pixels("0.png") != pixels("1.png")).any()
+
+
+def test_exr_and_png_hold_what_the_library_renders(render):
+    assert render("-o", "a.exr").code == 0
+    assert render("-o", "a.png").code == 0
+    scene = at.procedural("atrium", triangles=2000)
+    frame = at.render(scene, scene.cameras[0].resized(32, 32))
+    with OpenEXR.File("a.exr", separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    assert (channels["visibility.0"] == frame.visibility[0]).all() and 0.0 < frame.visibility[0].mean() < 1.0
+    assert (channels["depth.Z"] == frame.gbuffer.depth).all()
+    assert (channels["R"] == frame.image[..., 0]).all()
+    frame.save("b.png")
+    assert (pixels("a.png") == pixels("b.png")).all()
+
+
+def test_lights_and_cameras_reach_the_frame(render):
+    told = render("--json", "--light", "point:0,3,0@5", "--light", "0", "--light", "sun:0,-1,0.2", "--camera", "-1,1,0:1,1,0:40").json()
+    assert [light["type"] for light in told["lights"]] == ["PointLight", "QuadLight", "DirectionalLight"]
+    assert told["lights"][0]["position"] == [0, 3, 0] and told["lights"][0]["intensity"] == 5
+    assert len(told["lit"]) == 3 and told["rays"] == 3 * 16 * told["seen"]
+    assert told["camera"]["position"] == [-1, 1, 0] and told["camera"]["vfov"] == 40
+
+
+def test_a_file_is_rendered_to_its_own_name(render, square_obj, tmp_path):
+    told = render("--json", scene=square_obj).json()
+    assert told["output"] == "square.png" and told["scene"]["triangles"] == 2
+    assert told["lights"][0]["type"] == "QuadLight" and 0 < told["seen"] < 32 * 32
+    assert sorted(os.listdir(tmp_path)) == ["square.obj", "square.png"]
+
+
+def test_straight_down_is_a_view(render, square_obj):
+    told = render("--json", "--camera", "0,1,0:0,0,0:80", "--light", "sun:0,-1,0", scene=square_obj).json()
+    assert told["seen"] == 32 * 32 and told["lit"] == [1.0]
+
+
+def test_up_reaches_the_scene(render, square_obj):
+    told = render("--json", "--up", "z", scene=square_obj).json()
+    assert told["scene"]["up"] == "z" and told["camera"]["up"] == [0, 0, 1]
+
+
+def test_an_empty_view_is_said_and_is_no_error(render, square_obj):
+    done = render("--camera", "0,1,0:0,2,1", scene=square_obj)
+    assert done.code == 0 and "the camera sees no surface" in done.out
+    assert not pixels("square.png").any()
+    told = render("--json", "--camera", "0,1,0:0,2,1", scene=square_obj).json()
+    assert (told["seen"], told["rays"], told["lit"], told["mrays_per_second"]) == (0, 0, [None], None)
+
+
+def test_frames_take_a_time(render, tmp_path):
+    folder = tmp_path / "moving"
+    folder.mkdir()
+    square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], np.float32)
+    np.save(folder / "frames.npy", np.stack([square, square * 2.0]))
+    np.save(folder / "faces.npy", np.array([[2, 1, 0], [3, 2, 0]], np.int32))
+    (folder / "info.json").write_text('{"times": [0.0, 2.0]}')
+    seen = {}
+    for time in ("0", "2", "99", "-1"):
+        told = render("--json", "--time", time, "--camera", "0,5,0:0,0,0", scene=folder).json()
+        assert told["output"] == "moving.png"
+        assert told["time"] == min(max(float(time), 0.0), 2.0)
+        seen[time] = told["seen"]
+    assert seen["0"] == seen["-1"] < seen["2"] == seen["99"]
+    assert told["scene"]["duration"] == 2.0
+
+
+def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_obj, recwarn):
+    square_obj.write_text("mtllib none.mtl\n" + square_obj.read_text())
+    done = render(scene=square_obj)
+    assert done.code == 0 and done.err.count("none.mtl") == 1 and done.err.startswith("antumbra: note: ")
+    assert not [w for w in recwarn if "none.mtl" in str(w.message)]
+    assert render("--quiet", scene=square_obj) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (("--spp", "0"), ["--spp", "0"]),
+        (("--spp", "2000"), ["--spp", "2000"]),
+        (("--spp", "many"), ["--spp", "many"]),
+        (("--plan", "magic"), ["magic", "bsah", "single"]),
+        (("--plan", "bsah"), ["names no tracer"]),
+        (("--sampler", "dice"), ["dice", "sobol"]),
+        (("--gbuffer", "guess"), ["--gbuffer", "raster"]),
+        (("--threads", "0"), ["--threads"]),
+        (("--up", "x"), ["--up"]),
+        (("--up", "z"), ["--up belongs to files"]),
+        (("--time", "noon"), ["--time"]),
+        (("--time", "nan"), ["time"]),
+        (("--exposure", "0"), ["exposure is 0"]),
+        (("--exposure", "nan"), ["exposure is nan"]),
+        (("--camera", "9"), ["no camera 9"]),
+        (("--camera", "-1"), ["no camera -1"]),
+        (("--camera", "here"), ["--camera here"]),
+        (("--camera", "0,0,0:0,0,0"), ["target"]),
+        (("--light", "9"), ["no light 9"]),
+        (("--light", "lamp"), ["--light lamp", "sphere:CX,CY,CZ:RADIUS"]),
+        (("-o", "a.jpg"), ["a.jpg", ".png or .exr"]),
+        (("-o", "a"), [".png or .exr"]),
+        (("-o", "."), ["is a folder"]),
+        (("-o", "none/a.png"), ["none", "does not exist"]),
+        (("--sop", "3"), ["--sop", "antumbra render --help"]),
+        (("--spp",), ["--spp"]),
+        (("another",), ["another"]),
+    ],
+)
+def test_bad_options(render, tmp_path, arguments, words):
+    render(*arguments).refused(*words)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("size", ["0x0", "0", "32x", "x", "99999x1", "-3x3"])
+def test_bad_sizes(render, size, tmp_path):
+    render(size=size).refused("--size", size)
+    assert os.listdir(tmp_path) == []
+
+
+def test_bad_scenes(render, tmp_path):
+    (tmp_path / "empty.glb").write_bytes(b"")
+    (tmp_path / "broken.glb").write_bytes(b"glTF\2\0\0\0")
+    (tmp_path / "picture.jpg").write_bytes(b"x")
+    (tmp_path / "folder").mkdir()
+    before = sorted(os.listdir(tmp_path))
+    for scene in ("none.glb", "empty.glb", "broken.glb", "picture.jpg", "folder"):
+        render(scene=scene).refused(scene.removesuffix("x"))
+    render(scene="procedural:castle").refused("castle", "atrium")
+    render(scene="procedural:").refused("atrium")
+    render(scene="procedural:atrium?triangles=few").refused("triangles", "few")
+    render(scene="").refused()
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+def test_what_is_wrong_is_said_before_the_scene_is_read(render, monkeypatch):
+    from antumbra.cli import render as command
+
+    monkeypatch.setattr(command, "open_scene", lambda *_: pytest.fail("the scene was read"))
+    for bad in (
+        ("--spp", 0), ("--plan", "x"), ("--sampler", "x"), ("-o", "a.b"), ("-o", "none/a.png"), ("--light", "x"),
+        ("--camera", "x"), ("--exposure", -1),
+    ):  # fmt: skip
+        render(*bad).refused()
+
+
+def test_interrupting_leaves_one_line_and_no_file(render, monkeypatch, tmp_path):
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Activity, "parts", lambda self, text, count: interrupt)
+    (tmp_path / "antumbra.png").write_bytes(b"older")
+    assert render() == (130, "", "antumbra: interrupted\n")
+    assert os.listdir(tmp_path) == ["antumbra.png"] and (tmp_path / "antumbra.png").read_bytes() == b"older"
+
+
+def test_a_failing_save_leaves_no_file(render, monkeypatch, tmp_path):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("antumbra.image.save._write_png", full)
+    render().refused("antumbra.png", "No space left on device")
+    assert os.listdir(tmp_path) == []

@@ -1,0 +1,121 @@
+import os
+import struct
+import zlib
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from antumbra import InputError
+from antumbra.image import save
+from antumbra.image.tonemap import to_srgb8
+
+
+def entries(folder):
+    return sorted(os.listdir(folder))
+
+
+def png_chunks(data):
+    at = 8
+    while at < len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        yield data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
+        at += 12 + length
+
+
+def test_png_holds_the_tonemapped_picture(frame, tmp_path):
+    frame.save(tmp_path / "a.png", exposure=0.7)
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.mode == "RGB"
+        assert (np.asarray(image) == to_srgb8(frame.image, 0.7)).all()
+    assert entries(tmp_path) == ["a.png"]
+
+
+def test_png_says_that_it_is_srgb(frame, tmp_path):
+    frame.save(tmp_path / "a.png")
+    chunks = dict(png_chunks((tmp_path / "a.png").read_bytes()))
+    assert chunks[b"sRGB"] == b"\0"
+    height, width = frame.image.shape[:2]
+    assert len(zlib.decompress(chunks[b"IDAT"])) == height * (1 + 3 * width)
+
+
+def test_png_without_exposure_has_the_automatic_one(frame, tmp_path):
+    frame.save(tmp_path / "a.png")
+    frame.save(str(tmp_path / "b.png"), exposure=save.frame_exposure(frame))
+    frame.save(tmp_path / "c.PNG", exposure=4.0 * save.frame_exposure(frame))
+    data = [(tmp_path / name).read_bytes() for name in ("a.png", "b.png", "c.PNG")]
+    assert data[0] == data[1] != data[2]
+
+
+def test_exr_holds_every_channel_exactly(frame, tmp_path):
+    frame.save(tmp_path / "a.exr", exposure=0.1)
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    wanted = {c: frame.image[..., k] for k, c in enumerate("RGB")}
+    wanted |= {f"normal.{c}": frame.gbuffer.normal[..., k] for k, c in enumerate("XYZ")}
+    wanted |= {"depth.Z": frame.gbuffer.depth, "visibility.0": frame.visibility[0], "visibility.1": frame.visibility[1]}
+    assert channels.keys() == wanted.keys()
+    for name, values in wanted.items():
+        assert channels[name].dtype == np.float32, name
+        assert (channels[name] == values).all(), name
+    assert np.isinf(channels["depth.Z"]).any() and not np.isinf(channels["depth.Z"]).all()
+    assert entries(tmp_path) == ["a.exr"]
+
+
+def test_an_empty_view_can_be_saved(frame, tmp_path):
+    nothing = frame.gbuffer._replace(
+        face=np.full_like(frame.gbuffer.face, -1), depth=np.full_like(frame.gbuffer.depth, np.inf)
+    )
+    empty = frame._replace(image=np.zeros_like(frame.image), gbuffer=nothing)
+    empty.save(tmp_path / "a.png")
+    empty.save(tmp_path / "a.exr")
+    with Image.open(tmp_path / "a.png") as image:
+        assert not np.asarray(image).any()
+
+
+@pytest.mark.parametrize("exposure", [0.0, -1.0, np.nan, np.inf, "bright"])
+def test_an_exposure_that_is_no_positive_number_is_refused(frame, tmp_path, exposure):
+    for name in ("a.png", "a.exr"):
+        with pytest.raises(InputError, match="exposure is"):
+            frame.save(tmp_path / name, exposure=exposure)
+    assert entries(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a", "a.png.txt", ".png"])
+def test_other_suffixes_are_refused(frame, tmp_path, name):
+    with pytest.raises(InputError, match=r"suffix.*use \.png or \.exr"):
+        frame.save(tmp_path / name)
+    with pytest.raises(InputError, match=r"suffix"):
+        save.check_output(tmp_path / name)
+    assert entries(tmp_path) == []
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_a_disk_that_is_full_leaves_the_older_file_and_no_other(frame, tmp_path, suffix):
+    resource = pytest.importorskip("resource", reason="no RLIMIT_FSIZE on this system")
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"older")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (64, limits[1]))
+    try:
+        with pytest.raises(InputError, match="cannot be written") as caught:
+            frame.save(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert str(path) in str(caught.value) and ".tmp" not in str(caught.value)
+    assert path.read_bytes() == b"older"
+    assert entries(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize("writer, suffix", [("_write_png", ".png"), ("_write_exr", ".exr")])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+def test_an_interrupted_save_leaves_no_file(frame, tmp_path, monkeypatch, writer, suffix, error):
+    def interrupted(_, path):
+        path.write_bytes(b"half")
+        raise error
+
+    monkeypatch.setattr(save, writer, interrupted)
+    with pytest.raises(error):
+        frame.save(tmp_path / f"a{suffix}")
+    assert entries(tmp_path) == []

@@ -1,0 +1,208 @@
+"""The package as a whole: its names, its documents, its files."""
+
+import ast
+import importlib.metadata
+import importlib.util
+import inspect
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import antumbra as at
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SOURCES = sorted((ROOT / "src" / "antumbra").rglob("*.py"))
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "design").glob("*.md")]
+
+
+def _tool(path):
+    """A Python file of the repository that is in no package."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+fields = _tool(ROOT / "docs" / "_ext" / "fields.py")
+snippets = _tool(ROOT / "scripts" / "snippets.py")
+
+
+# Names
+
+
+def test_public_names_are_sorted_and_complete():
+    assert at.__all__ == sorted(set(at.__all__))
+    assert not [name for name in at.__all__ if not hasattr(at, name)]
+    public = {n for n, v in vars(at).items() if not n.startswith("_") and not inspect.ismodule(v)}
+    assert public == set(at.__all__)
+
+
+@pytest.mark.parametrize("name", at.__all__)
+def test_public_name_is_documented(name):
+    thing = getattr(at, name)
+    doc = inspect.getdoc(thing) or ""
+    assert len(doc) > 20 and doc != inspect.getdoc(thing.__mro__[1] if inspect.isclass(thing) else object)
+    assert re.search(rf"::? +antumbra\.{name}\b", (ROOT / "docs" / "api.md").read_text())
+    if inspect.isclass(thing):
+        methods = [m for n, m in vars(thing).items() if not n.startswith("_") and inspect.isroutine(m)]
+        assert not [m.__qualname__ for m in methods if not inspect.getdoc(m)]
+
+
+@pytest.mark.parametrize("name", [n for n in at.__all__ if fields.is_named_tuple(getattr(at, n, None))])
+def test_fields_of_a_named_tuple_have_comments(name):
+    cls = getattr(at, name)
+    comments = fields.field_comments(cls)
+    assert tuple(comments) == cls._fields
+    assert not [field for field, comment in comments.items() if not comment]
+
+
+def test_version():
+    assert at.__version__ == PROJECT["version"]
+    assert importlib.metadata.version("antumbra") == at.__version__
+    assert f"## {at.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+# Imports
+
+NAMES_OF_IMPORTS = {"PIL": "pillow", "llvmlite": "numba"}  # llvmlite is a part of Numba with a version of its own
+OPTIONAL = {"embreex", "matplotlib", "pvlib"}
+
+
+def test_import_is_light():
+    # Numba itself imports the bare scipy package, which is quick; its parts are not.
+    heavy = "scipy.stats", "scipy.linalg", "trimesh", "typer", "rich", "PIL", "OpenEXR", *sorted(OPTIONAL)
+    code = f"import sys, antumbra; print(*(m for m in {heavy} if m in sys.modules))"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == []
+
+
+def _imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield node.module.partition(".")[0]
+
+
+def test_dependencies_are_those_that_are_imported():
+    found = {name for path in SOURCES for name in _imports(path)} - set(sys.stdlib_module_names)
+    found = {NAMES_OF_IMPORTS.get(name, name) for name in found - {"antumbra"}}
+    declared = {re.match(r"[\w.-]+", line)[0] for line in PROJECT["dependencies"]}
+    assert found - OPTIONAL == declared
+
+
+# Documents
+
+
+def test_readme_commands_are_one_line_each():
+    readme = ROOT / "README.md"
+    commands = "".join(snippets.blocks(readme.read_text(), "sh")).splitlines()
+    assert commands == [
+        "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/antumbra render",
+        "python3 -m venv .venv && .venv/bin/pip install '.[test]' && .venv/bin/pytest",
+    ]
+    assert snippets.command(readme, "antumbra render") == commands[0]
+    assert snippets.command(readme, "pytest") == commands[1]
+
+
+def test_examples_are_short():
+    (example,) = snippets.blocks((ROOT / "README.md").read_text(), "python")
+    assert len(example.splitlines()) <= 20
+    assert len((ROOT / "examples" / "minimal.py").read_text().splitlines()) <= 60
+
+
+def test_programs_of_pages_keep_their_lines():
+    text = "a\n```python\nx = 1\n```\nb\n```sh\nls\n```\n```python\ny = 2\n```\n"
+    lines = snippets.program(text).splitlines()
+    assert [lines[i] for i in (2, 9)] == ["x = 1", "y = 2"] and len("".join(lines)) == 10
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_links_lead_somewhere(page):
+    text = page.read_text()
+    targets = re.findall(r"\]\(([^)#\s]+)[^)]*\)", text) + re.findall(r"\{image\} (\S+)", text)
+    local = [t for t in targets if "://" not in t]
+    assert not [t for t in local if not (page.parent / t).exists()]
+
+
+def test_every_page_is_in_the_table_of_contents():
+    index = (ROOT / "docs" / "index.md").read_text()
+    listed = set(re.findall(r"^(design/\w+|\w+)$", index, re.MULTILINE))
+    pages = {p.relative_to(ROOT / "docs").with_suffix("").as_posix() for p in PAGES if ROOT / "docs" in p.parents}
+    assert pages - {"index"} <= listed
+
+
+def test_every_command_has_its_section():
+    from antumbra.cli import app
+
+    page = (ROOT / "docs" / "cli.md").read_text()
+    names = [command.name for command in app.registered_commands]
+    assert names and not [n for n in names if f"```{{command-help}} {n}\n" not in page]
+
+
+_CITED = re.compile(r"\[([A-Z][^\]\n]*?(?:19|20)\d\d)[,\]]")
+
+
+def _labels():
+    """The bibliography as it is cited: "Wald 2007", "Keller and Heidrich 2001", "Duff et al. 2017"."""
+    bib = (ROOT / "docs" / "REFERENCES.bib").read_text()
+    for entry in bib.split("\n@")[1:]:
+        names = [n.split()[-1] for n in re.search(r"author\s*= \{(.*)\},\n", entry)[1].split(" and ")]
+        who = " and ".join(names) if len(names) < 3 else f"{names[0]} et al."
+        yield f"{who} {re.search(r'year *= *{(....)}', entry)[1]}"
+
+
+def test_cited_works_are_in_the_bibliography():
+    labels = set(_labels())
+    assert {"Wald 2007", "Keller and Heidrich 2001", "Duff et al. 2017"} <= labels
+    pages = {path.name: path.read_text().replace(" & ", " and ") for path in (*SOURCES, *PAGES)}
+    cited = {(name, label) for name, text in pages.items() for label in _CITED.findall(text)}
+    assert len(cited) > 5
+    assert not {(name, label) for name, label in cited if label not in labels}
+
+
+def test_papers_of_the_registries_are_in_the_bibliography():
+    from antumbra.bvh import BUILDERS
+    from antumbra.trace import TRACERS
+
+    labels = set(_labels())
+    papers = [method.paper for method in (*BUILDERS.values(), *TRACERS.values())]
+    assert papers and not [p for p in papers if not any(p.startswith(label) for label in labels)]
+
+
+# Files
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    pytest.importorskip("hatchling", reason="no hatchling: the wheel and the sdist are NOT checked")
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "hatchling", "build", "-d", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    return folder
+
+
+def test_wheel_is_pure_and_holds_the_package_only(built):
+    (wheel,) = built.glob("*.whl")
+    assert wheel.name == f"antumbra-{at.__version__}-py3-none-any.whl"
+    names = zipfile.ZipFile(wheel).namelist()
+    inside = {n for n in names if not n.startswith(f"antumbra-{at.__version__}.dist-info/")}
+    assert inside == {path.relative_to(ROOT / "src").as_posix() for path in SOURCES}
+
+
+def test_sdist_holds_what_a_developer_needs(built):
+    import tarfile
+
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    wanted = {"README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "pyproject.toml", "tests/oracle.py"}
+    wanted |= {"docs/conf.py", "docs/REFERENCES.bib", "examples/minimal.py", "scripts/check"}
+    assert wanted <= names
+    assert not [n for n in names if "__pycache__" in n or "_build" in n]

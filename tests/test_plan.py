@@ -1,0 +1,23 @@
+"""Plans: names from the registries, and nothing else."""
+
+import pytest
+
+from antumbra.errors import InputError
+from antumbra.plan import Plan, all_plans, parse_plan
+
+
+def test_every_plan_reads_as_it_is_written():
+    plans = all_plans()
+    assert Plan() in plans and len(set(plans)) == len(plans)
+    for plan in plans:
+        assert parse_plan(str(plan)) == plan == parse_plan(plan)
+
+
+def test_order_does_not_matter():
+    assert parse_plan("single+bsah") == Plan(None, "bsah", "single")
+
+
+@pytest.mark.parametrize("text", ["", "+", "bsah+", "bsah+singel", "bsah", "single", "bsah+single+single", "auto"])
+def test_what_is_not_a_plan_is_refused_with_the_valid_names(text):
+    with pytest.raises(InputError, match="builders: .*bsah.*tracers: .*single"):
+        parse_plan(text)

@@ -1,0 +1,146 @@
+"""Frames: what they hold, that both G-buffers agree, and that what cannot be rendered is said."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.renderer import PHASES
+from antumbra.scene.procedural import PROCEDURAL
+from antumbra.trace.counters import COUNTERS
+
+KINDS = list(PROCEDURAL)
+
+
+@pytest.fixture(scope="module")
+def atrium():
+    return at.procedural("atrium", triangles=5000)
+
+
+def _small(scene, width=48, height=36):
+    return scene.cameras[0].resized(width, height)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_gbuffers_give_the_same_bits(kind):
+    scene = at.procedural(kind, triangles=20_000)
+    camera = _small(scene, 160, 120)
+    raster, rays = (at.render(scene, camera, scene.lights, spp=4, gbuffer=g) for g in ("raster", "rays"))
+    for name, a, b in zip(at.GBuffer._fields, raster.gbuffer, rays.gbuffer):
+        np.testing.assert_array_equal(a, b, err_msg=name)
+    np.testing.assert_array_equal(raster.bits[0], rays.bits[0])
+    np.testing.assert_array_equal(raster.image, rays.image)
+    assert (raster.gbuffer.face >= 0).mean() > 0.3
+
+
+def test_a_frame_holds_what_it_promises(atrium):
+    lights = [*atrium.lights, at.PointLight((0, 3, 0), intensity=4.0, colour=(1, 0.5, 0.2))]
+    frame = at.render(atrium, _small(atrium), lights, spp=70, counters=True)
+    assert frame.image.shape == (36, 48, 3) and frame.image.dtype == np.float32
+    assert len(frame.visibility) == len(frame.bits) == 2
+    seen = frame.gbuffer.face >= 0
+    assert frame.rays == seen.sum() * 70 * 2 == frame.counters["rays"]
+    assert set(frame.timings) == {*PHASES, "total"} and all(s >= 0 for s in frame.timings.values())
+    assert frame.timings["total"] == pytest.approx(sum(frame.timings[p] for p in PHASES), rel=1e-6)
+    assert set(frame.counters) == set(COUNTERS)
+    for v, b in zip(frame.visibility, frame.bits):
+        assert v.shape == (36, 48) and v.dtype == np.float32
+        assert b.shape == (36, 48, 2) and b.dtype == np.uint64
+        assert not (b[..., 1] >> np.uint64(6)).any()
+        np.testing.assert_allclose(v, 1 - np.bitwise_count(b).sum(-1) / 70, atol=1e-6)
+        assert 0 < v[seen].mean() < 1
+    assert np.isfinite(frame.image).all() and (frame.image >= 0).all() and frame.image[seen].mean() > 0
+
+
+def test_nothing_seen_is_zero_bits_full_visibility_and_black():
+    scene = at.Scene.from_arrays(np.eye(3)[None])
+    away = at.Camera((5, 5, 5), (9, 9, 9), width=8, height=8)
+    frame = at.render(scene, away, at.PointLight((0, 9, 0)), counters=True)
+    g = frame.gbuffer
+    assert (g.face == -1).all() and np.isinf(g.depth).all() and not g.position.any() and not g.normal.any()
+    assert not frame.bits[0].any() and (frame.visibility[0] == 1).all() and not frame.image.any()
+    assert frame.rays == 0 == frame.counters["rays"]
+
+
+def test_the_gbuffer_says_where_surfaces_are():
+    scene = at.Scene.from_arrays(np.array([[-9.0, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    frame = at.render(scene, at.Camera((0, 4, 0.5), (0, 0, 0), width=9, height=7), at.PointLight((0, 3, 0)))
+    g = frame.gbuffer
+    assert (g.face >= 0).all()
+    np.testing.assert_allclose(g.position[..., 1] + g.origin[1], 0, atol=1e-6)
+    np.testing.assert_allclose(g.normal, np.broadcast_to((0, 1, 0), g.normal.shape), atol=1e-6)
+    np.testing.assert_allclose(g.depth[3, 4], np.hypot(4, 0.5), rtol=1e-5)
+    assert (frame.visibility[0] == 1).all()
+    assert set(np.unique(g.face)) == {0, 1}
+
+
+def test_a_known_shadow():
+    """A blocker halfway below a quad light: the umbra, the penumbra and the lit floor are where geometry says."""
+    quad = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
+    corners = np.concatenate([quad * 20, quad + (0, 2, 0)])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    scene = at.Scene.from_arrays(corners, faces)
+    light = at.QuadLight((-0.5, 4, -0.5), (1, 0, 0), (0, 0, 1))  # umbra |x| < 1.5, penumbra to 2.5
+    points = np.zeros((200, 3))
+    points[:, 0] = np.linspace(0, 4, 200)
+    fraction = at.visibility(scene, points, light, normals=(0, 1, 0), spp=256).fraction
+    x = points[:, 0]
+    assert (fraction[x < 1.49] == 0).all() and (fraction[x > 2.51] == 1).all()
+    inside = (x > 1.5) & (x < 2.5)
+    np.testing.assert_allclose(fraction[inside], x[inside] - 1.5, atol=0.02)
+
+
+def test_animated_lights_and_default_camera_and_light():
+    scene = at.Scene.from_arrays(np.eye(3)[None])
+    frame = at.render(scene, spp=1)
+    assert frame.image.shape == (1024, 1024, 3) and (frame.gbuffer.face >= 0).any()
+
+
+def test_counters_do_not_depend_on_threads_and_cost_no_bits(atrium):
+    one, three = (at.render(atrium, _small(atrium), atrium.lights, threads=t, counters=True) for t in (1, 3))
+    off = at.render(atrium, _small(atrium), atrium.lights)
+    assert one.counters == three.counters and off.counters is None
+    assert one.counters["box_tests"] == 2 * one.counters["nodes"] > 0
+    assert one.counters["triangle_tests"] > one.counters["uncertain"] >= one.counters["exact"]
+    np.testing.assert_array_equal(one.bits[0], off.bits[0])
+
+
+def test_progress_is_told(atrium):
+    seen = []
+    at.render(atrium, _small(atrium), atrium.lights, spp=4, progress=lambda done, total: seen.append((done, total)))
+    assert seen and seen[-1][0] == seen[-1][1]
+
+
+def test_culling_by_facing_only_removes_shadows(atrium):
+    full, front, back = (
+        at.render(atrium, _small(atrium), atrium.lights, cull_faces=c).bits[0] for c in (None, "front", "back")
+    )
+    for less in (front, back):
+        assert not (less & ~full).any()
+    assert (front != full).any() or (back != full).any()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (dict(spp=0), "spp"),
+        (dict(spp=1025), "1024"),
+        (dict(plan="nothing"), "bsah"),
+        (dict(plan="bsah"), "no tracer"),
+        (dict(plan="single"), "no builder"),
+        (dict(plan="bsah+bsah+single"), "two builders"),
+        (dict(gbuffer="guess"), "raster"),
+        (dict(sampler="dice"), "hammersley"),
+        (dict(lights=[]), "lights"),
+        (dict(lights=["lamp"]), "light"),
+        (dict(camera="front"), "Camera"),
+        (dict(threads=0), "threads"),
+        (dict(threads=1.5), "threads"),
+        (dict(cull_faces="up"), "cull_faces"),
+        (dict(time=float("nan")), "time"),
+    ],
+)
+def test_bad_arguments_are_named(atrium, change, says):
+    args = dict(camera=_small(atrium), lights=atrium.lights) | change
+    with pytest.raises(at.InputError, match=says) as error:
+        at.render(atrium, **args)
+    assert "\n" not in str(error.value)
