@@ -69,7 +69,10 @@ def test_what_is_written_becomes_the_file(tmp_path):
 def test_failure_leaves_everything_as_it_was(tmp_path, error):
     path = tmp_path / "a.png"
     path.write_bytes(b"old")
-    with pytest.raises(InputError if isinstance(error, OSError) else type(error)) as caught, replacing(path) as temporary:
+    with (
+        pytest.raises(InputError if isinstance(error, OSError) else type(error)) as caught,
+        replacing(path) as temporary,
+    ):
         temporary.write_bytes(b"half")
         raise error
     assert path.read_bytes() == b"old"

@@ -26,7 +26,7 @@ class Visibility(NamedTuple):
 def accelerated(scene, time=0.0, threads=None, plan="bsah+single") -> Accelerated:
     """The scene's triangles and BVH at a time; the last one made is kept with the scene."""
     renderer = Renderer(scene, plan, threads)
-    key = (renderer.plan.build, float(time))
+    key = (renderer.plan.build, scene.clamped(time))
     kept = scene.__dict__.get("_accelerated")
     if kept is None or kept[0] != key:
         kept = (key, renderer.accelerate(time))

@@ -214,7 +214,7 @@ def render(
     camera : Camera or None
         None: ``scene.default_camera()``.
     lights : list of lights, one light, or None
-        None: the scene's own lights, or ``scene.default_light()`` if it has none.
+        None: the scene's own lights at `time`, or ``scene.default_light()`` if it has none.
     spp : int
         Shadow rays a pixel and light, 1 to 1024.
     plan : str or Plan
@@ -245,7 +245,7 @@ def render(
     """
     camera = scene.default_camera() if camera is None else camera
     if lights is None:
-        lights = scene.lights or [scene.default_light()]
+        lights = [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
     return Renderer(scene, plan, threads, gbuffer).render(
         camera,
         lights,

@@ -31,7 +31,8 @@ def test_the_picture_is_named_after_the_scene(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "procedural:city?size=3", "procedural:city?seed=1&seed=2", "procedural:city?seed=", "procedural:c?seed=-1"]
+    "text",
+    ["", "procedural:city?size=3", "procedural:city?seed=1&seed=2", "procedural:city?seed=", "procedural:c?seed=-1"],
 )
 def test_bad_scenes(text):
     with pytest.raises(at.InputError):
@@ -39,7 +40,8 @@ def test_bad_scenes(text):
 
 
 @pytest.mark.parametrize(
-    "text, value", [("0", 0), ("5000", 5000), ("100k", 100_000), ("100K", 100_000), ("2.5M", 2_500_000), (" 1m ", 1_000_000)]
+    "text, value",
+    [("0", 0), ("5000", 5000), ("100k", 100_000), ("100K", 100_000), ("2.5M", 2_500_000), (" 1m ", 1_000_000)],
 )
 def test_counts(text, value):
     assert arguments.parse_count(text, "--triangles") == value
@@ -60,7 +62,7 @@ def test_sizes():
 
 @pytest.mark.parametrize("text", ["", "0x0", "0", "32x0", "-1x5", "32769x1", "a", "1x2x3", "1.5x2", "9" * 5000])
 def test_bad_sizes(text):
-    with pytest.raises(at.InputError, match="--size is .*1024x768"):
+    with pytest.raises(at.InputError, match=r"--size is .*1024x768"):
         arguments.parse_size(text)
 
 
@@ -72,7 +74,18 @@ def test_cameras():
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x", "1,2,3", "1,2:3,4,5", "1,2,3:4,5,nan", "1,2,3:4,5,6:inf", "1,2,3:4,5,6:7:8", "1,2,3:4,5,6:", "1,,3:4,5,6"]
+    "text",
+    [
+        "",
+        "x",
+        "1,2,3",
+        "1,2:3,4,5",
+        "1,2,3:4,5,nan",
+        "1,2,3:4,5,6:inf",
+        "1,2,3:4,5,6:7:8",
+        "1,2,3:4,5,6:",
+        "1,,3:4,5,6",
+    ],
 )
 def test_bad_cameras(text):
     with pytest.raises(at.InputError, match=f"--camera {text}: "):
@@ -127,7 +140,8 @@ def test_lights():
     [
         "", "lamp:1,2,3", "point", "point:1,2", "point:1,2,3:4", "point:1,2,3@", "point:1,2,3@-1", "point:1,2,3@nan",
         "point:1,2,3@4@5", "quad:0,0,0:1,0,0", "quad:0,0,0:1,0,0:2,0,0", "disk:0,0,0:0,0,0:1", "disk:0,0,0:0,1,0:0",
-        "sphere:0,0,0", "sphere:0,0,0:-1", "sphere:0,0,0:1,2", "sun:0,0,0", "sun:0,-1,0:180", "sun:0,-1,0:1:2", "sun:inf,0,0",
+        "sphere:0,0,0", "sphere:0,0,0:-1", "sphere:0,0,0:1,2", "sun:0,0,0", "sun:0,-1,0:180", "sun:0,-1,0:1:2",
+        "sun:inf,0,0",
     ],
 )  # fmt: skip
 def test_bad_lights(text):
@@ -140,7 +154,10 @@ def test_every_kind_of_light_is_explained_and_understood(cli):
     told = cli("render", "--help").out
     for kind, form in arguments.LIGHT_FORMS.items():
         assert form in told
-        fields = ["1" if f.startswith(("RADIUS", "ANGULAR")) else "1,0,0" for f in form.rstrip("]").replace("[", "").split(":")]
+        fields = [
+            "1" if f.startswith(("RADIUS", "ANGULAR")) else "1,0,0"
+            for f in form.rstrip("]").replace("[", "").split(":")
+        ]
         if kind == "quad":
             fields[-1] = "0,1,0"
         assert isinstance(arguments.parse_light(":".join([kind, *fields[1:]])), at.Light)

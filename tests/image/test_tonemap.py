@@ -26,7 +26,9 @@ def test_the_curve_shows_dark_and_middle_light_as_it_is():
     x = np.linspace(0.0, tonemap.SHOULDER, 50)
     assert (roll_off(x) == x).all()
     # IEC 61966-2-1: sRGB 128 / 255 is linear 0.21586; the linear part ends at 0.0031308 -> 0.04045
-    np.testing.assert_allclose(linear_to_srgb(np.array([0.0, 0.21586050, 0.0031308, 1.0])), [0, 128 / 255, 0.04045, 1], atol=2e-5)
+    np.testing.assert_allclose(
+        linear_to_srgb(np.array([0.0, 0.21586050, 0.0031308, 1.0])), [0, 128 / 255, 0.04045, 1], atol=2e-5
+    )
 
 
 def test_the_curve_rolls_highlights_off_without_a_corner_or_a_step():

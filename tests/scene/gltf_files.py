@@ -172,13 +172,9 @@ def everything() -> Gltf:
         "values": {"bufferView": made.view(np.array([0, 3, 0], np.float32).tobytes())},
     }
     bent = made.add("accessors", componentType=5126, type="VEC3", count=4, sparse=sparse)
-    plain = made.mesh(
-        made.primitive(positions, TETRAHEDRON_FACES, material=material, targets=[{"POSITION": bent}])
-    )
+    plain = made.mesh(made.primitive(positions, TETRAHEDRON_FACES, material=material, targets=[{"POSITION": bent}]))
     skinned = made.mesh(
-        made.primitive(
-            positions, TETRAHEDRON_FACES, attributes=skin_attributes, targets=[{"POSITION": target}]
-        )
+        made.primitive(positions, TETRAHEDRON_FACES, attributes=skin_attributes, targets=[{"POSITION": target}])
     )
     joint = made.node(translation=[0, 1, 0])
     tip = made.node(root=False, rotation=[0, 0, 0, 1], scale=[1, 1, 1])
@@ -189,9 +185,7 @@ def everything() -> Gltf:
     rows = made.accessor(np.array([[0, 0, 0], [2, 0, 0], [4, 0, 0]], np.float32))
     instancing = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": rows}}}
     made.node(mesh=plain, matrix=[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0, 0, 1], extensions=instancing)
-    camera = made.add(
-        "cameras", type="perspective", perspective={"yfov": 0.8, "znear": 0.1, "aspectRatio": 1.5}
-    )
+    camera = made.add("cameras", type="perspective", perspective={"yfov": 0.8, "znear": 0.1, "aspectRatio": 1.5})
     made.node(camera=camera, translation=[0, 0, 9])
     light = {"type": "point", "intensity": 3.0, "color": [1, 0.5, 0.25]}
     made.json["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}

@@ -209,6 +209,18 @@ def test_skin_and_morph_together(tmp_path):
     assert np.abs(world(load(made.write(tmp_path)), 0.5) - world(plain, 0.5)).max() > 0.1
 
 
+def test_weights_count_by_their_share_of_the_sum(tmp_path):
+    made = Gltf()
+    attributes = {
+        "JOINTS_0": made.accessor(np.array([[0, 1, 0, 0]] * 3, np.uint8)),
+        "WEIGHTS_0": made.accessor(np.array([[0.3, 0.1, 0, 0]] * 3, np.float32)),
+    }
+    joints = [made.node(translation=[8, 0, 0]), made.node(translation=[0, 4, 0])]
+    made.node(mesh=made.mesh(made.primitive(attributes=attributes)), skin=made.add("skins", joints=joints))
+    share = 0.3 / 0.4
+    assert_at(load(made.write(tmp_path)), TRIANGLE[None] + np.array([8 * share, 4 * (1 - share), 0]))
+
+
 def test_vertices_without_weights_follow_their_first_joint(tmp_path):
     made = Gltf()
     attributes = {

@@ -76,9 +76,7 @@ def test_many_faces_are_gathered_in_blocks():
     rng = np.random.default_rng(0)
     vertices, faces = rng.normal(size=(1000, 3)), rng.integers(0, 1000, (150_000, 3))
     scene = Scene.from_arrays(vertices, faces)
-    np.testing.assert_array_equal(
-        scene.triangles().vertices, (vertices[faces] - scene.origin).astype(np.float32)
-    )
+    np.testing.assert_array_equal(scene.triangles().vertices, (vertices[faces] - scene.origin).astype(np.float32))
 
 
 def test_colours():

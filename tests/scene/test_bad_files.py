@@ -19,9 +19,7 @@ def message_of(path) -> str:
     return message
 
 
-@pytest.mark.parametrize(
-    "name", ["gone.glb", "gone.gltf", "gone.obj", "gone.ply", "gone.stl", "gone.xyz", "gone"]
-)
+@pytest.mark.parametrize("name", ["gone.glb", "gone.gltf", "gone.obj", "gone.ply", "gone.stl", "gone.xyz", "gone"])
 def test_missing_files(tmp_path, name):
     assert message_of(tmp_path / name) == f"{name}: no such file; check the path"
     assert message_of(str(tmp_path / name)) == f"{name}: no such file; check the path"
@@ -61,18 +59,14 @@ def test_paths_that_no_system_has(tmp_path):
         assert message_of(path)
 
 
-@pytest.mark.skipif(
-    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the superuser may read everything"
-)
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the superuser may read everything")
 def test_files_that_may_not_be_read(tmp_path):
     path = single().write(tmp_path)
     path.chmod(0)
     assert "made.glb: cannot be read" in message_of(path)
 
 
-@pytest.mark.parametrize(
-    "error", [RuntimeError("first line\nsecond"), KeyError("x"), RecursionError(), MemoryError()]
-)
+@pytest.mark.parametrize("error", [RuntimeError("first line\nsecond"), KeyError("x"), RecursionError(), MemoryError()])
 def test_what_no_check_foresees_still_becomes_one_line(tmp_path, monkeypatch, error):
     def fail(*_):
         raise error

@@ -19,10 +19,13 @@ def test_nodes_multiply_from_the_root_down(tmp_path):
     column_major = [0, 0, -2, 0, 0, 2, 0, 0, 2, 0, 0, 0, 5, 6, 7, 1]
     middle = made.node(root=False, matrix=column_major, children=[leaf])
     made.node(scale=[3, 3, 3], children=[middle])
-    matrix = (
-        trs(scale=(3, 3, 3)) @ np.array(column_major, float).reshape(4, 4).T @ trs((1, 2, 3), Q, (1, 2, -0.5))
-    )
+    matrix = trs(scale=(3, 3, 3)) @ np.array(column_major, float).reshape(4, 4).T @ trs((1, 2, 3), Q, (1, 2, -0.5))
     assert_at(load(made.write(tmp_path)), moved(matrix, TRIANGLE)[None])
+
+
+def test_rotations_that_are_not_of_unit_length_do_not_scale(tmp_path):
+    made = single(TETRAHEDRON, TETRAHEDRON_FACES, rotation=(3.0 * Q).tolist())
+    assert_at(load(made.write(tmp_path)), moved(trs(rotation=Q), TETRAHEDRON[TETRAHEDRON_FACES]))
 
 
 def test_a_mesh_at_several_nodes_is_instanced_in_the_order_of_nodes(tmp_path):
@@ -133,9 +136,7 @@ def test_gpu_instancing(tmp_path):
         "SCALE": made.accessor(scale),
     }
     mesh = made.mesh(made.primitive(TETRAHEDRON, TETRAHEDRON_FACES))
-    made.node(
-        mesh=mesh, translation=[0, 0, 4], extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}}
-    )
+    made.node(mesh=mesh, translation=[0, 0, 4], extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}})
     node = trs((0, 0, 4))
     each = [moved(node @ trs(t, r, s), TETRAHEDRON[TETRAHEDRON_FACES]) for t, r, s in zip(shift, turn, scale)]
     scene = load(made.write(tmp_path))
@@ -170,9 +171,7 @@ def test_the_same_from_glb_data_uri_and_external_buffer(tmp_path):
 
 def test_a_node_far_away_keeps_its_precision(tmp_path):
     near = load(single(TETRAHEDRON, TETRAHEDRON_FACES).write(tmp_path, "near.glb"))
-    far = load(
-        single(TETRAHEDRON, TETRAHEDRON_FACES, translation=[5e6, 4.5e5, -3e6]).write(tmp_path, "far.glb")
-    )
+    far = load(single(TETRAHEDRON, TETRAHEDRON_FACES, translation=[5e6, 4.5e5, -3e6]).write(tmp_path, "far.glb"))
     np.testing.assert_array_equal(near.triangles().vertices, far.triangles().vertices)
     np.testing.assert_array_equal(far.origin - near.origin, [5e6, 4.5e5, -3e6])
 
@@ -199,8 +198,7 @@ def test_shared_vertices_of_many_primitives(tmp_path):
 def test_face_ids_and_colours_line_up(tmp_path):
     made = Gltf()
     red, blue = (
-        made.add("materials", pbrMetallicRoughness={"baseColorFactor": c})
-        for c in ([1, 0, 0, 1], [0, 0, 0.5, 1])
+        made.add("materials", pbrMetallicRoughness={"baseColorFactor": c}) for c in ([1, 0, 0, 1], [0, 0, 0.5, 1])
     )
     made.node(mesh=made.mesh(made.primitive(TETRAHEDRON, TETRAHEDRON_FACES, material=red), made.primitive()))
     made.node(mesh=made.mesh(made.primitive(material=blue)), translation=[0, 0, 1])

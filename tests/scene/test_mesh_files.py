@@ -43,9 +43,7 @@ def stl_binary(count=4):
 
 def stl_text():
     facets = "".join(
-        "facet normal 0 0 0\nouter loop\n"
-        + "".join("vertex {} {} {}\n".format(*v) for v in t)
-        + "endloop\nendfacet\n"
+        "facet normal 0 0 0\nouter loop\n" + "".join("vertex {} {} {}\n".format(*v) for v in t) + "endloop\nendfacet\n"
         for t in SOLID.tolist()
     )
     return f"solid a\n{facets}endsolid a\n"
@@ -88,10 +86,7 @@ def test_polygons_are_cut_into_triangles(tmp_path):
     scene = load(put(tmp_path, "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 2 3\n"))
     assert scene.n_triangles == 3
     triangles = scene.triangles().vertices.astype(float)
-    areas = (
-        np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-        / 2
-    )
+    areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
     np.testing.assert_allclose(sorted(areas), [0.5, 0.5, 0.5])
 
 
@@ -107,9 +102,7 @@ def test_obj_materials_and_textures_from_the_folder(tmp_path):
     text += "usemtl red\nf 1/1 2/1 3/1\nusemtl wood\nf 1/1 2/1 4/1\n"
     scene = load(put(tmp_path, "a.obj", text))
     mean = [np.mean([linear(v / 255) for v in channel]) for channel in pixels.reshape(-1, 3).T.tolist()]
-    by_corner = {
-        bool(t[..., 2].max() > t[..., 2].min()): c for t, c in zip(scene.triangles().vertices, scene.colours)
-    }
+    by_corner = {bool(t[..., 2].max() > t[..., 2].min()): c for t, c in zip(scene.triangles().vertices, scene.colours)}
     np.testing.assert_allclose(by_corner[False], [1, 0, 0], atol=1e-6)
     np.testing.assert_allclose(by_corner[True], mean, rtol=1e-6)
 

@@ -39,8 +39,7 @@ def opened(path):
         start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         stride = view.get("byteStride", width * dtype.itemsize)
         rows = [
-            np.frombuffer(buffers[view["buffer"]], dtype, width, start + i * stride)
-            for i in range(accessor["count"])
+            np.frombuffer(buffers[view["buffer"]], dtype, width, start + i * stride) for i in range(accessor["count"])
         ]
         return np.array(rows)
 
@@ -84,10 +83,7 @@ def posed(document, read, t, animations):
         if "matrix" in node:
             return np.array(node["matrix"], float).reshape(4, 4).T
         return trs(
-            *(
-                node.get(k, d)
-                for k, d in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
-            )
+            *(node.get(k, d) for k, d in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1))))
         )
 
     worlds = {}
@@ -198,9 +194,7 @@ def test_cameras():
 def scenes_with(file):
     folder = scene_folder()
     found = [] if folder is None else sorted(p.parent.name for p in folder.glob(f"*/{file}"))
-    return found or [
-        pytest.param("none", marks=pytest.mark.skip(reason="no real scenes: set ANTUMBRA_SCENES"))
-    ]
+    return found or [pytest.param("none", marks=pytest.mark.skip(reason="no real scenes: set ANTUMBRA_SCENES"))]
 
 
 @pytest.mark.parametrize("name", scenes_with("scene.glb"))

@@ -18,9 +18,7 @@ def with_camera(perspective, **node) -> Gltf:
 
 
 def test_cameras_look_along_minus_z(tmp_path):
-    made = with_camera(
-        {"yfov": 0.7, "znear": 0.1, "aspectRatio": 1.5}, translation=[1, 2, 3], rotation=Q.tolist()
-    )
+    made = with_camera({"yfov": 0.7, "znear": 0.1, "aspectRatio": 1.5}, translation=[1, 2, 3], rotation=Q.tolist())
     (camera,) = load(made.write(tmp_path)).cameras
     matrix = trs((1, 2, 3), Q)
     np.testing.assert_allclose(camera.position, [1, 2, 3])
@@ -42,9 +40,7 @@ def test_cameras_move_with_their_nodes(tmp_path):
 
 def test_orthographic_cameras_are_left_out_and_noted(tmp_path):
     made = with_camera({"yfov": 1.0, "znear": 0.1})
-    flat = made.add(
-        "cameras", type="orthographic", orthographic={"xmag": 1, "ymag": 1, "zfar": 9, "znear": 1}
-    )
+    flat = made.add("cameras", type="orthographic", orthographic={"xmag": 1, "ymag": 1, "zfar": 9, "znear": 1})
     made.node(camera=flat)
     with pytest.warns(UserWarning, match=r"cameras\[1\] is not a perspective camera"):
         scene = load(made.write(tmp_path))
@@ -60,16 +56,12 @@ def test_punctual_lights(tmp_path):
     ]
     made.json["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
     for k in range(3):
-        made.node(
-            translation=[k, 1, 0], rotation=Q.tolist(), extensions={"KHR_lights_punctual": {"light": k}}
-        )
+        made.node(translation=[k, 1, 0], rotation=Q.tolist(), extensions={"KHR_lights_punctual": {"light": k}})
     made.animate(1, "translation", [0, 1], [[0, 1, 0], [4, 1, 0]])
     with pytest.warns(UserWarning, match="spot light"):
         scene = load(made.write(tmp_path))
     point, sun, spot = scene.lights
-    assert (
-        isinstance(point, PointLight) and isinstance(sun, DirectionalLight) and isinstance(spot, PointLight)
-    )
+    assert isinstance(point, PointLight) and isinstance(sun, DirectionalLight) and isinstance(spot, PointLight)
     np.testing.assert_array_equal(point.position, [0, 1, 0])
     assert point.intensity == 7.5 and tuple(point.colour) == (1, 0.5, 0.25)
     np.testing.assert_allclose(sun.direction, -trs(rotation=Q)[:3, 2], atol=1e-12)
@@ -84,9 +76,7 @@ def test_punctual_lights(tmp_path):
 @pytest.mark.parametrize("size", [(1024, 1024), (400, 1000), (1600, 200)])
 @pytest.mark.parametrize("offset", [0.0, 5e6])
 def test_the_default_camera_sees_the_whole_bounding_sphere(tmp_path, up, size, offset):
-    scene = load(
-        single(TETRAHEDRON * 3, TETRAHEDRON_FACES, translation=[offset, -offset, 0]).write(tmp_path), up=up
-    )
+    scene = load(single(TETRAHEDRON * 3, TETRAHEDRON_FACES, translation=[offset, -offset, 0]).write(tmp_path), up=up)
     camera = scene.default_camera(*size)
     assert (camera.width, camera.height) == size
     centre, radius = scene.bounds.mean(axis=0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2

@@ -14,13 +14,13 @@ from .top import Top
 class Subtrees(NamedTuple):
     """What has been built below the top."""
 
-    nodes: np.ndarray  # (m, 16) float32: the nodes of each subtree together, depth first; a link counts from 1 for its root
-    shares: np.ndarray  # (s, 3) int64: of each subtree, first node, number of nodes (0 for a leaf), link to it
+    nodes: np.ndarray  # (m, 16) float32: each subtree's together, depth first; in its links, 1 is its first node
+    shares: np.ndarray  # (s, 3) int64: of each subtree, its first node, how many (0 for a leaf), and the link to it
 
 
 @kernel
 def _place(children, shares, node_at, subtree_at):
-    """Where each node of the top, and the first node of each subtree, comes in depth-first order; the number of nodes."""
+    """Where each node of the top, and the first of each subtree, comes in depth-first order; the number of nodes."""
     waiting = np.empty(MAX_DEPTH + 1, np.int64)
     waiting[0] = 0 if len(children) else -1
     height, position = 1, 0

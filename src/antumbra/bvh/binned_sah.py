@@ -1,11 +1,12 @@
-"""`bsah`: a BVH by binned SAH, in parallel [Wald 2007, "On fast construction of SAH-based bounding volume hierarchies"].
+"""`bsah`: binned SAH, in parallel [Wald 2007, "On fast construction of SAH-based bounding volume hierarchies"].
 
-Boxes and centroids of all triangles become records; all threads together split the first levels (`top`); each then takes
-ranges to build alone (`subtree`), largest first; the nodes are put in one array (`assemble`). Departures from the paper: few
-bins for few records, and the optimal tree for four or fewer (`smallest`).
+The boxes of all triangles become records; all threads together split the first levels (`top`); each then takes
+ranges to build alone (`subtree`), largest first; and the nodes are put in one array (`assemble`). Departures from the
+paper: few bins for few records, and for four records or fewer the best of all trees (`smallest`).
 """
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -15,13 +16,13 @@ from ..parallel import new_ticket, run, take, thread_count
 from ..simd import as_i32, atomic_add, get, load8, load16, ptr, store
 from .assemble import Subtrees, assemble
 from .bounds import MAX_COORDINATE, MAX_TRIANGLES, PART, write_records
-from .nodes import EMPTY, MAX_LEAF, Bvh, aligned_empty
-from .subtree import Out, Settings, build_subtree
+from .nodes import EMPTY, MAX_LEAF, Bvh, Tree, aligned_empty
+from .subtree import Settings, build_subtree
 from .top import BLOCK, build_top
 
-_SUBTREES = 64  # the top splits ranges until they have a 64th of all records: enough for threads to finish together ...
+_SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so that threads finish together ...
+_SMALL = 4096  # ... but none of fewer records than this, which one thread builds before others are awake
 _CORNERS = [0, 1, 2, 4, 5, 6]  # the words of a box that are coordinates
-_SMALL = 4096  # ... but not ranges that one thread builds faster than threads are woken
 
 
 @kernel
@@ -29,7 +30,7 @@ def _build_subtrees(ticket, vertices, sources, top, order, settings, bvh, subtre
     """Worker: build the subtrees, in the order given, and put the nodes of each where there is room."""
     largest = top.ranges[order[0], 1] - top.ranges[order[0], 0]
     room = np.empty((largest, 16), np.float32)
-    out = Out(ptr(room), as_i32(room), ptr(bvh.prim_ids), ptr(bvh.corners))
+    out = Tree(ptr(room), as_i32(room), ptr(bvh.prim_ids), ptr(bvh.corners))
     k = take(ticket)
     while k >= 0:
         s = order[k]
@@ -50,8 +51,8 @@ def _checked(vertices, max_leaf) -> np.ndarray:
         raise InputError(f"vertices is {vertices.dtype} {vertices.shape}; it must be float32 (n, 3, 3)")
     if len(vertices) > MAX_TRIANGLES:
         raise InputError(f"vertices has {len(vertices)} triangles; a BVH holds at most {MAX_TRIANGLES}")
-    if not 1 <= max_leaf <= MAX_LEAF:
-        raise InputError(f"max_leaf is {max_leaf}; it must be from 1 to {MAX_LEAF}")
+    if max_leaf not in range(1, MAX_LEAF + 1):
+        raise InputError(f"max_leaf is {max_leaf!r}; it must be a whole number from 1 to {MAX_LEAF}")
     return np.ascontiguousarray(vertices).reshape(-1, 9)
 
 
@@ -62,7 +63,7 @@ def _write_records(flat, records, threads):
     bounds = parts[:, :16].min(axis=0, initial=np.inf)
     if not ((parts[:, 16:] == 0).all() and (bounds[_CORNERS] > -MAX_COORDINATE).all()):
         row = int(np.argmin((np.abs(flat) < MAX_COORDINATE).all(axis=1)))
-        raise InputError(f"triangle {row} has a coordinate that is not finite, or {MAX_COORDINATE:.1e} or more: remove it")
+        raise InputError(f"triangle {row} has a coordinate that is not finite, or not below {MAX_COORDINATE:.1e}")
     return bounds[:8], bounds[8:]
 
 
@@ -84,6 +85,14 @@ def _tiny(flat) -> Bvh:
         corners = flat.reshape(3, 3)
         nodes[0, [0, 4, 8]], nodes[0, [2, 6, 10]], links[0, 12] = corners.min(axis=0), corners.max(axis=0), ~0
     return Bvh(nodes, links, np.zeros(n, np.int32), flat.copy())
+
+
+@cache
+def _compile_top() -> None:
+    """Compile, or load, what only large scenes run too, so that the first build of a process readies all later ones."""
+    pair = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[2, 2, 2], [3, 2, 2], [2, 3, 2]]], np.float32).reshape(2, 9)
+    records, spare = aligned_empty((2, 8), "f4"), aligned_empty((2, 8), "f4")
+    build_top(records, spare, *_write_records(pair, records, 1), np.float32(1.0), 1, 1)
 
 
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
@@ -110,11 +119,12 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -
 
     Notes
     -----
-    Visiting a node costs 1 and a triangle 1. Each axis has 4 to BINS bins, fewer for fewer records. A range with no split of
-    finite cost (all its centroids are at one point), or too deep for MAX_DEPTH, is halved.
+    Visiting a node costs 1 and a triangle 1. A range is halved where no split has a finite cost, since all its
+    centroids are in one point, and where it has so many records at its depth that MAX_DEPTH is in danger.
     """
     flat, threads = _checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)
+    _compile_top()
     if n < 2:
         _write_records(flat, np.empty((n, 8), np.float32), 1)
         return _tiny(flat)

@@ -1,4 +1,4 @@
-"""Binned SAH split of a range of records [Wald 2007, "On fast construction of SAH-based bounding volume hierarchies"]."""
+"""The binned SAH split of a range of records [Wald 2007]."""
 
 from typing import NamedTuple
 
@@ -49,6 +49,12 @@ class Split(NamedTuple):
     axis: object  # int64
     bin: object  # int64
     cost: object  # float32: half the area of each side by its count of records, added
+
+
+@kernel
+def no_split():
+    """The split of a range that is to be cut in the middle."""
+    return Split(np.int64(-1), np.int64(0), INF)
 
 
 @kernel

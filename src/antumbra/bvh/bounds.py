@@ -1,8 +1,8 @@
 """Boxes for building: one 8-wide register a box, so growing it, or joining two, is one instruction.
 
-The register holds ``lower.x lower.y lower.z -- -upper.x -upper.y -upper.z --``: the upper corner is negated, so that both
-corners grow by `minimum`. A *record* is the box of one triangle with the triangle's index in the fourth lane. A *centroid
-box* holds twice the centroids (lower + upper) of some records, in the same form.
+The register holds ``lower.x lower.y lower.z -- -upper.x -upper.y -upper.z --``: the upper corner is negated, so
+that both corners grow by `minimum`. A *record* is the box of one triangle with the triangle's index in the fourth
+lane. A *centroid box* holds twice the centroids (lower + upper) of some records, in the same form.
 """
 
 import numpy as np

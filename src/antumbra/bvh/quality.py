@@ -130,7 +130,7 @@ def _check_slots(bvh, vertices, seen):
             return slot
         seen[prim] = True
         for k in range(9):
-            if not (bvh.corners[slot, k] == vertices[prim, k]):
+            if bvh.corners[slot, k] != vertices[prim, k]:  # NaN too
                 return slot
     return np.int64(-1)
 
@@ -154,8 +154,8 @@ def _check_arrays(bvh: Bvh, n: int) -> None:
 def validate(bvh: Bvh, vertices: np.ndarray) -> None:
     """Check that `bvh` is a correct BVH of the triangles `vertices`, (n, 3, 3) float32.
 
-    Correct means: every node but the root has one parent, no path has more than MAX_DEPTH inner nodes, every triangle is
-    in exactly one leaf, the corners are the triangle's, and every box is exactly the bounds of what is below it.
+    Correct means: every node but the root has one parent, no path has more than MAX_DEPTH inner nodes, every triangle
+    is in exactly one leaf, the corners are the triangle's, and every box is exactly the bounds of what is below it.
 
     Raises
     ------
@@ -204,10 +204,10 @@ def _areas(bvh):
 
 
 def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0) -> float:
-    """Expected cost of a ray that meets the root's box, in float64 [Wald 2007, eq. 1].
+    """Expected cost of a ray that meets the root's box, in float64.
 
-    ``c_traverse`` for each inner node that it enters and ``c_intersect`` for each triangle in a leaf that it enters, where
-    the chance to enter a box is its area over the root's. A root without area makes every chance 1; no triangles cost 0.
+    It is `c_traverse` for each inner node that the ray enters, and `c_intersect` for each triangle in a leaf that it
+    enters; the chance to enter a box is its area over the root's, or 1 if the root has none. No triangles cost 0.
     """
     if len(bvh.prim_ids) == 0:
         return 0.0
@@ -242,6 +242,4 @@ def statistics(bvh: Bvh) -> Statistics:
     sizes = np.zeros(MAX_LEAF + 1, np.int64)
     depth = _shape(bvh.links, sizes)
     size = bvh.nodes.nbytes + bvh.prim_ids.nbytes + bvh.corners.nbytes
-    return Statistics(
-        len(bvh.nodes), int(sizes.sum()), int(depth), sizes, size / max(1, len(bvh.prim_ids))
-    )
+    return Statistics(len(bvh.nodes), int(sizes.sum()), int(depth), sizes, size / max(1, len(bvh.prim_ids)))

@@ -1,8 +1,8 @@
 """The tree of least SAH cost for up to four records, out of all that there are.
 
-Half of a tree's nodes have at most four triangles below them, and there binning is slow and finds little. With n <= 4 there
-are at most 11 subsets of two or more records, so the best tree over each subset follows from those over smaller ones: the
-dynamic program of [Karras & Aila 2013, "Fast parallel construction of high-quality bounding volume hierarchies", sec. 4].
+Most of a tree's nodes have at most four triangles below them, and there binning is slow and finds little. With n <= 4
+there are at most 11 subsets of two or more records, so the best tree over each subset follows from those over smaller
+ones [Karras and Aila 2013, "Fast parallel construction of high-quality bounding volume hierarchies"].
 """
 
 from typing import NamedTuple
@@ -36,9 +36,9 @@ def _cheapest_halves(cost, subset):
     part = (rest - 1) & rest
     while True:
         left = low | part
-        sum_ = get(cost, left) + get(cost, subset ^ left)
-        if sum_ < best:
-            best, best_left = sum_, left
+        both = get(cost, left) + get(cost, subset ^ left)
+        if both < best:
+            best, best_left = both, left
         if part == 0:
             return best, best_left
         part = (part - 1) & rest

@@ -14,7 +14,7 @@ from ..simd import (
     stack_i32,
     store,
 )
-from .bins import BIN_BOXES, BIN_COUNTS, Bins, Split, cheapest_split, clear_bins, fill_bins, make_mapping, partition
+from .bins import BIN_BOXES, BIN_COUNTS, Bins, cheapest_split, clear_bins, fill_bins, make_mapping, no_split, partition
 from .bounds import half_area, range_bounds, record_id, write_boxes
 from .nodes import MAX_DEPTH
 from .smallest import SMALLEST, build_smallest
@@ -22,21 +22,14 @@ from .smallest import SMALLEST, build_smallest
 _WAITING = MAX_DEPTH + 1  # ranges at a time: the right child at each level, and a left one
 _NUMBERS = 4 * _WAITING
 _BOXES = 16 * _WAITING
-_AHEAD = 8
+_AHEAD = 8  # slots whose corners are fetched in advance
 
 
 class Settings(NamedTuple):
+    """What all ranges of a scene are built with."""
+
     max_leaf: object  # int64
     scale: object  # float32, a power of two: makes the largest coordinate about 1, so that no area overflows
-
-
-class Out(NamedTuple):
-    """Pointers to what a builder fills."""
-
-    nodes: object  # float32, 16 a node
-    links: object  # int32, the same memory
-    prim_ids: object  # int32
-    corners: object  # float32, 9 a slot
 
 
 class Ranges(NamedTuple):
@@ -72,7 +65,7 @@ def find_split(records, first, last, centroids, depth, scale, bins):
     n = last - first
     mapping = make_mapping(centroids, n)
     if must_halve(n, depth):
-        return mapping, Split(np.int64(-1), np.int64(0), np.float32(np.inf))
+        return mapping, no_split()
     clear_bins(bins, mapping.n_bins)
     fill_bins(records, first, last, mapping, bins)
     return mapping, cheapest_split(bins, mapping.n_bins, scale)
@@ -80,6 +73,7 @@ def find_split(records, first, last, centroids, depth, scale, bins):
 
 @kernel
 def _leaf_is_cheaper(n, depth, box, split, settings):
+    """Whether a range is better a leaf than split; the root never is."""
     if n > settings.max_leaf or depth == 0:
         return False
     area = half_area(box, settings.scale)
@@ -107,8 +101,8 @@ def copy_corners(vertices, first, last, out):
 def build_subtree(vertices, records, first, last, depth, box, centroids, settings, out):
     """Build the tree over the records from `first` to `last` - 1; the number of nodes made.
 
-    They are nodes 1, 2, ... of `out`, depth first; of n records come at most n - 1. The left link of node 0 is the link to
-    the tree, and nothing else is written there.
+    They are nodes 1, 2, ... of `out`, depth first; of n records come at most n - 1. The left link of node 0 is the
+    link to the tree, and nothing else is written there.
     """
     ranges = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES))
     bins = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))

@@ -1,8 +1,8 @@
-"""The first levels of a build, by all threads together [Wald 2007, sec. 4, "horizontal" parallelisation].
+"""The first levels of a build, by all threads together [Wald 2007].
 
-The ranges of one level are cut in blocks of a fixed size. Threads bin blocks; the bins of a range's blocks are joined and its
-split is chosen; threads then move each block's records, in order, to places in another array that were counted beforehand.
-Nothing depends on which thread does what, so neither does the tree.
+The ranges of one level are cut in blocks of a fixed size. Threads bin blocks; the bins of a range's blocks are joined
+and its split is chosen; threads then move each block's records, in order, to places in another array that were counted
+beforehand. Nothing depends on which thread does what, so neither does the tree.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,17 @@ from ..simd import (
     stack_i32,
     store,
 )
-from .bins import BIN_BOXES, BIN_COUNTS, Bins, Split, cheapest_split, clear_bins, fill_bins, goes_left, make_mapping
+from .bins import (
+    BIN_BOXES,
+    BIN_COUNTS,
+    Bins,
+    cheapest_split,
+    clear_bins,
+    fill_bins,
+    goes_left,
+    make_mapping,
+    no_split,
+)
 from .bounds import INF, double_centroid
 from .subtree import must_halve
 
@@ -34,7 +44,7 @@ _BINS = BIN_BOXES + BIN_COUNTS  # words
 
 
 class Level(NamedTuple):
-    """The ranges of records that are split at one level, and the blocks they are cut in."""
+    """The ranges of records that are split at one level, and the blocks they are cut in; `last` is one past the end."""
 
     ranges: np.ndarray  # (k, 3) int64: first and last record, first block
     boxes: np.ndarray  # (k, 16) float32: box, centroid box
@@ -107,7 +117,7 @@ def _choose_splits(level, depth, scale):
         first, last, block = level.ranges[r]
         end = level.ranges[r + 1, 2] if r + 1 < len(level.ranges) else len(level.blocks)
         n_bins = _mapping_of_range(level, r).n_bins
-        split = Split(np.int64(-1), np.int64(0), INF)
+        split = no_split()
         if not must_halve(last - first, depth):
             _join_bins(level, block, end, n_bins, total)
             split = cheapest_split(total, n_bins, scale)

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined
+from ..predicate.exact import ray_along
 
 
-@kernel
+@inlined
 def pixel_direction(rays, x, y):
     """Direction through the centre of pixel (x, y): three float32, rounded once from float64 (see `CameraRays`)."""
     right, down = np.float64(x) + 0.5, np.float64(y) + 0.5
@@ -15,3 +16,10 @@ def pixel_direction(rays, x, y):
         np.float32((corner[1] + right * dx[1]) + down * dy[1]),
         np.float32((corner[2] + right * dx[2]) + down * dy[2]),
     )
+
+
+@inlined
+def pixel_ray(rays, x, y):
+    """The ray of pixel (x, y), over (0, inf)."""
+    o, d = rays.origin, pixel_direction(rays, x, y)
+    return ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)

@@ -1,5 +1,6 @@
 """draft"""
 import numpy as np
+
 from ..parallel import new_ticket, run, thread_count
 from .raster_bins import bin_triangles
 from .raster_setup import TILE, make_view

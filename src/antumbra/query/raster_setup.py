@@ -25,11 +25,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
+from ..errors import InputError
+from ..jit import inlined, kernel
+from ..predicate.filters import widest
 from ..simd import get
 
-TILE = 32  # pixels; tiles are square
-REACH = TILE + 8  # no function is evaluated farther than this from its origin: a tile, and one vector beyond it
+TILE = 64  # pixels; tiles are square
+STRIDE = TILE + 8  # of a tile's rows: a vector of pixels may start anywhere, and run over the right edge
 
 _U = 2.0**-53
 _F = np.float32
@@ -63,20 +65,20 @@ class View(NamedTuple):
     shift_z: float  # how far rounding its direction to float32 moves a ray
     shift_x: float
     shift_y: float
-    slope_error: float  # K above: error of the edge function of two vectors of length 1, up to REACH from its origin
+    slope_error: float  # K above: error of the edge function of two vectors of length 1, up to STRIDE from its origin
     volume_error: float  # V above
 
 
 def make_view(rays) -> View:
-    """The `View` of `CameraRays`."""
+    """The `View` of `CameraRays`; InputError where its pixels are too close for float64's range."""
     rows, turn = _inverse(rays.corner + 0.5 * rays.dx + 0.5 * rays.dy, rays.dx, rays.dy)
     norm = np.abs(rows).sum(1) * _SLACK
+    if not norm.max() < _HUGE:
+        raise InputError(f"camera: directions of neighbouring pixels differ by less than {1 / _HUGE:g}; widen the vfov")
     z, x, y = norm[0], norm[1] + rays.width * norm[0], norm[2] + rays.height * norm[0]
-    size = np.abs(rays.corner) + rays.width * np.abs(rays.dx) + rays.height * np.abs(rays.dy)
-    rounding = (_EPSILON + 16 * _U) * size + 2.0**-149
-    shift = np.abs(rows) @ rounding * _SLACK
+    shift = np.abs(rows) @ _direction_error(rays) * _SLACK
     shift_x, shift_y = shift[1] + rays.width * shift[0], shift[2] + rays.height * shift[0]
-    slope_error = 48 * _U * (x * y + REACH * z * (x + y))
+    slope_error = 48 * _U * (x * y + STRIDE * z * (x + y))
     bounds = (z, x, y, shift[0], shift_x, shift_y, slope_error, 200 * _U * x * y * z)
     eye = rays.origin.tolist()
     return View(*eye, *rows.ravel().tolist(), turn, int(rays.width), int(rays.height), *map(float, bounds))
@@ -85,10 +87,21 @@ def make_view(rays) -> View:
 def _inverse(*columns):
     """Inverse of the matrix of three columns ((3, 3) float64), each entry correctly rounded; sign of the determinant."""
     c, r, d = ([Fraction(float(x)) for x in column] for column in columns)
-    cross = lambda a, b: [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
-    rows = [cross(r, d), cross(d, c), cross(c, r)]
+    rows = [_cross(r, d), _cross(d, c), _cross(c, r)]
     det = sum(x * y for x, y in zip(c, rows[0]))
     return np.array([[float(x / det) for x in row] for row in rows]), 1 if det > 0 else -1
+
+
+def _cross(a, b):
+    return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
+
+
+def _direction_error(rays) -> np.ndarray:
+    """How far a pixel's direction may lie from c + i r + j d in real arithmetic, component by component."""
+    right, down = rays.width * rays.dx, rays.height * rays.dy
+    ends = [rays.corner, rays.corner + right, rays.corner + down, rays.corner + right + down]
+    float64 = 16 * _U * (np.abs(rays.corner) + np.abs(right) + np.abs(down))
+    return _EPSILON * np.abs(ends).max(0) + float64 + 2.0**-149
 
 
 class EdgeFunctions(NamedTuple):
@@ -113,9 +126,17 @@ class EdgeFunctions(NamedTuple):
     key_error: float
 
 
-@kernel
-def pixel_vector(view, x, y, z):
-    """h = (z, x, y) of a vector."""
+@inlined
+def corner_from(corners, i, k, o):
+    """Corner k of triangle i less the point o, in float64; `corners` is a pointer."""
+    f, at = np.float64, 9 * i + 3 * k
+    return f(get(corners, at)) - o[0], f(get(corners, at + 1)) - o[1], f(get(corners, at + 2)) - o[2]
+
+
+@inlined
+def pixel_vector(view, v):
+    """h = (z, x, y) of the vector v."""
+    x, y, z = v
     return (
         view.zx * x + view.zy * y + view.zz * z,
         view.xx * x + view.xy * y + view.xz * z,
@@ -123,40 +144,21 @@ def pixel_vector(view, x, y, z):
     )
 
 
-@kernel
-def corner_of(corners, i, k):
-    """Corner k of triangle i in float64; `corners` is the pointer to the array's first element."""
-    f, at = np.float64, 9 * i + 3 * k
-    return f(get(corners, at)), f(get(corners, at + 1)), f(get(corners, at + 2))
-
-
-@kernel
-def minus(v, x, y, z):
-    """v - (x, y, z)."""
-    return v[0] - x, v[1] - y, v[2] - z
-
-
-@kernel
-def largest(v):
-    """The largest component's size."""
-    return max(abs(v[0]), abs(v[1]), abs(v[2]))
-
-
-@kernel
+@inlined
 def _relative(h, x0, y0):
     """h in the pixel coordinates whose origin is pixel (x0, y0)."""
     return h[0], h[1] - x0 * h[0], h[2] - y0 * h[0]
 
 
-@kernel
+@inlined
 def _linear(v, w):
     """det(g, v, w) as (a, b, c): c + a i + b j for g = (1, i, j)."""
     return v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0], v[1] * w[2] - v[2] * w[1]
 
 
-@kernel
+@inlined
 def _scaled(f, view, x_reach, y_reach, error, sign):
-    """An edge function over the bound of its error, in float32."""
+    """An edge function over the bound of its error, in float32, whose own five roundings the bound includes."""
     a, b, c = abs(f[0]), abs(f[1]), abs(f[2])
     error += (
         a * (view.shift_x + 5 * _EPSILON * x_reach)
@@ -167,18 +169,18 @@ def _scaled(f, view, x_reach, y_reach, error, sign):
     return _F(f[0] * scale), _F(f[1] * scale), _F(f[2] * scale)
 
 
-@kernel
+@inlined
 def _depth_key(f, view, x_reach, y_reach, error, volume, volume_error):
     """(a, b, c, error) of 1 / t in float32; the error is infinite where float32 cannot hold it."""
     a, b, c = abs(f[0]), abs(f[1]), abs(f[2])
-    error += a * view.shift_x + b * view.shift_y + c * view.shift_z
-    size, inverse = abs(volume), 1.0 / volume
-    # 2**-28: `hit_t` itself is within 2**-30 of the truth
+    moved = error + a * view.shift_x + b * view.shift_y + c * view.shift_z
+    size, inverse, total = abs(volume), 1.0 / volume, a * x_reach + b * y_reach + c
+    # Roundings in float32, and 2**-28 since `hit_t` itself is within 2**-30 of the truth
     relative = volume_error / size + 6 * _EPSILON + 2.0**-28
-    error = (error + (a * x_reach + b * y_reach + c) * relative) * _SLACK / size + _TINY
-    if not (volume_error < 1e-3 * size and (a * x_reach + b * y_reach + c) < _HUGE * size and error < _HUGE):
-        return _F(0.0), _F(0.0), _F(0.0), _F(np.inf)
-    return _F(f[0] * inverse), _F(f[1] * inverse), _F(f[2] * inverse), _F(error)
+    bound = (moved + total * relative) * _SLACK / size + _TINY
+    if volume_error < 1e-3 * size and total < _HUGE * size and bound < _HUGE:
+        return _F(f[0] * inverse), _F(f[1] * inverse), _F(f[2] * inverse), _F(bound)
+    return _F(0.0), _F(0.0), _F(0.0), _F(np.inf)
 
 
 @kernel
@@ -188,22 +190,20 @@ def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
     turn: the sign of det(h0, h1, h2), by which the edge functions are multiplied; 0 where float64 cannot tell: then
     they have their own sign.
     """
-    v0 = corner_of(corners, i, 0)
-    a = minus(v0, view.eye_x, view.eye_y, view.eye_z)
-    p = minus(corner_of(corners, i, 1), v0[0], v0[1], v0[2])
-    q = minus(corner_of(corners, i, 2), v0[0], v0[1], v0[2])
-    r, s = largest(a), max(largest(p), largest(q))
-    fx, fy = np.float64(x0), np.float64(y0)
-    ha = _relative(pixel_vector(view, a[0], a[1], a[2]), fx, fy)
-    hp = _relative(pixel_vector(view, p[0], p[1], p[2]), fx, fy)
-    hq = _relative(pixel_vector(view, q[0], q[1], q[2]), fx, fy)
+    v0 = corner_from(corners, i, 0, (0.0, 0.0, 0.0))
+    a = (v0[0] - view.eye_x, v0[1] - view.eye_y, v0[2] - view.eye_z)
+    p, q = corner_from(corners, i, 1, v0), corner_from(corners, i, 2, v0)
+    r, s = widest(a), widest(p) + widest(q)
+    fx, fy, w, h = np.float64(x0), np.float64(y0), np.float64(x_reach), np.float64(y_reach)
+    ha = _relative(pixel_vector(view, a), fx, fy)
+    hp = _relative(pixel_vector(view, p), fx, fy)
+    hq = _relative(pixel_vector(view, q), fx, fy)
     total, e1, e2 = _linear(hp, hq), _linear(hq, ha), _linear(ha, hp)
     e0 = (total[0] - e1[0] - e2[0], total[1] - e1[1] - e2[1], total[2] - e1[2] - e2[2])
     volume = ha[0] * total[2] + ha[1] * total[0] + ha[2] * total[1]
     volume_error = view.volume_error * r * s * s
     turn = (1 if volume > 0.0 else -1) if abs(volume) > volume_error else 0
-    sign = -1.0 if turn < 0 else 1.0
-    w, h, error = np.float64(x_reach), np.float64(y_reach), view.slope_error * s * (s + r + r)
+    sign, error = -1.0 if turn < 0 else 1.0, view.slope_error * s * (s + r + r)
     f0 = _scaled(e0, view, w, h, error, sign)
     f1 = _scaled(e1, view, w, h, error, sign)
     f2 = _scaled(e2, view, w, h, error, sign)
@@ -211,9 +211,9 @@ def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
     return turn, EdgeFunctions(*f0, *f1, *f2, *key)
 
 
-@kernel
+@inlined
 def turned(f):
-    """The edge functions multiplied by -1."""
+    """The edge functions multiplied by -1; the depth key as it is."""
     return EdgeFunctions(
         -f.a0, -f.b0, -f.c0, -f.a1, -f.b1, -f.c1, -f.a2, -f.b2, -f.c2, f.key_a, f.key_b, f.key_c, f.key_error
     )

@@ -61,9 +61,7 @@ def read_frames(folder: Path) -> tuple[VertexFrames, list[str]]:
         raise InputError(f"{name}: a folder without {' and '.join(missing)}; name a scene file in it instead")
     frames = mapped_array(folder / "frames.npy", f"{name}/frames.npy")
     if frames.ndim != 3 or frames.shape[2] != 3 or frames.dtype.kind != "f" or frames.size == 0:
-        raise InputError(
-            f"{name}/frames.npy is {frames.dtype} {frames.shape}; it must be float, (frames, vertices, 3)"
-        )
+        raise InputError(f"{name}/frames.npy is {frames.dtype} {frames.shape}; it must be float, (frames, vertices, 3)")
     faces = mapped_array(folder / "faces.npy", f"{name}/faces.npy")
     colour, path = None, folder / "face_rgba.npy"
     if path.exists():
@@ -88,9 +86,7 @@ def mapped_array(path: Path, where: str) -> np.ndarray:
         raise InputError(f"{where} has shape {shape}; write it again with numpy.save")
     needed, real = math.prod(shape) * dtype.itemsize, path.stat().st_size - offset
     if needed > real:
-        raise InputError(
-            f"{where} says {needed} bytes of data, but has {real}; it is cut short, copy it again"
-        )
+        raise InputError(f"{where} says {needed} bytes of data, but has {real}; it is cut short, copy it again")
     if needed == 0:
         return np.empty(shape, dtype)
     return np.memmap(path, dtype, "r", offset, shape, "F" if fortran else "C")

@@ -55,9 +55,7 @@ def used_faces(faces: np.ndarray, n_vertices: int, where: str) -> tuple[np.ndarr
 def check_faces(faces: np.ndarray, n_vertices: int, where: str) -> np.ndarray:
     """`faces` as (f, 3) int32, or InputError naming the first face that reaches beyond the vertices."""
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-        raise InputError(
-            f"{where}: faces must be whole numbers of shape (f, 3), not {faces.dtype} {faces.shape}"
-        )
+        raise InputError(f"{where}: faces must be whole numbers of shape (f, 3), not {faces.dtype} {faces.shape}")
     if faces.size and (faces.min() < 0 or faces.max() >= n_vertices):
         bad = int(np.argmax(((faces < 0) | (faces >= n_vertices)).any(axis=1)))
         raise InputError(
@@ -83,9 +81,7 @@ def face_colours(colour, count: int, where: str) -> np.ndarray:
         return WHITE
     colour = np.asarray(colour)
     if colour.dtype.kind != "f" or colour.shape not in ((3,), (count, 3)):
-        raise InputError(
-            f"{where}: colours must be floats, (3,) or ({count}, 3), not {colour.dtype} {colour.shape}"
-        )
+        raise InputError(f"{where}: colours must be floats, (3,) or ({count}, 3), not {colour.dtype} {colour.shape}")
     if not (colour.size == 0 or (colour.min() >= 0.0 and colour.max() <= 1.0)):
         raise InputError(f"{where}: colours must lie between 0 and 1 (linear light)")
     return np.array(colour, np.float32)

@@ -14,9 +14,7 @@ from .files import checked_file, sibling
 from .mesh import Mesh, make_mesh
 from .source import StaticMeshes
 
-logging.getLogger("trimesh").addHandler(
-    logging.NullHandler()
-)  # it logs tracebacks, which would reach the screen
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks, which would reach the screen
 
 MAX_SIDE_FILE = 1 << 28
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
@@ -82,9 +80,7 @@ class FolderResolver(Mapping):
             except OSError:
                 self._means[name] = np.ones(3)
             except ValueError as error:
-                self.notes.append(
-                    f"{self._file}: texture {name[:80]!r} is unusable ({error}); taken as white"
-                )
+                self.notes.append(f"{self._file}: texture {name[:80]!r} is unusable ({error}); taken as white")
                 self._means[name] = np.ones(3)
         return self._means[name]
 
@@ -121,9 +117,7 @@ def _check_ply(data: bytes, file: str) -> None:
     room = len(body.split(b"\n")) if b"format ascii" in head else len(body)
     declared = sum(counts.values())
     if declared > room:
-        raise InputError(
-            f"{file}: PLY header declares {declared} elements, there is room for {room}; copy it again"
-        )
+        raise InputError(f"{file}: PLY header declares {declared} elements, there is room for {room}; copy it again")
 
 
 def _check_stl(data: bytes, file: str) -> None:
@@ -132,9 +126,7 @@ def _check_stl(data: bytes, file: str) -> None:
         return
     needed = 84 + 50 * int.from_bytes(data[80:84], "little")
     if len(data) < needed:
-        raise InputError(
-            f"{file}: STL header needs {needed} bytes, there are {len(data)}; copy the file again"
-        )
+        raise InputError(f"{file}: STL header needs {needed} bytes, there are {len(data)}; copy the file again")
 
 
 def _check_obj(data: bytes, file: str) -> None:
@@ -142,6 +134,4 @@ def _check_obj(data: bytes, file: str) -> None:
     match = _OBJ_ZERO.search(data)
     if match:
         line = data.count(b"\n", 0, match.end()) + 1
-        raise InputError(
-            f"{file}: line {line} uses vertex 0; OBJ counts vertices from 1, export the mesh again"
-        )
+        raise InputError(f"{file}: line {line} uses vertex 0; OBJ counts vertices from 1, export the mesh again")

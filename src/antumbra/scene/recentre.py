@@ -28,7 +28,5 @@ def recentred(world: np.ndarray, origin: np.ndarray, where: str) -> np.ndarray:
     with np.errstate(over="ignore", invalid="ignore"):
         local = (world - origin).astype(np.float32)
     if local.size and not (local.max() <= MAX_EXTENT and local.min() >= -MAX_EXTENT):
-        raise InputError(
-            f"{where}: vertices are not finite or over {MAX_EXTENT:g} units apart; scale the scene down"
-        )
+        raise InputError(f"{where}: vertices are not finite or over {MAX_EXTENT:g} units apart; scale the scene down")
     return local

@@ -108,7 +108,7 @@ class Scene:
         InputError
             When the time is not a number, or the animation moves vertices to infinity.
         """
-        time = self._clamped(time)
+        time = self.clamped(time)
         vertices = np.empty((self.n_triangles, 3, 3), np.float32)
         start = 0
         with np.errstate(all="ignore"):
@@ -121,13 +121,13 @@ class Scene:
         """Camera `index` of the file as it is at `time`."""
         if not 0 <= index < len(self._cameras):
             raise InputError(f"{self.name}: there is no camera {index}; the scene has {len(self._cameras)}")
-        return self._source.cameras(self._clamped(time))[index]
+        return self._source.cameras(self.clamped(time))[index]
 
     def light(self, index: int = 0, time: float = 0.0):
         """Light `index` of the file as it is at `time`."""
         if not 0 <= index < len(self._lights):
             raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
-        return self._source.lights(self._clamped(time))[index]
+        return self._source.lights(self.clamped(time))[index]
 
     def default_camera(self, width: int = 1024, height: int = 1024) -> Camera:
         """Three-quarter view from a little above, with the bounding sphere of the scene in view."""
@@ -137,7 +137,79 @@ class Scene:
         """A `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
         return framing.default_light(self.bounds, self.up)
 
-    def _clamped(self, time) -> float:
+    def occluded(
+        self,
+        origins,
+        directions=None,
+        tmin=0.0,
+        tmax=np.inf,
+        skip_face=None,
+        time=0.0,
+        *,
+        cull_faces=None,
+        threads=None,
+    ) -> np.ndarray:
+        """Whether anything blocks each ray strictly between tmin and tmax. Exact: see the contract in the docs.
+
+        Parameters
+        ----------
+        origins, directions : (..., 3) float, world
+            Broadcast against each other; or `origins` alone with shape (..., 6). Anything with DLPack in host memory.
+            Float64 origins are recentred before they are rounded to float32. Directions need not be unit.
+        tmin, tmax : float or (...) float
+            In lengths of the direction; 0 <= tmin. A hit at exactly tmin or tmax does not count.
+        skip_face : int or (...) int, optional
+            A face that does not count, for rays that start on a known face; -1 for none.
+        time : float
+            Seconds. The BVH of the last time asked is kept.
+        cull_faces : None, "front" or "back"
+            Faces that turn this side to the ray do not block it.
+        threads : int, optional
+            None: all cores.
+
+        Returns
+        -------
+        (...) bool
+
+        Raises
+        ------
+        InputError
+            On shapes that do not broadcast, NaN or infinite origins or directions, a zero direction, a negative or
+            infinite tmin, or NaN in tmax.
+        """
+        from ..queries import occluded
+
+        return occluded(self, origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads)
+
+    def closest_hit(
+        self,
+        origins,
+        directions=None,
+        tmin=0.0,
+        tmax=np.inf,
+        skip_face=None,
+        time=0.0,
+        *,
+        cull_faces=None,
+        threads=None,
+    ):
+        """The nearest hit of each ray strictly between tmin and tmax; arguments and errors as for `occluded`.
+
+        Returns
+        -------
+        Hit
+            t (...) float64, in lengths of the direction, inf on a miss; face (...) int32, -1 on a miss;
+            u, v (...) float32, weights of the face's second and third corner. Of faces that are equally near in
+            float64, the one with the lowest index.
+        """
+        from ..queries import closest_hit
+
+        return closest_hit(
+            self, origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads
+        )
+
+    def clamped(self, time) -> float:
+        """`time` within 0 .. `duration`; InputError unless it is a number."""
         try:
             time = float(time)
         except (TypeError, ValueError):

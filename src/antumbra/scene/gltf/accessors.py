@@ -62,9 +62,7 @@ class Accessors:
             values = self._view(fields, count, width, dtype)
         else:  # zeros; every real one is a companion of data in a buffer, so no longer than that
             if count > self._available:
-                raise fields.bad(
-                    "count", f"at most {self._available}, the bytes in buffers, without bufferView"
-                )
+                raise fields.bad("count", f"at most {self._available}, the bytes in buffers, without bufferView")
             values = np.zeros((count, width), dtype)
         return values if sparse is None else self._patched(values, sparse)
 
@@ -99,9 +97,7 @@ class Accessors:
             raise view.bad("byteStride", f"at least {element}, the size of an element")
         needed = offset + stride * (count - 1) + element if count else 0
         if needed > size:
-            raise InputError(
-                f"{fields.where} needs {needed} bytes, its bufferView has {size}; export it again"
-            )
+            raise InputError(f"{fields.where} needs {needed} bytes, its bufferView has {size}; export it again")
         if count == 0:
             return np.empty((0, width), dtype)
         return np.ndarray((count, width), dtype, buffer, start + offset, (stride, dtype.itemsize))

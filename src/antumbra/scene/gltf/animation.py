@@ -133,8 +133,6 @@ def _unit_keys(values: np.ndarray, sampler: Fields) -> np.ndarray:
     keys = values[:, 1] if values.ndim == 3 else values
     lengths = np.linalg.norm(keys, axis=1, keepdims=True)
     if not (lengths > 0.0).all():
-        raise InputError(
-            f"{sampler.where} has a rotation key that is zero; quaternions must be of unit length"
-        )
+        raise InputError(f"{sampler.where} has a rotation key that is zero; quaternions must be of unit length")
     keys /= lengths
     return values

@@ -27,9 +27,7 @@ def read_skins(root: Fields, accessors: Accessors, n_nodes: int) -> list[Skin]:
         if index is not None:
             stored = accessors.finite(index, "MAT4")
             if len(stored) < len(joints):
-                raise InputError(
-                    f"{fields.where} has {len(joints)} joints but {len(stored)} inverseBindMatrices"
-                )
+                raise InputError(f"{fields.where} has {len(joints)} joints but {len(stored)} inverseBindMatrices")
             inverse = stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)  # stored by columns
         skins.append(Skin(joints, inverse, fields.where))
     return skins

@@ -67,9 +67,7 @@ def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
         offset += 8
         if size > length - offset:
             left = length - offset
-            raise InputError(
-                f"{file}: GLB chunk {len(chunks)} says {size} bytes, {left} are left; copy the file again"
-            )
+            raise InputError(f"{file}: GLB chunk {len(chunks)} says {size} bytes, {left} are left; copy the file again")
         chunks.append((kind, offset, size))
         offset += size
     if not chunks or chunks[0][0] != JSON_CHUNK:
@@ -118,9 +116,7 @@ def _buffer(fields: Fields, index: int, binary, folder: Path) -> np.ndarray | No
 
 def _check_size(declared: int, real: int, place: str) -> None:
     if declared > real:
-        raise InputError(
-            f"{place} says {declared} bytes, but there are {real}; the data is cut short, copy it again"
-        )
+        raise InputError(f"{place} says {declared} bytes, but there are {real}; the data is cut short, copy it again")
 
 
 def _check_version(root: Fields) -> None:
@@ -135,9 +131,7 @@ def _check_version(root: Fields) -> None:
 def _check_extensions(root: Fields) -> None:
     for name in root.texts("extensionsRequired"):
         if name in COMPRESSIONS:
-            raise InputError(
-                f"{root.where} the meshes are compressed with {COMPRESSIONS[name]} ({name}); {CURE}"
-            )
+            raise InputError(f"{root.where} the meshes are compressed with {COMPRESSIONS[name]} ({name}); {CURE}")
         if name not in SUPPORTED and not name.startswith(HARMLESS):
             raise InputError(
                 f"{root.where} extensionsRequired has {name[:60]!r}, which is unsupported; export without it"

@@ -42,9 +42,7 @@ def read_nodes(root: Fields) -> Nodes:
     if not (length > 0.0).all():
         raise fields[int(np.argmin(length))].bad("rotation", "a unit quaternion; zero has no inverse")
     visible = _reached(root, fields, children, parent)
-    return Nodes(
-        fields, translation, rotation / length[:, None], scale, matrix, fixed, parent, levels, visible
-    )
+    return Nodes(fields, translation, rotation / length[:, None], scale, matrix, fixed, parent, levels, visible)
 
 
 def local_matrices(translation, rotation, scale) -> np.ndarray:
@@ -112,9 +110,7 @@ def check_invertible(nodes: Nodes, needed: np.ndarray) -> None:
     bad = np.flatnonzero(needed & singular(local))
     if len(bad):
         where = nodes.fields[int(bad[0])].where
-        raise InputError(
-            f"{where} has a transform without inverse; give it a scale or matrix that is not flat"
-        )
+        raise InputError(f"{where} has a transform without inverse; give it a scale or matrix that is not flat")
 
 
 def _matrix(fields: Fields) -> np.ndarray:
@@ -149,9 +145,7 @@ def _levels(fields: list[Fields], parent: np.ndarray) -> list[np.ndarray]:
             path.append(i)
             i = int(parent[i])
         if i >= 0 and depth[i] == -2:
-            raise InputError(
-                f"{fields[i].where} is its own ancestor; glTF nodes form a tree, export the file again"
-            )
+            raise InputError(f"{fields[i].where} is its own ancestor; glTF nodes form a tree, export the file again")
         base = depth[i] if i >= 0 else -1
         for step, j in enumerate(reversed(path), 1):
             depth[j] = base + step

@@ -43,9 +43,7 @@ def read_primitive(fields: Fields, name: str, accessors: Accessors, materials: M
 
     def rows(values: np.ndarray) -> np.ndarray:
         if len(values) != len(positions):
-            raise InputError(
-                f"{fields.where} has {len(positions)} positions but {len(values)} of another attribute"
-            )
+            raise InputError(f"{fields.where} has {len(positions)} positions but {len(values)} of another attribute")
         return np.array(values if used is None else values[used])
 
     targets = _targets(fields, accessors, rows)
@@ -63,9 +61,7 @@ def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> 
     count = n_vertices if corners is None else len(corners)
     if mode == TRIANGLES:
         if count % 3:
-            raise InputError(
-                f"{fields.where} has {count} corners, no multiple of 3; export the mesh triangulated"
-            )
+            raise InputError(f"{fields.where} has {count} corners, no multiple of 3; export the mesh triangulated")
         return None if corners is None else corners.reshape(-1, 3)
     if corners is None:
         corners = np.arange(count)
@@ -106,9 +102,7 @@ def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple
     return joint.astype(np.int32), weight / np.where(total == 0.0, 1.0, total)
 
 
-def _colour(
-    fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials
-) -> np.ndarray:
+def _colour(fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials) -> np.ndarray:
     """Base colour: material, times the mean of a face's vertex colours; (3,) or (f, 3) float32, linear."""
     colour = materials.colour(fields)
     if "COLOR_0" not in attributes:

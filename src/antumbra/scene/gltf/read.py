@@ -162,20 +162,14 @@ def _copies(node: Fields, accessors: Accessors) -> np.ndarray | None:
     (k,) = counts
     rotation = values.get("ROTATION", np.broadcast_to((0.0, 0.0, 0.0, 1.0), (k, 4)))
     rotation = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
-    copies = local_matrices(
-        values.get("TRANSLATION", np.zeros((k, 3))), rotation, values.get("SCALE", np.ones((k, 3)))
-    )
+    copies = local_matrices(values.get("TRANSLATION", np.zeros((k, 3))), rotation, values.get("SCALE", np.ones((k, 3))))
     flat = np.flatnonzero(singular(copies))
     if len(flat):
-        raise InputError(
-            f"{extension.where} instance {flat[0]} has a transform without inverse; remove the instance"
-        )
+        raise InputError(f"{extension.where} instance {flat[0]} has a transform without inverse; remove the instance")
     return copies
 
 
-def _placed(
-    positions: np.ndarray, primitive: Primitive, draw: Draw, world: np.ndarray
-) -> Iterator[np.ndarray]:
+def _placed(positions: np.ndarray, primitive: Primitive, draw: Draw, world: np.ndarray) -> Iterator[np.ndarray]:
     """World positions ((k, v, 3) float64) of a primitive, a batch of copies at a time."""
     if draw.skin is not None and primitive.joints is not None:
         yield skinned(positions, primitive, draw.skin, world)

@@ -52,9 +52,7 @@ class Views:
         axis = world[node][:3, column]
         length = np.linalg.norm(axis)
         if not 0.0 < length < np.inf:
-            raise InputError(
-                f"{self._nodes.fields[node].where} holds a camera or light but its transform is flat"
-            )
+            raise InputError(f"{self._nodes.fields[node].where} holds a camera or light but its transform is flat")
         return axis / length
 
     def _placed_cameras(self, root: Fields) -> list[tuple[int, float, int]]:
@@ -89,9 +87,7 @@ class Views:
             if intensity < 0.0:
                 raise light.bad("intensity", "0 or more")
             if kind == "spot":
-                self.notes.append(
-                    f"{light.where} is a spot light; taken as a point light that shines all around"
-                )
+                self.notes.append(f"{light.where} is a spot light; taken as a point light that shines all around")
             colour = tuple(np.maximum(light.numbers("color", 3, np.ones(3)), 0.0).tolist())
             placed.append((node, kind, intensity, colour))
         return placed

@@ -79,15 +79,26 @@ def assemble(parts: Iterable[Part]) -> Mesh:
 def fitted(build: Callable[[float], list[Part]], triangles: int, detail: float) -> list[Part]:
     """`build(detail)` with the detail at which it has just under `triangles` triangles, found from a first guess.
 
-    Triangles are taken to grow with the square of the detail, which is what tessellation does.
+    The square of the detail, with which tessellation grows, is sought by false position; counts go up in steps, so
+    anything from 93 % on is near enough. If even the coarsest has more, that one is taken.
     """
+    x, low, high = detail**2, (0.0, 0.0), (np.inf, np.inf)  # (square of the detail, triangles) on either side
     best: list[Part] = []
-    for _ in range(8):
-        parts = build(detail)
+    for _ in range(12):
+        parts = build(np.sqrt(x))
         n = count(parts)
-        if n <= triangles and n > count(best):
-            best = parts
-        if 0.93 * triangles <= n <= triangles:
+        if n <= triangles:
+            low, best = (x, n), parts
+        else:
+            high = (x, n)
+            best = best or parts
+        if 0.93 * triangles <= n <= triangles or x < 1e-4:
             break
-        detail *= np.sqrt(0.97 * triangles / n)
-    return best or parts
+        if high[0] == np.inf:
+            x *= min(8.0, 0.98 * triangles / n)
+        elif low[0] == 0.0:
+            x *= max(0.1, 0.96 * triangles / n - 0.02)
+        else:
+            share = (0.97 * triangles - low[1]) / (high[1] - low[1])
+            x = low[0] + (high[0] - low[0]) * float(np.clip(share, 0.15, 0.85))
+    return parts if count(best) > triangles else best

@@ -135,6 +135,28 @@ def loft(sections, colour=0, closed=False) -> Mesh:
     return outward(lofts(np.asarray(sections)[None], colour, closed))
 
 
+def capped(rings, low, high, colour=0) -> Mesh:
+    """The solid through (n, k, 3) loops, closed by fans around the points `low` and `high` ((3,)).
+
+    Seen from `high` the loops turn counter-clockwise. colour: one, or (n - 1, k) for the cells, then k + k for the fans.
+    """
+    rings = np.asarray(rings, np.float32)
+    n, k = rings.shape[:2]
+    index = np.arange(n * k, dtype=np.int32).reshape(n, k)
+    index = np.concatenate([index, index[:, :1]], axis=1)
+    foot, top = (np.full(k, n * k + i, np.int32) for i in range(2))
+    fans = [
+        np.stack([foot, index[0, 1:], index[0, :-1]], axis=1),
+        np.stack([top, index[-1, :-1], index[-1, 1:]], axis=1),
+    ]
+    cells = _split(index)
+    vertices = np.concatenate([rings.reshape(-1, 3), np.array([low, high], np.float32)])
+    colour = np.asarray(colour, np.uint8)
+    if colour.ndim:
+        colour = np.concatenate([np.repeat(colour[: (n - 1) * k], 2), colour[(n - 1) * k :]])
+    return Mesh(vertices, np.concatenate([cells, *fans]), _colours(colour, len(cells) + 2 * k))
+
+
 def revolve(profile, segments: int, colour=0, scale=None) -> Mesh:
     """A solid of revolution about +Y through (k, 2) points (radius, height); its ends are closed on the axis.
 
@@ -142,22 +164,12 @@ def revolve(profile, segments: int, colour=0, scale=None) -> Mesh:
         Factors of the radius, for flutes and ribs.
     """
     profile = np.asarray(profile, np.float32)
-    ring = profile[:, 0] > 0.0
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     radius = profile[:, :1] if scale is None else profile[:, :1] * scale
     points = np.empty((len(profile), segments, 3), np.float32)
     points[..., 0], points[..., 2] = radius * np.cos(angle), -radius * np.sin(angle)
     points[..., 1] = profile[:, 1:]
-    points = points[ring]
-    n, k = points.shape[:2]
-    index = np.arange(n * k, dtype=np.int32).reshape(n, k)
-    index = np.concatenate([index, index[:, :1]], axis=1)
-    poles = np.array([[0, profile[0, 1], 0], [0, profile[-1, 1], 0]], np.float32)
-    low, high = (np.full(k, n * k + i, np.int32) for i in range(2))
-    bottom = np.stack([low, index[0, 1:], index[0, :-1]], axis=1)
-    top = np.stack([high, index[-1, :-1], index[-1, 1:]], axis=1)
-    faces = np.concatenate([_split(index), bottom, top])
-    return Mesh(np.concatenate([points.reshape(-1, 3), poles]), faces, _colours(colour, len(faces)))
+    return capped(points[profile[:, 0] > 0.0], (0, profile[0, 1], 0), (0, profile[-1, 1], 0), colour)
 
 
 _SIGNS = np.array(list(product((-1, 1), repeat=3)), np.int32)  # corner = 4 [x > 0] + 2 [y > 0] + [z > 0]

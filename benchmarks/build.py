@@ -1,0 +1,146 @@
+"""Time to build a BVH: every builder of Antumbra beside Embree's three, in one process, turn by turn.
+
+    python benchmarks/build.py [scene ...] [--threads N] [--rounds N] [--json FILE]
+
+A scene is a file that `antumbra.load` reads. Without one: Sponza and San Miguel from the folder of real scenes
+($ANTUMBRA_SCENES, or ../shared/scenes beside the repository), or generated hills where there is no such folder.
+
+What is timed: for Antumbra from the (n, 3, 3) float32 vertices to the finished Bvh, once the kernels are compiled; for
+Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import time
+from pathlib import Path
+
+import numba
+import numpy as np
+
+import antumbra
+from antumbra.bench.embree import QUALITIES, Device, EmbreeScene
+from antumbra.bvh import BUILDERS
+from antumbra.bvh.quality import sah_cost, validate
+from antumbra.bvh.quality import statistics as shape_of
+from antumbra.parallel import thread_count
+
+PEER = "embree medium"  # what ratios are taken to
+PAUSE = 0.05  # seconds after each build of Embree's, whose threads go on spinning for a while
+REAL = ("sponza_crytek", "sanmiguel_lite")
+
+
+def hills(n: int = 262_144) -> np.ndarray:
+    """About n triangles of a bumpy surface."""
+    side = round((n / 2) ** 0.5)
+    x, y = np.meshgrid(np.linspace(0, 100, side + 1), np.linspace(0, 100, side + 1))
+    noise = np.random.default_rng(0).normal(0, 0.02, x.shape)
+    p = np.stack([x, np.sin(x / 3) * np.cos(y / 5) * 4 + noise, y], -1).astype(np.float32)
+    a, b, c, d = p[:-1, :-1], p[:-1, 1:], p[1:, :-1], p[1:, 1:]
+    return np.concatenate([np.stack([a, b, d], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
+
+
+def scenes(paths: list[Path]):
+    """(name, vertices) of each scene."""
+    folder = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
+    paths = paths or [p for name in REAL if (p := folder / name / "scene.glb").exists()]
+    if not paths:
+        print(f"no scene is given and none is in {folder}: generated hills instead")
+        yield "hills", hills()
+    for path in paths:
+        yield path.parent.name if path.stem == "scene" else path.stem, antumbra.load(path).triangles(0.0).vertices
+
+
+def timed(build) -> float:
+    start = time.perf_counter()
+    result = build()
+    seconds = time.perf_counter() - start
+    del result  # not in the time: Embree's is not either
+    return seconds
+
+
+def embree_seconds(device: Device, vertices, quality: str) -> float:
+    with EmbreeScene(device, vertices, quality=quality) as scene:
+        seconds = scene.build_seconds
+    time.sleep(PAUSE)
+    return seconds
+
+
+def describe(build, vertices) -> dict:
+    """What does not depend on the machine; also compiles the kernels, and checks the tree."""
+    bvh = build()
+    validate(bvh, vertices)
+    shape = shape_of(bvh)
+    return {"sah": sah_cost(bvh), "bytes_per_triangle": shape.bytes_per_triangle, "depth": shape.depth}
+
+
+def measure(name: str, vertices, threads: int, rounds: int) -> list[dict]:
+    """One row for each method."""
+    ours = {k: lambda b=b: b.build(vertices, threads) for k, b in BUILDERS.items()}
+    facts = {k: describe(build, vertices) for k, build in ours.items()}
+    seconds = {k: [] for k in (*ours, *(f"embree {q}" for q in QUALITIES))}
+    with Device(threads) as device:
+        for _ in range(rounds):
+            for k, build in ours.items():
+                seconds[k].append(timed(build))
+            for q in QUALITIES:
+                seconds[f"embree {q}"].append(embree_seconds(device, vertices, q))
+    peer = statistics.median(seconds[PEER])
+    return [
+        {
+            "scene": name,
+            "triangles": len(vertices),
+            "method": k,
+            "median_ms": 1e3 * statistics.median(s),
+            "min_ms": 1e3 * min(s),
+            "max_ms": 1e3 * max(s),
+            "ratio": statistics.median(s) / peer,
+            "ratio_of_minima": min(s) / min(seconds[PEER]),
+            **facts.get(k, {}),
+        }
+        for k, s in seconds.items()
+    ]
+
+
+def line(row: dict) -> str:
+    own = f"{row['sah']:8.2f} {row['bytes_per_triangle']:8.1f} {row['depth']:6d}" if "sah" in row else ""
+    times = f"{row['median_ms']:9.1f} {row['min_ms']:8.1f} {row['max_ms']:8.1f}"
+    return f"{row['scene']:20s} {row['method']:15s} {times} {row['ratio']:7.2f} {row['ratio_of_minima']:7.2f} {own}"
+
+
+def machine(threads: int) -> dict:
+    return {
+        "antumbra": antumbra.__version__,
+        "numba": numba.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "processor": numba.core.codegen.ll.get_host_cpu_name(),
+        "threads": threads,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", nargs="*", type=Path)
+    parser.add_argument("--threads", type=int, default=None, help="default: all cores")
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args()
+    threads = thread_count(options.threads)
+    print(
+        f"{'scene':20s} {'method':15s} {'median ms':>9s} {'min':>8s} {'max':>8s} "
+        f"{'ratio':>7s} {'of mins':>7s} {'SAH':>8s} {'B/tri':>8s} {'depth':>6s}"
+    )
+    rows = []
+    for name, vertices in scenes(options.scene):
+        for row in measure(name, vertices, threads, options.rounds):
+            rows.append(row)
+            print(line(row), flush=True)
+    if options.json:
+        options.json.write_text(json.dumps({"machine": machine(threads), "rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,35 @@
+"""Shows the comments beside the fields of a NamedTuple, which is where this project describes them."""
+
+import ast
+import inspect
+import io
+import textwrap
+import tokenize
+
+
+def field_comments(cls: type) -> dict[str, str]:
+    """Field -> the comment on the lines of its definition; "" where there is none."""
+    source = textwrap.dedent(inspect.getsource(cls))
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    comments = {t.start[0]: t.string.lstrip("# ") for t in tokens if t.type == tokenize.COMMENT}
+    found = {}
+    for node in ast.parse(source).body[0].body:
+        if isinstance(node, ast.AnnAssign):
+            lines = range(node.lineno, node.end_lineno + 1)
+            found[node.target.id] = " ".join(comments[n] for n in lines if n in comments)
+    return found
+
+
+def is_named_tuple(obj) -> bool:
+    return isinstance(obj, type) and issubclass(obj, tuple) and hasattr(obj, "_fields")
+
+
+def _append_fields(app, what, name, obj, options, lines):
+    if is_named_tuple(obj):
+        lines.append("")
+        lines.extend(f":ivar {field}: {text}" for field, text in field_comments(obj).items())
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", _append_fields)
+    return {"parallel_read_safe": True}

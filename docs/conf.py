@@ -1,0 +1,39 @@
+"""Sphinx: ``sphinx-build -W docs docs/_build``."""
+
+import sys
+from pathlib import Path
+
+import antumbra
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+project = "Antumbra"
+author = "the Antumbra authors"
+copyright = author
+version = release = antumbra.__version__
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "myst_parser",
+    "sphinxcontrib.bibtex",
+    "fields",
+    "help",
+    "labels",
+]
+exclude_patterns = ["_build"]
+nitpick_ignore_regex = [("py:.*", ".*")]
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # docstrings say shapes and types
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+
+myst_enable_extensions = ["deflist"]
+myst_heading_anchors = 3
+
+bibtex_bibfiles = ["REFERENCES.bib"]
+bibtex_default_style = "author-year"
+
+html_theme = "furo"
+html_title = f"Antumbra {release}"

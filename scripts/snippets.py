@@ -1,0 +1,64 @@
+"""Runs what the documents show: the README's commands, and the Python of any page.
+
+python scripts/snippets.py command README.md pytest   prints the one command line that ends so
+python scripts/snippets.py run README.md docs/*.md    runs the Python blocks of each page, as one program
+"""
+
+import os
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+_BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """The fenced blocks of a language."""
+    return [match[2] for match in _BLOCK.finditer(text) if match[1] == language]
+
+
+def command(path: Path, ending: str) -> str:
+    """The one line in the shell blocks of a page that ends with `ending`."""
+    lines = [line for block in blocks(path.read_text(), "sh") for line in block.splitlines()]
+    found = [line for line in lines if line.endswith(ending)]
+    if len(found) != 1:
+        raise SystemExit(f"{path}: {len(found)} commands end with {ending!r}, not one")
+    return found[0]
+
+
+def program(text: str) -> str:
+    """The Python blocks of a page, on the lines on which they stand there, so that tracebacks fit."""
+    lines = []
+    position = 0
+    for match in _BLOCK.finditer(text):
+        if match[1] == "python":
+            lines.append("\n" * text.count("\n", position, match.start(2)) + match[2])
+            position = match.end(2)
+    return "".join(lines)
+
+
+def run(paths: list[Path]) -> None:
+    """Run each page in an empty folder."""
+    for path in paths:
+        source = program(path.read_text())
+        if source.strip():
+            print(f"-- {path}", flush=True)
+            code = compile(source, str(path), "exec")
+            with tempfile.TemporaryDirectory() as folder:
+                os.chdir(folder)
+                exec(code, {"__name__": "__main__"})
+                os.chdir(os.path.dirname(folder))
+
+
+def main(action: str, *arguments: str) -> None:
+    if action == "command":
+        print(command(Path(arguments[0]), arguments[1]))
+    elif action == "run":
+        run([Path(a).resolve() for a in arguments])
+    else:
+        raise SystemExit(__doc__)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

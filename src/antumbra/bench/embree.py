@@ -1,0 +1,188 @@
+"""Embree, the peer to measure against: the library inside the ``embreex`` wheel, called through its C interface.
+
+The wheel's own Python classes cannot choose the build quality, time the build alone, or trace without Python in the
+loop; the functions that the library exports can. A kernel calls `Functions` directly, with addresses as integers::
+
+    occluded1 = functions().occluded1  # a global of the module, not an argument
+
+    @numba.njit(nogil=True)
+    def trace(scene, rays, n, arguments):
+        for i in range(n):
+            occluded1(scene, rays + 48 * i, arguments)  # sets tfar of a blocked ray to -inf
+"""
+
+import ctypes
+import time
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..parallel import thread_count
+
+QUALITIES = {"low": 0, "medium": 1, "high": 2}
+"""Name -> RTCBuildQuality: Morton codes, binned SAH, SAH with spatial splits."""
+
+DYNAMIC, COMPACT, ROBUST = 1, 2, 4  # RTCSceneFlags
+_COHERENT = 1 << 16  # RTCRayQueryFlags
+_TRIANGLES, _INDICES, _VERTICES, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
+
+_POINTER, _INT, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_int, ctypes.c_uint, ctypes.c_size_t
+_SIGNATURES = {
+    "rtcNewDevice": (_POINTER, [ctypes.c_char_p]),
+    "rtcReleaseDevice": (None, [_POINTER]),
+    "rtcGetDeviceError": (_INT, [_POINTER]),
+    "rtcNewGeometry": (_POINTER, [_POINTER, _INT]),
+    "rtcSetNewGeometryBuffer": (_POINTER, [_POINTER, _INT, _UINT, _INT, _SIZE, _SIZE]),
+    "rtcSetGeometryBuildQuality": (None, [_POINTER, _INT]),
+    "rtcCommitGeometry": (None, [_POINTER]),
+    "rtcReleaseGeometry": (None, [_POINTER]),
+    "rtcNewScene": (_POINTER, [_POINTER]),
+    "rtcSetSceneFlags": (None, [_POINTER, _INT]),
+    "rtcSetSceneBuildQuality": (None, [_POINTER, _INT]),
+    "rtcAttachGeometry": (_UINT, [_POINTER, _POINTER]),
+    "rtcCommitScene": (None, [_POINTER]),
+    "rtcReleaseScene": (None, [_POINTER]),
+    "rtcIntersect1": (None, [_POINTER] * 3),
+    "rtcOccluded1": (None, [_POINTER] * 3),
+    "rtcOccluded16": (None, [_POINTER] * 4),
+}
+
+
+class Functions(NamedTuple):
+    """What a kernel may call; all arguments are addresses. Structures are those of ``embree4/rtcore_ray.h``."""
+
+    intersect1: object  # (scene, RTCRayHit 80 bytes, arguments)
+    occluded1: object  # (scene, RTCRay 48 bytes, arguments)
+    occluded16: object  # (16 int32 that are -1 for a valid ray, scene, RTCRay16 832 bytes on a 64-byte line, arguments)
+
+
+class Arguments(ctypes.Structure):
+    """RTCIntersectArguments and RTCOccludedArguments, which are alike; make one with `arguments`."""
+
+    _fields_ = (
+        ("flags", ctypes.c_uint),
+        ("feature_mask", ctypes.c_uint),
+        ("context", ctypes.c_void_p),
+        ("filter", ctypes.c_void_p),
+        ("function", ctypes.c_void_p),
+    )
+
+
+def arguments(coherent: bool) -> Arguments:
+    """Arguments for rays that are, or are not, alike; keep the object while ``ctypes.addressof`` of it is in use."""
+    return Arguments(_COHERENT if coherent else 0, 0xFFFFFFFF, None, None, None)
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """The Embree 4 library, its functions typed.
+
+    Raises
+    ------
+    InputError
+        When embreex is not installed.
+    """
+    try:
+        import embreex
+        import embreex.rtcore_scene  # loads the libraries that Embree itself needs
+    except ImportError:
+        raise InputError("Embree is not installed: pip install 'antumbra[peers]'") from None
+    folder = Path(embreex.__file__).parent
+    found = sorted(p for d in (folder, folder.parent / "embreex.libs", folder / ".dylibs") for p in d.glob("*embree4*"))
+    if not found:
+        raise InputError(f"embreex in {folder} holds no Embree 4: pip install 'antumbra[peers]'")
+    lib = ctypes.CDLL(str(found[0]))
+    for name, (result, parameters) in _SIGNATURES.items():
+        function = getattr(lib, name)
+        function.restype, function.argtypes = result, parameters
+    return lib
+
+
+def functions() -> Functions:
+    """The query functions, to be called in kernels."""
+    lib = library()
+    return Functions(lib.rtcIntersect1, lib.rtcOccluded1, lib.rtcOccluded16)
+
+
+class Device:
+    """An Embree device that builds with a number of threads (None: all cores); close it after its scenes."""
+
+    def __init__(self, threads: int | None = None):
+        self.handle = library().rtcNewDevice(f"threads={thread_count(threads)}".encode())
+        self.check()
+
+    def check(self) -> None:
+        """Raise RuntimeError if Embree has met an error since the last check."""
+        code = library().rtcGetDeviceError(self.handle)
+        if code:
+            raise RuntimeError(f"Embree reports error {code}")
+
+    def close(self) -> None:
+        library().rtcReleaseDevice(self.handle)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+class EmbreeScene:
+    """A triangle mesh that Embree has built.
+
+    Parameters
+    ----------
+    device : Device
+    vertices : (n, 3, 3) float32, or (m, 3) float32 with `faces`
+    faces : (n, 3) integers, optional
+    quality : one of QUALITIES
+    flags : int
+        Sum of DYNAMIC, COMPACT, ROBUST.
+
+    Attributes
+    ----------
+    handle : int
+        Address of the RTCScene.
+    build_seconds : float
+        Wall time of ``rtcCommitScene`` alone: vertices and indices have been copied into Embree's buffers before.
+    """
+
+    def __init__(self, device: Device, vertices, faces=None, quality: str = "medium", flags: int = 0):
+        if quality not in QUALITIES:
+            raise InputError(f"quality is {quality!r}; it must be one of {', '.join(QUALITIES)}")
+        vertices = np.ascontiguousarray(vertices, np.float32).reshape(-1, 3)
+        faces = np.arange(len(vertices)).reshape(-1, 3) if faces is None else faces
+        lib, level = library(), QUALITIES[quality]
+        geometry = lib.rtcNewGeometry(device.handle, _TRIANGLES)
+        _copy(lib, geometry, _VERTICES, _FLOAT3, vertices)
+        _copy(lib, geometry, _INDICES, _UINT3, np.ascontiguousarray(faces, np.uint32))
+        lib.rtcSetGeometryBuildQuality(geometry, level)
+        lib.rtcCommitGeometry(geometry)
+        self.handle = lib.rtcNewScene(device.handle)
+        lib.rtcSetSceneFlags(self.handle, flags)
+        lib.rtcSetSceneBuildQuality(self.handle, level)
+        lib.rtcAttachGeometry(self.handle, geometry)
+        lib.rtcReleaseGeometry(geometry)
+        start = time.perf_counter()
+        lib.rtcCommitScene(self.handle)
+        self.build_seconds = time.perf_counter() - start
+        device.check()
+
+    def close(self) -> None:
+        library().rtcReleaseScene(self.handle)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def _copy(lib, geometry, kind, form, rows: np.ndarray) -> None:
+    """A new buffer of the geometry that holds these rows of three 4-byte numbers."""
+    buffer = lib.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(rows))
+    if buffer:
+        ctypes.memmove(buffer, rows.ctypes.data, rows.nbytes)

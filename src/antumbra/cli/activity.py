@@ -1,0 +1,72 @@
+"""What the program is doing, for a person at a terminal, once it takes longer than a second."""
+
+import sys
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+DELAY = 1.0
+
+
+class Activity:
+    """A progress line on standard error while the block runs; nothing where nobody looks, or if all goes fast.
+
+    The line starts from a timer, so it also comes while one long call (reading a file, building a BVH) runs.
+    """
+
+    def __init__(self, quiet: bool = False, delay: float = DELAY):
+        self._lock = threading.Lock()
+        self._text, self._done, self._total = "", 0, 0
+        self._bar: Progress | None = None
+        self._closed = quiet or not sys.stderr.isatty()
+        self._timer = None if self._closed else threading.Timer(delay, self._start)
+
+    def __enter__(self) -> "Activity":
+        if self._timer is not None:
+            self._timer.daemon = True
+            self._timer.start()
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        with self._lock:
+            self._closed = True
+            if self._bar is not None:
+                self._bar.stop()
+
+    def say(self, text: str, done: int = 0, total: int = 0) -> None:
+        """What is being done now, and how much of it is done; total 0: nobody knows."""
+        self._text, self._done, self._total = text, done, total
+        with self._lock:
+            if self._bar is not None:
+                self._update(self._bar)
+
+    def parts(self, text: str, count: int) -> Callable[[int, int], None]:
+        """A ``progress(done, total)`` for `count` runs one after the other, each of which begins again from few."""
+        run, last = 0, -1
+
+        def progress(done: int, total: int) -> None:
+            nonlocal run, last
+            run, last = (run + 1 if done < last else run), done
+            self.say(text, min(run, count - 1) * total + done, count * total)
+
+        return progress
+
+    def _start(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()
+        with self._lock:
+            if not self._closed:
+                self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+                self._task: TaskID = self._bar.add_task(self._text)
+                self._update(self._bar)
+                self._bar.start()
+
+    def _update(self, bar: "Progress") -> None:
+        bar.update(self._task, description=self._text, completed=self._done, total=self._total or None)

@@ -1,0 +1,49 @@
+"""The commands, put together: one file a command.
+
+Nothing heavy (Numba, trimesh, Rich) is imported before a command needs it, so that ``--help`` is there at once.
+"""
+
+from typing import Annotated
+
+import typer
+
+from . import info, plans, render, scenes, warmup
+
+app = typer.Typer(
+    name="antumbra",
+    help="Which points see which lights: exact ray-traced shadows.",
+    epilog="Each command explains itself: antumbra render --help",
+    rich_markup_mode=None,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("render")(render.render)
+app.command("info")(info.info)
+app.command("scenes")(scenes.scenes)
+app.command("plans")(plans.plans)
+app.command("warmup")(warmup.warmup)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from .. import __version__
+
+        print(f"antumbra {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _top(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks (also: ANTUMBRA_DEBUG=1).")] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+def run(arguments: list[str]) -> object:
+    """Run the command that the arguments name; its exit code, or what it returned."""
+    return typer.main.get_command(app).main(arguments, prog_name="antumbra", standalone_mode=False)

@@ -1,0 +1,182 @@
+"""What is written on the command line, as objects. Everything here is checked before a scene is loaded."""
+
+import math
+import re
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import parse_qsl
+
+import numpy as np
+
+from ..errors import InputError
+
+PROCEDURAL = "procedural:"
+DEFAULT_SCENE = PROCEDURAL + "atrium"
+
+_COUNT = re.compile(r"(\d+(?:\.\d+)?)([kKmM]?)")
+_SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
+_INDEX = re.compile(r"\s*-?\d{1,9}\s*")
+_MAX_SIZE = 32768
+
+LIGHT_FORMS = {
+    "point": "point:X,Y,Z",
+    "quad": "quad:CX,CY,CZ:UX,UY,UZ:VX,VY,VZ",
+    "disk": "disk:CX,CY,CZ:NX,NY,NZ:RADIUS",
+    "sphere": "sphere:CX,CY,CZ:RADIUS",
+    "sun": "sun:DX,DY,DZ[:ANGULAR_DIAMETER]",
+}
+"""Kind of light -> how it is written."""
+
+
+class SceneSpec(NamedTuple):
+    """A scene that is to be opened: a path, or the name of a procedural scene."""
+
+    path: Path | None
+    name: str = ""
+    triangles: int | None = None
+    seed: int = 0
+
+    @property
+    def stem(self) -> str:
+        """What a picture of the scene is called by default."""
+        if self.path is None:
+            return "antumbra"
+        folder = self.path.is_dir()
+        return (self.path.resolve().name if folder else self.path.stem) or "antumbra"
+
+
+class CameraSpec(NamedTuple):
+    """A camera written as position:target[:vfov]."""
+
+    position: np.ndarray  # (3,) float64
+    target: np.ndarray  # (3,) float64
+    vfov: float
+
+
+def parse_scene(text: str) -> SceneSpec:
+    """A path, or ``procedural:NAME?triangles=100k&seed=3``."""
+    if not text:
+        raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
+    if not text.startswith(PROCEDURAL):
+        return SceneSpec(Path(text))
+    name, _, query = text[len(PROCEDURAL) :].partition("?")
+    options: dict[str, int] = {}
+    for key, value in parse_qsl(query, keep_blank_values=True):
+        if key not in ("triangles", "seed") or key in options:
+            raise InputError(f"{text}: {key!r} is unknown or given twice; there are triangles=... and seed=...")
+        options[key] = parse_count(value, f"{text}: {key}")
+    return SceneSpec(None, name, options.get("triangles"), options.get("seed", 0))
+
+
+def parse_count(text: str, what: str) -> int:
+    """A whole number, perhaps with the suffix k (thousand) or M (million): 100k, 2.5M."""
+    match = _COUNT.fullmatch(text.strip())
+    value = float(match[1]) * {"": 1, "k": 1_000, "m": 1_000_000}[match[2].lower()] if match else math.nan
+    if not value.is_integer() or value >= 1 << 53:
+        raise InputError(f"{what} is {text!r}; it must be a whole number such as 5000, 100k or 2.5M")
+    return int(value)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height of a picture, written ``1920x1080``, or ``512`` for a square."""
+    match = _SIZE.fullmatch(text.strip())
+    size = (int(match[1]), int(match[2] or match[1])) if match and len(text) < 20 else (0, 0)
+    if not all(1 <= n <= _MAX_SIZE for n in size):
+        raise InputError(f"--size is {text!r}; write WIDTHxHEIGHT such as 1024x768, each from 1 to {_MAX_SIZE}")
+    return size
+
+
+def parse_camera(text: str) -> int | CameraSpec:
+    """An index, or ``px,py,pz:tx,ty,tz[:vfov]``."""
+    if _INDEX.fullmatch(text):
+        return int(text)
+    parts = text.split(":")
+    with _named(f"--camera {text}"):
+        if not 2 <= len(parts) <= 3:
+            raise InputError("write an index, or POSITION:TARGET[:VFOV] such as 0,1.7,8:0,1,0:60")
+        position, target = _vector(parts[0], "position"), _vector(parts[1], "target")
+        return CameraSpec(position, target, _number(parts[2], "vfov") if parts[2:] else 60.0)
+
+
+def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[int, int]):
+    """The camera that `parse_camera` found; None: the scene's first one, or one that shows all of it."""
+    from ..scene.camera import Camera
+
+    if asked is None and not scene.cameras:
+        return scene.default_camera(*size)
+    if not isinstance(asked, CameraSpec):
+        return scene.camera(asked or 0, time).resized(*size)
+    up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
+    view = asked.target - asked.position
+    if np.linalg.norm(np.cross(view, up)) <= 1e-6 * np.linalg.norm(
+        view
+    ):  # straight up or down, where the usual up is no direction of the picture
+        up = instead
+    return Camera(asked.position, asked.target, up, asked.vfov, *size)
+
+
+def parse_light(text: str):
+    """A light written ``KIND:...[@INTENSITY]``, or the index of one of the scene's own lights."""
+    if _INDEX.fullmatch(text):
+        return int(text)
+    body, at, strength = text.partition("@")
+    kind, *fields = body.split(":")
+    with _named(f"--light {text}"):
+        if kind not in LIGHT_FORMS:
+            raise InputError(f"unknown kind {kind!r}; write one of {'  '.join(LIGHT_FORMS.values())}")
+        form = LIGHT_FORMS[kind]
+        if not form.count(":") - form.count("[:") <= len(fields) <= form.count(":"):
+            raise InputError(f"write {form}, and @INTENSITY after it if wanted")
+        return _light(kind, fields, {"intensity": _number(strength, "intensity")} if at else {})
+
+
+def make_lights(asked: list, scene, time: float) -> list:
+    """The lights that `parse_light` found; none: the scene's own, or one above it if it has none."""
+    if asked:
+        return [scene.light(a, time) if isinstance(a, int) else a for a in asked]
+    return [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
+
+
+def _light(kind: str, fields: list[str], more: dict):
+    from ..scene import lights
+
+    if kind == "point":
+        return lights.PointLight(_vector(fields[0], "position"), **more)
+    if kind == "quad":
+        centre, u, v = (_vector(f, name) for f, name in zip(fields, ("centre", "u", "v")))
+        return lights.QuadLight(centre - (u + v) / 2.0, u, v, **more)
+    if kind == "disk":
+        centre, normal = _vector(fields[0], "centre"), _vector(fields[1], "normal")
+        return lights.DiskLight(centre, normal, _number(fields[2], "radius"), **more)
+    if kind == "sphere":
+        return lights.SphereLight(_vector(fields[0], "centre"), _number(fields[1], "radius"), **more)
+    width = [_number(f, "angular diameter") for f in fields[1:]]
+    return lights.DirectionalLight(_vector(fields[0], "direction"), *width, **more)
+
+
+@contextmanager
+def _named(what: str):
+    """Puts `what` in front of the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from None
+
+
+def _vector(text: str, name: str) -> np.ndarray:
+    return np.array(_numbers(text, 3, name, "three finite numbers with commas between them"))
+
+
+def _number(text: str, name: str) -> float:
+    return _numbers(text, 1, name, "a finite number")[0]
+
+
+def _numbers(text: str, n: int, name: str, wanted: str) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != n or not all(map(math.isfinite, values)):
+        raise InputError(f"{name} is {text!r}; it must be {wanted}")
+    return values

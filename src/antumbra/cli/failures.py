@@ -1,0 +1,83 @@
+"""What a person sees when something goes wrong: one line, and an exit code."""
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import typer
+
+from ..errors import InputError
+
+UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+# Typer does not export the base of its usage errors, and where it lives depends on Typer's version.
+_UsageError: Any = typer.BadParameter.__mro__[1]
+
+
+def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
+    """The exit code of ``run(arguments)``; whatever it raises becomes one line on standard error.
+
+    ``--debug`` is understood wherever it stands, since it is usually added to a line that has just failed.
+    """
+    _prepare_streams()
+    before = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    debug = "--debug" in before or os.environ.get("ANTUMBRA_DEBUG", "") not in ("", "0")
+    arguments = [a for a in before if a != "--debug"] + arguments[len(before) :]
+    try:
+        code = run(arguments)
+        sys.stdout.flush()
+        code = code if isinstance(code, int) else 0
+        if code == INTERRUPTED:
+            raise KeyboardInterrupt
+        return code
+    except BrokenPipeError:
+        # Nobody reads any more. Python would complain when it flushes at exit.
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNFORESEEN
+    except BaseException as error:
+        if isinstance(error, SystemExit):
+            raise
+        if debug and not isinstance(error, (_UsageError, KeyboardInterrupt, typer.Abort)):
+            raise
+        line, code = explained(error)
+        say(line)
+        return code
+
+
+def explained(error: BaseException) -> tuple[str, int]:
+    """One line about an exception, and the exit code."""
+    if isinstance(error, (KeyboardInterrupt, typer.Abort)):
+        return "interrupted", INTERRUPTED
+    if isinstance(error, InputError):
+        return str(error), BAD_INPUT
+    if isinstance(error, _UsageError):
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "antumbra"
+        return f"{error.format_message().rstrip('.')}; see {command} --help", BAD_INPUT
+    if isinstance(error, MemoryError):
+        return "not enough memory; take a smaller --size, fewer --spp or a smaller scene", UNFORESEEN
+    if isinstance(error, OSError):  # such as standard output on a full disk
+        return f"the system reports: {error}", UNFORESEEN
+    reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return f"unexpected {reason}; this is a bug, --debug shows where", UNFORESEEN
+
+
+def say(line: str) -> None:
+    """A line for people on standard error."""
+    text = " ".join(line.split())
+    with suppress(OSError, ValueError):
+        print("antumbra:", "".join(c if c.isprintable() else "?" for c in text), file=sys.stderr, flush=True)
+
+
+def _prepare_streams() -> None:
+    """Names of files may hold what a terminal's encoding does not, and a stream may be closed: no errors, either."""
+    for name in ("stdout", "stderr"):
+        stream: Any = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - as long as the process
+        else:
+            with suppress(AttributeError, OSError, ValueError):
+                stream.reconfigure(errors="backslashreplace")

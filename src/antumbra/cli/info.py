@@ -1,0 +1,102 @@
+"""``antumbra info``: what is in a scene."""
+
+from collections.abc import Iterator
+from time import perf_counter
+from typing import Annotated
+
+import typer
+
+from . import arguments, report
+from .activity import Activity
+from .opening import open_scene
+from .options import SCENE_HELP, Json, UpOption
+
+TRIANGLE_BYTES = 3 * 3 * 4 + 4 + 3 * 4  # corners, face_id, colour of `Triangles`
+_MOST_MESHES = 20
+
+
+def info(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")],
+    up: UpOption = None,
+    json: Json = False,
+) -> None:
+    """Say what is in SCENE.
+
+    Meshes, triangles, instances, bounds, cameras, lights, animation, memory, and what the loader left out.
+
+    \b
+    Examples
+      antumbra info sponza.glb
+      antumbra info procedural:city --json
+    """
+    spec = arguments.parse_scene(scene)
+    with Activity() as activity:
+        activity.say("reading the scene")
+        start = perf_counter()
+        opened = open_scene(spec, None if up is None else up.value, quiet=True)
+        seconds = perf_counter() - start
+    if json:
+        report.print_json(_answer(scene, opened, seconds))
+        return
+    report.print_fields(_fields(opened, seconds))
+    meshes = opened.meshes
+    shown = sorted(meshes, key=lambda m: -m.triangles * m.instances)[:_MOST_MESHES]
+    report.print_table(
+        ("mesh", "triangles", "instances"),
+        [(m.name, f"{m.triangles:,}", f"{m.instances:,}") for m in shown],
+        right=(1, 2),
+    )
+    if len(meshes) > len(shown):
+        print(f"... and {len(meshes) - len(shown)} smaller meshes (--json lists all)")
+
+
+def _answer(source: str, scene, seconds: float) -> dict:
+    return {
+        "source": source,
+        "name": scene.name,
+        "up": scene.up,
+        "triangles": scene.n_triangles,
+        "bounds": scene.bounds,
+        "origin": scene.origin,
+        "duration": scene.duration,
+        "meshes": [m._asdict() for m in scene.meshes],
+        "cameras": [report.camera_fields(c) for c in scene.cameras],
+        "lights": [report.light_fields(light) for light in scene.lights],
+        "notes": list(scene.notes),
+        "triangle_bytes": scene.n_triangles * TRIANGLE_BYTES,
+        "load": seconds,
+    }
+
+
+def _fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
+    lower, upper = scene.bounds
+    yield "scene", f"{scene.name}, read in {report.duration(seconds)}"
+    yield "triangles", f"{scene.n_triangles:,} in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}"
+    yield "memory", f"{report.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one moment"
+    yield "bounds", f"{report.vector(lower)} to {report.vector(upper)}"
+    yield "size", f"{report.vector(upper - lower)}, +{scene.up.upper()} is up"
+    yield "origin", report.vector(scene.origin)
+    yield "animation", f"{scene.duration:g} seconds" if scene.animated else "none"
+    for i, camera in enumerate(scene.cameras):
+        place = f"{report.vector(camera.position)} to {report.vector(camera.target)}"
+        yield f"camera {i}", f"{place}, vfov {camera.vfov:.4g}"
+    for i, light in enumerate(scene.lights):
+        yield f"light {i}", _in_words(light)
+    if not scene.cameras:
+        yield "cameras", "none: a camera that shows the whole scene is used"
+    if not scene.lights:
+        yield "lights", "none: a square light above the scene is used"
+    for note in scene.notes:
+        yield "note", note
+
+
+def _in_words(light) -> str:
+    values = report.light_fields(light)
+    kind = values.pop("type")
+    if tuple(values["colour"]) == (1.0, 1.0, 1.0):
+        del values["colour"]
+    return f"{kind} " + ", ".join(f"{k} {_short(v)}" for k, v in values.items())
+
+
+def _short(value) -> str:
+    return report.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"

@@ -1,0 +1,25 @@
+"""Options that several commands have."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+
+class Up(StrEnum):
+    y = "y"
+    z = "z"
+
+
+class GBufferBy(StrEnum):
+    raster = "raster"
+    rays = "rays"
+
+
+UpOption = Annotated[
+    Up | None, typer.Option(help="Which axis of the file points up.  [default: y]", show_default=False)
+]
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, and nothing else there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
+
+SCENE_HELP = "A .glb, .gltf, .obj, .ply or .stl file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N."

@@ -1,0 +1,84 @@
+"""Answers on standard output: tables for people, or one JSON object for programs."""
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+
+
+def print_json(answer: dict) -> None:
+    """One JSON object on one line; what JSON cannot say (infinity, NaN) is null."""
+    sys.stdout.write(json.dumps(_plain(answer), allow_nan=False) + "\n")
+
+
+def print_fields(rows: Iterable[tuple[str, str]]) -> None:
+    """Names and values, one below the other."""
+    from rich.table import Table
+
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="bold")
+    grid.add_column(overflow="fold")
+    _print_rows(grid, rows)
+
+
+def print_table(headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> None:
+    """A table with headers; columns in `right` hold numbers."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for i, header in enumerate(headers):
+        table.add_column(header, justify="right" if i in right else "left", overflow="fold")
+    _print_rows(table, rows)
+
+
+def duration(seconds: float) -> str:
+    """Seconds for people: 12 ms, 3.45 s."""
+    return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1000.0 * seconds:.3g} ms"
+
+
+def size_in_memory(n: int) -> str:
+    """Bytes for people: 12.3 MB."""
+    return f"{n / 1e6:,.1f} MB"
+
+
+def vector(values) -> str:
+    """Three numbers for people."""
+    return "(" + ", ".join(f"{float(v):.7g}" for v in values) + ")"
+
+
+def light_fields(light) -> dict:
+    """A light as names and values."""
+    return {"type": type(light).__name__, **{f.name: getattr(light, f.name) for f in fields(light)}}
+
+
+def camera_fields(camera) -> dict:
+    """A camera as names and values."""
+    return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height")}
+
+
+def _print_rows(table, rows) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    for row in rows:
+        table.add_row(*(Text(_encodable(cell)) for cell in row))
+    Console(highlight=False).print(table)
+
+
+def _encodable(text: str) -> str:
+    return text.encode("utf-8", "backslashreplace").decode()  # names of files may not be Unicode
+
+
+def _plain(value):
+    """Python's own types: arrays and tuples become lists, infinite numbers None."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)

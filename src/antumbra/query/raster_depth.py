@@ -1,0 +1,45 @@
+"""`filters.hit_t` for many rays from one eye through one triangle: what does not depend on the direction, computed once."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined
+from ..predicate.filters import hit_t, plane, widest
+
+_ACCURACY = 2.0**-31  # half of what `hit_t` asks of float64: where this holds, its float64 expression is its result
+_FLOOR = 1e-250  # far above what underflow can cost
+
+
+class EyePlane(NamedTuple):
+    """A triangle's plane seen from the eye. All float64 but `triangle`, an int64 (-1: none yet)."""
+
+    triangle: int
+    nx: float
+    ny: float
+    nz: float
+    volume: float  # det(a, b, c) of the corners relative to the eye
+    least: float  # |d . n| / |d|_1 from which on float64 is accurate; infinite where the volume is not
+
+
+NO_PLANE = EyePlane(-1, 0.0, 0.0, 0.0, 0.0, np.inf)
+
+
+@inlined
+def eye_plane(corners, i, o):
+    """The `EyePlane` of triangle i from the point o."""
+    f = np.float64
+    a, n, error = plane(corners, i, f(o[0]), f(o[1]), f(o[2]))
+    volume = a[0] * n[0] + a[1] * n[1] + a[2] * n[2]
+    accurate = error * widest(a) + _FLOOR <= _ACCURACY * abs(volume)
+    return EyePlane(np.int64(i), n[0], n[1], n[2], volume, error / _ACCURACY if accurate else np.inf)
+
+
+@inlined
+def plane_t(p, ray, corners):
+    """``hit_t(ray, corners, p.triangle)``, the same bits, for a ray from the eye."""
+    det = ray.dx * p.nx + ray.dy * p.ny + ray.dz * p.nz
+    size = abs(ray.dx) + abs(ray.dy) + abs(ray.dz)
+    if abs(det) > p.least * size + _FLOOR:
+        return p.volume / det
+    return hit_t(ray, corners, p.triangle)

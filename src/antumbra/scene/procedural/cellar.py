@@ -1,0 +1,173 @@
+"""Vaulted cellars on several levels: a maze of rooms of which any place sees very little."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import palette as p
+from .architecture import EMBED, column, doorway, stairs, tiles, vault, voussoirs
+from .parts import Part, assemble, count, fitted, put
+from .props import barrel, bottle, crate, shelf, vase
+from .shapes import Mesh, arc, box, boxes, merge, prism, shell, steps
+
+ROOM, WALL, HEIGHT = 6.0, 0.5, 3.5  # metres from room to room; thickness and height of the walls
+LEVEL = 4.2  # metres from floor to floor
+CROWN = 3.2  # of the vaults
+DOOR, DOOR_SPRING = 0.75, 1.95  # half the width of a doorway, and where its arch springs
+FULL_ROOM = 9_000  # triangles; cellars that are allowed more have more rooms
+
+
+class _Maze(NamedTuple):
+    """Rooms on a grid of levels x nx x nz, and what lies between them."""
+
+    rooms: np.ndarray  # (n, 3) int: level, i, j
+    east: np.ndarray  # (n,) bool: a doorway leads to room (level, i + 1, j)
+    south: np.ndarray  # (n,) bool: a doorway leads to room (level, i, j + 1)
+    stairs: np.ndarray  # (n,) bool: stairs lead up from here
+    shape: tuple[int, int, int]
+
+    def centres(self) -> np.ndarray:
+        """(n, 3) float: middles of the floors; the middle of the lowest level is at x = z = 0."""
+        _, nx, nz = self.shape
+        level, i, j = self.rooms.T
+        return np.stack([(i - (nx - 1) / 2) * ROOM, (level - self.shape[0] // 2) * LEVEL, (j - (nz - 1) / 2) * ROOM], axis=1)
+
+
+def _maze(n: int, rng) -> _Maze:
+    """A spanning tree on every level (each room opens east or south), and stairs between levels."""
+    levels = 1 if n < 8 else 2 if n < 24 else 3 if n < 200 else 5
+    nx = max(2, round(np.sqrt(n / levels)))
+    nz = max(2, round(n / levels / nx))
+    level, i, j = (a.ravel() for a in np.indices((levels, nx, nz)))
+    east = rng.random(len(i)) < 0.5
+    east = np.where(i == nx - 1, False, east | (j == nz - 1))
+    south = np.where(j == nz - 1, False, ~east | (rng.random(len(i)) < 0.12))
+    here = (level == levels // 2) & (i == (nx - 1) // 2)
+    east |= here & (j == nz // 2)  # doorways in the camera's view
+    south |= here & (j == nz // 2 - 1)
+    up = (level < levels - 1) & (rng.random(len(i)) < 0.09) & ~((i == (nx - 1) // 2) & (j == nz // 2))
+    grid = up.reshape(levels, nx, nz)
+    grid[1:] &= ~grid[:-1]  # no stairs right above stairs
+    return _Maze(np.stack([level, i, j], axis=1), east, south, grid.ravel(), (levels, nx, nz))
+
+
+def cellar(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
+    """Mesh, camera and light of the cellar with about `triangles` triangles."""
+    maze = _maze(max(4, round(triangles / FULL_ROOM)), np.random.default_rng([seed, 0]))
+    each = triangles / len(maze.rooms) / FULL_ROOM
+    parts = fitted(lambda d: _structure(maze, d, np.random.default_rng([seed, 1])), round(0.5 * triangles), each**0.5)
+    left = triangles - count(parts)
+    share = float(np.clip(3.0 * each, 0.1, 0.85))  # of the places that are taken
+    parts += fitted(lambda d: _furniture(maze, d, share, np.random.default_rng([seed, 2])), left, each**0.5)
+    level, nx, nz = maze.shape
+    here = maze.centres()[(level // 2 * nx + (nx - 1) // 2) * nz + nz // 2]
+    camera = {"position": tuple(here + [-2.3, 1.6, 2.3]), "target": tuple(here + [1.1, 1.2, -0.8]), "up": (0.0, 1.0, 0.0), "vfov": 66.0}
+    light = {"corner": tuple(here + [-1.2, 1.2, -2.35]), "u": (-1.0, 0.0, 0.7), "v": (0.0, 1.1, 0.0)}
+    return assemble(parts), camera, light
+
+
+def _structure(maze: _Maze, d: float, rng) -> list[Part]:
+    """Floors, walls with and without doorways, piers, vaults, pillars, stairs."""
+    at, (_, nx, nz), (level, i, j) = maze.centres(), maze.shape, maze.rooms.T
+    hole = np.zeros(len(at), bool)  # rooms into which stairs come up: no floor
+    hole[nx * nz :] = maze.stairs[: -nx * nz] if len(at) > nx * nz else False
+    half = ROOM / 2
+    n = steps(7, d, 2)
+    floor = tiles(-half, half, -half, half, n, n, rng, p.SLATE)
+    closed = _wall(rng, d)
+    open_, trim = doorway(ROOM - 0.7, DOOR, DOOR_SPRING, HEIGHT, WALL, steps(10, d, 3)), voussoirs(DOOR, 0.2, WALL + 0.08, 9, 1, p.LIMESTONE)
+    parts = [put(floor, at[~hole], rng.integers(0, 4, np.sum(~hole)) * np.pi / 2)]
+    faces = (
+        (np.ones(len(at), bool), maze.east, (half, 0.0), np.pi / 2),
+        (np.ones(len(at), bool), maze.south, (0.0, half), 0.0),
+        (i == 0, np.zeros(len(at), bool), (-half, 0.0), np.pi / 2),
+        (j == 0, np.zeros(len(at), bool), (0.0, -half), 0.0),
+    )
+    for exists, door, (dx, dz), turn in faces:
+        place = at + [dx, 0.0, dz]
+        parts.append(put(closed, place[exists & ~door], turn))
+        parts.append(put(open_, place[exists & door], turn))
+        if d > 0.4:
+            parts.append(put(trim, place[exists & door] + [0.0, DOOR_SPRING, 0.0], turn))
+    return parts + _supports(maze, d, at, hole, rng)
+
+
+def _supports(maze: _Maze, d: float, at, hole, rng) -> list[Part]:
+    """Vaults, the piers in the corners, pillars in the middle of some rooms, and stairs."""
+    _, nx, nz = maze.shape
+    level, i, j = maze.rooms.T
+    half, above = ROOM / 2, ~maze.stairs
+    pier = box((0.84, LEVEL - 0.06, 0.84), (0, (LEVEL - 0.06) / 2 - EMBED, 0), p.LIMESTONE)
+    corners = [at + [half, 0, half], at[i == 0] + [-half, 0, half], at[j == 0] + [half, 0, -half]]
+    corners.append(at[(i == 0) & (j == 0)] + [-half, 0, -half])
+    roof = vault(half - WALL / 2 + 0.03, CROWN, LEVEL - 0.05, steps(8, d, 2), p.BRICK)
+    pillar = column(2.95, 0.24, 10, steps(2.2, d), 0, p.LIMESTONE)
+    round_ = merge(pillar, box((0.8, 0.45, 0.8), (0, 3.1, 0), p.LIMESTONE))
+    special = _view_room(maze)
+    middle = above & ~hole & ((rng.random(len(at)) < 0.3) | special)
+    flight = stairs(20, 1.5, LEVEL / 20, 5.0 / 20, p.SLATE)
+    steps_at = at[maze.stairs] + [-2.6, 0.0, -1.7]
+    landing = boxes([(1.0, 0.2, 5.5), (4.6, 0.2, 0.9)], [(2.3, LEVEL - 0.13, 0), (-0.4, LEVEL - 0.13, 2.3)], p.OAK)
+    return [
+        put(pier, np.concatenate(corners)),
+        put(roof, at[above]),
+        put(round_, at[middle]),
+        put(flight, steps_at),
+        put(landing, at[maze.stairs]),
+    ]
+
+
+def _view_room(maze: _Maze) -> np.ndarray:
+    """(n,) bool: the room of the camera."""
+    levels, nx, nz = maze.shape
+    return (maze.rooms == [levels // 2, (nx - 1) // 2, nz // 2]).all(axis=1)
+
+
+def _wall(rng, d: float) -> Mesh:
+    """A closed wall between two piers along x, in courses of stone on both sides."""
+    w, n, m = ROOM - 0.7, steps(6, d, 1), steps(7, d, 1)
+    x = np.linspace(-w / 2, w / 2, 2 * n + 1)
+    y = np.linspace(-EMBED, HEIGHT, m + 1)
+    front = np.stack(np.broadcast_arrays(x[:, None], y, WALL / 2), axis=-1)
+    i, j = np.indices((2 * n, m))
+    stone = p.shades(rng, (n + 2) * m).reshape(n + 2, m)[(i + j % 2) // 2, j]
+    return shell(front, front * [1, 1, -1], p.SANDSTONE + stone)
+
+
+def _furniture(maze: _Maze, d: float, share: float, rng) -> list[Part]:
+    """Barrels, crates, shelves of bottles and vases along the walls, clear of the doorways."""
+    at = maze.centres()[~maze.stairs]
+    view = _view_room(maze)[~maze.stairs]
+    slots = np.array([(x, z) for x in (-2.15, -1.35, 1.35, 2.15) for z in (-2.15, 2.15)] + [(x, z) for x in (-2.15, 2.15) for z in (-1.35, 1.35)])
+    spots = at[:, None] + np.insert(slots, 1, 0.0, axis=1)
+    keep = rng.random(spots.shape[:2]) < share
+    keep &= ~(view[:, None] & (slots[:, 0] < 0) & (np.abs(slots[:, 1]) > 1.0))  # there are the camera and the light
+    spots = spots[keep] + rng.uniform(-0.1, 0.1, (np.sum(keep), 3)) * [1, 0, 1]
+    face = np.broadcast_to(np.where(np.abs(slots[:, 1]) > 2.0, np.where(slots[:, 1] > 0, np.pi, 0.0), np.where(slots[:, 0] > 0, -np.pi / 2, np.pi / 2)), keep.shape)[keep]
+    kinds = rng.choice(4, len(spots), p=[0.36, 0.26, 0.2, 0.18])
+    things = [barrel(0.95, 0.38, d), crate((0.72, 0.66, 0.7), steps(4, d, 2)), _rack(d), merge(*_vases(d))]
+    parts = []
+    for k, thing in enumerate(things):
+        own = spots[kinds == k]
+        turn = face[kinds == k] + (rng.uniform(-0.25, 0.25, len(own)) if k != 2 else 0.0)
+        parts.append(put(thing, own, turn, shade=0))
+    heaped = spots[kinds == 1]
+    heaped = heaped[rng.random(len(heaped)) < 0.5] + [0, 0.65, 0]
+    parts.append(put(things[1], heaped, rng.uniform(0, 6.3, len(heaped)), rng.uniform(0.6, 0.8, len(heaped))))
+    return parts
+
+
+def _rack(d: float) -> Mesh:
+    """A shelf with bottles."""
+    boards, w, h = 4, 0.78, 1.9
+    y = (np.arange(boards) + 0.3) / boards * h
+    x = np.linspace(-0.3, 0.3, steps(4, d**0.5, 2))
+    places = np.stack([a.ravel() for a in np.meshgrid(x, y, [-0.05])], axis=1)
+    glass = put(bottle(0.3, 0.6 * d, p.TEAL), places, shade=np.arange(len(places)) % 5)
+    return merge(shelf(w, h, 0.36, boards), assemble([glass]))
+
+
+def _vases(d: float) -> list[Mesh]:
+    """Two vases side by side."""
+    pair = vase(0.85, 0.8 * d), vase(0.6, 0.8 * d, p.CLAY, 0.36, 0.14)
+    return [m._replace(vertices=m.vertices + np.float32(shift)) for m, shift in zip(pair, ((-0.18, 0, 0.1), (0.26, 0, -0.1)))]

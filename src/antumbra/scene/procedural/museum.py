@@ -1,0 +1,130 @@
+"""Museum halls with sculptures, paintings and display cases: most triangles sit in a few small things."""
+
+import numpy as np
+
+from . import palette as p
+from .architecture import EMBED, doorway, tiles
+from .parts import Part, assemble, count, put
+from .props import bench, vase
+from .sculptures import ammonite, blob, knot, painting, rain, ribbon, twist, vortex
+from .shapes import Mesh, box, boxes, frame_ring, merge, revolve, steps
+
+WIDTH, DEPTH, HEIGHT = 14.0, 17.0, 6.4  # of a hall, from wall to wall
+WALL = 0.6
+SKY_X, SKY_Z = 3.2, 4.2  # half the size of the skylight
+FULL_HALL = 110_000  # triangles; museums that are allowed more have more halls
+
+
+def museum(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
+    """Mesh, camera and light of the museum with about `triangles` triangles."""
+    rng = np.random.default_rng([seed, 0])
+    halls = max(1, round(triangles / FULL_HALL))
+    nx = max(1, round(np.sqrt(halls / 2.0)))
+    nz = max(1, round(halls / nx))
+    i, j = (a.ravel() for a in np.indices((nx, nz)))
+    at = np.stack([(i - nx // 2) * (WIDTH + WALL), 0.0 * i, -j * (DEPTH + WALL)], axis=1)
+    detail = float(np.sqrt(min(1.0, triangles / len(at) / FULL_HALL)))
+    parts = _halls(at, i, j, nx, nz, detail, rng) + _fittings(at, i, j, nx, nz, detail, rng)
+    parts += _exhibits(at, triangles - count(parts), detail, rng)
+    camera = {"position": (4.9, 1.7, 7.4), "target": (-1.1, 2.05, -4.0), "up": (0.0, 1.0, 0.0), "vfov": 60.0}
+    light = {"corner": (-3.1, 4.9, 5.4), "u": (1.9, 0.0, 0.6), "v": (0.0, 1.5, -1.1)}
+    return assemble(parts), camera, light
+
+
+def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
+    """Floors, walls with doorways between halls, cornices, ceilings around skylights with their bars."""
+    n, m = steps(14, d, 4), steps(17, d, 5)
+    hx, hz = WIDTH / 2, DEPTH / 2
+    floor = tiles(-hx - 0.05, hx + 0.05, -hz - 0.05, hz + 0.05, n, m, rng, p.MARBLE, p.SANDSTONE, 0.02, 0.004)
+    threshold = box((2.6, 0.2, WALL + 0.1), (0, -0.11, 0), p.OAK)
+    slabs = boxes(
+        [(hx - SKY_X + 0.1, 0.5, DEPTH + 0.2)] * 2 + [(2 * SKY_X, 0.498, hz - SKY_Z + 0.1)] * 2,
+        [(s * (SKY_X + (hx - SKY_X + 0.1) / 2), HEIGHT + 0.25, 0) for s in (-1, 1)]
+        + [(0, HEIGHT + 0.25, s * (SKY_Z + (hz - SKY_Z + 0.1) / 2)) for s in (-1, 1)],
+        p.PLASTER,
+    )
+    bars = boxes(
+        [(0.07, 0.12, 2 * SKY_Z)] * 5 + [(2 * SKY_X, 0.1, 0.07)] * 7,
+        [(x, HEIGHT + 0.42, 0) for x in np.linspace(-SKY_X, SKY_X, 7)[1:-1]] + [(0, HEIGHT + 0.42, z) for z in np.linspace(-SKY_Z, SKY_Z, 9)[1:-1]],
+        p.IRON,
+    )
+    cornice = [(-0.02 + 0.05, -0.6), (-0.1, -0.6), (-0.14, -0.45), (-0.3, -0.2), (-0.42, -0.12), (-0.42, 0.02), (0.05, 0.02)]
+    parts = [
+        put(floor, at),
+        put(slabs, at),
+        put(bars, at),
+        put(frame_ring(cornice, hx, hz, p.PLASTER), at + [0, HEIGHT, 0]),
+    ]
+    for horizontal in (True, False):
+        length = WIDTH if horizontal else DEPTH
+        open_ = doorway(length + WALL - 0.01 * horizontal, 1.25, 2.6, HEIGHT + 0.4, WALL - 0.02, steps(14, d, 4), p.TEAL)
+        closed = box((length + WALL - 0.01 * horizontal, HEIGHT + 0.4, WALL - 0.02), (0, (HEIGHT + 0.4) / 2 - EMBED, 0), p.TEAL)
+        shift = np.array([0, 0, (DEPTH + WALL) / 2]) if horizontal else np.array([(WIDTH + WALL) / 2, 0, 0])
+        turn = 0.0 if horizontal else np.pi / 2
+        inner = (j > 0) if horizontal else (i < nx - 1)  # the wall on this side has a hall behind it
+        outer = (j == nz - 1) if horizontal else (i == 0)
+        parts += [put(open_, at[inner] + shift, turn), put(closed, at[~inner] + shift, turn), put(closed, at[outer] - shift, turn)]
+        parts.append(put(threshold, at[inner] + shift, turn))
+    return [part for part in parts if len(part.offset)]
+
+
+def _fittings(at, i, j, nx, nz, d, rng) -> list[Part]:
+    """Paintings on the walls, benches, and rope posts."""
+    n = steps(20, d, 2)
+    wide, tall = painting(2.3, 1.6, n, rng), painting(1.4, 1.9, n, rng)
+    parts = []
+    for side, turn in ((-1, np.pi / 2), (1, -np.pi / 2)):
+        x = side * (WIDTH / 2 - 0.07)
+        for k, (mesh, z) in enumerate(((wide, -5.2), (tall, -2.6), (tall, 2.6), (wide, 5.2))):
+            if d > 0.2 or k % 2 == 0:
+                parts.append(put(mesh, at + [x, 2.15, z], turn))
+    for x in (-4.2, 4.2):
+        parts.append(put(tall, at + [x, 2.15, -DEPTH / 2 + 0.07], 0.0))
+        parts.append(put(wide, at + [x, 2.15, DEPTH / 2 - 0.07], np.pi))
+    parts.append(put(bench(1.8, p.OAK), np.concatenate([at + [0.0, 0.0, 6.4], at + [0.0, 0.0, -6.0]])))
+    return parts
+
+
+def _plinth(width: float, height: float, colour=p.PLASTER) -> Mesh:
+    return merge(
+        box((width, height, width), (0, height / 2 - EMBED, 0), colour, 0.012),
+        box((width + 0.12, 0.1, width + 0.12), (0, 0.05 - EMBED, 0), colour, 0.012),
+    )
+
+
+def _case(treasure: Mesh) -> Mesh:
+    """A display case without its glass: base, slender frame, and a treasure inside."""
+    h, w = 0.85, 0.8
+    posts = [(s * w / 2, h + 0.35, t * w / 2) for s in (-1, 1) for t in (-1, 1)]
+    rails = [(s * w / 2 * (axis == 0), h + 0.72, s * w / 2 * (axis == 1)) for axis in (0, 1) for s in (-1, 1)]
+    sizes = [(0.035, 0.78, 0.035)] * 4 + [(0.03, 0.03, w)] * 2 + [(w, 0.03, 0.03)] * 2
+    frame = boxes(sizes, posts + rails, p.BRONZE)
+    inside = treasure._replace(vertices=treasure.vertices + np.float32([0, h, 0]))
+    return merge(_plinth(w + 0.1, h, p.DARK_WOOD), frame, inside)
+
+
+def _exhibits(at, budget: int, d: float, rng) -> list[Part]:
+    """The works, each hall alike in what there is but not in how it stands; a few take most of the triangles."""
+    each = budget / len(at)
+    shares = np.array([0.2, 0.26, 0.16, 0.12, 0.1, 0.07, 0.05, 0.04]) * each
+    works = [
+        (merge(_plinth(1.1, 0.5), _raised(knot(shares[1], size=0.62), 0.46)), (-4.0, -3.4)),
+        (merge(_plinth(0.8, 0.95), _raised(blob(shares[2], rng, 0.5), 0.94)), (3.9, 2.4)),
+        (merge(_plinth(0.9, 0.35, p.SLATE), _raised(twist(shares[3]), 0.33)), (4.3, -3.6)),
+        (merge(_plinth(0.9, 0.8), _raised(ammonite(shares[4], 0.62), 0.79)), (-3.9, 2.0)),
+        (merge(_plinth(1.0, 0.6, p.SLATE), _raised(ribbon(shares[5], 0.62), 0.58)), (-1.9, -7.0 + 0.4)),
+        (_case(blob(0.5 * shares[6], rng, 0.2, p.TEAL)), (-5.2, 5.4)),
+        (_case(vase(0.55, float(np.sqrt(shares[7] / 900.0)), p.BLUE)), (5.5, -0.6)),
+    ]
+    parts = [put(mesh, at + [x, 0.0, z], rng.uniform(0, 6.3, len(at))) for mesh, (x, z) in works]
+    first = np.arange(len(at)) % 2 == 0
+    pieces = [(rain(shares[0], ceiling=HEIGHT), first), (vortex(shares[0]), ~first)]
+    stand = put(revolve([(1.5, -EMBED), (1.5, 0.22), (1.4, 0.26), (0.0, 0.26)], steps(40, d, 8), p.SLATE), at)
+    for group, chosen in pieces:
+        for part in group:
+            parts += [part._replace(offset=part.offset + place.astype(np.float32)) for place in at[chosen]]
+    return [*parts, stand]
+
+
+def _raised(mesh: Mesh, y: float) -> Mesh:
+    return mesh._replace(vertices=mesh.vertices + np.float32([0.0, y, 0.0]))

@@ -1,0 +1,134 @@
+"""Works of art for the museum, each of about a given number of triangles; they stand on y = 0 or hang from above."""
+
+import numpy as np
+
+from . import palette as p
+from .parts import Part, assemble, put, tilted, turned
+from .plants import unit
+from .shapes import Mesh, box, block, boxes, capped, frame_ring, loft, merge, revolve
+
+
+def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, int]:
+    """Cells (along, around) of a surface of about `triangles`, `aspect` times as many along."""
+    around = max(least, round(np.sqrt(triangles / 2.0 / aspect)))
+    return max(3 * least, round(triangles / 2.0 / around)), around
+
+
+def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRONZE) -> Mesh:
+    """A torus knot of a bar with ribs that wind around it, 3 `size` wide; closed."""
+    n, k = _resolution(triangles, 10.0)
+    t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    r = size * (1.0 + 0.42 * np.cos(loops * t))
+    path = np.stack([r * np.cos(turns * t), r * np.sin(turns * t), 0.55 * size * np.sin(loops * t)], axis=1)
+    ahead = unit(np.roll(path, -1, axis=0) - np.roll(path, 1, axis=0))
+    hub = np.stack([size * np.cos(turns * t), size * np.sin(turns * t), 0.0 * t], axis=1)
+    side = path - hub
+    u = unit(side - np.sum(side * ahead, axis=1, keepdims=True) * ahead)
+    v = np.cross(ahead, u)
+    angle = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
+    rib = thick * size * (1.0 + 0.13 * np.cos(5 * angle - 24.0 * t[:, None]))
+    points = path[:, None] + rib[..., None] * (np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None])
+    low = points[..., 1].min()
+    return loft(points - [0.0, low, 0.0], colour, closed=True)
+
+
+def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> Mesh:
+    """A smooth lumpy body; `size` is its mean radius."""
+    n, k = _resolution(triangles, 0.5)
+    n, k = max(4, k), max(6, n)
+    theta = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
+    phi = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
+    way = np.stack(np.broadcast_arrays(np.cos(theta)[:, None] * np.cos(phi), np.sin(theta)[:, None], -np.cos(theta)[:, None] * np.sin(phi)), axis=-1)
+    wave = rng.normal(0.0, 2.3, (9, 3))
+    scale = 1.0 + 0.11 * np.sin(way @ wave.T + rng.uniform(0, 6.3, 9)).sum(axis=-1)
+    points = way * scale[..., None] * size * [0.8, 1.25, 0.8]
+    points[..., 1] -= points[..., 1].min() + 0.04 * size
+    return capped(points[1:-1], points[0, 0], points[-1, 0], colour)
+
+
+def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> Mesh:
+    """A column whose star-shaped section turns and shrinks on its way up."""
+    n, k = _resolution(triangles, 2.0)
+    k = max(12, k)
+    t = np.linspace(0.0, 1.0, n + 1)[:, None]
+    phi = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
+    r = width * (1.0 + 0.22 * np.cos(6 * phi)) * (1.0 - 0.55 * t + 0.22 * np.sin(9.0 * t))
+    angle = phi + 3.6 * t
+    points = np.stack([r * np.cos(angle), np.broadcast_to(height * t - 0.02, r.shape), -r * np.sin(angle)], axis=-1)
+    return capped(points, points[0].mean(axis=0), points[-1].mean(axis=0), colour)
+
+
+def ammonite(triangles: float, size=1.0, colour=p.CLAY) -> Mesh:
+    """A ribbed spiral shell that stands on its rim."""
+    n, k = _resolution(triangles, 8.0)
+    t = np.linspace(0.0, 1.0, n + 1)
+    angle, reach = 2.0 * np.pi * 3.1 * t, size * 0.1 * np.exp(2.25 * t)
+    centre = np.stack([np.cos(angle) * reach, np.sin(angle) * reach, 0.0 * t], axis=1)
+    out = centre / reach[:, None]
+    phi = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
+    tube = (0.36 * reach * (1.0 + 0.06 * np.sin(110.0 * t)))[:, None, None]
+    points = centre[:, None] + tube * (np.cos(phi)[:, None] * out[:, None] + 1.15 * np.sin(phi)[:, None] * [0, 0, 1])
+    return loft(points - [0.0, points[..., 1].min() + 0.03 * size, 0.0], colour)
+
+
+def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> Mesh:
+    """A band that twists once on its way around a ring."""
+    n = max(12, round(triangles / 8.0))
+    t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)[:, None]
+    out = np.concatenate([np.cos(t), np.sin(t), 0.0 * t], axis=1)
+    turn = t + 0.6 * np.sin(3 * t)
+    across = np.cos(turn) * out + np.sin(turn) * [0.0, 0.0, 1.0]
+    up = np.cross(np.roll(out, -1, axis=0) - out, across)
+    up = unit(up)
+    corners = [(0.42, 0.035), (-0.42, 0.035), (-0.42, -0.035), (0.42, -0.035)]
+    ring = size * out * (1.0 + 0.1 * np.cos(2 * t))
+    points = np.stack([ring + size * (a * across + b * up) for a, b in corners], axis=1)
+    return loft(points - [0.0, points[..., 1].min() + 0.03, 0.0], colour, closed=True)
+
+
+def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[Part]:
+    """Drops of bronze that hang on wires and together make a wave: kinetic art at one moment."""
+    nx, nz = (17, 14) if triangles > 12_000 else (11, 9) if triangles > 3000 else (5, 4)
+    each = triangles / (nx * nz) - 12
+    k = int(np.clip(np.sqrt(each), 4, 200))
+    n = max(3, k // 2)
+    angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
+    profile = np.stack([np.cos(angle) * (1.0 - 0.45 * np.sin(angle)), 1.2 * np.sin(angle)], axis=1)
+    profile[[0, -1], 0] = 0.0
+    x, z = (a.ravel() for a in np.meshgrid(np.linspace(-0.5, 0.5, nx) * width, np.linspace(-0.5, 0.5, nz) * depth))
+    y = 3.1 + 0.75 * np.sin(1.5 * x + 0.5 * z) + 0.45 * np.cos(1.7 * z - 0.6 * x)
+    drop = revolve(profile * 0.1, k, p.OCHRE)
+    wires = boxes(np.stack([0 * x + 0.012, ceiling - y - 0.08, 0 * x + 0.012], axis=1), np.stack([x, (ceiling + y + 0.08) / 2, z], axis=1), p.IRON)
+    tone = np.digitize(y, [2.6, 3.3]) * 2
+    rails = boxes((width + 0.3, 0.05, 0.05), np.stack([0 * z[::nx], 0 * z[::nx] + ceiling, z[::nx]], axis=1), p.IRON)
+    beams = boxes((0.1, 0.09, 2 * 4.6), [(s * width / 2, ceiling + 0.06, 0) for s in (-1, 1)], p.IRON)
+    return [put(drop, np.stack([x, y, z], axis=1), shade=tone), put(merge(wires, rails, beams))]
+
+
+def vortex(triangles: float, height=4.6) -> list[Part]:
+    """Plates that wind up around a mast and fan out."""
+    n = int(np.clip(triangles / 44.0, 12, 4000))
+    t = (np.arange(n) + 0.5) / n
+    angle = 5.0 * np.pi * t
+    matrix = turned(angle) @ tilted(0.5 * np.sin(6.0 * np.pi * t))
+    size = 0.5 + 1.1 * np.sin(np.pi * t) ** 1.5
+    scale = np.stack([size, np.full(n, 60.0 / n if n > 60 else 1.0), np.full(n, 60.0 / n + 0.3 if n > 60 else 1.0)], axis=1)
+    plate = box((2.0, 0.05, 0.22), (0, 0, 0), p.RED, 0.008)
+    at = np.stack([0 * t, 0.5 + (height - 0.8) * t, 0 * t], axis=1).astype(np.float32)
+    whirl = Part(plate, at, (matrix * scale[:, None]).astype(np.float32), (np.arange(n) % 3).astype(np.uint8))
+    return [whirl, put(revolve([(0.09, -0.1), (0.05, height)], 10, p.IRON))]
+
+
+def painting(width: float, height: float, n: int, rng) -> Mesh:
+    """An abstract picture in a gilded frame; it hangs in the x-y plane around its middle and looks to +z."""
+    x, z = np.linspace(-width / 2, width / 2, n + 1), np.linspace(-height / 2, height / 2, n + 1)
+    middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / width, (z[1:] + z[:-1]) / height, indexing="ij"), axis=-1)
+    centre, radius = rng.uniform(-0.5, 0.5, (9, 2)), rng.uniform(0.15, 0.5, 9)
+    colours = rng.choice([p.RED, p.BLUE, p.OCHRE, p.TEAL, p.PLASTER, p.SLATE, p.CLAY, p.YELLOW, p.PINE], 9)
+    inside = np.abs(middle[:, :, None] - centre).max(axis=-1) < radius
+    top = np.where(inside.any(axis=-1), inside.shape[-1] - 1 - np.argmax(inside[..., ::-1], axis=-1), -1)
+    colour = np.where(top < 0, p.LIMESTONE, colours[top]) + p.shades(rng, n * n).reshape(n, n) % 3
+    relief = 0.004 * rng.random((n + 1, n + 1))
+    canvas = block(np.stack(np.broadcast_arrays(x[:, None], relief, z), axis=-1), -0.05, colour)
+    edge = frame_ring([(-0.02, -0.06), (0.12, -0.06), (0.12, 0.05), (0.05, 0.08), (-0.02, 0.03)], width / 2, height / 2, p.OCHRE)
+    return assemble([put(merge(canvas, edge), tilt=np.pi / 2)])

@@ -1,0 +1,55 @@
+"""What `bsah` promises beyond what all builders do."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from antumbra.bvh.binned_sah import build
+from antumbra.bvh.bins import BINS, bin_count
+from antumbra.bvh.nodes import MAX_DEPTH
+from antumbra.bvh.quality import sah_cost, statistics
+from antumbra.bvh.subtree import must_halve
+from bvh_scenes import terrain
+from reference_sah import binned_sah, half_area, least_sah_cost
+from strategies import point_arrays
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("max_leaf", [1, 2, 4])
+def test_few_triangles_have_the_best_tree(n, max_leaf):
+    @settings(max_examples=40, deadline=None)
+    @given(points=point_arrays((n, 3)))
+    def check(points):
+        if n > 1 and half_area(points.min((0, 1)).astype(float), points.max((0, 1)).astype(float)) > 0:
+            cost = sah_cost(build(points, 1, max_leaf))
+            assert cost == pytest.approx(least_sah_cost(points, max_leaf), rel=1e-5)
+
+    check()
+
+
+def test_left_child_comes_right_behind_its_parent():
+    for vertices in (terrain(3000), terrain(20_000)):
+        left = build(vertices).links[:, 12]
+        inner = np.flatnonzero(left >= 0)
+        assert len(inner) > 100 and np.array_equal(left[inner], inner + 1)
+
+
+def test_halving_ends_in_time():
+    """At the first depth at which n records must be halved, halving still ends by MAX_DEPTH; one less is too soon."""
+    for n in (2, 3, 4, 5, 7, 8, 9, 1000, 2**20 + 1, 2**28):
+        depth = next(d for d in range(MAX_DEPTH) if must_halve(n, d))
+        assert depth + int(np.ceil(np.log2(n))) <= MAX_DEPTH
+        assert not must_halve(n, depth - 1) and must_halve(2 * n, depth - 1)
+
+
+def test_tree_that_greedy_splits_would_make_too_deep():
+    """Groups of triangles, each eight times as large and as far as the last: one after the other is split off."""
+    sizes = 8.0 ** np.repeat(np.arange(-41, 40), 3)
+    vertices = (sizes[:, None, None] * (1 + np.random.default_rng(0).random((len(sizes), 3, 3)))).astype(np.float32)
+    shape = statistics(build(vertices, max_leaf=1))
+    assert binned_sah(vertices, max_leaf=1)[1] > MAX_DEPTH + 8
+    assert MAX_DEPTH - 8 < shape.depth <= MAX_DEPTH
+
+
+def test_few_records_have_few_bins():
+    assert [int(bin_count(n)) for n in (5, 16, 10**3, 10**6)] == [4, 5, BINS, BINS]

@@ -1,0 +1,124 @@
+"""What every builder must do, for every builder in the registry."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import antumbra
+from antumbra.bvh import BUILDERS
+from antumbra.bvh.nodes import EMPTY, MAX_DEPTH
+from antumbra.bvh.quality import sah_cost, statistics, validate
+from antumbra.errors import InputError
+from bvh_scenes import HAZARDS, LARGE, integer_grid, scattered, terrain
+from reference_sah import binned_sah
+from scenes import scene_path
+from strategies import point_arrays, soups
+
+pytestmark = pytest.mark.parametrize("build", [b.build for b in BUILDERS.values()], ids=list(BUILDERS))
+
+
+@pytest.mark.parametrize("name", HAZARDS)
+def test_hazards(build, name):
+    vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
+    bvh = build(vertices)
+    validate(bvh, vertices)
+    shape = statistics(bvh)
+    assert shape.leaf_sizes @ np.arange(len(shape.leaf_sizes)) == len(vertices)
+    assert shape.leaf_sizes[5:].sum() == 0  # max_leaf is 4
+    assert shape.depth <= MAX_DEPTH
+    if len(vertices) > 1:
+        assert shape.leaves == shape.nodes + 1
+    if len(vertices) > 64:
+        assert np.isfinite(sah_cost(bvh))
+
+
+def test_no_triangle_and_one(build):
+    empty, one = build(np.zeros((0, 3, 3), np.float32)), build(scattered(1))
+    assert empty.links[0, 12:14].tolist() == [EMPTY, EMPTY]
+    assert one.links[0, 12:14].tolist() == [~0, EMPTY]
+    assert np.all(empty.nodes[0, :12].reshape(3, 2, 2) == [[[np.inf], [-np.inf]]])
+
+
+@settings(max_examples=60, deadline=None)
+@given(vertices=soups(200) | point_arrays((30, 3)) | point_arrays((3, 3)), max_leaf=st.integers(1, 8))
+def test_any_soup(build, vertices, max_leaf):
+    bvh = build(vertices, 1, max_leaf)
+    validate(bvh, vertices)
+    assert statistics(bvh).leaf_sizes[max_leaf + 1 :].sum() == 0
+
+
+@pytest.mark.parametrize("max_leaf", [1, 2, 4, 8])
+def test_leaf_sizes(build, max_leaf):
+    vertices = terrain(1000)
+    sizes = statistics(build(vertices, max_leaf=max_leaf)).leaf_sizes
+    assert sizes[max_leaf + 1 :].sum() == 0
+    assert sizes[1] == len(vertices) if max_leaf == 1 else sizes[2 : max_leaf + 1].sum() > 0
+
+
+@pytest.mark.parametrize("name", ["large, scattered", "large, terrain", "large, identical", "many copies of a few"])
+def test_same_bits_for_any_number_of_threads(build, name):
+    vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
+    first = build(vertices, 1)
+    for threads in (1, 2, 3, 5, None):
+        again = build(vertices, threads)
+        assert all(a.tobytes() == b.tobytes() for a, b in zip(first, again, strict=True))
+
+
+@pytest.mark.parametrize(
+    "vertices", [terrain(800), scattered(700), integer_grid(512)], ids=["terrain", "scattered", "grid"]
+)
+def test_cost_is_that_of_a_good_tree(build, vertices):
+    assert sah_cost(build(vertices)) <= 1.05 * binned_sah(vertices)[0]
+
+
+def test_real_scene(build):
+    vertices = antumbra.load(scene_path("sponza_crytek/scene.glb")).triangles(0.0).vertices
+    bvh = build(vertices)
+    validate(bvh, vertices)
+    assert statistics(bvh).leaf_sizes[1:5] @ [1, 2, 3, 4] == len(vertices) > 200_000
+
+
+def test_memory(build):
+    vertices = terrain(LARGE)
+    bvh = build(vertices)
+    assert statistics(bvh).bytes_per_triangle <= 104
+    assert bvh.nodes.ctypes.data % 64 == 0 and np.shares_memory(bvh.nodes, bvh.links)
+
+
+def test_input_is_left_alone_and_may_be_read_only(build):
+    vertices = scattered(100)
+    before = vertices.copy()
+    vertices.setflags(write=False)
+    bvh = build(vertices)
+    assert np.array_equal(vertices, before) and not np.shares_memory(bvh.corners, vertices)
+
+
+def test_any_memory_layout(build):
+    vertices = np.asfortranarray(scattered(50))
+    validate(build(vertices), vertices)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e38])
+def test_coordinates_out_of_range_are_named(build, bad):
+    for n, row in ((6000, 5000), (1, 0)):
+        vertices = scattered(n)
+        vertices[row, 1, 2] = bad
+        with pytest.raises(InputError, match=f"triangle {row} "):
+            build(vertices)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (np.zeros((4, 9), np.float32),),
+        (np.zeros((4, 3, 3)),),
+        (scattered(4), 0),
+        (scattered(4), None, 0),
+        (scattered(4), None, 9),
+    ],
+    ids=["shape", "dtype", "no threads", "empty leaves", "leaves too large"],
+)
+def test_bad_arguments(build, arguments):
+    with pytest.raises(InputError):
+        build(*arguments)

@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.cli import info as command
+
+
+def test_a_procedural_scene(cli):
+    told = cli("info", "procedural:atrium?triangles=2k", "--json").json()
+    scene = at.procedural("atrium", triangles=2000)
+    assert told["triangles"] == scene.n_triangles == sum(m["triangles"] * m["instances"] for m in told["meshes"])
+    assert np.allclose(told["bounds"], scene.bounds) and np.allclose(told["origin"], scene.origin)
+    assert told["up"] == "y" and told["duration"] == 0.0 and told["notes"] == []
+    assert len(told["cameras"]) == len(told["lights"]) == 1
+    assert told["cameras"][0]["vfov"] == scene.cameras[0].vfov
+    assert told["lights"][0]["type"] == "QuadLight" and len(told["lights"][0]["u"]) == 3
+    triangles = scene.triangles()
+    assert told["triangle_bytes"] == triangles.vertices.nbytes + triangles.face_id.nbytes + triangles.colour.nbytes
+
+
+def test_for_people(cli, square_obj):
+    done = cli("info", square_obj)
+    assert done.code == 0
+    for words in (
+        "square",
+        "2 in 1 mesh",
+        "(-1, 0, -1) to (1, 0, 1)",
+        "+Y is up",
+        "animation  none",
+        "cameras",
+        "lights",
+    ):
+        assert words in done.out, done.out
+    assert "+Z is up" in cli("info", square_obj, "--up", "z").out
+    told = cli("info", "procedural:atrium?triangles=2k").out
+    assert "camera 0" in told and "light 0" in told and "QuadLight" in told
+
+
+def test_notes_are_shown_whole(cli, square_obj):
+    square_obj.write_text("mtllib none.mtl\n" + square_obj.read_text())
+    done = cli("info", square_obj)
+    assert done.err == "" and "none.mtl" in done.out
+    (note,) = cli("info", square_obj, "--json").json()["notes"]
+    assert "none.mtl" in note
+
+
+def test_many_meshes_are_counted(cli, tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "_MOST_MESHES", 1)
+    lines = [
+        f"usemtl part{i}\nv 0 0 {i}\nv 1 0 {i}\nv 0 1 {i}\nf {3 * i + 1} {3 * i + 2} {3 * i + 3}" for i in range(3)
+    ]
+    (tmp_path / "parts.obj").write_text("\n".join(lines))
+    assert len(cli("info", "parts.obj", "--json").json()["meshes"]) == 3
+    assert "2 smaller meshes" in cli("info", "parts.obj").out
+
+
+def test_a_moving_scene(cli, tmp_path):
+    folder = tmp_path / "moving"
+    folder.mkdir()
+    np.save(folder / "frames.npy", np.zeros((2, 3, 3), np.float32) + np.eye(3, dtype=np.float32))
+    np.save(folder / "faces.npy", np.array([[0, 1, 2]], np.int32))
+    (folder / "info.json").write_text('{"times": [0.0, 2.5]}')
+    assert "2.5 seconds" in cli("info", "moving").out
+    assert cli("info", "moving", "--json").json()["duration"] == 2.5
+
+
+@pytest.mark.parametrize(
+    "scene, word", [("none.glb", "none.glb"), (".", "frames.npy"), ("procedural:x", "x"), ("a.txt", "a.txt")]
+)
+def test_bad_input(cli, scene, word, tmp_path):
+    (tmp_path / "a.txt").write_text("x")
+    cli("info", scene).refused(word)
+    cli("info", scene, "--json").refused(word)

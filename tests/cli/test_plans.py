@@ -1,0 +1,58 @@
+"""`antumbra plans` and `antumbra warmup`."""
+
+import pytest
+
+from antumbra import Plan, warm
+from antumbra.bvh import BUILDERS
+from antumbra.plan import all_plans, parse_plan
+from antumbra.trace import TRACERS
+
+
+def test_every_method_and_plan_is_listed(cli):
+    told = cli("plans", "--json").json()
+    for kind, registry in (("builder", BUILDERS), ("tracer", TRACERS)):
+        listed = {m["name"]: m for m in told["methods"] if m["kind"] == kind}
+        assert listed.keys() == registry.keys()
+        assert all(m["description"] and m["paper"] for m in listed.values())
+    assert [parse_plan(name) for name in told["plans"]] == all_plans()
+    assert told["default"] == str(Plan()) == "bsah+single"
+
+
+def test_plans_for_people(cli):
+    shown = " ".join(cli("plans").out.split())
+    for registry in (BUILDERS, TRACERS):
+        for name, method in registry.items():
+            assert name in shown and method.description.split()[0] in shown and method.paper.split()[0] in shown
+    for plan in all_plans():
+        assert str(plan) in shown
+
+
+@pytest.fixture
+def compiled(monkeypatch):
+    """What `antumbra warmup` compiles, without compiling it."""
+    done: list[str] = []
+    monkeypatch.setattr(warm, "warm_up", lambda plan, gbuffer, counters: done.append(f"{plan} {gbuffer} {counters}"))
+    monkeypatch.setattr(warm, "warm_up_rays", lambda: done.append("ray queries"))
+    return done
+
+
+def test_warmup_compiles_everything_once(cli, compiled):
+    done = cli("warmup")
+    assert done.code == 0 and f"{len(compiled)} sets of kernels" in done.out
+    assert len(compiled) == len(set(compiled)) > 4 * len(all_plans())
+
+
+def test_warmup_of_one_plan(cli, compiled):
+    told = cli("warmup", "--plan", "bsah+single", "--plan", "bsah+single", "--json").json()
+    assert len(told["kernels"]) == len(compiled) == 5
+    assert told["folder"] and told["seconds"] >= 0.0
+    assert all("bsah+single" in name or name == "ray queries" for name in told["kernels"])
+
+
+def test_warmup_quietly(cli, compiled):
+    assert cli("warmup", "--quiet") == (0, "", "")
+
+
+def test_warmup_of_an_unknown_plan(cli, compiled):
+    cli("warmup", "--plan", "magic").refused("magic")
+    assert compiled == []

@@ -1,0 +1,30 @@
+"""What is imported when: the help must not wait for Numba, nor a picture for what it does not need."""
+
+import subprocess
+import sys
+
+import pytest
+
+NEVER = {"scipy.stats", "trimesh", "pygltflib", "hypothesis", "matplotlib", "OpenEXR"}
+
+
+def imported(*arguments: str, cwd) -> set[str]:
+    """Names of the modules that a run of the command imports."""
+    script = (
+        "import pathlib, sys; from antumbra.cli import main; code = main(sys.argv[1:]);"
+        "pathlib.Path('modules').write_text(' '.join(sys.modules)); sys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return set((cwd / "modules").read_text().split())
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["render", "--help"]])
+def test_help_imports_nothing_heavy(arguments, tmp_path):
+    names = imported(*arguments, cwd=tmp_path)
+    assert not names & {"numba", "scipy", "PIL", "rich.table", *NEVER}
+
+
+def test_rendering_a_png_imports_nothing_needless(tmp_path):
+    names = imported("render", "procedural:atrium?triangles=2000", "--size", "32", cwd=tmp_path)
+    assert "numba" in names and not names & NEVER
