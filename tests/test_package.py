@@ -1,6 +1,7 @@
 """The package as a whole: its names, its documents, its files."""
 
 import ast
+import doctest
 import importlib.metadata
 import importlib.util
 import inspect
@@ -120,6 +121,11 @@ def test_readme_commands_are_one_line_each():
     ]
     assert snippets.command(readme, "antumbra render") == commands[0]
     assert snippets.command(readme, "pytest") == commands[1]
+
+
+def test_docstring_example():
+    result = doctest.testmod(at)
+    assert result.attempted > 2 and not result.failed
 
 
 def test_examples_are_short():

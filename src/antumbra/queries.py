@@ -45,43 +45,16 @@ def trace_list(scene, rays: RayList, any_hit: bool, time, threads) -> HitArrays:
     return out
 
 
-def occluded(
-    scene,
-    origins,
-    directions=None,
-    tmin=0.0,
-    tmax=np.inf,
-    skip_face=None,
-    time=0.0,
-    *,
-    cull_faces=None,
-    threads=None,
-):
-    """See `Scene.occluded`."""
-    rays, shape = ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, scene.origin)
+def ask(scene, any_hit: bool, rays: tuple, time, cull_faces, threads) -> Hit:
+    """Any or nearest hits of rays; `rays`: the first five arguments of `Scene.occluded`. Any hit: only `face`."""
+    checked, shape = ray_list(*rays, cull_faces, scene.origin)
     thread_count(threads)
     warm_up_rays()
-    return trace_list(scene, rays, True, time, threads).face.reshape(shape) >= 0
-
-
-def closest_hit(
-    scene,
-    origins,
-    directions=None,
-    tmin=0.0,
-    tmax=np.inf,
-    skip_face=None,
-    time=0.0,
-    *,
-    cull_faces=None,
-    threads=None,
-) -> Hit:
-    """See `Scene.closest_hit`."""
-    rays, shape = ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, scene.origin)
-    thread_count(threads)
-    warm_up_rays()
-    out = trace_list(scene, rays, False, time, threads)
-    return Hit(*(a.reshape(shape) for a in (out.t, out.face, out.u, out.v)))
+    out = trace_list(scene, checked, any_hit, time, threads)
+    face = out.face.reshape(shape)
+    if any_hit:
+        return Hit(out.t, face, out.u, out.v)
+    return Hit(out.t.reshape(shape), face, out.u.reshape(shape), out.v.reshape(shape))
 
 
 def visibility(

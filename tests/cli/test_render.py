@@ -208,7 +208,7 @@ def test_bad_sizes(render, size, tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_bad_scenes(render, tmp_path):
+def test_bad_scenes(cli, render, tmp_path):
     (tmp_path / "empty.glb").write_bytes(b"")
     (tmp_path / "broken.glb").write_bytes(b"glTF\2\0\0\0")
     (tmp_path / "picture.jpg").write_bytes(b"x")
@@ -219,7 +219,7 @@ def test_bad_scenes(render, tmp_path):
     render(scene="procedural:castle").refused("castle", "atrium")
     render(scene="procedural:").refused("atrium")
     render(scene="procedural:atrium?triangles=few").refused("triangles", "few")
-    render(scene="").refused()
+    cli("render", "").refused("SCENE is empty")
     assert sorted(os.listdir(tmp_path)) == before
 
 

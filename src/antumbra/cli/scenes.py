@@ -60,15 +60,12 @@ def scenes(
 def _list(json: bool) -> None:
     from ..scene.procedural import PROCEDURAL
 
-    known = [
-        {"name": name, "triangles": kind.default_triangles, "description": kind.description}
-        for name, kind in PROCEDURAL.items()
-    ]
+    rows = [(name, recipe.default_triangles, recipe.description) for name, recipe in PROCEDURAL.items()]
     if json:
-        report.print_json({"scenes": known})
+        report.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
         return
-    rows = [(k["name"], f"{k['triangles']:,}", k["description"]) for k in known]
-    report.print_table(("name", "triangles", "what it is"), rows, right=(1,))
+    shown = [(name, f"{triangles:,}", description) for name, triangles, description in rows]
+    report.print_table(("name", "triangles", "what it is"), shown, right=(1,))
 
 
 def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict:

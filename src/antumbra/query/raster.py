@@ -1,18 +1,70 @@
-"""draft"""
+"""The rasteriser: what each pixel of a camera sees, bit for bit as tracing its ray against every triangle says."""
+
 import numpy as np
 
+from ..errors import InputError
 from ..parallel import new_ticket, run, thread_count
-from .raster_bins import bin_triangles
-from .raster_setup import TILE, make_view
-from .raster_tiles import draw_tiles
+from ..scene.camera import CameraRays
+from .raster_bins import bin_triangles, tiles_across
+from .raster_setup import make_view
+from .raster_tiles import RASTER_COUNTERS, draw_tiles
+
+__all__ = ["RASTER_COUNTERS", "new_raster_counters", "rasterise"]
 
 
-def rasterise(corners, rays, threads=None, cull_faces=0, counters=None):
-    shape = (rays.height, rays.width)
-    face, t = np.empty(shape, np.int32), np.empty(shape, np.float64)
+def new_raster_counters() -> np.ndarray:
+    """Zeros for the `counters` of `rasterise`, in the order of RASTER_COUNTERS."""
+    return np.zeros(len(RASTER_COUNTERS), np.int64)
+
+
+def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, counters=None):
+    """The nearest triangle at each pixel centre.
+
+    Parameters
+    ----------
+    corners : (n, 9) float32, C-contiguous, finite
+        Three corners a row, in the recentred frame: a view of `Triangles.vertices`.
+    rays : CameraRays
+    threads : int, optional
+        None: all cores. The result does not depend on it.
+    cull_faces : int
+        0: none. 1, -1: ignore triangles whose normal points along the ray, or against it.
+    counters : (5,) int64, optional
+        From `new_raster_counters`; what is counted is added.
+
+    Returns
+    -------
+    face : (H, W) int32
+        Row of `corners`, -1 where nothing is seen. Of triangles at the same t, the lowest row.
+    t : (H, W) float64
+        In lengths of the pixel's direction, that is, depth; inf where nothing is seen.
+
+    Raises
+    ------
+    InputError
+        When `corners` are of another shape, type or layout, or `cull_faces` is not one of the three.
+
+    Notes
+    -----
+    Pixel (x, y) has the ray ``pixels.pixel_ray(rays, x, y)``, over (0, inf). A triangle covers it where
+    ``filters.meets`` says so, and t is ``filters.hit_t``. Triangles are culled and listed by screen tile
+    (`raster_cull`, `raster_bins`); each tile is then drawn by one thread (`raster_tiles`).
+    """
+    corners = _checked(corners)
+    if cull_faces not in (-1, 0, 1):
+        raise InputError(f"cull_faces is {cull_faces!r}; it must be 0 (none), 1 (along the ray) or -1 (against it)")
+    face, t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
     threads, view = thread_count(threads), make_view(rays)
+    counters = new_raster_counters() if counters is None else counters
     bins = bin_triangles(corners, view, threads)
-    if counters is None: counters = np.zeros(3, np.int64)
-    tiles = -(-rays.width // TILE) * -(-rays.height // TILE)
-    run(draw_tiles, threads, new_ticket(tiles, 1), bins, corners, rays, view, cull_faces, face, t, counters)
+    tiles, longest = tiles_across(rays.width) * tiles_across(rays.height), int(np.diff(bins.first).max())
+    run(draw_tiles, threads, new_ticket(tiles, 1), bins, longest, corners, rays, view, int(cull_faces), face, t, counters)
     return face, t
+
+
+def _checked(corners) -> np.ndarray:
+    if not (isinstance(corners, np.ndarray) and corners.ndim == 2 and corners.shape[1] == 9):
+        raise InputError(f"corners must be an (n, 9) array, not {getattr(corners, 'shape', type(corners).__name__)}")
+    if corners.dtype != np.float32 or not corners.flags.c_contiguous:
+        raise InputError("corners must be C-contiguous float32: numpy.ascontiguousarray(corners, numpy.float32)")
+    return corners

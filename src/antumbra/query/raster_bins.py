@@ -4,16 +4,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import get, lowest_bit, ptr, stack_f32, stack_i32
+from ..simd import as_i32, get, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from .raster_cull import BLOCK, careful_box, make_padding, quick_boxes, transpose
 from .raster_setup import TILE, View
 
-_LEAST_CHUNK = 16 * BLOCK  # triangles
-_MOST_CHUNKS = 256
+_LEAST_CHUNK, _MOST_CHUNKS = 16 * BLOCK, 256  # of triangles; as many chunks as keep many threads busy
 _MOST_COUNTS = 1 << 22  # of the table (chunks, tiles)
 _BOXES, _LANES = 4 * BLOCK, 9 * BLOCK
+_BUCKETS = 128  # of depth
+_BOUNDS = _BUCKETS + 1
+_INFINITY = 0x7F800000  # the bits of float32's infinity
 
 
 class Seen(NamedTuple):
@@ -32,9 +34,17 @@ class Bins(NamedTuple):
     slot: np.ndarray  # (pairs,) int32: index into the arrays of `seen`
 
 
-@kernel
-def _keep(seen, slot, i, x0, y0, x1, y1, nearest, columns, counts):
-    """Write a triangle to its slot and count it in its tiles; the next slot."""
+def tiles_across(pixels: int) -> int:
+    """Number of tiles that so many pixels take."""
+    return -(-pixels // TILE)
+
+
+@inlined
+def _keep(seen, slot, i, box, nearest, columns, counts):
+    """Write a triangle to its slot and count it in its tiles; the next slot. Nothing if its box is empty."""
+    x0, y0, x1, y1 = box
+    if x0 > x1 or y0 > y1:
+        return slot
     seen.triangle[slot], seen.nearest[slot] = i, nearest
     seen.box[slot, 0], seen.box[slot, 1], seen.box[slot, 2], seen.box[slot, 3] = x0, y0, x1, y1
     for row in range(y0 // TILE, y1 // TILE + 1):
@@ -43,10 +53,20 @@ def _keep(seen, slot, i, x0, y0, x1, y1, nearest, columns, counts):
     return slot + 1
 
 
+@inlined
+def _quick_box(boxes, k):
+    return (
+        np.int64(get(boxes, k)),
+        np.int64(get(boxes, k + BLOCK)),
+        np.int64(get(boxes, k + 2 * BLOCK)),
+        np.int64(get(boxes, k + 3 * BLOCK)),
+    )
+
+
 @kernel
-def _cull(ticket, corners, view, padding, seen, left, counts):
-    """Bound all triangles; chunk k keeps left[k] of them, and has counts[k] of them in each tile."""
-    columns, p = (view.width + TILE - 1) // TILE, ptr(corners)
+def _cull(ticket, corners, view, padding, columns, seen, left, counts):
+    """Worker: bound all triangles; chunk k keeps left[k] of them, and has counts[k] of them in each tile."""
+    p = ptr(corners)
     lanes, boxes, nearest = stack_f32(_LANES), stack_i32(_BOXES), stack_f32(BLOCK)
     first = take(ticket)
     while first >= 0:
@@ -62,15 +82,10 @@ def _cull(ticket, corners, view, padding, seen, left, counts):
                 while todo != 0:
                     lane = lowest_bit(todo)
                     todo &= todo - 1
-                    m = k + lane
-                    x0, y0 = np.int64(get(boxes, m)), np.int64(get(boxes, m + BLOCK))
-                    x1, y1 = np.int64(get(boxes, m + 2 * BLOCK)), np.int64(get(boxes, m + 3 * BLOCK))
-                    key = get(nearest, m)
+                    i, box, key = block + k + lane, _quick_box(boxes, k + lane), get(nearest, k + lane)
                     if (careful >> lane) & 1 != 0:
-                        x0, y0, x1, y1 = careful_box(view, padding, p, block + m)
-                        key = np.float32(np.inf)
-                    if x0 <= x1 and y0 <= y1:
-                        slot = _keep(seen, slot, block + m, x0, y0, x1, y1, key, columns, row)
+                        box, key = careful_box(view, padding, p, i), np.float32(np.inf)
+                    slot = _keep(seen, slot, i, box, key, columns, row)
         left[chunk] = slot - first
         first = take(ticket)
 
@@ -78,44 +93,79 @@ def _cull(ticket, corners, view, padding, seen, left, counts):
 @kernel
 def _prefix_sums(counts, first):
     """counts becomes where each chunk's part of each tile's list starts; first, where each list does."""
-    for chunk in range(counts.shape[0]):
-        for tile in range(counts.shape[1]):
+    chunks, tiles = counts.shape
+    for chunk in range(chunks):
+        for tile in range(tiles):
             first[tile + 1] += counts[chunk, tile]
-    for tile in range(counts.shape[1]):
+    for tile in range(tiles):
         first[tile + 1] += first[tile]
     cursor = first.copy()
-    for chunk in range(counts.shape[0]):
-        for tile in range(counts.shape[1]):
+    for chunk in range(chunks):
+        for tile in range(tiles):
             n = counts[chunk, tile]
             counts[chunk, tile] = cursor[tile]
             cursor[tile] += n
 
 
 @kernel
-def _fill(ticket, chunk_size, width, left, counts, box, slots):
-    """Write the tiles' lists, chunk by chunk."""
-    columns = (width + TILE - 1) // TILE
+def _fill(ticket, size, columns, left, cursors, box, slots):
+    """Worker: write the tiles' lists, chunk by chunk of `size` triangles."""
     chunk = take(ticket)
     while chunk >= 0:
-        for slot in range(chunk * chunk_size, chunk * chunk_size + left[chunk]):
+        for slot in range(chunk * size, chunk * size + left[chunk]):
             for row in range(box[slot, 1] // TILE, box[slot, 3] // TILE + 1):
                 for column in range(box[slot, 0] // TILE, box[slot, 2] // TILE + 1):
                     tile = row * columns + column
-                    slots[counts[chunk, tile]] = slot
-                    counts[chunk, tile] += 1
+                    slots[cursors[chunk, tile]] = slot
+                    cursors[chunk, tile] += 1
         chunk = take(ticket)
 
 
 def bin_triangles(corners, view: View, threads: int) -> Bins:
     """Cull the triangles ((n, 9) float32) and list the rest by tile."""
-    n, tiles = len(corners), -(-view.width // TILE) * -(-view.height // TILE)
+    n, columns = len(corners), tiles_across(view.width)
+    tiles = columns * tiles_across(view.height)
     size = max(_LEAST_CHUNK, -(-n // max(1, min(_MOST_CHUNKS, _MOST_COUNTS // tiles))))
     chunks = -(-n // size)
     seen = Seen(np.empty(n, np.int32), np.empty((n, 4), np.int16), np.empty(n, np.float32))
     left, counts = np.empty(chunks, np.int64), np.empty((chunks, tiles), np.int64)
-    run(_cull, threads, new_ticket(n, size), corners, view, make_padding(view), seen, left, counts)
+    run(_cull, threads, new_ticket(n, size), corners, view, make_padding(view), columns, seen, left, counts)
     first = np.zeros(tiles + 1, np.int64)
     _prefix_sums(counts, first)
     slots = np.empty(first[-1], np.int32)
-    run(_fill, threads, new_ticket(chunks, 1), size, view.width, left, counts, seen.box, slots)
+    run(_fill, threads, new_ticket(chunks, 1), size, columns, left, counts, seen.box, slots)
     return Bins(seen, first, slots)
+
+
+@inlined
+def _bucket(key, slot, highest, shift):
+    """The larger the depth key, the lower the bucket; positive floats are ordered as their bits are."""
+    return max(highest - np.int64(get(key, slot)), 0) >> shift
+
+
+@kernel
+def front_to_back(bins, tile, order):
+    """Write a tile's slots to `order`, roughly sorted by falling depth key of their nearest corner; their number."""
+    first, n = bins.first[tile], bins.first[tile + 1] - bins.first[tile]
+    key, slots, start = as_i32(ptr(bins.seen.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
+    lowest, highest = np.int64(_INFINITY), np.int64(0)
+    for e in range(first, first + n):
+        k = np.int64(get(key, np.int64(get(slots, e))))
+        lowest = k if k < lowest else lowest
+        highest = k if highest < k < _INFINITY else highest  # what crosses the camera's plane goes to bucket 0
+    shift = 0
+    while (highest - lowest) >> shift >= _BUCKETS:
+        shift += 1
+    for b in range(_BOUNDS):
+        put(start, b, 0)
+    for e in range(first, first + n):
+        b = _bucket(key, np.int64(get(slots, e)), highest, shift) + 1
+        put(start, b, get(start, b) + 1)
+    for b in range(_BUCKETS):
+        put(start, b + 1, get(start, b + 1) + get(start, b))
+    for e in range(first, first + n):
+        slot = np.int64(get(slots, e))
+        b = _bucket(key, slot, highest, shift)
+        order[get(start, b)] = slot
+        put(start, b, get(start, b) + 1)
+    return n

@@ -9,50 +9,66 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
-from ..simd import absolute, all_lanes, as_i32, bits, fma, get, load8, lowest_bit, maximum, minimum, put, select, store, to_f32, to_i32
-from .raster_setup import View, corner_of, largest, minus, pixel_vector
+from ..jit import inlined, kernel
+from ..predicate.filters import widest
+from ..simd import (
+    absolute,
+    bits,
+    fma,
+    get,
+    load8,
+    maximum,
+    minimum,
+    put,
+    select,
+    store,
+    to_f32,
+    to_i32,
+)
+from .raster_setup import View, corner_from, pixel_vector
 
 BLOCK = 64  # triangles bounded together
 _F = np.float32
-_U = 2.0**-53
+_U32, _U64 = 2.0**-24, 2.0**-53
 _NEAR32 = 2.0**-5  # a corner this far in front of the camera's plane, for its distance, is placed well by float32,
-_NEAR = 2.0**-20  # this far by float64;
+_NEAR64 = 2.0**-20  # this far by float64;
 _APART = 2.0**-28  # this far, it is clearly on one side of the plane
 _SMALL, _LARGE = _F(1e-25), _F(1e25)  # distances between which float32 neither under- nor overflows
 _NOWHERE = (0, 0, -1, -1)
 
 
 class Padding(NamedTuple):
-    """How far bounds on the screen are widened, in pixels."""
+    """How far bounds on the screen are widened, in pixels. All but `usable` are float64."""
 
-    x: float
-    y: float
+    near_x: float
+    near_y: float
     far_x: float  # for triangles that cross the camera's plane
     far_y: float
-    quick_x: float  # for float32
+    quick_x: float  # in float32: this,
     quick_y: float
-    slope_x: float  # for float32, times the corners' largest distance / depth
+    slope_x: float  # and this times the corners' largest distance / depth
     slope_y: float
-    nearer: float  # factor on 1 / depth that makes it a bound of the depth key
+    nearer: float  # a corner's 1 / depth times this is a bound of the depth key
     usable: bool  # no: rounding moves rays so far that nothing can be culled
 
 
 def make_padding(view: View) -> Padding:
-    """Directions are rounded (`View.shift_x`), and corners are placed with an error of 8 u distance / depth."""
+    """Rays are moved by their rounding, and a corner is placed with an error of 8 u norm distance / depth."""
     if not view.shift_z < 0.25:
         return Padding(*[0.0] * 9, False)
     moved = [shift / (1.0 - view.shift_z) for shift in (view.shift_x, view.shift_y)]
-    place = [16.0 * _U * norm / view.norm_z for norm in (view.norm_x, view.norm_y)]
-    near, far = ([m + p / limit for m, p in zip(moved, place)] for limit in (_NEAR, _APART))
-    quick = [m + 2.0**-22 * size for m, size in zip(moved, (view.width, view.height))]
-    slope = [2.0**-20 * norm for norm in (view.norm_x, view.norm_y)]
+    place = [16.0 * _U64 * norm / view.norm_z for norm in (view.norm_x, view.norm_y)]
+    near, far = ([m + p / limit for m, p in zip(moved, place)] for limit in (_NEAR64, _APART))
+    quick = [m + 4.0 * _U32 * size for m, size in zip(moved, (view.width, view.height))]
+    slope = [32.0 * _U32 * norm for norm in (view.norm_x, view.norm_y)]
     usable = far[0] < view.width + 16.0 and far[1] < view.height + 16.0
-    nearer = (1.0 + view.shift_z) * (1.0 + 2.0**-14)
-    return Padding(*near, *far, *quick, *slope, nearer, usable)
+    return Padding(*near, *far, *quick, *slope, (1.0 + view.shift_z) * (1.0 + 2.0**-14), usable)
 
 
-@kernel
+# --- float64 --------------------------------------------------------------------------------------------------------
+
+
+@inlined
 def _pixels(low_x, high_x, low_y, high_y, view):
     """Pixels (x0, y0, x1, y1) of the picture whose centres lie in the range; x0 > x1 or y0 > y1 if none do."""
     low_x, high_x = max(low_x, 0.0), min(high_x, view.width - 1.0)
@@ -62,7 +78,7 @@ def _pixels(low_x, high_x, low_y, high_y, view):
     return int(np.ceil(low_x)), int(np.ceil(low_y)), int(np.floor(high_x)), int(np.floor(high_y))
 
 
-@kernel
+@inlined
 def _opened(low, high, direction, error):
     """The range after a part of the triangle runs off to infinity on one side, or on either when that is not sure."""
     if direction > -error:
@@ -84,11 +100,12 @@ def _crossing_range(z, x, r, norm_z, norm_x):
             low, high = min(low, x[i] / z[i]), max(high, x[i] / z[i])
             for j in range(3):
                 if z[j] < -_APART * norm_z * r[j]:
-                    error = 32.0 * _U * norm_z * norm_x * r[i] * r[j]
+                    error = 32.0 * _U64 * norm_z * norm_x * r[i] * r[j]
                     low, high = _opened(low, high, z[i] * x[j] - z[j] * x[i], error)
         elif z[i] >= -_APART * norm_z * r[i]:
-            if abs(z[i]) > 8.0 * _U * norm_z * r[i]:
+            if abs(z[i]) > 8.0 * _U64 * norm_z * r[i]:
                 return -np.inf, np.inf
+            # On the plane, or so close to it that a clear x decides where it and its edges run off to
             low, high = _opened(low, high, x[i], 2.0**-8 * norm_x * r[i])
     return low, high
 
@@ -96,34 +113,36 @@ def _crossing_range(z, x, r, norm_z, norm_x):
 @kernel
 def careful_box(view, padding, corners, i):
     """First and last pixel (x0, y0, x1, y1) that triangle i may cover; x0 > x1 or y0 > y1 if it covers none."""
-    va = minus(corner_of(corners, i, 0), view.eye_x, view.eye_y, view.eye_z)
-    vb = minus(corner_of(corners, i, 1), view.eye_x, view.eye_y, view.eye_z)
-    vc = minus(corner_of(corners, i, 2), view.eye_x, view.eye_y, view.eye_z)
-    ra, rb, rc = largest(va), largest(vb), largest(vc)
-    a, b, c = pixel_vector(view, *va), pixel_vector(view, *vb), pixel_vector(view, *vc)
     if not padding.usable:
         return 0, 0, view.width - 1, view.height - 1
-    near = _NEAR * view.norm_z
-    if a[0] >= near * ra and b[0] >= near * rb and c[0] >= near * rc:
-        xa, xb, xc = a[1] / a[0], b[1] / b[0], c[1] / c[0]
-        ya, yb, yc = a[2] / a[0], b[2] / b[0], c[2] / c[0]
+    eye = (view.eye_x, view.eye_y, view.eye_z)
+    va, vb, vc = corner_from(corners, i, 0, eye), corner_from(corners, i, 1, eye), corner_from(corners, i, 2, eye)
+    a, b, c = pixel_vector(view, va), pixel_vector(view, vb), pixel_vector(view, vc)
+    z, x, y = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
+    r = (widest(va), widest(vb), widest(vc))
+    near, behind = _NEAR64 * view.norm_z, -_APART * view.norm_z
+    if z[0] >= near * r[0] and z[1] >= near * r[1] and z[2] >= near * r[2]:
+        x0, x1, x2 = x[0] / z[0], x[1] / z[1], x[2] / z[2]
+        y0, y1, y2 = y[0] / z[0], y[1] / z[1], y[2] / z[2]
         return _pixels(
-            min(xa, xb, xc) - padding.x,
-            max(xa, xb, xc) + padding.x,
-            min(ya, yb, yc) - padding.y,
-            max(ya, yb, yc) + padding.y,
+            min(x0, x1, x2) - padding.near_x,
+            max(x0, x1, x2) + padding.near_x,
+            min(y0, y1, y2) - padding.near_y,
+            max(y0, y1, y2) + padding.near_y,
             view,
         )
-    apart = -_APART * view.norm_z
-    if a[0] < apart * ra and b[0] < apart * rb and c[0] < apart * rc:
+    if z[0] < behind * r[0] and z[1] < behind * r[1] and z[2] < behind * r[2]:
         return _NOWHERE
-    z, r = (a[0], b[0], c[0]), (ra, rb, rc)
-    low_x, high_x = _crossing_range(z, (a[1], b[1], c[1]), r, view.norm_z, view.norm_x)
-    low_y, high_y = _crossing_range(z, (a[2], b[2], c[2]), r, view.norm_z, view.norm_y)
-    return _pixels(low_x - padding.far_x, high_x + padding.far_x, low_y - padding.far_y, high_y + padding.far_y, view)
+    low_x, high_x = _crossing_range(z, x, r, view.norm_z, view.norm_x)
+    low_y, high_y = _crossing_range(z, y, r, view.norm_z, view.norm_y)
+    pad_x, pad_y = padding.far_x, padding.far_y
+    return _pixels(low_x - pad_x, high_x + pad_x, low_y - pad_y, high_y + pad_y, view)
 
 
-@kernel
+# --- float32 --------------------------------------------------------------------------------------------------------
+
+
+@inlined
 def transpose(corners, first, n, lanes):
     """Write coordinate c of triangle first + k to lanes[BLOCK c + k], k < n; the rest of the block repeats the last."""
     for k in range(BLOCK):
@@ -132,9 +151,9 @@ def transpose(corners, first, n, lanes):
             put(lanes, BLOCK * c + k, get(corners, at + c))
 
 
-@kernel
+@inlined
 def _quick_corner(view, lanes, k):
-    """(z, x, y, distance) of eight corners."""
+    """(z, x, y, distance) of eight corners, in pixel coordinates; wrong by at most 6 u norm distance."""
     x = load8(lanes, k) - _F(view.eye_x)
     y = load8(lanes, k + BLOCK) - _F(view.eye_y)
     z = load8(lanes, k + 2 * BLOCK) - _F(view.eye_z)
@@ -146,9 +165,9 @@ def _quick_corner(view, lanes, k):
     )
 
 
-@kernel
+@inlined
 def _quick_pixels(a, b, c, pad, last):
-    """First and last pixel from 0 to `last` within `pad` of the range of a, b, c; and which lanes have any."""
+    """First and last pixel of 0 to `last` within `pad` of the range of a, b, c, and which lanes have any."""
     low = minimum(maximum(minimum(a, minimum(b, c)) - pad, _F(0.0)), last + _F(1.0))
     high = maximum(minimum(maximum(a, maximum(b, c)) + pad, last), _F(-1.0))
     first, final = to_i32(low), to_i32(high)
@@ -156,24 +175,28 @@ def _quick_pixels(a, b, c, pad, last):
     return first, final, (first <= final) & (low <= high)
 
 
-@kernel
+@inlined
 def quick_boxes(view, padding, lanes, k, boxes, nearest):
     """Bound the eight triangles from the k-th of a block.
 
     Writes x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of their depth keys; returns two bit masks: those that may
     cover pixels inside these bounds, and those that `careful_box` must look at. The others cover nothing.
+
+    With q the largest distance / depth, x / z is wrong by at most 9 u q (|row x| + |x / z| norm_z), so inside twice the
+    picture `slope_x` q is enough; corners farther out stay there, since q norm_z <= 1 / _NEAR32.
     """
     za, xa, ya, ra = _quick_corner(view, lanes, k)
     zb, xb, yb, rb = _quick_corner(view, lanes, k + 3 * BLOCK)
     zc, xc, yc, rc = _quick_corner(view, lanes, k + 6 * BLOCK)
-    behind = _F(-(2.0**-20) * view.norm_z)
+    behind = _F(-16.0 * _U32 * view.norm_z)
     away = (za < ra * behind) & (zb < rb * behind) & (zc < rc * behind)
     front = _F(_NEAR32 * view.norm_z)
     near = (za >= ra * front) & (zb >= rb * front) & (zc >= rc * front)
     near &= (minimum(ra, minimum(rb, rc)) > _SMALL) & (maximum(ra, maximum(rb, rc)) < _LARGE)
     ia, ib, ic = _F(1.0) / za, _F(1.0) / zb, _F(1.0) / zc
-    spread = maximum(ra * ia, maximum(rb * ib, rc * ic))
-    pad_x, pad_y = spread * _F(padding.slope_x) + _F(padding.quick_x), spread * _F(padding.slope_y) + _F(padding.quick_y)
+    q = maximum(ra * ia, maximum(rb * ib, rc * ic))
+    pad_x = q * _F(padding.slope_x) + _F(padding.quick_x)
+    pad_y = q * _F(padding.slope_y) + _F(padding.quick_y)
     x0, x1, any_x = _quick_pixels(xa * ia, xb * ib, xc * ic, pad_x, _F(view.width - 1))
     y0, y1, any_y = _quick_pixels(ya * ia, yb * ib, yc * ic, pad_y, _F(view.height - 1))
     store(boxes, k, x0)

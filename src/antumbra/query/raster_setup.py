@@ -193,7 +193,8 @@ def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
     v0 = corner_from(corners, i, 0, (0.0, 0.0, 0.0))
     a = (v0[0] - view.eye_x, v0[1] - view.eye_y, v0[2] - view.eye_z)
     p, q = corner_from(corners, i, 1, v0), corner_from(corners, i, 2, v0)
-    r, s = widest(a), widest(p) + widest(q)
+    r, longest_p, longest_q = widest(a), widest(p), widest(q)
+    s = longest_p if longest_p > longest_q else longest_q
     fx, fy, w, h = np.float64(x0), np.float64(y0), np.float64(x_reach), np.float64(y_reach)
     ha = _relative(pixel_vector(view, a), fx, fy)
     hp = _relative(pixel_vector(view, p), fx, fy)

@@ -177,9 +177,9 @@ class Scene:
             On shapes that do not broadcast, NaN or infinite origins or directions, a zero direction, a negative or
             infinite tmin, or NaN in tmax.
         """
-        from ..queries import occluded
+        from ..queries import ask
 
-        return occluded(self, origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads)
+        return ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads).face >= 0
 
     def closest_hit(
         self,
@@ -202,11 +202,9 @@ class Scene:
             u, v (...) float32, weights of the face's second and third corner. Of faces that are equally near in
             float64, the one with the lowest index.
         """
-        from ..queries import closest_hit
+        from ..queries import ask
 
-        return closest_hit(
-            self, origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads
-        )
+        return ask(self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
 
     def clamped(self, time) -> float:
         """`time` within 0 .. `duration`; InputError unless it is a number."""

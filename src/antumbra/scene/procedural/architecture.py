@@ -103,6 +103,7 @@ def doorway(width: float, half: float, spring: float, height: float, depth: floa
     sill = np.array([(width / 2, -EMBED), (half, -EMBED)])
     lower = np.concatenate([sill * [-1, 1], curve, sill[::-1]])
     x = np.concatenate([[-width / 2, -1.2 * half], curve[:, 0], [1.2 * half, width / 2]])
+    x[[2, -3]] = -1.1 * half, 1.1 * half  # not above the jambs: no flat triangles
     return prism(lower, np.stack([x, np.full(len(x), height)], axis=1), depth, colour)
 
 

@@ -47,7 +47,9 @@ def _side(length: float, style: Style) -> Lines:
     else:
         offsets, inset, pane = [a, step - a], [0, 0], [1, 0]
     along = (np.arange(n)[:, None] * step + offsets).ravel()
-    return Lines(np.append(0.0, along) - length / 2, np.append(0, np.tile(inset, n)), np.append(0, np.tile(pane, n)) > 0)
+    return Lines(
+        np.append(0.0, along) - length / 2, np.append(0, np.tile(inset, n)), np.append(0, np.tile(pane, n)) > 0
+    )
 
 
 def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, np.ndarray]:
@@ -59,7 +61,12 @@ def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, np.ndarray
         y, inset, pane = [sill, head], [0, 0], [1, 0]
     out = [0.0] * len(y)
     if d > 0.0:
-        y, inset, pane, out = [*y, FLOOR - 0.35, FLOOR - 0.3, FLOOR - 0.05], [*inset, 0, 0, 0], [*pane, 0, 0, 0], [*out, 0, d, d]
+        y, inset, pane, out = (
+            [*y, FLOOR - 0.35, FLOOR - 0.3, FLOOR - 0.05],
+            [*inset, 0, 0, 0],
+            [*pane, 0, 0, 0],
+            [*out, 0, d, d],
+        )
     top = floors * FLOOR
     y = (np.arange(floors)[:, None] * FLOOR + y).ravel()
     y = np.concatenate([[-0.2], y, top + parapet * np.array([0.0, 0.12, 0.9, 0.95, 0.2])])
@@ -101,7 +108,13 @@ def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -
     y = (np.arange(floors)[:, None] * FLOOR + [0.3, FLOOR - 0.5, FLOOR - 0.45, FLOOR - 0.02]).ravel()
     r = radius + np.tile([0.0, 0.0, 0.45, 0.45], floors)
     top = floors * FLOOR
-    profile = np.concatenate([[(radius, -0.2)], np.stack([r, y], axis=1), [(0.7 * radius, top + 1.0), (0.7 * radius, top + 2.2), (0.0, top + 3.0)]])
+    profile = np.concatenate(
+        [
+            [(radius, -0.2)],
+            np.stack([r, y], axis=1),
+            [(0.7 * radius, top + 1.0), (0.7 * radius, top + 2.2), (0.0, top + 3.0)],
+        ]
+    )
     mesh = revolve(profile, segments, p.CONCRETE)
     cells = len(y) + 3
     pane = np.zeros((cells, segments, 2), bool)
@@ -118,9 +131,20 @@ def house(width: float, depth: float, floors: int, style: Style, rng, roof=p.TER
     y = np.array([[-depth / 2 - 0.6, -0.3], [0.0, rise], [depth / 2 + 0.6, -0.3]])
     half = (width + 1.0) / 2
     under = y - [0.0, 0.22]
-    sections = np.stack([np.stack([0 * y[:, 0] + x, line[:, 1] + top, line[:, 0]], axis=1) for line in (y, under) for x in (-half, half)])
+    sections = np.stack(
+        [
+            np.stack([0 * y[:, 0] + x, line[:, 1] + top, line[:, 0]], axis=1)
+            for line in (y, under)
+            for x in (-half, half)
+        ]
+    )
     upper, lower = sections[:2], sections[2:]
-    gable = prism([(-depth / 2, top - 0.4), (0, top - 0.4), (depth / 2, top - 0.4)], [(-depth / 2, top - 0.3), (0, top + rise - 0.3), (depth / 2, top - 0.3)], width - 0.3, style.wall)
+    gable = prism(
+        [(-depth / 2, top - 0.4), (0, top - 0.4), (depth / 2, top - 0.4)],
+        [(-depth / 2, top - 0.3), (0, top + rise - 0.3), (depth / 2, top - 0.3)],
+        width - 0.3,
+        style.wall,
+    )
     gable = gable._replace(vertices=gable.vertices[:, [2, 1, 0]] * np.float32([1, 1, -1]))
     stack = box((0.8, 2.2, 0.8), (0.28 * width, top + rise * 0.6 + 0.6, 0.2 * depth), p.BRICK)
     return merge(body, shell(upper, lower, roof), gable, stack)
@@ -131,8 +155,15 @@ def car(colour: int, detail: float) -> Mesh:
     n = steps(2, detail)
     lower = [(-2.1, 0.35), (-1.6, 0.22), (0.0, 0.22), (1.6, 0.22), (2.15, 0.35)]
     upper = [(-2.12, 0.72), (-1.7, 0.93), (0.0, 0.95), (1.1, 0.9), (2.18, 0.68)]
-    cabin = ([(-1.75, 0.9), (-1.2, 0.9), (0.2, 0.9), (1.15, 0.86)], [(-1.72, 0.95), (-1.15, 1.4), (0.15, 1.44), (1.1, 0.92)])
-    meshes = [prism(lower, upper, 1.75, colour), prism(*cabin, 1.45, p.GLASS), box((1.25, 0.05, 1.4), (-0.5, 1.44, 0), colour)]
+    cabin = (
+        [(-1.75, 0.9), (-1.2, 0.9), (0.2, 0.9), (1.15, 0.86)],
+        [(-1.72, 0.95), (-1.15, 1.4), (0.15, 1.44), (1.1, 0.92)],
+    )
+    meshes = [
+        prism(lower, upper, 1.75, colour),
+        prism(*cabin, 1.45, p.GLASS),
+        box((1.25, 0.05, 1.4), (-0.5, 1.44, 0), colour),
+    ]
     rim = revolve([(0.33, -0.1), (0.33, 0.1)], 6 + 2 * n, p.IRON)
     wheel = rim.vertices[:, [0, 2, 1]] * np.float32([1, 1, -1])
     meshes += [rim._replace(vertices=wheel + np.float32([x, 0.32, z])) for x in (-1.35, 1.4) for z in (-0.8, 0.8)]
@@ -143,7 +174,9 @@ def lamp(detail: float) -> Mesh:
     """A street lamp that reaches out along +x."""
     bend = arc((0.9, 5.2), 0.9, 180, 90, steps(3, detail))
     path = np.concatenate([[(0.0, -0.1), (0.0, 2.5)], bend, [(1.5, 6.1)]])
-    pole = tubes(np.insert(path, 2, 0.0, axis=1)[None], np.linspace(0.09, 0.045, len(path)), steps(5, detail, 3), p.IRON)
+    pole = tubes(
+        np.insert(path, 2, 0.0, axis=1)[None], np.linspace(0.09, 0.045, len(path)), steps(5, detail, 3), p.IRON
+    )
     return merge(pole, box((0.7, 0.12, 0.28), (1.7, 6.06, 0), p.IRON))
 
 
@@ -162,8 +195,10 @@ def cooler() -> Mesh:
 
 def antenna() -> Mesh:
     """A mast with cross bars for a roof."""
-    bars = boxes([(0.12, 8.2, 0.12), (1.8, 0.08, 0.08), (0.08, 0.08, 1.4)], [(0, 3.9, 0), (0, 6.6, 0), (0, 5.6, 0)], p.IRON)
-    return merge(bars, box((1.2, 0.6, 1.2), (0, 0.1, 0), p.CONCRETE))
+    bars = boxes(
+        [(0.12, 8.2, 0.12), (1.8, 0.08, 0.08), (0.08, 0.08, 1.4)], [(0, 3.9, 0), (0, 6.6, 0), (0, 5.6, 0)], p.IRON
+    )
+    return merge(bars, box((1.2, 0.6, 1.2), (0, 0.12, 0), p.CONCRETE))
 
 
 def billboard() -> Mesh:

@@ -8,7 +8,7 @@ from . import palette as p
 from .architecture import EMBED, column, doorway, stairs, tiles, vault, voussoirs
 from .parts import Part, assemble, count, fitted, put
 from .props import barrel, bottle, crate, shelf, vase
-from .shapes import Mesh, arc, box, boxes, merge, prism, shell, steps
+from .shapes import Mesh, box, boxes, merge, shell, steps
 
 ROOM, WALL, HEIGHT = 6.0, 0.5, 3.5  # metres from room to room; thickness and height of the walls
 LEVEL = 4.2  # metres from floor to floor
@@ -30,7 +30,9 @@ class _Maze(NamedTuple):
         """(n, 3) float: middles of the floors; the middle of the lowest level is at x = z = 0."""
         _, nx, nz = self.shape
         level, i, j = self.rooms.T
-        return np.stack([(i - (nx - 1) / 2) * ROOM, (level - self.shape[0] // 2) * LEVEL, (j - (nz - 1) / 2) * ROOM], axis=1)
+        return np.stack(
+            [(i - (nx - 1) / 2) * ROOM, (level - self.shape[0] // 2) * LEVEL, (j - (nz - 1) / 2) * ROOM], axis=1
+        )
 
 
 def _maze(n: int, rng) -> _Maze:
@@ -56,26 +58,32 @@ def cellar(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
     maze = _maze(max(4, round(triangles / FULL_ROOM)), np.random.default_rng([seed, 0]))
     each = triangles / len(maze.rooms) / FULL_ROOM
     parts = fitted(lambda d: _structure(maze, d, np.random.default_rng([seed, 1])), round(0.5 * triangles), each**0.5)
-    left = triangles - count(parts)
-    share = float(np.clip(3.0 * each, 0.1, 0.85))  # of the places that are taken
-    parts += fitted(lambda d: _furniture(maze, d, share, np.random.default_rng([seed, 2])), left, each**0.5)
+    parts += _furniture(maze, each**0.5, triangles - count(parts), [seed, 2])
     level, nx, nz = maze.shape
     here = maze.centres()[(level // 2 * nx + (nx - 1) // 2) * nz + nz // 2]
-    camera = {"position": tuple(here + [-2.3, 1.6, 2.3]), "target": tuple(here + [1.1, 1.2, -0.8]), "up": (0.0, 1.0, 0.0), "vfov": 66.0}
+    camera = {
+        "position": tuple(here + [-2.3, 1.6, 2.3]),
+        "target": tuple(here + [1.1, 1.2, -0.8]),
+        "up": (0.0, 1.0, 0.0),
+        "vfov": 66.0,
+    }
     light = {"corner": tuple(here + [-1.2, 1.2, -2.35]), "u": (-1.0, 0.0, 0.7), "v": (0.0, 1.1, 0.0)}
     return assemble(parts), camera, light
 
 
 def _structure(maze: _Maze, d: float, rng) -> list[Part]:
     """Floors, walls with and without doorways, piers, vaults, pillars, stairs."""
-    at, (_, nx, nz), (level, i, j) = maze.centres(), maze.shape, maze.rooms.T
+    at, (_, nx, nz), (_, i, j) = maze.centres(), maze.shape, maze.rooms.T
     hole = np.zeros(len(at), bool)  # rooms into which stairs come up: no floor
     hole[nx * nz :] = maze.stairs[: -nx * nz] if len(at) > nx * nz else False
     half = ROOM / 2
     n = steps(7, d, 2)
     floor = tiles(-half, half, -half, half, n, n, rng, p.SLATE)
     closed = _wall(rng, d)
-    open_, trim = doorway(ROOM - 0.7, DOOR, DOOR_SPRING, HEIGHT, WALL, steps(10, d, 3)), voussoirs(DOOR, 0.2, WALL + 0.08, 9, 1, p.LIMESTONE)
+    open_, trim = (
+        doorway(ROOM - 0.7, DOOR, DOOR_SPRING, HEIGHT, WALL, steps(10, d, 3)),
+        voussoirs(DOOR, 0.2, WALL + 0.08, 9, 1, p.LIMESTONE),
+    )
     parts = [put(floor, at[~hole], rng.integers(0, 4, np.sum(~hole)) * np.pi / 2)]
     faces = (
         (np.ones(len(at), bool), maze.east, (half, 0.0), np.pi / 2),
@@ -94,14 +102,13 @@ def _structure(maze: _Maze, d: float, rng) -> list[Part]:
 
 def _supports(maze: _Maze, d: float, at, hole, rng) -> list[Part]:
     """Vaults, the piers in the corners, pillars in the middle of some rooms, and stairs."""
-    _, nx, nz = maze.shape
-    level, i, j = maze.rooms.T
+    _, i, j = maze.rooms.T
     half, above = ROOM / 2, ~maze.stairs
-    pier = box((0.84, LEVEL - 0.06, 0.84), (0, (LEVEL - 0.06) / 2 - EMBED, 0), p.LIMESTONE)
+    pier = box((0.84, LEVEL - 0.06, 0.84), (0, (LEVEL - 0.06) / 2 - 2 * EMBED, 0), p.LIMESTONE)
     corners = [at + [half, 0, half], at[i == 0] + [-half, 0, half], at[j == 0] + [half, 0, -half]]
     corners.append(at[(i == 0) & (j == 0)] + [-half, 0, -half])
     roof = vault(half - WALL / 2 + 0.03, CROWN, LEVEL - 0.05, steps(8, d, 2), p.BRICK)
-    pillar = column(2.95, 0.24, 10, steps(2.2, d), 0, p.LIMESTONE)
+    pillar = column(2.95, 0.24, 10 if d > 0.3 else 6, round(2.2 * d), 0, p.LIMESTONE)
     round_ = merge(pillar, box((0.8, 0.45, 0.8), (0, 3.1, 0), p.LIMESTONE))
     special = _view_room(maze)
     middle = above & ~hole & ((rng.random(len(at)) < 0.3) | special)
@@ -134,18 +141,39 @@ def _wall(rng, d: float) -> Mesh:
     return shell(front, front * [1, 1, -1], p.SANDSTONE + stone)
 
 
-def _furniture(maze: _Maze, d: float, share: float, rng) -> list[Part]:
-    """Barrels, crates, shelves of bottles and vases along the walls, clear of the doorways."""
+def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[Part]:
+    """Things along the walls: in most places and as fine as `triangles` allow, or of some `detail` in fewer places."""
+
+    def build(d, share):
+        return _things(maze, d, share, np.random.default_rng(seed))
+
+    if count(build(detail, 0.85)) > triangles:
+        return fitted(lambda root: build(detail, min(root * root, 0.85)), triangles, 0.6)
+    return fitted(lambda d: build(d, 0.85), triangles, detail)
+
+
+def _things(maze: _Maze, d: float, share: float, rng) -> list[Part]:
+    """Barrels, crates, shelves of bottles and vases, clear of the doorways, in a `share` of the places there are."""
     at = maze.centres()[~maze.stairs]
     view = _view_room(maze)[~maze.stairs]
-    slots = np.array([(x, z) for x in (-2.15, -1.35, 1.35, 2.15) for z in (-2.15, 2.15)] + [(x, z) for x in (-2.15, 2.15) for z in (-1.35, 1.35)])
+    slots = np.array(
+        [(x, z) for x in (-2.15, -1.35, 1.35, 2.15) for z in (-2.15, 2.15)]
+        + [(x, z) for x in (-2.15, 2.15) for z in (-1.35, 1.35)]
+    )
     spots = at[:, None] + np.insert(slots, 1, 0.0, axis=1)
     keep = rng.random(spots.shape[:2]) < share
     keep &= ~(view[:, None] & (slots[:, 0] < 0) & (np.abs(slots[:, 1]) > 1.0))  # there are the camera and the light
     spots = spots[keep] + rng.uniform(-0.1, 0.1, (np.sum(keep), 3)) * [1, 0, 1]
-    face = np.broadcast_to(np.where(np.abs(slots[:, 1]) > 2.0, np.where(slots[:, 1] > 0, np.pi, 0.0), np.where(slots[:, 0] > 0, -np.pi / 2, np.pi / 2)), keep.shape)[keep]
+    face = np.broadcast_to(
+        np.where(
+            np.abs(slots[:, 1]) > 2.0,
+            np.where(slots[:, 1] > 0, np.pi, 0.0),
+            np.where(slots[:, 0] > 0, -np.pi / 2, np.pi / 2),
+        ),
+        keep.shape,
+    )[keep]
     kinds = rng.choice(4, len(spots), p=[0.36, 0.26, 0.2, 0.18])
-    things = [barrel(0.95, 0.38, d), crate((0.72, 0.66, 0.7), steps(4, d, 2)), _rack(d), merge(*_vases(d))]
+    things = [barrel(0.95, 0.38, d), crate((0.72, 0.66, 0.7), round(4 * d)), _rack(d), merge(*_vases(d))]
     parts = []
     for k, thing in enumerate(things):
         own = spots[kinds == k]
@@ -160,6 +188,8 @@ def _furniture(maze: _Maze, d: float, share: float, rng) -> list[Part]:
 def _rack(d: float) -> Mesh:
     """A shelf with bottles."""
     boards, w, h = 4, 0.78, 1.9
+    if d < 0.3:
+        return shelf(w, h, 0.36, boards)
     y = (np.arange(boards) + 0.3) / boards * h
     x = np.linspace(-0.3, 0.3, steps(4, d**0.5, 2))
     places = np.stack([a.ravel() for a in np.meshgrid(x, y, [-0.05])], axis=1)
@@ -170,4 +200,7 @@ def _rack(d: float) -> Mesh:
 def _vases(d: float) -> list[Mesh]:
     """Two vases side by side."""
     pair = vase(0.85, 0.8 * d), vase(0.6, 0.8 * d, p.CLAY, 0.36, 0.14)
-    return [m._replace(vertices=m.vertices + np.float32(shift)) for m, shift in zip(pair, ((-0.18, 0, 0.1), (0.26, 0, -0.1)))]
+    return [
+        m._replace(vertices=m.vertices + np.float32(shift))
+        for m, shift in zip(pair, ((-0.18, 0, 0.1), (0.26, 0, -0.1)))
+    ]

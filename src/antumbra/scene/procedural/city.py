@@ -21,8 +21,8 @@ from .buildings import (
     tower_cost,
 )
 from .parts import Part, assemble, count, put
-from .plants import bush, tree
-from .shapes import Mesh, arc, block, box, boxes, merge, revolve, steps
+from .plants import BareTree, bare_tree, bush, tree
+from .shapes import Mesh, arc, box, boxes, grid, merge, revolve, steps
 
 PITCH, STREET = 70.0, 15.0  # metres from block to block; width of the streets
 KERB = 0.16
@@ -38,6 +38,7 @@ class _Plan(NamedTuple):
     budget: int  # triangles for each block
     detail: float
     props: list[Mesh]  # cars, then lamp, tank, cooler, antenna, billboard
+    trees: list[BareTree]
 
 
 def _plan(triangles: int) -> _Plan:
@@ -45,7 +46,8 @@ def _plan(triangles: int) -> _Plan:
     budget = triangles // (n * n)
     detail = min(1.0, np.sqrt(budget / FULL_BLOCK))
     props = [car(c, detail) for c in _PAINTS] + [lamp(detail), tank(detail), cooler(), antenna(), billboard()]
-    return _Plan(n, budget, detail, props)
+    trees = [bare_tree(np.random.default_rng(k), 7.5, 0.3 * detail) for k in range(2)]
+    return _Plan(n, budget, detail, props, trees)
 
 
 def city_view(triangles: int) -> tuple[dict, dict]:
@@ -53,7 +55,12 @@ def city_view(triangles: int) -> tuple[dict, dict]:
     n = _plan(triangles).n
     half = n * PITCH / 2.0
     r = min(half, 125.0)
-    camera = {"position": (0.78 * r, 0.82 * r, 0.98 * r), "target": (-0.1 * r, 0.0, -0.06 * r), "up": (0.0, 1.0, 0.0), "vfov": 45.0}
+    camera = {
+        "position": (0.78 * r, 0.82 * r, 0.98 * r),
+        "target": (-0.1 * r, 0.0, -0.06 * r),
+        "up": (0.0, 1.0, 0.0),
+        "vfov": 45.0,
+    }
     middle = max(150.0, 1.8 * half) * np.array([-0.66, 0.62, 0.34])
     u = np.cross([0.0, 1.0, 0.0], middle)
     v = np.cross(middle, u)
@@ -103,12 +110,14 @@ def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> Mesh:
         spots = rng.uniform(-22.0, 22.0, (26, 2))
         spots = spots[np.linalg.norm(spots, axis=1) > 9.0]
     else:
-        parts += _buildings(plan, rng, central, 0.5 * budget)
+        parts += _buildings(plan, rng, central, 0.55 * max(0.0, budget - count(parts)))
         side = np.linspace(-24.0, 24.0, 8)
         edge = np.full(8, PITCH / 2 - STREET / 2 - 1.6)
-        spots = np.concatenate([np.stack(a, axis=1) for a in ((side, edge), (side, -edge), (edge, side), (-edge, side))])
+        spots = np.concatenate(
+            [np.stack(a, axis=1) for a in ((side, edge), (side, -edge), (edge, side), (-edge, side))]
+        )
         spots = spots[rng.random(len(spots)) < 0.6]
-    parts += _trees(rng, spots, budget - count(parts), plan.detail)
+    parts += _trees(plan, rng, spots, budget - count(parts))
     mesh = assemble(parts)
     mesh.vertices[:, ::2] += middle.astype(np.float32)
     return mesh
@@ -119,10 +128,12 @@ def _ground(plan: _Plan, i: int, j: int) -> list[Part]:
     h, q = PITCH / 2, (PITCH - STREET) / 2
     x = np.array([-h, h])
     flat = np.stack(np.broadcast_arrays(x[:, None], 0.0, x), axis=-1)
-    road = block(flat, -1.0, p.ASPHALT)
+    road = grid(flat, p.ASPHALT)
     pavement = box((2 * q, 2 * KERB, 2 * q), (0, 0, 0), p.CONCRETE, 0.05)
     dash = (np.arange(12) + 0.5) * PITCH / 12 - h
-    marks = np.concatenate([np.stack([dash, 0 * dash, 0 * dash + h - 0.2], axis=1), np.stack([0 * dash + h - 0.2, 0 * dash, dash], axis=1)])
+    marks = np.concatenate(
+        [np.stack([dash, 0 * dash, 0 * dash + h - 0.2], axis=1), np.stack([0 * dash + h - 0.2, 0 * dash, dash], axis=1)]
+    )
     marks = marks[np.abs(marks[:, [0, 2]]).min(axis=1) < q]
     sizes = np.where(np.abs(marks[:, :1]) > q, [[0.18, 0.03, 2.2]], [[2.2, 0.03, 0.18]])
     stripe = -STREET / 2 + 2.0 + np.arange(7) * 1.9 + 0.8
@@ -148,7 +159,10 @@ def _street(plan: _Plan, rng) -> list[Part]:
             turns.append(np.full(len(keep), turn + across * np.pi / 2))
     spots, turns = np.concatenate(spots), np.concatenate(turns)
     paint = rng.integers(0, len(_PAINTS), len(spots))
-    parts = [put(plan.props[c], spots[paint == c], turns[paint == c], shade=p.shades(rng, int(np.sum(paint == c))) % 4) for c in range(len(_PAINTS))]
+    parts = [
+        put(plan.props[c], spots[paint == c], turns[paint == c], shade=p.shades(rng, int(np.sum(paint == c))) % 4)
+        for c in range(len(_PAINTS))
+    ]
     if plan.detail > 0.4:
         poles = [(-14, q - 0.6, -np.pi / 2), (14, q - 0.6, -np.pi / 2), (q - 0.6, -14, 0.0), (q - 0.6, 14, 0.0)]
         x, z, turn = np.array(poles).T
@@ -244,28 +258,30 @@ def _park(plan: _Plan, rng) -> list[Part]:
     lawn = box((2 * q, 0.3, 2 * q), (0, 0.1, 0), p.GRASS)
     paths = boxes([(2 * q + 0.6, 0.3, 2.6), (2.6, 0.304, 2 * q + 0.6)], [(0, 0.12, 0), (0, 0.122, 0)], p.TRAVERTINE)
     n = steps(28, plan.detail, 8)
-    rim = revolve(np.concatenate([[(0, 0.0), (6.2, 0.0)], arc((6.0, 0.5), 0.2, 0, 180, 3), [(5.7, 0.4), (0, 0.4)]]), n, p.LIMESTONE)
+    rim = revolve(
+        np.concatenate([[(0, 0.1), (6.2, 0.1)], arc((6.0, 0.5), 0.2, 0, 180, 3), [(5.7, 0.4), (0, 0.4)]]),
+        n,
+        p.LIMESTONE,
+    )
     water = revolve([(0, 0.3), (5.75, 0.3), (5.75, 0.45), (0, 0.45)], n, p.WATER)
-    jet = revolve([(0, 0.2), (0.8, 0.2), (0.5, 0.8), (1.6, 1.1), (0.3, 1.2), (0.25, 2.0), (0.9, 2.2), (0, 2.1)], n, p.MARBLE)
-    hedges = put(bush(rng, 0.8, 0.7 * plan.detail), np.insert(rng.uniform(-q, q, (24, 2)), 1, 0.2, axis=1), scale=rng.uniform(0.6, 1.2, 24))
+    jet = revolve(
+        [(0, 0.2), (0.8, 0.2), (0.5, 0.8), (1.6, 1.1), (0.3, 1.2), (0.25, 2.0), (0.9, 2.2), (0, 2.1)], n, p.MARBLE
+    )
+    k = steps(24, plan.detail)
+    at = np.insert(rng.uniform(-q, q, (k, 2)), 1, 0.2, axis=1)
+    hedges = put(bush(rng, 0.8, 0.7 * plan.detail), at, scale=rng.uniform(0.6, 1.2, k))
     return [put(lawn), put(paths), put(rim), put(water), put(jet), hedges]
 
 
-def _trees(rng, spots: np.ndarray, budget: int, detail: float) -> list[Part]:
+def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[Part]:
     """Trees with as many leaves as bring the block to its budget."""
-    bare = 130 + 100 * detail
+    bare = len(plan.trees[0].wood.faces)
     n = int(np.clip(budget / (bare + 4 * 40), 0, len(spots)))
-    if n == 0:
-        return []
-    spots = spots[:n]
-    kinds = 2 if n > 3 else 1
-    parts = []
-    for k in range(kinds):
-        at = np.insert(spots[k::kinds], 1, KERB, axis=1)
-        one = (budget - count(parts)) // (n - sum(len(q.offset) for q in parts)) if k == kinds - 1 else budget // n
-        sticks = tree(np.random.default_rng(k), 7.5, 1, 1.0, 0.3 * detail)
-        leaves = max(8, (one - len(sticks.faces)) // 4)
-        colour = (p.LEAF, p.PINE)[k]
-        mesh = tree(rng, 7.5, leaves, float(np.clip(12.0 / np.sqrt(leaves), 0.12, 1.6)), 0.3 * detail, colour=colour)
+    parts: list[Part] = []
+    for k, colour in enumerate((p.LEAF, p.PINE) if n > 3 else (p.LEAF,) if n else ()):
+        at = np.insert(spots[k : n : 2 if n > 3 else 1], 1, KERB, axis=1)
+        share = budget / n if k == 0 and n > 3 else (budget - count(parts)) / len(at)
+        leaves = max(8, int(share - bare) // 4)
+        mesh = tree(rng, plan.trees[k], leaves, float(np.clip(12.0 / np.sqrt(leaves), 0.12, 1.6)), colour)
         parts.append(put(mesh, at, rng.uniform(0, 6.3, len(at)), rng.uniform(0.85, 1.3, len(at))))
     return parts

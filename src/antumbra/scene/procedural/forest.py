@@ -4,7 +4,7 @@ import numpy as np
 
 from . import palette as p
 from .parts import Part, assemble, count, put
-from .plants import conifer, fern, grass, tree
+from .plants import bare_tree, conifer, fern, grass, tree
 from .shapes import Mesh, grid, merge, revolve, steps, tubes
 
 SPACING = 4.6  # metres from tree to tree
@@ -34,7 +34,11 @@ class _Ground:
         waves = np.sin(x[..., None] * self.wave[:, 0] + z[..., None] * self.wave[:, 1] + self.phase) @ self.size
         side = np.clip(self.off_path(x, z) / 3.0, 0.0, 1.0)
         bowl = 0.5 * self.half * np.clip(np.hypot(x, z) / self.half - 0.25, 0.0, 1.2) ** 2
-        return waves * (0.35 + 0.65 * side) + 0.35 * side**2 * (3.0 - 2.0 * side) + bowl * np.clip(self.off_path(x, z) / (0.5 * self.half), 0.4, 1.0)
+        return (
+            waves * (0.35 + 0.65 * side)
+            + 0.35 * side**2 * (3.0 - 2.0 * side)
+            + bowl * np.clip(self.off_path(x, z) / (0.5 * self.half), 0.4, 1.0)
+        )
 
     def at(self, xz, sink=0.0) -> np.ndarray:
         return np.stack([xz[:, 0], self.height(xz[:, 0], xz[:, 1]) - sink, xz[:, 1]], axis=1)
@@ -115,11 +119,12 @@ def _kind_of_tree(kind: int, each: float, detail: float, rng) -> Mesh:
         leaves = max(12, int(each / 4) - 10)
         return conifer(rng, 11.0, leaves, detail)
     bark, colour, height = ((p.BARK, p.LEAF, 9.5), (p.BIRCH, p.LIME, 8.0))[kind]
-    while len(tree(np.random.default_rng(0), height, 1, 1.0, detail).faces) > 0.4 * each and detail > 0.1:
+    bare = bare_tree(rng, height, detail, bark)
+    while len(bare.wood.faces) > 0.4 * each and detail > 0.1:
         detail *= 0.8
-    sticks = len(tree(np.random.default_rng(0), height, 1, 1.0, detail).faces)
-    leaves = max(12, int((each - sticks) / 4))
-    return tree(rng, height, leaves, float(np.clip(10.0 / np.sqrt(leaves), 0.1, 1.2)), detail, bark, colour)
+        bare = bare_tree(rng, height, detail, bark)
+    leaves = max(12, int((each - len(bare.wood.faces)) / 4))
+    return tree(rng, bare, leaves, float(np.clip(10.0 / np.sqrt(leaves), 0.1, 1.2)), colour)
 
 
 def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[Part]:
@@ -167,7 +172,7 @@ def _seen(ground: _Ground, n: int, eye, rng, clear: float) -> np.ndarray:
 
 def _undergrowth(ground: _Ground, budget: int, eye, rng) -> list[Part]:
     """Ferns off the path, and grass that uses up the budget."""
-    detail = float(np.clip((budget / 100_000) ** 0.25, 0.5, 2.0))
+    detail = float(np.clip((max(budget, 1) / 100_000) ** 0.25, 0.5, 2.0))
     parts = []
     for _ in range(3):
         mesh = fern(rng, steps(8, detail, 5), steps(12, detail, 5), 0.85)

@@ -4,7 +4,7 @@ import numpy as np
 
 from . import palette as p
 from .architecture import EMBED, doorway, tiles
-from .parts import Part, assemble, count, put
+from .parts import Part, assemble, count, fitted, put
 from .props import bench, vase
 from .sculptures import ammonite, blob, knot, painting, rain, ribbon, twist, vortex
 from .shapes import Mesh, box, boxes, frame_ring, merge, revolve, steps
@@ -17,15 +17,16 @@ FULL_HALL = 110_000  # triangles; museums that are allowed more have more halls
 
 def museum(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
     """Mesh, camera and light of the museum with about `triangles` triangles."""
-    rng = np.random.default_rng([seed, 0])
     halls = max(1, round(triangles / FULL_HALL))
     nx = max(1, round(np.sqrt(halls / 2.0)))
     nz = max(1, round(halls / nx))
     i, j = (a.ravel() for a in np.indices((nx, nz)))
     at = np.stack([(i - nx // 2) * (WIDTH + WALL), 0.0 * i, -j * (DEPTH + WALL)], axis=1)
-    detail = float(np.sqrt(min(1.0, triangles / len(at) / FULL_HALL)))
-    parts = _halls(at, i, j, nx, nz, detail, rng) + _fittings(at, i, j, nx, nz, detail, rng)
-    parts += _exhibits(at, triangles - count(parts), detail, rng)
+    guess = np.sqrt(triangles / len(at) / FULL_HALL)
+    grid = i, j, nx, nz
+    parts = fitted(lambda d: _halls(at, *grid, d, np.random.default_rng([seed, 0])), round(0.22 * triangles), guess)
+    left = triangles - count(parts)
+    parts += fitted(lambda d: _exhibits(at, d * d, np.random.default_rng([seed, 1])), left, np.sqrt(max(left, 1)))
     camera = {"position": (4.9, 1.7, 7.4), "target": (-1.1, 2.05, -4.0), "up": (0.0, 1.0, 0.0), "vfov": 60.0}
     light = {"corner": (-3.1, 4.9, 5.4), "u": (1.9, 0.0, 0.6), "v": (0.0, 1.5, -1.1)}
     return assemble(parts), camera, light
@@ -38,17 +39,26 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
     floor = tiles(-hx - 0.05, hx + 0.05, -hz - 0.05, hz + 0.05, n, m, rng, p.MARBLE, p.SANDSTONE, 0.02, 0.004)
     threshold = box((2.6, 0.2, WALL + 0.1), (0, -0.11, 0), p.OAK)
     slabs = boxes(
-        [(hx - SKY_X + 0.1, 0.5, DEPTH + 0.2)] * 2 + [(2 * SKY_X, 0.498, hz - SKY_Z + 0.1)] * 2,
+        [(hx - SKY_X + 0.1, 0.5, DEPTH + 0.2)] * 2 + [(2 * SKY_X + 0.1, 0.49, hz - SKY_Z + 0.1)] * 2,
         [(s * (SKY_X + (hx - SKY_X + 0.1) / 2), HEIGHT + 0.25, 0) for s in (-1, 1)]
         + [(0, HEIGHT + 0.25, s * (SKY_Z + (hz - SKY_Z + 0.1) / 2)) for s in (-1, 1)],
         p.PLASTER,
     )
     bars = boxes(
-        [(0.07, 0.12, 2 * SKY_Z)] * 5 + [(2 * SKY_X, 0.1, 0.07)] * 7,
-        [(x, HEIGHT + 0.42, 0) for x in np.linspace(-SKY_X, SKY_X, 7)[1:-1]] + [(0, HEIGHT + 0.42, z) for z in np.linspace(-SKY_Z, SKY_Z, 9)[1:-1]],
+        [(0.07, 0.12, 2 * SKY_Z + 0.1)] * 5 + [(2 * SKY_X + 0.1, 0.1, 0.07)] * 7,
+        [(x, HEIGHT + 0.42, 0) for x in np.linspace(-SKY_X, SKY_X, 7)[1:-1]]
+        + [(0, HEIGHT + 0.42, z) for z in np.linspace(-SKY_Z, SKY_Z, 9)[1:-1]],
         p.IRON,
     )
-    cornice = [(-0.02 + 0.05, -0.6), (-0.1, -0.6), (-0.14, -0.45), (-0.3, -0.2), (-0.42, -0.12), (-0.42, 0.02), (0.05, 0.02)]
+    cornice = [
+        (-0.02 + 0.05, -0.6),
+        (-0.1, -0.6),
+        (-0.14, -0.45),
+        (-0.3, -0.2),
+        (-0.42, -0.12),
+        (-0.42, 0.02),
+        (0.05, 0.02),
+    ]
     parts = [
         put(floor, at),
         put(slabs, at),
@@ -57,18 +67,26 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
     ]
     for horizontal in (True, False):
         length = WIDTH if horizontal else DEPTH
-        open_ = doorway(length + WALL - 0.01 * horizontal, 1.25, 2.6, HEIGHT + 0.4, WALL - 0.02, steps(14, d, 4), p.TEAL)
-        closed = box((length + WALL - 0.01 * horizontal, HEIGHT + 0.4, WALL - 0.02), (0, (HEIGHT + 0.4) / 2 - EMBED, 0), p.TEAL)
+        open_ = doorway(
+            length + WALL - 0.01 * horizontal, 1.25, 2.6, HEIGHT + 0.4, WALL - 0.02, steps(14, d, 4), p.TEAL
+        )
+        closed = box(
+            (length + WALL - 0.01 * horizontal, HEIGHT + 0.4, WALL - 0.02), (0, (HEIGHT + 0.4) / 2 - EMBED, 0), p.TEAL
+        )
         shift = np.array([0, 0, (DEPTH + WALL) / 2]) if horizontal else np.array([(WIDTH + WALL) / 2, 0, 0])
         turn = 0.0 if horizontal else np.pi / 2
         inner = (j > 0) if horizontal else (i < nx - 1)  # the wall on this side has a hall behind it
         outer = (j == nz - 1) if horizontal else (i == 0)
-        parts += [put(open_, at[inner] + shift, turn), put(closed, at[~inner] + shift, turn), put(closed, at[outer] - shift, turn)]
+        parts += [
+            put(open_, at[inner] + shift, turn),
+            put(closed, at[~inner] + shift, turn),
+            put(closed, at[outer] - shift, turn),
+        ]
         parts.append(put(threshold, at[inner] + shift, turn))
-    return [part for part in parts if len(part.offset)]
+    return [part for part in parts + _fittings(at, d, rng) if len(part.offset)]
 
 
-def _fittings(at, i, j, nx, nz, d, rng) -> list[Part]:
+def _fittings(at, d, rng) -> list[Part]:
     """Paintings on the walls, benches, and rope posts."""
     n = steps(20, d, 2)
     wide, tall = painting(2.3, 1.6, n, rng), painting(1.4, 1.9, n, rng)
@@ -88,7 +106,7 @@ def _fittings(at, i, j, nx, nz, d, rng) -> list[Part]:
 def _plinth(width: float, height: float, colour=p.PLASTER) -> Mesh:
     return merge(
         box((width, height, width), (0, height / 2 - EMBED, 0), colour, 0.012),
-        box((width + 0.12, 0.1, width + 0.12), (0, 0.05 - EMBED, 0), colour, 0.012),
+        box((width + 0.12, 0.1, width + 0.12), (0, 0.04 - EMBED, 0), colour, 0.012),
     )
 
 
@@ -103,7 +121,7 @@ def _case(treasure: Mesh) -> Mesh:
     return merge(_plinth(w + 0.1, h, p.DARK_WOOD), frame, inside)
 
 
-def _exhibits(at, budget: int, d: float, rng) -> list[Part]:
+def _exhibits(at, budget: float, rng) -> list[Part]:
     """The works, each hall alike in what there is but not in how it stands; a few take most of the triangles."""
     each = budget / len(at)
     shares = np.array([0.2, 0.26, 0.16, 0.12, 0.1, 0.07, 0.05, 0.04]) * each
@@ -119,7 +137,9 @@ def _exhibits(at, budget: int, d: float, rng) -> list[Part]:
     parts = [put(mesh, at + [x, 0.0, z], rng.uniform(0, 6.3, len(at))) for mesh, (x, z) in works]
     first = np.arange(len(at)) % 2 == 0
     pieces = [(rain(shares[0], ceiling=HEIGHT), first), (vortex(shares[0]), ~first)]
-    stand = put(revolve([(1.5, -EMBED), (1.5, 0.22), (1.4, 0.26), (0.0, 0.26)], steps(40, d, 8), p.SLATE), at)
+    stand = put(
+        revolve([(1.5, -EMBED), (1.5, 0.22), (1.4, 0.26), (0.0, 0.26)], steps(12, (each / 1000) ** 0.5, 8), p.SLATE), at
+    )
     for group, chosen in pieces:
         for part in group:
             parts += [part._replace(offset=part.offset + place.astype(np.float32)) for place in at[chosen]]

@@ -95,9 +95,9 @@ def fitted(build: Callable[[float], list[Part]], triangles: int, detail: float) 
         if 0.93 * triangles <= n <= triangles or x < 1e-4:
             break
         if high[0] == np.inf:
-            x *= min(8.0, 0.98 * triangles / n)
+            x *= min(8.0, 0.98 * triangles / max(n, 1))
         elif low[0] == 0.0:
-            x *= max(0.1, 0.96 * triangles / n - 0.02)
+            x *= max(0.1, 0.96 * triangles / max(n, 1) - 0.02)
         else:
             share = (0.97 * triangles - low[1]) / (high[1] - low[1])
             x = low[0] + (high[0] - low[0]) * float(np.clip(share, 0.15, 0.85))

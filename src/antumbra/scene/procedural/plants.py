@@ -1,9 +1,11 @@
 """Leaves, shrubs, palms, trees, ferns and grass. Leaves are thin: open, two-sided surfaces."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from . import palette as p
-from .shapes import Mesh, merge, revolve, steps, tubes
+from .shapes import Mesh, cross, merge, revolve, steps, tubes
 
 UP = np.array([0.0, 1.0, 0.0])
 
@@ -32,8 +34,8 @@ def blades(base, along, facing, length, width, droop, segments: int, ribs=2, col
     colour : one, or (k,)
     """
     along = unit(np.asarray(along, np.float64))
-    side = unit(np.cross(along, facing))
-    normal = np.cross(side, along)
+    side = unit(cross(along, facing))
+    normal = cross(side, along)
     length, width, droop = (
         np.broadcast_to(np.asarray(a, np.float64), len(base))[:, None, None] for a in (length, width, droop)
     )
@@ -125,7 +127,7 @@ def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: 
     angle = np.arange(fronds) * 2.39996 + rng.uniform(-0.2, 0.2, fronds)
     rise = np.linspace(-0.1, 1.2, fronds)
     flat = np.stack([np.cos(angle), np.zeros(fronds), np.sin(angle)], axis=1)
-    s = np.linspace(0.0, 1.0, max(4, leaflets // 3) + 1)[None, :, None]
+    s = np.linspace(0.0, 1.0, max(2, leaflets // 3) + 1)[None, :, None]
     reach = (length * rng.uniform(0.85, 1.1, fronds))[:, None, None]
     climb = np.sin(rise)[:, None, None] * s - (0.35 + 0.35 * np.cos(rise)[:, None, None]) * s**2
     rachis = trunk[-1] + reach * (flat[:, None] * (np.cos(rise)[:, None, None] * s + 0.25 * s**2) + UP * climb)
@@ -135,12 +137,12 @@ def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: 
     part = (at * (rachis.shape[1] - 1) - low)[:, None]
     base = rachis[:, low] * (1 - part) + rachis[:, low + 1] * part
     along = unit(rachis[:, low + 1] - rachis[:, low])
-    across = unit(np.cross(along, UP + 0.0 * along))
+    across = unit(cross(along, UP + 0.0 * along))
     size = length * 0.34 * np.sin(np.pi * (0.15 + 0.8 * at)) + 0.02
     colour = np.repeat(p.LEAF + p.shades(rng, fronds), leaflets)
     for sign in (-1.0, 1.0):
         direction = unit(sign * across + 0.75 * along - 0.25 * UP)
-        facing = np.cross(across, along)
+        facing = cross(across, along)
         meshes.append(
             blades(
                 base.reshape(-1, 3),
@@ -194,8 +196,17 @@ def branches(rng, base, along, length, number: int, n: int):
     return path.reshape(-1, n + 1, 3), direction.reshape(-1, 3)
 
 
-def tree(rng, height: float, leaves: int, size: float, detail: float, bark=p.BARK, colour=p.LEAF) -> Mesh:
-    """A broadleaf tree: trunk, two orders of branches, leaves of 4 triangles around the twigs."""
+class BareTree(NamedTuple):
+    """A tree without its leaves."""
+
+    wood: Mesh
+    twigs: np.ndarray  # (k, 3, 3) paths
+    tips: np.ndarray  # (k, 3) directions of the twigs
+    height: float
+
+
+def bare_tree(rng, height: float, detail: float, bark=p.BARK) -> BareTree:
+    """Trunk and two orders of branches."""
     n = steps(5, detail, 2)
     t = np.linspace(0.0, 1.0, n + 1)
     sway = rng.normal(0.0, 0.035 * height, 2)
@@ -204,30 +215,25 @@ def tree(rng, height: float, leaves: int, size: float, detail: float, bark=p.BAR
     first, way = branches(rng, trunk, UP[None], 0.42 * height, steps(9, detail**0.5, 5), steps(3, detail, 2))
     second, tips = branches(rng, first, way, 0.2 * height, steps(5, detail**0.5, 3), 2)
     thin = np.linspace(1.0, 0.3, first.shape[1])
-    meshes = [
+    wood = merge(
         tubes(trunk, flare, steps(9, detail, 5), bark),
         tubes(first, 0.011 * height * thin, steps(5, detail, 3), bark),
         tubes(second, 0.0045 * height * np.array([1.0, 0.7, 0.3]), 3, bark),
-    ]
-    which = rng.integers(0, len(second), leaves)
-    along = rng.uniform(0.15, 1.0, leaves)[:, None]
-    base = second[which, 0] * (1 - along) + second[which, 2] * along + rng.normal(0.0, 0.022 * height, (leaves, 3))
-    out = unit(tips[which] + 1.2 * sphere_directions(rng, leaves) - 0.2 * UP)
-    shades = np.repeat(p.shades(rng, len(second)), 1)[which]
-    meshes.append(
-        blades(
-            base,
-            out,
-            UP + 0.7 * sphere_directions(rng, leaves),
-            size * rng.uniform(0.7, 1.2, leaves),
-            0.55 * size,
-            0.25,
-            2,
-            3,
-            colour + shades,
-        )
     )
-    return merge(*meshes)
+    return BareTree(wood, second, tips, height)
+
+
+def tree(rng, bare: BareTree, leaves: int, size: float, colour=p.LEAF) -> Mesh:
+    """A broadleaf tree: leaves of 4 triangles around the twigs, each twig in its own shade."""
+    twigs = bare.twigs
+    which = rng.integers(0, len(twigs), leaves)
+    along = rng.uniform(0.15, 1.0, leaves)[:, None]
+    base = twigs[which, 0] * (1 - along) + twigs[which, 2] * along + rng.normal(0.0, 0.022 * bare.height, (leaves, 3))
+    out = unit(bare.tips[which] + 1.2 * sphere_directions(rng, leaves) - 0.2 * UP)
+    shade = p.shades(rng, len(twigs))[which]
+    facing = UP + 0.7 * sphere_directions(rng, leaves)
+    foliage = blades(base, out, facing, size * rng.uniform(0.7, 1.2, leaves), 0.55 * size, 0.25, 2, 3, colour + shade)
+    return merge(bare.wood, foliage)
 
 
 def conifer(rng, height: float, leaves: int, detail: float) -> Mesh:
@@ -264,7 +270,7 @@ def fern(rng, fronds: int, pairs: int, length: float) -> Mesh:
     reach = length * rng.uniform(0.75, 1.1, fronds)[:, None, None]
     base = reach * (flat[:, None] * (0.75 * t + 0.2 * t**2) + UP * (0.85 * t - 0.6 * t**2))
     along = unit(np.gradient(base, axis=1))
-    across = unit(np.cross(flat, UP))[:, None]
+    across = unit(cross(flat, UP))[:, None]
     size = (0.3 * reach * np.sin(np.pi * (0.1 + 0.88 * t)) + 0.01)[..., 0].ravel()
     colour = np.repeat(p.LEAF + p.shades(rng, fronds), pairs)
     stem = blades(
@@ -281,7 +287,7 @@ def fern(rng, fronds: int, pairs: int, length: float) -> Mesh:
     meshes = [stem]
     for sign in (-1.0, 1.0):
         direction = unit(sign * across + 0.45 * along)
-        facing = np.broadcast_to(np.cross(along, across), direction.shape)
+        facing = np.broadcast_to(cross(along, across), direction.shape)
         meshes.append(
             blades(
                 base.reshape(-1, 3),

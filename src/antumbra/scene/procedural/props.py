@@ -32,7 +32,7 @@ def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11
         ]
     )
     profile[:, 1] -= SINK / h
-    body = revolve(profile * h, steps(20, detail, 6), colour)
+    body = revolve(profile * h, steps(20, detail, 5), colour)
     if detail < 0.3:
         return body
     bend = arc((neck - 0.01, 0.78), (0.16, 0.13), -70, 80, steps(6, detail, 3))
@@ -65,7 +65,7 @@ def crate(size, planks: int, colour=p.OAK) -> Mesh:
     if planks < 2:
         return box((w, h + SINK, d), (0, (h - SINK) / 2, 0), colour)
     t = 0.06 * min(size)
-    meshes = [box((w - 2 * t, h - 2 * t, d - 2 * t), (0, h / 2, 0), p.DARK_WOOD)]
+    meshes = [box((w - 1.8 * t, h - 1.8 * t, d - 1.8 * t), (0, h / 2, 0), p.DARK_WOOD)]
     edge, y = (np.arange(planks) + 0.5) / planks, h / planks * 0.94
     for sign in (-1, 1):
         front = np.stack([0 * edge, edge * h, 0 * edge + sign * (d - t) / 2], axis=1)
@@ -81,7 +81,7 @@ def crate(size, planks: int, colour=p.OAK) -> Mesh:
 
 def barrel(height: float, radius: float, detail: float) -> Mesh:
     """A barrel of staves with three iron hoops."""
-    n, segments = steps(6, detail, 2), steps(18, detail, 8)
+    n, segments = steps(6, detail, 2), steps(18, detail, 6)
     y = np.linspace(-1.0, 1.0, n + 1)
     bulge = radius * (1.0 - 0.2 * y * y)
     profile = np.concatenate(

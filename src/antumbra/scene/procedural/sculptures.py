@@ -5,12 +5,12 @@ import numpy as np
 from . import palette as p
 from .parts import Part, assemble, put, tilted, turned
 from .plants import unit
-from .shapes import Mesh, box, block, boxes, capped, frame_ring, loft, merge, revolve
+from .shapes import Mesh, block, box, boxes, capped, frame_ring, loft, merge, revolve
 
 
 def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, int]:
     """Cells (along, around) of a surface of about `triangles`, `aspect` times as many along."""
-    around = max(least, round(np.sqrt(triangles / 2.0 / aspect)))
+    around = max(least, round(np.sqrt(max(triangles, 8.0) / 2.0 / aspect)))
     return max(3 * least, round(triangles / 2.0 / around)), around
 
 
@@ -27,7 +27,9 @@ def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRON
     v = np.cross(ahead, u)
     angle = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
     rib = thick * size * (1.0 + 0.13 * np.cos(5 * angle - 24.0 * t[:, None]))
-    points = path[:, None] + rib[..., None] * (np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None])
+    points = path[:, None] + rib[..., None] * (
+        np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    )
     low = points[..., 1].min()
     return loft(points - [0.0, low, 0.0], colour, closed=True)
 
@@ -38,7 +40,12 @@ def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> Mesh:
     n, k = max(4, k), max(6, n)
     theta = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
     phi = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
-    way = np.stack(np.broadcast_arrays(np.cos(theta)[:, None] * np.cos(phi), np.sin(theta)[:, None], -np.cos(theta)[:, None] * np.sin(phi)), axis=-1)
+    way = np.stack(
+        np.broadcast_arrays(
+            np.cos(theta)[:, None] * np.cos(phi), np.sin(theta)[:, None], -np.cos(theta)[:, None] * np.sin(phi)
+        ),
+        axis=-1,
+    )
     wave = rng.normal(0.0, 2.3, (9, 3))
     scale = 1.0 + 0.11 * np.sin(way @ wave.T + rng.uniform(0, 6.3, 9)).sum(axis=-1)
     points = way * scale[..., None] * size * [0.8, 1.25, 0.8]
@@ -89,7 +96,7 @@ def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> Mesh:
 def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[Part]:
     """Drops of bronze that hang on wires and together make a wave: kinetic art at one moment."""
     nx, nz = (17, 14) if triangles > 12_000 else (11, 9) if triangles > 3000 else (5, 4)
-    each = triangles / (nx * nz) - 12
+    each = max(8.0, triangles / (nx * nz) - 12)
     k = int(np.clip(np.sqrt(each), 4, 200))
     n = max(3, k // 2)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
@@ -98,7 +105,11 @@ def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[Part]:
     x, z = (a.ravel() for a in np.meshgrid(np.linspace(-0.5, 0.5, nx) * width, np.linspace(-0.5, 0.5, nz) * depth))
     y = 3.1 + 0.75 * np.sin(1.5 * x + 0.5 * z) + 0.45 * np.cos(1.7 * z - 0.6 * x)
     drop = revolve(profile * 0.1, k, p.OCHRE)
-    wires = boxes(np.stack([0 * x + 0.012, ceiling - y - 0.08, 0 * x + 0.012], axis=1), np.stack([x, (ceiling + y + 0.08) / 2, z], axis=1), p.IRON)
+    wires = boxes(
+        np.stack([0 * x + 0.012, ceiling - y - 0.08, 0 * x + 0.012], axis=1),
+        np.stack([x, (ceiling + y + 0.08) / 2, z], axis=1),
+        p.IRON,
+    )
     tone = np.digitize(y, [2.6, 3.3]) * 2
     rails = boxes((width + 0.3, 0.05, 0.05), np.stack([0 * z[::nx], 0 * z[::nx] + ceiling, z[::nx]], axis=1), p.IRON)
     beams = boxes((0.1, 0.09, 2 * 4.6), [(s * width / 2, ceiling + 0.06, 0) for s in (-1, 1)], p.IRON)
@@ -112,7 +123,9 @@ def vortex(triangles: float, height=4.6) -> list[Part]:
     angle = 5.0 * np.pi * t
     matrix = turned(angle) @ tilted(0.5 * np.sin(6.0 * np.pi * t))
     size = 0.5 + 1.1 * np.sin(np.pi * t) ** 1.5
-    scale = np.stack([size, np.full(n, 60.0 / n if n > 60 else 1.0), np.full(n, 60.0 / n + 0.3 if n > 60 else 1.0)], axis=1)
+    scale = np.stack(
+        [size, np.full(n, 60.0 / n if n > 60 else 1.0), np.full(n, 60.0 / n + 0.3 if n > 60 else 1.0)], axis=1
+    )
     plate = box((2.0, 0.05, 0.22), (0, 0, 0), p.RED, 0.008)
     at = np.stack([0 * t, 0.5 + (height - 0.8) * t, 0 * t], axis=1).astype(np.float32)
     whirl = Part(plate, at, (matrix * scale[:, None]).astype(np.float32), (np.arange(n) % 3).astype(np.uint8))
@@ -130,5 +143,7 @@ def painting(width: float, height: float, n: int, rng) -> Mesh:
     colour = np.where(top < 0, p.LIMESTONE, colours[top]) + p.shades(rng, n * n).reshape(n, n) % 3
     relief = 0.004 * rng.random((n + 1, n + 1))
     canvas = block(np.stack(np.broadcast_arrays(x[:, None], relief, z), axis=-1), -0.05, colour)
-    edge = frame_ring([(-0.02, -0.06), (0.12, -0.06), (0.12, 0.05), (0.05, 0.08), (-0.02, 0.03)], width / 2, height / 2, p.OCHRE)
+    edge = frame_ring(
+        [(-0.02, -0.06), (0.12, -0.06), (0.12, 0.05), (0.05, 0.08), (-0.02, 0.03)], width / 2, height / 2, p.OCHRE
+    )
     return assemble([put(merge(canvas, edge), tilt=np.pi / 2)])

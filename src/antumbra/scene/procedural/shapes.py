@@ -15,6 +15,11 @@ class Mesh(NamedTuple):
     colour: np.ndarray  # (f,) uint8, row of the palette
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """`np.cross` of (..., 3) arrays, without what that spends on small ones."""
+    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+
+
 def steps(number: float, detail: float, least: int = 1) -> int:
     """A tessellation count that is `number` at detail 1 and grows with it."""
     return max(least, round(number * detail))
@@ -260,9 +265,9 @@ def tubes(paths, radii, sides: int, colour=0) -> Mesh:
     overall = paths[:, -1] - paths[:, 0]
     across = np.where(np.abs(overall[:, 1:2]) > np.linalg.norm(overall, axis=1, keepdims=True) * 0.7, 0, 1)
     reference = np.stack([1.0 - across, across, across * 0.0], axis=-1)
-    u = np.cross(reference, tangent)
+    u = cross(reference, tangent)
     u /= np.linalg.norm(u, axis=-1, keepdims=True)
-    v = np.cross(tangent, u)
+    v = cross(tangent, u)
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[:, None]
     ring = np.cos(angle) * u[:, :, None] + np.sin(angle) * v[:, :, None]
     return lofts(paths[:, :, None] + np.asarray(radii)[..., None, None] * ring, colour)

@@ -1,0 +1,42 @@
+"""Memory of a loaded scene with its BVH, in bytes a triangle: what arrays hold, and what the process grew by.
+
+    python benchmarks/memory.py [SCENE]        (San Miguel from the real scenes by default)
+"""
+
+import gc
+import os
+import sys
+from pathlib import Path
+
+import antumbra as at
+from antumbra.queries import accelerated
+
+
+def resident() -> int:
+    """Resident bytes of this process."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def main() -> None:
+    here = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else here / "sanmiguel_lite" / "scene.glb"
+    warm = at.procedural("atrium", 20_000)
+    warm.occluded((0, 0, 0), (0, 1, 0))
+    del warm
+    gc.collect()
+    before = resident()
+    scene = at.load(path)
+    made = accelerated(scene)
+    gc.collect()
+    grown = resident() - before
+    arrays = {name: a.nbytes for part in made for name, a in part._asdict().items() if name != "links"}
+    n = scene.n_triangles
+    print(f"{path}: {n} triangles")
+    for name, size in arrays.items():
+        print(f"  {name:10} {size / n:7.1f} bytes a triangle")
+    print(f"process grew by {grown / n:.1f} bytes a triangle ({grown / 2**20:.0f} MiB)")
+
+
+if __name__ == "__main__":
+    main()
