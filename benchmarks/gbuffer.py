@@ -45,8 +45,9 @@ def trace(ticket, scene, arguments, rays, face, t):
     first = take(ticket)
     while first >= 0:
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            record[:8], record[8] = rays[i], np.inf
-            whole[9], whole[17], whole[18] = -1, -1, -1
+            for k in range(8):
+                record[k] = rays[i, k]
+            record[8], whole[9], whole[17], whole[18] = np.inf, -1, -1, -1  # tfar, mask; no hit yet
             intersect1(scene, record.ctypes.data, arguments)
             face[i], t[i] = whole[17], record[8]
         first = take(ticket)

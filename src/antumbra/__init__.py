@@ -7,18 +7,22 @@
 (64, 64)
 """
 
-from .errors import InputError
-from .plan import Plan
-from .queries import Visibility, visibility
-from .query.gbuffer import GBuffer
-from .query.rays import Hit
-from .renderer import Frame, Renderer, render
-from .scene.camera import Camera
-from .scene.generated import procedural
-from .scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
-from .scene.load import load
-from .scene.scene import Scene
-from .scene.triangles import Triangles
+import importlib
+import typing
+
+if typing.TYPE_CHECKING:
+    from .errors import InputError
+    from .plan import Plan
+    from .queries import Visibility, visibility
+    from .query.gbuffer import GBuffer
+    from .query.rays import Hit
+    from .renderer import Frame, Renderer, render
+    from .scene.camera import Camera
+    from .scene.generated import procedural
+    from .scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
+    from .scene.load import load
+    from .scene.scene import Scene
+    from .scene.triangles import Triangles
 
 __version__ = "0.1.0"
 
@@ -44,3 +48,34 @@ __all__ = [
     "render",
     "visibility",
 ]
+
+# Names are imported when they are first used: Numba takes longer to import than the command line has for its help.
+_HOMES = {
+    "errors": ["InputError"],
+    "plan": ["Plan"],
+    "queries": ["Visibility", "visibility"],
+    "query.gbuffer": ["GBuffer"],
+    "query.rays": ["Hit"],
+    "renderer": ["Frame", "Renderer", "render"],
+    "scene.camera": ["Camera"],
+    "scene.generated": ["procedural"],
+    "scene.lights": ["DirectionalLight", "DiskLight", "Light", "PointLight", "QuadLight", "SphereLight"],
+    "scene.load": ["load"],
+    "scene.scene": ["Scene"],
+    "scene.triangles": ["Triangles"],
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+
+if not typing.TYPE_CHECKING:  # to a type checker, a name that is not above is an error
+
+    def __getattr__(name):
+        if name not in _HOME:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -2,7 +2,7 @@
 
 Numba notices an edit of a kernel's own file, not of the functions inlined into it from other files. So the cache lives
 in a folder named after the contents of all the package's sources: a changed installation never meets stale machine
-code, and a read-only installation can cache too. Set ``NUMBA_CACHE_DIR`` to choose the folder yourself.
+code, and a read-only installation can cache too. ``NUMBA_CACHE_DIR`` chooses where these folders are.
 """
 
 import hashlib
@@ -28,16 +28,25 @@ def _source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def _choose_cache() -> Path:
-    if not numba.config.CACHE_DIR:
-        numba.config.CACHE_DIR = str(_user_cache() / "antumbra" / _source_digest())
-    return Path(numba.config.CACHE_DIR)
+CACHE_DIR = Path(os.environ.get("NUMBA_CACHE_DIR") or _user_cache() / "antumbra") / _source_digest()
 
 
-CACHE_DIR = _choose_cache()
+def _compiled(**options):
+    """A decorator like numba.njit whose functions are cached in CACHE_DIR; other users of Numba keep their own folder."""
+    decorate = numba.njit(cache=True, nogil=True, error_model="numpy", **options)
 
-kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
+    def wrap(function):
+        kept, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(CACHE_DIR)
+        try:
+            return decorate(function)
+        finally:
+            numba.config.CACHE_DIR = kept
+
+    return wrap
+
+
+kernel = _compiled()
 """Decorator of every compiled function: cached on disk, free of the GIL, IEEE division, no fast-math."""
 
-inlined = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+inlined = _compiled(forceinline=True)
 """The same for small functions on hot paths: LLVM must inline them, whatever it thinks."""

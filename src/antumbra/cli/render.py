@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from . import arguments, report
+from . import arguments, lean, report
 from .activity import Activity
 from .opening import open_scene
 from .options import SCENE_HELP, GBufferBy, Json, Quiet, UpOption
@@ -85,6 +85,7 @@ def render(
     spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
     asked_camera = None if camera is None else arguments.parse_camera(camera)
     asked_lights = [arguments.parse_light(text) for text in light or []]
+    lean.import_numba()
     path = _checked(output, spec, plan, sampler, spp, exposure)
 
     from .. import render as render_frame

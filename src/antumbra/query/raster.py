@@ -58,7 +58,20 @@ def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, coun
     counters = new_raster_counters() if counters is None else counters
     bins = bin_triangles(corners, view, threads)
     tiles, longest = tiles_across(rays.width) * tiles_across(rays.height), int(np.diff(bins.first).max())
-    run(draw_tiles, threads, new_ticket(tiles, 1), bins, longest, corners, rays, view, int(cull_faces), face, t, counters)
+    run(
+        draw_tiles,
+        threads,
+        new_ticket(tiles, 1),
+        bins,
+        longest,
+        corners,
+        rays,
+        view,
+        int(cull_faces),
+        face,
+        t,
+        counters,
+    )
     return face, t
 
 

@@ -19,7 +19,7 @@ _INFINITY = 0x7F800000  # the bits of float32's infinity
 
 
 class Seen(NamedTuple):
-    """The triangles that culling leaves. Only slots named by `Bins.slot` are filled, the others' pages never touched."""
+    """The triangles that culling leaves. Only slots named by `Bins.slot` are filled; other pages stay untouched."""
 
     triangle: np.ndarray  # (n,) int32
     box: np.ndarray  # (n, 4) int16: first and last pixel, x0, y0, x1, y1

@@ -1,8 +1,8 @@
 """Bounds of triangles on the screen: which pixels can one cover?
 
-Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are behind
-the camera, beside the picture, or fall between pixel centres, and end here; so eight at a time are bounded in float32,
-and only the few that come close to the camera's plane or cross it are looked at in float64.
+Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
+behind the camera, beside the picture, or fall between pixel centres, and end here; so eight at a time are bounded in
+float32, and only the few that come close to the camera's plane or cross it are looked at in float64.
 """
 
 from typing import NamedTuple

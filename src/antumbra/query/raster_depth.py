@@ -1,4 +1,4 @@
-"""`filters.hit_t` for many rays from one eye through one triangle: what does not depend on the direction, computed once."""
+"""`filters.hit_t` of many rays from one eye: what does not depend on the direction is computed once a triangle."""
 
 from typing import NamedTuple
 

@@ -17,7 +17,9 @@ wrong by at most 8 u r (`norm_z`, `norm_x`, `norm_y`): three inputs, products an
 A 2 x 2 determinant of two such vectors is then wrong by 36 u norm norm r r. All functions are made of a = v0 - eye,
 p = v1 - v0, q = v2 - v0, so errors shrink with the triangle:
 
-    |error e1|, |error e2| <= K r s    |error (e0 + e1 + e2)| <= K s s    |error det| <= V r s s    r = |a|, s = |p|, |q|
+    |error e1|, |error e2| <= K r s    |error (e0 + e1 + e2)| <= K s s    |error det| <= V r s s
+
+with r the largest component of a, s of p and q.
 """
 
 from fractions import Fraction
@@ -42,7 +44,7 @@ _HUGE = 1e30  # less than float32 overflows at, with room for sums
 
 
 class View(NamedTuple):
-    """A camera in pixel coordinates: float64 numbers, and no arrays, whose reference counts threads would fight over."""
+    """A camera in pixel coordinates: float64 numbers; no arrays, whose reference counts threads would fight over."""
 
     eye_x: float
     eye_y: float
@@ -85,7 +87,7 @@ def make_view(rays) -> View:
 
 
 def _inverse(*columns):
-    """Inverse of the matrix of three columns ((3, 3) float64), each entry correctly rounded; sign of the determinant."""
+    """Inverse of the matrix of three columns, (3, 3) float64, correctly rounded; and the sign of its determinant."""
     c, r, d = ([Fraction(float(x)) for x in column] for column in columns)
     rows = [_cross(r, d), _cross(d, c), _cross(c, r)]
     det = sum(x * y for x, y in zip(c, rows[0]))
@@ -107,7 +109,7 @@ def _direction_error(rays) -> np.ndarray:
 class EdgeFunctions(NamedTuple):
     """Three edge functions and the depth key over the pixels (i, j) from an origin: value = c + a i + b j, all float32.
 
-    Each edge function is divided by the bound of its error: above 1 the pixel is surely inside, below -1 surely outside.
+    Each edge function is divided by the bound of its error: above 1 a pixel is surely inside, below -1 surely outside.
     The depth key is 1 / t, wrong by at most ``key_error``.
     """
 

@@ -1,9 +1,9 @@
-"""Tiles of the screen: edge functions and depth keys of eight pixels at a time, the exact predicate where they cannot say.
+"""Drawing into tiles: edge functions and depth keys, eight pixels at a time; the exact predicate where they cannot say.
 
 A tile keeps, for each pixel, its face and an interval that surely holds the face's depth key 1 / t. A triangle wins a
-pixel at once where it surely covers it and its interval lies above the pixel's; it loses at once where it surely misses
-or its interval lies below. The rest goes to `filters.meets` and `filters.hit_t`, as every pixel does in the contract; so
-the order of drawing does not matter, and is front to back, which lets most hidden triangles end at a glance.
+pixel at once where it surely covers it and its interval lies above the pixel's; it loses at once where it surely
+misses or its interval lies below. The rest goes to `filters.meets` and `filters.hit_t`, as every pixel does in the
+contract; so the order of drawing does not matter. It is front to back: most hidden triangles then end at a glance.
 """
 
 from typing import NamedTuple
@@ -40,8 +40,8 @@ from .raster_depth import NO_PLANE, eye_plane, plane_t
 from .raster_setup import STRIDE, TILE, edge_functions, turned
 
 RASTER_COUNTERS = ("listed", "drawn", "pixels", "uncertain", "ties")
-"""What drawing counts: (tile, triangle) pairs; those not hidden at a glance; pixels inside the bounds of these; of those,
-the ones whose coverage float32 leaves to the predicate, and those covered where it only cannot tell which face is nearer.
+"""What drawing counts: (tile, triangle) pairs; those not hidden at a glance; the pixels inside the bounds of these; of
+these pixels, how many float32 could not tell to be covered, and how many were, but by which face was too close to call.
 """
 _LISTED, _DRAWN, _PIXELS, _UNCERTAIN, _TIES = range(len(RASTER_COUNTERS))
 
@@ -70,7 +70,7 @@ def _clear(tile):
 
 @inlined
 def _hidden(tile, at, columns, rows, nearest):
-    """Whether each of the `columns` x `rows` pixels from pixel `at` has a face surely in front of depth key `nearest`."""
+    """Whether all `columns` x `rows` pixels from pixel `at` have a face surely in front of depth key `nearest`."""
     for _ in range(rows):
         for x in range(0, columns, 8):
             if any_lane((load8(tile.low, at + x) <= nearest) & (iota8() < columns - x)):
@@ -106,7 +106,7 @@ def _set_ranges(tile, f, y, columns, rows):
 
 @kernel
 def _cover(tile, i, columns, rows, at, f):
-    """Draw triangle i into the `columns` x `rows` pixels from pixel `at`; the number of pixels left in `tile.unsure`."""
+    """Draw triangle i into the `columns` x `rows` pixels from pixel `at`; how many of them it left in `tile.unsure`."""
     lanes, n = to_f32(iota8()), 0
     for y in range(rows):
         if y & 7 == 0:
@@ -142,7 +142,7 @@ def _cover(tile, i, columns, rows, at, f):
 
 @kernel
 def _settle(tile, n, x0, y0, corners, rays, i):
-    """Let the contract decide the n pixels that triangle i left unsure in the tile at (x0, y0); how many it surely covers."""
+    """Let the contract decide the n pixels that triangle i left unsure; how many of them it surely covers."""
     p, o, ties = ptr(corners), rays.origin, 0
     mine, other = eye_plane(p, i, o), NO_PLANE
     for u in range(n):

@@ -98,7 +98,7 @@ def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) ->
 
 
 def doorway(width: float, half: float, spring: float, height: float, depth: float, n: int, colour=p.SANDSTONE) -> Mesh:
-    """A wall along x, `width` by `height`, with a doorway 2 x `half` wide under a round arch that springs at `spring`."""
+    """A wall along x, `width` by `height`, with a doorway 2 `half` wide under a round arch that springs at `spring`."""
     curve = arc((0.0, spring), half, 180, 0, n)
     sill = np.array([(width / 2, -EMBED), (half, -EMBED)])
     lower = np.concatenate([sill * [-1, 1], curve, sill[::-1]])

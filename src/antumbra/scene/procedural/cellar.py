@@ -62,8 +62,8 @@ def cellar(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
     level, nx, nz = maze.shape
     here = maze.centres()[(level // 2 * nx + (nx - 1) // 2) * nz + nz // 2]
     camera = {
-        "position": tuple(here + [-2.3, 1.6, 2.3]),
-        "target": tuple(here + [1.1, 1.2, -0.8]),
+        "position": tuple(here + [-1.9, 1.6, 2.4]),
+        "target": tuple(here + [1.4, 1.2, -0.55]),
         "up": (0.0, 1.0, 0.0),
         "vfov": 66.0,
     }
@@ -142,13 +142,14 @@ def _wall(rng, d: float) -> Mesh:
 
 
 def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[Part]:
-    """Things along the walls: in most places and as fine as `triangles` allow, or of some `detail` in fewer places."""
+    """Things along the walls: in most places and as fine as `triangles` allow, or coarse and in fewer places."""
 
     def build(d, share):
         return _things(maze, d, share, np.random.default_rng(seed))
 
-    if count(build(detail, 0.85)) > triangles:
-        return fitted(lambda root: build(detail, min(root * root, 0.85)), triangles, 0.6)
+    coarse = min(detail, 0.45)
+    if count(build(coarse, 0.85)) > triangles:
+        return fitted(lambda root: build(coarse, min(root * root, 0.85)), triangles, 0.6)
     return fitted(lambda d: build(d, 0.85), triangles, detail)
 
 
@@ -163,7 +164,7 @@ def _things(maze: _Maze, d: float, share: float, rng) -> list[Part]:
     spots = at[:, None] + np.insert(slots, 1, 0.0, axis=1)
     keep = rng.random(spots.shape[:2]) < share
     keep &= ~(view[:, None] & (slots[:, 0] < 0) & (np.abs(slots[:, 1]) > 1.0))  # there are the camera and the light
-    spots = spots[keep] + rng.uniform(-0.1, 0.1, (np.sum(keep), 3)) * [1, 0, 1]
+    spots = spots[keep] + rng.uniform(-0.03, 0.03, (np.sum(keep), 3)) * [1, 0, 1]
     face = np.broadcast_to(
         np.where(
             np.abs(slots[:, 1]) > 2.0,
@@ -173,14 +174,14 @@ def _things(maze: _Maze, d: float, share: float, rng) -> list[Part]:
         keep.shape,
     )[keep]
     kinds = rng.choice(4, len(spots), p=[0.36, 0.26, 0.2, 0.18])
-    things = [barrel(0.95, 0.38, d), crate((0.72, 0.66, 0.7), round(4 * d)), _rack(d), merge(*_vases(d))]
+    things = [barrel(0.95, 0.36, d), crate((0.68, 0.66, 0.66), round(4 * d)), _rack(d), merge(*_vases(d))]
     parts = []
     for k, thing in enumerate(things):
         own = spots[kinds == k]
-        turn = face[kinds == k] + (rng.uniform(-0.25, 0.25, len(own)) if k != 2 else 0.0)
-        parts.append(put(thing, own, turn, shade=0))
+        turn = face[kinds == k] + (rng.uniform(-0.06, 0.06, len(own)) if k != 2 else 0.0)
+        parts.append(put(thing, own, turn, rng.uniform(0.92, 1.0, len(own))))
     heaped = spots[kinds == 1]
-    heaped = heaped[rng.random(len(heaped)) < 0.5] + [0, 0.65, 0]
+    heaped = heaped[rng.random(len(heaped)) < 0.5] + [0, 0.585, 0]
     parts.append(put(things[1], heaped, rng.uniform(0, 6.3, len(heaped)), rng.uniform(0.6, 0.8, len(heaped))))
     return parts
 

@@ -57,7 +57,7 @@ def city_view(triangles: int) -> tuple[dict, dict]:
     r = min(half, 125.0)
     camera = {
         "position": (0.78 * r, 0.82 * r, 0.98 * r),
-        "target": (-0.1 * r, 0.0, -0.06 * r),
+        "target": (-0.1 * r, 0.0, 0.03 * r),
         "up": (0.0, 1.0, 0.0),
         "vfov": 45.0,
     }
@@ -110,7 +110,7 @@ def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> Mesh:
         spots = rng.uniform(-22.0, 22.0, (26, 2))
         spots = spots[np.linalg.norm(spots, axis=1) > 9.0]
     else:
-        parts += _buildings(plan, rng, central, 0.55 * max(0.0, budget - count(parts)))
+        parts += _buildings(plan, rng, central, 0.5 * max(0.0, budget - count(parts)))
         side = np.linspace(-24.0, 24.0, 8)
         edge = np.full(8, PITCH / 2 - STREET / 2 - 1.6)
         spots = np.concatenate(
@@ -269,7 +269,7 @@ def _park(plan: _Plan, rng) -> list[Part]:
     )
     k = steps(24, plan.detail)
     at = np.insert(rng.uniform(-q, q, (k, 2)), 1, 0.2, axis=1)
-    hedges = put(bush(rng, 0.8, 0.7 * plan.detail), at, scale=rng.uniform(0.6, 1.2, k))
+    hedges = put(bush(rng, 0.8, 0.25 * plan.detail), at, scale=rng.uniform(0.6, 1.2, k))
     return [put(lawn), put(paths), put(rim), put(water), put(jet), hedges]
 
 

@@ -44,7 +44,7 @@ def architecture(d: float, rng) -> list[Part]:
     """Everything that is built; below a detail of `COARSE` without what makes it rich."""
     corners, _ = around(BAY)
     middles, facing = around(BAY, corners=False)
-    box_height = LEVEL - 0.3 - SPRING
+    box_height = LEVEL - 0.27 - SPRING
     pier = box((PIER, box_height, PIER), (0, box_height / 2, 0), p.SANDSTONE)
     shaft = column(SPRING - STEP, 0.31, 12 if d > COARSE else 5, round(3.4 * d), 8 if d > 0.45 else 0)
     parts = [
@@ -68,7 +68,10 @@ def _upper_storey(d: float) -> list[Part]:
         shaft = box((0.3, UPPER_SPRING - high + 0.06, 0.3), (0, (UPPER_SPRING - high) / 2, 0), p.MARBLE)
     parts = [
         put(shaft, at_height(places, high)),
-        put(box((0.56, high - LEVEL, 0.56), (0, (high - LEVEL) / 2, 0), p.LIMESTONE), at_height(places, LEVEL - EMBED)),
+        put(
+            box((0.56, high - LEVEL + EMBED, 0.56), (0, (high - LEVEL + EMBED) / 2, 0), p.LIMESTONE),
+            at_height(places, LEVEL - EMBED),
+        ),
     ]
     if d <= COARSE:
         lintel = [(-0.21, 0.0), (0.21, 0.0), (0.21, 1.2), (-0.21, 1.2)]
@@ -113,7 +116,7 @@ def _mouldings(d: float) -> list[Part]:
     n = steps(4, d)
     cornice = np.concatenate(
         [
-            [(0.6, -0.4), (-0.36, -0.4), (-0.36, -0.3)],
+            [(0.6, -0.4), (-0.37, -0.4), (-0.37, -0.3)],
             arc((-0.56, -0.3), (0.2, 0.14), 0, 90, n)[1:],
             [(-0.62, -0.14), (-0.62, 0.0), (0.6, 0.0)],
         ]
@@ -122,11 +125,11 @@ def _mouldings(d: float) -> list[Part]:
     rail = [(-0.14, 0.0), (0.14, 0.0), (0.17, 0.06), (0.14, 0.13), (-0.14, 0.13), (-0.17, 0.06)]
     roof = [(-0.62, 0.0), (GALLERY + 0.9, 1.9), (GALLERY + 0.9, 1.75), (-0.55, -0.1)]
     ceiling = [(0.2, -0.12), (GALLERY + 0.1, -0.12), (GALLERY + 0.1, -0.02), (0.2, -0.02)]
-    low_rail = [(-0.12, 0.0), (0.12, 0.0), (0.12, 0.14), (-0.12, 0.14)]
+    low_rail = [(-0.12, 0.0), (0.12, 0.0), (0.12, 0.15), (-0.12, 0.15)]
     rows = [
         (cornice, LEVEL, p.LIMESTONE),
         (slab, LEVEL, p.OAK),
-        (low_rail, LEVEL - EMBED, p.LIMESTONE),
+        (low_rail, LEVEL - 2 * EMBED, p.LIMESTONE),
         (rail, LEVEL + 0.72, p.LIMESTONE),
         (cornice * [0.8, 0.7], EAVES, p.LIMESTONE),
         (ceiling, EAVES, p.OAK),
@@ -163,9 +166,9 @@ def _galleries(d: float, rng) -> list[Part]:
     outside, looking = around(BAY, HALF_X + GALLERY, HALF_Z + GALLERY)
     course = min(0.8, max(0.12, 0.65 / d**0.5)) if d > COARSE else 3.2
     long, wide = 2 * (HALF_Z + GALLERY), 2 * (HALF_X + GALLERY)
-    wall = put(ashlar(long + 0.1, EAVES, 0.4, course, rng), [(0, 0, 0)]).mesh
+    wall = put(ashlar(long + 0.1, EAVES - EMBED, 0.4, course, rng), [(0, 0, 0)]).mesh
     end = ashlar(wide + 0.7, EAVES, 0.4, course, rng)
-    sides = [(-wide / 2, 0, 0), (wide / 2, 0, 0)]
+    sides = [(-wide / 2, EMBED / 2, 0), (wide / 2, EMBED / 2, 0)]
     parts = [
         put(wall, sides, [np.pi / 2, -np.pi / 2]),
         put(end, [(0, 0, -long / 2), (0, 0, long / 2)], [0.0, np.pi]),

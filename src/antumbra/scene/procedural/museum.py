@@ -66,13 +66,9 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
         put(frame_ring(cornice, hx, hz, p.PLASTER), at + [0, HEIGHT, 0]),
     ]
     for horizontal in (True, False):
-        length = WIDTH if horizontal else DEPTH
-        open_ = doorway(
-            length + WALL - 0.01 * horizontal, 1.25, 2.6, HEIGHT + 0.4, WALL - 0.02, steps(14, d, 4), p.TEAL
-        )
-        closed = box(
-            (length + WALL - 0.01 * horizontal, HEIGHT + 0.4, WALL - 0.02), (0, (HEIGHT + 0.4) / 2 - EMBED, 0), p.TEAL
-        )
+        length, high = (WIDTH if horizontal else DEPTH) + 0.1, HEIGHT + 0.4
+        open_ = doorway(length, 1.25, 2.6, high, WALL - 0.02, steps(14, d, 4), p.TEAL)
+        closed = box((length, high, WALL - 0.02), (0, high / 2 - EMBED, 0), p.TEAL)
         shift = np.array([0, 0, (DEPTH + WALL) / 2]) if horizontal else np.array([(WIDTH + WALL) / 2, 0, 0])
         turn = 0.0 if horizontal else np.pi / 2
         inner = (j > 0) if horizontal else (i < nx - 1)  # the wall on this side has a hall behind it
@@ -87,7 +83,7 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
 
 
 def _fittings(at, d, rng) -> list[Part]:
-    """Paintings on the walls, benches, and rope posts."""
+    """Paintings on the walls, and benches."""
     n = steps(20, d, 2)
     wide, tall = painting(2.3, 1.6, n, rng), painting(1.4, 1.9, n, rng)
     parts = []

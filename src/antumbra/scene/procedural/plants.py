@@ -149,7 +149,7 @@ def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: 
                 direction.reshape(-1, 3),
                 facing.reshape(-1, 3),
                 np.tile(size, fronds),
-                0.045 * length,
+                0.045 * min(1.0, 12.0 / leaflets) * length,
                 0.25,
                 3,
                 2,

@@ -68,9 +68,9 @@ def crate(size, planks: int, colour=p.OAK) -> Mesh:
     meshes = [box((w - 1.8 * t, h - 1.8 * t, d - 1.8 * t), (0, h / 2, 0), p.DARK_WOOD)]
     edge, y = (np.arange(planks) + 0.5) / planks, h / planks * 0.94
     for sign in (-1, 1):
-        front = np.stack([0 * edge, edge * h, 0 * edge + sign * (d - t) / 2], axis=1)
+        front = np.stack([0 * edge, edge * h - SINK, 0 * edge + sign * (d - t) / 2], axis=1)
         meshes.append(boxes((w - t, y, t), front, colour + np.arange(planks) % 4))
-        side = np.stack([0 * edge + sign * (w - t) / 2, edge * h, 0 * edge], axis=1)
+        side = np.stack([0 * edge + sign * (w - t) / 2, edge * h - SINK, 0 * edge], axis=1)
         meshes.append(boxes((t * 0.98, y, d - 2.04 * t), side, colour + np.arange(planks) % 3))
         meshes.append(box((1.1 * t, h + SINK, 1.1 * t), (sign * (w / 2), (h - SINK) / 2, d / 2), p.DARK_WOOD))
         meshes.append(box((1.1 * t, h + SINK, 1.1 * t), (sign * (w / 2), (h - SINK) / 2, -d / 2), p.DARK_WOOD))

@@ -143,7 +143,7 @@ def loft(sections, colour=0, closed=False) -> Mesh:
 def capped(rings, low, high, colour=0) -> Mesh:
     """The solid through (n, k, 3) loops, closed by fans around the points `low` and `high` ((3,)).
 
-    Seen from `high` the loops turn counter-clockwise. colour: one, or (n - 1, k) for the cells, then k + k for the fans.
+    Seen from `high` the loops turn counter-clockwise. colour: one, or (n - 1) k of the cells and 2 k of the fans.
     """
     rings = np.asarray(rings, np.float32)
     n, k = rings.shape[:2]
