@@ -1,6 +1,6 @@
 """Memory of a loaded scene with its BVH, in bytes a triangle: what arrays hold, and what the process grew by.
 
-    python benchmarks/memory.py [SCENE]        (San Miguel from the real scenes by default)
+python benchmarks/memory.py [SCENE]        (San Miguel from the real scenes by default)
 """
 
 import gc

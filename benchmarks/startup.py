@@ -1,6 +1,6 @@
 """Start-up and whole-command times: `import antumbra`, and `antumbra render` of the default scene with cached kernels.
 
-    python benchmarks/startup.py [--rounds N] [--json FILE]
+python benchmarks/startup.py [--rounds N] [--json FILE]
 """
 
 import argparse

@@ -24,7 +24,7 @@ def unpack(bits, spp):
 
 
 def true_occlusion(triangles, query):
-    """(h, w, spp) bool: what the bits of a query must be, by brute force; and which of them are rays that were asked."""
+    """(h, w, spp) bool: what the bits of a query must be, by brute force; and which of them are rays asked."""
     ends, above = segments(query)
     asked = np.broadcast_to((query.sides != 0)[..., None], above.shape)
     truth = asked & ~above

@@ -79,7 +79,7 @@ def _pairs(vertices, origins, directions):
 
 
 def _interval(vertices, origins, directions, ray, tri, tmin, tmax):
-    """For pairs whose line surely meets: +1 surely inside (tmin, tmax), -1 surely outside, 0 unsure; and t in float64."""
+    """For pairs whose line surely meets: +1 surely inside (tmin, tmax), -1 surely outside, 0 unsure."""
     v = vertices[tri].astype(np.float64)
     o, d = origins[ray].astype(np.float64), directions[ray].astype(np.float64)
     n = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])

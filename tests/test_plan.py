@@ -19,5 +19,5 @@ def test_order_does_not_matter():
 
 @pytest.mark.parametrize("text", ["", "+", "bsah+", "bsah+singel", "bsah", "single", "bsah+single+single", "auto"])
 def test_what_is_not_a_plan_is_refused_with_the_valid_names(text):
-    with pytest.raises(InputError, match="builders: .*bsah.*tracers: .*single"):
+    with pytest.raises(InputError, match=r"builders: .*bsah.*tracers: .*single"):
         parse_plan(text)

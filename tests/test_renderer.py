@@ -62,7 +62,9 @@ def test_nothing_seen_is_zero_bits_full_visibility_and_black():
 
 
 def test_the_gbuffer_says_where_surfaces_are():
-    scene = at.Scene.from_arrays(np.array([[-9.0, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    scene = at.Scene.from_arrays(
+        np.array([[-9.0, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9]]), np.array([[0, 1, 2], [0, 2, 3]])
+    )
     frame = at.render(scene, at.Camera((0, 4, 0.5), (0, 0, 0), width=9, height=7), at.PointLight((0, 3, 0)))
     g = frame.gbuffer
     assert (g.face >= 0).all()

@@ -60,9 +60,7 @@ def f32_inputs():
 
 def i32_inputs():
     """Every pair of hard int32, then random ones, and shift counts."""
-    hard = np.array(
-        [0, 1, -1, 2, -2, 3, 46341, -46341, 65535, 2**30, _I32.max, _I32.max - 1, _I32.min], np.int32
-    )
+    hard = np.array([0, 1, -1, 2, -2, 3, 46341, -46341, 65535, 2**30, _I32.max, _I32.max - 1, _I32.min], np.int32)
     rng = np.random.default_rng(8)
     a, b = _all_pairs(hard, 512)
     a[176:], b[176:] = rng.integers(_I32.min, _I32.max, (2, 336), np.int32, endpoint=True)
@@ -80,9 +78,7 @@ def in_range_reals():
 def mask_inputs(lanes):
     """Pairs of words of `lanes` bits: none, all, each single one, random."""
     rng = np.random.default_rng(10)
-    words = np.array(
-        [0, 2**lanes - 1, *(1 << k for k in range(lanes)), *rng.integers(0, 2**lanes, 12)], np.int64
-    )
+    words = np.array([0, 2**lanes - 1, *(1 << k for k in range(lanes)), *rng.integers(0, 2**lanes, 12)], np.int64)
     return _all_pairs(words, words.size**2)
 
 

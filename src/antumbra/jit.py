@@ -32,7 +32,7 @@ CACHE_DIR = Path(os.environ.get("NUMBA_CACHE_DIR") or _user_cache() / "antumbra"
 
 
 def _compiled(**options):
-    """A decorator like numba.njit whose functions are cached in CACHE_DIR; other users of Numba keep their own folder."""
+    """A decorator like numba.njit that caches in CACHE_DIR; other users of Numba keep their own folder."""
     decorate = numba.njit(cache=True, nogil=True, error_model="numpy", **options)
 
     def wrap(function):

@@ -81,9 +81,7 @@ class _Job:
     def __init__(self, worker, ticket, args, n_threads):
         self.worker, self.ticket, self.args, self.n_threads = worker, ticket, args, n_threads
         self.begun: list[None] = []  # one None per thread that has begun; appending to a list is atomic
-        self.outcomes: list[
-            BaseException | None
-        ] = []  # one per thread that has finished: None, or its exception
+        self.outcomes: list[BaseException | None] = []  # one per thread that has finished: None, or its exception
         self.wake: queue.SimpleQueue[None] = (
             queue.SimpleQueue()
         )  # something arrives here when the last thread has finished

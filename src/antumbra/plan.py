@@ -13,9 +13,9 @@ CULLERS: dict = {}
 class Plan(NamedTuple):
     """Names from the registries CULLERS (or None), BUILDERS and TRACERS; written ``cull+build+trace``."""
 
-    cull: str | None = None
-    build: str = "bsah"
-    trace: str = "single"
+    cull: str | None = None  # how triangles are removed before building; None: not at all
+    build: str = "bsah"  # how the BVH is built
+    trace: str = "single"  # how rays are traced
 
     def __str__(self) -> str:
         return "+".join(part for part in self if part)
@@ -36,9 +36,7 @@ def parse_plan(plan: "str | Plan") -> Plan:
         if kind is None:
             raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {_valid()}")
         if kind in found:
-            raise InputError(
-                f"plan {str(plan)!r} names two {kind}s, {found[kind]!r} and {part!r}; {_valid()}"
-            )
+            raise InputError(f"plan {str(plan)!r} names two {kind}s, {found[kind]!r} and {part!r}; {_valid()}")
         found[kind] = part
     for kind in ("builder", "tracer"):
         if kind not in found:

@@ -1,6 +1,6 @@
 """Questions that are not pictures: ray arrays, and points that ask which lights they see."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,14 +38,12 @@ def trace_list(scene, rays: RayList, any_hit: bool, time, threads) -> HitArrays:
     """Trace checked rays through a scene."""
     m = len(rays.origins)
     n = 0 if any_hit else m
-    out = HitArrays(
-        np.empty(m, np.int32), np.full(n, np.inf), np.zeros(n, np.float32), np.zeros(n, np.float32)
-    )
+    out = HitArrays(np.empty(m, np.int32), np.full(n, np.inf), np.zeros(n, np.float32), np.zeros(n, np.float32))
     trace_rays(accelerated(scene, time, threads).bvh, rays, any_hit, out, threads)
     return out
 
 
-def ask(scene, any_hit: bool, rays: tuple, time, cull_faces, threads) -> Hit:
+def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_faces, threads) -> Hit:
     """Any or nearest hits of rays; `rays`: the first five arguments of `Scene.occluded`. Any hit: only `face`."""
     checked, shape = ray_list(*rays, cull_faces, scene.origin)
     thread_count(threads)
@@ -125,7 +123,5 @@ def _unit_normals(normals, shape) -> np.ndarray:
         raise InputError(f"normals {normals.shape} do not broadcast to the points {shape}") from None
     length = np.sqrt((normals * normals).sum(1, keepdims=True))
     if not (np.isfinite(length) & (length > 0)).all():
-        raise InputError(
-            "normals hold zero, NaN or infinite vectors; leave normals out for points in free space"
-        )
+        raise InputError("normals hold zero, NaN or infinite vectors; leave normals out for points in free space")
     return np.ascontiguousarray(normals / length)

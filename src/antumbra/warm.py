@@ -32,9 +32,7 @@ def _once(name: str, work: Callable[[], None], say: Callable[[str], None]) -> No
             marker.parent.mkdir(parents=True, exist_ok=True)
             marker.touch()
         except OSError:
-            say(
-                f"antumbra: {CACHE_DIR} cannot be written, so kernels are compiled each time; set NUMBA_CACHE_DIR"
-            )
+            say(f"antumbra: {CACHE_DIR} cannot be written, so kernels are compiled each time; set NUMBA_CACHE_DIR")
 
 
 @cache

@@ -66,9 +66,7 @@ def test_both_answers_and_every_stage_occur():
     out, truth = _check(o, l, corners)
     assert {-1, 0, 1} <= set(truth)
     assert (out[:, FAST32] == MISS).any() and (out[:, FAST32] == UNSURE).any()
-    assert (out[:, FAST64] == UNSURE).any() and (out[:, FAST64] == UNSURE).sum() < (
-        out[:, FAST32] == UNSURE
-    ).sum()
+    assert (out[:, FAST64] == UNSURE).any() and (out[:, FAST64] == UNSURE).sum() < (out[:, FAST32] == UNSURE).sum()
 
 
 def test_float32_decides_nearly_everything():

@@ -39,9 +39,7 @@ compiled = numba.njit(nogil=True, error_model="numpy")
 
 @intrinsic
 def _address(typingctx, pointer):
-    return types.int64(pointer), lambda context, builder, sig, values: builder.ptrtoint(
-        values[0], ir.IntType(64)
-    )
+    return types.int64(pointer), lambda context, builder, sig, values: builder.ptrtoint(values[0], ir.IntType(64))
 
 
 @pytest.mark.parametrize("lanes", [4, 8, 16])

@@ -1,10 +1,10 @@
 """An independent check: Embree with its robust flag. Every difference is reported, and the oracle says who is right."""
 
 import numpy as np
-import oracle
 import pytest
 
 import antumbra as at
+import oracle
 
 pytest.importorskip("embreex", reason="embreex is not installed: pip install 'antumbra[peers]'")
 

@@ -75,9 +75,7 @@ def test_every_light_shape(plan, name):
 @pytest.mark.parametrize("spp", [1, 3, 64, 65, 200])
 @pytest.mark.parametrize("plan", PLANS, ids=str)
 def test_every_number_of_samples(plan, spp):
-    triangles, query = query_of(
-        _soup(9), at.Camera((0, 2, 9), (0, -0.5, 0), width=12, height=9), LIGHTS["quad"], spp
-    )
+    triangles, query = query_of(_soup(9), at.Camera((0, 2, 9), (0, -0.5, 0), width=12, height=9), LIGHTS["quad"], spp)
     truth, asked = true_occlusion(triangles, query)
     assert truth[asked].any() and not truth[asked].all()
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
@@ -97,9 +95,7 @@ def test_scales(plan, scale):
 
 @pytest.mark.parametrize("plan", PLANS, ids=str)
 def test_threads_and_tiles_do_not_matter(plan):
-    triangles, query = query_of(
-        _soup(13), at.Camera((0, 2, 9), (0, -0.5, 0), width=45, height=37), LIGHTS["quad"], 4
-    )
+    triangles, query = query_of(_soup(13), at.Camera((0, 2, 9), (0, -0.5, 0), width=45, height=37), LIGHTS["quad"], 4)
     one = answer(plan, triangles, query, threads=1)
     np.testing.assert_array_equal(answer(plan, triangles, query, threads=3), one)
 
@@ -111,9 +107,7 @@ def test_an_offset_of_a_map_grid_changes_no_bit(plan):
     images = []
     for offset in (np.zeros(3), np.array([5e6, 120.0, 4.5e5])):
         scene = at.Scene.from_arrays(soup + offset)
-        camera = at.Camera(
-            np.array([0, 2.0, 9]) + offset, np.array([0, -0.5, 0]) + offset, width=40, height=30
-        )
+        camera = at.Camera(np.array([0, 2.0, 9]) + offset, np.array([0, -0.5, 0]) + offset, width=40, height=30)
         light = at.QuadLight(np.array([-1.0, 6, -1]) + offset, (2, 0, 0), (0, 0, 2))
         images.append(at.render(scene, camera, light, spp=16, plan=plan).bits[0])
     np.testing.assert_array_equal(images[0], images[1])

@@ -41,9 +41,7 @@ def test_any_hit_and_closest_hit_equal_the_oracle(soup, seed):
     other = hit.face != face
     if other.any():  # equally far, as far as float64 can say: shared edges, duplicates
         for i in np.nonzero(other)[0]:
-            there = oracle.meets_exactly(
-                local[i], directions[i], triangles.vertices[hit.face[i]], tmin, tmax
-            )[1]
+            there = oracle.meets_exactly(local[i], directions[i], triangles.vertices[hit.face[i]], tmin, tmax)[1]
             assert abs(float(there) - t[i]) <= 1e-12 * t[i]
 
 
@@ -55,9 +53,7 @@ def test_shapes_and_values():
     scene = _wall()
     origins = np.zeros((2, 4, 3)) + (0.25, 0.5, 2.0)
     hit = scene.closest_hit(origins, (0, 0, -4.0))
-    assert (
-        hit.t.shape == hit.face.shape == (2, 4) and hit.t.dtype == np.float64 and hit.face.dtype == np.int32
-    )
+    assert hit.t.shape == hit.face.shape == (2, 4) and hit.t.dtype == np.float64 and hit.face.dtype == np.int32
     np.testing.assert_array_equal(hit.face, 0)
     np.testing.assert_allclose(hit.t, 0.5)
     np.testing.assert_allclose(hit.u, 1.25 / 4)
@@ -105,9 +101,7 @@ def test_dlpack_and_other_dtypes():
 
 def test_map_grid_origins_are_recentred_before_rounding():
     offset = np.array([5e6, 0, 4e5])
-    scene = at.Scene.from_arrays(
-        np.array([[-1.0, -1, 0], [3, -1, 0], [-1, 3, 0]]) + offset, np.array([[0, 1, 2]])
-    )
+    scene = at.Scene.from_arrays(np.array([[-1.0, -1, 0], [3, -1, 0], [-1, 3, 0]]) + offset, np.array([[0, 1, 2]]))
     inside = np.array([0.9999, 0.9999, 1e-3]) + offset
     assert scene.occluded(inside, (0, 0, -1.0)) and not scene.occluded(inside + (1e-3, 1e-3, 0), (0, 0, -1.0))
 

@@ -16,9 +16,7 @@ def _icosphere(levels, rng):
                   (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11),
                   (6, 2, 10), (8, 6, 7), (9, 8, 1)])  # fmt: skip
     for _ in range(levels):
-        edges, inverse = np.unique(
-            np.sort(f[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), 1), axis=0, return_inverse=True
-        )
+        edges, inverse = np.unique(np.sort(f[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), 1), axis=0, return_inverse=True)
         mid = (inverse.reshape(-1, 3) + len(v)).astype(int)
         v = np.concatenate([v, v[edges].mean(1)])
         v /= np.linalg.norm(v, axis=1, keepdims=True)
@@ -67,9 +65,7 @@ def test_without_an_offset_surfaces_would_shadow_themselves_and_with_it_none_doe
     v /= np.linalg.norm(v, axis=1, keepdims=True)
     scene = at.Scene.from_arrays(v * 3.7 + (11.3, -7.1, 5.9), f)
     light = at.PointLight((30.0, 25.0, 40.0))
-    frame = at.render(
-        scene, at.Camera((20, -2, 17), (11.3, -7.1, 5.9), width=256, height=256), [light], spp=1
-    )
+    frame = at.render(scene, at.Camera((20, -2, 17), (11.3, -7.1, 5.9), width=256, height=256), [light], spp=1)
     g = frame.gbuffer
     seen = g.face >= 0
     world = g.position[seen] + g.origin

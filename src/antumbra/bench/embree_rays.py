@@ -1,4 +1,4 @@
-"""Ray arrays through Embree, one `rtcOccluded1` or `rtcIntersect1` a ray, in compiled loops on any number of threads."""
+"""Ray arrays through Embree, one `rtcOccluded1` or `rtcIntersect1` a ray, in compiled loops on all threads."""
 
 import ctypes
 from functools import cache

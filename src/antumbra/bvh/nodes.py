@@ -9,9 +9,7 @@ from ..simd import ptr
 
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
-EMPTY = np.int32(
-    -2147483648
-)  # link of a child that is not there (only under the root of a scene of 0 or 1 triangles)
+EMPTY = np.int32(-2147483648)  # link of a child that is not there (only under the root of a scene of 0 or 1 triangles)
 
 
 class Bvh(NamedTuple):

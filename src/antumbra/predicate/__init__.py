@@ -1,1 +1,1 @@
-"""The exact segment-triangle test: real-arithmetic truth, float32 and float64 filters. See ``docs/design/exactness.md``."""
+"""The exact segment-triangle test: truth in real arithmetic, float32 and float64 filters (docs/design/exactness.md)."""

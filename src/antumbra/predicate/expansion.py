@@ -9,9 +9,7 @@ import numpy as np
 
 from ..jit import kernel
 
-CAPACITY = (
-    1024  # components: two determinants of 6 products of 3 two-part factors and a scale need at most 768
-)
+CAPACITY = 1024  # components: two determinants of 6 products of 3 two-part factors and a scale need at most 768
 _SPLITTER = np.float64(134217729.0)  # 2**27 + 1
 
 

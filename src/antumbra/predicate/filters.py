@@ -5,13 +5,13 @@ One body serves both precisions. With u the unit roundoff (2**-24 or 2**-53), a 
     r = d x a    e2 = p . r    e1 = -q . r    n = p x q    D = d . n    e0 = D - e1 - e2    T = a . n
 
 Every component of d, a, p, q is one rounded difference (relative error u). A product of three of them inside a sum of
-six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 + u), and the six products sum to at most
-2 |d|_1 |a|_inf |p|_inf, so to first order
+six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 + u), and the six products sum to at
+most 2 |d|_1 |a|_inf |p|_inf, so to first order
 
     |error e1|, |error e2| <= 16 u |d|_1 m s      |error D| <= 16 u |d|_1 s s      |error T| <= 16 u |a|_1 s s
 
-with m = |a|_inf and s the largest component of p and q. e0 adds three such errors and two roundings (at most
-10 u |d|_1 s max(m, s)), so 60 u |d|_1 s max(m, s) bounds the error of each e. ``_FACTOR`` = 20 leaves room for the second
+with m = |a|_inf and s the largest component of p and q. e0 adds three such errors and two roundings (at most 10 u
+|d|_1 s max(m, s)), so 60 u |d|_1 s max(m, s) bounds the error of each e. ``_FACTOR`` = 20 leaves room for the second
 order, for the rounding of the bounds themselves and of the comparisons with tmin and tmax. An absolute term covers
 underflow. Where a product could overflow the bound is infinite, so that the answer is UNSURE; no NaN ever decides.
 """

@@ -18,9 +18,7 @@ class GBuffer(NamedTuple):
     normal: np.ndarray  # (H, W, 3) float32, geometric, unit length, towards the camera
     face: np.ndarray  # (H, W) int32, index of the face in the scene
     depth: np.ndarray  # (H, W) float32, world units along the view axis
-    side: (
-        np.ndarray
-    )  # (H, W) int8: 1 where the triangle's own normal points to the camera, -1 where away, 0: nothing
+    side: np.ndarray  # (H, W) int8: 1 where the triangle's own normal points to the camera, -1 where away, 0: nothing
     origin: np.ndarray  # (3,) float64, world position of the frame's zero
 
 

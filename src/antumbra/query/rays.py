@@ -43,9 +43,7 @@ def as_array(value, what: str) -> np.ndarray:
         try:
             value = np.from_dlpack(value)
         except (BufferError, RuntimeError, TypeError) as error:
-            raise InputError(
-                f"{what} cannot be read through DLPack ({error}); copy it to host memory first"
-            ) from None
+            raise InputError(f"{what} cannot be read through DLPack ({error}); copy it to host memory first") from None
     try:
         array = np.asarray(value)
     except ValueError:
@@ -55,9 +53,7 @@ def as_array(value, what: str) -> np.ndarray:
     return array
 
 
-def ray_list(
-    origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin
-) -> tuple[RayList, tuple[int, ...]]:
+def ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin) -> tuple[RayList, tuple[int, ...]]:
     """Check and convert the arguments of `Scene.occluded` and `Scene.closest_hit`: (RayList, leading shape).
 
     Float64 world coordinates are recentred (minus ``frame_origin``) before they are rounded to float32.
@@ -78,9 +74,7 @@ def ray_list(
     if skip.dtype.kind == "f":
         raise InputError(f"skip_face must hold integers, not {skip.dtype}")
     try:
-        shape = np.broadcast_shapes(
-            origins.shape[:-1], directions.shape[:-1], tmin.shape, tmax.shape, skip.shape
-        )
+        shape = np.broadcast_shapes(origins.shape[:-1], directions.shape[:-1], tmin.shape, tmax.shape, skip.shape)
     except ValueError:
         raise InputError(
             f"shapes do not broadcast: origins {origins.shape}, directions {directions.shape}, "
@@ -119,9 +113,7 @@ def _check(rays: RayList) -> None:
     if not np.isfinite(rays.origins).all():
         raise InputError(f"origins hold NaN or infinity (ray {_first(~np.isfinite(rays.origins).all(1))})")
     if not np.isfinite(rays.directions).all():
-        raise InputError(
-            f"directions hold NaN or infinity (ray {_first(~np.isfinite(rays.directions).all(1))})"
-        )
+        raise InputError(f"directions hold NaN or infinity (ray {_first(~np.isfinite(rays.directions).all(1))})")
     zero = ~rays.directions.any(1)
     if zero.any():
         raise InputError(f"direction of ray {_first(zero)} is zero; give every ray a direction")

@@ -1,10 +1,10 @@
 """Receivers: surface points moved off their surface, once, before any method sees them.
 
-Self-intersection is settled here. A receiver is shifted along its geometric normal, towards the side that is seen, by a
-few units in the last place of its coordinates: an amount derived from the float32 error of the position itself and of
-its triangle's corners, never a scene constant. If that does not bring it strictly to the seen side of its own triangle's
-plane, in exact arithmetic, the shift doubles until it does. From there its own triangle cannot meet a segment to a
-light sample above the same plane, and a sample that is not above is occluded by the surface itself.
+Self-intersection is settled here. A receiver is shifted along its geometric normal, towards the side that is seen, by
+a few units in the last place of its coordinates: an amount derived from the float32 error of the position itself and
+of its triangle's corners, never a scene constant. If that does not bring it strictly to the seen side of its own
+triangle's plane, in exact arithmetic, the shift doubles until it does. From there its own triangle cannot meet a
+segment to a light sample above the same plane, and a sample that is not above is occluded by the surface itself.
 """
 
 import numpy as np
@@ -15,9 +15,7 @@ from ..predicate.filters import plane_side
 
 NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point without a surface
 
-_SHIFT = np.float64(
-    2.0**-21
-)  # eight units of float32 roundoff: rounding of position and normal, and of neighbours
+_SHIFT = np.float64(2.0**-21)  # eight units of float32 roundoff: rounding of position and normal, and of neighbours
 _MAX_DOUBLINGS = 60  # a triangle without area has no side; it is never seen, but the loop must end
 
 
@@ -58,9 +56,7 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
                 continue
             nx, ny, nz = np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2])
             shift = _SHIFT * max(max(abs(x), abs(y), abs(z)), _magnitude(corners, face))
-            origins[i, 0], origins[i, 1], origins[i, 2] = moved_off(
-                x, y, z, nx, ny, nz, side, corners, face, shift
-            )
+            origins[i, 0], origins[i, 1], origins[i, 2] = moved_off(x, y, z, nx, ny, nz, side, corners, face, shift)
         first = take(ticket)
 
 

@@ -41,9 +41,7 @@ def _tangent_disk(cx, cy, cz, radius, x, y, z):
         nx, ny, nz = nx / distance, ny / distance, nz / distance
     else:
         nx, ny, nz = 0.0, 0.0, 1.0
-    if (
-        distance > radius
-    ):  # the circle of tangency lies before the centre and is smaller than the great circle
+    if distance > radius:  # the circle of tangency lies before the centre and is smaller than the great circle
         shift = radius * radius / distance
         cx, cy, cz = cx + shift * nx, cy + shift * ny, cz + shift * nz
         radius *= np.sqrt(1.0 - (radius / distance) ** 2)

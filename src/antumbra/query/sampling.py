@@ -22,7 +22,7 @@ def hammersley(n: int) -> np.ndarray:
 
 
 def larcher_pillichshammer(n: int) -> np.ndarray:
-    """(n, 2) float64: i / n and the Larcher-Pillichshammer radical inverse [Kollig and Keller 2002]; n a power of two."""
+    """(n, 2) float64: i / n and the Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n a power of two."""
     i = np.arange(n, dtype=np.uint64)
     rows = [0]
     for k in range(32):  # v ^= 2**31 >> ... of Kollig and Keller's listing: v | v >> 1

@@ -23,12 +23,8 @@ class ShadowQuery(NamedTuple):
 
     origins: np.ndarray  # (h, w, 3) float32, receivers moved off their surface, recentred frame
     faces: np.ndarray  # (h, w) int32, the receiver's own triangle, -1 if it has none
-    sides: (
-        np.ndarray
-    )  # (h, w) int8: +-1 the side of its surface it sees, FREE without surface, NOTHING: no receiver
-    normals: (
-        np.ndarray
-    )  # (h, w, 3) float64 towards the seen side where faces == -1; (0, 0, 3) if never needed
+    sides: np.ndarray  # (h, w) int8: +-1 the side of its surface it sees, FREE without surface, NOTHING: no receiver
+    normals: np.ndarray  # (h, w, 3) float64 towards the seen side where faces == -1; (0, 0, 3) if never needed
     corners: np.ndarray  # (n, 9) float32, triangles that `faces` counts in
     light: LightPatch
     samples: np.ndarray  # (16, spp, 2) float64, (a, b) in the light's domain

@@ -43,7 +43,7 @@ class Light:
     """Where (a, b) live: "square" [0, 1]^2, "disk" of radius 1, or "point" (0, 0)."""
 
     def patch(self, origin, reach: float) -> LightPatch:
-        """The light in the frame whose zero is at world position `origin`; `reach` exceeds any distance in the scene."""
+        """The light in the frame whose zero is at world position `origin`; no distance in the scene reaches `reach`."""
         raise NotImplementedError
 
     def area(self) -> float:
@@ -58,9 +58,7 @@ class Light:
 
 
 def _fixed(base, u=(0, 0, 0), v=(0, 0, 0), origin=(0, 0, 0)) -> LightPatch:
-    return LightPatch(
-        FIXED, base - np.asarray(origin, np.float64), np.asarray(u, float), np.asarray(v, float), 0.0
-    )
+    return LightPatch(FIXED, base - np.asarray(origin, np.float64), np.asarray(u, float), np.asarray(v, float), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +89,7 @@ class QuadLight(Light):
             object.__setattr__(self, name, vector(getattr(self, name), f"QuadLight {name}"))
         self._check()
         if not self.area() > 0.0:
-            raise InputError(
-                "QuadLight has no area (u and v are parallel or zero); use PointLight for a point"
-            )
+            raise InputError("QuadLight has no area (u and v are parallel or zero); use PointLight for a point")
 
     def area(self):
         return float(np.linalg.norm(np.cross(self.u, self.v)))

@@ -85,9 +85,7 @@ def store(typingctx, a, i, v):
     """Write the lanes of `v` to elements i, i + 1, ... of `a`; any alignment."""
     _check("store", a, i, writes=True)
     if not isinstance(v, Vector) or v.element != a.dtype:
-        reject(
-            "store", a, i, v, cure="the value must be a vector of the array's own element type, f32 or i32"
-        )
+        reject("store", a, i, v, cure="the value must be a vector of the array's own element type, f32 or i32")
 
     def codegen(context, builder, sig, values):
         pointer = _address(context, builder, sig, values)
@@ -170,9 +168,7 @@ def _make_stack(name, element):
         def codegen(context, builder, sig, values):
             # Not cgutils.alloca_once: that clears the memory on every entry to the function.
             with builder.goto_entry_block():
-                memory = builder.alloca(
-                    ir.ArrayType(context.get_data_type(element), n.literal_value), name=name
-                )
+                memory = builder.alloca(ir.ArrayType(context.get_data_type(element), n.literal_value), name=name)
             memory.align = _STACK_ALIGNMENT
             return builder.bitcast(memory, context.get_data_type(element).as_pointer())
 

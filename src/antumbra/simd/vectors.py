@@ -90,9 +90,7 @@ def repeat(builder, value, lanes):
 def as_vectors(context, builder, vector, arg_types, values):
     """The values as `vector`s; scalars are converted to its element type and repeated."""
     return [
-        value
-        if arg == vector
-        else repeat(builder, context.cast(builder, value, arg, vector.element), vector.lanes)
+        value if arg == vector else repeat(builder, context.cast(builder, value, arg, vector.element), vector.lanes)
         for arg, value in zip(arg_types, values)
     ]
 

@@ -30,7 +30,7 @@ def _primary_tiles(ticket, bvh, rays, face, t):
 
 
 def trace_primary(bvh, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
-    """(face, t) of the pixel-centre rays of a `CameraRays`: (H, W) int32, -1 on a miss; (H, W) float64, inf on a miss."""
+    """(face, t) of the pixel-centre rays: (H, W) int32, -1 on a miss; (H, W) float64, inf on a miss."""
     face, t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
     tiles = -(-rays.width // _TILE) * -(-rays.height // _TILE)
     run(_primary_tiles, thread_count(threads), new_ticket(tiles, 1), bvh, rays, face, t)

@@ -39,7 +39,7 @@ _FAR = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-30) and th
 
 
 class BoxRay(NamedTuple):
-    """A ray prepared for slab tests: (plane - from) * inverse, with `from` per lane (L.lower R.lower L.upper R.upper)."""
+    """A ray prepared for slab tests: (plane - from) * inverse, `from` per lane (L.lower R.lower L.upper R.upper)."""
 
     x: object  # f32x4
     y: object
@@ -101,7 +101,7 @@ def box_ray(nodes, ray):
 
 @kernel
 def settle(ray, corners, slot, counters):
-    """What float32 could not decide: does the ray meet the triangle? Float64, then exact arithmetic. Kept out of line."""
+    """What float32 could not decide: does the ray meet the triangle? Float64, then exact arithmetic; out of line."""
     count(counters, UNCERTAIN, 1)
     side = verdict(volumes64(ray, corners, slot), ray.tmin, ray.tmax)
     if side == UNSURE:

@@ -12,11 +12,9 @@ from .city import city, city_blocks, city_view
 from .forest import forest
 from .museum import museum
 from .palette import PALETTE
+from .request import LEAST, MOST, checked
 
 __all__ = ["LEAST", "MOST", "PROCEDURAL", "ProceduralScene", "Recipe", "city_blocks", "city_view", "generate"]
-
-LEAST, MOST = 1_000, 400_000_000
-"""How many triangles may be asked for."""
 
 
 class ProceduralScene(NamedTuple):
@@ -69,22 +67,11 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
     if name not in PROCEDURAL:
         raise InputError(f"there is no procedural scene {name!r}; choose one of {', '.join(PROCEDURAL)}")
     recipe = PROCEDURAL[name]
-    triangles = _whole(recipe.default_triangles if triangles is None else triangles, "triangles", LEAST, MOST, name)
-    mesh, camera, light = recipe.function(triangles, _whole(seed, "seed", 0, 2**63 - 1, name))
+    triangles, seed = checked(name, recipe.default_triangles if triangles is None else triangles, seed)
+    mesh, camera, light = recipe.function(triangles, seed)
     camera = {key: _plain(value) for key, value in camera.items()}
     light = {key: _plain(value) for key, value in light.items()}
     return ProceduralScene(mesh.vertices, mesh.faces, mesh.colour, PALETTE, camera, light)
-
-
-def _whole(value, what: str, least: int, most: int, name: str) -> int:
-    try:
-        number = int(value)
-        fits = number == value and least <= number <= most
-    except (TypeError, ValueError, OverflowError):
-        fits = False
-    if not fits:
-        raise InputError(f"procedural scene {name}: {what} is {value!r}; give a whole number from {least} to {most}")
-    return number
 
 
 def _plain(value):

@@ -22,7 +22,7 @@ def atrium(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
         )
 
     greenery = 0.06 + 0.1 * min(1.0, triangles / 1e6)
-    parts = fitted(build, round((1.0 - greenery) * triangles), np.sqrt(triangles / 370_000))
+    parts = fitted(build, round((1.0 - greenery) * triangles), np.sqrt(triangles / 370_000), near=0.87)
     parts.append(_hanging_plants(np.random.default_rng([seed, 2]), (triangles - count(parts)) // 4))
     return assemble(parts), CAMERA, LIGHT
 

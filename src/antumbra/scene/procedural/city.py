@@ -22,6 +22,7 @@ from .buildings import (
 )
 from .parts import Part, assemble, count, put
 from .plants import BareTree, bare_tree, bush, tree
+from .request import checked
 from .shapes import Mesh, arc, box, boxes, grid, merge, revolve, steps
 
 PITCH, STREET = 70.0, 15.0  # metres from block to block; width of the streets
@@ -80,11 +81,19 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
     colour : (f,) uint8
         Rows of `palette.PALETTE`.
 
+    Raises
+    ------
+    InputError
+        On a number of triangles or a seed out of range.
+
     Notes
     -----
-    A piece depends on the arguments and its place only, and none needs another: memory stays that of one block. The
-    camera and the light are those of `city_view`.
+    Memory stays that of one block. The camera and the light are those of `city_view`.
     """
+    return _pieces(*checked("city", triangles, seed))
+
+
+def _pieces(triangles: int, seed: int) -> Iterator[Mesh]:
     plan = _plan(triangles)
     done = 0
     for k in range(plan.n * plan.n):
@@ -97,14 +106,14 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
 
 def city(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
     """Mesh, camera and light of the city with about `triangles` triangles."""
-    return merge(*city_blocks(triangles, seed)), *city_view(triangles)
+    return merge(*_pieces(triangles, seed)), *city_view(triangles)
 
 
 def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> Mesh:
     """A block with the streets on two of its sides, in its place, of about `budget` triangles."""
     middle = (np.array([i, j]) - (plan.n - 1) / 2.0) * PITCH
     central = np.exp(-((np.linalg.norm(middle) / (0.45 * plan.n * PITCH)) ** 2))
-    parts = _ground(plan, i, j) + _street(plan, rng)
+    parts = _ground(plan) + _street(plan, rng)
     if rng.random() < 0.08 or i == j == (plan.n - 1) // 2:
         parts += _park(plan, rng)
         spots = rng.uniform(-22.0, 22.0, (26, 2))
@@ -123,7 +132,7 @@ def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> Mesh:
     return mesh
 
 
-def _ground(plan: _Plan, i: int, j: int) -> list[Part]:
+def _ground(plan: _Plan) -> list[Part]:
     """Asphalt, the pavement with its kerb, and markings."""
     h, q = PITCH / 2, (PITCH - STREET) / 2
     x = np.array([-h, h])
@@ -137,7 +146,8 @@ def _ground(plan: _Plan, i: int, j: int) -> list[Part]:
     marks = marks[np.abs(marks[:, [0, 2]]).min(axis=1) < q]
     sizes = np.where(np.abs(marks[:, :1]) > q, [[0.18, 0.03, 2.2]], [[2.2, 0.03, 0.18]])
     stripe = -STREET / 2 + 2.0 + np.arange(7) * 1.9 + 0.8
-    zebra = np.stack([0 * stripe + q - 3.0, 0 * stripe, stripe + h], axis=1)
+    stripe = np.where(stripe > 0.0, stripe - PITCH, stripe) + h  # all on this block's own ground
+    zebra = np.stack([0 * stripe + q - 3.0, 0 * stripe, stripe], axis=1)
     lines = boxes(np.concatenate([sizes, np.tile([[2.8, 0.03, 0.7]], (7, 1))]), np.concatenate([marks, zebra]), p.WHITE)
     return [put(road), put(pavement)] + ([put(lines)] if plan.detail > 0.4 else [])
 
@@ -154,7 +164,7 @@ def _street(plan: _Plan, rng) -> list[Part]:
     for lane, turn in lanes:
         for across in (0, 1):
             keep = along[rng.random(n) < 0.55] + rng.uniform(-0.8, 0.8)
-            fixed = np.full(len(keep), lane if lane < PITCH - q else lane - PITCH)
+            fixed = np.full(len(keep), lane if lane < PITCH / 2 else lane - PITCH)
             spots.append(np.stack([keep, 0 * keep, fixed] if across == 0 else [fixed, 0 * keep, keep], axis=1))
             turns.append(np.full(len(keep), turn + across * np.pi / 2))
     spots, turns = np.concatenate(spots), np.concatenate(turns)
@@ -189,14 +199,14 @@ def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[Part]:
     parts, roofs = [], []
     for x0, x1, z0, z1 in lots:
         w, d = x1 - x0 - rng.uniform(0.8, 2.5), z1 - z0 - rng.uniform(0.8, 2.5)
-        mesh, spots = _building(rng, w, d, central, budget / len(lots), plan.detail)
+        mesh, spots = _building(rng, w, d, central, budget / len(lots))
         at = np.array([(x0 + x1) / 2, KERB, (z0 + z1) / 2])
         parts.append(put(mesh, at))
         roofs += [np.asarray(s) + at for s in spots]
     return parts + (_roof_things(plan, rng, np.array(roofs).reshape(-1, 3)) if plan.detail > 0.3 else [])
 
 
-def _building(rng, w: float, d: float, central: float, budget: float, detail: float):
+def _building(rng, w: float, d: float, central: float, budget: float):
     """A building on a lot of w x d metres, and free places on its roof."""
     wall, glass = _WALLS[rng.integers(len(_WALLS))], p.GLASS
     kind = rng.random()

@@ -76,11 +76,11 @@ def assemble(parts: Iterable[Part]) -> Mesh:
     return Mesh(vertices, faces, colour)
 
 
-def fitted(build: Callable[[float], list[Part]], triangles: int, detail: float) -> list[Part]:
+def fitted(build: Callable[[float], list[Part]], triangles: int, detail: float, near=0.93) -> list[Part]:
     """`build(detail)` with the detail at which it has just under `triangles` triangles, found from a first guess.
 
     The square of the detail, with which tessellation grows, is sought by false position; counts go up in steps, so
-    anything from 93 % on is near enough. If even the coarsest has more, that one is taken.
+    anything from the share `near` on will do. If even the coarsest has more, that one is taken.
     """
     x, low, high = detail**2, (0.0, 0.0), (np.inf, np.inf)  # (square of the detail, triangles) on either side
     best: list[Part] = []
@@ -92,7 +92,7 @@ def fitted(build: Callable[[float], list[Part]], triangles: int, detail: float) 
         else:
             high = (x, n)
             best = best or parts
-        if 0.93 * triangles <= n <= triangles or x < 1e-4:
+        if near * triangles <= n <= triangles or x < 1e-4:
             break
         if high[0] == np.inf:
             x *= min(8.0, 0.98 * triangles / max(n, 1))

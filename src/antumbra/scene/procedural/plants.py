@@ -326,7 +326,7 @@ def grass(rng, blades_: int, height: float, spread: float, segments: int) -> Mes
 
 def bush(rng, size: float, detail: float, colour=p.PINE) -> Mesh:
     """A clipped ball: a lumpy solid."""
-    n = steps(16, detail, 3)
+    n = steps(22, detail, 3)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
     profile = np.stack([np.cos(angle) * size, (np.sin(angle) + 0.95) * size], axis=1)
     profile[[0, -1], 0] = 0.0
