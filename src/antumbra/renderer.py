@@ -34,10 +34,10 @@ class Frame(NamedTuple):
     image: np.ndarray  # (H, W, 3) float32, linear
     visibility: list[
         np.ndarray
-    ]  # for each light (H, W) float32: the share of samples not occluded; 1 where nothing is seen
+    ]  # for each light (H, W) float32: share of samples not occluded; 1 where nothing is seen
     bits: list[
         np.ndarray
-    ]  # for each light (H, W, ceil(spp / 64)) uint64: bit s = sample s occluded; 0 where nothing is seen
+    ]  # for each light (H, W, ceil(spp / 64)) uint64: bit s = sample s occluded; 0: nothing is seen
     gbuffer: GBuffer
     rays: int  # shadow rays asked
     timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
@@ -130,7 +130,7 @@ class Renderer:
         visibility = [fraction_lit(b, len(square[0])) for b in bits]
         clock.lap("trace")
         arriving = [irradiance(gbuffer, q.light, s.domain, self.threads) for q, s in zip(queries, lights)]
-        image = shade(gbuffer, triangles.colour, lights, arriving, visibility, threads=self.threads)
+        image = shade(gbuffer, triangles.colour, lights, arriving, visibility, self.scene.up, self.threads)
         clock.lap("shade")
         rays = int(np.count_nonzero(gbuffer.side != NOTHING)) * len(square[0]) * len(lights)
         return Frame(image, visibility, bits, gbuffer, rays, clock.timings(), as_dict(tally))

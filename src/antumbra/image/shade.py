@@ -11,6 +11,9 @@ from ..scene.lights import DIRECTIONAL
 AMBIENT = 0.12
 """Ambient irradiance as a share of the mean direct irradiance that the seen surfaces would get without shadows."""
 
+_ONE, _SIDEWAYS = np.float32(1.0), np.float32(0.65)
+"""Share of the ambient light that reaches surfaces that face up, and sideways; those that face down get the least."""
+
 _CROSS = np.array([[0.3, 0.1], [0.9, 0.3], [0.7, 0.9], [0.1, 0.7]])
 _POINTS = {"square": _CROSS, "disk": (2.0 * _CROSS - 1.0) * 0.8, "point": np.zeros((1, 2))}
 """By domain: points (a, b) that stand for all of a light."""
@@ -68,32 +71,34 @@ def irradiance(gbuffer, patch, domain, threads=None) -> np.ndarray:
 
 
 @kernel
-def _shade_rows(ticket, face, colour, tints, irradiances, visibility, ambient, image):
+def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility, ambient, image):
     inverse_pi = np.float32(1.0 / np.pi)
     y0 = take(ticket)
     while y0 >= 0:
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
             for x in range(face.shape[1]):
                 i = face[y, x]
+                sky = _SIDEWAYS + (_ONE - _SIDEWAYS) * normal[y, x, up]
                 for c in range(3):
-                    light = ambient[c]
+                    light = ambient[c] * sky
                     for k in range(len(tints)):
                         light += irradiances[k, y, x] * visibility[k, y, x] * tints[k, c]
                     image[y, x, c] = light * colour[i, c] * inverse_pi if i >= 0 else np.float32(0.0)
         y0 = take(ticket)
 
 
-def shade(gbuffer, colour, lights, irradiances, visibility, ambient=AMBIENT, threads=None) -> np.ndarray:
+def shade(gbuffer, colour, lights, irradiances, visibility, up="y", threads=None) -> np.ndarray:
     """(H, W, 3) float32 linear radiance of diffuse surfaces; 0 where nothing is seen.
 
     colour : (n, 3) float32, of each face
     lights : objects with `intensity` and `colour`; irradiances, visibility : (H, W) float32 for each
+    up : "y" or "z", where most of the ambient light comes from
     """
     tints = np.array([np.asarray(s.colour, np.float32) * np.float32(s.intensity) for s in lights])
     irradiances, visibility = np.stack(irradiances), np.stack(visibility)
     mean = irradiances.sum(axis=(1, 2), dtype=np.float64) / max(1, np.count_nonzero(gbuffer.side != NOTHING))
-    everywhere = (ambient * mean @ tints).astype(np.float32)
+    everywhere = (AMBIENT * mean @ tints).astype(np.float32)
     image = np.empty((*gbuffer.face.shape, 3), np.float32)
-    args = gbuffer.face, colour, tints, irradiances, visibility, everywhere, image
+    args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances, visibility, everywhere, image
     run(_shade_rows, thread_count(threads), new_ticket(len(image), 8), *args)
     return image
