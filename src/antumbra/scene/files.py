@@ -15,6 +15,8 @@ def checked_file(path: Path, where: str) -> Path:
         raise InputError(f"{where}: no such file; check the path")
     if not path.is_file():
         raise InputError(f"{where}: not an ordinary file; name a scene file")
+    if path.stat().st_size == 0:
+        raise InputError(f"{where}: the file is empty; export or copy it again")
     return path
 
 
