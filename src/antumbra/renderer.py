@@ -32,13 +32,9 @@ class Frame(NamedTuple):
     """A rendered frame. H, W: the camera's height and width."""
 
     image: np.ndarray  # (H, W, 3) float32, linear
-    visibility: list[
-        np.ndarray
-    ]  # for each light (H, W) float32: share of samples not occluded; 1 where nothing is seen
-    bits: list[
-        np.ndarray
-    ]  # for each light (H, W, ceil(spp / 64)) uint64: bit s = sample s occluded; 0: nothing is seen
-    gbuffer: GBuffer
+    visibility: list[np.ndarray]  # of each light (H, W) float32: share of samples not occluded; 1 where nothing is seen
+    bits: list[np.ndarray]  # of each light (H, W, ceil(spp / 64)) uint64: bit s = sample s occluded; 0: nothing seen
+    gbuffer: GBuffer  # what each pixel sees
     rays: int  # shadow rays asked
     timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless asked for

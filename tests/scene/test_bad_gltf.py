@@ -415,7 +415,7 @@ def test_a_buffer_without_data(tmp_path):
 
 GOOD = single(TETRAHEDRON, TETRAHEDRON_FACES).glb()
 CONTAINERS = {
-    "empty": (b"", "JSON cannot be read"),
+    "empty": (b"", "is empty"),
     "magic only": (b"glTF", "GLB header is cut short"),
     "truncated": (GOOD[:-9], "it is truncated"),
     "half": (GOOD[: len(GOOD) // 2], "it is truncated"),

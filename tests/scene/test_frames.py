@@ -105,7 +105,7 @@ WRONG = {
         lambda f: (f / "frames.npy").write_bytes(pickle.dumps([1, 2])),
         "frames.npy: not a numpy array",
     ),
-    "empty file": (lambda f: (f / "faces.npy").write_bytes(b""), "faces.npy: not a numpy array"),
+    "empty file": (lambda f: (f / "faces.npy").write_bytes(b""), "faces.npy: the file is empty"),
     "declared larger than the file": (
         lambda f: (f / "frames.npy").write_bytes(_npy_header(HUGE)),
         "frames.npy says 12000000000000 bytes",
