@@ -5,9 +5,10 @@ import numpy as np
 from . import palette as p
 from .courtyard import BAY, COARSE, HALF_X, HALF_Z, LEVEL, RADIUS, SKETCH, SPRING, STEP, architecture, around, at_height
 from .parts import Part, assemble, count, fitted, put
-from .plants import agave, bush, ivy, palm, shrub
+from .plants import agave, bush, ivy, shrub
 from .props import SINK, bench, cloth, crate, pot, vase
 from .shapes import Mesh, arc, loft, merge, revolve, steps
+from .trees import palm
 
 CAMERA = {"position": (2.6, 1.7, 11.2), "target": (-0.7, 3.0, -2.0), "up": (0.0, 1.0, 0.0), "vfov": 56.0}
 LIGHT = {"corner": (-3.2, 7.6, 7.6), "u": (2.2, 0.0, 0.0), "v": (0.0, 1.5, -1.7)}

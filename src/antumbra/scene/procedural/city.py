@@ -21,9 +21,10 @@ from .buildings import (
     tower_cost,
 )
 from .parts import Part, assemble, count, put
-from .plants import BareTree, bare_tree, bush, tree
+from .plants import bush
 from .request import checked
 from .shapes import Mesh, arc, box, boxes, grid, merge, revolve, steps
+from .trees import BareTree, bare_tree, tree
 
 PITCH, STREET = 70.0, 15.0  # metres from block to block; width of the streets
 KERB = 0.16

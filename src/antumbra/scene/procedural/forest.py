@@ -4,8 +4,9 @@ import numpy as np
 
 from . import palette as p
 from .parts import Part, assemble, count, put
-from .plants import bare_tree, conifer, fern, grass, tree
+from .plants import fern, grass
 from .shapes import Mesh, grid, merge, revolve, steps, tubes
+from .trees import bare_tree, conifer, tree
 
 SPACING = 4.6  # metres from tree to tree
 
