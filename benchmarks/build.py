@@ -9,15 +9,11 @@ What is timed: for Antumbra from the (n, 3, 3) float32 vertices to the finished 
 Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first.
 """
 
-import argparse
 import json
-import os
-import platform
 import statistics
 import time
 from pathlib import Path
 
-import numba
 import numpy as np
 
 import antumbra
@@ -26,6 +22,7 @@ from antumbra.bvh import BUILDERS
 from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.quality import statistics as shape_of
 from antumbra.parallel import thread_count
+from common import SCENES, arguments, machine
 
 PEER = "embree medium"  # what ratios are taken to
 PAUSE = 0.05  # seconds after each build of Embree's, whose threads go on spinning for a while
@@ -44,10 +41,9 @@ def hills(n: int = 262_144) -> np.ndarray:
 
 def scenes(paths: list[Path]):
     """(name, vertices) of each scene."""
-    folder = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
-    paths = paths or [p for name in REAL if (p := folder / name / "scene.glb").exists()]
+    paths = paths or [p for name in REAL if (p := SCENES / name / "scene.glb").exists()]
     if not paths:
-        print(f"no scene is given and none is in {folder}: generated hills instead")
+        print(f"no scene is given and none is in {SCENES}: generated hills instead")
         yield "hills", hills()
     for path in paths:
         yield path.parent.name if path.stem == "scene" else path.stem, antumbra.load(path).triangles(0.0).vertices
@@ -110,23 +106,8 @@ def line(row: dict) -> str:
     return f"{row['scene']:20s} {row['method']:15s} {times} {row['ratio']:7.2f} {row['ratio_of_minima']:7.2f} {own}"
 
 
-def machine(threads: int) -> dict:
-    return {
-        "antumbra": antumbra.__version__,
-        "numba": numba.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-        "processor": numba.core.codegen.ll.get_host_cpu_name(),
-        "threads": threads,
-    }
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", nargs="*", type=Path)
-    parser.add_argument("--threads", type=int, default=None, help="default: all cores")
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser = arguments(__doc__)
     options = parser.parse_args()
     threads = thread_count(options.threads)
     print(

@@ -11,11 +11,8 @@ normals; `embree`, rtcIntersect1 with the coherent flag for the same rays, made 
 called from as many threads in a compiled loop, its tree built beforehand. Kernels are compiled before.
 """
 
-import argparse
 import ctypes
 import json
-import os
-import platform
 import statistics
 import sys
 import time
@@ -31,6 +28,7 @@ from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
 from antumbra.scene.camera import Camera
 from antumbra.scene.framing import default_camera
+from common import SCENES, arguments, machine
 
 REAL = ("sponza_crytek", "sanmiguel_lite")
 TILE = 16
@@ -72,10 +70,9 @@ def ray_records(rays) -> np.ndarray:
 
 def scenes(paths: list[Path], size):
     """(name, triangles, camera) of each scene."""
-    folder = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
-    paths = paths or [p for name in REAL if (p := folder / name / "scene.glb").exists()]
+    paths = paths or [p for name in REAL if (p := SCENES / name / "scene.glb").exists()]
     if not paths:
-        sys.exit(f"no scene is given and none is in {folder}: name a scene file, or set ANTUMBRA_SCENES")
+        sys.exit(f"no scene is given and none is in {SCENES}: name a scene file, or set ANTUMBRA_SCENES")
     for path in paths:
         info = path.with_name("info.json")
         info = json.loads(info.read_text()) if info.exists() else {}
@@ -140,24 +137,9 @@ def line(row: dict) -> str:
     return f"{row['scene']:20s} {row['method']:10s} {times} {row['times_faster']:7.2f} {row['of_minima']:7.2f} {own}"
 
 
-def machine(threads: int) -> dict:
-    return {
-        "antumbra": antumbra.__version__,
-        "numba": numba.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-        "processor": numba.core.codegen.ll.get_host_cpu_name(),
-        "threads": threads,
-    }
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", nargs="*", type=Path)
+    parser = arguments(__doc__)
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))
-    parser.add_argument("--threads", type=int, default=None, help="default: all cores")
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--json", type=Path, help="write the rows here too")
     options = parser.parse_args()
     threads = thread_count(options.threads)
     print(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import antumbra as at
 from antumbra.queries import accelerated
+from common import SCENES
 
 
 def resident() -> int:
@@ -19,8 +20,7 @@ def resident() -> int:
 
 
 def main() -> None:
-    here = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else here / "sanmiguel_lite" / "scene.glb"
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else SCENES / "sanmiguel_lite" / "scene.glb"
     warm = at.procedural("atrium", 20_000)
     warm.occluded((0, 0, 0), (0, 1, 0))
     del warm

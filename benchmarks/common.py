@@ -1,0 +1,36 @@
+"""What all benchmarks share: where the real scenes are, and what the numbers were measured on."""
+
+import argparse
+import os
+import platform
+from pathlib import Path
+
+import numba
+import numpy as np
+
+import antumbra
+
+SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
+"""The folder of real scenes: $ANTUMBRA_SCENES, or ../shared/scenes beside the repository."""
+
+
+def machine(threads: int) -> dict:
+    """Versions and hardware, for the JSON file."""
+    return {
+        "antumbra": antumbra.__version__,
+        "numba": numba.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "processor": numba.core.codegen.ll.get_host_cpu_name(),
+        "threads": threads,
+    }
+
+
+def arguments(description: str) -> argparse.ArgumentParser:
+    """The options that every comparison has."""
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    parser.add_argument("scene", nargs="*", type=Path)
+    parser.add_argument("--threads", type=int, default=None, help="default: all cores")
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    return parser
