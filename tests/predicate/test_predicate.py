@@ -81,6 +81,29 @@ def test_float32_decides_nearly_everything():
     assert not (out[:, FAST64] == UNSURE).any()
 
 
+def test_denormal_directions_and_huge_triangles_do_not_fool_float32():
+    """The product u d underflows before it meets the triangle's size: the error bound must not."""
+    rng = np.random.default_rng(3)
+    n = 4000
+    o = (rng.normal(size=(n, 3)) * 3e11).astype(np.float32)
+    corners = (rng.normal(size=(n, 9)) * 3e11).astype(np.float32)
+    inside = np.einsum("nk,nkc->nc", rng.dirichlet((1, 1, 0.001), n), corners.reshape(-1, 3, 3).astype(np.float64))
+    d = ((inside - o) / np.abs(inside - o).max(1, keepdims=True) * 1.5e-40).astype(np.float32)
+    out = np.zeros(n, np.int64)
+    _lines32(o, d, corners, out)
+    truth = np.array([oracle.meets_exactly(o[i], d[i], corners[i].reshape(3, 3))[0] for i in range(n)])
+    sure = out != UNSURE
+    np.testing.assert_array_equal(out[sure], truth[sure])
+    assert sure.any()
+
+
+@kernel
+def _lines32(o, d, corners, out):
+    for i in range(len(o)):
+        w = volumes32((o[i, 0], o[i, 1], o[i, 2]), (d[i, 0], d[i, 1], d[i, 2]), corners, i)
+        out[i] = verdict(w, np.float32(0.0), np.float32(np.inf))
+
+
 @kernel
 def _distances(o, d, corners, out, sides):
     for i in range(len(o)):

@@ -32,19 +32,29 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
         if code == INTERRUPTED:
             raise KeyboardInterrupt
         return code
-    except BrokenPipeError:
-        # Nobody reads any more. Python would complain when it flushes at exit.
-        with suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # nobody reads any more
+        _drop_output()
         return UNFORESEEN
     except BaseException as error:
         if isinstance(error, SystemExit):
             raise
         if debug and not isinstance(error, (_UsageError, KeyboardInterrupt, typer.Abort)):
             raise
+        if isinstance(error, OSError):
+            _drop_output()
         line, code = explained(error)
         say(line)
         return code
+
+
+def _drop_output() -> None:
+    """Send what standard output still holds nowhere: Python would complain, and change the exit code, when it flushes
+    at exit what cannot be written."""
+    try:
+        sys.stdout.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def explained(error: BaseException) -> tuple[str, int]:

@@ -27,7 +27,7 @@ from .exact import exact_meets, exact_plane_side, exact_t
 MISS, UNSURE = 0, 2  # a hit is the sign of d . n: 1 or -1
 
 _FACTOR = 20.0
-_T_ACCURACY = np.float64(2.0**-30)  # relative accuracy of `hit_t`, relied on by the traversal's culling
+_T_ACCURACY = np.float64(2.0**-30)  # relative accuracy of `hit_t`'s numerator and denominator
 
 
 class _Limits(NamedTuple):
@@ -94,7 +94,7 @@ def _volumes(d, a, p, q, limits):
     wide, uss = _larger(m, s), limits.u * s * s
     floor = limits.tiny * (d1 + wide) + limits.tiny
     three = limits.three
-    e_error = three * limits.u * d1 * s * wide + floor
+    e_error = three * limits.u * (d1 * s * wide) + floor  # in this order: u d1 could underflow
     e_error = e_error if _larger(d1, wide) < limits.large else limits.infinite
     return Volumes(det - e1 - e2, e1, e2, volume, det, e_error, three * m * uss + floor, d1 * uss + floor)
 
@@ -175,7 +175,7 @@ def meets(ray, corners, i):
 def hit_t(ray, corners, i):
     """t where the line of the ray meets the plane of triangle i, which it is known to meet.
 
-    One fixed float64 expression, so every method finds the same number; relative error at most 2**-30 even for grazing
+    One fixed float64 expression, so every method finds the same number; relative error at most 2**-29 even for grazing
     rays (those are evaluated exactly).
     """
     w = volumes64(ray, corners, i)

@@ -35,7 +35,7 @@ _TINY = np.float32(1e-20)  # a direction's component below this share of the lar
 _SHORT = np.float32(1e-15)  # directions shorter than this visit every node (their reciprocals could overflow)
 _GROW = np.float32(1.0 + 2.0**-20)  # more than the 8 roundings between the two ends of a slab interval
 _PAD = np.float32(2.0**-21)
-_FAR = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-30) and the rounding to float32
+_FAR = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
 
 
 class BoxRay(NamedTuple):
