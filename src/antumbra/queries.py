@@ -11,7 +11,6 @@ from .query.receivers import FREE, point_receivers
 from .query.sampling import sample_sets, to_domain
 from .query.shadow import ShadowQuery, fraction_lit
 from .renderer import Accelerated, Renderer, check_lights, reach
-from .trace import TRACERS
 from .trace.single import trace_rays
 from .warm import warm_up, warm_up_rays
 
@@ -109,10 +108,9 @@ def visibility(
         np.ascontiguousarray(to_domain(square, light.domain)),
         cull_value(cull_faces),
     )
-    bits = np.zeros((1, len(local), -(-spp // 64)), np.uint64)
-    TRACERS[renderer.plan.trace].trace(bvh, query, bits, renderer.threads, None, None)
-    bits = bits.reshape(*points.shape[:-1], -1)
-    return Visibility(bits, fraction_lit(bits, spp))
+    bits = renderer.answer(bvh, query)
+    bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
+    return Visibility(bits, fraction_lit(bits, square.shape[1]))
 
 
 def _unit_normals(normals, shape) -> np.ndarray:

@@ -122,7 +122,7 @@ class Renderer:
             clock.lap("build")
         tally = new_counters(counters)
         queries = shadow_queries(triangles, gbuffer, lights, square, facing, self.threads)
-        bits = [self._trace(bvh, query, tally, progress) for query in queries]
+        bits = [self.answer(bvh, query, tally, progress) for query in queries]
         visibility = [fraction_lit(b, len(square[0])) for b in bits]
         clock.lap("trace")
         arriving = [irradiance(gbuffer, q.light, s.domain, self.threads) for q, s in zip(queries, lights)]
@@ -147,7 +147,8 @@ class Renderer:
             face, t = trace_primary(bvh, rays, self.threads)
         return from_hits(face, t, triangles, rays, self.threads)
 
-    def _trace(self, bvh, query, tally, progress) -> np.ndarray:
+    def answer(self, bvh, query, tally=None, progress=None) -> np.ndarray:
+        """The bits of a ShadowQuery by this plan's tracer, (h, w, ceil(spp / 64)) uint64."""
         bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
         TRACERS[self.plan.trace].trace(bvh, query, bits, self.threads, tally, progress)
         return bits
