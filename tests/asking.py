@@ -40,5 +40,6 @@ def answer(plan, triangles, query, threads=2, counters=None):
     spp = query.samples.shape[1]
     bvh = BUILDERS[plan.build].build(triangles.vertices, threads)
     bits = np.zeros((*query.sides.shape, -(-spp // 64)), np.uint64)
-    TRACERS[plan.trace].trace(bvh, query, bits, threads, counters, None)
+    tracer = TRACERS[plan.trace]
+    tracer.trace(tracer.prepare(bvh, threads), query, bits, threads, counters, None)
     return unpack(bits, spp)

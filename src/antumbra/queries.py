@@ -25,7 +25,7 @@ class Visibility(NamedTuple):
 def accelerated(scene, time=0.0, threads=None, plan="bsah+single") -> Accelerated:
     """The scene's triangles and BVH at a time; the last one made is kept with the scene."""
     renderer = Renderer(scene, plan, threads)
-    key = (renderer.plan.build, scene.clamped(time))
+    key = (renderer.plan, scene.clamped(time))
     kept = scene.__dict__.get("_accelerated")
     if kept is None or kept[0] != key:
         kept = (key, renderer.accelerate(time))
@@ -97,7 +97,8 @@ def visibility(
         unit = _unit_normals(normals, points.shape)
         origins = point_receivers(local, unit, world, points.dtype == np.float32)
     warm_up(renderer.plan, renderer.gbuffer, False)
-    triangles, bvh = accelerated(scene, time, threads, plan)
+    ready = accelerated(scene, time, threads, plan)
+    triangles = ready.triangles
     query = ShadowQuery(
         origins[None],
         np.full((1, len(local)), -1, np.int32),
@@ -108,7 +109,7 @@ def visibility(
         np.ascontiguousarray(to_domain(square, light.domain)),
         cull_value(cull_faces),
     )
-    bits = renderer.answer(bvh, query)
+    bits = renderer.answer(ready, query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
     return Visibility(bits, fraction_lit(bits, square.shape[1]))
 

@@ -1,7 +1,7 @@
 """One frame, or a sequence with state kept between frames: evaluate, G-buffer, cull, build, trace, shade."""
 
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,6 +57,7 @@ class Accelerated(NamedTuple):
 
     triangles: Triangles
     bvh: Bvh
+    prepared: Any  # what the plan's tracer walks: the BVH, or something made from it
 
 
 class _Clock:
@@ -111,18 +112,18 @@ class Renderer:
         clock = _Clock()
         triangles = self.scene.triangles(time)
         clock.lap("evaluate")
-        bvh = None
+        accelerated = None
         if self.gbuffer == "rays":
-            bvh = self._build(triangles)
+            accelerated = self._accelerate(triangles)
             clock.lap("build")
-        gbuffer = self._gbuffer(triangles, camera, bvh)
+        gbuffer = self._gbuffer(triangles, camera, accelerated)
         clock.lap("gbuffer")
-        if bvh is None:
-            bvh = self._build(triangles)
+        if accelerated is None:
+            accelerated = self._accelerate(triangles)
             clock.lap("build")
         tally = new_counters(counters)
         queries = shadow_queries(triangles, gbuffer, lights, square, facing, self.threads)
-        bits = [self.answer(bvh, query, tally, progress) for query in queries]
+        bits = [self.answer(accelerated, query, tally, progress) for query in queries]
         visibility = [fraction_lit(b, len(square[0])) for b in bits]
         clock.lap("trace")
         arriving = [irradiance(gbuffer, q.light, s.domain, self.threads) for q, s in zip(queries, lights)]
@@ -133,24 +134,24 @@ class Renderer:
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH."""
-        triangles = self.scene.triangles(time)
-        return Accelerated(triangles, self._build(triangles))
+        return self._accelerate(self.scene.triangles(time))
 
-    def _build(self, triangles) -> Bvh:
-        return BUILDERS[self.plan.build].build(triangles.vertices, self.threads)
+    def _accelerate(self, triangles) -> Accelerated:
+        bvh = BUILDERS[self.plan.build].build(triangles.vertices, self.threads)
+        return Accelerated(triangles, bvh, TRACERS[self.plan.trace].prepare(bvh, self.threads))
 
-    def _gbuffer(self, triangles, camera, bvh) -> GBuffer:
+    def _gbuffer(self, triangles, camera, accelerated: Accelerated | None) -> GBuffer:
         rays = camera.rays(triangles.origin)
-        if bvh is None:
+        if accelerated is None:
             face, t = rasterise(triangles.vertices.reshape(-1, 9), rays, self.threads)
         else:
-            face, t = trace_primary(bvh, rays, self.threads)
+            face, t = trace_primary(accelerated.bvh, rays, self.threads)
         return from_hits(face, t, triangles, rays, self.threads)
 
-    def answer(self, bvh, query, tally=None, progress=None) -> np.ndarray:
+    def answer(self, accelerated: Accelerated, query, tally=None, progress=None) -> np.ndarray:
         """The bits of a ShadowQuery by this plan's tracer, (h, w, ceil(spp / 64)) uint64."""
         bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
-        TRACERS[self.plan.trace].trace(bvh, query, bits, self.threads, tally, progress)
+        TRACERS[self.plan.trace].trace(accelerated.prepared, query, bits, self.threads, tally, progress)
         return bits
 
 

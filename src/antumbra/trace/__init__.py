@@ -7,15 +7,26 @@ from .single import trace_shadow
 
 
 class Tracer(NamedTuple):
-    """A way to answer a shadow query: ``trace(bvh, query, bits, threads, counters, progress)``."""
+    """A way to answer a shadow query.
 
+    ``prepare(bvh, threads)`` makes what it traces, once a tree; ``trace(prepared, query, bits, threads, counters,
+    progress)`` answers.
+    """
+
+    prepare: Callable
     trace: Callable
     description: str
     paper: str
 
 
+def as_it_is(bvh, threads=None):
+    """What tracers prepare that walk the builder's own tree."""
+    return bvh
+
+
 TRACERS: dict[str, Tracer] = {
     "single": Tracer(
+        as_it_is,
         trace_shadow,
         "one ray at a time, children nearest first, the last blocker tried first",
         "Ize 2013, Robust BVH ray traversal",
