@@ -38,7 +38,7 @@ Memory
     `load4`, `broadcast4`, `store`, `get`, `put` on arrays and pointers; `ptr`, `ptr_at`, `as_f32`, `as_i32`
     make pointers; `stack_f32`, `stack_i32`, `stack_i64` give scratch memory; `prefetch`; `atomic_add`.
 Bits of an int64
-    `popcount`, and `lowest_bit` (64 for 0), to walk the lanes of ``bits(mask)``.
+    `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to walk the lanes of ``bits(mask)``.
 
 What holds, and what does not
 -----------------------------
@@ -122,7 +122,7 @@ from antumbra.simd.memory import (
     stack_i64,
     store,
 )
-from antumbra.simd.scalars import lowest_bit, popcount
+from antumbra.simd.scalars import highest_bit, lowest_bit, popcount
 from antumbra.simd.vectors import f32x4, f32x8, f32x16, i32x4, i32x8, i32x16, mask4, mask8, mask16
 
 __all__ = [
@@ -143,6 +143,7 @@ __all__ = [
     "flip_sign",
     "fma",
     "get",
+    "highest_bit",
     "i32x4",
     "i32x8",
     "i32x16",

@@ -1,4 +1,4 @@
-"""The two operations on the bits of an int64 that walking a mask needs."""
+"""The operations on the bits of an int64 that walking a mask needs."""
 
 from llvmlite import ir
 from numba.core import types
@@ -24,3 +24,17 @@ def _make_bit_count(name, llvm_name, *flags):
 
 popcount = _make_bit_count("popcount", "llvm.ctpop.i64")
 lowest_bit = _make_bit_count("lowest_bit", "llvm.cttz.i64", 0)
+
+
+@intrinsic
+def highest_bit(typingctx, x):
+    """Index of the highest bit that is set; -1 for 0."""
+    if not isinstance(x, types.Integer):
+        reject("highest_bit", x, cure="needs an integer")
+
+    def codegen(context, builder, sig, values):
+        wide = context.cast(builder, values[0], x, types.int64)
+        zeros = call_llvm(builder, "llvm.ctlz.i64", I64, [wide, ir.IntType(1)(0)])
+        return builder.sub(I64(63), zeros)
+
+    return types.int64(x), codegen

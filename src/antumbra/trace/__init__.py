@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ..bvh.blocks import block_tree
+from . import multifrusta
 from .single import trace_shadow
 
 
@@ -30,5 +32,11 @@ TRACERS: dict[str, Tracer] = {
         trace_shadow,
         "one ray at a time, children nearest first, the last blocker tried first",
         "Ize 2013, Robust BVH ray traversal",
+    ),
+    "multifrusta": Tracer(
+        block_tree,
+        multifrusta.trace_shadow,
+        "16 shafts of shadow rays at once, rays only where shafts do not decide",
+        "Benthin and Wald 2009, Efficient ray traced soft shadows using multi-frusta tracing",
     ),
 }

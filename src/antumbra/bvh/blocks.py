@@ -1,0 +1,186 @@
+"""A shallower BVH for bundles of rays: small subtrees become blocks of up to 16 triangles, tested side by side.
+
+Frusta cannot tell apart what is deep down in a tree, so tracing them wants a shallower one [Benthin and Wald 2009,
+Sec. 5]. Here every subtree of at most `BLOCK` triangles is one leaf, whose triangles lie one to a lane, so that
+culling the whole block costs what culling one triangle against 16 frusta does.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import new_ticket, run, take, thread_count
+from ..simd import get, ptr, put, stack_i32
+from .nodes import EMPTY, MAX_DEPTH, aligned_empty
+
+BLOCK = 16  # triangles in a block, at most
+ROWS = 9  # rows of 16 float32: v0 (x, y, z), v1 - v0, v2 - v0
+
+
+class BlockTree(NamedTuple):
+    """A binary tree over blocks of triangles.
+
+    Nodes are those of `Bvh`, but a link < 0 is a block: ``~link = block * 32 + count``, the count from 0 to 16. A
+    child that is not there is a block of 0 triangles with the box of its sibling (zeros if both are missing).
+    """
+
+    nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
+    links: np.ndarray  # (m, 16) int32, the same memory
+    blocks: np.ndarray  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; lanes without a triangle repeat the first
+    slots: np.ndarray  # (b, 16) int32: slot in `corners` and `prim_ids`, -1 where there is no triangle
+    prim_ids: np.ndarray  # (n,) int32, of the Bvh
+    corners: np.ndarray  # (n, 9) float32, of the Bvh
+
+
+class BlockPointers(NamedTuple):
+    """Pointers to the arrays of a `BlockTree`, which must outlive them."""
+
+    nodes: object
+    links: object
+    blocks: object
+    slots: object
+    prim_ids: object
+    corners: object
+
+
+@inlined
+def block_pointers(tree):
+    """`BlockPointers` of a `BlockTree`."""
+    return BlockPointers(
+        ptr(tree.nodes), ptr(tree.links), ptr(tree.blocks), ptr(tree.slots), ptr(tree.prim_ids), ptr(tree.corners)
+    )
+
+
+@inlined
+def _size(link, below):
+    """Triangles below a link."""
+    if link == EMPTY:
+        return np.int64(0)
+    return np.int64(below[link]) if link >= 0 else np.int64((~link & 7) + 1)
+
+
+@kernel
+def _count_below(links, below):
+    """Triangles below each inner node."""
+    order, waiting = np.empty(len(links), np.int32), np.empty(2 * MAX_DEPTH, np.int32)
+    waiting[0] = 0
+    height, n = 1, 0
+    while height > 0:
+        height -= 1
+        node = waiting[height]
+        order[n] = node
+        n += 1
+        for word in (12, 13):
+            if links[node, word] >= 0:
+                waiting[height] = links[node, word]
+                height += 1
+    for i in range(n - 1, -1, -1):
+        node = order[i]
+        below[node] = _size(links[node, 12], below) + _size(links[node, 13], below)
+
+
+@kernel
+def _repair_empty(nodes, node, left, right):
+    """Give a child that is not there its sibling's box, so that no box is infinite."""
+    for axis in range(0, 12, 4):
+        for k in (0, 2):
+            if left == EMPTY:
+                nodes[node, axis + k] = np.float32(0.0) if right == EMPTY else nodes[node, axis + k + 1]
+            if right == EMPTY:
+                nodes[node, axis + k + 1] = nodes[node, axis + k]
+
+
+@kernel
+def _collapse(source, source_links, below, block, nodes, links, roots):
+    """Copy the nodes that stay, depth first; `roots`: old link of each block. (number of nodes, of blocks)."""
+    waiting = np.empty((2 * MAX_DEPTH, 2), np.int64)  # old node; word of `links` that wants its new index, -1: none
+    waiting[0, 0], waiting[0, 1] = 0, -1
+    height, n, n_blocks = 1, 0, 0
+    words = links.reshape(-1)
+    while height > 0:
+        height -= 1
+        old, word = waiting[height]
+        nodes[n] = source[old]
+        if word >= 0:
+            words[word] = n
+        for child in (1, 0):
+            link = np.int64(source_links[old, 12 + child])
+            count = _size(link, below)
+            if link >= 0 and count > block:
+                waiting[height, 0], waiting[height, 1] = link, n * 16 + 12 + child
+                height += 1
+            else:
+                links[n, 12 + child] = ~(n_blocks * 32 + count)
+                roots[n_blocks] = link
+                n_blocks += 1
+        _repair_empty(nodes, n, source_links[old, 12], source_links[old, 13])
+        n += 1
+    return n, n_blocks
+
+
+@inlined
+def _slots_below(root, links, found):
+    """Write the slots below a link to `found`; how many."""
+    waiting = stack_i32(64)
+    put(waiting, 0, root)
+    height, n = 1, 0
+    while height > 0:
+        height -= 1
+        link = np.int64(get(waiting, height))
+        if link == EMPTY:
+            continue
+        if link >= 0:
+            put(waiting, height, get(links, link * 16 + 13))
+            put(waiting, height + 1, get(links, link * 16 + 12))
+            height += 2
+            continue
+        code = ~link
+        for slot in range(code >> 3, (code >> 3) + (code & 7) + 1):
+            put(found, n, slot)
+            n += 1
+    return n
+
+
+@kernel
+def _fill_blocks(ticket, source_links, corners, roots, blocks, slots):
+    """Worker: the rows of each block."""
+    links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
+    b = take(ticket)
+    while b >= 0:
+        for at in range(b, min(b + ticket[3], ticket[2])):
+            n = _slots_below(roots[at], links, found)
+            for lane in range(16):
+                there = lane < n
+                slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)
+                put(ptr(slots), at * 16 + lane, get(found, lane) if there else np.int32(-1))
+                for k in range(3):
+                    v0 = get(values, slot + k) if n > 0 else np.float32(0.0)
+                    v1 = get(values, slot + 3 + k) if n > 0 else np.float32(0.0)
+                    v2 = get(values, slot + 6 + k) if n > 0 else np.float32(0.0)
+                    put(rows, (at * ROWS + k) * 16 + lane, v0)
+                    put(rows, (at * ROWS + 3 + k) * 16 + lane, v1 - v0)
+                    put(rows, (at * ROWS + 6 + k) * 16 + lane, v2 - v0)
+        b = take(ticket)
+
+
+def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
+    """The `BlockTree` of a `Bvh`: subtrees of at most `block` (8 to 16) triangles become blocks."""
+    count = len(bvh.nodes)
+    below = np.empty(count, np.int32)
+    _count_below(bvh.links, below)
+    nodes, roots = aligned_empty((count, 16), "f4"), np.empty(count + 1, np.int32)
+    n, n_blocks = _collapse(bvh.nodes, bvh.links, below, block, nodes, nodes.view(np.int32), roots)
+    nodes = nodes[:n]
+    blocks, slots = aligned_empty((n_blocks, ROWS, 16), "f4"), np.empty((n_blocks, 16), np.int32)
+    run(
+        _fill_blocks,
+        thread_count(threads),
+        new_ticket(n_blocks, 256),
+        bvh.links,
+        bvh.corners,
+        roots[:n_blocks],
+        blocks,
+        slots,
+    )
+    return BlockTree(nodes, nodes.view(np.int32), blocks, slots, bvh.prim_ids, bvh.corners)

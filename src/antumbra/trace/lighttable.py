@@ -1,0 +1,81 @@
+"""The light samples of a query, laid out for tiles of 16 receivers.
+
+Samples are taken 16 at a time, a *chunk*. A chunk's sample s of all 16 sample sets is its *stratum* s: near each other on
+the light, because the sets are in Z order of their cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*, kept as a heap: stratum s is
+group 16 + s, and group g holds groups 2g and 2g + 1; group 1 is the whole chunk.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..query.samples import patch_at, sample_point
+from ..simd import get, highest_bit, load16, lowest_bit, ptr, ptr_at, put, reduce_max, reduce_min
+
+STRATA = 16
+POINTS = STRATA * 48  # float32 of a chunk: of each stratum x, y, z of 16 lanes
+ALL_GROUPS = 32  # group 0 is group 1 once more
+GROUPS = 6 * ALL_GROUPS  # float32: rows of the groups' lower x, y, z, then of the upper ones
+
+
+class LightTable(NamedTuple):
+    """All samples of a light that does not move with the receiver; else only the shapes."""
+
+    points: np.ndarray  # (chunks, 16, 3, 16) float32: stratum, axis, lane
+    groups: np.ndarray  # (chunks, 6, 32) float32
+
+
+@inlined
+def group_of(strata):
+    """The smallest group that holds all of the `strata` (bits, at least one)."""
+    low, high = 16 + lowest_bit(strata), 16 + highest_bit(strata)
+    return low >> (highest_bit(low ^ high) + 1)
+
+
+@kernel
+def bound_groups(points, groups, count):
+    """Fill the groups of one chunk from its points (pointers); strata from `count` on repeat the last one."""
+    for k in range(3):
+        lower, upper = ptr_at(groups, k * ALL_GROUPS), ptr_at(groups, (3 + k) * ALL_GROUPS)
+        for s in range(STRATA):
+            p = load16(points, (s if s < count else count - 1) * 48 + 16 * k)
+            put(lower, 16 + s, reduce_min(p))
+            put(upper, 16 + s, reduce_max(p))
+        for g in range(15, 0, -1):
+            a, b = get(lower, 2 * g), get(lower, 2 * g + 1)
+            put(lower, g, a if a < b else b)
+            a, b = get(upper, 2 * g), get(upper, 2 * g + 1)
+            put(upper, g, a if a > b else b)
+        put(lower, 0, get(lower, 1))
+        put(upper, 0, get(upper, 1))
+
+
+@kernel
+def _fixed_table(light, samples, sets, table):
+    o = np.float32(0.0)
+    patch = patch_at(light, o, o, o)
+    spp = samples.shape[1]
+    for chunk in range(len(table.points)):
+        count = min(STRATA, spp - chunk * STRATA)
+        points = table.points[chunk]
+        for s in range(count):
+            for lane in range(16):
+                a, b = samples[sets[lane], chunk * STRATA + s]
+                points[s, 0, lane], points[s, 1, lane], points[s, 2, lane] = sample_point(patch, a, b)
+        bound_groups(
+            ptr_at(ptr(table.points), chunk * POINTS),
+            ptr_at(ptr(table.groups), chunk * GROUPS),
+            count,
+        )
+
+
+def light_table(query, sets) -> LightTable:
+    """The table of a query; lane i of its tiles uses sample set ``sets[i]``."""
+    chunks = -(-query.samples.shape[1] // STRATA)
+    table = LightTable(
+        np.zeros((chunks, STRATA, 3, 16), np.float32),
+        np.zeros((chunks, 6, ALL_GROUPS), np.float32),
+    )
+    _fixed_table(query.light, query.samples, sets, table)
+    return table

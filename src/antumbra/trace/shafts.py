@@ -1,0 +1,118 @@
+"""The shafts of a tile: from the box of its receivers to the box of each group of strata.
+
+Relative to the centre c of the receivers' box (half extents rx), the box of a group has the centre D and half extents
+ry. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound it sideways: for m at right
+angles to D and to one of the axes, w = +-m - k D and the support of the two boxes,
+
+    b = max(|w| . rx, w . D + |w| . ry)
+
+so that w . x <= b in all of the hull; k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes, up to second
+order, but any k is right. D itself gives the two end caps. A triangle all of whose corners are beyond one of the six
+planes is missed by the whole shaft.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..simd import absolute, get, maximum, splat16, store
+from .lighttable import ALL_GROUPS
+from .vec import Vec, abs_dot, abs_dots, dot, keep, rows, total
+
+_F = np.float32
+_ROUNDING = _F(24 * 2.0**-24)
+_MORE = _F(1.0 + 2.0**-18)
+N = ALL_GROUPS  # a row's length
+D, HALF, TWIST, SPAN, LEVER, NEAR, FAR, CAP_ERROR, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N, 10 * N, 11 * N, 12 * N
+PLANE = 5 * N  # rows of a plane: w (3), b, error for each unit of a corner's largest coordinate
+SHAFT_FLOATS = PLANES + 4 * PLANE
+
+
+class Axis(NamedTuple):
+    """The shaft to one group; float32 scalars."""
+
+    d: Vec
+    half: Vec  # of the group's box
+    twist: float  # sum of ry_i (rx_j + rx_k)
+    span: float  # at least |d|_1 of any segment, |rx|_1 and |ry|_1 once more
+    lever: float  # |rx|_1 |D|_1
+
+
+@inlined
+def axis_of(shafts, group):
+    """The `Axis` of a group."""
+    return Axis(
+        Vec(get(shafts, D + group), get(shafts, D + N + group), get(shafts, D + 2 * N + group)),
+        Vec(get(shafts, HALF + group), get(shafts, HALF + N + group), get(shafts, HALF + 2 * N + group)),
+        get(shafts, TWIST + group),
+        get(shafts, SPAN + group),
+        get(shafts, LEVER + group),
+    )
+
+
+@inlined
+def _sideways(d, axis):
+    """d turned by 90 degrees around an axis: at right angles to both."""
+    zero = splat16(_F(0.0))
+    if axis == 0:
+        return Vec(zero, -d.z, d.y)
+    if axis == 1:
+        return Vec(d.z, zero, -d.x)
+    return Vec(-d.y, d.x, zero)
+
+
+@inlined
+def _bound_plane(shafts, at, w, d, receivers, half, size):
+    """Write the plane with normal w and the support of the two boxes."""
+    keep(shafts, at, N, w)
+    support = maximum(abs_dots(w, receivers), dot(w, d) + abs_dot(w, half))
+    error = total(w) * _ROUNDING
+    store(shafts, at + 3 * N, support + absolute(support) * _F(2.0**-18) + error * size)
+    store(shafts, at + 4 * N, error)
+
+
+@kernel
+def make_shafts(info, groups, shafts):
+    """The shafts of a tile to all groups, 16 at a time; `info` as in `tile.Tile`."""
+    c = Vec(get(info, 0), get(info, 1), get(info, 2))
+    receivers = Vec(get(info, 3), get(info, 4), get(info, 5))
+    x1 = receivers.x + receivers.y + receivers.z
+    dx = abs(_F(0.5) * (get(groups, 1) + get(groups, 3 * N + 1)) - c.x)
+    dy = abs(_F(0.5) * (get(groups, N + 1) + get(groups, 4 * N + 1)) - c.y)
+    dz = abs(_F(0.5) * (get(groups, 2 * N + 1) + get(groups, 5 * N + 1)) - c.z)
+    along = 0 if dx >= dy and dx >= dz else (1 if dy >= dz else 2)
+    for batch in range(0, N, 16):
+        low, high = rows(groups, batch, N), rows(groups, 3 * N + batch, N)
+        centre = Vec(
+            low.x * _F(0.5) + high.x * _F(0.5), low.y * _F(0.5) + high.y * _F(0.5), low.z * _F(0.5) + high.z * _F(0.5)
+        )
+        half = Vec(
+            maximum(high.x - centre.x, centre.x - low.x) * _MORE,
+            maximum(high.y - centre.y, centre.y - low.y) * _MORE,
+            maximum(high.z - centre.z, centre.z - low.z) * _MORE,
+        )
+        d = Vec(centre.x - c.x, centre.y - c.y, centre.z - c.z)
+        d1, y1 = total(d), half.x + half.y + half.z
+        twist = half.x * (receivers.y + receivers.z) + half.y * (receivers.x + receivers.z)
+        span = d1 + (y1 + x1) * _F(2.0)
+        keep(shafts, D + batch, N, d)
+        keep(shafts, HALF + batch, N, half)
+        store(shafts, TWIST + batch, twist + half.z * (receivers.x + receivers.y))
+        store(shafts, SPAN + batch, span)
+        store(shafts, LEVER + batch, d1 * x1)
+        near, cap = abs_dots(d, receivers), d1 * _ROUNDING
+        store(shafts, NEAR + batch, -near - near * _F(2.0**-18) - cap * span)
+        far = maximum(near, dot(d, d) + abs_dot(d, half))
+        store(shafts, FAR + batch, far + far * _F(2.0**-18) + cap * span)
+        store(shafts, CAP_ERROR + batch, cap)
+        inverse = splat16(_F(1.0)) / maximum(dot(d, d), splat16(_F(1e-30)))
+        at = PLANES + batch
+        for turn in (1, 2):
+            m = _sideways(d, (along + turn) % 3)
+            k = (abs_dot(m, half) - abs_dots(m, receivers)) * inverse
+            back = Vec(d.x * k, d.y * k, d.z * k)
+            _bound_plane(shafts, at, Vec(m.x - back.x, m.y - back.y, m.z - back.z), d, receivers, half, span)
+            at += PLANE
+            _bound_plane(shafts, at, Vec(-m.x - back.x, -m.y - back.y, -m.z - back.z), d, receivers, half, span)
+            at += PLANE

@@ -1,0 +1,172 @@
+"""Slab tests of 16 shafts at once: one box against 16 lanes.
+
+A *shaft* holds all segments from a box of origins to a box of targets. At parameter t its points lie, along each axis,
+between o_low + t d_low and o_high + t d_high, where o_low, o_high bound the origins, and d_low (d_high) leads from the
+lower (upper) bound of the origins to that of the targets. So it meets the slab [low, high] of a node's box at t if
+
+    o_high + t d_high >= low     and     o_low + t d_low <= high
+
+Each condition bounds t on one side: from below where the first has d_high > 0 (the second d_low < 0), from above
+otherwise. With a point as origin box, a shaft is the frustum of multi-frusta tracing and this is its interval slab test
+[Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]; with points as both, it is a ray. An interval of directions that
+contains zero needs no special test (the paper adds one): its two conditions then both bound t from below.
+
+Conservative in float32. A bound is fma(plane, r, k) with r = 1 / d and k = -o r. d and r bring 3u |plane r|, at most
+3u (|t| + |k|); k's own rounding 4u |k|; the fma u |t|; u the unit roundoff. `_PAD` = 12u of (1 + |k|), added to k once,
+outwards, covers them for all t up to 1.
+A |d| below a tiny limit is taken for one of that size that bounds t from below, which is never tighter than the truth.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined
+from ..simd import absolute, bits, broadcast16, fma, maximum, minimum, select, splat16
+
+_PAD = np.float32(12 * 2.0**-24)
+_LOW = np.float32(1e-7)  # directions below this share of the longest count as zero
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
+
+
+class Shafts(NamedTuple):
+    """Bounds of 16 shafts; all fields f32x16."""
+
+    ox_low: object
+    oy_low: object
+    oz_low: object
+    ox_high: object
+    oy_high: object
+    oz_high: object
+    dx_low: object
+    dy_low: object
+    dz_low: object
+    dx_high: object
+    dy_high: object
+    dz_high: object
+
+
+class Bound(NamedTuple):
+    """The line b r + k in the coordinate b of a plane; both f32x16."""
+
+    r: object
+    k: object
+
+
+class Uniform(NamedTuple):
+    """Slabs of one axis along which all lanes go the same way: entry and exit, and the planes that decide them."""
+
+    near: Bound
+    far: Bound
+    near_plane: int  # offset in a node's line: 0 the lower planes, 2 the upper ones
+    far_plane: int
+
+
+class Mixed(NamedTuple):
+    """Slabs of one axis for lanes of any direction: the bounds from lower and upper planes, each on either side."""
+
+    near_low: Bound  # t >= this of the lower plane; (0, 0) where it does not bind
+    near_high: Bound
+    far_low: Bound  # t <= this of the lower plane; (0, 1) where it does not bind
+    far_high: Bound
+
+
+@inlined
+def _bounds(o, d, limit):
+    """(r, k of a lower bound, k of an upper bound) of t = (plane - o) / d, with |d| >= limit."""
+    r = _ONE / d
+    k = -o * r
+    pad = fma(absolute(k), splat16(_PAD), splat16(_PAD))
+    return r, k - pad, k + pad
+
+
+@inlined
+def mixed_axis(o_low, o_high, d_low, d_high, limit):
+    """`Mixed` of one axis; limit: splat of the least |d|."""
+    zero, one = splat16(_ZERO), splat16(_ONE)
+    up = d_high > -limit
+    r, low, high = _bounds(o_high, select(up, maximum(d_high, limit), minimum(d_high, -limit)), limit)
+    near_low = Bound(select(up, r, zero), select(up, low, zero))
+    far_low = Bound(select(up, zero, r), select(up, one, high))
+    down = d_low < limit
+    r, low, high = _bounds(o_low, select(down, minimum(d_low, -limit), maximum(d_low, limit)), limit)
+    near_high = Bound(select(down, r, zero), select(down, low, zero))
+    far_high = Bound(select(down, zero, r), select(down, one, high))
+    return Mixed(near_low, near_high, far_low, far_high)
+
+
+@inlined
+def way_of(d_low, d_high, limit, lanes):
+    """1 if all `lanes` (bits) go up along an axis, -1 if all go down, else 0."""
+    if bits(d_low >= limit) & lanes == lanes:
+        return 1
+    return -1 if bits(d_high <= -limit) & lanes == lanes else 0
+
+
+@inlined
+def uniform_axis(o_low, o_high, d_low, d_high, limit, way):
+    """`Uniform` of one axis whose `way_of` is 1 or -1."""
+    up = way > 0
+    # lanes that do not count may hold anything: keep their reciprocals finite
+    high, low = maximum(absolute(d_high), limit), maximum(absolute(d_low), limit)
+    r, k_low, k_high = _bounds(o_high, high if up else -high, limit)
+    s, j_low, j_high = _bounds(o_low, low if up else -low, limit)
+    near = Bound(r if up else s, k_low if up else j_low)
+    far = Bound(s if up else r, j_high if up else k_high)
+    return Uniform(near, far, 0 if up else 2, 2 if up else 0)
+
+
+@inlined
+def least_direction(s):
+    """The |d| below which a direction counts as zero, in each lane."""
+    d = maximum(maximum(absolute(s.dx_low), absolute(s.dx_high)), maximum(absolute(s.dy_low), absolute(s.dy_high)))
+    d = maximum(d, maximum(absolute(s.dz_low), absolute(s.dz_high)))
+    o = maximum(maximum(absolute(s.ox_low), absolute(s.oy_low)), absolute(s.oz_low))
+    return maximum(maximum(d, o * np.float32(1e-7)) * _LOW, splat16(np.float32(1e-25)))
+
+
+@inlined
+def _at(bound, plane):
+    return fma(plane, bound.r, bound.k)
+
+
+@inlined
+def _meets_uniform(nodes, at, x, y, z):
+    """mask16 of the lanes whose shaft meets the box whose lower x is element `at` of `nodes`."""
+    near = maximum(
+        maximum(_at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))),
+        maximum(_at(z.near, broadcast16(nodes, at + 8 + z.near_plane)), splat16(_ZERO)),
+    )
+    far = minimum(
+        minimum(_at(x.far, broadcast16(nodes, at + x.far_plane)), _at(y.far, broadcast16(nodes, at + 4 + y.far_plane))),
+        minimum(_at(z.far, broadcast16(nodes, at + 8 + z.far_plane)), splat16(_ONE)),
+    )
+    return near <= far
+
+
+@inlined
+def _narrow(axis, low, high, near, far):
+    """(near, far) narrowed by one axis."""
+    near = maximum(near, maximum(_at(axis.near_low, low), _at(axis.near_high, high)))
+    return near, minimum(far, minimum(_at(axis.far_low, low), _at(axis.far_high, high)))
+
+
+@inlined
+def _meets_mixed(nodes, at, x, y, z):
+    near, far = splat16(_ZERO), splat16(_ONE)
+    near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), near, far)
+    near, far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), near, far)
+    near, far = _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), near, far)
+    return near <= far
+
+
+@inlined
+def children_uniform(nodes, node, x, y, z):
+    """(bits of the lanes that meet the left child's box, of those that meet the right one's)."""
+    return bits(_meets_uniform(nodes, node * 16, x, y, z)), bits(_meets_uniform(nodes, node * 16 + 1, x, y, z))
+
+
+@inlined
+def children_mixed(nodes, node, x, y, z):
+    """The same for lanes of any direction."""
+    return bits(_meets_mixed(nodes, node * 16, x, y, z)), bits(_meets_mixed(nodes, node * 16 + 1, x, y, z))

@@ -1,0 +1,290 @@
+"""A tile: 16 receivers and a chunk of light samples, prepared for tracing.
+
+Lane i of a tile is a receiver. Their segments are asked stratum by stratum: those of one stratum are 16 rays that start
+and end near each other, and lie in one shaft.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..query.receivers import FREE, NOTHING
+from ..query.samples import patch_at, sample_point
+from ..query.shadow import horizon_of, is_above
+from ..simd import (
+    absolute,
+    as_i32,
+    bits,
+    broadcast16,
+    get,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    maximum,
+    popcount,
+    ptr,
+    ptr_at,
+    put,
+    reduce_max,
+    reduce_min,
+    select,
+    splat16,
+    store,
+)
+from .counters import BELOW_HORIZON, RAYS, UNCERTAIN, count
+from .lighttable import ALL_GROUPS, GROUPS, POINTS, STRATA, bound_groups
+from .shafts import SHAFT_FLOATS
+
+_F = np.float32
+_INFO, _FACES, _DEAD, _SHAFTS = 48, 64, 80, 96
+_OWN = _SHAFTS + SHAFT_FLOATS  # floats of a tile besides its light samples
+TILE_FLOATS = _OWN + POINTS + GROUPS
+_U = _F(64 * 2.0**-24)
+_TINY = _F(1e-37)
+SPLIT = _F(0.75)
+
+
+class Tile(NamedTuple):
+    """Where a tile's numbers are; all pointers into float32 scratch memory, or the light table's."""
+
+    origins: object  # x, y, z of 16 receivers; lanes without one repeat another
+    info: object  # 0..2 centre, 3..5 half extents of the receivers' box, 6..8 its lower, 9..11 upper corner
+    faces: object  # int32: the receivers' own triangles
+    dead: object  # int32, one a stratum: bits of the receivers whose segment is blocked
+    shafts: object  # see `shafts`
+    points: object  # see `lighttable`
+    groups: object
+
+
+class TileShape(NamedTuple):
+    """How receivers are cut into tiles: 4 x 4 pixels, or 16 of a row."""
+
+    width: int
+    height: int
+    columns: int  # tiles in a row of tiles
+    rows: int
+
+
+@inlined
+def tile_at(scratch, g, table, chunk, fixed):
+    """`Tile` number g of a bundle."""
+    own = ptr_at(scratch, g * TILE_FLOATS)
+    points, groups = ptr_at(own, _OWN), ptr_at(own, _OWN + POINTS)
+    if fixed:
+        points, groups = ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.groups), chunk * GROUPS)
+    faces, dead = as_i32(ptr_at(own, _FACES)), as_i32(ptr_at(own, _DEAD))
+    return Tile(own, ptr_at(own, _INFO), faces, dead, ptr_at(own, _SHAFTS), points, groups)
+
+
+@inlined
+def middle_and_half(low, high):
+    """(middle, half extent) of an interval of float32, so that middle -+ half holds it."""
+    middle = _F(0.5) * low + _F(0.5) * high
+    half = high - middle if high - middle > middle - low else middle - low
+    return middle, half * _F(1.0 + 2.0**-22)
+
+
+@kernel
+def load_receivers(query, y0, x0, shape, tile):
+    """Fill origins and faces; bits of the lanes that hold a receiver."""
+    h, w = query.sides.shape
+    origins, faces, sides = ptr(query.origins), ptr(query.faces), ptr(query.sides)
+    valid = np.int64(0)
+    for lane in range(16):
+        y, x = y0 + lane // shape.width, x0 + lane % shape.width
+        if y < h and x < w:
+            at = y * w + x
+            if np.int64(get(sides, at)) != NOTHING:
+                valid |= np.int64(1) << lane
+                put(tile.origins, lane, get(origins, at * 3))
+                put(tile.origins, 16 + lane, get(origins, at * 3 + 1))
+                put(tile.origins, 32 + lane, get(origins, at * 3 + 2))
+                put(tile.faces, lane, get(faces, at))
+    return valid
+
+
+@inlined
+def bound_receivers(tile, valid):
+    """Fill info from some of the lanes, at least one; the others repeat one of them."""
+    there, any_lane = mask_from_bits16(valid), lowest_bit(valid)
+    for k in range(3):
+        o = select(there, load16(tile.origins, 16 * k), broadcast16(tile.origins, 16 * k + any_lane))
+        store(tile.origins, 16 * k, o)
+        low, high = reduce_min(o), reduce_max(o)
+        middle, half = middle_and_half(low, high)
+        put(tile.info, k, middle)
+        put(tile.info, 3 + k, half)
+        put(tile.info, 6 + k, low)
+        put(tile.info, 9 + k, high)
+    store(tile.faces, 0, select(there, load16(tile.faces, 0), splat16(np.int32(-1))))
+
+
+@inlined
+def _extent(tile, lanes, k):
+    """(lower, upper bound) of the receivers in some lanes along axis k."""
+    o, there = load16(tile.origins, 16 * k), mask_from_bits16(lanes)
+    return reduce_min(select(there, o, splat16(_F(np.inf)))), reduce_max(select(there, o, splat16(_F(-np.inf))))
+
+
+@kernel
+def _size_and_halves(tile, lanes):
+    """(sum of the extents of the receivers' box, the lanes in its lower half along its longest axis)."""
+    size, longest, at, middle = _F(0.0), _F(-1.0), 0, _F(0.0)
+    for k in range(3):
+        low, high = _extent(tile, lanes, k)
+        size += high - low
+        if high - low > longest:
+            longest, at, middle = high - low, k, _F(0.5) * low + _F(0.5) * high
+    return size, bits(load16(tile.origins, 16 * at) <= middle) & lanes
+
+
+@kernel
+def coherent_part(tile, lanes, light):
+    """The receivers to trace with the first of `lanes`: all, or, where they lie in places far apart, those near it.
+
+    One shaft of width s + l (s: the receivers' box, l: the light's) is split where two, of the receivers in either
+    half of the box, would be clearly narrower together.
+    """
+    while lanes & (lanes - 1) != 0:
+        size, lower = _size_and_halves(tile, lanes)
+        upper = lanes & ~lower
+        if lower == 0 or upper == 0:
+            return lanes
+        a, b = _size_and_halves(tile, lower)[0], _size_and_halves(tile, upper)[0]
+        if a + b + _F(2.0) * light > SPLIT * (size + light):
+            return lanes
+        lanes = lower if lanes & -lanes & lower != 0 else upper
+    return lanes
+
+
+@kernel
+def move_light(query, y0, x0, shape, chunk, valid, tile, n_strata):
+    """The samples of a light that moves with the receiver, into the tile's own memory."""
+    for lane in range(16):
+        there = lane if valid >> lane & 1 else lowest_bit(valid)
+        y, x = y0 + there // shape.width, x0 + there % shape.width
+        o = query.origins[y, x]
+        patch = patch_at(query.light, o[0], o[1], o[2])
+        for s in range(n_strata):
+            a, b = query.samples[(x & 3) + 4 * (y & 3), chunk * STRATA + s]
+            px, py, pz = sample_point(patch, a, b)
+            put(tile.points, s * 48 + lane, px)
+            put(tile.points, s * 48 + 16 + lane, py)
+            put(tile.points, s * 48 + 32 + lane, pz)
+    bound_groups(tile.points, tile.groups, n_strata)
+
+
+@kernel
+def _gather_planes(query, y0, x0, shape, valid, planes):
+    """Rows of `planes`: a point of each receiver's plane (3), a normal (3), the side seen, what scales its error."""
+    corners, w = ptr(query.corners), query.sides.shape[1]
+    lanes = valid
+    while lanes != 0:
+        lane = lowest_bit(lanes)
+        lanes &= lanes - 1
+        y, x = y0 + lane // shape.width, x0 + lane % shape.width
+        side, face = np.int64(query.sides[y, x]), np.int64(query.faces[y, x])
+        nx, ny, nz, size = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
+        k = face * 9
+        if face >= 0:
+            vx, vy, vz = get(corners, k), get(corners, k + 1), get(corners, k + 2)
+            px, py, pz = get(corners, k + 3) - vx, get(corners, k + 4) - vy, get(corners, k + 5) - vz
+            qx, qy, qz = get(corners, k + 6) - vx, get(corners, k + 7) - vy, get(corners, k + 8) - vz
+            nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+            size = abs(px) + abs(py) + abs(pz) + abs(qx) + abs(qy) + abs(qz)
+            size *= size
+        else:
+            at = (y * w + x) * 3
+            origins = ptr(query.origins)
+            vx, vy, vz = get(origins, at), get(origins, at + 1), get(origins, at + 2)
+            if side != FREE:
+                n = query.normals[y, x]
+                nx, ny, nz = _F(n[0]), _F(n[1]), _F(n[2])
+                size = abs(nx) + abs(ny) + abs(nz)
+        put(planes, lane, vx)
+        put(planes, 16 + lane, vy)
+        put(planes, 32 + lane, vz)
+        put(planes, 48 + lane, nx)
+        put(planes, 64 + lane, ny)
+        put(planes, 80 + lane, nz)
+        put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
+        put(planes, 112 + lane, size)
+
+
+@inlined
+def _height(planes, lx, ly, lz):
+    """(height of light points over the lanes' planes on the seen side, bound of its error)."""
+    ax, ay, az = lx - load16(planes, 0), ly - load16(planes, 16), lz - load16(planes, 32)
+    h = load16(planes, 48) * ax + load16(planes, 64) * ay + load16(planes, 80) * az
+    reach = maximum(maximum(absolute(ax), absolute(ay)), absolute(az))
+    return h * load16(planes, 96), load16(planes, 112) * _U * reach + _TINY * (reach + _F(1.0))
+
+
+@kernel
+def _is_above_exactly(query, y0, x0, shape, lane, tile, s, counters):
+    y, x = y0 + lane // shape.width, x0 + lane % shape.width
+    at = s * 48 + lane
+    count(counters, UNCERTAIN, 1)
+    l = get(tile.points, at), get(tile.points, at + 16), get(tile.points, at + 32)
+    return is_above(horizon_of(query, y, x), l[0], l[1], l[2], ptr(query.corners))
+
+
+@inlined
+def _whole_light(tile, k):
+    return middle_and_half(get(tile.groups, k * ALL_GROUPS + 1), get(tile.groups, (3 + k) * ALL_GROUPS + 1))
+
+
+@kernel
+def apply_horizon(query, y0, x0, shape, valid, count_strata, tile, planes, counters):
+    """Start `dead`: segments to samples that are not above the receiver's own surface are blocked by it."""
+    blank = splat16(np.int32(0))
+    store(tile.dead, 0, blank)
+    count(counters, RAYS, count_strata * popcount(valid))
+    _gather_planes(query, y0, x0, shape, valid, planes)
+    sided = bits(load16(planes, 96) != _F(0.0)) & valid
+    if sided == 0:
+        return
+    lx, rx = _whole_light(tile, 0)
+    ly, ry = _whole_light(tile, 1)
+    lz, rz = _whole_light(tile, 2)
+    h, error = _height(planes, splat16(lx), splat16(ly), splat16(lz))
+    reach = absolute(load16(planes, 48)) * rx + absolute(load16(planes, 64)) * ry + absolute(load16(planes, 80)) * rz
+    spread = rx + ry + rz
+    far = reach * _F(1.0001) + error + load16(planes, 112) * (_U * spread)
+    crossing = sided & ~bits(h > far)
+    if crossing == 0:
+        return
+    for s in range(count_strata):
+        _horizon_of_stratum(query, y0, x0, shape, crossing, s, tile, planes, counters)
+
+
+@inlined
+def _horizon_of_stratum(query, y0, x0, shape, crossing, s, tile, planes, counters):
+    at = s * 48
+    h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
+    below = bits(h < -error) & crossing
+    unsure = crossing & ~below & ~bits(h > error)
+    while unsure != 0:
+        lane = lowest_bit(unsure)
+        unsure &= unsure - 1
+        if not _is_above_exactly(query, y0, x0, shape, lane, tile, s, counters):
+            below |= np.int64(1) << lane
+    count(counters, BELOW_HORIZON, popcount(below))
+    put(tile.dead, s, below)
+
+
+@inlined
+def write_bits(y0, x0, shape, valid, count_strata, chunk, tile, finished, out):
+    """Set the bits of a chunk's blocked segments, strata -> receivers; all of the `finished` strata's are blocked."""
+    words = splat16(np.int32(0))
+    for s in range(count_strata):
+        blocked = mask_from_bits16(np.int64(get(tile.dead, s)) | -(finished >> s & 1))
+        words = words | select(blocked, splat16(np.int32(1 << s)), splat16(np.int32(0)))
+    store(tile.dead, 0, words)
+    shift, word = np.uint64(chunk * STRATA & 63), chunk * STRATA >> 6
+    while valid != 0:
+        lane = lowest_bit(valid)
+        valid &= valid - 1
+        y, x = y0 + lane // shape.width, x0 + lane % shape.width
+        out[y, x, word] |= np.uint64(np.int64(get(tile.dead, lane)) & 0xFFFF) << shift

@@ -1,0 +1,102 @@
+"""Three coordinates at once: of scalars or of vectors of lanes."""
+
+from typing import NamedTuple
+
+from ..jit import inlined
+from ..simd import absolute, broadcast16, fma, load16, maximum, splat16, store
+
+
+class Vec(NamedTuple):
+    """x, y, z: three float32, or three f32x16."""
+
+    x: object
+    y: object
+    z: object
+
+
+@inlined
+def dot(a, b):
+    """a . b of f32x16."""
+    return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z))
+
+
+@inlined
+def dots(v, s):
+    """v . s of f32x16 and scalars."""
+    return fma(v.x, splat16(s.x), fma(v.y, splat16(s.y), v.z * s.z))
+
+
+@inlined
+def abs_dot(v, w):
+    """|v| . w of f32x16, component by component."""
+    return fma(absolute(v.x), w.x, fma(absolute(v.y), w.y, absolute(v.z) * w.z))
+
+
+@inlined
+def abs_dots(v, s):
+    """|v| . s of f32x16 and scalars."""
+    return fma(absolute(v.x), splat16(s.x), fma(absolute(v.y), splat16(s.y), absolute(v.z) * s.z))
+
+
+@inlined
+def cross(a, b):
+    """a x b of f32x16."""
+    return Vec(fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)), fma(a.x, b.y, -(a.y * b.x)))
+
+
+@inlined
+def crosses(a, s):
+    """a x s of f32x16 and scalars."""
+    return Vec(
+        fma(a.y, splat16(s.z), -(a.z * s.y)),
+        fma(a.z, splat16(s.x), -(a.x * s.z)),
+        fma(a.x, splat16(s.y), -(a.y * s.x)),
+    )
+
+
+@inlined
+def plus(a, b):
+    return Vec(a.x + b.x, a.y + b.y, a.z + b.z)
+
+
+@inlined
+def minus(a, b):
+    return Vec(a.x - b.x, a.y - b.y, a.z - b.z)
+
+
+@inlined
+def times(a, s):
+    """a s, component by component."""
+    return Vec(a.x * s, a.y * s, a.z * s)
+
+
+@inlined
+def largest(v):
+    """The largest magnitude of three f32x16."""
+    return maximum(maximum(absolute(v.x), absolute(v.y)), absolute(v.z))
+
+
+@inlined
+def total(v):
+    """The sum of magnitudes of three f32x16."""
+    return absolute(v.x) + absolute(v.y) + absolute(v.z)
+
+
+@inlined
+def rows(p, at, stride):
+    """Three f32x16 from memory, `stride` float32 apart."""
+    return Vec(load16(p, at), load16(p, at + stride), load16(p, at + 2 * stride))
+
+
+@inlined
+def broadcasts(p, at, stride):
+    """Three numbers from memory, each in all lanes."""
+    return Vec(broadcast16(p, at), broadcast16(p, at + stride), broadcast16(p, at + 2 * stride))
+
+
+@inlined
+def keep(p, at, stride, v):
+    """Write three f32x16."""
+    store(p, at, v.x)
+    store(p, at + stride, v.y)
+    store(p, at + 2 * stride, v.z)
