@@ -11,11 +11,12 @@ from ..bvh.blocks import block_pointers
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
+from ..predicate.exact import segment
 from ..scene.lights import FIXED
 from ..simd import get, load16, lowest_bit, put, stack_f32, stack_i32
 from .counters import BOX_TESTS, NODES, add_counters, count, private_counters
 from .lighttable import ALL_GROUPS, STRATA, light_table
-from .shaftleaf import WORK, trace_block
+from .shaftleaf import ASIDE, WORK, trace_block
 from .shafts import make_shafts
 from .slabs import (
     Shafts,
@@ -37,6 +38,7 @@ from .tile import (
     tile_at,
     write_bits,
 )
+from .traverse import settle
 
 _STACK = 4 * MAX_DEPTH
 _LANES = 12 * 16
@@ -45,6 +47,7 @@ MAX_TILES = 16
 _SCRATCH = MAX_TILES * TILE_FLOATS
 _FINISHED = MAX_TILES
 _VALID = 2 * MAX_TILES
+_ASIDE = 2 + 2 * ASIDE
 
 
 class Bundle(NamedTuple):
@@ -74,6 +77,8 @@ class Scratch(NamedTuple):
     stack: object  # int32: links and masks
     valid: object  # int32: bits of each tile's receivers; from _FINISHED on, bits of its finished strata
     planes: object  # float32, for `tile.apply_horizon`
+    at: object  # int32: link, mask and stack height where a walk goes on
+    aside: object  # int32: how many, nothing, then slot and place of each segment that float32 cannot decide
 
 
 @inlined
@@ -114,22 +119,19 @@ def _shafts(p):
 def _leaf(tree, code, mask, table, chunk, fixed, bundle, facing, scratch, counters):
     """A block against the lanes in `mask`; bits of the lanes that have no segment left."""
     block, triangles, done = code >> 5, code & 31, np.int64(0)
-    if triangles == 0:
-        return done
     all_groups = (np.int64(1) << bundle.groups) - 1
     for g in range(bundle.tiles):
         groups = mask >> (g * bundle.groups) & all_groups
         if groups != 0:
             tile = tile_at(scratch.tiles, g, table, chunk, fixed)
-            valid = np.int64(get(scratch.valid, g))
-            strata = _lane_strata(groups, bundle) & ~np.int64(get(scratch.valid, _FINISHED + g))
-            if strata == 0:
-                continue
-            finished = trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, counters)
-            if finished != 0:
-                finished |= np.int64(get(scratch.valid, _FINISHED + g))
-                put(scratch.valid, _FINISHED + g, finished)
-                done |= _finished_groups(finished, bundle) << (g * bundle.groups)
+            valid, finished = np.int64(get(scratch.valid, g)), np.int64(get(scratch.valid, _FINISHED + g))
+            strata = _lane_strata(groups, bundle) & ~finished
+            now = trace_block(
+                tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.aside, counters
+            )
+            if now != 0:
+                put(scratch.valid, _FINISHED + g, finished | now)
+                done |= _finished_groups(finished | now, bundle) << (g * bundle.groups)
     return done
 
 
@@ -160,8 +162,13 @@ def _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
     mx = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit)
     my = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit)
     mz = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit)
-    link, mask, height = np.int64(0), alive, 0
+    link, mask, height = np.int64(get(scratch.at, 0)), np.int64(get(scratch.at, 1)) & alive, np.int64(get(scratch.at, 2))
     while True:
+        while mask == 0:
+            if height == 0:
+                return np.int64(0)
+            height -= 2
+            link, mask = np.int64(get(scratch.stack, height)), np.int64(get(scratch.stack, height + 1)) & alive
         if link >= 0:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, 2)
@@ -171,28 +178,53 @@ def _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
                 left, right = children_mixed(tree.nodes, link, mx, my, mz)
             left &= mask
             right &= mask
-            if left != 0:
-                if right != 0:
-                    put(scratch.stack, height, get(tree.links, link * 16 + 13))
-                    put(scratch.stack, height + 1, right)
-                    height += 2
-                link, mask = np.int64(get(tree.links, link * 16 + 12)), left
-                continue
-            if right != 0:
-                link, mask = np.int64(get(tree.links, link * 16 + 13)), right
-                continue
-        else:
-            done = _leaf(tree, ~link, mask, table, chunk, fixed, bundle, facing, scratch, counters)
-            if done != 0:
-                alive &= ~done
-                if alive == 0:
-                    return
+            if left != 0 and right != 0:
+                put(scratch.stack, height, get(tree.links, link * 16 + 13))
+                put(scratch.stack, height + 1, right)
+                height += 2
+            link = np.int64(get(tree.links, link * 16 + (12 if left != 0 else 13)))
+            mask = left if left != 0 else right
+            continue
+        if np.int64(get(scratch.aside, 0)) > ASIDE // 2:
+            put(scratch.at, 0, link)
+            put(scratch.at, 1, mask)
+            put(scratch.at, 2, height)
+            return alive
+        if ~link & 31 != 0:
+            alive &= ~_leaf(tree, ~link, mask, table, chunk, fixed, bundle, facing, scratch, counters)
         mask = np.int64(0)
-        while mask == 0:
-            if height == 0:
-                return
-            height -= 2
-            link, mask = np.int64(get(scratch.stack, height)), np.int64(get(scratch.stack, height + 1)) & alive
+
+
+@kernel
+def _settle_aside(tree, table, chunk, fixed, facing, scratch, counters):
+    """Decide exactly what float32 could not say about a bundle's segments."""
+    for k in range(np.int64(get(scratch.aside, 0))):
+        slot, code = np.int64(get(scratch.aside, 2 + 2 * k)), np.int64(get(scratch.aside, 3 + 2 * k))
+        g, s, lane = code >> 8, code >> 4 & 15, code & 15
+        tile = tile_at(scratch.tiles, g, table, chunk, fixed)
+        dead = np.int64(get(tile.dead, s))
+        if (dead >> lane | np.int64(get(scratch.valid, _FINISHED + g)) >> s) & 1 == 0:
+            o, l = lane, s * 48 + lane
+            ray = segment(
+                get(tile.origins, o), get(tile.origins, o + 16), get(tile.origins, o + 32),
+                get(tile.points, l), get(tile.points, l + 16), get(tile.points, l + 32),
+            )  # fmt: skip
+            side = settle(ray, tree.corners, slot, counters)
+            if side != 0 and side != facing:
+                put(tile.dead, s, dead | np.int64(1) << lane)
+    put(scratch.aside, 0, 0)
+
+
+@inlined
+def _trace_lanes(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
+    """Trace the lanes in `alive`, and settle what is put aside whenever the memory for it runs low, and at the end."""
+    put(scratch.at, 0, 0)
+    put(scratch.at, 1, alive)
+    put(scratch.at, 2, 0)
+    put(scratch.aside, 0, 0)
+    while alive != 0:
+        alive = _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters)
+        _settle_aside(tree, table, chunk, fixed, facing, scratch, counters)
 
 
 @inlined
@@ -236,26 +268,13 @@ def _finish_tile(y0, x0, shape, chunk, bundle, g, tile, scratch, out):
 
 
 @kernel
-def _trace_parts(tree, query, y0, x0, shape, table, chunk, fixed, alone, part, lanes, scratch, out, counters):
-    """Trace the receivers of a tile that lie in several places, place by place."""
-    tile = tile_at(scratch.tiles, 0, table, chunk, fixed)
-    while lanes != 0:
-        alive = _start_tile(query, y0, x0, shape, chunk, fixed, alone, 0, tile, part, scratch, counters)
-        if alive != 0:
-            _walk(tree, alive, table, chunk, fixed, alone, query.cull_faces, scratch, counters)
-        _finish_tile(y0, x0, shape, chunk, alone, 0, tile, scratch, out)
-        lanes &= ~part
-        if lanes != 0:
-            load_receivers(query, y0, x0, shape, tile)
-            part = coherent_part(tile, lanes, _light_size(query, tile))
-
-
-@kernel
 def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, chunk, out, counters):
     """Worker: bundles of tiles."""
     scratch = Scratch(
-        stack_f32(_SCRATCH), stack_f32(_LANES), stack_f32(WORK), stack_i32(_STACK), stack_i32(_VALID), stack_f32(128)
-    )
+        stack_f32(_SCRATCH), stack_f32(_LANES), stack_f32(WORK), stack_i32(_STACK), stack_i32(_VALID), stack_f32(128),
+        stack_i32(4), stack_i32(_ASIDE),
+    )  # fmt: skip
+    single = Layout(1, 1, layout.columns, layout.rows)
     tree, mine, fixed = block_pointers(arrays), private_counters(counters), query.light.kind == FIXED
     at = take(ticket)
     while at >= 0:
@@ -269,19 +288,28 @@ def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, c
                 apart |= np.int64(1) << g
                 valid = np.int64(0)
             alive |= _start_tile(query, y0, x0, shape, chunk, fixed, bundle, g, tile, valid, scratch, mine)
-        if alive != 0:
-            _walk(tree, alive, table, chunk, fixed, bundle, query.cull_faces, scratch, mine)
-        for g in range(bundle.tiles):
-            y0, x0 = (by + g // layout.across) * shape.height, (bx + g % layout.across) * shape.width
-            _finish_tile(y0, x0, shape, chunk, bundle, g, tile_at(scratch.tiles, g, table, chunk, fixed), scratch, out)
-        while apart != 0:
-            g = lowest_bit(apart)
-            apart &= apart - 1
-            y0, x0 = (by + g // layout.across) * shape.height, (bx + g % layout.across) * shape.width
+        home_y, home_x = by, bx
+        job, origin, left = bundle, layout, np.int64(0)
+        while True:
+            _trace_lanes(tree, alive, table, chunk, fixed, job, query.cull_faces, scratch, mine)
+            for g in range(job.tiles):
+                tile = tile_at(scratch.tiles, g, table, chunk, fixed)
+                y0, x0 = (by + g // origin.across) * shape.height, (bx + g % origin.across) * shape.width
+                _finish_tile(y0, x0, shape, chunk, job, g, tile, scratch, out)
+            if left == 0:  # the next tile whose receivers lie in several places: trace them place by place
+                if apart == 0:
+                    break
+                g = lowest_bit(apart)
+                apart &= apart - 1
+                by, bx = home_y + g // layout.across, home_x + g % layout.across
+                left = np.int64(0xFFFF)
+            job, origin = alone, single
             tile = tile_at(scratch.tiles, 0, table, chunk, fixed)
-            valid = load_receivers(query, y0, x0, shape, tile)
-            part = coherent_part(tile, valid, _light_size(query, tile))
-            _trace_parts(tree, query, y0, x0, shape, table, chunk, fixed, alone, part, valid, scratch, out, mine)
+            y0, x0 = by * shape.height, bx * shape.width
+            left &= load_receivers(query, y0, x0, shape, tile)
+            part = coherent_part(tile, left, _light_size(query, tile))
+            left &= ~part
+            alive = _start_tile(query, y0, x0, shape, chunk, fixed, alone, 0, tile, part, scratch, mine)
         at = take(ticket)
     add_counters(counters, mine)
 

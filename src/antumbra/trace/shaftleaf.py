@@ -23,11 +23,13 @@ of the shaft, and of their slack (see `predicate.filters`: 60 u |d| s max(|a|, s
 >= |a| for all of them); 64 u s^2 (|a| + span) that of T, F and theirs.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..bvh.blocks import ROWS
 from ..jit import inlined, kernel
-from ..predicate.exact import segment
+from ..predicate.filters import plane
 from ..simd import (
     absolute,
     bits,
@@ -47,7 +49,6 @@ from ..simd import (
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
 from .shafts import CAP_ERROR, D, FAR, NEAR, PLANE, PLANES, N, axis_of
-from .traverse import settle
 from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows
 
 _F = np.float32
@@ -57,6 +58,7 @@ _TINY = _F(1e-37)
 _ZERO = _F(0.0)
 _CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23))
 WORK = 24 * 16  # float32 of scratch memory
+ASIDE = 2 * 4096  # segments that can be put aside; one block and tile need at most 4096
 
 
 @inlined
@@ -177,7 +179,7 @@ def _strata_outside(shafts, work, i):
 
 @inlined
 def cull_strata(shafts, work, i, facing):
-    """(bits of the strata whose shafts miss triangle i of the block, of those that it blocks whole)."""
+    """(bits of the strata whose shafts miss triangle i of the block, of those that it blocks whole, sign of all F or 0)."""
     d, half = rows(shafts, D + 16, N), rows(shafts, 3 * N + 16, N)
     cp, cq, n = broadcasts(work, _CP + i, 16), broadcasts(work, _CQ + i, 16), broadcasts(work, _N + i, 16)
     c0 = plus(n, minus(cq, cp))
@@ -205,21 +207,41 @@ def cull_strata(shafts, work, i, facing):
         wrong = bits(up) if facing > 0 else bits(down)
         miss |= wrong
         cover &= ~wrong
-    return miss, cover
+    f_side = np.int64(0)
+    if bits(above) == 0xFFFF:
+        f_side = np.int64(1)
+    elif bits(below) == 0xFFFF:
+        f_side = np.int64(-1)
+    return miss, cover, f_side
+
+
+class Lanes(NamedTuple):
+    """A triangle as the 16 receivers of a tile see it; f32x16."""
+
+    cp: Vec  # a x p
+    cq: Vec  # a x q
+    n: Vec
+    t: object  # a . n
+    e: object  # bounds of the errors, see above
+    te: object
 
 
 @inlined
-def test_rays(tile, block, i, s, e, te, facing):
-    """(bits of the receivers whose segment to stratum s surely meets triangle i, of those where float32 cannot say)."""
-    o = rows(tile.origins, 0, 16)
-    d = minus(rows(tile.points, s * 48, 16), o)
-    a = minus(broadcasts(block, i, 16), o)
-    p, q = broadcasts(block, 48 + i, 16), broadcasts(block, 96 + i, 16)
-    n, r = cross(p, q), cross(d, a)
-    e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
-    e0, f = dn - e1 - e2, t - dn
+def lanes_of(tile, block, work, i):
+    """`Lanes` of triangle i of a block that `cull_block` has left."""
+    a = minus(broadcasts(block, i, 16), rows(tile.origins, 0, 16))
+    p, q, n = broadcasts(block, 48 + i, 16), broadcasts(block, 96 + i, 16), broadcasts(work, _N + i, 16)
+    return Lanes(cross(a, p), cross(a, q), n, dot(a, n), broadcast16(work, _E + i), broadcast16(work, _TE + i))
+
+
+@inlined
+def test_rays(tile, lanes, s, facing):
+    """(bits of the receivers whose segment to stratum s surely meets the triangle, of those float32 cannot say)."""
+    d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
+    e2, e1, dn, e, te = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, lanes.n), lanes.e, lanes.te
+    e0, f = dn - e1 - e2, lanes.t - dn
     low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
-    near, far = minimum(t, f), maximum(t, f)
+    near, far = minimum(lanes.t, f), maximum(lanes.t, f)
     miss = ((low < -e) & (high > e)) | (near > te) | (far < -te)
     left = bits(miss) ^ 0xFFFF
     if left == 0:
@@ -233,41 +255,71 @@ def test_rays(tile, block, i, s, e, te, facing):
     return hit, left & ~hit
 
 
-@kernel
-def _settle_lanes(tile, tree, slot, s, unsure, facing, counters):
-    """What float32 could not say, exactly: bits of the receivers whose segment the triangle blocks."""
-    hit = np.int64(0)
+@inlined
+def put_aside(aside, tile, slot, s, unsure):
+    """Note the segments from the `unsure` receivers (bits) to stratum s, and the triangle in `slot`, for later."""
+    n = np.int64(get(aside, 0))
     while unsure != 0:
-        lane = lowest_bit(unsure)
+        put(aside, 2 + 2 * n, slot)
+        put(aside, 3 + 2 * n, tile.number << 8 | s << 4 | lowest_bit(unsure))
         unsure &= unsure - 1
-        o, l = lane, s * 48 + lane
-        ray = segment(
-            get(tile.origins, o), get(tile.origins, o + 16), get(tile.origins, o + 32),
-            get(tile.points, l), get(tile.points, l + 16), get(tile.points, l + 32),
-        )  # fmt: skip
-        side = settle(ray, tree.corners, slot, counters)
-        if side != 0 and side != facing:
-            hit |= np.int64(1) << lane
-    return hit
+        n += 1
+    put(aside, 0, n)
+
+
+@kernel
+def _on_the_lights_side(tile, tree, slot, above, lanes):
+    """Bits of those receivers that are, as all of the light, surely on one side of a triangle's plane, in float64.
+
+    For the surface that a tile lies on, and what continues it, float32 cannot say on which side the receivers are.
+    """
+    f = np.float64
+    a, n, error = plane(tree.corners, slot, f(0.0), f(0.0), f(0.0))
+    settled = np.int64(0)
+    while lanes != 0:
+        lane = lowest_bit(lanes)
+        lanes &= lanes - 1
+        x, y, z = (
+            a[0] - f(get(tile.origins, lane)),
+            a[1] - f(get(tile.origins, 16 + lane)),
+            a[2] - f(get(tile.origins, 32 + lane)),
+        )
+        t = x * n[0] + y * n[1] + z * n[2]
+        bound = error * (abs(x) + abs(y) + abs(z))
+        if t > bound if above else t < -bound:
+            settled |= np.int64(1) << lane
+    return settled
 
 
 @inlined
-def _rays_of_triangle(tile, tree, block, i, strata, work, valid, facing, counters):
+def _receivers_to_test(tile, tree, slot, work, i, f_side, valid):
+    """The receivers that a triangle may block: not its own, nor those that see its plane from where the light is."""
+    receivers = valid & ~bits(load16(tile.faces, 0) == get(tree.prim_ids, slot))
+    t, kt = get(work, _T + i), get(work, _KT + i)
+    if f_side != 0 and receivers != 0 and abs(t) <= kt:
+        receivers &= ~_on_the_lights_side(tile, tree, slot, f_side > 0, receivers)
+    return receivers
+
+
+@kernel
+def _rays_of_triangle(tile, tree, block, i, strata, f_side, work, valid, facing, aside, counters):
     """Test a triangle against the rays of some strata; those that have no ray left."""
     numbers, done = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0)
     slot = np.int64(get(tree.slots, block * 16 + i))
-    e, te = broadcast16(work, _E + i), broadcast16(work, _TE + i)
-    own = bits(load16(tile.faces, 0) == get(tree.prim_ids, slot))
+    receivers = _receivers_to_test(tile, tree, slot, work, i, f_side, valid)
+    if receivers == 0:
+        return done
+    lanes = lanes_of(tile, numbers, work, i)
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
         dead = np.int64(get(tile.dead, s))
         count(counters, TRIANGLE_TESTS, 1)
-        hit, unsure = test_rays(tile, numbers, i, s, e, te, facing)
-        unsure &= valid & ~dead & ~own
+        hit, unsure = test_rays(tile, lanes, s, facing)
+        unsure &= receivers & ~dead
         if unsure != 0:
-            hit |= _settle_lanes(tile, tree, slot, s, unsure, facing, counters)
-        hit &= valid
+            put_aside(aside, tile, slot, s, unsure)
+        hit &= receivers
         if hit & ~dead:
             put(tile.dead, s, dead | hit)
             if (dead | hit) & valid == valid:
@@ -276,23 +328,47 @@ def _rays_of_triangle(tile, tree, block, i, strata, work, valid, facing, counter
 
 
 @kernel
-def trace_block(tile, tree, block, triangles, strata, valid, facing, work, counters):
+def _trace_sparse(tile, tree, block, triangles, strata, valid, facing, work, aside, counters):
+    """`trace_block` for few strata: each one's own shaft culls the block, and the rays are tested at once."""
+    numbers, done = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0)
+    while strata != 0:
+        s = lowest_bit(strata)
+        strata &= strata - 1
+        left = cull_block(tile, numbers, 16 + s, facing, work) & ((np.int64(1) << triangles) - 1)
+        count(counters, CANDIDATES, popcount(left))
+        one = np.int64(1) << s
+        while left != 0 and done & one == 0:
+            i = lowest_bit(left)
+            left &= left - 1
+            done |= _rays_of_triangle(tile, tree, block, i, one, np.int64(0), work, valid, facing, aside, counters)
+    return done
+
+
+SPARSE = 4
+
+
+@kernel
+def trace_block(tile, tree, block, triangles, strata, valid, facing, work, aside, counters):
     """Test the segments of some strata of a tile against a block; bits of the strata that have none left."""
+    count(counters, TRIANGLES, triangles)
+    if popcount(strata) <= SPARSE:
+        return _trace_sparse(tile, tree, block, triangles, strata, valid, facing, work, aside, counters)
     numbers, done = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0)
     left = cull_block(tile, numbers, group_of(strata), facing, work) & ((np.int64(1) << triangles) - 1)
-    count(counters, TRIANGLES, triangles)
     count(counters, CANDIDATES, popcount(left))
     while left != 0:
         i = lowest_bit(left)
         left &= left - 1
-        miss, cover = cull_strata(tile.shafts, work, i, facing)
+        miss, cover, f_side = cull_strata(tile.shafts, work, i, facing)
         cover &= strata
         count(counters, COVERED, popcount(cover))
         done |= cover
         strata &= ~cover
-        done_now = _rays_of_triangle(tile, tree, block, i, strata & ~miss, work, valid, facing, counters)
-        done |= done_now
-        strata &= ~done_now
+        tests = strata & ~miss
+        if tests != 0:
+            done_now = _rays_of_triangle(tile, tree, block, i, tests, f_side, work, valid, facing, aside, counters)
+            done |= done_now
+            strata &= ~done_now
         if strata == 0:
             break
     return done

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined, kernel
-from ..simd import absolute, get, maximum, splat16, store
+from ..simd import absolute, get, maximum, minimum, splat16, store
 from .lighttable import ALL_GROUPS
 from .vec import Vec, abs_dot, abs_dots, dot, keep, rows, total
 
@@ -101,9 +101,9 @@ def make_shafts(info, groups, shafts):
         store(shafts, TWIST + batch, twist + half.z * (receivers.x + receivers.y))
         store(shafts, SPAN + batch, span)
         store(shafts, LEVER + batch, d1 * x1)
-        near, cap = abs_dots(d, receivers), d1 * _ROUNDING
-        store(shafts, NEAR + batch, -near - near * _F(2.0**-18) - cap * span)
-        far = maximum(near, dot(d, d) + abs_dot(d, half))
+        start, middle, reach, cap = abs_dots(d, receivers), dot(d, d), abs_dot(d, half), d1 * _ROUNDING
+        near, far = minimum(-start, middle - reach), maximum(start, middle + reach)
+        store(shafts, NEAR + batch, near - absolute(near) * _F(2.0**-18) - cap * span)
         store(shafts, FAR + batch, far + far * _F(2.0**-18) + cap * span)
         store(shafts, CAP_ERROR + batch, cap)
         inverse = splat16(_F(1.0)) / maximum(dot(d, d), splat16(_F(1e-30)))

@@ -46,8 +46,9 @@ SPLIT = _F(0.75)
 
 
 class Tile(NamedTuple):
-    """Where a tile's numbers are; all pointers into float32 scratch memory, or the light table's."""
+    """Where a tile's numbers are: pointers into float32 scratch memory, or the light table's."""
 
+    number: int  # in its bundle
     origins: object  # x, y, z of 16 receivers; lanes without one repeat another
     info: object  # 0..2 centre, 3..5 half extents of the receivers' box, 6..8 its lower, 9..11 upper corner
     faces: object  # int32: the receivers' own triangles
@@ -74,7 +75,7 @@ def tile_at(scratch, g, table, chunk, fixed):
     if fixed:
         points, groups = ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.groups), chunk * GROUPS)
     faces, dead = as_i32(ptr_at(own, _FACES)), as_i32(ptr_at(own, _DEAD))
-    return Tile(own, ptr_at(own, _INFO), faces, dead, ptr_at(own, _SHAFTS), points, groups)
+    return Tile(np.int64(g), own, ptr_at(own, _INFO), faces, dead, ptr_at(own, _SHAFTS), points, groups)
 
 
 @inlined
