@@ -76,13 +76,14 @@ def _small_scene():
 
 def _render_small(plan, gbuffer, counters):
     from . import renderer
-    from .query.sampling import sample_sets
+    from .query.sampling import light_samples
     from .scene.camera import Camera
     from .scene.lights import PointLight
 
     camera = Camera((0, 2, 3), (0, 0, 0), width=8, height=8)
+    light = PointLight((0, 2, 0))
     renderer.Renderer(_small_scene(), plan, 2, gbuffer).frame(
-        camera, [PointLight((0, 2, 0))], sample_sets(1), counters=counters
+        camera, [light], [light_samples(light, 1)], counters=counters
     )
 
 

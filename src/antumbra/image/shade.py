@@ -47,9 +47,9 @@ def _irradiance_rows(ticket, position, normal, side, light, flat, points, out):
                 if side[y, x] != NOTHING:
                     px, py, pz = position[y, x, 0], position[y, x, 1], position[y, x, 2]
                     nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
-                    patch = patch_at(light, px, py, pz)
+                    patch = patch_at(light, px, py, pz, np.float64(nx), np.float64(ny), np.float64(nz))
                     for s in range(len(points)):
-                        lx, ly, lz = sample_point(patch, points[s, 0], points[s, 1])
+                        lx, ly, lz = sample_point(patch, points[s, 0], points[s, 1], 0.0)
                         total += _point_irradiance(light, flat, px, py, pz, nx, ny, nz, lx, ly, lz)
                 out[y, x] = np.float32(total / len(points))
         y0 = take(ticket)
