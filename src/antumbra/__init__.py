@@ -32,6 +32,7 @@ if typing.TYPE_CHECKING:
     from .scene.point_lights import PointLights
     from .scene.scene import Scene
     from .scene.triangles import Triangles
+    from .virtual_lights import virtual_point_lights
 
 __version__ = "0.1.0"
 
@@ -57,6 +58,7 @@ __all__ = [
     "load",
     "procedural",
     "render",
+    "virtual_point_lights",
     "visibility",
 ]
 
@@ -83,6 +85,7 @@ _HOMES = {
     "scene.point_lights": ["PointLights"],
     "scene.scene": ["Scene"],
     "scene.triangles": ["Triangles"],
+    "virtual_lights": ["virtual_point_lights"],
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -8,7 +8,7 @@ import numpy as np
 from .bvh import BUILDERS
 from .bvh.nodes import Bvh
 from .errors import InputError
-from .image.shade import irradiance, shade
+from .image.shade import arriving, shade
 from .parallel import thread_count
 from .plan import parse_plan
 from .query.gbuffer import GBuffer, from_hits
@@ -127,8 +127,8 @@ class Renderer:
         bits = [self.answer(accelerated, query, tally, progress) for query in queries]
         visibility = [fraction_lit(b, s.shape[1]) for b, s in zip(bits, samples)]
         clock.lap("trace")
-        arriving = [irradiance(gbuffer, q.light, s.domain, self.threads) for q, s in zip(queries, lights)]
-        image = shade(gbuffer, triangles.colour, lights, arriving, visibility, self.scene.up, self.threads)
+        arrived = [arriving(gbuffer, *lqb, self.threads) for lqb in zip(lights, queries, bits)]
+        image = shade(gbuffer, triangles.colour, lights, arrived, visibility, self.scene.up, self.threads)
         clock.lap("shade")
         rays = int(np.count_nonzero(gbuffer.side != NOTHING)) * sum(s.shape[1] for s in samples)
         return Frame(image, visibility, bits, gbuffer, rays, clock.timings(), as_dict(tally))
