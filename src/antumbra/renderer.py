@@ -209,7 +209,7 @@ def render(
     lights : list of lights, one light, or None
         None: the scene's own lights at `time`, or ``scene.default_light()`` if it has none.
     spp : int
-        Shadow rays a pixel and light, 1 to 1024.
+        Shadow rays a pixel and light, 1 to 1024; `PointLights`, and `AmbientOcclusion` with an spp, have their own.
     plan : str or Plan
         Which methods answer, such as ``"bsah+single"`` (see ``antumbra plans``). Never changes the bits.
     time : float

@@ -13,14 +13,15 @@ from .scene.point_lights import PointLights
 def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=True, threads=None) -> PointLights:
     """The light that has bounced once, as point lights: instant radiosity [Keller 1997].
 
-    Sends n photons from the light, spread by a Sobol sequence: from area lights by the cosine, from a sphere all over its
-    surface, from a distant light through a disk that covers the scene. Where a photon meets a surface is a point light,
-    just off the surface, with the photon's power times the surface's colour, shining by the cosine around the normal.
-    All n carry the same power, so photons that leave the scene are lost and the rest stay what they are.
+    Sends n photons from the light, spread by a Sobol sequence: from area lights by the cosine, from a sphere all over
+    its surface, from a distant light through a disk that covers the scene. Where a photon meets a surface is a point
+    light, just off the surface, with the photon's power times the surface's colour, shining by the cosine around the
+    normal. All photons carry the same power; those that leave the scene are lost.
 
-    The sum over the lights is an unbiased estimate of the indirect irradiance of one diffuse bounce, but for one thing:
-    1 / distance^2 is clamped (``PointLights.nearest``) at the radius of the disk that one light stands for, of typical
-    size, because receivers nearer than that would show the lights as bright spots. So corners are a little too dark.
+    The sum over the lights is an unbiased estimate of the irradiance by light that has bounced once, with one
+    exception: 1 / distance^2 is clamped (``PointLights.nearest``) at the radius of the disk that one light typically
+    stands for, because receivers nearer than that would show the lights as bright spots. So corners are a little too
+    dark.
 
     Parameters
     ----------
@@ -55,9 +56,8 @@ def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=Tr
     hit = scene.closest_hit(origins, directions, time=time, threads=threads)
     met = hit.face >= 0
     if not met.any():
-        raise InputError(
-            f"none of {n} photons of the {type(light).__name__} meets {scene.name}; is the light inside it?"
-        )
+        what = f"none of the {n} photons of the {type(light).__name__} meets {scene.name}"
+        raise InputError(f"{what}; move the light nearer, or take more")
     triangles, face = scene.triangles(time), hit.face[met]
     points = origins[met] + hit.t[met, None] * directions[met]
     positions, normals = _off_surface(points, directions[met], face, triangles, threads)

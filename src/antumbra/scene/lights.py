@@ -207,7 +207,11 @@ class AmbientOcclusion(Light):
     domain = "hemisphere"
 
     def __post_init__(self):
-        if self.radius is not None and not self.radius > 0.0:
+        try:
+            positive = self.radius is None or float(self.radius) > 0.0
+        except (TypeError, ValueError):
+            positive = False
+        if not positive:
             raise InputError(f"AmbientOcclusion radius is {self.radius!r}; it must be positive, or None for no limit")
         if self.spp is not None:
             object.__setattr__(self, "spp", whole_number(self.spp, "AmbientOcclusion spp", 1, MAX_SPP))
