@@ -67,6 +67,7 @@ def visibility(
     scene : Scene
     points : (..., 3) float, world; anything with DLPack
     light : a light
+        Ambient occlusion needs normals. Of a list of lights each point asks all: bit s is light s.
     normals : (..., 3) float, broadcast against the points, or None
         Where points lie on surfaces: the surfaces' normals, any length, towards the side that asks. The points are
         moved off their surface by a few units in the last place, and samples below its horizon are occluded. None:

@@ -33,7 +33,7 @@ class Frame(NamedTuple):
 
     image: np.ndarray  # (H, W, 3) float32, linear
     visibility: list[np.ndarray]  # of each light (H, W) float32: share of samples not occluded; 1 where nothing is seen
-    bits: list[np.ndarray]  # of each light (H, W, ceil(spp / 64)) uint64: bit s = sample s occluded; 0: nothing seen
+    bits: list[np.ndarray]  # of each light (H, W, ceil(n / 64)) uint64: bit s = its sample s occluded; 0: nothing seen
     gbuffer: GBuffer  # what each pixel sees
     rays: int  # shadow rays asked
     timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
