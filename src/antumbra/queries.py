@@ -1,5 +1,6 @@
 """Questions that are not pictures: ray arrays, and points that ask which lights they see."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,9 +9,10 @@ from .errors import InputError
 from .parallel import thread_count
 from .query.rays import Hit, HitArrays, RayList, as_array, cull_value, ray_list
 from .query.receivers import FREE, point_receivers
-from .query.sampling import sample_sets, to_domain
+from .query.sampling import light_samples
 from .query.shadow import ShadowQuery, fraction_lit
 from .renderer import Accelerated, Renderer, check_lights, reach
+from .scene.point_lights import PointLights
 from .trace.single import trace_rays
 from .warm import warm_up, warm_up_rays
 
@@ -65,6 +67,7 @@ def visibility(
     scene : Scene
     points : (..., 3) float, world; anything with DLPack
     light : a light
+        Ambient occlusion needs normals. Of a list of lights each point asks all: bit s is light s.
     normals : (..., 3) float, broadcast against the points, or None
         Where points lie on surfaces: the surfaces' normals, any length, towards the side that asks. The points are
         moved off their surface by a few units in the last place, and samples below its horizon are occluded. None:
@@ -86,7 +89,11 @@ def visibility(
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     (light,) = check_lights([light])
-    square = sample_sets(spp, sampler)
+    if isinstance(light, PointLights) and light.interleave:
+        light = replace(light, interleave=False)  # points are in no blocks of 4x4: each asks all lights
+    samples = light_samples(light, spp, sampler)
+    if normals is None and light.domain == "hemisphere":
+        raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
     world = points.astype(np.float64).reshape(-1, 3)
     if not np.isfinite(world).all():
         raise InputError("points hold NaN or infinity")
@@ -106,12 +113,12 @@ def visibility(
         unit if normals is None else unit[None],
         triangles.vertices.reshape(-1, 9),
         light.patch(triangles.origin, reach(triangles, origins) if len(origins) else 1.0),
-        np.ascontiguousarray(to_domain(square, light.domain)),
+        samples,
         cull_value(cull_faces),
     )
     bits = renderer.answer(ready, query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
-    return Visibility(bits, fraction_lit(bits, square.shape[1]))
+    return Visibility(bits, fraction_lit(bits, samples.shape[1]))
 
 
 def _unit_normals(normals, shape) -> np.ndarray:

@@ -8,17 +8,17 @@ import numpy as np
 from .bvh import BUILDERS
 from .bvh.nodes import Bvh
 from .errors import InputError
-from .image.shade import irradiance, shade
+from .image.shade import arriving, shade
 from .parallel import thread_count
 from .plan import parse_plan
 from .query.gbuffer import GBuffer, from_hits
 from .query.raster import rasterise
 from .query.rays import cull_value
 from .query.receivers import NOTHING, surface_receivers
-from .query.sampling import sample_sets, to_domain
+from .query.sampling import light_samples
 from .query.shadow import ShadowQuery, fraction_lit
 from .scene.camera import Camera
-from .scene.lights import Light
+from .scene.lights import AMBIENT, Light
 from .scene.triangles import Triangles
 from .trace import TRACERS
 from .trace.counters import as_dict, new_counters
@@ -33,7 +33,7 @@ class Frame(NamedTuple):
 
     image: np.ndarray  # (H, W, 3) float32, linear
     visibility: list[np.ndarray]  # of each light (H, W) float32: share of samples not occluded; 1 where nothing is seen
-    bits: list[np.ndarray]  # of each light (H, W, ceil(spp / 64)) uint64: bit s = sample s occluded; 0: nothing seen
+    bits: list[np.ndarray]  # of each light (H, W, ceil(n / 64)) uint64: bit s = its sample s occluded; 0: nothing seen
     gbuffer: GBuffer  # what each pixel sees
     rays: int  # shadow rays asked
     timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
@@ -103,12 +103,13 @@ class Renderer:
         lights = check_lights(lights)
         if not isinstance(camera, Camera):
             raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
-        square, facing = sample_sets(spp, sampler), cull_value(cull_faces)
+        samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
         warm_up(self.plan, self.gbuffer, counters)
-        return self.frame(camera, lights, square, facing, time, counters, progress)
+        return self.frame(camera, lights, samples, facing, time, counters, progress)
 
-    def frame(self, camera, lights, square, facing=0, time=0.0, counters=False, progress=None) -> Frame:
-        """Render a frame from checked arguments: ``square`` from `sample_sets`, ``facing`` a value of CULL_FACES."""
+    def frame(self, camera, lights, samples, facing=0, time=0.0, counters=False, progress=None) -> Frame:
+        """Render a frame from checked arguments: ``samples`` of each light from `light_samples`, ``facing`` a value of
+        CULL_FACES."""
         clock = _Clock()
         triangles = self.scene.triangles(time)
         clock.lap("evaluate")
@@ -122,14 +123,14 @@ class Renderer:
             accelerated = self._accelerate(triangles)
             clock.lap("build")
         tally = new_counters(counters)
-        queries = shadow_queries(triangles, gbuffer, lights, square, facing, self.threads)
+        queries = shadow_queries(triangles, gbuffer, lights, samples, facing, self.threads)
         bits = [self.answer(accelerated, query, tally, progress) for query in queries]
-        visibility = [fraction_lit(b, len(square[0])) for b in bits]
+        visibility = [fraction_lit(b, s.shape[1]) for b, s in zip(bits, samples)]
         clock.lap("trace")
-        arriving = [irradiance(gbuffer, q.light, s.domain, self.threads) for q, s in zip(queries, lights)]
-        image = shade(gbuffer, triangles.colour, lights, arriving, visibility, self.scene.up, self.threads)
+        arrived = [arriving(gbuffer, *lqb, self.threads) for lqb in zip(lights, queries, bits)]
+        image = shade(gbuffer, triangles.colour, lights, arrived, visibility, self.scene.up, self.threads)
         clock.lap("shade")
-        rays = int(np.count_nonzero(gbuffer.side != NOTHING)) * len(square[0]) * len(lights)
+        rays = int(np.count_nonzero(gbuffer.side != NOTHING)) * sum(s.shape[1] for s in samples)
         return Frame(image, visibility, bits, gbuffer, rays, clock.timings(), as_dict(tally))
 
     def accelerate(self, time=0.0) -> Accelerated:
@@ -173,8 +174,8 @@ def reach(triangles, points) -> float:
     return float(2.0 * np.linalg.norm(upper.astype(np.float64) - lower) + np.finfo(np.float32).tiny)
 
 
-def shadow_queries(triangles, gbuffer, lights, square, cull_faces=0, threads=None) -> list[ShadowQuery]:
-    """The query of each light for the surfaces in a G-buffer; ``square``: (16, spp, 2) from `sample_sets`."""
+def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
+    """The query of each light for the surfaces in a G-buffer; ``samples``: of each light from `light_samples`."""
     shape = gbuffer.face.shape
     corners = triangles.vertices.reshape(-1, 9)
     flat = (
@@ -185,18 +186,12 @@ def shadow_queries(triangles, gbuffer, lights, square, cull_faces=0, threads=Non
     )
     origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
     far = reach(triangles, flat[0]) if triangles.vertices.size else 1.0
+    patches = [light.patch(triangles.origin, far) for light in lights]
+    ambient = any(p.kind == AMBIENT for p in patches)
+    normals = gbuffer.normal.astype(np.float64) if ambient else np.empty((0, 0, 3))
     return [
-        ShadowQuery(
-            origins,
-            gbuffer.face,
-            gbuffer.side,
-            np.empty((0, 0, 3)),
-            corners,
-            light.patch(triangles.origin, far),
-            np.ascontiguousarray(to_domain(square, light.domain)),
-            cull_faces,
-        )
-        for light in lights
+        ShadowQuery(origins, gbuffer.face, gbuffer.side, normals, corners, patch, sets, cull_faces)
+        for patch, sets in zip(patches, samples)
     ]
 
 
@@ -214,7 +209,7 @@ def render(
     lights : list of lights, one light, or None
         None: the scene's own lights at `time`, or ``scene.default_light()`` if it has none.
     spp : int
-        Shadow rays a pixel and light, 1 to 1024.
+        Shadow rays a pixel and light, 1 to 1024; `PointLights`, and `AmbientOcclusion` with an spp, have their own.
     plan : str or Plan
         Which methods answer, such as ``"bsah+single"`` (see ``antumbra plans``). Never changes the bits.
     time : float

@@ -76,14 +76,15 @@ def _small_scene():
 
 def _render_small(plan, gbuffer, counters):
     from . import renderer
-    from .query.sampling import sample_sets
+    from .query.sampling import light_samples
     from .scene.camera import Camera
     from .scene.lights import PointLight
+    from .scene.point_lights import PointLights
 
     camera = Camera((0, 2, 3), (0, 0, 0), width=8, height=8)
-    renderer.Renderer(_small_scene(), plan, 2, gbuffer).frame(
-        camera, [PointLight((0, 2, 0))], sample_sets(1), counters=counters
-    )
+    lights = [PointLight((0, 2, 0)), PointLights([(0, 2, 0)])]
+    samples = [light_samples(light, 1) for light in lights]
+    renderer.Renderer(_small_scene(), plan, 2, gbuffer).frame(camera, lights, samples, counters=counters)
 
 
 def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:

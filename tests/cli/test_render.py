@@ -115,6 +115,24 @@ def test_lights_and_cameras_reach_the_frame(render):
     assert told["camera"]["position"] == [-1, 1, 0] and told["camera"]["vfov"] == 40
 
 
+def test_ambient_occlusion_comes_on_top_of_the_lights(render):
+    told = render("--json", "--ao", "0.5@2", "-o", "a.png").json()
+    assert [light["type"] for light in told["lights"]] == ["QuadLight", "AmbientOcclusion"]
+    assert told["lights"][1]["radius"] == 0.5 and told["lights"][1]["intensity"] == 2
+    everything = render("--json", "--ao", "inf", "-o", "b.png").json()
+    assert everything["lights"][1]["radius"] is None
+    assert 0 < everything["lit"][1] < told["lit"][1] < 1
+    assert (pixels("a.png") != pixels("b.png")).any()
+
+
+def test_photons_become_lights(render):
+    told = render("--json", "--vpl", 100).json()
+    light = told["lights"][1]
+    assert light["type"] == "PointLights" and light["interleave"] and 20 < light["count"] <= 100
+    assert told["rays"] == told["seen"] * (16 + -(-light["count"] // 16))
+    assert "16 + " in render("--vpl", 100).out
+
+
 def test_a_file_is_rendered_to_its_own_name(render, square_obj, tmp_path):
     told = render("--json", scene=square_obj).json()
     assert told["output"] == "square.png" and told["scene"]["triangles"] == 2
@@ -194,6 +212,10 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("-o", "none/a.png"), ["none", "does not exist"]),
         (("--sop", "3"), ["--sop", "antumbra render --help"]),
         (("--spp",), ["--spp"]),
+        (("--ao", "0"), ["--ao 0", "radius"]),
+        (("--ao", "near"), ["--ao near", "radius"]),
+        (("--ao", "1@-1"), ["--ao 1@-1", "intensity"]),
+        (("--vpl", "0"), ["--vpl"]),
         (("another",), ["another"]),
     ],
 )

@@ -57,6 +57,10 @@ LIGHTS = {
     "wide sun": at.DirectionalLight((0.3, -1, 0.2), angular_diameter=60),
     "parallel sun": at.DirectionalLight((0, -1, 0), angular_diameter=0),
     "light inside the geometry": at.QuadLight((-1, -0.5, -1), (2, 0, 0), (0, 0, 2)),
+    "ambient": at.AmbientOcclusion(),
+    "ambient nearby": at.AmbientOcclusion(0.5, spp=7),
+    "list": at.PointLights(np.random.default_rng(1).uniform((-3, 1, -3), (3, 5, 3), (9, 3))),
+    "interleaved list": at.PointLights(np.random.default_rng(1).uniform(-3, 5, (37, 3)), interleave=True),
     "light in the floor's plane": at.QuadLight((-1, -3, -1), (2, 0, 0), (0, 0, 2)),
 }
 

@@ -33,6 +33,24 @@ def render(
         list[str] | None,
         typer.Option(help="An index, or KIND:...[@INTENSITY]; may be repeated.", metavar="LIGHT", show_default=False),
     ] = None,
+    ao: Annotated[
+        str | None,
+        typer.Option(
+            help="Ambient occlusion by what is nearer than RADIUS (inf: by everything), besides the lights.",
+            metavar="RADIUS[@INTENSITY]",
+            show_default=False,
+        ),
+    ] = None,
+    vpl: Annotated[
+        int | None,
+        typer.Option(
+            help="Light that bounces once: so many photons of the first light become point lights.",
+            min=1,
+            max=16384,
+            metavar="PHOTONS",
+            show_default=False,
+        ),
+    ] = None,
     time: Annotated[float, typer.Option(help="Seconds into the animation.")] = 0.0,
     up: UpOption = None,
     spp: Annotated[int, typer.Option(help="Shadow rays for each pixel and light.", min=1, max=1024)] = 16,
@@ -79,16 +97,20 @@ def render(
       antumbra render sponza.glb --size 1920x1080 --spp 64 -o sponza.exr
       antumbra render city.ply --up z --light sun:1,0.5,-1 --camera=-90,-60,40:0,0,5
       antumbra render hall.glb --light point:0,3,0@50 --light sphere:2,1,2:0.2@10 --counters
+      antumbra render hall.glb --ao 2 --spp 64
+      antumbra render hall.glb --vpl 1000
       antumbra render robot.glb --time 1.5 --json
       antumbra render "procedural:city?triangles=500k&seed=3"
     """
     spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
     asked_camera = None if camera is None else arguments.parse_camera(camera)
     asked_lights = [arguments.parse_light(text) for text in light or []]
+    ambient = [] if ao is None else [arguments.parse_ambient(ao)]
     lean.import_numba()
     path = _checked(output, spec, plan, sampler, spp, exposure)
 
     from .. import render as render_frame
+    from .. import virtual_point_lights
 
     with Activity(quiet) as activity:
         activity.say("reading the scene")
@@ -97,6 +119,8 @@ def render(
         clock.append(perf_counter())
         view = arguments.make_camera(asked_camera, opened, time, width_height)
         lights = arguments.make_lights(asked_lights, opened, time)
+        bounced = [] if vpl is None else [virtual_point_lights(opened, lights[0], vpl, time=time, threads=threads)]
+        lights = lights + ambient + bounced
         activity.say("preparing")
         frame = render_frame(
             opened, view, lights, spp=spp, plan=plan, time=time, threads=threads, counters=counters,
@@ -197,8 +221,9 @@ def _fields(done: Done, spp: int, plan: str) -> Iterator[tuple[str, str]]:
     yield "lights", ", ".join(type(light).__name__ for light in done.lights)
     if not (frame.gbuffer.face >= 0).any():
         yield "", "the camera sees no surface"
-    speed = _speed(frame)
-    yield "rays", f"{frame.rays:,} ({spp} a pixel and light)" + (f", {speed:.1f} million a second" if speed else "")
+    speed, samples = _speed(frame), [light.samples(spp) for light in done.lights]
+    each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
+    yield "rays", f"{frame.rays:,} ({each})" + (f", {speed:.1f} million a second" if speed else "")
     yield "plan", plan
     phases = {"load": done.load, **frame.timings, "save": done.save}
     frame_seconds = phases.pop("total")

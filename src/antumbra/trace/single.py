@@ -8,8 +8,8 @@ from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..predicate.exact import ray_along, segment
 from ..predicate.filters import volumes64
 from ..query.receivers import NOTHING
-from ..query.samples import patch_at, sample_point
-from ..query.shadow import horizon_of, is_above
+from ..query.samples import sample_point
+from ..query.shadow import horizon_of, is_above, patch_of
 from ..simd import get, ptr
 from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, private_counters
 from .traverse import triangle_hit, walk
@@ -35,10 +35,11 @@ def _shadow_pixel(tree, query, y, x, bits, last, counters):
     ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
     corners = ptr(query.corners)
     skip, sample_set, spp = np.int64(query.faces[y, x]), (x & 3) + 4 * (y & 3), query.samples.shape[1]
-    patch, horizon = patch_at(query.light, ox, oy, oz), horizon_of(query, y, x)
+    samples, patch, horizon = query.samples, patch_of(query, y, x), horizon_of(query, y, x)
     count(counters, RAYS, spp)
     for s in range(spp):
-        lx, ly, lz = sample_point(patch, query.samples[sample_set, s, 0], query.samples[sample_set, s, 1])
+        a, b, c = samples[sample_set, s, 0], samples[sample_set, s, 1], samples[sample_set, s, 2]
+        lx, ly, lz = sample_point(patch, a, b, c)
         if not is_above(horizon, lx, ly, lz, corners):
             count(counters, BELOW_HORIZON, 1)
         else:
