@@ -46,6 +46,12 @@ def warm_up(plan, gbuffer: str, counters: bool) -> None:
 
 
 @cache
+def warm_up_quality(plan, gbuffer: str) -> None:
+    """The same for the filter and for adaptive sampling; they are the same for every plan."""
+    _once("filter and refinement", lambda: _render_small(plan, gbuffer, False, True), tell)
+
+
+@cache
 def warm_up_rays() -> None:
     """The same for `Scene.occluded` and `Scene.closest_hit`."""
 
@@ -74,21 +80,27 @@ def _small_scene():
     return Scene.from_arrays(np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3), faces)
 
 
-def _render_small(plan, gbuffer, counters):
+def _render_small(plan, gbuffer, counters, quality=False):
     from . import renderer
+    from .query.refine import finer_sets
     from .query.sampling import sample_sets
     from .scene.camera import Camera
-    from .scene.lights import PointLight
+    from .scene.lights import PointLight, SphereLight
 
+    light, finer = PointLight((0, 2, 0)), None
+    if quality:
+        light, finer = SphereLight((0, 2, 0), 0.1), finer_sets(2, "hammersley")
     camera = Camera((0, 2, 3), (0, 0, 0), width=8, height=8)
     renderer.Renderer(_small_scene(), plan, 2, gbuffer).frame(
-        camera, [PointLight((0, 2, 0))], sample_sets(1), counters=counters
+        camera, [light], sample_sets(1), counters=counters, smooth=quality, finer=finer
     )
 
 
 def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
     """(name, function that compiles) of everything the given plans need, for `antumbra warmup`."""
+    plans = list(plans)
     work: list[tuple[str, Callable[[], None]]] = [("ray queries", warm_up_rays)]
+    work += [("filter and refinement", lambda p=plan: warm_up_quality(p, "raster")) for plan in plans[:1]]
     for plan in plans:
         for gbuffer in ("raster", "rays"):
             for counters in (False, True):

@@ -87,18 +87,36 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility
         y0 = take(ticket)
 
 
-def shade(gbuffer, colour, lights, irradiances, visibility, up="y", threads=None) -> np.ndarray:
+def ambient_light(gbuffer, lights, irradiances) -> np.ndarray:
+    """(3,) float32: the ambient irradiance of a picture; see AMBIENT."""
+    mean = np.stack(irradiances).sum(axis=(1, 2), dtype=np.float64) / max(1, np.count_nonzero(gbuffer.side != NOTHING))
+    return (AMBIENT * mean @ _tints(lights)).astype(np.float32)
+
+
+def _tints(lights) -> np.ndarray:
+    return np.array([np.asarray(s.colour, np.float32) * np.float32(s.intensity) for s in lights])
+
+
+def shade(gbuffer, colour, lights, irradiances, visibility, ambient, up="y", threads=None) -> np.ndarray:
     """(H, W, 3) float32 linear radiance of diffuse surfaces; 0 where nothing is seen.
 
     colour : (n, 3) float32, of each face
     lights : objects with `intensity` and `colour`; irradiances, visibility : (H, W) float32 for each
+    ambient : (3,) float32, from `ambient_light` of the whole picture
     up : "y" or "z", where most of the ambient light comes from
     """
-    tints = np.array([np.asarray(s.colour, np.float32) * np.float32(s.intensity) for s in lights])
     irradiances, visibility = np.stack(irradiances), np.stack(visibility)
-    mean = irradiances.sum(axis=(1, 2), dtype=np.float64) / max(1, np.count_nonzero(gbuffer.side != NOTHING))
-    everywhere = (AMBIENT * mean @ tints).astype(np.float32)
     image = np.empty((*gbuffer.face.shape, 3), np.float32)
-    args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances, visibility, everywhere, image
+    args = (
+        gbuffer.face,
+        gbuffer.normal,
+        "xyz".index(up),
+        colour,
+        _tints(lights),
+        irradiances,
+        visibility,
+        ambient,
+        image,
+    )
     run(_shade_rows, thread_count(threads), new_ticket(len(image), 8), *args)
     return image
