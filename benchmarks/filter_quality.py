@@ -20,6 +20,7 @@ import numpy as np
 from PIL import Image
 
 import antumbra as at
+from antumbra.image import filter
 from antumbra.image.tonemap import automatic_exposure, to_srgb8
 from antumbra.query.refine import edges
 from antumbra.query.surface import seen_by
@@ -29,6 +30,7 @@ DEFAULT = ("atrium", "forest", "sponza_crytek", "bart_robots")
 METHODS = {
     "16": dict(spp=16),
     "16 filtered": dict(spp=16, filter=True),
+    "16 filtered, any count": dict(spp=16, filter=True, noise=1e6),
     "16 adaptive 64": dict(spp=16, adaptive=64),
     "16 adaptive 64 filtered": dict(spp=16, adaptive=64, filter=True),
     "64": dict(spp=64),
@@ -55,6 +57,15 @@ def opened(name: str, size: int):
     return scene, at.Camera(own["position"], own["target"], info["up"], own["vfov"], size, size), [light]
 
 
+def rendered(*scene, noise=filter.NOISE, **method):
+    """A frame, its filter's test of counts set to `noise`."""
+    kept, filter.NOISE = filter.NOISE, noise
+    try:
+        return at.render(*scene, **method)
+    finally:
+        filter.NOISE = kept
+
+
 def supersampled(scene, camera, lights, threads) -> np.ndarray:
     """The picture of 4 x 4 times as many pixels, averaged."""
     big = camera.resized(4 * camera.width, 4 * camera.height)
@@ -75,7 +86,7 @@ def measure(name: str, options) -> list[dict]:
     for turn in range(options.rounds + 1):
         for k, method in METHODS.items():
             if turn <= 1 or method["spp"] < 256:
-                frames[k] = at.render(scene, camera, lights, threads=options.threads, **method)
+                frames[k] = rendered(scene, camera, lights, threads=options.threads, **method)
             if turn:  # the first one loads kernels
                 seconds[k].append(frames[k].timings)
     fine = at.render(scene, camera, lights, threads=options.threads, spp=1024)
@@ -86,7 +97,8 @@ def measure(name: str, options) -> list[dict]:
     edge = edges(seen_by(fine.gbuffer, camera.rays(fine.gbuffer.origin)), scene.colours)
     rows = []
     for k, frame in frames.items():
-        against = {n: errors(frame.visibility[0][seen], f.visibility[0][seen]) for n, f in (("256", frames["256"]), ("1024", fine))}
+        truths = {"256": frames["256"], "1024": fine}
+        against = {n: errors(frame.visibility[0][seen], f.visibility[0][seen]) for n, f in truths.items()}
         rows.append({
             "scene": name, "triangles": scene.n_triangles, "size": options.size, "method": k, "rays": frame.rays,
             "trace_ms": 1e3 * statistics.median(t["trace"] for t in seconds[k]),
@@ -130,16 +142,15 @@ def main() -> None:
     options = parser.parse_args()
     names = [str(s) for s in options.scene] or [n for n in DEFAULT if n in DEFAULT[:2] or (SCENES / n).is_dir()]
     rows = []
-    print(f"{'scene':14s} {'method':24s} {'Mrays':>6s} {'trace':>7s} {'filter':>7s} {'total ms':>8s} {'rms 256':>8s} "
-          f"{'mean':>6s} {'rms 1024':>8s} {'mean':>6s} {'picture':>8s} {'refined':>8s} {'edges':>6s}")  # fmt: skip
+    heads = "trace", "filter", "tot. ms", "rms 256", "mean", "rms1024", "mean", "picture", "refined", "edges"
+    print(f"{'scene':14s} {'method':24s} {'Mrays':>6s} " + " ".join(f"{head:>7s}" for head in heads))
     for name in names:
         for r in measure(name, options):
             rows.append(r)
             shares = "" if r["refined"] is None else f"{100 * r['refined']:7.1f}% {100 * r['edges']:5.1f}%"
-            e = [1e3 * r[f"visibility_{what}_{n}"] for n in ("256", "1024") for what in ("rms", "mean")]
-            print(f"{name:14s} {r['method']:24s} {r['rays'] / 1e6:6.1f} {r['trace_ms']:7.0f} {r['filter_ms']:7.0f} "
-                  f"{r['total_ms']:8.0f} {e[0]:8.1f} {e[1]:6.1f} {e[2]:8.1f} {e[3]:6.1f} {r['picture_rms']:8.2f} {shares}",
-                  flush=True)  # fmt: skip
+            e = " ".join(f"{1e3 * r[f'visibility_{k}']:7.1f}" for k in ("rms_256", "mean_256", "rms_1024", "mean_1024"))
+            times = f"{r['trace_ms']:7.0f} {r['filter_ms']:7.0f} {r['total_ms']:7.0f}"
+            print(f"{name:14s} {r['method']:24s} {r['rays'] / 1e6:6.1f} {times} {e} {r['picture_rms']:7.2f} {shares}")
     if options.json:
         options.json.write_text(json.dumps({"machine": machine(options.threads), "rows": rows}, indent=1))
 

@@ -14,7 +14,7 @@ from ..query.receivers import NOTHING
 from ..query.surface import Seen, at, points_of, same_surface
 from ..simd import ptr
 
-_NOISE = 2.5
+NOISE = 2.5
 """Twice what the estimates of neighbours may differ by, in units of spp**(1/4) samples: the error of spp stratified
 samples of an edge falls as spp**(-3/4) [Mitchell 1996]."""
 
@@ -92,6 +92,6 @@ def filtered(seen: Seen, counts: np.ndarray, spp: int, threads=None) -> np.ndarr
     So each sample set counts once, and where all are accepted the result is the share of 16 spp samples, exactly.
     """
     counts, out = np.ascontiguousarray(counts, np.int64), np.empty(counts.shape, np.float32)
-    limit = int(_NOISE * math.sqrt(math.sqrt(spp)))
+    limit = int(NOISE * math.sqrt(math.sqrt(spp)))
     run(_filter_rows, thread_count(threads), new_ticket(len(out), 8), seen, counts, limit, int(spp), out)
     return out
