@@ -8,7 +8,7 @@ import numpy as np
 from .bvh import BUILDERS
 from .bvh.nodes import Bvh
 from .errors import InputError
-from .image.fraction import fraction, refine_penumbra
+from .image.fraction import as_needed, fraction, refine_penumbra
 from .image.shade import ambient_light, irradiance, shade
 from .parallel import thread_count
 from .plan import parse_plan
@@ -151,8 +151,8 @@ class Renderer:
         if finer is not None and edge.any():
             pixels = subpixel_gbuffer(triangles, rays, edge, self.threads)
             clock.lap("gbuffer")
-            queries = job.queries(pixels, finer.edges)
-            shares = [fraction_lit(job.ask(query), len(finer.edges[0])) for query in queries]
+            queries = [as_needed(query) for query in job.queries(pixels, finer.edges)]
+            shares = [fraction_lit(job.ask(query), query.samples.shape[1]) for query in queries]
             clock.lap("trace")
             image[edge] = block_means(job.shade(pixels, queries, shares, ambient)[0], int(np.count_nonzero(edge)))
             clock.lap("shade")

@@ -91,6 +91,14 @@ def test_edges_of_a_square_before_another():
     np.testing.assert_array_equal(found, beside)  # and none along the diagonals between the squares' triangles
 
 
+def test_a_light_without_extent_is_asked_once_a_subpixel():
+    scene = _scene(_square(0, 9, (1, 0, 0)), _square(1, 1, (0, 1, 0)))
+    view = at.Camera((0, 0, 5), (0, 0, 0), width=32, height=32)
+    once, many = (at.render(scene, view, SUN, spp=1, adaptive=n) for n in (16, 64))
+    assert once.rays == many.rays == 32 * 32 + 16 * np.count_nonzero(once.refined)
+    np.testing.assert_array_equal(once.image, many.image)
+
+
 def test_colours_make_edges_and_the_same_plane_does_not():
     for blue, edge in ((0.0, False), (0.05, False), (0.5, True)):
         corners, faces, colours = _square(0, 9, (1, 0, 0))

@@ -18,6 +18,11 @@ def is_soft(query: ShadowQuery) -> bool:
     return light.kind not in (FIXED, DIRECTIONAL) or bool(light.u.any() or light.v.any())
 
 
+def as_needed(query: ShadowQuery) -> ShadowQuery:
+    """The query, with one sample if the light has no extent: the others would ask the same again."""
+    return query if is_soft(query) else query._replace(samples=np.ascontiguousarray(query.samples[:, :1]))
+
+
 def fraction(seen: Seen, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None) -> np.ndarray:
     """(H, W) float32: the share of samples that are not occluded; filtered if `smooth`, and if that can help."""
     spp = query.samples.shape[1]
