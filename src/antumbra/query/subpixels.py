@@ -61,7 +61,7 @@ def subpixel_gbuffer(triangles, rays: CameraRays, wanted: np.ndarray, threads=No
     it, and needs no tree that holds all that is visible.
     """
     threads = thread_count(threads)
-    pixels = np.argwhere(wanted)
+    pixels = np.ascontiguousarray(np.argwhere(wanted))
     columns = max(1, math.isqrt(len(pixels)))
     rows = -(-len(pixels) // columns)
     out = _nothing_seen(BLOCK * rows, BLOCK * columns, triangles.origin)
