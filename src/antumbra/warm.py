@@ -46,6 +46,12 @@ def warm_up(plan, gbuffer: str, counters: bool) -> None:
 
 
 @cache
+def warm_up_quality(plan, gbuffer: str) -> None:
+    """The same for the filter and for adaptive sampling; they are the same for every plan."""
+    _once("filter and refinement", lambda: _render_small(plan, gbuffer, False, True), tell)
+
+
+@cache
 def warm_up_rays() -> None:
     """The same for `Scene.occluded` and `Scene.closest_hit`."""
 
@@ -74,22 +80,29 @@ def _small_scene():
     return Scene.from_arrays(np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3), faces)
 
 
-def _render_small(plan, gbuffer, counters):
+def _render_small(plan, gbuffer, counters, quality=False):
     from . import renderer
+    from .query.refine import finer_samples
     from .query.sampling import light_samples
     from .scene.camera import Camera
-    from .scene.lights import PointLight
+    from .scene.lights import PointLight, SphereLight
     from .scene.point_lights import PointLights
 
     camera = Camera((0, 2, 3), (0, 0, 0), width=8, height=8)
-    lights = [PointLight((0, 2, 0)), PointLights([(0, 2, 0)])]
+    light = SphereLight((0, 2, 0), 0.1) if quality else PointLight((0, 2, 0))
+    lights = [light, PointLights([(0, 2, 0)], interleave=quality)]
     samples = [light_samples(light, 1) for light in lights]
-    renderer.Renderer(_small_scene(), plan, 2, gbuffer).frame(camera, lights, samples, counters=counters)
+    finer = finer_samples(lights, 2, "hammersley") if quality else None
+    renderer.Renderer(_small_scene(), plan, 2, gbuffer).frame(
+        camera, lights, samples, counters=counters, smooth=quality, finer=finer
+    )
 
 
 def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
     """(name, function that compiles) of everything the given plans need, for `antumbra warmup`."""
+    plans = list(plans)
     work: list[tuple[str, Callable[[], None]]] = [("ray queries", warm_up_rays)]
+    work += [("filter and refinement", lambda p=plan: warm_up_quality(p, "raster")) for plan in plans[:1]]
     for plan in plans:
         for gbuffer in ("raster", "rays"):
             for counters in (False, True):

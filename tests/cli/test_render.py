@@ -59,6 +59,20 @@ def test_counters_for_people(render):
     assert "triangle tests" in told and "left to float64" in told
 
 
+def test_filter_and_adaptive_sampling_for_people(render):
+    told = render("--filter", "--adaptive", "--spp", 4).out
+    assert "(4 a pixel and light, 16 where refined)" in told and "% of the pixels" in told
+    assert "refined" not in render("--filter").out
+
+
+def test_filter_and_adaptive_sampling_as_json(render):
+    plain, told = render("--json").json(), render("--json", "--filter", "--adaptive-spp", 32).json()
+    assert (plain["filter"], plain["adaptive"], plain["refined"]) == (False, None, None)
+    assert (told["filter"], told["adaptive"]) == (True, 32)
+    assert 0.0 < told["refined"] < 1.0 and told["rays"] > plain["rays"] and told["seen"] == plain["seen"]
+    assert render("--json", "--adaptive", "--spp", 500, size="4x4").json()["adaptive"] == 1024
+
+
 def test_quiet(render, tmp_path):
     assert render("--quiet") == (0, "", "")
     assert render("-q", "--json").json()["output"] == "antumbra.png"
@@ -78,7 +92,15 @@ def test_the_same_arguments_give_the_same_file_however_it_is_computed(render):
 
 
 @pytest.mark.parametrize(
-    "option", [("--spp", "2"), ("--sampler", "sobol"), ("--exposure", "0.001"), ("--camera", "0,1,0:1,1,0")]
+    "option",
+    [
+        ("--spp", "2"),
+        ("--sampler", "sobol"),
+        ("--filter",),
+        ("--adaptive",),
+        ("--exposure", "0.001"),
+        ("--camera", "0,1,0:1,1,0"),
+    ],
 )
 def test_options_that_change_the_picture(render, option):
     assert render("-o", "a.png").code == render("-o", "b.png", *option).code == 0
@@ -189,6 +211,7 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--spp", "0"), ["--spp"]),
         (("--spp", "2000"), ["--spp"]),
         (("--spp", "many"), ["--spp"]),
+        (("--adaptive-spp", "0"), ["--adaptive-spp"]),
         (("--plan", "magic"), ["magic", "bsah", "single"]),
         (("--plan", "bsah"), ["names no tracer"]),
         (("--sampler", "dice"), ["dice", "sobol"]),

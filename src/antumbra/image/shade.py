@@ -10,6 +10,7 @@ from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..query.receivers import NOTHING
 from ..query.samples import patch_at, sample_point
 from ..scene.lights import DIRECTIONAL
+from .filter import smoothed
 from .point_lights import list_irradiance
 
 AMBIENT = 0.12
@@ -59,14 +60,16 @@ def _irradiance_rows(ticket, position, normal, side, light, flat, points, out):
         y0 = take(ticket)
 
 
-def arriving(gbuffer, light, query, bits, threads=None) -> np.ndarray:
+def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray:
     """What a light gives to each pixel's surface, as `shade` takes it.
 
     (H, W, 3) float32 of `PointLights`, shadows included; (H, W) float32 of other lights, if nothing were in the way and
-    their intensity 1. Ambient occlusion gives nothing by itself.
+    their intensity 1. Ambient occlusion gives nothing by itself. With ``seen``, of the same G-buffer, what comes from
+    interleaved lists is smoothed.
     """
     if light.domain == "list":
-        return list_irradiance(gbuffer, light, query.samples, bits, threads)
+        arrived = list_irradiance(gbuffer, light, query.samples, bits, threads)
+        return arrived if seen is None or not light.interleave else smoothed(seen, arrived, threads)
     if light.domain == "hemisphere":
         return np.zeros(gbuffer.face.shape, np.float32)
     return irradiance(gbuffer, query.light, light.domain, threads)
@@ -106,41 +109,48 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility
         y0 = take(ticket)
 
 
-def shade(gbuffer, colour, lights, arrived, visibility, up="y", threads=None) -> np.ndarray:
+def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", threads=None) -> np.ndarray:
     """(H, W, 3) float32 linear radiance of diffuse surfaces; 0 where nothing is seen.
 
     colour : (n, 3) float32, of each face
     lights : lights; arrived : of each from `arriving`; visibility : (H, W) float32 of each
+    ambient : (3,) float32, from `ambient_light` of the whole picture
     up : "y" or "z", where most of the ambient light comes from
     """
-    shape = gbuffer.face.shape
-    shining = [k for k, light in enumerate(lights) if light.domain not in ("hemisphere", "list")]
-    tints = _tints([lights[k] for k in shining])
-    irradiances = _stack([arrived[k] for k in shining], shape)
+    shape, shining = gbuffer.face.shape, _shining(lights)
+    irradiances, shadows = (_stack([of[k] for k in shining], shape) for of in (arrived, visibility))
     more = _stack([arrived[k] for k, light in enumerate(lights) if light.domain == "list"], (*shape, 3))
-    seen = max(1, np.count_nonzero(gbuffer.side != NOTHING))
-    mean = irradiances.sum(axis=(1, 2), dtype=np.float64) @ tints + more.sum(axis=(0, 1, 2), dtype=np.float64)
-    skies = [k for k, light in enumerate(lights) if light.domain == "hemisphere"]
-    open_sky = _stack([visibility[k] for k in skies], shape).prod(0)
-    ambient = ambient_light(mean / seen, lights) * _tints([lights[k] for k in skies]).prod(0)
+    skies = [visibility[k] for k, light in enumerate(lights) if light.domain == "hemisphere"]
+    open_sky, tints = _stack(skies, shape).prod(0), _tints([lights[k] for k in shining])
     image = np.empty((*shape, 3), np.float32)
     args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances
-    shadows = _stack([visibility[k] for k in shining], shape)
     ticket = new_ticket(len(image), 8)
-    run(_shade_rows, thread_count(threads), ticket, *args, shadows, ambient.astype(np.float32), open_sky, more, image)
+    run(_shade_rows, thread_count(threads), ticket, *args, shadows, ambient, open_sky, more, image)
     return image
 
 
-def ambient_light(mean, lights) -> np.ndarray:
-    """(3,) ambient irradiance by the mean direct irradiance ((3,)) of the surfaces.
+def ambient_light(gbuffer, lights, arrived) -> np.ndarray:
+    """(3,) float32: the ambient irradiance of a picture, by what arrives on average; see AMBIENT.
 
     Where the lights hold indirect light, there is no other; where they are ambient occlusion only, it is 1.
     """
+    skies = _tints([light for light in lights if light.domain == "hemisphere"]).prod(0)
     if any(getattr(light, "indirect", False) for light in lights):
-        return np.zeros(3)
+        return np.zeros(3, np.float32)
     if all(light.domain == "hemisphere" for light in lights):
-        return np.ones(3)
-    return AMBIENT * mean
+        return skies
+    shape, shining = gbuffer.face.shape, _shining(lights)
+    total = _stack([arrived[k] for k in shining], shape).sum(axis=(1, 2), dtype=np.float64)
+    total = total @ _tints([lights[k] for k in shining])
+    for k, light in enumerate(lights):
+        if light.domain == "list":
+            total += arrived[k].sum(axis=(0, 1), dtype=np.float64)
+    return (AMBIENT * total / max(1, np.count_nonzero(gbuffer.side != NOTHING)) * skies).astype(np.float32)
+
+
+def _shining(lights) -> list[int]:
+    """Which lights shine as one, dimmed by their visibility."""
+    return [k for k, light in enumerate(lights) if light.domain not in ("hemisphere", "list")]
 
 
 def _tints(lights) -> np.ndarray:

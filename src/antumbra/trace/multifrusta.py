@@ -12,10 +12,9 @@ from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..predicate.exact import segment
-from ..scene.lights import FIXED
 from ..simd import get, load16, lowest_bit, put, stack_f32, stack_i32
 from .counters import BOX_TESTS, NODES, add_counters, count, private_counters
-from .lighttable import ALL_GROUPS, STRATA, light_table
+from .lighttable import ALL_GROUPS, STRATA, light_table, stays
 from .shaftleaf import ASIDE, WORK, trace_block
 from .shafts import make_shafts
 from .slabs import (
@@ -162,7 +161,11 @@ def _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
     mx = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit)
     my = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit)
     mz = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit)
-    link, mask, height = np.int64(get(scratch.at, 0)), np.int64(get(scratch.at, 1)) & alive, np.int64(get(scratch.at, 2))
+    link, mask, height = (
+        np.int64(get(scratch.at, 0)),
+        np.int64(get(scratch.at, 1)) & alive,
+        np.int64(get(scratch.at, 2)),
+    )
     while True:
         while mask == 0:
             if height == 0:
@@ -251,7 +254,7 @@ def _start_tile(query, y0, x0, shape, chunk, fixed, bundle, g, tile, valid, scra
 @inlined
 def _light_size(query, tile):
     """A small part of the sum of the light's extents, 0 for a light that moves."""
-    if query.light.kind != FIXED:
+    if not stays(query.light):
         return _F(0.0)
     size = _F(0.0)
     for k in range(3):
@@ -275,7 +278,7 @@ def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, c
         stack_i32(4), stack_i32(_ASIDE),
     )  # fmt: skip
     single = Layout(1, 1, layout.columns, layout.rows)
-    tree, mine, fixed = block_pointers(arrays), private_counters(counters), query.light.kind == FIXED
+    tree, mine, fixed = block_pointers(arrays), private_counters(counters), stays(query.light)
     at = take(ticket)
     while at >= 0:
         by, bx = at // layout.columns * layout.down, at % layout.columns * layout.across
