@@ -1,4 +1,4 @@
-"""Embree's loops, one ray or sixteen a call, give the oracle's answers on a soup: no ray is lost, doubled or mixed up."""
+"""Embree's loops, one ray or sixteen a call, give the oracle's answers on a soup: no ray is lost or mixed up."""
 
 import numpy as np
 import pytest

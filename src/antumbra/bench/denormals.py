@@ -1,4 +1,4 @@
-"""Denormals off for the calling thread, as Embree asks of those who trace; ours are on, and must be again afterwards."""
+"""Denormals off for the calling thread, as Embree asks of those who trace. Ours are on, and must be again later."""
 
 import platform
 

@@ -1,6 +1,6 @@
-"""Ray sets through Embree, one ray or a packet of 16 a call, in compiled loops on all threads.
+"""Ray sets through Embree, one ray or a packet of 16 a call, in compiled loops on all threads. ::
 
-records = write(rays, packets(rays, "pixels"))  # not timed; a trace writes into its records, so each wants fresh ones
+records = write(rays, packets(rays, "pixels"))  # not timed; a trace changes its records, so each wants fresh ones
 trace(scene, records, coherent=True)  # what is timed
 blocked = occluded_of(rays, records)
 """
@@ -106,9 +106,8 @@ def write(rays: RaySet, ids: np.ndarray, hits: bool = False, threads=None) -> Re
     flat, columns = memory.reshape(-1), ids.reshape(-1, lanes)
     run(_write, thread_count(threads), new_ticket(len(ids), _RAYS_AT_A_TIME), flat, flat.view(np.int32), words, columns,
         rays)  # fmt: skip
-    return Records(
-        memory, ids, _loop(f"{'intersect' if hits else 'occluded'}{lanes}", memory.nbytes // max(len(ids), 1))
-    )
+    size = 4 * int(np.prod(shape[1:]))
+    return Records(memory, ids, _loop(f"{'intersect' if hits else 'occluded'}{lanes}", size))
 
 
 def trace(scene: EmbreeScene, records: Records, coherent: bool = False, threads=None) -> None:

@@ -19,7 +19,7 @@ def library():
     Raises
     ------
     InputError
-        When Mitsuba is not installed or finds no LLVM. Its scalar variants take one ray a Python call: nothing to compare.
+        When Mitsuba is not installed or finds no LLVM: its scalar variants take one ray a Python call.
     """
     try:
         import drjit

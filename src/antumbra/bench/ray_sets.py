@@ -52,7 +52,7 @@ def ray_set(origins, directions, tmax=np.inf) -> RaySet:
 
 
 def blocks(h: int, w: int) -> np.ndarray:
-    """(n, 16) int64: pixel numbers y * w + x of blocks of 4 x 4 pixels, blocks in Morton order; -1: not in the picture."""
+    """(n, 16) int64: pixels y * w + x of blocks of 4 x 4, blocks in Morton order; -1: not in the picture."""
     rows, columns = -(-h // BLOCK), -(-w // BLOCK)
     y, x = np.mgrid[:rows, :columns].reshape(2, -1)
     code = sum(((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(16))
