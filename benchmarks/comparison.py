@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from antumbra.errors import InputError
 from antumbra.parallel import thread_count
 from common import machine
 from contest import CLOCKS, OURS, summary
@@ -34,6 +35,14 @@ def options_of(parser: argparse.ArgumentParser) -> argparse.Namespace:
     if options.isa == "avx2" and any(os.environ.get(k) != v for k, v in AVX2.items()):
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **AVX2})
     return options
+
+
+def start(main: Callable[[], None]) -> None:
+    """Run a script's main function; what it is asked in error becomes one line."""
+    try:
+        main()
+    except InputError as error:
+        sys.exit(f"error: {error}")
 
 
 def compare(options: argparse.Namespace, measure: Callable) -> None:

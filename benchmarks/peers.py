@@ -14,13 +14,13 @@ ISA_NAMES = {16: "AVX-512", 8: "AVX2 or AVX", 4: "SSE"}
 
 @contextmanager
 def embree_scenes(vertices, isa: str | None):
-    """{(quality, flags): EmbreeScene} of all BUILDS."""
+    """({(quality, flags): EmbreeScene} of all BUILDS, rays of Embree's largest native packet)."""
     with embree.Device(isa=isa) as device:
         scenes = {}
         try:
             for quality, flags in BUILDS:
                 scenes[quality, flags] = embree.EmbreeScene(device, vertices, quality=quality, flags=flags)
-            yield scenes
+            yield scenes, device.width
         finally:
             for scene in scenes.values():
                 scene.close()
@@ -32,11 +32,15 @@ def describe_embree(isa: str | None) -> str:
         return f"Embree {device.version}, {ISA_NAMES.get(device.width, 'scalar')}" + (f" (isa={isa})" if isa else "")
 
 
-def embree_contenders(scenes, rays: RaySet, orders, hits: bool, threads: int) -> list[Contender]:
-    """Every build by ray and by packet, the packets in `orders`, coherent and not; `hits`: nearest hit, not any."""
-    by = {order: packets(rays, order) for order in orders}
-    kinds = [("1", "", one_by_one(by[orders[-1]]))]  # all samples of a pixel after each other
-    kinds += [("16", f" by {order}" if len(orders) > 1 else "", ids) for order, ids in by.items()]
+def embree_contenders(built, rays: RaySet, orders, hits: bool, threads: int) -> list[Contender]:
+    """Every build by ray and by packet, the packets in `orders`, coherent and not; `hits`: nearest hit, not any.
+
+    built : from `embree_scenes`. Packets wider than Embree's own are left out: it would take them ray by ray.
+    """
+    scenes, lanes = built
+    by = {order: packets(rays, order, lanes) for order in orders}
+    kinds = [(1, "", one_by_one(by[orders[-1]]))]  # all samples of a pixel after each other
+    kinds += [(lanes, f" by {order}" if len(orders) > 1 else "", ids) for order, ids in by.items()]
     function = "rtcIntersect" if hits else "rtcOccluded"
     read = embree_rays.faces_of if hits else embree_rays.occluded_of
     found = []

@@ -6,8 +6,8 @@ A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest
 `antumbra.load` reads.
 
 What is timed. `rays`: from the BVH to face and t of each pixel; `rasterise`: the same from the triangles, no BVH;
-`gbuffer`: that, and then positions and normals. Peers: rtcIntersect1 and rtcIntersect16 on rays that were made before,
-in Morton order of 4 x 4 pixels, which are a packet; their answers stay in the records. Ratios as in `soft_shadows`.
+`gbuffer`: that, and then positions and normals. Peers: rtcIntersect1 and rtcIntersect16 (8 on AVX2) on rays that were
+made before, in Morton order of 4 x 4 pixels, a packet; answers stay in the records. Ratios as in `soft_shadows`.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
 from antumbra.trace.primary import trace_primary
 from antumbra.warm import warm_up
-from comparison import compare, options_of
+from comparison import compare, options_of, start
 from contest import HEAD, OURS, Contender, contest, line, rows
 from peers import embree_contenders, embree_scenes
 
@@ -52,10 +52,10 @@ def measure(view, options) -> list[dict]:
     counts = ", ".join(f"{k} {v}" for k, v in zip(RASTER_COUNTERS, counters))
     print(f"\n{view.name}: {len(triangles.vertices)} triangles; rasteriser: {counts}")
     bvh = BUILDERS[BUILDER].build(triangles.vertices, None)
-    with embree_scenes(triangles.vertices, options.isa) as scenes:
+    with embree_scenes(triangles.vertices, options.isa) as built:
         for threads in options.threads:
             contenders = our_contenders(bvh, triangles, rays, threads)
-            contenders += embree_contenders(scenes, asked, ("pixels",), True, threads)
+            contenders += embree_contenders(built, asked, ("pixels",), True, threads)
             results, faces = contest(contenders, asked.asked, options.rounds, options.clock)
             case = {"scene": view.name, "triangles": len(triangles.vertices), "threads": threads}
             case |= {"clock": options.clock, "hit": float((faces >= 0).mean())}
@@ -73,4 +73,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

@@ -64,7 +64,7 @@ def _real(path: Path, size) -> View:
         own = info["camera"]
         camera = Camera(own["position"], own["target"], up, own["vfov"], *size)
     else:
-        camera = scene.default_camera().resized(*size)
+        camera = scene.default_camera(*size)
     light = _square(name, scene.bounds, info["light"], up) if "light" in info else scene.default_light()
     return View(name, scene.triangles(0.0), camera, _two_sizes(light))
 

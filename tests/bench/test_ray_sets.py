@@ -24,10 +24,12 @@ def test_blocks_hold_each_pixel_once_in_morton_order():
     assert [row[0] for row in found] == [0, 4, 28, 32, 56, 60]
 
 
+@pytest.mark.parametrize("lanes", [4, 8, 16])
 @pytest.mark.parametrize("order", ORDERS)
-def test_packets_hold_each_ray_that_is_asked_once(order):
+def test_packets_hold_each_ray_that_is_asked_once(order, lanes):
     rays = some_rays()
-    ids = packets(rays, order)
+    ids = packets(rays, order, lanes)
+    assert ids.shape[1] == lanes
     assert sorted(one_by_one(ids)) == np.nonzero(rays.asked)[0].tolist()
     assert (ids >= 0).any(1).all()
     for row in ids:

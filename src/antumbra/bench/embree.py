@@ -50,20 +50,24 @@ _SIGNATURES = {
     "rtcAttachGeometry": (_UINT, [_POINTER, _POINTER]),
     "rtcCommitScene": (None, [_POINTER]),
     "rtcReleaseScene": (None, [_POINTER]),
-    "rtcIntersect1": (None, [_POINTER] * 3),
-    "rtcOccluded1": (None, [_POINTER] * 3),
-    "rtcIntersect16": (None, [_POINTER] * 4),
-    "rtcOccluded16": (None, [_POINTER] * 4),
+    **{f"rtc{ask}1": (None, [_POINTER] * 3) for ask in ("Intersect", "Occluded")},
+    **{f"rtc{ask}{rays}": (None, [_POINTER] * 4) for ask in ("Intersect", "Occluded") for rays in (4, 8, 16)},
 }
 
 
 class Functions(NamedTuple):
     """What a kernel may call; all arguments are addresses. Structures are those of ``embree4/rtcore_ray.h``."""
 
-    intersect1: object  # (scene, RTCRayHit 96 bytes, arguments)
-    occluded1: object  # (scene, RTCRay 48 bytes, arguments)
-    intersect16: object  # (16 int32 that are -1 for a valid ray, scene, RTCRayHit16 1344 bytes, arguments)
-    occluded16: object  # (the same, scene, RTCRay16 768 bytes, arguments); all three on 64-byte lines
+    intersect1: object  # (scene, RTCRayHit, arguments)
+    occluded1: object  # (scene, RTCRay, arguments)
+    intersect4: (
+        object  # (4 int32 that are -1 for a valid ray, scene, RTCRayHit4, arguments), the first on a 16-byte line
+    )
+    occluded4: object  # (the same, scene, RTCRay4, arguments)
+    intersect8: object  # 8 rays, on 32-byte lines
+    occluded8: object
+    intersect16: object  # 16 rays, on 64-byte lines
+    occluded16: object
 
 
 class Arguments(ctypes.Structure):
@@ -111,7 +115,7 @@ def library() -> ctypes.CDLL:
 def functions() -> Functions:
     """The query functions, to be called in kernels."""
     lib = library()
-    return Functions(lib.rtcIntersect1, lib.rtcOccluded1, lib.rtcIntersect16, lib.rtcOccluded16)
+    return Functions(*(getattr(lib, f"rtc{ask}{rays}") for rays in (1, 4, 8, 16) for ask in ("Intersect", "Occluded")))
 
 
 class Device:

@@ -1,4 +1,4 @@
-"""Ray sets through Embree, one ray or a packet of 16 a call, in compiled loops on all threads. ::
+"""Ray sets through Embree, one ray or a packet of 4, 8 or 16 a call, in compiled loops on all threads. ::
 
 records = write(rays, packets(rays, "pixels"))  # not timed; a trace changes its records, so each wants fresh ones
 trace(scene, records, coherent=True)  # what is timed
@@ -18,7 +18,7 @@ from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from .denormals import FLUSH, control, set_control
 from .embree import HIT_WORDS, RAY_WORDS, EmbreeScene, arguments, functions
-from .ray_sets import LANES, RaySet, ray_set
+from .ray_sets import RaySet, ray_set
 
 _TFAR, _FACE, _GEOMETRY = 8, 17, 18  # words of a record
 _RAYS_AT_A_TIME = 4096
@@ -27,28 +27,28 @@ _RAYS_AT_A_TIME = 4096
 class Records(NamedTuple):
     """Rays as Embree wants them, in the order of `ids`."""
 
-    memory: np.ndarray  # float32, (n, words) one ray each, or (n, 1 + words, 16): the valid mask, then the packet
-    ids: np.ndarray  # (n,) or (n, 16) int32 ray ids, -1 in a lane that is not valid
+    memory: np.ndarray  # float32, (n, words) one ray each, or (n, 1 + words, lanes): the valid mask, then the packet
+    ids: np.ndarray  # (n,) or (n, lanes) int32 ray ids, -1 in a lane that is not valid
     work: Callable  # the compiled loop
 
 
 @cache
-def _loop(name: str, size: int):
-    """A worker that calls the function on each record of so many bytes, compiled.
+def _loop(ask: str, lanes: int, size: int):
+    """A worker that calls "intersect" or "occluded" on each record of so many bytes, compiled.
 
     Not cached on disk, for it holds addresses of this process.
     """
-    call, valid = getattr(functions(), name), 4 * LANES
+    call, valid = getattr(functions(), f"{ask}{lanes}"), 4 * lanes
 
     @numba.njit(nogil=True)
     def one(scene, record, args):
         call(scene, record, args)
 
     @numba.njit(nogil=True)
-    def sixteen(scene, record, args):
+    def packet(scene, record, args):
         call(record, scene, record + valid, args)
 
-    each = sixteen if name.endswith("16") else one
+    each = one if lanes == 1 else packet
 
     @numba.njit(nogil=True)
     def work(ticket, scene, records, args):
@@ -78,7 +78,7 @@ def _write_ray(flat, whole, at, step, rays, i):
 
 @kernel
 def _write(ticket, flat, whole, words, ids, rays):
-    """Worker: the records of ids, (n, 1) or (n, 16)."""
+    """Worker: the records of ids, (n, lanes)."""
     lanes = ids.shape[1]
     size = len(flat) // len(ids)
     first = take(ticket)
@@ -96,24 +96,24 @@ def _write(ticket, flat, whole, words, ids, rays):
 
 
 def write(rays: RaySet, ids: np.ndarray, hits: bool = False, threads=None) -> Records:
-    """Fresh records of the rays with these ids: (n,) to trace one by one, (n, 16) from `packets` to trace in packets.
+    """Fresh records of the rays with these ids: (n,) to trace one by one, (n, lanes) from `packets` to trace so.
 
     hits : ask for the nearest hit, not for any
     """
-    words, lanes = HIT_WORDS if hits else RAY_WORDS, 1 if ids.ndim == 1 else LANES
+    words, lanes = HIT_WORDS if hits else RAY_WORDS, 1 if ids.ndim == 1 else ids.shape[1]
     shape = (len(ids), words) if lanes == 1 else (len(ids), 1 + words, lanes)
     memory = aligned_empty(shape, "f4")
     flat, columns = memory.reshape(-1), ids.reshape(-1, lanes)
     run(_write, thread_count(threads), new_ticket(len(ids), _RAYS_AT_A_TIME), flat, flat.view(np.int32), words, columns,
         rays)  # fmt: skip
     size = 4 * int(np.prod(shape[1:]))
-    return Records(memory, ids, _loop(f"{'intersect' if hits else 'occluded'}{lanes}", size))
+    return Records(memory, ids, _loop("intersect" if hits else "occluded", lanes, size))
 
 
 def trace(scene: EmbreeScene, records: Records, coherent: bool = False, threads=None) -> None:
     """Trace the records in place; `coherent` sets RTC_RAY_QUERY_FLAG_COHERENT."""
     args, n = arguments(coherent), len(records.ids)
-    chunk = _RAYS_AT_A_TIME if records.ids.ndim == 1 else _RAYS_AT_A_TIME // LANES
+    chunk = _RAYS_AT_A_TIME if records.ids.ndim == 1 else _RAYS_AT_A_TIME // records.ids.shape[1]
     run(records.work, thread_count(threads), new_ticket(n, chunk), scene.handle, records.memory.ctypes.data,
         ctypes.addressof(args))  # fmt: skip
 

@@ -11,7 +11,7 @@ from ..scene.camera import CameraRays
 BLOCK = 4  # pixels, each way: 16 pixels make a packet
 LANES = BLOCK * BLOCK
 ORDERS = ("pixels", "samples")
-"""What the 16 rays of a packet have in common: one light sample of 4 x 4 pixels, or one pixel and 16 samples."""
+"""Packets: one light sample of 4 x 4 pixels (8 lanes: 4 x 2, 4 lanes: 4 x 1), or one pixel and 16 (8, 4) samples."""
 
 
 class RaySet(NamedTuple):
@@ -62,8 +62,11 @@ def blocks(h: int, w: int) -> np.ndarray:
     return np.where((y < h) & (x < w), y * w + x, -1)
 
 
-def packets(rays: RaySet, order: str) -> np.ndarray:
-    """(n, 16) int32: ray ids of packets in one of ORDERS; -1 in a lane without a ray; no packet is empty."""
+def packets(rays: RaySet, order: str, lanes: int = LANES) -> np.ndarray:
+    """(n, lanes) int32: ray ids of packets in one of ORDERS; -1 in a lane without a ray; no packet is empty.
+
+    lanes : 16, 8 or 4
+    """
     h, w, spp = rays.shape
     pixels = blocks(h, w)
     if order == "pixels":
@@ -73,7 +76,7 @@ def packets(rays: RaySet, order: str) -> np.ndarray:
     ids = pixel * spp + sample
     ids[(pixel < 0) | (sample >= spp) & np.ones_like(ids, bool)] = -1
     ids[~rays.asked[ids] | (ids < 0)] = -1
-    ids = ids.reshape(-1, LANES)
+    ids = ids.reshape(-1, lanes)
     return ids[(ids >= 0).any(1)].astype(np.int32)
 
 
