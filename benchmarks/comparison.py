@@ -48,7 +48,7 @@ def start(main: Callable[[], None]) -> None:
 def compare(options: argparse.Namespace, measure: Callable) -> None:
     """Print, and write, what ``measure(view, options)`` finds in each view: a list of rows."""
     about = {**machine(max(options.threads)), "isa": options.isa or "native", "embree": describe_embree(options.isa)}
-    print(", ".join(f"{k} {v}" for k, v in about.items()))
+    print(", ".join(f"{k} {v}" for k, v in about.items()), flush=True)
     found = []
     for view in views(options.scene, options.size):
         found += measure(view, options)
