@@ -102,12 +102,13 @@ def write(rays: RaySet, ids: np.ndarray, hits: bool = False, threads=None) -> Re
     """
     words, lanes = HIT_WORDS if hits else RAY_WORDS, 1 if ids.ndim == 1 else ids.shape[1]
     shape = (len(ids), words) if lanes == 1 else (len(ids), 1 + words, lanes)
-    memory = aligned_empty(shape, "f4")
-    flat, columns = memory.reshape(-1), ids.reshape(-1, lanes)
+    size = int(np.prod(shape[1:]))
+    # Where Embree has no kernel for a packet, rtcOccludedN reads an RTCRayHitN, beyond the end of the last record.
+    flat = aligned_empty((len(ids) * size + HIT_WORDS * lanes,), "f4")[: len(ids) * size]
+    columns = ids.reshape(-1, lanes)
     run(_write, thread_count(threads), new_ticket(len(ids), _RAYS_AT_A_TIME), flat, flat.view(np.int32), words, columns,
         rays)  # fmt: skip
-    size = 4 * int(np.prod(shape[1:]))
-    return Records(memory, ids, _loop("intersect" if hits else "occluded", lanes, size))
+    return Records(flat.reshape(shape), ids, _loop("intersect" if hits else "occluded", lanes, 4 * size))
 
 
 def trace(scene: EmbreeScene, records: Records, coherent: bool = False, threads=None) -> None:
