@@ -10,7 +10,7 @@ import numpy as np
 import antumbra
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
-from antumbra.query.sampling import sample_sets
+from antumbra.query.sampling import light_samples
 from antumbra.renderer import shadow_queries
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import Light, QuadLight, tangents
@@ -94,4 +94,4 @@ def query_of(view: View, light: Light, spp: int, threads: int):
     rays = view.camera.rays(view.triangles.origin)
     hits = rasterise(view.triangles.vertices.reshape(-1, 9), rays, threads)
     gbuffer = from_hits(*hits, view.triangles, rays, threads)
-    return shadow_queries(view.triangles, gbuffer, [light], sample_sets(spp), threads=threads)[0]
+    return shadow_queries(view.triangles, gbuffer, [light], [light_samples(light, spp)], threads=threads)[0]

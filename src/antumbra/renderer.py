@@ -212,7 +212,7 @@ class _Job:
         return refined
 
     def arriving(self, gbuffer, queries, bits, seen=None) -> list[np.ndarray]:
-        """What each light gives to each pixel's surface; filtered where a filter needs to see more than a pixel does."""
+        """What each light gives to each pixel's surface; see `image.shade.arriving`."""
         lqb = zip(self.lights, queries, bits)
         return [arriving(gbuffer, light, query, b, seen, self.threads) for light, query, b in lqb]
 
@@ -296,8 +296,8 @@ def render(
         light take part where the penumbra is wide. Of interleaved `PointLights` it smooths what arrives from them.
     adaptive : int or None
         Ask again, with this many shadow rays a pixel and light (1 to 1024), in penumbrae, where the new visibility
-        replaces the old one (lights with numbers of their own keep them); and at edges, where they are divided among 16 sub-pixels, whose mean the pixel of
-        the image then is.
+        replaces the old one; and at edges, where they are divided among 16 sub-pixels, whose mean the pixel of
+        the image then is. Lights that have their own numbers of rays keep them, in each sub-pixel too.
     progress : function of (done, total), optional
         Called about ten times a second while rays are traced.
 

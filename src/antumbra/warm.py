@@ -57,15 +57,10 @@ def warm_up_rays() -> None:
 
     def work():
         from .queries import trace_list
-        from .query.rays import ray_list
+        from .query.rays import ray_arguments
 
-        trace_list(
-            _small_scene(),
-            ray_list(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0],
-            True,
-            0.0,
-            1,
-        )
+        arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0]
+        trace_list(_small_scene(), arguments, True, 0, 0.0, 1)
 
     _once("ray queries", work, tell)
 

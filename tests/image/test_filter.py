@@ -165,7 +165,7 @@ def test_lights_without_extent_are_not_smoothed(light):
 
 
 def test_irradiance_is_averaged_over_the_same_surface_only():
-    """Pixels get 16 kinds of light, one each, left and right of a gap in depth; inside, each sees the mean of its side."""
+    """Pixels get 16 kinds of light, left and right of a gap in depth; inside, each sees the mean of its side."""
     y, x = np.mgrid[:H, :W]
     seen, right = _wall(), x >= W // 2
     seen.position[right, 2] -= 1.0

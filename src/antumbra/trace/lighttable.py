@@ -1,8 +1,8 @@
 """The light samples of a query, laid out for tiles of 16 receivers.
 
-Samples are taken 16 at a time, a *chunk*. A chunk's sample s of all 16 sample sets is its *stratum* s: near each other on
-the light, because the sets are in Z order of their cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*, kept as a heap: stratum s is
-group 16 + s, and group g holds groups 2g and 2g + 1; group 1 is the whole chunk.
+Samples are taken 16 at a time, a *chunk*. A chunk's sample s of all 16 sample sets is its *stratum* s: near each other
+on the light, because the sets are in Z order of their cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*, kept
+as a heap: stratum s is group 16 + s, and group g holds groups 2g and 2g + 1; group 1 is the whole chunk.
 """
 
 from typing import NamedTuple

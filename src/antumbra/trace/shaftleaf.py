@@ -1,7 +1,7 @@
 """A block of triangles against the shafts of a tile: cull, cover, and test rays only where neither decides.
 
-With c the centre of the receivers' box, C that of a box of light samples, D = C - c, a = v0 - c, and p, q the edges at v0,
-the edge functions of `predicate.filters` along the axis of the shaft are
+With c the centre of the receivers' box, C that of a box of light samples, D = C - c, a = v0 - c, and p, q the edges at
+v0, the edge functions of `predicate.filters` along the axis of the shaft are
 
     e2 = D . (a x p)     e1 = -D . (a x q)     e0 = D . n - e1 - e2       n = p x q
 
@@ -48,7 +48,7 @@ from ..simd import (
 )
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
-from .shafts import CAP_ERROR, D, FAR, NEAR, PLANE, PLANES, N, axis_of
+from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, D, N, axis_of
 from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows
 
 _F = np.float32
@@ -183,7 +183,7 @@ def _strata_outside(shafts, work, i):
 
 @inlined
 def cull_strata(shafts, work, i, facing):
-    """(bits of the strata whose shafts miss triangle i of the block, of those that it blocks whole, sign of all F or 0)."""
+    """(bits of the strata whose shafts miss triangle i of the block, of those it blocks whole, sign of all F or 0)."""
     d, half = rows(shafts, D + 16, N), rows(shafts, 3 * N + 16, N)
     cp, cq, n = broadcasts(work, _CP + i, 16), broadcasts(work, _CQ + i, 16), broadcasts(work, _N + i, 16)
     c0 = plus(n, minus(cq, cp))
