@@ -170,7 +170,7 @@ def test_irradiance_is_averaged_over_the_same_surface_only():
     seen, right = _wall(), x >= W // 2
     seen.position[right, 2] -= 1.0
     kind = (x % 4 + 4 * (y % 4)).astype(np.float32) + 100.0 * right
-    arrived = np.stack([kind, 2 * kind, kind * 0], -1)
+    arrived = np.stack([kind, 2 * kind, kind * 0], -1).astype(np.float32)
     out = smoothed(seen, arrived)
     assert out.dtype == np.float32
     inside = np.zeros((H, W), bool)
