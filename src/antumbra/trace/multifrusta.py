@@ -12,8 +12,9 @@ from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..predicate.exact import segment
-from ..simd import get, load16, lowest_bit, put, stack_f32, stack_i32
-from .counters import BOX_TESTS, NODES, add_counters, count, private_counters
+from ..query.shadow import horizon_of, is_above
+from ..simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32
+from .counters import BOX_TESTS, NODES, UNCERTAIN, add_counters, count, private_counters
 from .lighttable import ALL_GROUPS, STRATA, light_table, stays
 from .shaftleaf import ASIDE, WORK, trace_block
 from .shafts import make_shafts
@@ -30,10 +31,12 @@ from .tile import (
     TILE_FLOATS,
     TileShape,
     apply_horizon,
+    asked_of,
     bound_receivers,
     coherent_part,
     load_receivers,
     move_light,
+    place_of,
     tile_at,
     write_bits,
 )
@@ -46,7 +49,9 @@ MAX_TILES = 16
 _SCRATCH = MAX_TILES * TILE_FLOATS
 _FINISHED = MAX_TILES
 _VALID = 2 * MAX_TILES
-_ASIDE = 2 + 2 * ASIDE
+_AT = 4 + 2 * MAX_TILES
+TILES = 4  # of a bundle, as long as they fill its lanes
+_ASIDE = 2 + 2 * (1 + TILES) * ASIDE  # with room for all that is put aside at one more block
 
 
 class Bundle(NamedTuple):
@@ -55,7 +60,6 @@ class Bundle(NamedTuple):
     tiles: int  # 1 to 16, a power of two
     groups: int  # groups of strata of each tile: lanes are tile * groups + group
     strata: int  # strata in a group
-    count: int  # samples of this chunk
 
 
 class Layout(NamedTuple):
@@ -76,7 +80,7 @@ class Scratch(NamedTuple):
     stack: object  # int32: links and masks
     valid: object  # int32: bits of each tile's receivers; from _FINISHED on, bits of its finished strata
     planes: object  # float32, for `tile.apply_horizon`
-    at: object  # int32: link, mask and stack height where a walk goes on
+    at: object  # int32: link, mask and stack height where a walk goes on; from 4 on, y and x of each tile
     aside: object  # int32: how many, nothing, then slot and place of each segment that float32 cannot decide
 
 
@@ -115,18 +119,18 @@ def _shafts(p):
 
 
 @inlined
-def _leaf(tree, code, mask, table, chunk, fixed, bundle, facing, scratch, counters):
+def _leaf(tree, code, mask, asked, bundle, scratch, counters):
     """A block against the lanes in `mask`; bits of the lanes that have no segment left."""
     block, triangles, done = code >> 5, code & 31, np.int64(0)
     all_groups = (np.int64(1) << bundle.groups) - 1
     for g in range(bundle.tiles):
         groups = mask >> (g * bundle.groups) & all_groups
         if groups != 0:
-            tile = tile_at(scratch.tiles, g, table, chunk, fixed)
+            tile = tile_at(scratch.tiles, g, asked)
             valid, finished = np.int64(get(scratch.valid, g)), np.int64(get(scratch.valid, _FINISHED + g))
             strata = _lane_strata(groups, bundle) & ~finished
             now = trace_block(
-                tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.aside, counters
+                tile, tree, block, triangles, strata, valid, asked.facing, scratch.work, scratch.aside, counters
             )
             if now != 0:
                 put(scratch.valid, _FINISHED + g, finished | now)
@@ -145,7 +149,7 @@ def _finished_groups(strata, bundle):
 
 
 @kernel
-def _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
+def _walk(tree, alive, asked, bundle, scratch, counters):
     """Trace the lanes in `alive` through the tree."""
     s = _shafts(scratch.lanes)
     limit = least_direction(s)
@@ -188,23 +192,23 @@ def _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
             link = np.int64(get(tree.links, link * 16 + (12 if left != 0 else 13)))
             mask = left if left != 0 else right
             continue
-        if np.int64(get(scratch.aside, 0)) > ASIDE // 2:
+        if np.int64(get(scratch.aside, 0)) > ASIDE:
             put(scratch.at, 0, link)
             put(scratch.at, 1, mask)
             put(scratch.at, 2, height)
             return alive
         if ~link & 31 != 0:
-            alive &= ~_leaf(tree, ~link, mask, table, chunk, fixed, bundle, facing, scratch, counters)
+            alive &= ~_leaf(tree, ~link, mask, asked, bundle, scratch, counters)
         mask = np.int64(0)
 
 
 @kernel
-def _settle_aside(tree, table, chunk, fixed, facing, scratch, counters):
+def _settle_aside(tree, query, asked, scratch, counters):
     """Decide exactly what float32 could not say about a bundle's segments."""
     for k in range(np.int64(get(scratch.aside, 0))):
         slot, code = np.int64(get(scratch.aside, 2 + 2 * k)), np.int64(get(scratch.aside, 3 + 2 * k))
         g, s, lane = code >> 8, code >> 4 & 15, code & 15
-        tile = tile_at(scratch.tiles, g, table, chunk, fixed)
+        tile = tile_at(scratch.tiles, g, asked)
         dead = np.int64(get(tile.dead, s))
         if (dead >> lane | np.int64(get(scratch.valid, _FINISHED + g)) >> s) & 1 == 0:
             o, l = lane, s * 48 + lane
@@ -212,38 +216,46 @@ def _settle_aside(tree, table, chunk, fixed, facing, scratch, counters):
                 get(tile.origins, o), get(tile.origins, o + 16), get(tile.origins, o + 32),
                 get(tile.points, l), get(tile.points, l + 16), get(tile.points, l + 32),
             )  # fmt: skip
-            side = settle(ray, tree.corners, slot, counters)
-            if side != 0 and side != facing:
+            if slot < 0:
+                at = place_of(asked, np.int64(get(scratch.at, 4 + 2 * g)), np.int64(get(scratch.at, 5 + 2 * g)), lane)
+                horizon = horizon_of(query, at // asked.w, at % asked.w)
+                count(counters, UNCERTAIN, 1)
+                l_at = ptr_at(tile.points, l)
+                blocked = not is_above(horizon, get(l_at, 0), get(l_at, 16), get(l_at, 32), query.corners)
+            else:
+                side = settle(ray, tree.corners, slot, counters)
+                blocked = side != 0 and side != asked.facing
+            if blocked:
                 put(tile.dead, s, dead | np.int64(1) << lane)
     put(scratch.aside, 0, 0)
 
 
 @inlined
-def _trace_lanes(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
+def _trace_lanes(tree, alive, query, asked, bundle, scratch, counters):
     """Trace the lanes in `alive`, and settle what is put aside whenever the memory for it runs low, and at the end."""
     put(scratch.at, 0, 0)
     put(scratch.at, 1, alive)
     put(scratch.at, 2, 0)
-    put(scratch.aside, 0, 0)
-    while alive != 0:
-        alive = _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters)
-        _settle_aside(tree, table, chunk, fixed, facing, scratch, counters)
+    while True:
+        if alive != 0:
+            alive = _walk(tree, alive, asked, bundle, scratch, counters)
+        if np.int64(get(scratch.aside, 0)) != 0:
+            _settle_aside(tree, query, asked, scratch, counters)
+        if alive == 0:
+            return
 
 
 @inlined
-def _start_tile(query, y0, x0, shape, chunk, fixed, bundle, g, tile, valid, scratch, counters):
-    """Prepare tile g of a bundle; bits of its lanes that have a segment to trace."""
-    put(scratch.valid, g, valid)
-    if valid == 0:
-        return np.int64(0)
-    bound_receivers(tile, valid)
-    if not fixed:
-        move_light(query, y0, x0, shape, chunk, valid, tile, bundle.count)
+def _start_tile(asked, y0, x0, bundle, tile, valid, scratch, counters):
+    """Prepare a tile of a bundle; bits of its lanes that have a segment to trace."""
+    g = tile.number
+    put(scratch.at, 4 + 2 * g, y0)
+    put(scratch.at, 5 + 2 * g, x0)
     make_shafts(tile.info, tile.groups, tile.shafts)
-    apply_horizon(query, y0, x0, shape, valid, bundle.count, tile, scratch.planes, counters)
+    apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
     finished = np.int64(0)
     for s in range(16):
-        if s >= bundle.count or np.int64(get(tile.dead, s)) & valid == valid:
+        if s >= asked.count or np.int64(get(tile.dead, s)) & valid == valid:
             finished |= np.int64(1) << s
     put(scratch.valid, _FINISHED + g, finished)
     _fill_lanes(g, tile, bundle, scratch.lanes)
@@ -252,67 +264,63 @@ def _start_tile(query, y0, x0, shape, chunk, fixed, bundle, g, tile, valid, scra
 
 
 @inlined
-def _light_size(query, tile):
-    """A small part of the sum of the light's extents, 0 for a light that moves."""
-    if not stays(query.light):
-        return _F(0.0)
-    size = _F(0.0)
-    for k in range(3):
-        size += get(tile.groups, (3 + k) * ALL_GROUPS + 1) - get(tile.groups, k * ALL_GROUPS + 1)
-    return _F(2.0**-6) * size
-
-
-@inlined
-def _finish_tile(y0, x0, shape, chunk, bundle, g, tile, scratch, out):
-    valid = np.int64(get(scratch.valid, g))
+def _finish_tile(asked, tile, scratch, out):
+    """Write the bits of a tile."""
+    g = tile.number
+    valid, finished = np.int64(get(scratch.valid, g)), np.int64(get(scratch.valid, _FINISHED + g))
     if valid != 0:
-        finished = np.int64(get(scratch.valid, _FINISHED + g))
-        write_bits(y0, x0, shape, valid, bundle.count, chunk, tile, finished, out)
+        y0, x0 = np.int64(get(scratch.at, 4 + 2 * g)), np.int64(get(scratch.at, 5 + 2 * g))
+        write_bits(asked, y0, x0, valid, tile, finished, out)
 
 
 @kernel
-def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, chunk, out, counters):
-    """Worker: bundles of tiles."""
+def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, chunk, n_samples, out, counters):
+    """Worker: bundles of tiles; then, one place after the other, the tiles whose receivers lie in several places."""
     scratch = Scratch(
         stack_f32(_SCRATCH), stack_f32(_LANES), stack_f32(WORK), stack_i32(_STACK), stack_i32(_VALID), stack_f32(128),
-        stack_i32(4), stack_i32(_ASIDE),
+        stack_i32(_AT), stack_i32(_ASIDE),
     )  # fmt: skip
-    single = Layout(1, 1, layout.columns, layout.rows)
-    tree, mine, fixed = block_pointers(arrays), private_counters(counters), stays(query.light)
+    fixed = stays(query.light)
+    tree, mine = block_pointers(arrays), private_counters(counters)
+    asked, places = asked_of(query, table, shape, chunk, n_samples, fixed), ptr(out)
+    put(scratch.aside, 0, 0)
     at = take(ticket)
     while at >= 0:
         by, bx = at // layout.columns * layout.down, at % layout.columns * layout.across
         alive, apart = np.int64(0), np.int64(0)
         for g in range(bundle.tiles):
             y0, x0 = (by + g // layout.across) * shape.height, (bx + g % layout.across) * shape.width
-            tile = tile_at(scratch.tiles, g, table, chunk, fixed)
-            valid = load_receivers(query, y0, x0, shape, tile)
-            if valid != coherent_part(tile, valid, _light_size(query, tile)):
+            tile = tile_at(scratch.tiles, g, asked)
+            valid = load_receivers(asked, y0, x0, tile)
+            if coherent_part(tile, valid, asked.light) != valid:
                 apart |= np.int64(1) << g
                 valid = np.int64(0)
-            alive |= _start_tile(query, y0, x0, shape, chunk, fixed, bundle, g, tile, valid, scratch, mine)
-        home_y, home_x = by, bx
-        job, origin, left = bundle, layout, np.int64(0)
+            put(scratch.valid, g, valid)
+            if valid != 0:
+                bound_receivers(tile, valid)
+                if not fixed:
+                    move_light(query, y0, x0, shape, chunk, valid, tile, asked.count)
+                alive |= _start_tile(asked, y0, x0, bundle, tile, valid, scratch, mine)
+        job, left, g = bundle, np.int64(0), np.int64(0)
         while True:
-            _trace_lanes(tree, alive, table, chunk, fixed, job, query.cull_faces, scratch, mine)
-            for g in range(job.tiles):
-                tile = tile_at(scratch.tiles, g, table, chunk, fixed)
-                y0, x0 = (by + g // origin.across) * shape.height, (bx + g % origin.across) * shape.width
-                _finish_tile(y0, x0, shape, chunk, job, g, tile, scratch, out)
-            if left == 0:  # the next tile whose receivers lie in several places: trace them place by place
+            _trace_lanes(tree, alive, query, asked, job, scratch, mine)
+            for i in range(job.tiles):
+                _finish_tile(asked, tile_at(scratch.tiles, i, asked), scratch, places)
+            if left == 0:
                 if apart == 0:
                     break
-                g = lowest_bit(apart)
+                g, left = lowest_bit(apart), np.int64(0xFFFF)
                 apart &= apart - 1
-                by, bx = home_y + g // layout.across, home_x + g % layout.across
-                left = np.int64(0xFFFF)
-            job, origin = alone, single
-            tile = tile_at(scratch.tiles, 0, table, chunk, fixed)
-            y0, x0 = by * shape.height, bx * shape.width
-            left &= load_receivers(query, y0, x0, shape, tile)
-            part = coherent_part(tile, left, _light_size(query, tile))
+            y0, x0 = (by + g // layout.across) * shape.height, (bx + g % layout.across) * shape.width
+            job, tile = alone, tile_at(scratch.tiles, 0, asked)
+            left &= load_receivers(asked, y0, x0, tile)
+            part = coherent_part(tile, left, asked.light)
             left &= ~part
-            alive = _start_tile(query, y0, x0, shape, chunk, fixed, alone, 0, tile, part, scratch, mine)
+            put(scratch.valid, 0, part)
+            bound_receivers(tile, part)
+            if not fixed:
+                move_light(query, y0, x0, shape, chunk, part, tile, asked.count)
+            alive = _start_tile(asked, y0, x0, alone, tile, part, scratch, mine)
         at = take(ticket)
     add_counters(counters, mine)
 
@@ -324,20 +332,17 @@ def _shape(query) -> TileShape:
     return TileShape(width, height, -(-w // width), -(-h // height))
 
 
-def _bundle(count: int, tiles: int) -> Bundle:
-    """The bundle for `count` samples that holds `tiles` tiles, more if there are fewer than 16 strata."""
+def _bundles(count: int, tiles: int) -> tuple[Bundle, Bundle]:
+    """For `count` samples: a bundle of `tiles` tiles, or more if they are needed to fill the lanes; one of one tile."""
     strata = 1 << (count - 1).bit_length()
     tiles = max(tiles, STRATA // strata)
-    return Bundle(tiles, STRATA // tiles, strata * tiles // STRATA, count)
+    return Bundle(tiles, STRATA // tiles, strata * tiles // STRATA), Bundle(1, strata, 1)
 
 
 def _layout(shape: TileShape, tiles: int) -> Layout:
     across = tiles if shape.height == 1 else 1 << (tiles.bit_length() // 2)
     down = tiles // across
     return Layout(across, down, -(-shape.columns // across), -(-shape.rows // down))
-
-
-TILES = 4
 
 
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
@@ -352,7 +357,8 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     sets = (lane % shape.width & 3) + 4 * (lane // shape.width)
     table = light_table(query, sets)
     for chunk in range(-(-spp // STRATA)):
-        bundle = _bundle(min(STRATA, spp - chunk * STRATA), TILES)
+        count = min(STRATA, spp - chunk * STRATA)
+        bundle, alone = _bundles(count, TILES)
         layout = _layout(shape, bundle.tiles)
         run(
             _trace_bundles,
@@ -364,8 +370,9 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
             shape,
             layout,
             bundle,
-            _bundle(bundle.count, 1),
+            alone,
             chunk,
+            count,
             bits,
             counters,
             progress=progress,

@@ -49,6 +49,7 @@ from ..simd import (
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
 from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, D, N, axis_of
+from .tile import put_aside
 from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows
 
 _F = np.float32
@@ -60,7 +61,7 @@ _CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (
     16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23)
 )
 WORK = 24 * 16  # float32 of scratch memory
-ASIDE = 2 * 4096  # segments that can be put aside; one block and tile need at most 4096
+ASIDE = 16 * 16 * 16  # segments that can be put aside at one block and tile: triangles, strata, receivers
 
 
 @inlined
@@ -257,18 +258,6 @@ def test_rays(tile, lanes, s, facing):
         wrong = bits(up) if facing > 0 else bits(down)
         return hit & ~wrong, left & ~hit & ~wrong
     return hit, left & ~hit
-
-
-@inlined
-def put_aside(aside, tile, slot, s, unsure):
-    """Note the segments from the `unsure` receivers (bits) to stratum s, and the triangle in `slot`, for later."""
-    n = np.int64(get(aside, 0))
-    while unsure != 0:
-        put(aside, 2 + 2 * n, slot)
-        put(aside, 3 + 2 * n, tile.number << 8 | s << 4 | lowest_bit(unsure))
-        unsure &= unsure - 1
-        n += 1
-    put(aside, 0, n)
 
 
 @kernel

@@ -11,7 +11,7 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..query.receivers import FREE, NOTHING
 from ..query.samples import sample_point
-from ..query.shadow import horizon_of, is_above, patch_of
+from ..query.shadow import patch_of
 from ..simd import (
     absolute,
     as_i32,
@@ -32,7 +32,7 @@ from ..simd import (
     splat16,
     store,
 )
-from .counters import BELOW_HORIZON, RAYS, UNCERTAIN, count
+from .counters import BELOW_HORIZON, RAYS, count
 from .lighttable import ALL_GROUPS, GROUPS, POINTS, STRATA, bound_groups
 from .shafts import SHAFT_FLOATS
 
@@ -42,7 +42,7 @@ _OWN = _SHAFTS + SHAFT_FLOATS  # floats of a tile besides its light samples
 TILE_FLOATS = _OWN + POINTS + GROUPS
 _U = _F(64 * 2.0**-24)
 _TINY = _F(1e-37)
-SPLIT = _F(0.75)
+SPLIT, _LIGHT = _F(0.75), _F(2.0**-6)
 
 
 class Tile(NamedTuple):
@@ -67,13 +67,49 @@ class TileShape(NamedTuple):
     rows: int
 
 
+class Asked(NamedTuple):
+    """A query's chunk for hot kernels: pointers, for each array passed on costs a reference count."""
+
+    origins: object  # float32
+    faces: object  # int32
+    sides: object  # int8
+    normals: object  # float64
+    corners: object  # float32
+    points: object  # of the chunk's light table, if the light does not move
+    groups: object
+    fixed: bool  # the light does not move
+    h: int
+    w: int
+    shape: TileShape
+    first: int  # sample
+    count: int  # samples
+    facing: int  # a value of CULL_FACES
+    words: int  # uint64 of a receiver's bits
+    light: float  # a small part of the sum of the light's extents
+
+
 @inlined
-def tile_at(scratch, g, table, chunk, fixed):
+def asked_of(query, table, shape, chunk, n_samples, fixed):
+    """The `Asked` of a chunk of a query."""
+    groups, light = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0)
+    if fixed:
+        for k in range(3):
+            light += get(groups, (3 + k) * ALL_GROUPS + 1) - get(groups, k * ALL_GROUPS + 1)
+    h, w = query.sides.shape
+    return Asked(
+        ptr(query.origins), ptr(query.faces), ptr(query.sides), ptr(query.normals), ptr(query.corners),
+        ptr_at(ptr(table.points), chunk * POINTS), groups, fixed, h, w, shape, chunk * STRATA, n_samples,
+        query.cull_faces, (query.samples.shape[1] + 63) >> 6, light * _LIGHT,
+    )  # fmt: skip
+
+
+@inlined
+def tile_at(scratch, g, asked):
     """`Tile` number g of a bundle."""
     own = ptr_at(scratch, g * TILE_FLOATS)
     points, groups = ptr_at(own, _OWN), ptr_at(own, _OWN + POINTS)
-    if fixed:
-        points, groups = ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.groups), chunk * GROUPS)
+    if asked.fixed:
+        points, groups = asked.points, asked.groups
     faces, dead = as_i32(ptr_at(own, _FACES)), as_i32(ptr_at(own, _DEAD))
     return Tile(np.int64(g), own, ptr_at(own, _INFO), faces, dead, ptr_at(own, _SHAFTS), points, groups)
 
@@ -87,21 +123,19 @@ def middle_and_half(low, high):
 
 
 @kernel
-def load_receivers(query, y0, x0, shape, tile):
+def load_receivers(asked, y0, x0, tile):
     """Fill origins and faces; bits of the lanes that hold a receiver."""
-    h, w = query.sides.shape
-    origins, faces, sides = ptr(query.origins), ptr(query.faces), ptr(query.sides)
-    valid = np.int64(0)
-    for lane in range(16):
-        y, x = y0 + lane // shape.width, x0 + lane % shape.width
-        if y < h and x < w:
-            at = y * w + x
-            if np.int64(get(sides, at)) != NOTHING:
+    valid, lane = np.int64(0), np.int64(0)
+    for y in range(y0, y0 + asked.shape.height):
+        for x in range(x0, x0 + asked.shape.width):
+            at = y * asked.w + x
+            if y < asked.h and x < asked.w and np.int64(get(asked.sides, at)) != NOTHING:
                 valid |= np.int64(1) << lane
-                put(tile.origins, lane, get(origins, at * 3))
-                put(tile.origins, 16 + lane, get(origins, at * 3 + 1))
-                put(tile.origins, 32 + lane, get(origins, at * 3 + 2))
-                put(tile.faces, lane, get(faces, at))
+                put(tile.origins, lane, get(asked.origins, at * 3))
+                put(tile.origins, 16 + lane, get(asked.origins, at * 3 + 1))
+                put(tile.origins, 32 + lane, get(asked.origins, at * 3 + 2))
+                put(tile.faces, lane, get(asked.faces, at))
+            lane += 1
     return valid
 
 
@@ -175,16 +209,21 @@ def move_light(query, y0, x0, shape, chunk, valid, tile, n_strata):
     bound_groups(tile.points, tile.groups, n_strata)
 
 
+@inlined
+def place_of(asked, y0, x0, lane):
+    """Index of a lane's receiver among all, row by row."""
+    return (y0 + lane // asked.shape.width) * asked.w + x0 + lane % asked.shape.width
+
+
 @kernel
-def _gather_planes(query, y0, x0, shape, valid, planes):
+def _gather_planes(asked, y0, x0, valid, planes):
     """Rows of `planes`: a point of each receiver's plane (3), a normal (3), the side seen, what scales its error."""
-    corners, w = ptr(query.corners), query.sides.shape[1]
-    lanes = valid
+    corners, lanes = asked.corners, valid
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
-        y, x = y0 + lane // shape.width, x0 + lane % shape.width
-        side, face = np.int64(query.sides[y, x]), np.int64(query.faces[y, x])
+        at = place_of(asked, y0, x0, lane)
+        side, face = np.int64(get(asked.sides, at)), np.int64(get(asked.faces, at))
         nx, ny, nz, size = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
         k = face * 9
         if face >= 0:
@@ -195,12 +234,10 @@ def _gather_planes(query, y0, x0, shape, valid, planes):
             size = abs(px) + abs(py) + abs(pz) + abs(qx) + abs(qy) + abs(qz)
             size *= size
         else:
-            at = (y * w + x) * 3
-            origins = ptr(query.origins)
-            vx, vy, vz = get(origins, at), get(origins, at + 1), get(origins, at + 2)
+            k = at * 3
+            vx, vy, vz = get(asked.origins, k), get(asked.origins, k + 1), get(asked.origins, k + 2)
             if side != FREE:
-                n = query.normals[y, x]
-                nx, ny, nz = _F(n[0]), _F(n[1]), _F(n[2])
+                nx, ny, nz = _F(get(asked.normals, k)), _F(get(asked.normals, k + 1)), _F(get(asked.normals, k + 2))
                 size = abs(nx) + abs(ny) + abs(nz)
         put(planes, lane, vx)
         put(planes, 16 + lane, vy)
@@ -221,27 +258,21 @@ def _height(planes, lx, ly, lz):
     return h * load16(planes, 96), load16(planes, 112) * _U * reach + _TINY * (reach + _F(1.0))
 
 
-@kernel
-def _is_above_exactly(query, y0, x0, shape, lane, tile, s, counters):
-    y, x = y0 + lane // shape.width, x0 + lane % shape.width
-    at = s * 48 + lane
-    count(counters, UNCERTAIN, 1)
-    l = get(tile.points, at), get(tile.points, at + 16), get(tile.points, at + 32)
-    return is_above(horizon_of(query, y, x), l[0], l[1], l[2], ptr(query.corners))
-
-
 @inlined
 def _whole_light(tile, k):
     return middle_and_half(get(tile.groups, k * ALL_GROUPS + 1), get(tile.groups, (3 + k) * ALL_GROUPS + 1))
 
 
 @kernel
-def apply_horizon(query, y0, x0, shape, valid, count_strata, tile, planes, counters):
-    """Start `dead`: segments to samples that are not above the receiver's own surface are blocked by it."""
+def apply_horizon(asked, y0, x0, valid, tile, planes, aside, counters):
+    """Start `dead`: segments to samples that are not above the receiver's own surface are blocked by it.
+
+    What float32 cannot say is put aside.
+    """
     blank = splat16(np.int32(0))
     store(tile.dead, 0, blank)
-    count(counters, RAYS, count_strata * popcount(valid))
-    _gather_planes(query, y0, x0, shape, valid, planes)
+    count(counters, RAYS, asked.count * popcount(valid))
+    _gather_planes(asked, y0, x0, valid, planes)
     sided = bits(load16(planes, 96) != _F(0.0)) & valid
     if sided == 0:
         return
@@ -255,36 +286,44 @@ def apply_horizon(query, y0, x0, shape, valid, count_strata, tile, planes, count
     crossing = sided & ~bits(h > far)
     if crossing == 0:
         return
-    for s in range(count_strata):
-        _horizon_of_stratum(query, y0, x0, shape, crossing, s, tile, planes, counters)
+    for s in range(asked.count):
+        at = s * 48
+        h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
+        below = bits(h < -error) & crossing
+        put_aside(aside, tile, np.int64(-1), s, crossing & ~below & ~bits(h > error))
+        count(counters, BELOW_HORIZON, popcount(below))
+        put(tile.dead, s, below)
 
 
 @inlined
-def _horizon_of_stratum(query, y0, x0, shape, crossing, s, tile, planes, counters):
-    at = s * 48
-    h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
-    below = bits(h < -error) & crossing
-    unsure = crossing & ~below & ~bits(h > error)
+def put_aside(aside, tile, slot, s, unsure):
+    """Note the segments from the `unsure` receivers (bits) to stratum s, and the triangle in `slot`, for later.
+
+    slot -1 asks whether the sample is above the receiver's own surface.
+    """
+    n = np.int64(get(aside, 0))
     while unsure != 0:
-        lane = lowest_bit(unsure)
+        put(aside, 2 + 2 * n, slot)
+        put(aside, 3 + 2 * n, tile.number << 8 | s << 4 | lowest_bit(unsure))
         unsure &= unsure - 1
-        if not _is_above_exactly(query, y0, x0, shape, lane, tile, s, counters):
-            below |= np.int64(1) << lane
-    count(counters, BELOW_HORIZON, popcount(below))
-    put(tile.dead, s, below)
+        n += 1
+    put(aside, 0, n)
 
 
-@inlined
-def write_bits(y0, x0, shape, valid, count_strata, chunk, tile, finished, out):
-    """Set the bits of a chunk's blocked segments, strata -> receivers; all of the `finished` strata's are blocked."""
+@kernel
+def write_bits(asked, y0, x0, valid, tile, finished, out):
+    """Set the bits of a chunk's blocked segments, strata -> receivers; all of the `finished` strata's are blocked.
+
+    out : pointer to the bits of all receivers, `asked.words` uint64 each
+    """
     words = splat16(np.int32(0))
-    for s in range(count_strata):
+    for s in range(asked.count):
         blocked = mask_from_bits16(np.int64(get(tile.dead, s)) | -(finished >> s & 1))
         words = words | select(blocked, splat16(np.int32(1 << s)), splat16(np.int32(0)))
     store(tile.dead, 0, words)
-    shift, word = np.uint64(chunk * STRATA & 63), chunk * STRATA >> 6
+    shift, word = np.uint64(asked.first & 63), asked.first >> 6
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1
-        y, x = y0 + lane // shape.width, x0 + lane % shape.width
-        out[y, x, word] |= np.uint64(np.int64(get(tile.dead, lane)) & 0xFFFF) << shift
+        at = place_of(asked, y0, x0, lane) * asked.words + word
+        put(out, at, get(out, at) | np.uint64(np.int64(get(tile.dead, lane)) & 0xFFFF) << shift)
