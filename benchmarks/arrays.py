@@ -15,20 +15,18 @@ ray records beforehand and *without* reading the answers. `embreex` and `open3d`
 built, and kernels compiled, before.
 """
 
-import ctypes
 import json
 import statistics
 import time
 from pathlib import Path
 
-import numba
 import numpy as np
 
 import antumbra
 from antumbra.bench import embree
-from antumbra.bench.embree_rays import records_of, trace
-from antumbra.bvh.nodes import aligned_empty
-from antumbra.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from antumbra.bench.embree_rays import occluded_of, trace, write
+from antumbra.bench.ray_sets import ray_set
+from antumbra.parallel import thread_count
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
@@ -36,28 +34,6 @@ from antumbra.scene.procedural import PROCEDURAL
 from common import SCENES, arguments, machine
 
 REAL = ("sponza_crytek", "sanmiguel_lite", "bart_robots")
-WORDS16 = 208  # float32 words between RTCRay16 records
-ALL_VALID = aligned_empty((16,), "i4")
-ALL_VALID[:] = -1
-occluded16 = embree.functions().occluded16
-
-
-@numba.njit(nogil=True)
-def trace16(ticket, valid, scene, records, arguments):
-    """Worker: records is the address of RTCRay16 records."""
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            occluded16(valid, scene, records + 4 * WORDS16 * i, arguments)
-        first = take(ticket)
-
-
-def records16(records: np.ndarray) -> np.ndarray:
-    """(n / 16, 13, 16) float32: RTCRay16 records of (n, 12) RTCRay records."""
-    packets = aligned_empty((len(records) // 16, 13, 16), "f4")
-    packets[:, :12] = records.reshape(-1, 16, 12).transpose(0, 2, 1)
-    packets[:, 12] = 0
-    return packets
 
 
 def load(name: Path):
@@ -102,24 +78,23 @@ def incoherent(scene, n: int):
 def methods(scene, rays, is_coherent: bool, threads: int):
     """name -> (function that traces, what is to be done before each call); and things to keep alive."""
     origins, directions = rays
-    local = (origins - scene.origin).astype(np.float32)
+    local = ray_set((origins - scene.origin).astype(np.float32), directions, 1.0)
     device = embree.Device(threads)
     peer = embree.EmbreeScene(device, scene.triangles(0.0).vertices)
-    records = records_of(local, directions, tmax=1.0)
-    packets, settings = records16(records), embree.arguments(is_coherent)
+    ids = np.arange(len(origins), dtype=np.int32)
+    records, packets = write(local, ids, threads=threads), write(local, ids.reshape(-1, 16), threads=threads)
 
     def fresh():
-        records[:, 8], packets[:, 8] = 1.0, 1.0
+        records.memory[:, 8], packets.memory[:, 9] = 1.0, 1.0  # tfar; before a packet stands its mask
 
-    args16 = (ALL_VALID.ctypes.data, peer.handle, packets.ctypes.data, ctypes.addressof(settings))
     found = {
         "occluded": lambda: scene.occluded(origins, directions, tmax=1.0, threads=threads),
-        "embree 1": lambda: trace(peer, records, threads, is_coherent),
-        "embree 16": lambda: run(trace16, threads, new_ticket(len(packets), 256), *args16),
+        "embree 1": lambda: trace(peer, records, is_coherent, threads),
+        "embree 16": lambda: trace(peer, packets, is_coherent, threads),
         "embreex": _embreex(scene, origins, directions),
         "open3d": _open3d(scene, origins, directions, threads),
     }
-    return {k: f for k, f in found.items() if f}, fresh, (device, peer, settings), lambda: packets[:, 8].ravel() < 0
+    return {k: f for k, f in found.items() if f}, fresh, (device, peer), lambda: occluded_of(local, packets)
 
 
 def _embreex(scene, origins, directions):
