@@ -3,7 +3,7 @@
 import numpy as np
 
 import oracle
-from antumbra.query.sampling import sample_sets
+from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
 from antumbra.renderer import Renderer, shadow_queries
 from antumbra.trace import TRACERS
@@ -14,7 +14,7 @@ def query_of(scene, camera, light, spp, time=0.0):
     renderer = Renderer(scene, threads=2)
     triangles = scene.triangles(time)
     gbuffer = renderer._gbuffer(triangles, camera, None)
-    return triangles, shadow_queries(triangles, gbuffer, [light], sample_sets(spp))[0]
+    return triangles, shadow_queries(triangles, gbuffer, [light], [light_samples(light, spp)])[0]
 
 
 def unpack(bits, spp):

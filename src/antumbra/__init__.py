@@ -19,14 +19,25 @@ if typing.TYPE_CHECKING:
     from .renderer import Frame, Renderer, render
     from .scene.camera import Camera
     from .scene.generated import procedural
-    from .scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
+    from .scene.lights import (
+        AmbientOcclusion,
+        DirectionalLight,
+        DiskLight,
+        Light,
+        PointLight,
+        QuadLight,
+        SphereLight,
+    )
     from .scene.load import load
+    from .scene.point_lights import PointLights
     from .scene.scene import Scene
     from .scene.triangles import Triangles
+    from .virtual_lights import virtual_point_lights
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "AmbientOcclusion",
     "Camera",
     "DirectionalLight",
     "DiskLight",
@@ -37,6 +48,7 @@ __all__ = [
     "Light",
     "Plan",
     "PointLight",
+    "PointLights",
     "QuadLight",
     "Renderer",
     "Scene",
@@ -46,6 +58,7 @@ __all__ = [
     "load",
     "procedural",
     "render",
+    "virtual_point_lights",
     "visibility",
 ]
 
@@ -59,10 +72,20 @@ _HOMES = {
     "renderer": ["Frame", "Renderer", "render"],
     "scene.camera": ["Camera"],
     "scene.generated": ["procedural"],
-    "scene.lights": ["DirectionalLight", "DiskLight", "Light", "PointLight", "QuadLight", "SphereLight"],
+    "scene.lights": [
+        "AmbientOcclusion",
+        "DirectionalLight",
+        "DiskLight",
+        "Light",
+        "PointLight",
+        "QuadLight",
+        "SphereLight",
+    ],
     "scene.load": ["load"],
+    "scene.point_lights": ["PointLights"],
     "scene.scene": ["Scene"],
     "scene.triangles": ["Triangles"],
+    "virtual_lights": ["virtual_point_lights"],
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -1,17 +1,19 @@
 """Questions that are not pictures: ray arrays, and points that ask which lights they see."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .errors import InputError
 from .parallel import thread_count
-from .query.rays import Hit, HitArrays, RayList, as_array, cull_value, ray_list
+from .query.rays import Arguments, Hit, HitArrays, as_array, cull_value, ray_arguments
 from .query.receivers import FREE, point_receivers
-from .query.sampling import sample_sets, to_domain
+from .query.sampling import light_samples
 from .query.shadow import ShadowQuery, fraction_lit
 from .renderer import Accelerated, Renderer, check_lights, reach
-from .trace.single import trace_rays
+from .scene.point_lights import PointLights
+from .trace.batch import trace_batch
 from .warm import warm_up, warm_up_rays
 
 
@@ -23,35 +25,38 @@ class Visibility(NamedTuple):
 
 
 def accelerated(scene, time=0.0, threads=None, plan="bsah+single") -> Accelerated:
-    """The scene's triangles and BVH at a time; the last one made is kept with the scene."""
-    renderer = Renderer(scene, plan, threads)
-    key = (renderer.plan, scene.clamped(time))
+    """The scene's triangles and BVH at a time; those of all plans for the last time asked are kept with the scene."""
+    renderer, time = Renderer(scene, plan, threads), scene.clamped(time)
     kept = scene.__dict__.get("_accelerated")
-    if kept is None or kept[0] != key:
-        kept = (key, renderer.accelerate(time))
-        scene.__dict__["_accelerated"] = kept
-    return kept[1]
+    if kept is None or kept[0] != time:
+        kept = scene.__dict__["_accelerated"] = (time, {})
+    if renderer.plan not in kept[1]:
+        kept[1][renderer.plan] = renderer.accelerate(time)
+    return kept[1][renderer.plan]
 
 
-def trace_list(scene, rays: RayList, any_hit: bool, time, threads) -> HitArrays:
-    """Trace checked rays through a scene."""
-    m = len(rays.origins)
+def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time, threads) -> HitArrays:
+    """Trace rays through a scene; InputError where a number is one that a ray must not have."""
+    m = len(arguments.origins)
     n = 0 if any_hit else m
-    out = HitArrays(np.empty(m, np.int32), np.full(n, np.inf), np.zeros(n, np.float32), np.zeros(n, np.float32))
-    trace_rays(accelerated(scene, time, threads).bvh, rays, any_hit, out, threads)
+    out = HitArrays(
+        np.empty(m - n, np.bool_), np.empty(n, np.int32), np.empty(n), np.empty(n, np.float32), np.empty(n, np.float32)
+    )
+    wide = accelerated(scene, time, threads, "bsah+wide").prepared
+    if not trace_batch(wide, arguments.ray_list(cull_faces), any_hit, out, threads):
+        arguments.check()
     return out
 
 
-def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_faces, threads) -> Hit:
-    """Any or nearest hits of rays; `rays`: the first five arguments of `Scene.occluded`. Any hit: only `face`."""
-    checked, shape = ray_list(*rays, cull_faces, scene.origin)
+def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_faces, threads):
+    """Any-hit: (...) bool; else the `Hit`. `rays`: the first five arguments of `Scene.occluded`."""
+    arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin)
     thread_count(threads)
     warm_up_rays()
-    out = trace_list(scene, checked, any_hit, time, threads)
-    face = out.face.reshape(shape)
+    out = trace_list(scene, arguments, any_hit, facing, time, threads)
     if any_hit:
-        return Hit(out.t, face, out.u, out.v)
-    return Hit(out.t.reshape(shape), face, out.u.reshape(shape), out.v.reshape(shape))
+        return out.blocked.reshape(shape)
+    return Hit(out.t.reshape(shape), out.face.reshape(shape), out.u.reshape(shape), out.v.reshape(shape))
 
 
 def visibility(
@@ -65,6 +70,7 @@ def visibility(
     scene : Scene
     points : (..., 3) float, world; anything with DLPack
     light : a light
+        Ambient occlusion needs normals. Of a list of lights each point asks all: bit s is light s.
     normals : (..., 3) float, broadcast against the points, or None
         Where points lie on surfaces: the surfaces' normals, any length, towards the side that asks. The points are
         moved off their surface by a few units in the last place, and samples below its horizon are occluded. None:
@@ -86,7 +92,11 @@ def visibility(
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     (light,) = check_lights([light])
-    square = sample_sets(spp, sampler)
+    if isinstance(light, PointLights) and light.interleave:
+        light = replace(light, interleave=False)  # points are in no blocks of 4x4: each asks all lights
+    samples = light_samples(light, spp, sampler)
+    if normals is None and light.domain == "hemisphere":
+        raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
     world = points.astype(np.float64).reshape(-1, 3)
     if not np.isfinite(world).all():
         raise InputError("points hold NaN or infinity")
@@ -106,12 +116,12 @@ def visibility(
         unit if normals is None else unit[None],
         triangles.vertices.reshape(-1, 9),
         light.patch(triangles.origin, reach(triangles, origins) if len(origins) else 1.0),
-        np.ascontiguousarray(to_domain(square, light.domain)),
+        samples,
         cull_value(cull_faces),
     )
     bits = renderer.answer(ready, query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
-    return Visibility(bits, fraction_lit(bits, square.shape[1]))
+    return Visibility(bits, fraction_lit(bits, samples.shape[1]))
 
 
 def _unit_normals(normals, shape) -> np.ndarray:

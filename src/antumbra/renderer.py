@@ -8,22 +8,26 @@ import numpy as np
 from .bvh import BUILDERS
 from .bvh.nodes import Bvh
 from .errors import InputError
-from .image.shade import irradiance, shade
+from .image.fraction import as_needed, fraction, refine_penumbra
+from .image.shade import ambient_light, arriving, shade
 from .parallel import thread_count
 from .plan import parse_plan
 from .query.gbuffer import GBuffer, from_hits
 from .query.raster import rasterise
 from .query.rays import cull_value
 from .query.receivers import NOTHING, surface_receivers
-from .query.sampling import sample_sets, to_domain
+from .query.refine import FinerSamples, edges, finer_samples
+from .query.sampling import light_samples
 from .query.shadow import ShadowQuery, fraction_lit
+from .query.subpixels import block_means, subpixel_gbuffer
+from .query.surface import seen_by
 from .scene.camera import Camera
-from .scene.lights import Light
+from .scene.lights import AMBIENT, Light
 from .scene.triangles import Triangles
 from .trace import TRACERS
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
-from .warm import warm_up
+from .warm import warm_up, warm_up_quality
 
 PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 
@@ -32,12 +36,13 @@ class Frame(NamedTuple):
     """A rendered frame. H, W: the camera's height and width."""
 
     image: np.ndarray  # (H, W, 3) float32, linear
-    visibility: list[np.ndarray]  # of each light (H, W) float32: share of samples not occluded; 1 where nothing is seen
-    bits: list[np.ndarray]  # of each light (H, W, ceil(spp / 64)) uint64: bit s = sample s occluded; 0: nothing seen
+    visibility: list[np.ndarray]  # of each light (H, W) float32: share of the light seen; 1 where nothing is
+    bits: list[np.ndarray]  # of each light (H, W, ceil(n / 64)) uint64: bit s = its sample s occluded; 0: nothing seen
     gbuffer: GBuffer  # what each pixel sees
     rays: int  # shadow rays asked
     timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless asked for
+    refined: np.ndarray | None = None  # (H, W) bool: penumbrae and edges that were refined; None unless asked for
 
     def save(self, path, exposure: float | None = None) -> None:
         """Write ``.png`` (sRGB; exposure None: automatic) or ``.exr`` (linear; image, visibility, depth, normal).
@@ -97,18 +102,25 @@ class Renderer:
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
-        progress=None,
+        filter=False, adaptive=None, progress=None,
     ) -> Frame:  # fmt: skip
         """Render a frame; see `antumbra.render`."""
         lights = check_lights(lights)
         if not isinstance(camera, Camera):
             raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
-        square, facing = sample_sets(spp, sampler), cull_value(cull_faces)
+        samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
+        finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
         warm_up(self.plan, self.gbuffer, counters)
-        return self.frame(camera, lights, square, facing, time, counters, progress)
+        if filter or finer:
+            warm_up_quality(self.plan, self.gbuffer)
+        return self.frame(camera, lights, samples, facing, time, counters, progress, bool(filter), finer)
 
-    def frame(self, camera, lights, square, facing=0, time=0.0, counters=False, progress=None) -> Frame:
-        """Render a frame from checked arguments: ``square`` from `sample_sets`, ``facing`` a value of CULL_FACES."""
+    def frame(
+        self, camera, lights, samples, facing=0, time=0.0, counters=False, progress=None, smooth=False,
+        finer: FinerSamples | None = None,
+    ) -> Frame:  # fmt: skip
+        """Render a frame from checked arguments: ``samples`` of each light from `light_samples`, ``facing`` a value of
+        CULL_FACES, ``smooth``: filter; ``finer``: the samples of refined pixels."""
         clock = _Clock()
         triangles = self.scene.triangles(time)
         clock.lap("evaluate")
@@ -121,16 +133,34 @@ class Renderer:
         if accelerated is None:
             accelerated = self._accelerate(triangles)
             clock.lap("build")
-        tally = new_counters(counters)
-        queries = shadow_queries(triangles, gbuffer, lights, square, facing, self.threads)
-        bits = [self.answer(accelerated, query, tally, progress) for query in queries]
-        visibility = [fraction_lit(b, len(square[0])) for b in bits]
+        job = _Job(self, accelerated, lights, facing, new_counters(counters), progress)
+        queries = job.queries(gbuffer, samples)
+        bits = [job.ask(query) for query in queries]
         clock.lap("trace")
-        arriving = [irradiance(gbuffer, q.light, s.domain, self.threads) for q, s in zip(queries, lights)]
-        image = shade(gbuffer, triangles.colour, lights, arriving, visibility, self.scene.up, self.threads)
+        rays = camera.rays(triangles.origin)
+        seen = seen_by(gbuffer, rays)
+        visibility = [fraction(seen, q, b, smooth, self.threads) for q, b in zip(queries, bits)]
+        clock.lap("filter")
+        refined = None
+        if finer is not None:
+            edge = edges(seen, triangles.colour, self.threads)
+            refined = edge | job.refine(seen, queries, bits, visibility, finer.penumbra, smooth)
+            clock.lap("trace")
+        arrived = job.arriving(gbuffer, queries, bits, seen if smooth else None)
+        ambient = ambient_light(gbuffer, lights, arrived)
+        image = job.shade(gbuffer, arrived, visibility, ambient)
         clock.lap("shade")
-        rays = int(np.count_nonzero(gbuffer.side != NOTHING)) * len(square[0]) * len(lights)
-        return Frame(image, visibility, bits, gbuffer, rays, clock.timings(), as_dict(tally))
+        if finer is not None and edge.any():
+            pixels = subpixel_gbuffer(triangles, rays, edge, self.threads)
+            clock.lap("gbuffer")
+            queries = [as_needed(query) for query in job.queries(pixels, finer.edges)]
+            fine = [job.ask(query) for query in queries]
+            clock.lap("trace")
+            shares = [fraction_lit(b, query.samples.shape[1]) for query, b in zip(queries, fine)]
+            picture = job.shade(pixels, job.arriving(pixels, queries, fine), shares, ambient)
+            image[edge] = block_means(picture, int(np.count_nonzero(edge)))
+            clock.lap("shade")
+        return Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), refined)
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH."""
@@ -155,6 +185,43 @@ class Renderer:
         return bits
 
 
+class _Job:
+    """One frame: asks about, and shades, what its camera or sub-pixels of it see."""
+
+    def __init__(self, renderer: Renderer, accelerated: Accelerated, lights, facing, tally, progress):
+        self.renderer, self.accelerated, self.lights, self.facing = renderer, accelerated, lights, facing
+        self.tally, self.progress, self.threads = tally, progress, renderer.threads
+        self.rays = 0  # asked so far
+
+    def queries(self, gbuffer, samples) -> list[ShadowQuery]:
+        """The query of each light, with these samples of each."""
+        return shadow_queries(self.accelerated.triangles, gbuffer, self.lights, samples, self.facing, self.threads)
+
+    def ask(self, query: ShadowQuery) -> np.ndarray:
+        self.rays += int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
+        return self.renderer.answer(self.accelerated, query, self.tally, self.progress)
+
+    def refine(self, seen, queries, bits, visibility, samples, smooth) -> np.ndarray:
+        """Ask again in penumbrae and replace their visibility; (H, W) bool, where any light's was."""
+        refined = np.zeros(seen.side.shape, np.bool_)
+        for i, sets in enumerate(samples):
+            finer, better = refine_penumbra(seen, queries[i], bits[i], sets, self.ask, smooth, self.threads)
+            chosen = finer.sides != NOTHING
+            visibility[i] = np.where(chosen, better, visibility[i])
+            refined |= chosen
+        return refined
+
+    def arriving(self, gbuffer, queries, bits, seen=None) -> list[np.ndarray]:
+        """What each light gives to each pixel's surface; see `image.shade.arriving`."""
+        lqb = zip(self.lights, queries, bits)
+        return [arriving(gbuffer, light, query, b, seen, self.threads) for light, query, b in lqb]
+
+    def shade(self, gbuffer, arrived, visibility, ambient) -> np.ndarray:
+        """The image."""
+        colour, up = self.accelerated.triangles.colour, self.renderer.scene.up
+        return shade(gbuffer, colour, self.lights, arrived, visibility, ambient, up, self.threads)
+
+
 def check_lights(lights) -> list[Light]:
     """The lights as a list; InputError unless they are lights."""
     lights = [lights] if isinstance(lights, Light) else list(lights)
@@ -173,8 +240,8 @@ def reach(triangles, points) -> float:
     return float(2.0 * np.linalg.norm(upper.astype(np.float64) - lower) + np.finfo(np.float32).tiny)
 
 
-def shadow_queries(triangles, gbuffer, lights, square, cull_faces=0, threads=None) -> list[ShadowQuery]:
-    """The query of each light for the surfaces in a G-buffer; ``square``: (16, spp, 2) from `sample_sets`."""
+def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
+    """The query of each light for the surfaces in a G-buffer; ``samples``: of each light from `light_samples`."""
     shape = gbuffer.face.shape
     corners = triangles.vertices.reshape(-1, 9)
     flat = (
@@ -185,24 +252,19 @@ def shadow_queries(triangles, gbuffer, lights, square, cull_faces=0, threads=Non
     )
     origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
     far = reach(triangles, flat[0]) if triangles.vertices.size else 1.0
+    patches = [light.patch(triangles.origin, far) for light in lights]
+    ambient = any(p.kind == AMBIENT for p in patches)
+    normals = gbuffer.normal.astype(np.float64) if ambient else np.empty((0, 0, 3))
     return [
-        ShadowQuery(
-            origins,
-            gbuffer.face,
-            gbuffer.side,
-            np.empty((0, 0, 3)),
-            corners,
-            light.patch(triangles.origin, far),
-            np.ascontiguousarray(to_domain(square, light.domain)),
-            cull_faces,
-        )
-        for light in lights
+        ShadowQuery(origins, gbuffer.face, gbuffer.side, normals, corners, patch, sets, cull_faces)
+        for patch, sets in zip(patches, samples)
     ]
 
 
 def render(
     scene, camera=None, lights=None, *, spp=16, plan="bsah+single", time=0.0, threads=None, counters=False,
-    gbuffer="raster", sampler="larcher-pillichshammer", cull_faces=None, progress=None,
+    gbuffer="raster", sampler="larcher-pillichshammer", cull_faces=None, filter=False,
+    adaptive=None, progress=None,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
@@ -214,7 +276,7 @@ def render(
     lights : list of lights, one light, or None
         None: the scene's own lights at `time`, or ``scene.default_light()`` if it has none.
     spp : int
-        Shadow rays a pixel and light, 1 to 1024.
+        Shadow rays a pixel and light, 1 to 1024; `PointLights`, and `AmbientOcclusion` with an spp, have their own.
     plan : str or Plan
         Which methods answer, such as ``"bsah+single"`` (see ``antumbra plans``). Never changes the bits.
     time : float
@@ -229,6 +291,13 @@ def render(
         A name in `antumbra.query.sampling.SAMPLERS`.
     cull_faces : None, "front" or "back"
         Triangles that turn this side to a receiver do not block its rays.
+    filter : bool
+        Smooth the visibility, not the bits, over 4 x 4 pixels of the same surface: 16 times as many samples of the
+        light take part where the penumbra is wide. Of interleaved `PointLights` it smooths what arrives from them.
+    adaptive : int or None
+        Ask again, with this many shadow rays a pixel and light (1 to 1024), in penumbrae, where the new visibility
+        replaces the old one; and at edges, where they are divided among 16 sub-pixels, whose mean the pixel of
+        the image then is. Lights that have their own numbers of rays keep them, in each sub-pixel too.
     progress : function of (done, total), optional
         Called about ten times a second while rays are traced.
 
@@ -252,5 +321,7 @@ def render(
         counters=counters,
         sampler=sampler,
         cull_faces=cull_faces,
+        filter=filter,
+        adaptive=adaptive,
         progress=progress,
     )

@@ -46,20 +46,21 @@ def warm_up(plan, gbuffer: str, counters: bool) -> None:
 
 
 @cache
+def warm_up_quality(plan, gbuffer: str) -> None:
+    """The same for the filter and for adaptive sampling; they are the same for every plan."""
+    _once("filter and refinement", lambda: _render_small(plan, gbuffer, False, True), tell)
+
+
+@cache
 def warm_up_rays() -> None:
     """The same for `Scene.occluded` and `Scene.closest_hit`."""
 
     def work():
         from .queries import trace_list
-        from .query.rays import ray_list
+        from .query.rays import ray_arguments
 
-        trace_list(
-            _small_scene(),
-            ray_list(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0],
-            True,
-            0.0,
-            1,
-        )
+        arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0]
+        trace_list(_small_scene(), arguments, True, 0, 0.0, 1)
 
     _once("ray queries", work, tell)
 
@@ -74,21 +75,29 @@ def _small_scene():
     return Scene.from_arrays(np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3), faces)
 
 
-def _render_small(plan, gbuffer, counters):
+def _render_small(plan, gbuffer, counters, quality=False):
     from . import renderer
-    from .query.sampling import sample_sets
+    from .query.refine import finer_samples
+    from .query.sampling import light_samples
     from .scene.camera import Camera
-    from .scene.lights import PointLight
+    from .scene.lights import PointLight, SphereLight
+    from .scene.point_lights import PointLights
 
     camera = Camera((0, 2, 3), (0, 0, 0), width=8, height=8)
+    light = SphereLight((0, 2, 0), 0.1) if quality else PointLight((0, 2, 0))
+    lights = [light, PointLights([(0, 2, 0)], interleave=quality)]
+    samples = [light_samples(light, 1) for light in lights]
+    finer = finer_samples(lights, 2, "hammersley") if quality else None
     renderer.Renderer(_small_scene(), plan, 2, gbuffer).frame(
-        camera, [PointLight((0, 2, 0))], sample_sets(1), counters=counters
+        camera, lights, samples, counters=counters, smooth=quality, finer=finer
     )
 
 
 def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
     """(name, function that compiles) of everything the given plans need, for `antumbra warmup`."""
+    plans = list(plans)
     work: list[tuple[str, Callable[[], None]]] = [("ray queries", warm_up_rays)]
+    work += [("filter and refinement", lambda p=plan: warm_up_quality(p, "raster")) for plan in plans[:1]]
     for plan in plans:
         for gbuffer in ("raster", "rays"):
             for counters in (False, True):

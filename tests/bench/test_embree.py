@@ -16,10 +16,10 @@ TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], np.float32)
 
 
 def rays(*xy):
-    """RTCRayHit records, 80 bytes each, of rays that go up through the plane z = 0 from z = -1."""
-    records = np.zeros((len(xy), 20), np.float32)
+    """RTCRayHit records, 96 bytes each, of rays that go up through the plane z = 0 from z = -1."""
+    records = np.zeros((len(xy), embree.HIT_WORDS), np.float32)
     records[:, :2], records[:, 2], records[:, 6], records[:, 8] = xy, -1, 1, np.inf
-    records.view(np.int32)[:, [9, 17, 18, 19]] = -1  # mask; no hit
+    records.view(np.int32)[:, [9, 17, 18, 19, 20]] = -1  # mask; no hit
     return records
 
 
@@ -33,24 +33,25 @@ def test_scene_is_built_and_hit(quality, faces):
     def trace(scene, address, n, arguments, any_hit):
         for i in range(n):
             if any_hit:
-                occluded1(scene, address + 80 * i, arguments)
+                occluded1(scene, address + 96 * i, arguments)
             else:
-                intersect1(scene, address + 80 * i, arguments)
+                intersect1(scene, address + 96 * i, arguments)
 
     settings = embree.arguments(coherent=False)
     with embree.Device(2) as device, embree.EmbreeScene(device, TRIANGLE, faces, quality) as scene:
         assert scene.build_seconds > 0
         for any_hit in (True, False):
-            records = rays((0.25, 0.25), (0.75, 0.75))
-            trace(scene.handle, records.ctypes.data, 2, ctypes.addressof(settings), any_hit)
-            assert records[:, 8].tolist() == pytest.approx([-np.inf if any_hit else 1.0, np.inf], rel=1e-6)
+            records = rays((0.25, 0.25), (0.25, 0.5), (0.75, 0.75))
+            trace(scene.handle, records.ctypes.data, 3, ctypes.addressof(settings), any_hit)
+            hit = -np.inf if any_hit else 1.0
+            assert records[:, 8].tolist() == pytest.approx([hit, hit, np.inf], rel=1e-6)
 
 
 def test_sixteen_rays_at_once():
     occluded16 = embree.functions().occluded16
-    block = np.zeros(832 // 4 + 16, np.float32)
+    block = np.zeros(1536 // 4 + 16, np.float32)  # twice an RTCRay16: without AVX-512, Embree reads hits too
     start = -block.ctypes.data % 64 // 4
-    fields = block[start : start + 208].reshape(13, 16)
+    fields = block[start : start + 192].reshape(12, 16)
     fields[0], fields[1], fields[2], fields[6], fields[8] = np.arange(16) / 8, 0.125, -1, 1, np.inf
     fields.view(np.int32)[9] = -1
     valid = np.full(32, -1, np.int32)

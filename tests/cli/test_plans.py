@@ -32,6 +32,7 @@ def compiled(monkeypatch):
     """What `antumbra warmup` compiles, without compiling it."""
     done: list[str] = []
     monkeypatch.setattr(warm, "warm_up", lambda plan, gbuffer, counters: done.append(f"{plan} {gbuffer} {counters}"))
+    monkeypatch.setattr(warm, "warm_up_quality", lambda plan, gbuffer: done.append("filter and refinement"))
     monkeypatch.setattr(warm, "warm_up_rays", lambda: done.append("ray queries"))
     return done
 
@@ -44,9 +45,9 @@ def test_warmup_compiles_everything_once(cli, compiled):
 
 def test_warmup_of_one_plan(cli, compiled):
     told = cli("warmup", "--plan", "bsah+single", "--plan", "bsah+single", "--json").json()
-    assert len(told["kernels"]) == len(compiled) == 5
+    assert len(told["kernels"]) == len(compiled) == 6
     assert told["folder"] and told["seconds"] >= 0.0
-    assert all("bsah+single" in name or name == "ray queries" for name in told["kernels"])
+    assert all("bsah+single" in name or name in compiled[:2] for name in told["kernels"])
 
 
 def test_warmup_quietly(cli, compiled):

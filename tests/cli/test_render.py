@@ -59,6 +59,20 @@ def test_counters_for_people(render):
     assert "triangle tests" in told and "left to float64" in told
 
 
+def test_filter_and_adaptive_sampling_for_people(render):
+    told = render("--filter", "--adaptive", "--spp", 4).out
+    assert "(4 a pixel and light, 16 where refined)" in told and "% of the pixels" in told
+    assert "refined" not in render("--filter").out
+
+
+def test_filter_and_adaptive_sampling_as_json(render):
+    plain, told = render("--json").json(), render("--json", "--filter", "--adaptive-spp", 32).json()
+    assert (plain["filter"], plain["adaptive"], plain["refined"]) == (False, None, None)
+    assert (told["filter"], told["adaptive"]) == (True, 32)
+    assert 0.0 < told["refined"] < 1.0 and told["rays"] > plain["rays"] and told["seen"] == plain["seen"]
+    assert render("--json", "--adaptive", "--spp", 500, size="4x4").json()["adaptive"] == 1024
+
+
 def test_quiet(render, tmp_path):
     assert render("--quiet") == (0, "", "")
     assert render("-q", "--json").json()["output"] == "antumbra.png"
@@ -78,7 +92,15 @@ def test_the_same_arguments_give_the_same_file_however_it_is_computed(render):
 
 
 @pytest.mark.parametrize(
-    "option", [("--spp", "2"), ("--sampler", "sobol"), ("--exposure", "0.001"), ("--camera", "0,1,0:1,1,0")]
+    "option",
+    [
+        ("--spp", "2"),
+        ("--sampler", "sobol"),
+        ("--filter",),
+        ("--adaptive",),
+        ("--exposure", "0.001"),
+        ("--camera", "0,1,0:1,1,0"),
+    ],
 )
 def test_options_that_change_the_picture(render, option):
     assert render("-o", "a.png").code == render("-o", "b.png", *option).code == 0
@@ -113,6 +135,24 @@ def test_lights_and_cameras_reach_the_frame(render):
     assert told["lights"][0]["position"] == [0, 3, 0] and told["lights"][0]["intensity"] == 5
     assert len(told["lit"]) == 3 and told["rays"] == 3 * 16 * told["seen"]
     assert told["camera"]["position"] == [-1, 1, 0] and told["camera"]["vfov"] == 40
+
+
+def test_ambient_occlusion_comes_on_top_of_the_lights(render):
+    told = render("--json", "--ao", "0.5@2", "-o", "a.png").json()
+    assert [light["type"] for light in told["lights"]] == ["QuadLight", "AmbientOcclusion"]
+    assert told["lights"][1]["radius"] == 0.5 and told["lights"][1]["intensity"] == 2
+    everything = render("--json", "--ao", "inf", "-o", "b.png").json()
+    assert everything["lights"][1]["radius"] is None
+    assert 0 < everything["lit"][1] < told["lit"][1] < 1
+    assert (pixels("a.png") != pixels("b.png")).any()
+
+
+def test_photons_become_lights(render):
+    told = render("--json", "--vpl", 100).json()
+    light = told["lights"][1]
+    assert light["type"] == "PointLights" and light["interleave"] and 20 < light["count"] <= 100
+    assert told["rays"] == told["seen"] * (16 + -(-light["count"] // 16))
+    assert "16 + " in render("--vpl", 100).out
 
 
 def test_a_file_is_rendered_to_its_own_name(render, square_obj, tmp_path):
@@ -171,6 +211,7 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--spp", "0"), ["--spp"]),
         (("--spp", "2000"), ["--spp"]),
         (("--spp", "many"), ["--spp"]),
+        (("--adaptive-spp", "0"), ["--adaptive-spp"]),
         (("--plan", "magic"), ["magic", "bsah", "single"]),
         (("--plan", "bsah"), ["names no tracer"]),
         (("--sampler", "dice"), ["dice", "sobol"]),
@@ -194,6 +235,10 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("-o", "none/a.png"), ["none", "does not exist"]),
         (("--sop", "3"), ["--sop", "antumbra render --help"]),
         (("--spp",), ["--spp"]),
+        (("--ao", "0"), ["--ao 0", "radius"]),
+        (("--ao", "near"), ["--ao near", "radius"]),
+        (("--ao", "1@-1"), ["--ao 1@-1", "intensity"]),
+        (("--vpl", "0"), ["--vpl"]),
         (("another",), ["another"]),
     ],
 )

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+import antumbra as at
 from antumbra.errors import InputError
-from antumbra.query.sampling import SAMPLERS, hammersley, larcher_pillichshammer, sample_sets, to_domain
+from antumbra.query.sampling import SAMPLERS, hammersley, larcher_pillichshammer, light_samples, sample_sets, to_domain
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
@@ -57,13 +58,35 @@ def test_first_points_by_their_definitions():
 def test_domains():
     square = sample_sets(256).reshape(-1, 2)
     disk = to_domain(square, "disk")
-    radius = np.hypot(*disk.T)
+    radius = np.hypot(*disk[:, :2].T)
     assert radius.max() <= 1
     for r in (0.25, 0.5, 0.75):  # uniform in area
         assert abs((radius < r).mean() - r * r) < 0.01
     np.testing.assert_array_equal(to_domain(np.full((1, 2), 0.5), "disk"), 0)
-    assert to_domain(square, "square") is square
+    np.testing.assert_array_equal(to_domain(square, "square")[:, :2], square)
+    for flat in ("square", "disk", "point"):
+        assert not to_domain(square, flat)[:, 2].any() and not np.signbit(to_domain(square, flat)[:, 2]).any()
     assert not to_domain(square, "point").any()
+    dome = to_domain(square, "hemisphere")
+    np.testing.assert_array_equal(dome[:, :2], disk[:, :2])
+    np.testing.assert_allclose(np.linalg.norm(dome, axis=1), 1, atol=1e-12)
+    for c in (0.3, 0.6, 0.9):  # the density is the cosine: P(height < c) = c^2
+        assert abs((dome[:, 2] < c).mean() - c * c) < 0.01
+
+
+def test_a_light_may_have_its_own_number_of_samples():
+    assert light_samples(at.PointLight((0, 0, 0)), 4).shape == (16, 4, 3)
+    assert light_samples(at.AmbientOcclusion(), 4).shape == (16, 4, 3)
+    assert light_samples(at.AmbientOcclusion(spp=70), 4).shape == (16, 70, 3)
+
+
+def test_the_samples_of_a_list_are_its_lights():
+    positions = np.random.default_rng(1).normal(size=(40, 3)) + 1e6
+    every = light_samples(at.PointLights(positions), 4)
+    np.testing.assert_array_equal(every, np.broadcast_to(positions, (16, 40, 3)))
+    dealt = light_samples(at.PointLights(positions, interleave=True), 4)
+    assert dealt.shape == (16, 3, 3)
+    assert {tuple(p) for p in dealt.reshape(-1, 3)} == {tuple(p) for p in positions}
 
 
 @pytest.mark.parametrize("spp", [0, -1, 1025, 2.5, True])

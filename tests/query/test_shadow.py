@@ -73,6 +73,76 @@ def test_point_samples_are_the_point():
     np.testing.assert_allclose(ends + triangles.origin, np.broadcast_to(CENTRE, ends.shape), atol=1e-6)
 
 
+@pytest.mark.parametrize("radius", [0.7, None, np.inf])
+def test_ambient_samples_fill_the_hemisphere_around_the_normal_by_the_cosine(radius):
+    triangles, query = query_of(
+        _scene(), at.Camera((0, 1, 7), (0, 0, 0), width=16, height=12), at.AmbientOcclusion(radius), 256
+    )
+    ends, above = segments(query)
+    seen = query.sides != 0
+    d = (ends - query.origins[:, :, None].astype(float))[seen]
+    length = np.linalg.norm(d, axis=-1)
+    corners = triangles.vertices[query.faces[seen]].astype(float)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal *= (query.sides[seen] / np.linalg.norm(normal, axis=-1))[:, None]
+    cosine = (d * normal[:, None]).sum(-1) / length
+    if radius == 0.7:
+        np.testing.assert_allclose(length, 0.7, rtol=1e-5)
+    else:
+        assert length.min() > np.linalg.norm(np.ptp(triangles.vertices.reshape(-1, 3), axis=0))
+    assert cosine.min() > -1e-6 and above[seen].mean() > 0.999
+    for c in (0.3, 0.6, 0.9):
+        assert np.abs((cosine < c).mean(1) - c * c).max() < 0.05 and abs((cosine < c).mean() - c * c) < 0.005
+    np.testing.assert_allclose(d.mean(1) / length.mean(), normal * 2 / 3, atol=0.01)  # no side is preferred
+
+
+def _fan(radius, height, n=256):
+    """A horizontal disk of triangles around the y axis."""
+    angle = 2 * np.pi * np.arange(n + 1) / n
+    rim = np.stack([radius * np.cos(angle), np.full(n + 1, height), radius * np.sin(angle)], 1)
+    return np.stack([np.broadcast_to((0.0, height, 0.0), (n, 3)), rim[:-1], rim[1:]], 1)
+
+
+def test_ambient_occlusion_by_a_disk_is_its_form_factor():
+    """A disk of radius R at height h over a point covers R^2 / (R^2 + h^2) of its cosine-weighted hemisphere."""
+    for height in (0.3, 1.0, 2.5):
+        scene = at.Scene.from_arrays(_fan(1.0, height))
+        ask = lambda light, normal=(0, 3, 0), scene=scene: at.visibility(scene, (0, 0, 0), light, normal, spp=1024)
+        assert ask(at.AmbientOcclusion()).fraction == pytest.approx(1 - 1 / (1 + height**2), abs=0.005)
+        assert ask(at.AmbientOcclusion(height * 0.99)).fraction == 1
+        assert ask(at.AmbientOcclusion(), (0, -1, 0)).fraction == 1
+        near = at.AmbientOcclusion(height * 1.25)  # the cone of half-angle acos(0.8), if the disk fills it
+        assert ask(near).fraction == pytest.approx(1 - min(0.36, 1 / (1 + height**2)), abs=0.005)
+        assert ask(at.AmbientOcclusion(spp=65)).bits.shape == (2,)
+
+
+def test_ambient_occlusion_needs_normals():
+    with pytest.raises(at.InputError, match="normals"):
+        at.visibility(_scene(), np.zeros((2, 3)), at.AmbientOcclusion())
+
+
+def test_list_samples_are_its_lights():
+    positions = np.random.default_rng(1).normal(size=(37, 3)) * 3 + CENTRE
+    for lights in (at.PointLights(positions), at.PointLights(positions, interleave=True)):
+        triangles, query = query_of(_scene(), at.Camera((0, 1, 7), (0, 0, 0), width=16, height=12), lights, 1)
+        ends = segments(query)[0]
+        y, x = np.mgrid[:12, :16]
+        wanted = (positions - triangles.origin).astype(np.float32)[lights.sets[x % 4 + 4 * (y % 4)]]
+        np.testing.assert_array_equal(ends, wanted)
+
+
+@pytest.mark.parametrize("interleave", [False, True])
+def test_points_see_of_a_list_what_they_see_of_each_light(interleave):
+    rng = np.random.default_rng(4)
+    positions, points = rng.uniform(-4, 4, (70, 3)), rng.uniform(-4, 4, (9, 3))
+    together = at.visibility(_scene(), points, at.PointLights(positions, interleave=interleave), spp=3)
+    alone = [at.visibility(_scene(), points, at.PointLight(p), spp=1).bits[:, 0] for p in positions]
+    assert together.bits.shape == (9, 2)
+    for s, bits in enumerate(alone):
+        np.testing.assert_array_equal(together.bits[:, s // 64] >> np.uint64(s % 64) & np.uint64(1), bits)
+    assert 0 < together.fraction.mean() < 1
+
+
 def test_receivers_are_on_the_seen_side_of_their_own_plane_and_close_to_it():
     scene = _scene()
     camera = at.Camera((0, 1, 7), (0, 0, 0), width=64, height=48)

@@ -58,8 +58,56 @@ def test_bad_cameras(change, says):
         (lambda: at.DirectionalLight((0, -1, 0), 180.0), "angular_diameter"),
         (lambda: at.PointLight((0, 0, 0), intensity=-1.0), "intensity"),
         (lambda: at.PointLight((0, 0, 0), colour=(1, 2)), "colour"),
+        (lambda: at.AmbientOcclusion(0.0), "radius"),
+        (lambda: at.AmbientOcclusion(-1), "radius"),
+        (lambda: at.AmbientOcclusion(np.nan), "radius"),
+        (lambda: at.AmbientOcclusion("far"), "radius"),
+        (lambda: at.AmbientOcclusion(spp=0), "spp"),
+        (lambda: at.AmbientOcclusion(spp=1025), "1024"),
+        (lambda: at.AmbientOcclusion(intensity=np.nan), "intensity"),
+        (lambda: at.PointLights(np.zeros((0, 3))), "at least one"),
+        (lambda: at.PointLights(np.zeros(3)), "positions"),
+        (lambda: at.PointLights("lamps"), "positions"),
+        (lambda: at.PointLights(np.full((2, 3), np.inf)), "positions"),
+        (lambda: at.PointLights(np.zeros((1025, 3))), "interleave=True"),
+        (lambda: at.PointLights(np.zeros((16385, 3))), "drop"),
+        (lambda: at.PointLights(np.zeros((16385, 3)), interleave=True), "drop"),
+        (lambda: at.PointLights(np.zeros((4, 3)), (1, 2, 3)), "intensities"),
+        (lambda: at.PointLights(np.zeros((4, 3)), -1.0), "intensities"),
+        (lambda: at.PointLights(np.zeros((4, 3)), colours=np.ones((3, 3))), "colours"),
+        (lambda: at.PointLights(np.zeros((4, 3)), normals=np.zeros((4, 3))), "normals"),
+        (lambda: at.PointLights(np.zeros((4, 3)), nearest=-1.0), "nearest"),
     ],
 )
 def test_bad_lights(make, says):
     with pytest.raises(at.InputError, match=says):
         make()
+
+
+@pytest.mark.parametrize("k", [1, 5, 16, 20, 37, 160, 16384])
+def test_interleaved_lights_are_dealt_evenly_and_weighed_without_bias(k):
+    rng = np.random.default_rng(k)
+    lights = at.PointLights(
+        rng.normal(size=(k, 3)), rng.uniform(size=k), rng.uniform(size=(k, 3)), interleave=True, intensity=2.0
+    )
+    sets, weights = lights.sets, lights.weights()
+    assert sets.shape == (16, -(-k // 16)) == (16, lights.samples(99)) and weights.shape == (*sets.shape, 3)
+    assert np.array_equal(np.unique(sets), np.arange(k))
+    assert all(len(np.unique(row)) == len(row) for row in sets)
+    assert np.ptp(np.bincount(sets.ravel())) <= 1
+    total = np.zeros((k, 3))
+    np.add.at(total, sets, weights)
+    np.testing.assert_allclose(total / 16, 2.0 * lights.intensities[:, None] * lights.colours)
+
+
+def test_every_set_is_a_spread_of_the_lights():
+    positions = np.random.default_rng(3).uniform(size=(4096, 3))
+    sets = at.PointLights(positions, interleave=True).sets
+    counts = np.array([np.bincount((positions[row] * 4).astype(int) @ (1, 4, 16), minlength=64) for row in sets])
+    assert counts.min() >= 1 and counts.max() <= 7  # 4 on average; chosen at random it would be 0 to 12
+
+
+def test_lights_that_are_not_interleaved_keep_their_order():
+    lights = at.PointLights(np.eye(3), (1, 2, 3))
+    assert (lights.sets == (0, 1, 2)).all()
+    np.testing.assert_allclose(lights.weights()[7], np.array([1, 2, 3])[:, None] * np.ones(3))

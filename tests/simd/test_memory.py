@@ -15,13 +15,20 @@ from antumbra.simd import (
     as_f32,
     as_i32,
     atomic_add,
+    bits,
     broadcast4,
+    compress,
     extract,
+    f32_at,
     f32x8,
+    f64_at,
     get,
+    i32_at,
     load4,
     load8,
     mask8,
+    mask_from_bits8,
+    popcount,
     prefetch,
     ptr,
     ptr_at,
@@ -29,6 +36,7 @@ from antumbra.simd import (
     select,
     splat8,
     stack_f32,
+    stack_f64,
     stack_i32,
     stack_i64,
     store,
@@ -267,3 +275,33 @@ def test_types_name_signatures():
 
     assert keep.signatures == [(f32x8, mask8)]
     assert str(f32x8) == "f32x8" and str(mask8) == "mask8"
+
+
+def test_addresses_and_float64_scratch():
+    @compiled
+    def gather(a, b, c, out):
+        scratch = stack_f64(3)
+        put(scratch, 0, get(f32_at(a), 1))
+        put(scratch, 1, get(f64_at(b), 1))
+        put(scratch, 2, get(i32_at(c), 1))
+        for k in range(3):
+            out[k] = get(scratch, k)
+
+    a, b, c = np.float32([1, 0.1]), np.array([1, 0.1]), np.int32([1, -7])
+    out = np.zeros(3)
+    gather(a.ctypes.data, b.ctypes.data, c.ctypes.data, out)
+    np.testing.assert_array_equal(out, [np.float32(0.1), 0.1, -7])
+
+
+def test_compress():
+    @compiled
+    def compressed(mask, values, out):
+        m = mask_from_bits8(mask)
+        store(out, 0, compress(m, load8(values, 0)))
+        return popcount(bits(m))
+
+    for values in (np.arange(8, dtype=np.int32) - 3, np.linspace(-1, 1, 8, dtype=np.float32)):
+        for mask in (0, 1, 0b10100110, 0b11111111, 0b10000000):
+            out = np.zeros_like(values)
+            n = compressed(mask, values, out)
+            np.testing.assert_array_equal(out[:n], values[[k for k in range(8) if mask >> k & 1]])

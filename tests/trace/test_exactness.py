@@ -57,6 +57,10 @@ LIGHTS = {
     "wide sun": at.DirectionalLight((0.3, -1, 0.2), angular_diameter=60),
     "parallel sun": at.DirectionalLight((0, -1, 0), angular_diameter=0),
     "light inside the geometry": at.QuadLight((-1, -0.5, -1), (2, 0, 0), (0, 0, 2)),
+    "ambient": at.AmbientOcclusion(),
+    "ambient nearby": at.AmbientOcclusion(0.5, spp=7),
+    "list": at.PointLights(np.random.default_rng(1).uniform((-3, 1, -3), (3, 5, 3), (9, 3))),
+    "interleaved list": at.PointLights(np.random.default_rng(1).uniform(-3, 5, (37, 3)), interleave=True),
     "light in the floor's plane": at.QuadLight((-1, -3, -1), (2, 0, 0), (0, 0, 2)),
 }
 
@@ -112,3 +116,18 @@ def test_an_offset_of_a_map_grid_changes_no_bit(plan):
         images.append(at.render(scene, camera, light, spp=16, plan=plan).bits[0])
     np.testing.assert_array_equal(images[0], images[1])
     assert images[0].any()
+
+
+@pytest.mark.parametrize("plan", PLANS, ids=str)
+def test_receivers_blockers_and_light_in_one_plane(plan):
+    """Float32 can say nothing about any of them: all is left to exact arithmetic, at once."""
+    rng = np.random.default_rng(17)
+    x, z = (a.ravel() for a in np.meshgrid(np.arange(24.0), np.arange(24.0)))
+    floor = np.stack([x, 0 * x, z], 1)[:, None] + [[0, 0, 0], [1, 0, 0], [0, 0, 1]]
+    wall = np.array([[[12.0, -1, -9], [12, -1, 9], [12, 2, 0]]])
+    scene = at.Scene.from_arrays(np.concatenate([floor, wall]))
+    points = rng.uniform(0, 10, (500, 3)) * (1, 0, 1)
+    light = at.QuadLight((20, 0, 4), (3, 0, 0), (0, 0, 3))
+    ours, plain = (at.visibility(scene, points, light, spp=16, plan=p).bits for p in (plan, "bsah+single"))
+    np.testing.assert_array_equal(ours, plain)
+    assert 0 < np.bitwise_count(ours).sum() < 500 * 16

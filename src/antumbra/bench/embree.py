@@ -26,7 +26,11 @@ QUALITIES = {"low": 0, "medium": 1, "high": 2}
 """Name -> RTCBuildQuality: Morton codes, binned SAH, SAH with spatial splits."""
 
 DYNAMIC, COMPACT, ROBUST = 1, 2, 4  # RTCSceneFlags
+RAY_WORDS, HIT_WORDS = 12, 24
+"""4-byte words of an RTCRay and an RTCRayHit. Embree 4.3 and newer writes 21 of the latter, padded to 16 bytes."""
+
 _COHERENT = 1 << 16  # RTCRayQueryFlags
+_VERSION, _NATIVE = 0, {16: 34, 8: 33, 4: 32}  # RTCDeviceProperty: version; are packets of so many rays native?
 _TRIANGLES, _INDICES, _VERTICES, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
 
 _POINTER, _INT, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_int, ctypes.c_uint, ctypes.c_size_t
@@ -34,6 +38,7 @@ _SIGNATURES = {
     "rtcNewDevice": (_POINTER, [ctypes.c_char_p]),
     "rtcReleaseDevice": (None, [_POINTER]),
     "rtcGetDeviceError": (_INT, [_POINTER]),
+    "rtcGetDeviceProperty": (ctypes.c_ssize_t, [_POINTER, _INT]),
     "rtcNewGeometry": (_POINTER, [_POINTER, _INT]),
     "rtcSetNewGeometryBuffer": (_POINTER, [_POINTER, _INT, _UINT, _INT, _SIZE, _SIZE]),
     "rtcSetGeometryBuildQuality": (None, [_POINTER, _INT]),
@@ -45,18 +50,24 @@ _SIGNATURES = {
     "rtcAttachGeometry": (_UINT, [_POINTER, _POINTER]),
     "rtcCommitScene": (None, [_POINTER]),
     "rtcReleaseScene": (None, [_POINTER]),
-    "rtcIntersect1": (None, [_POINTER] * 3),
-    "rtcOccluded1": (None, [_POINTER] * 3),
-    "rtcOccluded16": (None, [_POINTER] * 4),
+    **{f"rtc{ask}1": (None, [_POINTER] * 3) for ask in ("Intersect", "Occluded")},
+    **{f"rtc{ask}{rays}": (None, [_POINTER] * 4) for ask in ("Intersect", "Occluded") for rays in (4, 8, 16)},
 }
 
 
 class Functions(NamedTuple):
     """What a kernel may call; all arguments are addresses. Structures are those of ``embree4/rtcore_ray.h``."""
 
-    intersect1: object  # (scene, RTCRayHit 80 bytes, arguments)
-    occluded1: object  # (scene, RTCRay 48 bytes, arguments)
-    occluded16: object  # (16 int32 that are -1 for a valid ray, scene, RTCRay16 832 bytes on a 64-byte line, arguments)
+    intersect1: object  # (scene, RTCRayHit, arguments)
+    occluded1: object  # (scene, RTCRay, arguments)
+    intersect4: (
+        object  # (4 int32 that are -1 for a valid ray, scene, RTCRayHit4, arguments), the first on a 16-byte line
+    )
+    occluded4: object  # (the same, scene, RTCRay4, arguments)
+    intersect8: object  # 8 rays, on 32-byte lines
+    occluded8: object
+    intersect16: object  # 16 rays, on 64-byte lines
+    occluded16: object
 
 
 class Arguments(ctypes.Structure):
@@ -104,15 +115,34 @@ def library() -> ctypes.CDLL:
 def functions() -> Functions:
     """The query functions, to be called in kernels."""
     lib = library()
-    return Functions(lib.rtcIntersect1, lib.rtcOccluded1, lib.rtcOccluded16)
+    return Functions(*(getattr(lib, f"rtc{ask}{rays}") for rays in (1, 4, 8, 16) for ask in ("Intersect", "Occluded")))
 
 
 class Device:
-    """An Embree device that builds with a number of threads (None: all cores); close it after its scenes."""
+    """An Embree device; close it after its scenes.
 
-    def __init__(self, threads: int | None = None):
-        self.handle = library().rtcNewDevice(f"threads={thread_count(threads)}".encode())
+    threads : to build with; None: all cores
+    isa : "sse2", "sse4.2", "avx", "avx2" or "avx512", the most that Embree may use; None: all that the processor has
+    """
+
+    def __init__(self, threads: int | None = None, isa: str | None = None):
+        options = f"threads={thread_count(threads)}" + (f",isa={isa}" if isa else "")
+        self.handle = library().rtcNewDevice(options.encode())
         self.check()
+
+    @property
+    def version(self) -> str:
+        """Embree's, such as "4.4.0"."""
+        number = self._property(_VERSION)
+        return f"{number // 10000}.{number // 100 % 100}.{number % 100}"
+
+    @property
+    def width(self) -> int:
+        """Rays of the largest packet that has kernels of its own: 16 with AVX-512, 8 with AVX or AVX2, 4 with SSE."""
+        return next((rays for rays, number in _NATIVE.items() if self._property(number)), 1)
+
+    def _property(self, number: int) -> int:
+        return library().rtcGetDeviceProperty(self.handle, number)
 
     def check(self) -> None:
         """Raise RuntimeError if Embree has met an error since the last check."""

@@ -131,6 +131,16 @@ def parse_light(text: str):
         return _light(kind, fields, {"intensity": _number(strength, "intensity")} if at else {})
 
 
+def parse_ambient(text: str):
+    """Ambient occlusion, written ``RADIUS[@INTENSITY]``; a radius of inf has no limit."""
+    from ..scene.lights import AmbientOcclusion
+
+    radius, at, strength = text.partition("@")
+    with _named(f"--ao {text}"):
+        intensity = _number(strength, "intensity") if at else 1.0
+        return AmbientOcclusion(None if radius == "inf" else _number(radius, "radius"), intensity=intensity)
+
+
 def make_lights(asked: list, scene, time: float) -> list:
     """The lights that `parse_light` found; none: the scene's own, or one above it if it has none."""
     if asked:

@@ -33,12 +33,43 @@ def render(
         list[str] | None,
         typer.Option(help="An index, or KIND:...[@INTENSITY]; may be repeated.", metavar="LIGHT", show_default=False),
     ] = None,
+    ao: Annotated[
+        str | None,
+        typer.Option(
+            help="Ambient occlusion by what is nearer than RADIUS (inf: by everything), besides the lights.",
+            metavar="RADIUS[@INTENSITY]",
+            show_default=False,
+        ),
+    ] = None,
+    vpl: Annotated[
+        int | None,
+        typer.Option(
+            help="Light that bounces once: so many photons of the first light become point lights.",
+            min=1,
+            max=16384,
+            metavar="PHOTONS",
+            show_default=False,
+        ),
+    ] = None,
     time: Annotated[float, typer.Option(help="Seconds into the animation.")] = 0.0,
     up: UpOption = None,
     spp: Annotated[int, typer.Option(help="Shadow rays for each pixel and light.", min=1, max=1024)] = 16,
     sampler: Annotated[
         str, typer.Option(help="Points on the light: larcher-pillichshammer, hammersley or sobol.", metavar="NAME")
     ] = "larcher-pillichshammer",
+    filter: Annotated[bool, typer.Option("--filter", help="Smooth noise in penumbrae over 4x4 pixels.")] = False,
+    adaptive: Annotated[
+        bool, typer.Option("--adaptive", help="Refine penumbrae with more rays, and edges by sub-pixels.")
+    ] = False,
+    adaptive_spp: Annotated[
+        int | None,
+        typer.Option(
+            help="Shadow rays for each refined pixel and light; implies --adaptive.  [default: 4 times --spp]",
+            min=1,
+            max=1024,
+            show_default=False,
+        ),
+    ] = None,
     plan: Annotated[str, typer.Option(help="Which methods answer; see antumbra plans.")] = "bsah+single",
     gbuffer: Annotated[GBufferBy, typer.Option(help="How it is found what pixels see.")] = GBufferBy.raster,
     threads: Annotated[
@@ -79,16 +110,23 @@ def render(
       antumbra render sponza.glb --size 1920x1080 --spp 64 -o sponza.exr
       antumbra render city.ply --up z --light sun:1,0.5,-1 --camera=-90,-60,40:0,0,5
       antumbra render hall.glb --light point:0,3,0@50 --light sphere:2,1,2:0.2@10 --counters
+      antumbra render hall.glb --ao 2 --spp 64
+      antumbra render hall.glb --vpl 1000
+      antumbra render robot.glb --time 1.5 --filter --adaptive
       antumbra render robot.glb --time 1.5 --json
       antumbra render "procedural:city?triangles=500k&seed=3"
     """
     spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
     asked_camera = None if camera is None else arguments.parse_camera(camera)
     asked_lights = [arguments.parse_light(text) for text in light or []]
+    ambient = [] if ao is None else [arguments.parse_ambient(ao)]
+    if adaptive and adaptive_spp is None:
+        adaptive_spp = min(4 * spp, 1024)
     lean.import_numba()
     path = _checked(output, spec, plan, sampler, spp, exposure)
 
     from .. import render as render_frame
+    from .. import virtual_point_lights
 
     with Activity(quiet) as activity:
         activity.say("reading the scene")
@@ -97,10 +135,14 @@ def render(
         clock.append(perf_counter())
         view = arguments.make_camera(asked_camera, opened, time, width_height)
         lights = arguments.make_lights(asked_lights, opened, time)
+        bounced = [] if vpl is None else [virtual_point_lights(opened, lights[0], vpl, time=time, threads=threads)]
+        lights = lights + ambient + bounced
         activity.say("preparing")
+        runs = len(lights) * (1 if adaptive_spp is None else 3)
         frame = render_frame(
             opened, view, lights, spp=spp, plan=plan, time=time, threads=threads, counters=counters,
-            gbuffer=gbuffer.value, sampler=sampler, progress=activity.parts("tracing shadow rays", len(lights)),
+            gbuffer=gbuffer.value, sampler=sampler, filter=filter, adaptive=adaptive_spp,
+            progress=activity.parts("tracing shadow rays", runs),
         )  # fmt: skip
         activity.say("writing the picture")
         clock.append(perf_counter())
@@ -109,10 +151,11 @@ def render(
     moment = min(max(time, 0.0), opened.duration)
     done = Done(scene, opened, moment, view, lights, frame, path, exposure, clock[1] - clock[0], clock[3] - clock[2])
     if json:
-        asked = {"spp": spp, "sampler": sampler, "plan": plan, "gbuffer": gbuffer.value, "threads": threads}
+        asked = {"spp": spp, "sampler": sampler, "filter": filter, "adaptive": adaptive_spp, "plan": plan}
+        asked |= {"gbuffer": gbuffer.value, "threads": threads}
         report.print_json(_answer(done, asked))
     elif not quiet:
-        report.print_fields(_fields(done, spp, plan))
+        report.print_fields(_fields(done, spp, adaptive_spp, plan))
 
 
 class Done(NamedTuple):
@@ -177,6 +220,7 @@ def _answer(done: Done, asked: dict) -> dict:
         "exposure": done.exposure,
         "seen": int(seen.sum()),
         "lit": [float(v[seen].mean()) if seen.any() else None for v in frame.visibility],
+        "refined": None if frame.refined is None else _refined(frame),
         "rays": frame.rays,
         "mrays_per_second": _speed(frame),
         "load": done.load,
@@ -187,7 +231,7 @@ def _answer(done: Done, asked: dict) -> dict:
     }
 
 
-def _fields(done: Done, spp: int, plan: str) -> Iterator[tuple[str, str]]:
+def _fields(done: Done, spp: int, adaptive: int | None, plan: str) -> Iterator[tuple[str, str]]:
     """What a person is told."""
     scene, camera, frame = done.scene, done.camera, done.frame
     yield "picture", str(done.path)
@@ -197,8 +241,12 @@ def _fields(done: Done, spp: int, plan: str) -> Iterator[tuple[str, str]]:
     yield "lights", ", ".join(type(light).__name__ for light in done.lights)
     if not (frame.gbuffer.face >= 0).any():
         yield "", "the camera sees no surface"
-    speed = _speed(frame)
-    yield "rays", f"{frame.rays:,} ({spp} a pixel and light)" + (f", {speed:.1f} million a second" if speed else "")
+    speed, samples = _speed(frame), [light.samples(spp) for light in done.lights]
+    each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
+    finer = "" if adaptive is None else f", {adaptive} where refined"
+    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
+    if frame.refined is not None:
+        yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
     yield "plan", plan
     phases = {"load": done.load, **frame.timings, "save": done.save}
     frame_seconds = phases.pop("total")
@@ -213,6 +261,11 @@ def _fields(done: Done, spp: int, plan: str) -> Iterator[tuple[str, str]]:
 def _speed(frame) -> float | None:
     seconds = frame.timings["trace"]
     return frame.rays / seconds / 1e6 if frame.rays and seconds > 0.0 else None
+
+
+def _refined(frame) -> float:
+    """The share of all pixels that were refined."""
+    return float(frame.refined.mean())
 
 
 def _uncertain(frame) -> float | None:

@@ -49,7 +49,9 @@ def vector(values) -> str:
 
 
 def light_fields(light) -> dict:
-    """A light as names and values."""
+    """A light as names and values; a list of lights by their number."""
+    if light.domain == "list":
+        return {"type": type(light).__name__, "count": len(light.positions), "interleave": light.interleave}
     return {"type": type(light).__name__, **{f.name: getattr(light, f.name) for f in fields(light)}}
 
 

@@ -23,12 +23,13 @@ class GBuffer(NamedTuple):
 
 
 @kernel
-def _fill_pixel(y, x, i, t, corners, rays, position, normal, side):
+def fill_pixel(y, x, i, t, corners, rays, position, normal, side, v, u):
+    """Write at (v, u) where the ray of pixel (y, x) meets triangle i, at t."""
     f = np.float64
     dx, dy, dz = pixel_direction(rays, x, y)
-    position[y, x, 0] = np.float32(f(rays.origin[0]) + t * f(dx))
-    position[y, x, 1] = np.float32(f(rays.origin[1]) + t * f(dy))
-    position[y, x, 2] = np.float32(f(rays.origin[2]) + t * f(dz))
+    position[v, u, 0] = np.float32(f(rays.origin[0]) + t * f(dx))
+    position[v, u, 1] = np.float32(f(rays.origin[1]) + t * f(dy))
+    position[v, u, 2] = np.float32(f(rays.origin[2]) + t * f(dz))
     x0, y0, z0 = f(corners[i, 0]), f(corners[i, 1]), f(corners[i, 2])
     px, py, pz = f(corners[i, 3]) - x0, f(corners[i, 4]) - y0, f(corners[i, 5]) - z0
     qx, qy, qz = f(corners[i, 6]) - x0, f(corners[i, 7]) - y0, f(corners[i, 8]) - z0
@@ -36,12 +37,12 @@ def _fill_pixel(y, x, i, t, corners, rays, position, normal, side):
     away = nx * f(dx) + ny * f(dy) + nz * f(dz) > 0.0
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
     scale = (-1.0 if away else 1.0) / length
-    normal[y, x, 0], normal[y, x, 1], normal[y, x, 2] = (
+    normal[v, u, 0], normal[v, u, 1], normal[v, u, 2] = (
         np.float32(nx * scale),
         np.float32(ny * scale),
         np.float32(nz * scale),
     )
-    side[y, x] = -1 if away else 1
+    side[v, u] = -1 if away else 1
 
 
 @kernel
@@ -53,7 +54,7 @@ def _fill(ticket, face, t, corners, rays, position, normal, depth, side):
                 depth[y, x] = np.float32(t[y, x])
                 i = face[y, x]
                 if i >= 0:
-                    _fill_pixel(y, x, i, t[y, x], corners, rays, position, normal, side)
+                    fill_pixel(y, x, i, t[y, x], corners, rays, position, normal, side, y, x)
                 else:
                     side[y, x] = NOTHING
                     for k in range(3):

@@ -9,22 +9,24 @@ from .shadow import CULL_FACES
 
 
 class RayList(NamedTuple):
-    """Rays in the recentred frame of a scene."""
+    """Rays as the caller gave them; `trace.batch` checks and converts them on the way.
 
-    origins: np.ndarray  # (m, 3) float32
-    directions: np.ndarray  # (m, 3) float32, any length but zero
-    tmin: np.ndarray  # (m,) float32, >= 0, in lengths of the direction
-    tmax: np.ndarray  # (m,) float32, may be inf
-    skip: np.ndarray  # (m,) int32, a triangle index that does not count, or -1
+    Element (i, k) of an argument is ``address + i * row + k * column``, in bytes; row is 0 where one is for all rays.
+    """
+
+    layout: np.ndarray  # (5, 4) int64: address, row, column, 1 for float64 and 0 for float32 or int32, of each argument
+    frame: np.ndarray  # (3,) float64, world position of the zero of the scene's frame
+    n: int
     cull_faces: int  # a value of CULL_FACES
 
 
 class HitArrays(NamedTuple):
-    """Where kernels write hits; u and v only for closest hits."""
+    """Where kernels write: `blocked` for any-hit, the others for closest-hit; those not wanted have no elements."""
 
+    blocked: np.ndarray  # (m,) bool
     face: np.ndarray  # (m,) int32, -1 on a miss
-    t: np.ndarray  # (m,) float64
-    u: np.ndarray  # (m,) float32
+    t: np.ndarray  # (m,) float64, inf on a miss
+    u: np.ndarray  # (m,) float32, 0 on a miss
     v: np.ndarray  # (m,) float32
 
 
@@ -53,10 +55,13 @@ def as_array(value, what: str) -> np.ndarray:
     return array
 
 
-def ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin) -> tuple[RayList, tuple[int, ...]]:
-    """Check and convert the arguments of `Scene.occluded` and `Scene.closest_hit`: (RayList, leading shape).
+def ray_arguments(
+    origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin
+) -> tuple["Arguments", tuple[int, ...], int]:
+    """The arguments of `Scene.occluded` and `Scene.closest_hit`: (Arguments, leading shape, value of CULL_FACES).
 
-    Float64 world coordinates are recentred (minus ``frame_origin``) before they are rounded to float32.
+    Shapes and dtypes are checked here, numbers when they are traced. World coordinates are recentred (minus
+    ``frame_origin``, in float64) before they are rounded to float32.
     """
     origins = as_array(origins, "origins")
     if directions is None:
@@ -80,17 +85,54 @@ def ray_list(origins, directions, tmin, tmax, skip_face, cull_faces, frame_origi
             f"shapes do not broadcast: origins {origins.shape}, directions {directions.shape}, "
             f"tmin {tmin.shape}, tmax {tmax.shape}, skip_face {skip.shape}"
         ) from None
-    with np.errstate(over="ignore"):  # what overflows is reported as not finite
-        rays = RayList(
-            _flat(origins.astype(np.float64) - frame_origin, (*shape, 3), np.float32),
-            _flat(directions, (*shape, 3), np.float32),
-            _flat(tmin, shape, np.float32),
-            _flat(tmax, shape, np.float32),
-            _flat(skip, shape, np.int32),
-            cull_value(cull_faces),
-        )
-    _check(rays)
-    return rays, shape
+    arrays = Arguments(
+        _rows(origins, (*shape, 3)), _rows(directions, (*shape, 3)), _rows(tmin, (*shape, 1)),
+        _rows(tmax, (*shape, 1)), _rows(skip, (*shape, 1), np.int32), np.asarray(frame_origin, np.float64),
+    )  # fmt: skip
+    return arrays, shape, cull_value(cull_faces)
+
+
+class Arguments(NamedTuple):
+    """The arrays of a ray list, of any strides: float32 or float64, `skip` int32."""
+
+    origins: np.ndarray  # (m, 3) world
+    directions: np.ndarray  # (m, 3) any length but zero
+    tmin: np.ndarray  # (m, 1) >= 0, in lengths of the direction
+    tmax: np.ndarray  # (m, 1) may be inf
+    skip: np.ndarray  # (m, 1) a triangle index that does not count, or -1
+    frame: np.ndarray  # (3,) float64
+
+    def ray_list(self, cull_faces: int) -> RayList:
+        """What kernels read; good for as long as this object lives."""
+        layout = [(a.ctypes.data, *a.strides, a.dtype == np.float64) for a in self[:5]]
+        return RayList(np.array(layout, np.int64), self.frame, len(self.origins), cull_faces)
+
+    def check(self) -> None:
+        """Raise the InputError that names what is wrong with the rays, if anything is."""
+        with np.errstate(over="ignore"):  # what overflows is reported as not finite
+            origins = (self.origins.astype(np.float64) - self.frame).astype(np.float32)
+            directions = self.directions.astype(np.float32)
+            tmin, tmax = self.tmin.astype(np.float32), self.tmax.astype(np.float32)
+        for array, name in ((origins, "origins"), (directions, "directions")):
+            _demand(np.isfinite(array).all(1), f"{name} hold NaN or infinity (ray {{}})")
+        _demand(directions.any(1), "direction of ray {} is zero; give every ray a direction")
+        _demand((tmin >= 0).all(1) & (tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
+        _demand(~np.isnan(tmax).any(1), "tmax is NaN (ray {})")
+
+
+def _rows(array, shape, dtype=None) -> np.ndarray:
+    """The array broadcast to `shape`, as rows; float32 and float64, or `dtype`; a view where one can be had."""
+    if shape[-1] == 1:
+        array = array[..., None]
+    if dtype is None:
+        dtype = array.dtype if array.dtype in (np.float32, np.float64) else np.float64
+    native = array.astype(np.dtype(dtype).newbyteorder("="), copy=False)
+    return np.broadcast_to(native, shape).reshape(-1, shape[-1])
+
+
+def _demand(good: np.ndarray, message: str) -> None:
+    if not good.all():
+        raise InputError(message.format(int(np.argmin(good))))
 
 
 def cull_value(cull_faces) -> int:
@@ -98,32 +140,3 @@ def cull_value(cull_faces) -> int:
     if cull_faces not in CULL_FACES:
         raise InputError(f'cull_faces is {cull_faces!r}; it must be None, "front" or "back"')
     return CULL_FACES[cull_faces]
-
-
-def _flat(array, shape, dtype):
-    flat = np.broadcast_to(array, shape).astype(dtype, order="C")
-    return (
-        flat.reshape(-1, 3)
-        if len(shape) and shape[-1] == 3 and array.ndim and array.shape[-1] == 3
-        else flat.reshape(-1)
-    )
-
-
-def _check(rays: RayList) -> None:
-    if not np.isfinite(rays.origins).all():
-        raise InputError(f"origins hold NaN or infinity (ray {_first(~np.isfinite(rays.origins).all(1))})")
-    if not np.isfinite(rays.directions).all():
-        raise InputError(f"directions hold NaN or infinity (ray {_first(~np.isfinite(rays.directions).all(1))})")
-    zero = ~rays.directions.any(1)
-    if zero.any():
-        raise InputError(f"direction of ray {_first(zero)} is zero; give every ray a direction")
-    if not (rays.tmin >= 0).all() or np.isinf(rays.tmin).any():
-        raise InputError(
-            f"tmin must be finite and not negative (ray {_first(~(rays.tmin >= 0) | np.isinf(rays.tmin))})"
-        )
-    if np.isnan(rays.tmax).any():
-        raise InputError(f"tmax is NaN (ray {_first(np.isnan(rays.tmax))})")
-
-
-def _first(mask) -> int:
-    return int(np.argmax(mask))

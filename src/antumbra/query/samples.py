@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined, kernel
-from ..scene.lights import DIRECTIONAL, SPHERE
+from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 
 
 class Patch(NamedTuple):
-    """A light as one receiver sees it: the points base + a u + b v. Float64 scalars."""
+    """A light as one receiver sees it: the points base + a u + b v + c w. Float64 scalars."""
 
     bx: float
     by: float
@@ -20,17 +20,41 @@ class Patch(NamedTuple):
     vx: float
     vy: float
     vz: float
+    wx: float
+    wy: float
+    wz: float
 
 
 @inlined
-def patch_at(light, x, y, z):
-    """The `Patch` of a LightPatch for a receiver at the float32 point (x, y, z)."""
-    b, u, v = light.base, light.u, light.v
+def patch_at(light, x, y, z, nx, ny, nz):
+    """The `Patch` of a LightPatch for a receiver at the float32 point (x, y, z).
+
+    (nx, ny, nz): float64, the receiver's unit normal towards the seen side; only AMBIENT looks at it.
+    """
+    b, u, v, w = light.base, light.u, light.v, light.w
     if light.kind == DIRECTIONAL:
-        return Patch(x + b[0], y + b[1], z + b[2], u[0], u[1], u[2], v[0], v[1], v[2])
+        return Patch(x + b[0], y + b[1], z + b[2], u[0], u[1], u[2], v[0], v[1], v[2], w[0], w[1], w[2])
     if light.kind == SPHERE:
         return _tangent_disk(b[0], b[1], b[2], light.radius, np.float64(x), np.float64(y), np.float64(z))
-    return Patch(b[0], b[1], b[2], u[0], u[1], u[2], v[0], v[1], v[2])
+    if light.kind == AMBIENT:
+        return _hemisphere(np.float64(x), np.float64(y), np.float64(z), nx, ny, nz, light.radius)
+    return Patch(b[0], b[1], b[2], u[0], u[1], u[2], v[0], v[1], v[2], w[0], w[1], w[2])
+
+
+@inlined
+def _hemisphere(x, y, z, nx, ny, nz, r):
+    """A patch around (x, y, z) with u, v at right angles to the unit vector n, and w along it, all of length r."""
+    (ux, uy, uz), (vx, vy, vz) = tangents64(nx, ny, nz)
+    return Patch(x, y, z, r * ux, r * uy, r * uz, r * vx, r * vy, r * vz, r * nx, r * ny, r * nz)
+
+
+@inlined
+def tangents64(nx, ny, nz):
+    """Two unit vectors at right angles to the float64 unit vector n and each other [Duff et al. 2017]."""
+    s = np.copysign(1.0, nz)
+    a = -1.0 / (s + nz)
+    b = nx * ny * a
+    return (1.0 + s * nx * nx * a, s * b, -s * nx), (b, s + ny * ny * a, -ny)
 
 
 @kernel
@@ -45,28 +69,15 @@ def _tangent_disk(cx, cy, cz, radius, x, y, z):
         shift = radius * radius / distance
         cx, cy, cz = cx + shift * nx, cy + shift * ny, cz + shift * nz
         radius *= np.sqrt(1.0 - (radius / distance) ** 2)
-    s = np.copysign(1.0, nz)  # tangents [Duff et al. 2017]
-    a = -1.0 / (s + nz)
-    b = nx * ny * a
-    r = radius
-    return Patch(
-        cx,
-        cy,
-        cz,
-        r * (1.0 + s * nx * nx * a),
-        r * (s * b),
-        r * (-s * nx),
-        r * b,
-        r * (s + ny * ny * a),
-        r * -ny,
-    )
+    r, ((ux, uy, uz), (vx, vy, vz)) = radius, tangents64(nx, ny, nz)
+    return Patch(cx, cy, cz, r * ux, r * uy, r * uz, r * vx, r * vy, r * vz, -0.0, -0.0, -0.0)
 
 
 @inlined
-def sample_point(patch, a, b):
-    """The float32 light sample (a, b) of a patch: ((base + a u) + b v) in float64, rounded once."""
+def sample_point(patch, a, b, c):
+    """The float32 light sample (a, b, c) of a patch: (((base + a u) + b v) + c w) in float64, rounded once."""
     return (
-        np.float32((patch.bx + a * patch.ux) + b * patch.vx),
-        np.float32((patch.by + a * patch.uy) + b * patch.vy),
-        np.float32((patch.bz + a * patch.uz) + b * patch.vz),
+        np.float32(((patch.bx + a * patch.ux) + b * patch.vx) + c * patch.wx),
+        np.float32(((patch.by + a * patch.uy) + b * patch.vy) + c * patch.wy),
+        np.float32(((patch.bz + a * patch.uz) + b * patch.vz) + c * patch.wz),
     )

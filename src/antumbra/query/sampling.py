@@ -10,9 +10,8 @@ import numpy as np
 
 from ..checks import whole_number
 from ..errors import InputError
-
-N_SETS = 16
-MAX_SPP = 1024
+from ..scene.lights import MAX_SPP, Light
+from ..scene.point_lights import N_SETS, PointLights
 
 
 def hammersley(n: int) -> np.ndarray:
@@ -119,17 +118,33 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
     return np.ascontiguousarray(SAMPLERS[sampler](spp, seed))
 
 
+def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer") -> np.ndarray:
+    """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``."""
+    square = sample_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler)
+    if isinstance(light, PointLights):  # base + a u + b v + c w is the world position (a, b, c), recentred
+        return np.ascontiguousarray(light.positions[light.sets])
+    return to_domain(square, light.domain)
+
+
 def to_domain(square: np.ndarray, domain: str) -> np.ndarray:
-    """Map samples (..., 2) of the unit square to a light's domain: "square", "disk" (radius 1) or "point"."""
-    if domain == "square":
-        return square
+    """Map samples (..., 2) of the unit square to points (..., 3) of a light's domain.
+
+    "square": (a, b, 0) as they are; "disk": of radius 1, uniform in area; "point": (0, 0, 0); "hemisphere": the points
+    above those of the disk on the unit sphere, whose density is the cosine to the axis [Malley's method].
+    """
+    a, b = _concentric(square) if domain in ("disk", "hemisphere") else (square[..., 0], square[..., 1])
     if domain == "point":
-        return np.zeros_like(square)
-    # Shirley and Chiu's concentric map keeps cells compact
+        return np.zeros((*square.shape[:-1], 3))
+    height = np.sqrt(np.maximum(1.0 - a * a - b * b, 0.0)) if domain == "hemisphere" else np.zeros_like(a)
+    return np.stack([a, b, height], -1)
+
+
+def _concentric(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The unit square onto the unit disk; Shirley and Chiu's map keeps cells compact."""
     x, y = 2.0 * square[..., 0] - 1.0, 2.0 * square[..., 1] - 1.0
     wide = np.abs(x) > np.abs(y)
     r = np.where(wide, x, y)
     with np.errstate(invalid="ignore", divide="ignore"):
         angle = np.where(wide, np.pi / 4 * (y / x), np.pi / 2 - np.pi / 4 * (x / y))
     angle = np.where(r == 0.0, 0.0, angle)
-    return np.stack([r * np.cos(angle), r * np.sin(angle)], -1)
+    return r * np.cos(angle), r * np.sin(angle)

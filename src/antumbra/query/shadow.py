@@ -7,7 +7,7 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..predicate.exact import exact_plane_side
 from ..predicate.filters import plane, widest
-from ..scene.lights import LightPatch
+from ..scene.lights import AMBIENT, LightPatch
 from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
 
@@ -24,10 +24,10 @@ class ShadowQuery(NamedTuple):
     origins: np.ndarray  # (h, w, 3) float32, receivers moved off their surface, recentred frame
     faces: np.ndarray  # (h, w) int32, the receiver's own triangle, -1 if it has none
     sides: np.ndarray  # (h, w) int8: +-1 the side of its surface it sees, FREE without surface, NOTHING: no receiver
-    normals: np.ndarray  # (h, w, 3) float64 towards the seen side where faces == -1; (0, 0, 3) if never needed
+    normals: np.ndarray  # (h, w, 3) float64 unit, to the seen side; (0, 0, 3) if no face is -1 and no light AMBIENT
     corners: np.ndarray  # (n, 9) float32, triangles that `faces` counts in
     light: LightPatch
-    samples: np.ndarray  # (16, spp, 2) float64, (a, b) in the light's domain
+    samples: np.ndarray  # (16, spp, 3) float64, (a, b, c) in the light's domain
     cull_faces: int  # a value of CULL_FACES
 
 
@@ -43,6 +43,16 @@ class Horizon(NamedTuple):
     ny: float
     nz: float
     error: float  # of the product (l - p) . n, for each unit of the largest component of l - p
+
+
+@inlined
+def patch_of(query, y, x):
+    """The `Patch` of the query's light for receiver (y, x)."""
+    ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
+    nx, ny, nz = np.float64(0.0), np.float64(0.0), np.float64(0.0)
+    if query.light.kind == AMBIENT:
+        nx, ny, nz = query.normals[y, x, 0], query.normals[y, x, 1], query.normals[y, x, 2]
+    return patch_at(query.light, ox, oy, oz, nx, ny, nz)
 
 
 @inlined
@@ -80,12 +90,10 @@ def _segments_kernel(query, ends, above):
     h, w = query.sides.shape
     for y in range(h):
         for x in range(w):
-            o = query.origins[y, x]
-            patch = patch_at(query.light, o[0], o[1], o[2])
-            horizon = horizon_of(query, y, x)
+            patch, horizon = patch_of(query, y, x), horizon_of(query, y, x)
             for s in range(query.samples.shape[1]):
-                a, b = query.samples[(x & 3) + 4 * (y & 3), s]
-                lx, ly, lz = sample_point(patch, a, b)
+                a, b, c = query.samples[(x & 3) + 4 * (y & 3), s]
+                lx, ly, lz = sample_point(patch, a, b, c)
                 ends[y, x, s, 0], ends[y, x, s, 1], ends[y, x, s, 2] = lx, ly, lz
                 above[y, x, s] = query.sides[y, x] != NOTHING and is_above(horizon, lx, ly, lz, query.corners)
 

@@ -5,25 +5,34 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks import vector
+from ..checks import vector, whole_number
 from ..errors import InputError
 
-FIXED, DIRECTIONAL, SPHERE = 0, 1, 2
+FIXED, DIRECTIONAL, SPHERE, LIST, AMBIENT = 0, 1, 2, 3, 4
+"""Kinds of `LightPatch`; the first three are flat: the samples' heights c are 0."""
+
+MAX_SPP = 1024
+"""Samples that a receiver can ask of a light."""
+
+FLAT = np.full(3, -0.0)
+"""w of flat patches: c w is -0.0 for c = 0, and x + -0.0 is x to the last bit, even if x is -0.0."""
 
 
 class LightPatch(NamedTuple):
     """A light in the recentred frame of a scene, float64; `antumbra.query.samples.patch_at` places it for a receiver.
 
-    Seen from a receiver, every light is a flat patch: its points are base + a u + b v, with (a, b) from the light's
+    Seen from a receiver, every light is a patch: its points are base + a u + b v + c w, with (a, b, c) from the light's
     `domain`. A point is a patch without extent; a distant light's patch moves along with the receiver; a sphere's
-    patch is the disk in which the receiver's tangent cone touches it.
+    patch is the disk in which the receiver's tangent cone touches it; ambient light's is the hemisphere around the
+    receiver's normal; a list of lights is a patch whose samples are the lights.
     """
 
-    kind: int  # FIXED, DIRECTIONAL or SPHERE
+    kind: int  # FIXED, DIRECTIONAL, SPHERE, LIST or AMBIENT
     base: np.ndarray  # (3,): corner or centre; DIRECTIONAL: from the receiver to the patch's centre
     u: np.ndarray  # (3,) edge or radius
     v: np.ndarray  # (3,)
-    radius: float  # of a SPHERE
+    w: np.ndarray  # (3,), FLAT unless the kind is LIST or AMBIENT
+    radius: float  # of a SPHERE, or of an AMBIENT hemisphere
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +49,12 @@ class Light:
     colour: tuple[float, float, float] = field(default=(1.0, 1.0, 1.0), kw_only=True)
 
     domain = "point"
-    """Where (a, b) live: "square" [0, 1]^2, "disk" of radius 1, or "point" (0, 0)."""
+    """Where (a, b, c) live: "square" [0, 1]^2, "disk" of radius 1 or "point" (0, 0), with c = 0; "hemisphere" above the
+    disk; "list": the light brings samples of its own."""
+
+    def samples(self, spp: int) -> int:
+        """How many samples of this light a receiver asks when a query says `spp`."""
+        return spp
 
     def patch(self, origin, reach: float) -> LightPatch:
         """The light in the frame whose zero is at world position `origin`; no distance in the scene reaches `reach`."""
@@ -58,7 +72,8 @@ class Light:
 
 
 def _fixed(base, u=(0, 0, 0), v=(0, 0, 0), origin=(0, 0, 0)) -> LightPatch:
-    return LightPatch(FIXED, base - np.asarray(origin, np.float64), np.asarray(u, float), np.asarray(v, float), 0.0)
+    u, v = np.asarray(u, np.float64), np.asarray(v, np.float64)
+    return LightPatch(FIXED, base - np.asarray(origin, np.float64), u, v, FLAT, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +185,44 @@ class DirectionalLight(Light):
     def patch(self, origin, reach):
         u, v = tangents(self.direction)
         radius = reach * np.tan(np.radians(self.angular_diameter) / 2.0)
-        return LightPatch(DIRECTIONAL, -self.direction * reach, u * radius, v * radius, 0.0)
+        return LightPatch(DIRECTIONAL, -self.direction * reach, u * radius, v * radius, FLAT, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class AmbientOcclusion(Light):
+    """Light from everywhere: each receiver asks the hemisphere around its own normal, to a distance of `radius`.
+
+    Directions are cosine-weighted [Malley's method], so the share of open ones is the share of a uniform sky's
+    irradiance that arrives. In a picture it scales the ambient light, as do `intensity` and `colour`, and does not
+    shine by itself. Points ask it only where they have normals.
+
+    radius : float or None
+        World units; blockers that are farther away do not count. None or infinity: all of the scene counts.
+    spp : int or None
+        Samples a receiver, 1 to 1024; None: as many as the query asks of its other lights.
+    """
+
+    radius: float | None = None
+    spp: int | None = None
+    domain = "hemisphere"
+
+    def __post_init__(self):
+        try:
+            positive = self.radius is None or float(self.radius) > 0.0
+        except (TypeError, ValueError):
+            positive = False
+        if not positive:
+            raise InputError(f"AmbientOcclusion radius is {self.radius!r}; it must be positive, or None for no limit")
+        if self.spp is not None:
+            object.__setattr__(self, "spp", whole_number(self.spp, "AmbientOcclusion spp", 1, MAX_SPP))
+        self._check()
+
+    def samples(self, spp):
+        return spp if self.spp is None else self.spp
+
+    def patch(self, origin, reach):
+        radius = reach if self.radius is None else min(float(self.radius), reach)
+        return LightPatch(AMBIENT, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), radius)
 
 
 def tangents(n) -> tuple[np.ndarray, np.ndarray]:

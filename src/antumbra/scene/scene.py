@@ -179,7 +179,7 @@ class Scene:
         """
         from ..queries import ask
 
-        return ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads).face >= 0
+        return ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
 
     def closest_hit(
         self,

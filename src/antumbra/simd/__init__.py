@@ -33,10 +33,11 @@ Make
     8 and 16 alike.
 Lanes
     `minimum`, `maximum`, `fma`, `absolute`, `flip_sign`, `select`, `to_f32`, `to_i32`; `swap_halves`,
-    `shuffle`, `extract`; `reduce_min`, `reduce_max`; of masks `bits`, `any_lane`, `all_lanes`.
+    `shuffle`, `compress`, `extract`; `reduce_min`, `reduce_max`; of masks `bits`, `any_lane`, `all_lanes`.
 Memory
     `load4`, `broadcast4`, `store`, `get`, `put` on arrays and pointers; `ptr`, `ptr_at`, `as_f32`, `as_i32`
-    make pointers; `stack_f32`, `stack_i32`, `stack_i64` give scratch memory; `prefetch`; `atomic_add`.
+    make pointers, `f32_at`, `f64_at`, `i32_at` from an address; `stack_f32`, `stack_f64`, `stack_i32`,
+    `stack_i64` give scratch memory; `prefetch`; `atomic_add`.
 Bits of an int64
     `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to walk the lanes of ``bits(mask)``.
 
@@ -80,6 +81,7 @@ from antumbra.simd.lanes import (
     all_lanes,
     any_lane,
     bits,
+    compress,
     extract,
     flip_sign,
     fma,
@@ -109,7 +111,10 @@ from antumbra.simd.memory import (
     broadcast4,
     broadcast8,
     broadcast16,
+    f32_at,
+    f64_at,
     get,
+    i32_at,
     load4,
     load8,
     load16,
@@ -118,6 +123,7 @@ from antumbra.simd.memory import (
     ptr_at,
     put,
     stack_f32,
+    stack_f64,
     stack_i32,
     stack_i64,
     store,
@@ -136,14 +142,18 @@ __all__ = [
     "broadcast4",
     "broadcast8",
     "broadcast16",
+    "compress",
     "extract",
+    "f32_at",
     "f32x4",
     "f32x8",
     "f32x16",
+    "f64_at",
     "flip_sign",
     "fma",
     "get",
     "highest_bit",
+    "i32_at",
     "i32x4",
     "i32x8",
     "i32x16",
@@ -175,6 +185,7 @@ __all__ = [
     "splat8",
     "splat16",
     "stack_f32",
+    "stack_f64",
     "stack_i32",
     "stack_i64",
     "store",

@@ -154,6 +154,25 @@ def _make_cast(name, element):
     return cast
 
 
+def _make_address(name, element):
+    @intrinsic
+    def at_address(typingctx, address):
+        """Pointer to what lies at an address, an integer such as ``array.ctypes.data``."""
+        if not isinstance(address, types.Integer):
+            reject(name, address, cure="needs an integer")
+
+        def codegen(context, builder, sig, values):
+            wide = context.cast(builder, values[0], address, types.int64)
+            return builder.inttoptr(wide, context.get_data_type(element).as_pointer())
+
+        return types.CPointer(element)(address), codegen
+
+    return at_address
+
+
+f32_at = _make_address("f32_at", types.float32)
+f64_at = _make_address("f64_at", types.float64)
+i32_at = _make_address("i32_at", types.int32)
 as_f32 = _make_cast("as_f32", types.float32)
 as_i32 = _make_cast("as_i32", types.int32)
 
@@ -178,6 +197,7 @@ def _make_stack(name, element):
 
 
 stack_f32 = _make_stack("stack_f32", types.float32)
+stack_f64 = _make_stack("stack_f64", types.float64)
 stack_i32 = _make_stack("stack_i32", types.int32)
 stack_i64 = _make_stack("stack_i64", types.int64)
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..bvh.blocks import block_tree
+from ..bvh.wide import widen
 from . import multifrusta
 from .single import trace_shadow
 
@@ -32,6 +33,12 @@ TRACERS: dict[str, Tracer] = {
         trace_shadow,
         "one ray at a time, children nearest first, the last blocker tried first",
         "Ize 2013, Robust BVH ray traversal",
+    ),
+    "wide": Tracer(
+        widen,
+        trace_shadow,
+        "one ray at a time, eight boxes or triangles side by side",
+        "Ylitie et al. 2017, Efficient incoherent ray traversal on GPUs through compressed wide BVHs",
     ),
     "multifrusta": Tracer(
         block_tree,

@@ -1,8 +1,8 @@
 """The light samples of a query, laid out for tiles of 16 receivers.
 
-Samples are taken 16 at a time, a *chunk*. A chunk's sample s of all 16 sample sets is its *stratum* s: near each other on
-the light, because the sets are in Z order of their cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*, kept as a heap: stratum s is
-group 16 + s, and group g holds groups 2g and 2g + 1; group 1 is the whole chunk.
+Samples are taken 16 at a time, a *chunk*. A chunk's sample s of all 16 sample sets is its *stratum* s: near each other
+on the light, because the sets are in Z order of their cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*, kept
+as a heap: stratum s is group 16 + s, and group g holds groups 2g and 2g + 1; group 1 is the whole chunk.
 """
 
 from typing import NamedTuple
@@ -11,6 +11,7 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..query.samples import patch_at, sample_point
+from ..scene.lights import FIXED, LIST
 from ..simd import get, highest_bit, load16, lowest_bit, ptr, ptr_at, put, reduce_max, reduce_min
 
 STRATA = 16
@@ -24,6 +25,12 @@ class LightTable(NamedTuple):
 
     points: np.ndarray  # (chunks, 16, 3, 16) float32: stratum, axis, lane
     groups: np.ndarray  # (chunks, 6, 32) float32
+
+
+@inlined
+def stays(light):
+    """Are a LightPatch's samples the same for all receivers, so that one table serves them?"""
+    return light.kind == FIXED or light.kind == LIST
 
 
 @inlined
@@ -53,16 +60,16 @@ def bound_groups(points, groups, count):
 
 @kernel
 def _fixed_table(light, samples, sets, table):
-    o = np.float32(0.0)
-    patch = patch_at(light, o, o, o)
+    o, n = np.float32(0.0), np.float64(0.0)
+    patch = patch_at(light, o, o, o, n, n, n)
     spp = samples.shape[1]
     for chunk in range(len(table.points)):
         count = min(STRATA, spp - chunk * STRATA)
         points = table.points[chunk]
         for s in range(count):
             for lane in range(16):
-                a, b = samples[sets[lane], chunk * STRATA + s]
-                points[s, 0, lane], points[s, 1, lane], points[s, 2, lane] = sample_point(patch, a, b)
+                a, b, c = samples[sets[lane], chunk * STRATA + s]
+                points[s, 0, lane], points[s, 1, lane], points[s, 2, lane] = sample_point(patch, a, b, c)
         bound_groups(
             ptr_at(ptr(table.points), chunk * POINTS),
             ptr_at(ptr(table.groups), chunk * GROUPS),

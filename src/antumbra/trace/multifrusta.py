@@ -13,10 +13,9 @@ from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..predicate.exact import segment
 from ..query.shadow import horizon_of, is_above
-from ..scene.lights import FIXED
 from ..simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32
 from .counters import BOX_TESTS, NODES, UNCERTAIN, add_counters, count, private_counters
-from .lighttable import ALL_GROUPS, STRATA, light_table
+from .lighttable import ALL_GROUPS, STRATA, light_table, stays
 from .shaftleaf import ASIDE, WORK, trace_block
 from .shafts import make_shafts
 from .slabs import (
@@ -51,7 +50,8 @@ _SCRATCH = MAX_TILES * TILE_FLOATS
 _FINISHED = MAX_TILES
 _VALID = 2 * MAX_TILES
 _AT = 4 + 2 * MAX_TILES
-_ASIDE = 2 + 2 * ASIDE
+TILES = 4  # of a bundle, as long as they fill its lanes
+_ASIDE = 2 + 2 * (1 + TILES) * ASIDE  # with room for all that is put aside at one more block
 
 
 class Bundle(NamedTuple):
@@ -165,7 +165,11 @@ def _walk(tree, alive, asked, bundle, scratch, counters):
     mx = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit)
     my = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit)
     mz = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit)
-    link, mask, height = np.int64(get(scratch.at, 0)), np.int64(get(scratch.at, 1)) & alive, np.int64(get(scratch.at, 2))
+    link, mask, height = (
+        np.int64(get(scratch.at, 0)),
+        np.int64(get(scratch.at, 1)) & alive,
+        np.int64(get(scratch.at, 2)),
+    )
     while True:
         while mask == 0:
             if height == 0:
@@ -188,7 +192,7 @@ def _walk(tree, alive, asked, bundle, scratch, counters):
             link = np.int64(get(tree.links, link * 16 + (12 if left != 0 else 13)))
             mask = left if left != 0 else right
             continue
-        if np.int64(get(scratch.aside, 0)) > ASIDE // 2:
+        if np.int64(get(scratch.aside, 0)) > ASIDE:
             put(scratch.at, 0, link)
             put(scratch.at, 1, mask)
             put(scratch.at, 2, height)
@@ -200,7 +204,7 @@ def _walk(tree, alive, asked, bundle, scratch, counters):
 
 @kernel
 def _settle_aside(tree, query, asked, scratch, counters):
-    """Decide exactly what float32 could not say about a bundle's segments"""
+    """Decide exactly what float32 could not say about a bundle's segments."""
     for k in range(np.int64(get(scratch.aside, 0))):
         slot, code = np.int64(get(scratch.aside, 2 + 2 * k)), np.int64(get(scratch.aside, 3 + 2 * k))
         g, s, lane = code >> 8, code >> 4 & 15, code & 15
@@ -276,7 +280,7 @@ def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, c
         stack_f32(_SCRATCH), stack_f32(_LANES), stack_f32(WORK), stack_i32(_STACK), stack_i32(_VALID), stack_f32(128),
         stack_i32(_AT), stack_i32(_ASIDE),
     )  # fmt: skip
-    fixed = query.light.kind == FIXED
+    fixed = stays(query.light)
     tree, mine = block_pointers(arrays), private_counters(counters)
     asked, places = asked_of(query, table, shape, chunk, n_samples, fixed), ptr(out)
     put(scratch.aside, 0, 0)
@@ -339,9 +343,6 @@ def _layout(shape: TileShape, tiles: int) -> Layout:
     across = tiles if shape.height == 1 else 1 << (tiles.bit_length() // 2)
     down = tiles // across
     return Layout(across, down, -(-shape.columns // across), -(-shape.rows // down))
-
-
-TILES = 4
 
 
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:

@@ -1,7 +1,7 @@
 """A block of triangles against the shafts of a tile: cull, cover, and test rays only where neither decides.
 
-With c the centre of the receivers' box, C that of a box of light samples, D = C - c, a = v0 - c, and p, q the edges at v0,
-the edge functions of `predicate.filters` along the axis of the shaft are
+With c the centre of the receivers' box, C that of a box of light samples, D = C - c, a = v0 - c, and p, q the edges at
+v0, the edge functions of `predicate.filters` along the axis of the shaft are
 
     e2 = D . (a x p)     e1 = -D . (a x q)     e0 = D . n - e1 - e2       n = p x q
 
@@ -48,7 +48,7 @@ from ..simd import (
 )
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
-from .shafts import CAP_ERROR, D, FAR, NEAR, PLANE, PLANES, N, axis_of
+from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, D, N, axis_of
 from .tile import put_aside
 from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows, total
 
@@ -57,9 +57,11 @@ _U = _F(64 * 2.0**-24)
 _MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
 _TINY = _F(1e-37)
 _ZERO = _F(0.0)
-_CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23))
+_CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (
+    16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23)
+)
 WORK = 24 * 16  # float32 of scratch memory
-ASIDE = 2 * 4096  # segments that can be put aside; one block and tile need at most 4096
+ASIDE = 16 * 16 * 16  # segments that can be put aside at one block and tile: triangles, strata, receivers
 
 
 @inlined
@@ -160,16 +162,18 @@ def cull_block(tile, block, group, facing, work):
 def _box_beyond(shafts, at, middle, half, wide):
     """mask16 of the strata for which a triangle's box is beyond a plane of their shaft."""
     w = rows(shafts, at + 16, N)
-    nearest = dot(w, middle) - fma(
-        absolute(w.x), half.x, fma(absolute(w.y), half.y, absolute(w.z) * half.z)
-    )
+    nearest = dot(w, middle) - fma(absolute(w.x), half.x, fma(absolute(w.y), half.y, absolute(w.z) * half.z))
     return nearest > fma(load16(shafts, at + 4 * N + 16), wide, load16(shafts, at + 3 * N + 16))
 
 
 @inlined
 def _strata_outside(shafts, work, i):
     """mask16 of the strata whose shaft has the box of triangle i beyond one of its sides."""
-    middle, half, wide = broadcasts(work, _MIDDLE + i, 16), broadcasts(work, _HALF + i, 16), broadcast16(work, _WIDE + i)
+    middle, half, wide = (
+        broadcasts(work, _MIDDLE + i, 16),
+        broadcasts(work, _HALF + i, 16),
+        broadcast16(work, _WIDE + i),
+    )
     return (
         _box_beyond(shafts, PLANES, middle, half, wide)
         | _box_beyond(shafts, PLANES + PLANE, middle, half, wide)
@@ -180,7 +184,7 @@ def _strata_outside(shafts, work, i):
 
 @inlined
 def cull_strata(shafts, work, i, facing):
-    """(bits of the strata whose shafts miss triangle i of the block, of those that it blocks whole, sign of all F or 0)."""
+    """(bits of the strata whose shafts miss triangle i of the block, of those it blocks whole, sign of all F or 0)."""
     d, half = rows(shafts, D + 16, N), rows(shafts, 3 * N + 16, N)
     cp, cq, n = broadcasts(work, _CP + i, 16), broadcasts(work, _CQ + i, 16), broadcasts(work, _N + i, 16)
     c0 = plus(n, minus(cq, cp))

@@ -1,20 +1,47 @@
-"""`single`: one ray at a time. The baseline that every other tracer must agree with, bit for bit."""
+"""`single` and `wide`: one ray at a time, over the binary BVH or a wide one, by the same loop.
+
+`single` is the baseline that every other tracer must agree with, bit for bit.
+"""
 
 import numpy as np
+from numba.extending import overload
 
-from ..bvh.nodes import tree_of
+from ..bvh.nodes import Bvh, Tree, tree_of
+from ..bvh.wide import wide_tree_of
 from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..predicate.exact import ray_along, segment
-from ..predicate.filters import volumes64
+from ..parallel import new_ticket, run, take, thread_count
+from ..predicate.exact import segment
 from ..query.receivers import NOTHING
-from ..query.samples import patch_at, sample_point
-from ..query.shadow import horizon_of, is_above
+from ..query.samples import sample_point
+from ..query.shadow import horizon_of, is_above, patch_of
 from ..simd import get, ptr
 from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, private_counters
 from .traverse import triangle_hit, walk
+from .wide import any_hit_wide
 
 TILE = 16  # pixels; neighbours are traced after each other, by one thread
+
+
+def pointers(prepared):
+    """In kernels: the `Tree` of a `Bvh`, the `WideTree` of a `WideBvh`."""
+
+
+def any_hit(tree, ray, skip, cull_faces, counters):
+    """In kernels: the slot of a triangle that the ray meets, or -1; by the walk that goes with the tree."""
+
+
+@overload(pointers)
+def _pointers(prepared):
+    if prepared.instance_class is Bvh:
+        return lambda prepared: tree_of(prepared)
+    return lambda prepared: wide_tree_of(prepared)
+
+
+@overload(any_hit)
+def _any_hit(tree, ray, skip, cull_faces, counters):
+    if tree.instance_class is Tree:
+        return lambda tree, ray, skip, cull_faces, counters: walk(tree, ray, skip, cull_faces, True, counters)[0]
+    return lambda tree, ray, skip, cull_faces, counters: any_hit_wide(tree, ray, skip, cull_faces, counters)
 
 
 @inlined
@@ -26,7 +53,7 @@ def _blocked(tree, ray, skip, cull_faces, last, counters):
         if triangle_hit(tree.corners, last, ray, o, d, cull_faces, counters):
             count(counters, REPEAT_HITS, 1)
             return last
-    return walk(tree, ray, skip, cull_faces, True, counters)[0]
+    return any_hit(tree, ray, skip, cull_faces, counters)
 
 
 @inlined
@@ -35,10 +62,11 @@ def _shadow_pixel(tree, query, y, x, bits, last, counters):
     ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
     corners = ptr(query.corners)
     skip, sample_set, spp = np.int64(query.faces[y, x]), (x & 3) + 4 * (y & 3), query.samples.shape[1]
-    patch, horizon = patch_at(query.light, ox, oy, oz), horizon_of(query, y, x)
+    samples, patch, horizon = query.samples, patch_of(query, y, x), horizon_of(query, y, x)
     count(counters, RAYS, spp)
     for s in range(spp):
-        lx, ly, lz = sample_point(patch, query.samples[sample_set, s, 0], query.samples[sample_set, s, 1])
+        a, b, c = samples[sample_set, s, 0], samples[sample_set, s, 1], samples[sample_set, s, 2]
+        lx, ly, lz = sample_point(patch, a, b, c)
         if not is_above(horizon, lx, ly, lz, corners):
             count(counters, BELOW_HORIZON, 1)
         else:
@@ -51,10 +79,10 @@ def _shadow_pixel(tree, query, y, x, bits, last, counters):
 
 
 @kernel
-def _shadow_tiles(ticket, bvh, query, bits, counters):
+def _shadow_tiles(ticket, prepared, query, bits, counters):
     h, w = query.sides.shape
     columns = (w + TILE - 1) // TILE
-    mine, tree = private_counters(counters), tree_of(bvh)
+    mine, tree = private_counters(counters), pointers(prepared)
     tile = take(ticket)
     while tile >= 0:
         y0, x0 = tile // columns * TILE, tile % columns * TILE
@@ -67,8 +95,8 @@ def _shadow_tiles(ticket, bvh, query, bits, counters):
     add_counters(counters, mine)
 
 
-def trace_shadow(bvh, query, bits, threads=None, counters=None, progress=None) -> None:
-    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery over a `Bvh` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
@@ -79,34 +107,9 @@ def trace_shadow(bvh, query, bits, threads=None, counters=None, progress=None) -
         _shadow_tiles,
         thread_count(threads),
         new_ticket(tiles, 1),
-        bvh,
+        prepared,
         query,
         bits,
         counters,
         progress=progress,
     )
-
-
-@kernel
-def _ray_list(ticket, bvh, rays, any_hit, out, counters):
-    mine, tree = private_counters(counters), tree_of(bvh)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            ox, oy, oz = rays.origins[i, 0], rays.origins[i, 1], rays.origins[i, 2]
-            dx, dy, dz = rays.directions[i, 0], rays.directions[i, 1], rays.directions[i, 2]
-            ray = ray_along(ox, oy, oz, dx, dy, dz, rays.tmin[i], rays.tmax[i])
-            count(mine, RAYS, 1)
-            slot, t = walk(tree, ray, np.int64(rays.skip[i]), rays.cull_faces, any_hit, mine)
-            out.face[i] = -1 if slot < 0 else get(tree.prim_ids, slot)
-            if not any_hit and slot >= 0:
-                w = volumes64(ray, tree.corners, slot)
-                out.t[i], out.u[i], out.v[i] = t, w.e1 / w.d, w.e2 / w.d
-        first = take(ticket)
-    add_counters(counters, mine)
-
-
-def trace_rays(bvh, rays, any_hit, out, threads=None, counters=None, progress=None) -> None:
-    """Trace a `query.rays.RayList`: fills ``out.face`` with a triangle index or -1, and t, u, v for the nearest hit."""
-    ticket = new_ticket(len(rays.origins), 256)
-    run(_ray_list, thread_count(threads), ticket, bvh, rays, any_hit, out, counters, progress=progress)

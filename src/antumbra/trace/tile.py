@@ -10,7 +10,8 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..query.receivers import FREE, NOTHING
-from ..query.samples import patch_at, sample_point
+from ..query.samples import sample_point
+from ..query.shadow import patch_of
 from ..simd import (
     absolute,
     as_i32,
@@ -198,11 +199,10 @@ def move_light(query, y0, x0, shape, chunk, valid, tile, n_strata):
     for lane in range(16):
         there = lane if valid >> lane & 1 else lowest_bit(valid)
         y, x = y0 + there // shape.width, x0 + there % shape.width
-        o = query.origins[y, x]
-        patch = patch_at(query.light, o[0], o[1], o[2])
+        patch = patch_of(query, y, x)
         for s in range(n_strata):
-            a, b = query.samples[(x & 3) + 4 * (y & 3), chunk * STRATA + s]
-            px, py, pz = sample_point(patch, a, b)
+            a, b, c = query.samples[(x & 3) + 4 * (y & 3), chunk * STRATA + s]
+            px, py, pz = sample_point(patch, a, b, c)
             put(tile.points, s * 48 + lane, px)
             put(tile.points, s * 48 + 16 + lane, py)
             put(tile.points, s * 48 + 32 + lane, pz)

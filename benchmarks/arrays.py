@@ -1,0 +1,193 @@
+"""Any-hit queries on numpy arrays: `Scene.occluded` beside Embree, embreex and Open3D, in one process, turn by turn.
+
+    python benchmarks/arrays.py [scene ...] [--rays N] [--threads N ...] [--rounds N] [--json FILE]
+
+A scene is a file that `antumbra.load` reads (camera and light from an info.json beside it, else the default ones) or
+the name of a procedural one. Without a scene: Sponza, San Miguel and the robots from the folder of real scenes
+($ANTUMBRA_SCENES, or ../shared/scenes beside the repository), and the procedural forest.
+
+Rays are segments (tmax = 1). Coherent: from what the pixels of a picture see to one point of light, in the order of
+rows. Incoherent: between random pairs of points in the scene's bounds.
+
+What is timed: `occluded`, the whole call, from arrays to array of bool. `embree 1` and `embree 16`: rtcOccluded1 and
+rtcOccluded16 (with the coherent flag where the rays are), in compiled loops on as many threads, *without* making the
+ray records beforehand and *without* reading the answers. `embreex` and `open3d`: their own Python calls. Trees are
+built, and kernels compiled, before.
+"""
+
+import json
+import statistics
+import time
+from pathlib import Path
+
+import numpy as np
+
+import antumbra
+from antumbra.bench import embree
+from antumbra.bench.embree_rays import occluded_of, trace, write
+from antumbra.bench.ray_sets import ray_set
+from antumbra.parallel import thread_count
+from antumbra.query.gbuffer import from_hits
+from antumbra.query.raster import rasterise
+from antumbra.query.receivers import NOTHING, surface_receivers
+from antumbra.scene.procedural import PROCEDURAL
+from common import SCENES, arguments, machine
+
+REAL = ("sponza_crytek", "sanmiguel_lite", "bart_robots")
+
+
+def load(name: Path):
+    """(name, scene, camera, light point)."""
+    if str(name) in PROCEDURAL:
+        scene = antumbra.procedural(str(name))
+        patch = scene.lights[0].patch(np.zeros(3), 2.0 * float(np.linalg.norm(np.diff(scene.bounds, axis=0))))
+        return str(name), scene, scene.cameras[0], patch.base + (patch.u + patch.v) / 2
+    info = name.with_name("info.json")
+    info = json.loads(info.read_text()) if info.exists() else {}
+    up = info.get("up", [0, 1, 0])
+    scene = antumbra.load(name, up="z" if up[2] else "y")
+    camera, light = scene.default_camera(), scene.default_light()
+    point = light.corner + (light.u + light.v) / 2
+    if "camera" in info:
+        camera = antumbra.Camera(info["camera"]["position"], info["camera"]["target"], up, info["camera"]["vfov"])
+    if "light" in info:
+        own = np.array(info["light"], float)
+        far = 2.0 * float(np.linalg.norm(np.diff(scene.bounds, axis=0)))
+        point = own[:3] if len(own) == 3 or own[3] else scene.bounds.mean(0) + own[:3] * far
+    return (name.parent.name if name.stem == "scene" else name.stem), scene, camera, point
+
+
+def coherent(scene, camera, point, n: int):
+    """(origins, directions) of n segments from seen surfaces to the point, world, float32."""
+    width = 16 * int(np.ceil((n * 16 / 9) ** 0.5 / 16))
+    triangles = scene.triangles(0.0)
+    corners, rays = triangles.vertices.reshape(-1, 9), camera.resized(width, -(-n // width)).rays(triangles.origin)
+    seen = from_hits(*rasterise(corners, rays), triangles, rays)
+    flat = [a.reshape(-1, *a.shape[2:]) for a in (seen.position, seen.normal, seen.face, seen.side)]
+    flat = [a[flat[3] != NOTHING] for a in flat]
+    origins = np.resize((surface_receivers(*flat, corners) + triangles.origin).astype(np.float32), (n, 3))
+    return origins, (point - origins).astype(np.float32)
+
+
+def incoherent(scene, n: int):
+    """(origins, directions) of n segments between random points of the bounds."""
+    a, b = np.random.default_rng(0).uniform(*scene.bounds, (2, n, 3)).astype(np.float32)
+    return a, b - a
+
+
+def methods(scene, rays, is_coherent: bool, threads: int):
+    """name -> (function that traces, what is to be done before each call); and things to keep alive."""
+    origins, directions = rays
+    local = ray_set((origins - scene.origin).astype(np.float32), directions, 1.0)
+    device = embree.Device(threads)
+    peer = embree.EmbreeScene(device, scene.triangles(0.0).vertices)
+    ids = np.arange(len(origins), dtype=np.int32)
+    records, packets = write(local, ids, threads=threads), write(local, ids.reshape(-1, 16), threads=threads)
+
+    def fresh():
+        records.memory[:, 8], packets.memory[:, 9] = 1.0, 1.0  # tfar; before a packet stands its mask
+
+    found = {
+        "occluded": lambda: scene.occluded(origins, directions, tmax=1.0, threads=threads),
+        "embree 1": lambda: trace(peer, records, is_coherent, threads),
+        "embree 16": lambda: trace(peer, packets, is_coherent, threads),
+        "embreex": _embreex(scene, origins, directions),
+        "open3d": _open3d(scene, origins, directions, threads),
+    }
+    return {k: f for k, f in found.items() if f}, fresh, (device, peer), lambda: occluded_of(local, packets)
+
+
+def _embreex(scene, origins, directions):
+    from embreex import rtcore_scene
+    from embreex.mesh_construction import TriangleMesh
+
+    own = rtcore_scene.EmbreeScene()
+    mesh = TriangleMesh(own, (scene.triangles(0.0).vertices + scene.origin).astype(np.float32))
+    return lambda: (own.run(origins, directions, dists=1.0, query="OCCLUDED"), mesh)
+
+
+def _open3d(scene, origins, directions, threads):
+    try:
+        import open3d
+    except ImportError:
+        return None
+    own = open3d.t.geometry.RaycastingScene(nthreads=threads)
+    vertices = (scene.triangles(0.0).vertices + scene.origin).astype(np.float32).reshape(-1, 3)
+    own.add_triangles(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
+    six = open3d.core.Tensor(np.concatenate([origins, directions], 1))
+    return lambda: own.test_occlusions(six, tfar=1.0, nthreads=threads)
+
+
+def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> list[dict]:
+    """One row for each method."""
+    ways, fresh, kept, answers = methods(scene, rays, kind == "coherent", threads)
+    seconds: dict[str, list[float]] = {k: [] for k in ways}
+    for turn in range(rounds + 1):
+        for k, way in ways.items():
+            fresh()
+            start = time.perf_counter()
+            result = way()
+            if turn:  # the first one compiles and builds
+                seconds[k].append(time.perf_counter() - start)
+            if k == "occluded":
+                ours = result
+            if k == "embree 16":
+                differ = int((answers() != ours).sum())
+    kept[1].close()
+    kept[0].close()
+    n, own = len(rays[0]), statistics.median(seconds["occluded"])
+    return [
+        {
+            "scene": name,
+            "kind": kind,
+            "threads": threads,
+            "rays": n,
+            "method": k,
+            "median_ms": 1e3 * statistics.median(s),
+            "min_ms": 1e3 * min(s),
+            "million_rays_per_second": n / statistics.median(s) / 1e6,
+            "we_are_faster": statistics.median(s) / own,
+            "of_minima": min(s) / min(seconds["occluded"]),
+            "occluded": float(ours.mean()),
+            "differ_from_embree": differ,
+        }
+        for k, s in seconds.items()
+    ]
+
+
+def line(row: dict) -> str:
+    return (
+        f"{row['scene']:16s} {row['kind']:10s} {row['threads']:3d} {row['method']:10s} {row['median_ms']:9.1f} "
+        f"{row['min_ms']:9.1f} {row['million_rays_per_second']:8.2f} {row['we_are_faster']:7.2f} "
+        f"{row['of_minima']:7.2f} {row['occluded']:6.3f} {row['differ_from_embree']:8d}"
+    )
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.set_defaults(rounds=5, threads=None)
+    parser.add_argument("--rays", type=int, default=10_000_000)
+    parser.add_argument("--kind", choices=("coherent", "incoherent"))
+    options = parser.parse_args()
+    counts = [options.threads] if options.threads else sorted({1, thread_count(None)})
+    n = options.rays // 16 * 16
+    paths = options.scene or [p for s in REAL if (p := SCENES / s / "scene.glb").exists()] + [Path("forest")]
+    print(
+        f"{'scene':16s} {'rays':10s} {'thr':>3s} {'method':10s} {'median ms':>9s} {'min':>9s} {'Mray/s':>8s} "
+        f"{'faster':>7s} {'of mins':>7s} {'occl.':>6s} {'differ':>8s}"
+    )
+    rows = []
+    for path in paths:
+        name, scene, camera, point = load(path)
+        for kind in ("coherent", "incoherent") if not options.kind else (options.kind,):
+            rays = coherent(scene, camera, point, n) if kind == "coherent" else incoherent(scene, n)
+            for threads in counts:
+                for row in measure(name, scene, kind, rays, threads, options.rounds):
+                    rows.append(row)
+                    print(line(row), flush=True)
+    if options.json:
+        options.json.write_text(json.dumps({"machine": machine(max(counts)), "rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

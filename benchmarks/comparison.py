@@ -1,0 +1,60 @@
+"""What comparisons with peers have in common: options, a header that says with what they were made, JSON, a summary."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from antumbra.errors import InputError
+from antumbra.parallel import thread_count
+from common import machine
+from contest import CLOCKS, OURS, summary
+from peers import describe_embree
+from views import VIEWS, views
+
+AVX2 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
+"""What makes Numba compile for AVX2. Without empty features the ones of this processor would be added."""
+
+
+def options_of(parser: argparse.ArgumentParser) -> argparse.Namespace:
+    """The options, with those of all comparisons. With --isa avx2 the script starts anew, unless Numba knows."""
+    threads = lambda text: thread_count(None if text == "all" else int(text))
+    parser.add_argument("scene", nargs="*", help=f"{', '.join(VIEWS)}, or files; default: all of these")
+    parser.add_argument("--threads", nargs="+", type=threads, default=[1, thread_count(None)], help="numbers or 'all'")
+    parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: for one thread on a busy machine")
+    parser.add_argument("--isa", choices=("avx2",), help="ours, and Embree, on no more than AVX2")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args()
+    if options.clock == "cpu" and set(options.threads) != {1}:
+        parser.error("--clock cpu adds up the threads: use it with --threads 1")
+    options.threads = list(dict.fromkeys(options.threads))
+    if options.isa == "avx2" and any(os.environ.get(k) != v for k, v in AVX2.items()):
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **AVX2})
+    return options
+
+
+def start(main: Callable[[], None]) -> None:
+    """Run a script's main function; what it is asked in error becomes one line."""
+    try:
+        main()
+    except InputError as error:
+        sys.exit(f"error: {error}")
+
+
+def compare(options: argparse.Namespace, measure: Callable) -> None:
+    """Print, and write, what ``measure(view, options)`` finds in each view: a list of rows."""
+    about = {**machine(max(options.threads)), "isa": options.isa or "native", "embree": describe_embree(options.isa)}
+    print(", ".join(f"{k} {v}" for k, v in about.items()), flush=True)
+    found = []
+    for view in views(options.scene, options.size):
+        found += measure(view, options)
+        if options.json:  # after each scene, for it takes long
+            options.json.write_text(json.dumps({"machine": about, "rows": found}, indent=1))
+    print("\n" + "\n".join(summary(found)))
+    wrong = [row for row in found if row["family"] == OURS and row["differs"]]
+    if wrong:
+        sys.exit(f"ours do not all give the same answers: {wrong}")

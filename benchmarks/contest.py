@@ -1,0 +1,129 @@
+"""Contenders that answer the same rays, timed turn by turn in one process; what they answer is compared too."""
+
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+OURS = "antumbra"
+CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
+"""Clocks to time with. On one thread, "cpu" does not count what other processes of a busy machine take."""
+
+_CLOSE, _MOST = 1.25, 2  # modes of a family that go on to the rounds: so much slower than its best at most; so many
+
+
+class Contender(NamedTuple):
+    """A way to answer; peers' ways of one family are modes of which only the best count."""
+
+    family: str
+    name: str
+    ready: Callable[[], Any]  # what `run` gets, made anew each time; not timed
+    run: Callable[[Any], Any]  # timed
+    answer: Callable[[Any], np.ndarray]  # of what `run` returned: one number for each ray
+
+
+class Result(NamedTuple):
+    """What came of one contender."""
+
+    contender: Contender
+    tried: float  # seconds of the first try, in which ours are compiled or loaded
+    seconds: list[float]  # of the rounds; none if another mode of its family was faster
+    differs: int  # rays that it answers differently from the first contender
+
+    def rate(self, n: int, take=statistics.median) -> float:
+        """Million rays a second of n rays."""
+        return n / take(self.seconds or [self.tried]) / 1e6
+
+
+def contest(contenders: list[Contender], asked: np.ndarray, rounds: int, clock: str):
+    """Try all once, then let ours and the best modes of each family do `rounds` in turn.
+
+    asked : (rays,) bool; answers are compared where it is True
+
+    Returns a list of Result, and the first contender's answer to the rays asked.
+    """
+    tried, differs, reference = [], [], None
+    for contender in contenders:
+        progress(contender.name)
+        seconds, result = _timed(contender, CLOCKS[clock])
+        answer = contender.answer(result)[asked]
+        reference = answer if reference is None else reference
+        tried.append(seconds)
+        differs.append(int(np.count_nonzero(answer != reference)))
+        del result
+    rest = _finalists(contenders, tried)
+    seconds = {i: [] for i in rest}
+    for turn in range(rounds):
+        progress(f"round {turn + 1} of {rounds}")
+        for i in rest:
+            seconds[i].append(_timed(contenders[i], CLOCKS[clock])[0])
+    progress("")
+    return [Result(c, tried[i], seconds.get(i, []), differs[i]) for i, c in enumerate(contenders)], reference
+
+
+def progress(text: str) -> None:
+    """One line that is written over, on a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def _timed(contender: Contender, clock) -> tuple[float, Any]:
+    state = contender.ready()
+    start = clock()
+    result = contender.run(state)
+    return clock() - start, result
+
+
+def _finalists(contenders, tried) -> list[int]:
+    """All of ours, and of each peer the fastest modes."""
+    chosen = {i for i, c in enumerate(contenders) if c.family == OURS}
+    for family in {c.family for c in contenders} - {OURS}:
+        modes = sorted((tried[i], i) for i, c in enumerate(contenders) if c.family == family)
+        chosen |= {i for seconds, i in modes[:_MOST] if seconds <= _CLOSE * modes[0][0]}
+    return sorted(chosen)
+
+
+def rows(case: dict, results: list[Result], n: int) -> list[dict]:
+    """A row for each contender; `ratio`, for ours, to the fastest peer."""
+    peers = [r.rate(n) for r in results if r.contender.family != OURS and r.seconds]
+    found = []
+    for r in results:
+        row = {**case, "family": r.contender.family, "contender": r.contender.name, "rays": n}
+        row |= {"mrays": r.rate(n), "best_mrays": r.rate(n, min), "rounds": len(r.seconds), "seconds": r.seconds}
+        row |= {"differs": r.differs, "tried_seconds": r.tried}
+        if r.contender.family == OURS and peers:
+            row["ratio"] = r.rate(n) / max(peers)
+        found.append(row)
+    return found
+
+
+HEAD = f"{'contender':44s} {'Mrays/s':>8s} {'best':>8s} {'ratio':>6s} {'differs':>9s}"
+
+
+def line(row: dict) -> str:
+    """A row of the table; in brackets what was only tried once."""
+    median = f"{row['mrays']:.2f}" if row["rounds"] else f"({row['mrays']:.2f})"
+    best = f"{row['best_mrays']:.2f}" if row["rounds"] else ""
+    ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
+    return f"{row['contender']:44s} {median:>8s} {best:>8s} {ratio:>6s} {row['differs']:9d}"
+
+
+def summary(found: list[dict]) -> list[str]:
+    """Of each of ours and number of threads: geometric mean and worst of the ratios, over all cases."""
+    ratios: dict[tuple, list[tuple[float, str]]] = {}
+    for row in found:
+        if "ratio" in row:
+            case = " ".join(str(row[k]) for k in ("scene", "light") if k in row)
+            ratios.setdefault((row["contender"], row["threads"]), []).append((row["ratio"], case))
+    lines = []
+    for (name, threads), cases in ratios.items():
+        worst, where = min(cases)
+        mean = statistics.geometric_mean(ratio for ratio, _ in cases)
+        lines.append(
+            f"{name}, {threads} thread{'s'[: threads > 1]}: {mean:.2f} times the best peer in geometric mean of "
+            f"{len(cases)} cases, {worst:.2f} in the worst ({where})"
+        )
+    return lines

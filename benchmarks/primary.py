@@ -1,0 +1,76 @@
+"""Primary visibility: our rasteriser and rays beside Embree, in one process, turn by turn, on the same pixels.
+
+    python benchmarks/primary.py [scene ...] [--size W H] [--threads N ...] [--rounds N] [--isa avx2] [--json FILE]
+
+A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (generated), or a file that
+`antumbra.load` reads.
+
+What is timed. `rays`: from the BVH to face and t of each pixel; `rasterise`: the same from the triangles, no BVH;
+`gbuffer`: that, and then positions and normals. Peers: rtcIntersect1 and rtcIntersect16 (8 on AVX2) on rays that were
+made before, in Morton order of 4 x 4 pixels, a packet; answers stay in the records. Ratios as in `soft_shadows`.
+"""
+
+import argparse
+
+from antumbra.bench.ray_sets import primary_rays
+from antumbra.bvh import BUILDERS
+from antumbra.plan import Plan
+from antumbra.query.gbuffer import from_hits
+from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
+from antumbra.trace.primary import trace_primary
+from antumbra.warm import warm_up
+from comparison import compare, options_of, start
+from contest import HEAD, OURS, Contender, contest, line, rows
+from peers import embree_contenders, embree_scenes
+
+BUILDER = "bsah"
+
+
+def our_contenders(bvh, triangles, rays, threads: int) -> list[Contender]:
+    corners = triangles.vertices.reshape(-1, 9)
+    ways = {
+        "rays": (lambda: trace_primary(bvh, rays, threads), lambda hits: hits[0]),
+        "rasterise": (lambda: rasterise(corners, rays, threads), lambda hits: hits[0]),
+        "gbuffer": (
+            lambda: from_hits(*rasterise(corners, rays, threads), triangles, rays, threads),
+            lambda gbuffer: gbuffer.face,
+        ),
+    }
+    return [
+        Contender(OURS, name, lambda: None, lambda _, run=run: run(), lambda made, face=face: face(made).ravel())
+        for name, (run, face) in ways.items()
+    ]
+
+
+def measure(view, options) -> list[dict]:
+    """Rows of all thread counts."""
+    triangles, found = view.triangles, []
+    rays = view.camera.rays(triangles.origin)
+    asked = primary_rays(rays)
+    counters = new_raster_counters()
+    rasterise(triangles.vertices.reshape(-1, 9), rays, counters=counters)
+    counts = ", ".join(f"{k} {v}" for k, v in zip(RASTER_COUNTERS, counters))
+    print(f"\n{view.name}: {len(triangles.vertices)} triangles; rasteriser: {counts}")
+    bvh = BUILDERS[BUILDER].build(triangles.vertices, None)
+    with embree_scenes(triangles.vertices, options.isa) as built:
+        for threads in options.threads:
+            contenders = our_contenders(bvh, triangles, rays, threads)
+            contenders += embree_contenders(built, asked, ("pixels",), True, threads)
+            results, faces = contest(contenders, asked.asked, options.rounds, options.clock)
+            case = {"scene": view.name, "triangles": len(triangles.vertices), "threads": threads}
+            case |= {"clock": options.clock, "hit": float((faces >= 0).mean())}
+            print(f"\n{view.name}, {(faces >= 0).mean():.1%} of the pixels hit, {threads} thread(s)\n{HEAD}")
+            found += rows(case, results, len(faces))
+            print("\n".join(line(row) for row in found[-len(results) :]), flush=True)
+    return found
+
+
+def main() -> None:
+    options = options_of(argparse.ArgumentParser(description=__doc__.splitlines()[0]))
+    for gbuffer in ("rays", "raster"):
+        warm_up(Plan(build=BUILDER), gbuffer, False)
+    compare(options, measure)
+
+
+if __name__ == "__main__":
+    start(main)

@@ -1,0 +1,116 @@
+"""Soft shadows: our tracers beside Embree, Mitsuba 3 and Open3D, in one process, turn by turn, on the same rays.
+
+    python benchmarks/soft_shadows.py [scene ...] [--plans PLAN ...] [--threads N ...] [--rounds N] [--isa avx2]
+
+A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (generated), or a file that
+`antumbra.load` reads. Each has a small and a large square light: the small one's edge is 1/40 of the scene's diagonal
+(`views.EDGES` has the exception; the forest's is its own light's), the large one's four times that.
+
+What is timed. Ours: from a ShadowQuery to its bits, as a frame is rendered; the bits' array is made inside. Peers: the
+tracing of rays that were made before, in Morton order of 4 x 4 pixels, and in packets of one light sample of 16 pixels
+or of 16 samples of one pixel (8 on AVX2, where Embree takes 16 ray by ray); their answers stay where the peer wrote
+them. To read such rays from memory costs Embree about 6 %; to make them costs it nothing here, ours makes its own.
+Peers get only rays above their receiver's horizon, and only these count in Mrays/s, for all. Builds are timed apart.
+
+Every mode of every peer is tried once; ours and the best modes of each peer are then timed in turn. The ratio is that
+of the medians, ours to the fastest peer's. `differs` counts the rays that are answered differently from our first plan
+(peers round; ours do not).
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+from antumbra.bench.ray_sets import ORDERS, shadow_rays
+from antumbra.bvh import BUILDERS
+from antumbra.parallel import thread_count
+from antumbra.plan import Plan, parse_plan
+from antumbra.trace import TRACERS
+from antumbra.warm import warm_up
+from comparison import compare, options_of, start
+from contest import HEAD, OURS, Contender, contest, line, rows
+from peers import embree_contenders, embree_scenes, other_peers
+from views import query_of
+
+
+def our_scenes(plans: list[Plan], vertices) -> dict[Plan, object]:
+    """What each plan's tracer walks; says how long it takes to make."""
+    made, trees = {}, {}
+    for plan in plans:
+        start = time.perf_counter()
+        if plan.build not in trees:
+            trees[plan.build] = BUILDERS[plan.build].build(vertices, None)
+            print(f"  {plan.build}: built in {1e3 * (time.perf_counter() - start):.0f} ms", end="")
+            start = time.perf_counter()
+        made[plan] = TRACERS[plan.trace].prepare(trees[plan.build], thread_count(None))
+        print(f"; {plan.trace}: prepared in {1e3 * (time.perf_counter() - start):.0f} ms")
+    return made
+
+
+def our_contenders(prepared: dict, query, threads: int) -> list[Contender]:
+    h, w = query.sides.shape
+    spp = query.samples.shape[1]
+
+    def run(_, plan, scene):
+        bits = np.zeros((h, w, -(-spp // 64)), np.uint64)
+        TRACERS[plan.trace].trace(scene, query, bits, threads, None, None)
+        return bits
+
+    def answer(bits):
+        octets = bits.astype("<u8", copy=False).view(np.uint8)
+        return np.unpackbits(octets, axis=-1, count=spp, bitorder="little").view(bool).ravel()
+
+    return [
+        Contender(OURS, str(plan), lambda: None, lambda _, plan=plan, scene=scene: run(_, plan, scene), answer)
+        for plan, scene in prepared.items()
+    ]
+
+
+def measure_light(view, size, prepared, built, others, options) -> list[dict]:
+    """Rows of one light, "small" or "large", for all thread counts."""
+    light = view.lights[size]
+    query = query_of(view, light, options.spp, thread_count(None))
+    rays = shadow_rays(query)
+    n, edge, found = int(rays.asked.sum()), float(np.linalg.norm(light.u)), []
+    for threads in options.threads:
+        contenders = our_contenders(prepared, query, threads)
+        contenders += embree_contenders(built, rays, ORDERS, False, threads)
+        contenders += [c for make, scene in others for c in make(scene, rays, threads)]
+        results, blocked = contest(contenders, rays.asked, options.rounds, options.clock)
+        case = {"scene": view.name, "triangles": len(view.triangles.vertices), "light": size, "edge": edge}
+        case |= {"threads": threads, "clock": options.clock, "occluded": float(blocked.mean())}
+        told = f"{n / 1e6:.2f} Mrays, {blocked.mean():.1%} occluded"
+        print(f"\n{view.name}, {size} light (edge {edge:.3g}), {told}, {threads} thread(s)\n{HEAD}")
+        found += rows(case, results, n)
+        print("\n".join(line(row) for row in found[-len(results) :]), flush=True)
+    return found
+
+
+def measure(view, options) -> list[dict]:
+    """Rows of both lights and all thread counts."""
+    vertices = view.triangles.vertices
+    print(f"\n{view.name}: {len(vertices)} triangles")
+    prepared = our_scenes(options.plans, vertices)
+    with embree_scenes(vertices, options.isa) as built:
+        others = [] if options.isa else other_peers(vertices)  # these cannot be told which instructions to use
+        times = [f"Embree {q}{' robust' * bool(f)} {1e3 * s.build_seconds:.0f} ms" for (q, f), s in built[0].items()]
+        times += [f"{type(s).__name__} {1e3 * s.build_seconds:.0f} ms" for _, s in others]
+        print(f"  built in: {', '.join(times)}")
+        return [row for size in options.lights for row in measure_light(view, size, prepared, built, others, options)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--plans", nargs="+", default=[f"bsah+{t}" for t in TRACERS], help="default: every tracer")
+    parser.add_argument("--lights", nargs="+", choices=("small", "large"), default=("small", "large"))
+    parser.add_argument("--spp", type=int, default=16)
+    options = options_of(parser)
+    options.plans = [parse_plan(plan) for plan in options.plans]
+    for plan in options.plans:
+        warm_up(plan, "raster", False)
+    compare(options, measure)
+
+
+if __name__ == "__main__":
+    start(main)

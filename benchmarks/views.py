@@ -1,0 +1,97 @@
+"""What benchmarks look at: the real scenes with the camera and light of their info.json, and the generated forest."""
+
+import json
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import antumbra
+from antumbra.query.gbuffer import from_hits
+from antumbra.query.raster import rasterise
+from antumbra.query.sampling import light_samples
+from antumbra.renderer import shadow_queries
+from antumbra.scene.camera import Camera
+from antumbra.scene.lights import Light, QuadLight, tangents
+from antumbra.scene.triangles import Triangles
+from common import SCENES
+
+FOREST = "forest"
+VIEWS = ("sponza_crytek", "sanmiguel_lite", "bart_robots", FOREST)
+
+EDGES = {"bart_robots": 10.0}
+"""Edge of the small light where 1/40 of the scene's diagonal makes no sense: the robots' city has a sky, twenty times
+as wide as the street in which they and the lamp are. This is 1/40 of the diagonal of what the camera sees."""
+
+
+class View(NamedTuple):
+    """A scene as a benchmark sees it."""
+
+    name: str
+    triangles: Triangles
+    camera: Camera
+    lights: dict[str, Light]  # "small", and "large" with four times the edge
+
+
+def views(named, size: tuple[int, int]):
+    """Each view: names of VIEWS, or scene files; none: all of VIEWS that are there."""
+    missing = [n for n in VIEWS if n != FOREST and not (SCENES / n / "scene.glb").exists()]
+    if missing and not named:
+        print(f"not in {SCENES}, so left out: {', '.join(missing)}", file=sys.stderr)
+    for name in named or [n for n in VIEWS if n not in missing]:
+        name = str(name)
+        if name == FOREST:
+            yield _forest(size)
+        elif name in missing:
+            sys.exit(f"{name} is not in {SCENES}: set ANTUMBRA_SCENES")
+        else:
+            yield _real(SCENES / name / "scene.glb" if name in VIEWS else Path(name), size)
+
+
+def _forest(size) -> View:
+    scene = antumbra.procedural(FOREST)
+    return View(FOREST, scene.triangles(0.0), scene.cameras[0].resized(*size), _two_sizes(scene.light(0)))
+
+
+def _real(path: Path, size) -> View:
+    info = path.with_name("info.json")
+    info = json.loads(info.read_text()) if info.exists() else {}
+    up = np.array(info.get("up", [0, 1, 0]), float)
+    scene = antumbra.load(path, up="z" if up[2] else "y")
+    name = path.parent.name if path.stem == "scene" else path.stem
+    if "camera" in info:
+        own = info["camera"]
+        camera = Camera(own["position"], own["target"], up, own["vfov"], *size)
+    else:
+        camera = scene.default_camera(*size)
+    light = _square(name, scene.bounds, info["light"], up) if "light" in info else scene.default_light()
+    return View(name, scene.triangles(0.0), camera, _two_sizes(light))
+
+
+def _square(name, bounds, light, up) -> QuadLight:
+    """The small light: a square with the middle and direction of info.json, its edge 1/40 of the scene's diagonal.
+
+    A point (three numbers) becomes a level square; a direction towards the light (a fourth, 0) a square that faces the
+    scene, one diagonal away from its middle.
+    """
+    diagonal = float(np.linalg.norm(bounds[1] - bounds[0]))
+    middle, facing = np.array(light[:3], float), up
+    if len(light) == 4:
+        facing = middle / np.linalg.norm(middle)
+        middle = bounds.mean(0) + diagonal * facing
+    u, v = (EDGES.get(name, diagonal / 40) * axis for axis in tangents(facing))
+    return QuadLight(middle - (u + v) / 2, u, v)
+
+
+def _two_sizes(light: QuadLight) -> dict[str, Light]:
+    middle = light.corner + (light.u + light.v) / 2
+    return {"small": light, "large": QuadLight(middle - 2 * (light.u + light.v), 4 * light.u, 4 * light.v)}
+
+
+def query_of(view: View, light: Light, spp: int, threads: int):
+    """The shadow query of what a view's camera sees."""
+    rays = view.camera.rays(view.triangles.origin)
+    hits = rasterise(view.triangles.vertices.reshape(-1, 9), rays, threads)
+    gbuffer = from_hits(*hits, view.triangles, rays, threads)
+    return shadow_queries(view.triangles, gbuffer, [light], [light_samples(light, spp)], threads=threads)[0]

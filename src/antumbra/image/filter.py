@@ -1,0 +1,128 @@
+"""The discontinuity filter of interleaved sampling [Benthin and Wald 2009, Sec. 4.5].
+
+Sixteen neighbouring pixels use sixteen different sample sets, so their mean is an estimate from 16 spp samples, if
+they see the same surface and about the same penumbra. See docs/design/filter.md for what was measured.
+"""
+
+import math
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..query.receivers import NOTHING
+from ..query.surface import Seen, at, points_of, same_surface
+from ..simd import ptr
+
+NOISE = 2.5
+"""Twice what the estimates of neighbours may differ by, in units of spp**(1/4) samples: the error of spp stratified
+samples of an edge falls as spp**(-3/4) [Mitchell 1996]."""
+
+
+@inlined
+def _constant(points, counts, y, x):
+    """Are all counts in the window the same? Then there is nothing to filter, whatever the surfaces."""
+    own = at(points, counts, y, x)
+    for v in range(max(y - 2, 0), min(y + 3, points.h)):
+        for u in range(max(x - 2, 0), min(x + 3, points.w)):
+            if at(points, counts, v, u) != own:
+                return False
+    return True
+
+
+@inlined
+def _pair(points, counts, limit, y, x, dy, dx):
+    """(sum of counts, number) of those of the pixels (y + dy, x + dx) and (y - dy, x - dx) that are accepted."""
+    own = at(points, counts, y, x)
+    after, before = same_surface(points, y, x, y + dy, x + dx), same_surface(points, y, x, y - dy, x - dx)
+    a = at(points, counts, y + dy, x + dx) if after else own
+    b = at(points, counts, y - dy, x - dx) if before else own
+    if after and before:
+        return (a + b, 2) if abs(a + b - 2 * own) <= limit else (0, 0)
+    if (after or before) and 2 * abs(a + b - 2 * own) <= limit:
+        return a + b - own, 1
+    return 0, 0
+
+
+@inlined
+def _window(points, counts, limit, y, x):
+    """(weighted sum of counts, sum of weights) over the accepted pixels of the window around (y, x).
+
+    Pixels are accepted in opposite pairs, by their mean, since a steady slope of the penumbra does not change that; one
+    by one where the other of the pair sees something else.
+    """
+    total, weight = 4 * at(points, counts, y, x), 4
+    for k in range(13, 25):  # the half of the 5 x 5 pixels that comes after (y, x)
+        dy, dx = k // 5 - 2, k % 5 - 2
+        s, n = _pair(points, counts, limit, y, x, dy, dx)
+        w = (1 if dy == 2 else 2) * (1 if abs(dx) == 2 else 2)
+        total, weight = total + w * s, weight + w * n
+    return total, weight
+
+
+@kernel
+def _filter_rows(ticket, seen, counts, limit, spp, out):
+    points, values = points_of(seen), ptr(counts)  # type: ignore[call-arg, var-annotated]
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(points.w):
+                total, weight = at(points, values, y, x), np.int64(1)
+                if at(points, points.side, y, x) != NOTHING and not _constant(points, values, y, x):
+                    total, weight = _window(points, values, limit, y, x)
+                out[y, x] = np.float32(1.0 - np.float64(total) / np.float64(weight * spp))
+        y0 = take(ticket)
+
+
+def filtered(seen: Seen, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
+    """(H, W) float32: the share of samples that are not occluded, filtered over 4 x 4 pixels.
+
+    Parameters
+    ----------
+    seen : Seen
+    counts : (H, W) int
+        How many of a pixel's `spp` samples are occluded; pixel (x, y) used sample set (x mod 4) + 4 (y mod 4).
+    spp : int
+    threads : int, optional
+        None: all cores. Sums are sums of integers, so the result does not depend on it.
+
+    Notes
+    -----
+    The window is 4 x 4 pixels around the *centre* of each pixel: 5 x 5 pixels, of which those on the border count half.
+    So each sample set counts once, and where all are accepted the result is the share of 16 spp samples, exactly.
+    """
+    counts, out = np.ascontiguousarray(counts, np.int64), np.empty(counts.shape, np.float32)
+    limit = int(NOISE * math.sqrt(math.sqrt(spp)))
+    run(_filter_rows, thread_count(threads), new_ticket(len(out), 8), seen, counts, limit, int(spp), out)
+    return out
+
+
+@kernel
+def _smooth_rows(ticket, seen, irradiance, out):
+    points = points_of(seen)
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(points.w):
+                red = green = blue = weight = 0.0
+                for v in range(y - 2, y + 3):
+                    for u in range(x - 2, x + 3):
+                        if (v == y and u == x) or same_surface(points, y, x, v, u):
+                            w = (1.0 if abs(v - y) == 2 else 2.0) * (1.0 if abs(u - x) == 2 else 2.0)
+                            red += w * irradiance[v, u, 0]
+                            green += w * irradiance[v, u, 1]
+                            blue += w * irradiance[v, u, 2]
+                            weight += w
+                out[y, x, 0], out[y, x, 1], out[y, x, 2] = red / weight, green / weight, blue / weight
+        y0 = take(ticket)
+
+
+def smoothed(seen: Seen, irradiance: np.ndarray, threads=None) -> np.ndarray:
+    """(H, W, 3) float32: irradiance by interleaved lists of lights, averaged over the window of `filtered`.
+
+    Every pixel of the window that sees the same surface takes part: neighbours ask different lights, so what they get
+    differs by far more than it does between places, and says nothing about shadows.
+    """
+    out = np.empty_like(irradiance)
+    run(_smooth_rows, thread_count(threads), new_ticket(len(out), 8), seen, irradiance, out)
+    return out

@@ -1,0 +1,60 @@
+"""Shading by many point lights: each sample of such a light is a light of its own, so the bits matter one by one."""
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..query.receivers import NOTHING
+
+
+@kernel
+def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
+    """Irradiance per candela at a surface with normal n from the light at offset w; `facing`: it shines around m."""
+    r2 = wx * wx + wy * wy + wz * wz
+    cosine = nx * wx + ny * wy + nz * wz  # times the distance
+    if not (r2 > 0.0 and cosine > 0.0):
+        return 0.0
+    r = np.sqrt(r2)
+    emitted = -(mx * wx + my * wy + mz * wz) / r if facing else 1.0
+    if not emitted > 0.0:
+        return 0.0
+    return emitted * cosine / (r * (r2 if r2 > least else least))
+
+
+@kernel
+def _rows(ticket, gbuffer, points, normals, candela, least, bits, out):
+    facing = len(normals) > 0
+    mx = my = mz = 0.0
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(gbuffer.side.shape[1]):
+                red = green = blue = 0.0
+                k = (x & 3) + 4 * (y & 3)
+                if gbuffer.side[y, x] != NOTHING:
+                    px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
+                    nx, ny, nz = gbuffer.normal[y, x, 0], gbuffer.normal[y, x, 1], gbuffer.normal[y, x, 2]
+                    for s in range(points.shape[1]):
+                        if bits[y, x, s >> 6] >> np.uint64(s & 63) & np.uint64(1):
+                            continue
+                        wx, wy, wz = points[k, s, 0] - px, points[k, s, 1] - py, points[k, s, 2] - pz
+                        if facing:
+                            mx, my, mz = normals[k, s, 0], normals[k, s, 1], normals[k, s, 2]
+                        e = _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least)
+                        red += e * candela[k, s, 0]
+                        green += e * candela[k, s, 1]
+                        blue += e * candela[k, s, 2]
+                out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(red), np.float32(green), np.float32(blue)
+        y0 = take(ticket)
+
+
+def list_irradiance(gbuffer, lights, samples, bits, threads=None) -> np.ndarray:
+    """(H, W, 3) float32: what arrives at each pixel's surface from `PointLights`, shadows included; 0 where nothing is.
+
+    samples : (16, n, 3) float64 from `light_samples`; bits : (H, W, ceil(n / 64)) uint64, the answer of their query
+    """
+    out = np.empty((*gbuffer.face.shape, 3), np.float32)
+    normals = np.empty((0, 0, 3)) if lights.normals is None else np.ascontiguousarray(lights.normals[lights.sets])
+    args = gbuffer, samples - gbuffer.origin, normals, lights.weights(), lights.nearest**2, bits, out
+    run(_rows, thread_count(threads), new_ticket(len(out), 4), *args)
+    return out

@@ -1,0 +1,105 @@
+"""Which pixels deserve more samples: penumbrae, and silhouettes [Benthin and Wald 2009, Sec. 5.4 and 6.1]."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks import whole_number
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..scene.lights import MAX_SPP
+from ..scene.point_lights import N_SETS
+from .receivers import NOTHING
+from .sampling import light_samples
+from .surface import Seen, points_of, same_surface
+
+VISIBLE = np.float32(1.0 / 16.0)
+"""Linear base colours that differ by more, in red, green or blue, make an edge."""
+
+
+class FinerSamples(NamedTuple):
+    """The samples of refined pixels, of each light."""
+
+    penumbra: list[np.ndarray]  # (16, n, 3) float64: a set for each pixel
+    edges: list[
+        np.ndarray
+    ]  # (16, ceil(n / 16), 3) float64: one for each of a pixel's sub-pixels, which share n samples
+
+
+def finer_samples(lights, n: int, sampler: str) -> FinerSamples:
+    """Samples for n, 1 to 1024, in each refined pixel, or as many as a light has of its own; InputError on other n, or
+    an unknown sampler."""
+    n = whole_number(n, "adaptive", 1, MAX_SPP)
+    shared = -(-n // N_SETS)
+    return FinerSamples(
+        [light_samples(s, n, sampler) for s in lights], [light_samples(s, shared, sampler) for s in lights]
+    )
+
+
+@kernel
+def _penumbra_rows(ticket, seen, counts, spp, out):
+    points = points_of(seen)
+    h, w = counts.shape
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(w):
+                own = counts[y, x]
+                found = 0 < own < spp
+                for v in range(max(y - 1, 0), min(y + 2, h)):
+                    for u in range(max(x - 1, 0), min(x + 2, w)):
+                        found = found or (counts[v, u] != own and same_surface(points, y, x, v, u))
+                out[y, x] = found and seen.side[y, x] != NOTHING
+        y0 = take(ticket)
+
+
+def penumbra(seen: Seen, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
+    """(H, W) bool: pixels whose samples disagree, or disagree with a neighbour's on the same surface.
+
+    counts : (H, W) int, how many of a pixel's `spp` samples of one light are occluded
+    """
+    counts, out = np.ascontiguousarray(counts, np.int32), np.empty(counts.shape, np.bool_)
+    run(_penumbra_rows, thread_count(threads), new_ticket(len(out), 8), seen, counts, int(spp), out)
+    return out
+
+
+@inlined
+def _other_colour(colour, i, k):
+    """Are these faces, -1 or an index each, of visibly different colours?"""
+    if i < 0 or k < 0:
+        return i != k
+    for c in range(3):
+        if abs(colour[i, c] - colour[k, c]) > VISIBLE:
+            return True
+    return False
+
+
+@kernel
+def _edge_rows(ticket, seen, colour, out):
+    points = points_of(seen)
+    h, w = out.shape
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(w):
+                found, face = False, seen.face[y, x]
+                for v, u in ((y - 1, x), (y, x - 1), (y, x + 1), (y + 1, x)):
+                    if not found and v >= 0 and u >= 0 and v < h and u < w and seen.face[v, u] != face:
+                        found = _other_colour(colour, face, seen.face[v, u]) or not same_surface(points, y, x, v, u)
+                out[y, x] = found
+        y0 = take(ticket)
+
+
+def edges(seen: Seen, colour: np.ndarray, threads=None) -> np.ndarray:
+    """(H, W) bool: pixels beside one that sees another surface, another colour, or nothing.
+
+    colour : (n, 3) float32, of each face
+
+    The paper finds silhouettes while it traverses, as edges whose two triangles face the viewer differently. What is
+    visible of them is a discontinuity of the G-buffer, and so are creases and intersections, which that test misses. No
+    adjacency of triangles is needed, and silhouettes behind other things are not marked. What is narrower than a pixel
+    and passes between all pixel centres is not found.
+    """
+    out = np.empty(seen.face.shape, np.bool_)
+    run(_edge_rows, thread_count(threads), new_ticket(len(out), 8), seen, colour, out)
+    return out

@@ -1,0 +1,88 @@
+"""Sub-pixels: sixteen points in each of some pixels, as a picture of their own.
+
+Pixel e becomes a block of 4 x 4 pixels of that picture. So its sub-pixels use sixteen different sample sets, neighbours
+stay neighbours, and any tracer gets what it is made for: to multi-frusta tracing a block is one group of 16 frusta
+[Benthin and Wald 2009, Sec. 6.1].
+"""
+
+import math
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..scene.camera import CameraRays
+from .gbuffer import GBuffer, fill_pixel
+from .raster import rasterise
+from .receivers import NOTHING
+from .sampling import larcher_pillichshammer
+
+BLOCK = 4
+
+
+def _offsets() -> np.ndarray:
+    """(4, 4, 2) float64: x and y in (0, 1) of the sub-pixel in each row and column of a block.
+
+    The sixteen points of a digital net: one in each cell of 4 x 4, no two at the same x or y, so that an edge of any
+    direction, upright ones too, moves over them one by one.
+    """
+    points = larcher_pillichshammer(BLOCK * BLOCK) + (0.0, 0.5 / BLOCK**2)
+    column, row = (points * BLOCK).astype(int).T
+    offsets = np.empty((BLOCK, BLOCK, 2))
+    offsets[row, column] = points
+    return offsets
+
+
+OFFSETS = _offsets()
+
+
+@kernel
+def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays, out):
+    first = take(ticket)
+    while first >= 0:
+        for e in range(first, min(first + ticket[CHUNK], ticket[N])):
+            y, x = pixels[e]
+            v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
+            i = face[y, x]
+            if i >= 0:
+                out.face[v, u], out.depth[v, u] = i, np.float32(t[y, x])
+                fill_pixel(y, x, i, t[y, x], corners, rays, out.position, out.normal, out.side, v, u)
+        first = take(ticket)
+
+
+def subpixel_gbuffer(triangles, rays: CameraRays, wanted: np.ndarray, threads=None) -> GBuffer:
+    """The G-buffer of the sub-pixels of some pixels.
+
+    wanted : (H, W) bool, E of them true; row by row they become the blocks of a picture of (4 R, 4 C) pixels, about
+        square, whose last blocks see nothing if E is not R C
+
+    What a sub-pixel sees is found by the rasteriser, with the camera's window shifted so that the sub-pixel is the
+    centre of its pixel: sixteen times all of the picture takes about as long as tracing rays through a few per cent of
+    it, and needs no tree that holds all that is visible.
+    """
+    threads = thread_count(threads)
+    pixels = np.ascontiguousarray(np.argwhere(wanted))
+    columns = max(1, math.isqrt(len(pixels)))
+    rows = -(-len(pixels) // columns)
+    out = _nothing_seen(BLOCK * rows, BLOCK * columns, triangles.origin)
+    corners = triangles.vertices.reshape(-1, 9)
+    for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
+        x, y = OFFSETS[row, column]
+        shifted = rays._replace(corner=rays.corner + (x - 0.5) * rays.dx + (y - 0.5) * rays.dy)
+        face, t = rasterise(corners, shifted, threads)
+        ticket = new_ticket(len(pixels), 1024)
+        run(_fill_subpixels, threads, ticket, pixels, columns, row, column, face, t, corners, shifted, out)
+    return out
+
+
+def _nothing_seen(h: int, w: int, origin) -> GBuffer:
+    position, normal = np.zeros((h, w, 3), np.float32), np.zeros((h, w, 3), np.float32)
+    depth, side = np.full((h, w), np.inf, np.float32), np.full((h, w), NOTHING, np.int8)
+    return GBuffer(position, normal, np.full((h, w), -1, np.int32), depth, side, origin)
+
+
+def block_means(picture: np.ndarray, n: int) -> np.ndarray:
+    """(n, ...): the mean over each of the first n blocks of a picture (4 R, 4 C, ...) of sub-pixels."""
+    h, w = picture.shape[:2]
+    blocks = picture.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK, *picture.shape[2:])
+    return blocks.mean((1, 3), dtype=np.float64).reshape(-1, *picture.shape[2:])[:n].astype(picture.dtype)

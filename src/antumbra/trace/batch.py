@@ -1,0 +1,148 @@
+"""Ray lists: read, check, trace and write sixteen rays at a time, as packets where they are coherent."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.wide import wide_tree_of
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, STOP, N, new_ticket, run, take, thread_count
+from ..predicate.filters import volumes64
+from ..simd import (
+    absolute,
+    all_lanes,
+    f32_at,
+    f64_at,
+    get,
+    i32_at,
+    load16,
+    maximum,
+    put,
+    stack_f32,
+    stack_f64,
+    stack_i32,
+    stack_i64,
+)
+from .block import BLOCK_WORDS, DX, LANES, OX, TMAX, TMIN, Rays, prepare, ray_of
+from .counters import RAYS, add_counters, count, private_counters
+from .packet import is_coherent, walk_packet
+from .wide import Found, Query, walk_wide
+
+_BLOCKS = 64  # handed out at a time
+_FINITE = np.float32(3.4028235e38)
+
+
+class Operand(NamedTuple):
+    """Where an argument is; scalars: see `query.rays.RayList`."""
+
+    address: object
+    row: object
+    column: object
+    double: object
+
+
+class Operands(NamedTuple):
+    """All arguments of a ray list."""
+
+    origins: object
+    directions: object
+    tmin: object
+    tmax: object
+    skip: object
+
+
+@inlined
+def _operand(rays, k):
+    return Operand(rays.layout[k, 0], rays.layout[k, 1], rays.layout[k, 2], rays.layout[k, 3])
+
+
+@inlined
+def _fill(operand, first, last, columns, shift, rows, at):
+    """Write an argument of rays first .. first + 15 to rows of a block from word `at`: less `shift`, then rounded."""
+    f = np.float32
+    for i in range(LANES):
+        begin = operand.address + min(first + i, last) * operand.row
+        if operand.double:
+            for k in range(columns):
+                put(rows, at + LANES * k + i, f(get(f64_at(begin + k * operand.column), 0) - shift[k]))
+        else:
+            for k in range(columns):
+                put(rows, at + LANES * k + i, f(np.float64(get(f32_at(begin + k * operand.column), 0)) - shift[k]))
+
+
+@inlined
+def _load(args, frame, first, last, rows, skip):
+    """Convert rays first .. first + 15, the `last` one again where there are no more; whether all are legal."""
+    f, zero = np.float32, (np.float64(0.0), np.float64(0.0), np.float64(0.0))
+    _fill(args.origins, first, last, 3, frame, rows, OX)
+    _fill(args.directions, first, last, 3, zero, rows, DX)
+    _fill(args.tmin, first, last, 1, zero, rows, TMIN)
+    _fill(args.tmax, first, last, 1, zero, rows, TMAX)
+    for i in range(LANES):
+        put(skip, i, get(i32_at(args.skip.address + min(first + i, last) * args.skip.row), 0))
+    tmin, tmax = load16(rows, TMIN), load16(rows, TMAX)
+    good = (tmin >= f(0.0)) & (tmin <= _FINITE) & (tmax == tmax)
+    for k in range(6):
+        good &= absolute(load16(rows, OX + LANES * k)) <= _FINITE  # false for NaN too
+    moves = maximum(maximum(absolute(load16(rows, DX)), absolute(load16(rows, DX + LANES))),
+                    absolute(load16(rows, DX + 2 * LANES)))  # fmt: skip
+    return all_lanes(good & (moves > f(0.0)))
+
+
+@inlined
+def _write_nearest(tree, rays, i, found, out, at):
+    """Write the nearest hit of ray i of a block to element `at` of the arrays."""
+    lane = get(found.lane, i)
+    if lane < 0:
+        out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
+        return
+    w = volumes64(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, lane)))
+    out.face[at], out.t[at] = get(found.prim, i), get(found.t, i)
+    out.u[at], out.v[at] = w.e1 / w.d, w.e2 / w.d
+
+
+@kernel
+def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
+    rows, skip = stack_f32(BLOCK_WORDS), stack_i32(LANES)
+    found = Found(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES))
+    block, query = Rays(rows, None, skip), Query(rays.cull_faces, any_hit)
+    mine, tree = private_counters(counters), wide_tree_of(wide)
+    args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
+    frame = (rays.frame[0], rays.frame[1], rays.frame[2])
+    begin = take(ticket)
+    while begin >= 0:
+        for b in range(begin, min(begin + ticket[CHUNK], ticket[N])):
+            first = b * LANES
+            n = min(LANES, rays.n - first)
+            count(mine, RAYS, n)
+            if not _load(args, frame, first, rays.n - 1, rows, skip):
+                faults[0], ticket[STOP] = True, 1
+                break
+            prepare(rows, tree.reach)
+            for i in range(LANES):
+                put(found.lane, i, -1)
+                put(found.t, i, np.float64(get(rows, TMAX + i)))
+            blocked = np.int64(0)
+            if is_coherent(rows, tree.reach):
+                blocked = walk_packet(tree, block, (1 << n) - 1, query, found, mine)
+            else:
+                for i in range(n):
+                    walk_wide(tree, block, i, query, found, mine)
+                    blocked |= np.int64(get(found.lane, i) >= 0) << i
+            for i in range(n):
+                if any_hit:
+                    out.blocked[first + i] = (blocked >> i) & 1
+                else:
+                    _write_nearest(tree, block, i, found, out, first + i)
+        begin = take(ticket)
+    add_counters(counters, mine)
+
+
+def trace_batch(wide, rays, any_hit, out, threads=None, counters=None, progress=None) -> bool:
+    """Trace a `query.rays.RayList` over a `WideBvh` and fill `out`, a `query.rays.HitArrays`.
+
+    False, and `out` is not complete, if a ray holds a number that it must not: NaN, infinity, a zero direction, ...
+    """
+    ticket, faults = new_ticket(-(-rays.n // LANES), _BLOCKS), np.zeros(1, np.bool_)
+    run(_blocks, thread_count(threads), ticket, wide, rays, any_hit, out, faults, counters, progress=progress)
+    return not faults[0]

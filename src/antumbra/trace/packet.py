@@ -1,0 +1,234 @@
+"""Sixteen rays that run close together, through a wide BVH as one: any-hit and closest-hit.
+
+Inner nodes are visited for all rays at once. In t, a plane x = c is met by ray i at (c - x0) / d_i + (x0 - o_i) / d_i,
+x0 the first ray's origin; over the packet the factor and the summand are intervals, and interval arithmetic bounds
+where any of the rays may enter and leave each of eight boxes [Boulos et al. 2006]. At a leaf each ray is tested against
+the leaf's box; then, whichever is fewer, the triangles one by one against all rays, or the rays left one by one
+against all triangles. So a packet that falls apart ends as single rays.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.wide import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH
+from ..jit import inlined
+from ..predicate.vector_filters import FilterTriangles, meet
+from ..simd import (
+    absolute,
+    bits,
+    broadcast16,
+    compress,
+    fma,
+    get,
+    iota8,
+    load8,
+    load16,
+    lowest_bit,
+    mask_from_bits8,
+    maximum,
+    minimum,
+    popcount,
+    reduce_max,
+    reduce_min,
+    splat8,
+    splat16,
+    stack_f32,
+    stack_i32,
+    store,
+)
+from .block import DX, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, UNIT, filter_rays16
+from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
+from .wide import STACK, consider, facing, push_sorted, visit_leaf
+
+_PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
+_NEAR_ORIGINS = np.float32(1 / 32)  # extent of the origins of a packet, at most, as a share of the tree's reach
+_NEAR_DIRECTIONS = np.float32(1 / 4)  # extent of its directions, as a share of their largest component
+
+
+class Axis(NamedTuple):
+    """A packet's intervals along one axis; scalars."""
+
+    origin: object  # of the first ray
+    low: object  # of the inverses, which have one sign
+    high: object
+    near: object  # least offset of a plane that is entered through
+    far: object  # greatest offset of one that is left through
+    word: object  # of the planes that are entered through, in a node
+
+
+@inlined
+def is_coherent(rows, tree_reach):
+    """Do the sixteen rays of a prepared block start close together, and run in about one direction?
+
+    Close: origins within a 32nd of the tree's reach of each other, components of directions within a quarter of the
+    largest one, of one sign on each axis.
+    """
+    if not reduce_max(load16(rows, UNIT)) < np.float32(np.inf):
+        return False
+    spread, widest = np.float32(0.0), np.float32(0.0)
+    for k in range(3):
+        o, d = load16(rows, OX + LANES * k), load16(rows, DX + LANES * k)
+        inverse = load16(rows, INVERSE + LANES * k)
+        if reduce_max(o) - reduce_min(o) > _NEAR_ORIGINS * tree_reach:
+            return False
+        if (reduce_min(inverse) < 0.0) != (reduce_max(inverse) < 0.0):
+            return False
+        low, high = reduce_min(d), reduce_max(d)
+        spread = high - low if high - low > spread else spread
+        longest = -low if -low > high else high
+        widest = longest if longest > widest else widest
+    return spread <= _NEAR_DIRECTIONS * widest
+
+
+@inlined
+def _axis(rows, k, reach):
+    """The `Axis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
+    o, inverse = load16(rows, OX + LANES * k), load16(rows, INVERSE + LANES * k)
+    origin, low, high = get(rows, OX + LANES * k), reduce_min(inverse), reduce_max(inverse)
+    offset = (splat16(origin) - o) * inverse
+    grow = _PAD * reach * (-low if low < 0 else high)
+    word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else np.int64(0))
+    return Axis(origin, low, high, reduce_min(offset) - grow, reduce_max(offset) + grow, word)
+
+
+@inlined
+def _near(nodes, at, a):
+    """Bound of t where any ray of the packet passes the near planes of the eight boxes of the node at word `at`."""
+    planes = load8(nodes, at + a.word) - a.origin
+    return minimum(planes * a.low, planes * a.high) + a.near
+
+
+@inlined
+def _far(nodes, at, a):
+    planes = load8(nodes, at + (a.word ^ WIDTH)) - a.origin
+    return maximum(planes * a.low, planes * a.high) + a.far
+
+
+@inlined
+def _enter_any(nodes, at, x, y, z, tmin, limit):
+    """The eight boxes of a node: (mask of those that any ray may enter before `limit`, bounds of entry t)."""
+    near = maximum(maximum(_near(nodes, at, x), _near(nodes, at, y)), maximum(_near(nodes, at, z), splat8(tmin)))
+    far = minimum(minimum(_far(nodes, at, x), _far(nodes, at, y)), minimum(_far(nodes, at, z), splat8(limit)))
+    return near <= far, near
+
+
+@inlined
+def _enter_each(nodes, box, rows, x, y, z):
+    """Bit mask of the rays that enter one box, whose first plane is at word `box`, before their limits."""
+    near, far = load16(rows, TMIN), load16(rows, LIMIT)
+    for k in range(3):
+        word = x.word if k == 0 else (y.word if k == 1 else z.word)
+        inverse = load16(rows, INVERSE + LANES * k)
+        enter, leave = broadcast16(nodes, box + word), broadcast16(nodes, box + (word ^ WIDTH))
+        near = maximum(near, fma(enter, inverse, load16(rows, NEAR + LANES * k)))
+        far = minimum(far, fma(leave, inverse, load16(rows, FAR + LANES * k)))
+    return bits(near <= far)
+
+
+@inlined
+def _triangle(groups, at):
+    """The `FilterTriangles` of one triangle, whose first word is `at`, in all lanes."""
+    b = groups
+    return FilterTriangles(
+        broadcast16(b, at), broadcast16(b, at + 8), broadcast16(b, at + 16), broadcast16(b, at + 24),
+        broadcast16(b, at + 32), broadcast16(b, at + 40), broadcast16(b, at + 48), broadcast16(b, at + 56),
+        broadcast16(b, at + 64), broadcast16(b, at + 72),
+    )  # fmt: skip
+
+
+@inlined
+def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
+    """Each triangle of a leaf against all active rays; bit mask of the rays whose any-hit query is answered."""
+    group, done = ~link >> 4, np.int64(0)
+    for k in range(~link & 15):
+        todo = active & ~done
+        count(counters, TRIANGLE_TESTS, popcount(todo))
+        at = group * WIDTH + k
+        hits, positive, unsure = meet(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
+        hits = facing(hits, positive, query.cull_faces) & todo
+        unsure &= todo
+        if query.any_hit and hits:
+            prim = get(tree.prim_ids, get(tree.slots, at))
+            blocked = hits & bits(load16(rays.skip, 0) != prim)
+            done |= blocked
+            hits = np.int64(0)
+            unsure &= ~blocked
+        todo = hits | unsure
+        while todo:
+            i = lowest_bit(todo)
+            todo &= todo - 1
+            if consider(tree, rays, i, at, (hits >> i) & 1, query, found, counters):
+                done |= 1 << i
+        if done == active:
+            break
+    return done
+
+
+@inlined
+def _leaf_by_ray(tree, rays, active, link, query, found, counters):
+    """Each active ray against all triangles of a leaf; as `_leaf_by_triangle`."""
+    done = np.int64(0)
+    while active:
+        i = lowest_bit(active)
+        active &= active - 1
+        if visit_leaf(tree, rays, i, link, query, found, counters):
+            done |= 1 << i
+    return done
+
+
+@inlined
+def walk_packet(tree, rays, alive, query, found, counters):
+    """Trace the rays in the bit mask `alive` of a coherent block. Any-hit: bit mask of those that are blocked.
+
+    Closest-hit: `found` is written as `walk_wide` does.
+    """
+    nodes, links, rows = tree.nodes, tree.links, rays.rows
+    stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
+    reach = np.float32(tree.reach)
+    for k in range(3):
+        o = reduce_max(absolute(load16(rows, OX + LANES * k)))
+        reach = o if o > reach else reach
+    x, y, z = _axis(rows, 0, reach), _axis(rows, 1, reach), _axis(rows, 2, reach)
+    tmin, limit = reduce_min(load16(rows, TMIN)), reduce_max(load16(rows, LIMIT))
+    height, link, box, blocked = 0, np.int64(0), np.int64(0), np.int64(0)
+    while True:
+        if link >= 0:
+            count(counters, NODES, 1)
+            count(counters, BOX_TESTS, WIDTH)
+            at = link * NODE_WORDS
+            entered, near = _enter_any(nodes, at, x, y, z, tmin, limit)
+            hits = bits(entered)
+            if not query.any_hit:
+                store(nears, 0, near)
+                store(children, 0, iota8() + np.int32(at))
+                height = push_sorted(stack, entry, height, children, nears, hits)
+            elif hits:
+                box = at + lowest_bit(hits)
+                link = np.int64(get(links, box + LINKS))
+                hits &= hits - 1
+                store(stack, height, compress(mask_from_bits8(hits), iota8() + np.int32(at)))
+                height += popcount(hits)
+                continue
+        else:
+            count(counters, BOX_TESTS, popcount(alive))
+            active = alive & _enter_each(nodes, box, rows, x, y, z)
+            if active:
+                if popcount(active) < (~link & 15):
+                    done = _leaf_by_ray(tree, rays, active, link, query, found, counters)
+                else:
+                    done = _leaf_by_triangle(tree, rays, active, link, query, found, counters)
+                if query.any_hit:
+                    blocked |= done
+                    alive &= ~done
+                    if alive == 0:
+                        return blocked
+                else:
+                    limit = reduce_max(load16(rows, LIMIT))
+        while not query.any_hit and height > 0 and get(entry, height - 1) > limit:
+            height -= 1
+        if height == 0:
+            return blocked
+        height -= 1
+        box = np.int64(get(stack, height))
+        link = np.int64(get(links, box + LINKS))

@@ -1,0 +1,75 @@
+"""The wide BVH is a correct one: every triangle in one leaf, every box around what is below it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from antumbra.bvh import BUILDERS
+from antumbra.bvh.wide import GROUP_WORDS, LINKS, NO_CHILD, WIDTH, widen
+from bvh_scenes import HAZARDS
+from strategies import point_arrays, soups
+
+
+def _check(vertices, max_leaf=4, threads=2):
+    """Walk the tree from the root; the number of wide nodes."""
+    vertices = np.ascontiguousarray(vertices, np.float32)
+    bvh = BUILDERS["bsah"].build(vertices, threads, max_leaf)
+    wide = widen(bvh, threads)
+    assert wide.nodes.ctypes.data % 64 == 0 and wide.groups.ctypes.data % 64 == 0
+    assert wide.groups.shape == (len(wide.slots), GROUP_WORDS)
+    seen, waiting, nodes = np.zeros(len(vertices), int), [(0, None)], 0
+    while waiting:
+        node, outer = waiting.pop()
+        nodes += 1
+        planes, links = wide.nodes[node, :LINKS].reshape(3, 2, WIDTH), wide.links[node, LINKS : LINKS + WIDTH]
+        for lane in range(WIDTH):
+            box, link = planes[:, :, lane], int(links[lane])
+            if link == NO_CHILD:
+                assert (box[:, 0] > box[:, 1]).all()
+                continue
+            if outer is not None:
+                assert (box[:, 0] >= outer[:, 0]).all() and (box[:, 1] <= outer[:, 1]).all()
+            if link >= 0:
+                waiting.append((link, box))
+                continue
+            group, count = ~link >> 4, ~link & 15
+            assert 1 <= count <= WIDTH
+            slots = wide.slots[group]
+            assert (slots[:count] >= 0).all() and (slots[count:] == -1).all()
+            faces = bvh.prim_ids[slots[:count]]
+            seen[faces] += 1
+            corners = vertices[faces]
+            assert (corners >= box[:, 0]).all() and (corners <= box[:, 1]).all()
+            edges = np.concatenate([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], 1)
+            rows = wide.groups[group].reshape(10, WIDTH)
+            np.testing.assert_array_equal(rows[:9, :count].T, edges)
+            np.testing.assert_array_equal(rows[9, :count], np.abs(edges[:, 3:]).max(1))
+            assert (rows[:, count:] == 0).all()
+    assert (seen == 1).all() and nodes == len(wide.nodes)
+    assert wide.reach == np.abs(vertices).max(initial=np.float32(0.0))
+    return nodes
+
+
+@pytest.mark.parametrize("name", [n for n in HAZARDS if not n.startswith("large, ")])
+def test_hazards(name):
+    _check(HAZARDS[name])
+
+
+@given(vertices=soups(200) | point_arrays((30, 3)) | point_arrays((3, 3)), max_leaf=st.integers(1, 8))
+@settings(max_examples=40, deadline=None)
+def test_any_soup_and_leaf_size(vertices, max_leaf):
+    _check(vertices, max_leaf)
+
+
+def test_large_and_shallow():
+    vertices = np.ascontiguousarray(HAZARDS["large, terrain"], np.float32)
+    assert _check(vertices) < len(vertices) / 20
+
+
+def test_same_bits_for_any_number_of_threads():
+    bvh = BUILDERS["bsah"].build(np.ascontiguousarray(HAZARDS["large, scattered"], np.float32))
+    one = widen(bvh, 1)
+    for threads in (2, 3):
+        again = widen(bvh, threads)
+        assert all(a.tobytes() == b.tobytes() for a, b in zip(one[:4], again[:4]))

@@ -1,0 +1,31 @@
+"""A soup, rays through it, and what is true of them."""
+
+import numpy as np
+
+import oracle
+from antumbra.bench.ray_sets import RaySet
+
+SHAPE = (6, 5, 18)  # not multiples of a packet's
+
+
+def soup(n: int = 60) -> np.ndarray:
+    """(n, 3, 3) float32 triangles in the unit cube."""
+    rng = np.random.default_rng(11)
+    return (rng.random((n, 1, 3)) + rng.normal(0, 0.15, (n, 3, 3))).astype(np.float32)
+
+
+def rays_through(tmax: float) -> RaySet:
+    """Rays from 30 origins, three in four of them asked."""
+    rng = np.random.default_rng(12)
+    pixels, spp = SHAPE[0] * SHAPE[1], SHAPE[2]
+    origins = rng.random((pixels, 3)).astype(np.float32)
+    directions = (rng.random((pixels * spp, 3)) - np.repeat(origins, spp, 0)).astype(np.float32)
+    return RaySet(SHAPE, origins, spp, directions, tmax, rng.random(pixels * spp) < 0.75)
+
+
+def truth(vertices, rays: RaySet) -> np.ndarray:
+    """(rays,) bool: blocked, by brute force; False for a ray that is not asked."""
+    origins = np.repeat(rays.origins, rays.each, 0)
+    blocked = oracle.occluded(vertices, origins, rays.directions, tmax=rays.tmax) & rays.asked
+    assert 0.1 < blocked[rays.asked].mean() < 0.9
+    return blocked
