@@ -50,7 +50,23 @@ from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
 from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, D, N, axis_of
 from .tile import put_aside
-from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows, total
+from .vec import (
+    Vec,
+    abs_dot,
+    abs_dots,
+    broadcasts,
+    cross,
+    crosses,
+    dot,
+    dots,
+    keep,
+    largest,
+    magnitudes,
+    minus,
+    plus,
+    rows,
+    total,
+)
 
 _F = np.float32
 _U = _F(64 * 2.0**-24)
@@ -331,24 +347,16 @@ def _rays_in_box(tile, tree, block, s):
     o, l = rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16)
     c = broadcasts(tree.bounds, b, 1)
     m, h, half = plus(minus(o, c), minus(l, c)), minus(l, o), _F(0.5)
-    m, h = Vec(m.x * half, m.y * half, m.z * half), Vec(absolute(h.x * half), absolute(h.y * half), absolute(h.z * half))
-    reach = maximum(maximum(largest(o), largest(l)), largest(c))
-    pad = reach * _F(32 * 2.0**-24)
+    m, d = Vec(m.x * half, m.y * half, m.z * half), Vec(h.x * half, h.y * half, h.z * half)
+    n, h = magnitudes(m), magnitudes(d)
+    pad = maximum(maximum(largest(o), largest(l)), largest(c)) * _F(32 * 2.0**-24)
     e = broadcasts(tree.bounds, b + 4, 1)
     e = Vec(e.x + pad, e.y + pad, e.z + pad)
-    n = absolute_m(m)
     meets = (n.x <= h.x + e.x) & (n.y <= h.y + e.y) & (n.z <= h.z + e.z)
-    d = minus(l, o)
-    d = Vec(d.x * half, d.y * half, d.z * half)
     x = absolute(fma(m.y, d.z, -(m.z * d.y))) <= fma(e.y, h.z, e.z * h.y)
     y = absolute(fma(m.z, d.x, -(m.x * d.z))) <= fma(e.z, h.x, e.x * h.z)
     z = absolute(fma(m.x, d.y, -(m.y * d.x))) <= fma(e.x, h.y, e.y * h.x)
     return bits(meets & x & y & z)
-
-
-@inlined
-def absolute_m(v):
-    return Vec(absolute(v.x), absolute(v.y), absolute(v.z))
 
 
 @inlined

@@ -77,6 +77,11 @@ def largest(v):
 
 
 @inlined
+def magnitudes(v):
+    return Vec(absolute(v.x), absolute(v.y), absolute(v.z))
+
+
+@inlined
 def total(v):
     """The sum of magnitudes of three f32x16."""
     return absolute(v.x) + absolute(v.y) + absolute(v.z)
