@@ -39,6 +39,7 @@ from ..simd import (
     lowest_bit,
     maximum,
     minimum,
+    prefetch,
     ptr_at,
     put,
     select,
@@ -346,6 +347,10 @@ def trace_block(frame, tree, block, triangles, frusta, pixels, work):
         while tests != 0:
             i = lowest_bit(tests)
             tests &= tests - 1
-            if _test_pixels(work, i, np.int64(get(tree.slots, block * 16 + i)), x, y, pixels, f):
+            slot = np.int64(get(tree.slots, block * 16 + i))
+            if _test_pixels(work, i, slot, x, y, pixels, f):
                 seen |= np.int64(1) << f
+                prefetch(tree.corners, 9 * slot)  # for the float64 t
+                prefetch(tree.corners, 9 * slot + 8)
+                prefetch(tree.prim_ids, slot)
     return seen

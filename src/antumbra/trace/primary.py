@@ -8,7 +8,7 @@ predicates after each block. The float64 t of what is seen is computed once, at 
 
 import numpy as np
 
-from ..bvh.blocks import BlockTree, block_pointers, block_tree
+from ..bvh.blocks import ROWS, BlockTree, block_pointers, block_tree
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
@@ -23,6 +23,7 @@ from ..simd import (
     load16,
     lowest_bit,
     popcount,
+    prefetch,
     put,
     reduce_min,
     select,
@@ -103,6 +104,18 @@ def _shorten(pixels, frusta, scale):
             put(pixels.far, f, _F(1.0) / (least * scale) * GROW)
 
 
+@inlined
+def _fetch(tree, link):
+    """Ask for the node or the block behind a link; in large scenes, waiting for memory is what takes longest."""
+    if link >= 0:
+        prefetch(tree.nodes, link * 16)
+        return
+    block = ~link >> 5
+    for row in range(ROWS):
+        prefetch(tree.blocks, (block * ROWS + row) * 16)
+    prefetch(tree.slots, block * 16)
+
+
 @kernel
 def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries):
     """Trace the frusta in `alive` (bits)."""
@@ -122,6 +135,10 @@ def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, e
             right &= mask
             if left | right != 0:
                 first, second = np.int64(get(links, at + 12)), np.int64(get(links, at + 13))
+                if left != 0:
+                    _fetch(tree, first)
+                if right != 0:
+                    _fetch(tree, second)
                 mask = left
                 if right != 0:
                     both = left & right
