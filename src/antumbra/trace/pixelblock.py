@@ -46,6 +46,7 @@ from ..simd import (
     splat16,
     store,
     to_f32,
+    to_i32,
 )
 from .vec import Vec, broadcasts, cross, dot, dots, keep, largest, minus, rows, times
 
@@ -149,8 +150,20 @@ def _range(a, b, c):
 
 
 @inlined
+def _pixel_range(low, high, pad, clear, work, at):
+    """Write the first and the last pixel, along one axis, whose centre a triangle may cover; mask16: there are any."""
+    low = select(clear, minimum(maximum(low - pad, _ZERO), splat16(_F(SIDE))), splat16(_ZERO))
+    high = select(clear, minimum(high + pad, _F(SIDE - 1)), splat16(_F(SIDE - 1)))
+    first = to_f32(to_i32(low))
+    first = select(first < low, first + _F(1.0), first)
+    store(work, at, first)
+    store(work, at + 16, high)
+    return first <= high
+
+
+@inlined
 def _keep_boxes(frame, a, p, q, a_size, p_size, work):
-    """Write the ranges of pixels of the triangles; everything where a corner is not clearly in front of the eye.
+    """Write the ranges of pixels of the triangles (`_pixel_range`); the tile where a corner is not clearly in front.
 
     Where the error of x is below z / 8, and so that of z far less, a coordinate x / z beyond 64 is surely beyond the
     tile, and up to there it is wrong by 4 error / z.
@@ -165,10 +178,8 @@ def _keep_boxes(frame, a, p, q, a_size, p_size, work):
     y_low, y_high = _range(a.y * ia, (a.y + p.y) * ib, (a.y + q.y) * ic)
     x_pad, y_pad = pad + frame.shift.x * _F(4.0), pad + frame.shift.y * _F(4.0)
     clear &= splat16(frame.shift.z) < _F(0.25)
-    store(work, BOX, select(clear, x_low - x_pad, -_INFINITE))
-    store(work, BOX + 16, select(clear, x_high + x_pad, _INFINITE))
-    store(work, BOX + 32, select(clear, y_low - y_pad, -_INFINITE))
-    store(work, BOX + 48, select(clear, y_high + y_pad, _INFINITE))
+    across = _pixel_range(x_low, x_high, x_pad, clear, work, BOX)
+    return across & _pixel_range(y_low, y_high, y_pad, clear, work, BOX + 32)
 
 
 @inlined
@@ -245,11 +256,7 @@ def set_up_block(frame, tree, block, triangles, work):
     a_size = _sizes(frame, maximum(absolute(a.x), absolute(a.y)), absolute(a.z), largest(a3))
     xy = maximum(maximum(absolute(p.x), absolute(p.y)), maximum(absolute(q.x), absolute(q.y)))
     p_size = _sizes(frame, xy, maximum(absolute(p.z), absolute(q.z)), maximum(largest(p3), largest(q3)))
-    _keep_boxes(frame, a, p, q, a_size, p_size, work)
-    last = _F(SIDE - 1)
-    inside = (load16(work, BOX) <= last) & (load16(work, BOX + 16) >= _ZERO)
-    inside &= (load16(work, BOX + 32) <= last) & (load16(work, BOX + 48) >= _ZERO)
-    left = bits(inside) & ((np.int64(1) << triangles) - 1)
+    left = bits(_keep_boxes(frame, a, p, q, a_size, p_size, work)) & ((np.int64(1) << triangles) - 1)
     if left == 0:
         return left
     d, e1, e2 = cross(p, q), cross(q, a), cross(a, p)

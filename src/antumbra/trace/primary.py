@@ -12,10 +12,11 @@ from ..bvh.blocks import ROWS, BlockTree, block_pointers, block_tree
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.filters import meets
+from ..predicate.filters import hit_t, meets
 from ..query.pixels import pixel_ray
-from ..query.raster_depth import NO_PLANE, eye_plane, plane_t
+from ..query.raster_depth import NO_PLANE, EyePlane, eye_plane, plane_t, quick_t
 from ..query.raster_setup import direction_error, make_view
+from ..scene.camera import CameraRays
 from ..simd import (
     bits,
     get,
@@ -24,6 +25,7 @@ from ..simd import (
     lowest_bit,
     popcount,
     prefetch,
+    ptr,
     put,
     reduce_min,
     select,
@@ -168,21 +170,50 @@ def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, e
         link = np.int64(get(stack, 2 * height))
 
 
+@inlined
+def _by_value(rays):
+    """The same `CameraRays` without arrays, so that LLVM sees that no store changes them."""
+    o, c, dx, dy = rays.origin, rays.corner, rays.dx, rays.dy
+    return CameraRays(
+        (o[0], o[1], o[2]), (c[0], c[1], c[2]), (dx[0], dx[1], dx[2]), (dy[0], dy[1], dy[2]), rays.width, rays.height
+    )
+
+
+@inlined
+def _finish_row(row, rays, x0, y):
+    """t of 16 pixels of a row, -1 where float64 is not surely accurate; LLVM makes vectors of this."""
+    for i in range(SIDE):
+        plane = EyePlane(
+            0, get(row, i), get(row, SIDE + i), get(row, 2 * SIDE + i), get(row, 3 * SIDE + i), get(row, 4 * SIDE + i)
+        )
+        put(row, 5 * SIDE + i, quick_t(plane, pixel_ray(rays, x0 + i, y)))
+
+
 @kernel
-def _finish(pixels, tree, rays, x0, y0, face, t):
-    """Write the tile's faces and their canonical t."""
-    plane = NO_PLANE
+def _finish(pixels, tree, rays, x0, y0, planes, face, t):
+    """Write the tile's faces and their canonical t; planes: (6, SIDE) float64 of scratch memory."""
+    row, plane, camera = ptr(planes), NO_PLANE, _by_value(rays)
+    columns = min(SIDE, rays.width - x0)
     for y in range(y0, min(y0 + SIDE, rays.height)):
-        for x in range(x0, min(x0 + SIDE, rays.width)):
-            i, j = x - x0, y - y0
-            slot = np.int64(get(pixels.slot, 64 * (j >> 2) + 16 * (i >> 2) + 4 * (j & 3) + (i & 3)))
+        at = 64 * ((y - y0) >> 2) + 4 * ((y - y0) & 3)
+        for i in range(columns):
+            slot = np.int64(get(pixels.slot, at + 16 * (i >> 2) + (i & 3)))
+            face[y, x0 + i] = get(tree.prim_ids, slot) if slot >= 0 else np.int32(-1)
+            if slot >= 0 and slot != plane.triangle:
+                plane = eye_plane(tree.corners, slot, camera.origin)
+            put(row, i, plane.nx)
+            put(row, SIDE + i, plane.ny)
+            put(row, 2 * SIDE + i, plane.nz)
+            put(row, 3 * SIDE + i, plane.volume)
+            put(row, 4 * SIDE + i, plane.least)
+        _finish_row(row, camera, x0, y)
+        for i in range(columns):
+            slot, found = np.int64(get(pixels.slot, at + 16 * (i >> 2) + (i & 3))), get(row, 5 * SIDE + i)
             if slot < 0:
-                face[y, x], t[y, x] = -1, np.inf
-                continue
-            if slot != plane.triangle:
-                plane = eye_plane(tree.corners, slot, rays.origin)
-            face[y, x] = get(tree.prim_ids, slot)
-            t[y, x] = plane_t(plane, pixel_ray(rays, x, y), tree.corners)
+                found = np.inf
+            elif not found > 0.0:
+                found = hit_t(pixel_ray(camera, x0 + i, y), tree.corners, slot)
+            t[y, x0 + i] = found
 
 
 @inlined
@@ -198,7 +229,7 @@ def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
     """Worker: whole tiles, each by one thread."""
     pixels = Pixels(stack_f32(256), stack_f32(256), stack_i32(256), stack_f32(16), stack_f32(16), stack_i32(ASIDE))
     slabs, work, stack, entries = stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES)
-    tree = block_pointers(arrays)
+    tree, planes = block_pointers(arrays), np.zeros((6, SIDE))
     k = take(ticket)
     while k >= 0:
         x0, y0 = _place(k, across)
@@ -207,7 +238,7 @@ def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
             bound_directions(rays, error, x0, y0, slabs)
             frame = frame_of(view, x0, y0, scale)
             _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries)
-            _finish(pixels, tree, rays, x0, y0, face, t)
+            _finish(pixels, tree, rays, x0, y0, planes, face, t)
         k = take(ticket)
 
 
