@@ -27,7 +27,9 @@ class BlockTree(NamedTuple):
 
     nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
     links: np.ndarray  # (m, 16) int32, the same memory
-    blocks: np.ndarray  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; lanes without a triangle repeat the first
+    blocks: (
+        np.ndarray
+    )  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; lanes without a triangle repeat the first
     slots: np.ndarray  # (b, 16) int32: slot in `corners` and `prim_ids`, -1 where there is no triangle
     prim_ids: np.ndarray  # (n,) int32, of the Bvh
     corners: np.ndarray  # (n, 9) float32, of the Bvh

@@ -24,8 +24,8 @@ by the triangle that blocked the ray before. Tracers of many rays at once count 
 or triangle once, and besides: triangles fetched; those left when whole bundles had been culled; lanes that one triangle
 blocked whole."""
 
-RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS, TRIANGLES, CANDIDATES, COVERED = range(
-    len(COUNTERS)
+RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS, TRIANGLES, CANDIDATES, COVERED = (
+    range(len(COUNTERS))
 )
 
 

@@ -162,7 +162,11 @@ def _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
     mx = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit)
     my = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit)
     mz = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit)
-    link, mask, height = np.int64(get(scratch.at, 0)), np.int64(get(scratch.at, 1)) & alive, np.int64(get(scratch.at, 2))
+    link, mask, height = (
+        np.int64(get(scratch.at, 0)),
+        np.int64(get(scratch.at, 1)) & alive,
+        np.int64(get(scratch.at, 2)),
+    )
     while True:
         while mask == 0:
             if height == 0:

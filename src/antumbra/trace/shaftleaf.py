@@ -56,7 +56,9 @@ _U = _F(64 * 2.0**-24)
 _MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
 _TINY = _F(1e-37)
 _ZERO = _F(0.0)
-_CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23))
+_CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (
+    16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23)
+)
 WORK = 24 * 16  # float32 of scratch memory
 ASIDE = 2 * 4096  # segments that can be put aside; one block and tile need at most 4096
 
@@ -159,16 +161,18 @@ def cull_block(tile, block, group, facing, work):
 def _box_beyond(shafts, at, middle, half, wide):
     """mask16 of the strata for which a triangle's box is beyond a plane of their shaft."""
     w = rows(shafts, at + 16, N)
-    nearest = dot(w, middle) - fma(
-        absolute(w.x), half.x, fma(absolute(w.y), half.y, absolute(w.z) * half.z)
-    )
+    nearest = dot(w, middle) - fma(absolute(w.x), half.x, fma(absolute(w.y), half.y, absolute(w.z) * half.z))
     return nearest > fma(load16(shafts, at + 4 * N + 16), wide, load16(shafts, at + 3 * N + 16))
 
 
 @inlined
 def _strata_outside(shafts, work, i):
     """mask16 of the strata whose shaft has the box of triangle i beyond one of its sides."""
-    middle, half, wide = broadcasts(work, _MIDDLE + i, 16), broadcasts(work, _HALF + i, 16), broadcast16(work, _WIDE + i)
+    middle, half, wide = (
+        broadcasts(work, _MIDDLE + i, 16),
+        broadcasts(work, _HALF + i, 16),
+        broadcast16(work, _WIDE + i),
+    )
     return (
         _box_beyond(shafts, PLANES, middle, half, wide)
         | _box_beyond(shafts, PLANES + PLANE, middle, half, wide)

@@ -134,7 +134,9 @@ def _at(bound, plane):
 def _meets_uniform(nodes, at, x, y, z):
     """mask16 of the lanes whose shaft meets the box whose lower x is element `at` of `nodes`."""
     near = maximum(
-        maximum(_at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))),
+        maximum(
+            _at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))
+        ),
         maximum(_at(z.near, broadcast16(nodes, at + 8 + z.near_plane)), splat16(_ZERO)),
     )
     far = minimum(
