@@ -36,10 +36,15 @@ def eye_plane(corners, i, o):
 
 
 @inlined
-def plane_t(p, ray, corners):
-    """``hit_t(ray, corners, p.triangle)``, the same bits, for a ray from the eye."""
+def quick_t(p, ray):
+    """`plane_t` where float64 is surely accurate, else -1."""
     det = ray.dx * p.nx + ray.dy * p.ny + ray.dz * p.nz
     size = abs(ray.dx) + abs(ray.dy) + abs(ray.dz)
-    if abs(det) > p.least * size + _FLOOR:
-        return p.volume / det
-    return hit_t(ray, corners, p.triangle)
+    return p.volume / det if abs(det) > p.least * size + _FLOOR else -1.0
+
+
+@inlined
+def plane_t(p, ray, corners):
+    """``hit_t(ray, corners, p.triangle)``, the same bits, for a ray from the eye that meets the triangle."""
+    t = quick_t(p, ray)
+    return t if t > 0.0 else hit_t(ray, corners, p.triangle)

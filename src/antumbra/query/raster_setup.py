@@ -78,7 +78,7 @@ def make_view(rays) -> View:
     if not norm.max() < _HUGE:
         raise InputError(f"camera: directions of neighbouring pixels differ by less than {1 / _HUGE:g}; widen the vfov")
     z, x, y = norm[0], norm[1] + rays.width * norm[0], norm[2] + rays.height * norm[0]
-    shift = np.abs(rows) @ _direction_error(rays) * _SLACK
+    shift = np.abs(rows) @ direction_error(rays) * _SLACK
     shift_x, shift_y = shift[1] + rays.width * shift[0], shift[2] + rays.height * shift[0]
     slope_error = 48 * _U * (x * y + STRIDE * z * (x + y))
     bounds = (z, x, y, shift[0], shift_x, shift_y, slope_error, 200 * _U * x * y * z)
@@ -98,7 +98,7 @@ def _cross(a, b):
     return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
 
 
-def _direction_error(rays) -> np.ndarray:
+def direction_error(rays) -> np.ndarray:
     """How far a pixel's direction may lie from c + i r + j d in real arithmetic, component by component."""
     right, down = rays.width * rays.dx, rays.height * rays.dy
     ends = [rays.corner, rays.corner + right, rays.corner + down, rays.corner + right + down]

@@ -1,37 +1,285 @@
-"""Primary rays: the G-buffer by ray tracing, the same bits as the rasteriser's."""
+"""Primary rays by multi-frusta tracing: the G-buffer by ray tracing, the same bits as the rasteriser's.
+
+A tile of 16 x 16 pixels is 16 frusta of 4 x 4 pixels, which go through a `BlockTree` together, front to back, each up to
+the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. For each pixel the tile keeps the triangle in front
+and an interval of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's own
+predicates after each block. The float64 t of what is seen is computed once, at the end.
+"""
 
 import numpy as np
 
-from ..bvh.nodes import tree_of
-from ..jit import kernel
+from ..bvh.blocks import ROWS, BlockTree, block_pointers, block_tree
+from ..bvh.nodes import MAX_DEPTH
+from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.exact import ray_along
-from ..query.pixels import pixel_direction
-from .traverse import walk
+from ..predicate.filters import hit_t, meets
+from ..query.pixels import pixel_ray
+from ..query.raster_depth import NO_PLANE, EyePlane, eye_plane, plane_t, quick_t
+from ..query.raster_setup import direction_error, make_view
+from ..scene.camera import CameraRays
+from ..simd import (
+    bits,
+    get,
+    iota16,
+    load16,
+    lowest_bit,
+    popcount,
+    prefetch,
+    ptr,
+    put,
+    reduce_min,
+    select,
+    splat16,
+    stack_f32,
+    stack_i32,
+    store,
+)
+from .frusta import FLOATS, GROW, bound_directions, meet_mixed, meet_uniform, prepare
+from .pixelblock import ASIDE, SIDE, WORK, Pixels, frame_of, trace_block
 
-_TILE = 16
+_F = np.float32
+_DEPTH = 2 * MAX_DEPTH
+_ENTRIES = 16 * _DEPTH
+_SUPER = 4  # tiles of a square that is traced in Morton order
+_NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
+_LARGEST = 1e30  # more than a depth key that float32 computes
+
+
+@inlined
+def _start(pixels, x0, y0, rays):
+    """Nothing is seen yet; bits of the frusta that have pixels."""
+    alive = np.int64(0)
+    for f in range(16):
+        x, y = iota16() & 3, iota16() >> 2
+        inside = (x < rays.width - x0 - 4 * (f & 3)) & (y < rays.height - y0 - 4 * (f >> 2))
+        store(pixels.low, 16 * f, select(inside, splat16(_F(-np.inf)), splat16(_F(np.inf))))
+        store(pixels.high, 16 * f, splat16(_F(-np.inf)))
+        store(pixels.slot, 16 * f, splat16(np.int32(-1)))
+        if bits(inside) != 0:
+            alive |= np.int64(1) << f
+    store(pixels.least, 0, splat16(_F(-np.inf)))
+    store(pixels.far, 0, splat16(_F(np.inf)))
+    put(pixels.aside, 0, 0)
+    return alive
 
 
 @kernel
-def _primary_tiles(ticket, bvh, rays, face, t):
-    columns = (rays.width + _TILE - 1) // _TILE
-    o = rays.origin
-    tree = tree_of(bvh)
-    tile = take(ticket)
-    while tile >= 0:
-        y0, x0 = tile // columns * _TILE, tile % columns * _TILE
-        for y in range(y0, min(y0 + _TILE, rays.height)):
-            for x in range(x0, min(x0 + _TILE, rays.width)):
-                dx, dy, dz = pixel_direction(rays, x, y)
-                ray = ray_along(o[0], o[1], o[2], dx, dy, dz, 0.0, np.inf)
-                slot, t[y, x] = walk(tree, ray, np.int64(-1), 0, False, None)
-                face[y, x] = -1 if slot < 0 else bvh.prim_ids[slot]
-        tile = take(ticket)
+def _settle(pixels, tree, rays, x0, y0, scale):
+    """Let the contract decide the pixels that were put aside; bits of their frusta."""
+    o, touched = rays.origin, np.int64(0)
+    mine, other = NO_PLANE, NO_PLANE
+    for k in range(np.int64(get(pixels.aside, 0))):
+        slot, entry = np.int64(get(pixels.aside, 2 + 2 * k)), np.int64(get(pixels.aside, 3 + 2 * k))
+        at = entry >> 1
+        f, lane = at >> 4, at & 15
+        ray = pixel_ray(rays, x0 + 4 * (f & 3) + (lane & 3), y0 + 4 * (f >> 2) + (lane >> 2))
+        if entry & 1 == 0 and meets(ray, tree.corners, slot) == 0:
+            continue
+        if slot != mine.triangle:
+            mine = eye_plane(tree.corners, slot, o)
+        t, best = plane_t(mine, ray, tree.corners), np.int64(get(pixels.slot, at))
+        if best >= 0:
+            if best != other.triangle:
+                other = eye_plane(tree.corners, best, o)
+            best_t = plane_t(other, ray, tree.corners)
+            if best_t < t or (best_t == t and get(tree.prim_ids, best) < get(tree.prim_ids, slot)):
+                continue
+        key = 1.0 / (t * scale) if scale > 0.0 else 0.0
+        low = key * _NEXT_BELOW - _TINY if scale > 0.0 else -np.inf
+        put(pixels.low, at, low if low < _LARGEST else _LARGEST)
+        put(pixels.high, at, key * _NEXT_ABOVE + _TINY if scale > 0.0 else np.inf)
+        put(pixels.slot, at, slot)
+        touched |= np.int64(1) << f
+    put(pixels.aside, 0, 0)
+    return touched
 
 
-def trace_primary(bvh, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
-    """(face, t) of the pixel-centre rays: (H, W) int32, -1 on a miss; (H, W) float64, inf on a miss."""
+@inlined
+def _shorten(pixels, frusta, scale):
+    """What some frusta see has come nearer."""
+    while frusta != 0:
+        f = lowest_bit(frusta)
+        frusta &= frusta - 1
+        least = reduce_min(load16(pixels.low, 16 * f))
+        put(pixels.least, f, least)
+        if least > _F(0.0):
+            put(pixels.far, f, _F(1.0) / (least * scale) * GROW)
+
+
+@inlined
+def _fetch(tree, link):
+    """Ask for the node or the block behind a link; in large scenes, waiting for memory is what takes longest."""
+    if link >= 0:
+        prefetch(tree.nodes, link * 16)
+        return
+    block = ~link >> 5
+    for row in range(ROWS):
+        prefetch(tree.blocks, (block * ROWS + row) * 16)
+    prefetch(tree.slots, block * 16)
+
+
+@kernel
+def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries):
+    """Trace the frusta in `alive` (bits)."""
+    nodes, links = tree.nodes, tree.links
+    one_way, uniforms = prepare(slabs, frame.eye)
+    link, mask, height = np.int64(0), alive, np.int64(0)
+    while True:
+        if link >= 0:
+            far, at = load16(pixels.far, 0), link * 16
+            if one_way:
+                near_l, left = meet_uniform(nodes, at, uniforms, far)
+                near_r, right = meet_uniform(nodes, at + 1, uniforms, far)
+            else:
+                near_l, left = meet_mixed(nodes, at, slabs, far)
+                near_r, right = meet_mixed(nodes, at + 1, slabs, far)
+            left &= mask
+            right &= mask
+            if left | right != 0:
+                first, second = np.int64(get(links, at + 12)), np.int64(get(links, at + 13))
+                if left != 0:
+                    _fetch(tree, first)
+                if right != 0:
+                    _fetch(tree, second)
+                mask = left
+                if right != 0:
+                    both = left & right
+                    if left == 0:
+                        first, mask = second, right
+                    else:
+                        swap = 2 * popcount(bits(near_r < near_l) & both) > popcount(both)
+                        put(stack, 2 * height, first if swap else second)
+                        put(stack, 2 * height + 1, left if swap else right)
+                        store(entries, 16 * height, near_l if swap else near_r)
+                        height += 1
+                        first, mask = (second, right) if swap else (first, left)
+                link = first
+                continue
+        elif ~link & 31 != 0:
+            seen = trace_block(frame, tree, ~link >> 5, ~link & 31, mask, pixels, work)
+            if get(pixels.aside, 0) != 0:
+                seen |= _settle(pixels, tree, rays, x0, y0, scale)
+            _shorten(pixels, seen, _F(scale))
+        mask = np.int64(0)
+        while mask == 0:
+            if height == 0:
+                return
+            height -= 1
+            mask = np.int64(get(stack, 2 * height + 1))
+            mask &= bits(load16(entries, 16 * height) <= load16(pixels.far, 0))
+        link = np.int64(get(stack, 2 * height))
+
+
+@inlined
+def _by_value(rays):
+    """The same `CameraRays` without arrays, so that LLVM sees that no store changes them."""
+    o, c, dx, dy = rays.origin, rays.corner, rays.dx, rays.dy
+    return CameraRays(
+        (o[0], o[1], o[2]), (c[0], c[1], c[2]), (dx[0], dx[1], dx[2]), (dy[0], dy[1], dy[2]), rays.width, rays.height
+    )
+
+
+@inlined
+def _finish_row(row, rays, x0, y):
+    """t of 16 pixels of a row, -1 where float64 is not surely accurate; LLVM makes vectors of this."""
+    for i in range(SIDE):
+        plane = EyePlane(
+            0, get(row, i), get(row, SIDE + i), get(row, 2 * SIDE + i), get(row, 3 * SIDE + i), get(row, 4 * SIDE + i)
+        )
+        put(row, 5 * SIDE + i, quick_t(plane, pixel_ray(rays, x0 + i, y)))
+
+
+@kernel
+def _finish(pixels, tree, rays, x0, y0, planes, face, t):
+    """Write the tile's faces and their canonical t; planes: (6, SIDE) float64 of scratch memory."""
+    row, plane, camera = ptr(planes), NO_PLANE, _by_value(rays)
+    columns = min(SIDE, rays.width - x0)
+    for y in range(y0, min(y0 + SIDE, rays.height)):
+        at = 64 * ((y - y0) >> 2) + 4 * ((y - y0) & 3)
+        for i in range(columns):
+            slot = np.int64(get(pixels.slot, at + 16 * (i >> 2) + (i & 3)))
+            face[y, x0 + i] = get(tree.prim_ids, slot) if slot >= 0 else np.int32(-1)
+            if slot >= 0 and slot != plane.triangle:
+                plane = eye_plane(tree.corners, slot, camera.origin)
+            put(row, i, plane.nx)
+            put(row, SIDE + i, plane.ny)
+            put(row, 2 * SIDE + i, plane.nz)
+            put(row, 3 * SIDE + i, plane.volume)
+            put(row, 4 * SIDE + i, plane.least)
+        _finish_row(row, camera, x0, y)
+        for i in range(columns):
+            slot, found = np.int64(get(pixels.slot, at + 16 * (i >> 2) + (i & 3))), get(row, 5 * SIDE + i)
+            if slot < 0:
+                found = np.inf
+            elif not found > 0.0:
+                found = hit_t(pixel_ray(camera, x0 + i, y), tree.corners, slot)
+            t[y, x0 + i] = found
+
+
+@inlined
+def _place(k, across):
+    """First pixel (x0, y0) of tile k: squares of _SUPER x _SUPER tiles, each in Morton order."""
+    square, k = k // (_SUPER * _SUPER), k % (_SUPER * _SUPER)
+    x, y = square % across * _SUPER, square // across * _SUPER
+    return SIDE * (x + (k & 1) + (k >> 1 & 2)), SIDE * (y + (k >> 1 & 1) + (k >> 2 & 2))
+
+
+@kernel
+def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
+    """Worker: whole tiles, each by one thread."""
+    pixels = Pixels(stack_f32(256), stack_f32(256), stack_i32(256), stack_f32(16), stack_f32(16), stack_i32(ASIDE))
+    slabs, work, stack, entries = stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES)
+    tree, planes = block_pointers(arrays), np.zeros((6, SIDE))
+    k = take(ticket)
+    while k >= 0:
+        x0, y0 = _place(k, across)
+        alive = _start(pixels, x0, y0, rays)
+        if alive != 0:
+            bound_directions(rays, error, x0, y0, slabs)
+            frame = frame_of(view, x0, y0, scale)
+            _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries)
+            _finish(pixels, tree, rays, x0, y0, planes, face, t)
+        k = take(ticket)
+
+
+def _scale(tree, view) -> float:
+    """A power of two that brings pixel coordinates to about 1; 0 where float32 has no room for it."""
+    eye = np.array([view.eye_x, view.eye_y, view.eye_z])
+    bounds = tree.nodes[0, :12].astype(np.float64).reshape(3, 4)
+    reach = np.abs(bounds - eye[:, None]).max() * max(view.norm_x, view.norm_y, view.norm_z)
+    if not 1e-30 < reach < 1e30:
+        return 0.0
+    return float(2.0 ** -np.ceil(np.log2(reach)))
+
+
+def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
+    """What the pixel-centre rays see first.
+
+    Parameters
+    ----------
+    tree : BlockTree, or Bvh
+        Of a Bvh the `BlockTree` is made first.
+    rays : CameraRays
+    threads : int, optional
+        None: all cores. The result does not depend on it.
+
+    Returns
+    -------
+    face : (H, W) int32
+        -1 on a miss. Of triangles at the same t, the one with the lowest index.
+    t : (H, W) float64
+        In lengths of the pixel's direction; inf on a miss.
+
+    Raises
+    ------
+    InputError
+        Where directions of neighbouring pixels are too close, as `rasterise` does.
+    """
+    view, error = make_view(rays), direction_error(rays)
+    if not isinstance(tree, BlockTree):
+        tree = block_tree(tree, threads)
     face, t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
-    tiles = -(-rays.width // _TILE) * -(-rays.height // _TILE)
-    run(_primary_tiles, thread_count(threads), new_ticket(tiles, 1), bvh, rays, face, t)
+    across, down = -(-rays.width // (SIDE * _SUPER)), -(-rays.height // (SIDE * _SUPER))
+    ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
+    run(_trace_tiles, thread_count(threads), ticket, tree, rays, view, error, _scale(tree, view), across, face, t)
     return face, t
