@@ -27,9 +27,8 @@ class BlockTree(NamedTuple):
 
     nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
     links: np.ndarray  # (m, 16) int32, the same memory
-    blocks: (
-        np.ndarray
-    )  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; lanes without a triangle repeat the first
+    blocks: np.ndarray  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded; lanes without a triangle repeat the first
+    bounds: np.ndarray  # (b, 8) float32: centre and half extents of each block's box, x y z and one unused each
     slots: np.ndarray  # (b, 16) int32: slot in `corners` and `prim_ids`, -1 where there is no triangle
     prim_ids: np.ndarray  # (n,) int32, of the Bvh
     corners: np.ndarray  # (n, 9) float32, of the Bvh
@@ -41,6 +40,7 @@ class BlockPointers(NamedTuple):
     nodes: object
     links: object
     blocks: object
+    bounds: object
     slots: object
     prim_ids: object
     corners: object
@@ -50,8 +50,9 @@ class BlockPointers(NamedTuple):
 def block_pointers(tree):
     """`BlockPointers` of a `BlockTree`."""
     return BlockPointers(
-        ptr(tree.nodes), ptr(tree.links), ptr(tree.blocks), ptr(tree.slots), ptr(tree.prim_ids), ptr(tree.corners)
-    )
+        ptr(tree.nodes), ptr(tree.links), ptr(tree.blocks), ptr(tree.bounds), ptr(tree.slots), ptr(tree.prim_ids),
+        ptr(tree.corners),
+    )  # fmt: skip
 
 
 @inlined
@@ -144,14 +145,32 @@ def _slots_below(root, links, found):
     return n
 
 
+@inlined
+def _bound_block(corners, found, n, bounds, at):
+    """Centre and half extents, rounded outwards, of a block's triangles."""
+    for k in range(3):
+        low, high = np.float32(np.inf), np.float32(-np.inf)
+        for i in range(n):
+            slot = np.int64(get(found, i)) * 9
+            for corner in (0, 3, 6):
+                x = get(corners, slot + corner + k)
+                low, high = x if x < low else low, x if x > high else high
+        if n == 0:
+            low, high = np.float32(0.0), np.float32(0.0)
+        middle = np.float32(0.5) * low + np.float32(0.5) * high
+        half = high - middle if high - middle > middle - low else middle - low
+        bounds[at, k], bounds[at, 4 + k] = middle, half * np.float32(1.0 + 2.0**-22)
+
+
 @kernel
-def _fill_blocks(ticket, source_links, corners, roots, blocks, slots):
-    """Worker: the rows of each block."""
+def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots):
+    """Worker: the rows and bounds of each block."""
     links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
     b = take(ticket)
     while b >= 0:
         for at in range(b, min(b + ticket[3], ticket[2])):
             n = _slots_below(roots[at], links, found)
+            _bound_block(values, found, n, bounds, at)
             for lane in range(16):
                 there = lane < n
                 slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)
@@ -175,6 +194,7 @@ def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
     n, n_blocks = _collapse(bvh.nodes, bvh.links, below, block, nodes, nodes.view(np.int32), roots)
     nodes = nodes[:n]
     blocks, slots = aligned_empty((n_blocks, ROWS, 16), "f4"), np.empty((n_blocks, 16), np.int32)
+    bounds = np.zeros((n_blocks, 8), np.float32)
     run(
         _fill_blocks,
         thread_count(threads),
@@ -183,6 +203,7 @@ def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
         bvh.corners,
         roots[:n_blocks],
         blocks,
+        bounds,
         slots,
     )
-    return BlockTree(nodes, nodes.view(np.int32), blocks, slots, bvh.prim_ids, bvh.corners)
+    return BlockTree(nodes, nodes.view(np.int32), blocks, bounds, slots, bvh.prim_ids, bvh.corners)

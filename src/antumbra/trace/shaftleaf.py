@@ -50,7 +50,7 @@ from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
 from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, D, N, axis_of
 from .tile import put_aside
-from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows
+from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows, total
 
 _F = np.float32
 _U = _F(64 * 2.0**-24)
@@ -320,16 +320,112 @@ def _rays_of_triangle(tile, tree, block, i, strata, f_side, work, valid, facing,
     return done
 
 
+@inlined
+def _rays_in_box(tile, tree, block, s):
+    """Bits of the receivers whose segment to stratum s meets a block's box: no axis separates them.
+
+    Besides the three axes of the box, these are its axes' cross products with the segment. Middle m and half h of a
+    segment, relative to the box, err by 4u of the coordinates, which `pad` covers eight times over;
+    `tiny` covers products that underflow.
+    """
+    b = block * 8
+    o, l = rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16)
+    c = broadcasts(tree.bounds, b, 1)
+    m, h, half = plus(minus(o, c), minus(l, c)), minus(l, o), _F(0.5)
+    m, h = (
+        Vec(m.x * half, m.y * half, m.z * half),
+        Vec(absolute(h.x * half), absolute(h.y * half), absolute(h.z * half)),
+    )
+    reach = maximum(maximum(largest(o), largest(l)), largest(c))
+    pad = reach * _F(32 * 2.0**-24)
+    e = broadcasts(tree.bounds, b + 4, 1)
+    e = Vec(e.x + pad, e.y + pad, e.z + pad)
+    n, tiny = Vec(absolute(m.x), absolute(m.y), absolute(m.z)), splat16(_TINY)
+    meets = (n.x <= h.x + e.x) & (n.y <= h.y + e.y) & (n.z <= h.z + e.z)
+    d = minus(l, o)
+    d = Vec(d.x * half, d.y * half, d.z * half)
+    x = absolute(fma(m.y, d.z, -(m.z * d.y))) <= fma(e.y, h.z, fma(e.z, h.y, tiny))
+    y = absolute(fma(m.z, d.x, -(m.x * d.z))) <= fma(e.z, h.x, fma(e.x, h.z, tiny))
+    z = absolute(fma(m.x, d.y, -(m.y * d.x))) <= fma(e.x, h.y, fma(e.y, h.x, tiny))
+    return bits(meets & x & y & z)
+
+
+@inlined
+def _ray_meets(tile, numbers, lane, s, present, facing):
+    """(does the segment from a receiver to stratum s surely meet one of the triangles, those float32 cannot say)."""
+    at = s * 48 + lane
+    o, l = broadcasts(tile.origins, lane, 16), broadcasts(tile.points, at, 16)
+    d, a, p, q = minus(l, o), minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    n = cross(p, q)
+    r = cross(d, a)
+    e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
+    e0, f = dn - e1 - e2, t - dn
+    reach, size, d1 = largest(a), maximum(largest(p), largest(q)), total(d)
+    floor = fma(reach + size + d1, splat16(_TINY), splat16(_TINY))
+    e = fma(size * _U, maximum(reach, size) * d1, floor)
+    te = fma(size * size * _U, reach + d1, floor)
+    low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
+    near, far = minimum(t, f), maximum(t, f)
+    left = ~bits(((low < -e) & (high > e)) | (near > te) | (far < -te)) & present
+    if left == 0:
+        return False, left
+    up, down = low > e, high < -e
+    hit = bits((up | down) & (near < -te) & (far > te)) & left
+    if facing != 0:
+        wrong = bits(up) if facing > 0 else bits(down)
+        hit &= ~wrong
+        left &= ~wrong
+    return hit != 0, left & ~hit
+
+
+@inlined
+def _trace_rays(tile, tree, block, present, s, rays, valid, facing, aside, counters):
+    """Test rays of stratum s one by one against the triangles of a block; 1 if the stratum has none left."""
+    numbers, hits = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0)
+    while rays != 0:
+        lane = lowest_bit(rays)
+        rays &= rays - 1
+        count(counters, TRIANGLE_TESTS, 1)
+        hit, unsure = _ray_meets(tile, numbers, lane, s, present, facing)
+        if hit:
+            hits |= np.int64(1) << lane
+        elif unsure != 0:
+            _put_triangles_aside(aside, tile, tree, block, s, lane, unsure)
+    dead = np.int64(get(tile.dead, s)) | hits
+    put(tile.dead, s, dead)
+    return np.int64(1) if dead & valid == valid else np.int64(0)
+
+
+@inlined
+def _put_triangles_aside(aside, tile, tree, block, s, lane, unsure):
+    """Note the triangles (bits) that may block one segment; the receiver's own one cannot."""
+    own = get(tile.faces, lane)
+    while unsure != 0:
+        slot = np.int64(get(tree.slots, block * 16 + lowest_bit(unsure)))
+        unsure &= unsure - 1
+        if get(tree.prim_ids, slot) != own:
+            put_aside(aside, tile, slot, s, np.int64(1) << lane)
+
+
 @kernel
 def _trace_sparse(tile, tree, block, triangles, strata, valid, facing, work, aside, counters):
-    """`trace_block` for few strata: each one's own shaft culls the block, and the rays are tested at once."""
-    numbers, done = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0)
+    """`trace_block` for few strata, one by one.
+
+    If few of a stratum's rays meet the block's box, they are tested one by one against all its triangles; else the
+    stratum's own shaft culls the block, and the triangles are tested one by one against its rays.
+    """
+    numbers, done, present = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0), (np.int64(1) << triangles) - 1
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
-        left = cull_block(tile, numbers, 16 + s, facing, work) & ((np.int64(1) << triangles) - 1)
-        count(counters, CANDIDATES, popcount(left))
         one = np.int64(1) << s
+        rays = _rays_in_box(tile, tree, block, s) & valid & ~np.int64(get(tile.dead, s))
+        if popcount(rays) <= FEW:
+            if rays != 0:
+                done |= _trace_rays(tile, tree, block, present, s, rays, valid, facing, aside, counters) << s
+            continue
+        left = cull_block(tile, numbers, 16 + s, facing, work) & present
+        count(counters, CANDIDATES, popcount(left))
         while left != 0 and done & one == 0:
             i = lowest_bit(left)
             left &= left - 1
@@ -337,7 +433,8 @@ def _trace_sparse(tile, tree, block, triangles, strata, valid, facing, work, asi
     return done
 
 
-SPARSE = 4
+SPARSE = 8
+FEW = 4
 
 
 @kernel
