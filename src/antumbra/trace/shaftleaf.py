@@ -341,21 +341,22 @@ def _rays_in_box(tile, tree, block, s):
     """Bits of the receivers whose segment to stratum s meets a block's box: no axis separates them.
 
     Besides the three axes of the box, these are its axes' cross products with the segment. Middle m and half h of a
-    segment, relative to the box, err by 4u of the coordinates, which `pad` covers eight times over.
+    segment, relative to the box, err by 4u of the coordinates, which `pad` covers eight times over;
+    `tiny` covers products that underflow.
     """
     b = block * 8
     o, l = rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16)
     c = broadcasts(tree.bounds, b, 1)
     m, h, half = plus(minus(o, c), minus(l, c)), minus(l, o), _F(0.5)
     m, d = Vec(m.x * half, m.y * half, m.z * half), Vec(h.x * half, h.y * half, h.z * half)
-    n, h = magnitudes(m), magnitudes(d)
+    n, h, tiny = magnitudes(m), magnitudes(d), splat16(_TINY)
     pad = maximum(maximum(largest(o), largest(l)), largest(c)) * _F(32 * 2.0**-24)
     e = broadcasts(tree.bounds, b + 4, 1)
     e = Vec(e.x + pad, e.y + pad, e.z + pad)
     meets = (n.x <= h.x + e.x) & (n.y <= h.y + e.y) & (n.z <= h.z + e.z)
-    x = absolute(fma(m.y, d.z, -(m.z * d.y))) <= fma(e.y, h.z, e.z * h.y)
-    y = absolute(fma(m.z, d.x, -(m.x * d.z))) <= fma(e.z, h.x, e.x * h.z)
-    z = absolute(fma(m.x, d.y, -(m.y * d.x))) <= fma(e.x, h.y, e.y * h.x)
+    x = absolute(fma(m.y, d.z, -(m.z * d.y))) <= fma(e.y, h.z, fma(e.z, h.y, tiny))
+    y = absolute(fma(m.z, d.x, -(m.x * d.z))) <= fma(e.z, h.x, fma(e.x, h.z, tiny))
+    z = absolute(fma(m.x, d.y, -(m.y * d.x))) <= fma(e.x, h.y, fma(e.y, h.x, tiny))
     return bits(meets & x & y & z)
 
 
