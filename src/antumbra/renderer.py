@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .bvh import BUILDERS
+from .bvh.blocks import BlockTree
 from .bvh.nodes import Bvh
 from .errors import InputError
 from .image.shade import irradiance, shade
@@ -145,7 +146,9 @@ class Renderer:
         if accelerated is None:
             face, t = rasterise(triangles.vertices.reshape(-1, 9), rays, self.threads)
         else:
-            face, t = trace_primary(accelerated.bvh, rays, self.threads)
+            prepared = accelerated.prepared
+            tree = prepared if isinstance(prepared, BlockTree) else accelerated.bvh
+            face, t = trace_primary(tree, rays, self.threads)
         return from_hits(face, t, triangles, rays, self.threads)
 
     def answer(self, accelerated: Accelerated, query, tally=None, progress=None) -> np.ndarray:
