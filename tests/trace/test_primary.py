@@ -85,7 +85,7 @@ def test_soup_of_many_blocks(position, away):
     triangles[3::50] = triangles[4::50]  # seen twice
     rays = view(np.add(position, away), np.add((0.1, 0.2, -5.0), away), width=150, height=90)
     face, _ = check(triangles + away, rays)
-    assert len(np.unique(face)) > 500
+    assert len(np.unique(face)) > 200
 
 
 def test_subpixel_triangles():

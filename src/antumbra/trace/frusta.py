@@ -2,8 +2,8 @@
 
 A frustum holds the rays o + t d of its pixels; along each axis d_low <= d <= d_high, so it meets the slab [low, high]
 of a node's box at t only if o + t d_high >= low and o + t d_low <= high [Benthin and Wald 2009, Sec. 4.1]. Each
-condition bounds t from below or above, by the sign of its d. Where all 16 frusta go the same way along every axis,
-two planes of a slab decide (`Uniform`); else all four bounds are kept, and those that do not bind are at 0 or
+condition bounds t from below or above, by the sign of its d. Where all 16 frusta go the same way along every
+axis, two planes of a slab decide (`Uniform`); else all four bounds are kept, and those that do not bind are at 0 or
 infinity.
 
 Conservative in float32: a bound is fma(plane, r, k) with r = 1 / d and k = -o r, wrong by at most 7u (|t| + |k|) with

@@ -2,8 +2,8 @@
 
 A tile of 16 x 16 pixels is 16 frusta of 4 x 4 pixels, which go through a `BlockTree` together, front to back, each up
 to the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. For each pixel the tile keeps the triangle in
-front and an interval of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's
-own predicates after each block. The float64 t of what is seen is computed once, at the end.
+front and an interval of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's own
+predicates after each block. The float64 t of what is seen is computed once, at the end.
 """
 
 import numpy as np
@@ -40,6 +40,7 @@ from .pixelblock import ASIDE, SIDE, WORK, Pixels, frame_of, trace_block
 _F = np.float32
 _DEPTH = 2 * MAX_DEPTH
 _ENTRIES = 16 * _DEPTH
+_NO_BLOCK = -1  # the link of a block of no triangles
 _SUPER = 4  # tiles of a square that is traced in Morton order
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
 _LARGEST = 1e30  # more than a depth key that float32 computes
@@ -120,10 +121,11 @@ def _fetch(tree, link):
 
 @kernel
 def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries):
-    """Trace the frusta in `alive` (bits)."""
+    """Trace the frusta in `alive` (bits). Each block waits until the next one is found, while memory fetches it."""
     nodes, links = tree.nodes, tree.links
     one_way, uniforms = prepare(slabs, frame.eye)
     link, mask, height = np.int64(0), alive, np.int64(0)
+    waiting, waiting_mask = np.int64(_NO_BLOCK), np.int64(0)
     while True:
         if link >= 0:
             far, at = load16(pixels.far, 0), link * 16
@@ -155,19 +157,25 @@ def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, e
                         first, mask = (second, right) if swap else (first, left)
                 link = first
                 continue
-        elif ~link & 31 != 0:
-            seen = trace_block(frame, tree, ~link >> 5, ~link & 31, mask, pixels, work)
+        ready, ready_mask = np.int64(_NO_BLOCK), np.int64(0)
+        if link < 0:
+            ready, ready_mask, waiting, waiting_mask = waiting, waiting_mask, link, mask
+        if ~ready & 31 != 0:
+            seen = trace_block(frame, tree, ~ready >> 5, ~ready & 31, ready_mask, pixels, work)
             if get(pixels.aside, 0) != 0:
                 seen |= _settle(pixels, tree, rays, x0, y0, scale)
             _shorten(pixels, seen, _F(scale))
         mask = np.int64(0)
         while mask == 0:
             if height == 0:
-                return
+                if waiting == _NO_BLOCK:
+                    return
+                link = np.int64(_NO_BLOCK)
+                break
             height -= 1
             mask = np.int64(get(stack, 2 * height + 1))
             mask &= bits(load16(entries, 16 * height) <= load16(pixels.far, 0))
-        link = np.int64(get(stack, 2 * height))
+            link = np.int64(get(stack, 2 * height))
 
 
 @inlined
