@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..bvh.blocks import block_tree
-from . import multifrusta
+from . import multifrusta, packet16
 from .single import trace_shadow
 
 
@@ -38,5 +38,17 @@ TRACERS: dict[str, Tracer] = {
         multifrusta.trace_shadow,
         "16 shafts of shadow rays at once, rays only where shafts do not decide",
         "Benthin and Wald 2009, Efficient ray traced soft shadows using multi-frusta tracing",
+    ),
+    "packet16": Tracer(
+        as_it_is,
+        packet16.over_pixels,
+        "packets of 16 rays, from 16 receivers to a stratum of the light",
+        "Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001, Interactive rendering with coherent ray tracing",
+    ),
+    "packet16:samples": Tracer(
+        as_it_is,
+        packet16.over_samples,
+        "packets of 16 rays, from one receiver to its samples",
+        "Benthin and Wald 2009, Sec. 5.1",
     ),
 }

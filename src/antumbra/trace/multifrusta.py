@@ -11,12 +11,12 @@ from ..bvh.blocks import block_pointers
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.exact import segment
 from ..scene.lights import FIXED
-from ..simd import get, load16, lowest_bit, put, stack_f32, stack_i32
+from ..simd import get, load16, lowest_bit, ptr_at, put, stack_f32, stack_i32
+from .aside import ASIDE, ASIDE_INTS, settle_aside
 from .counters import BOX_TESTS, NODES, add_counters, count, private_counters
 from .lighttable import ALL_GROUPS, STRATA, light_table
-from .shaftleaf import ASIDE, WORK, trace_block
+from .shaftleaf import WORK, trace_block
 from .shafts import make_shafts
 from .slabs import (
     Shafts,
@@ -35,10 +35,11 @@ from .tile import (
     coherent_part,
     load_receivers,
     move_light,
+    sets_of,
     tile_at,
+    tile_shape,
     write_bits,
 )
-from .traverse import settle
 
 _STACK = 4 * MAX_DEPTH
 _LANES = 12 * 16
@@ -47,7 +48,6 @@ MAX_TILES = 16
 _SCRATCH = MAX_TILES * TILE_FLOATS
 _FINISHED = MAX_TILES
 _VALID = 2 * MAX_TILES
-_ASIDE = 2 + 2 * ASIDE
 
 
 class Bundle(NamedTuple):
@@ -195,26 +195,6 @@ def _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
         mask = np.int64(0)
 
 
-@kernel
-def _settle_aside(tree, table, chunk, fixed, facing, scratch, counters):
-    """Decide exactly what float32 could not say about a bundle's segments."""
-    for k in range(np.int64(get(scratch.aside, 0))):
-        slot, code = np.int64(get(scratch.aside, 2 + 2 * k)), np.int64(get(scratch.aside, 3 + 2 * k))
-        g, s, lane = code >> 8, code >> 4 & 15, code & 15
-        tile = tile_at(scratch.tiles, g, table, chunk, fixed)
-        dead = np.int64(get(tile.dead, s))
-        if (dead >> lane | np.int64(get(scratch.valid, _FINISHED + g)) >> s) & 1 == 0:
-            o, l = lane, s * 48 + lane
-            ray = segment(
-                get(tile.origins, o), get(tile.origins, o + 16), get(tile.origins, o + 32),
-                get(tile.points, l), get(tile.points, l + 16), get(tile.points, l + 32),
-            )  # fmt: skip
-            side = settle(ray, tree.corners, slot, counters)
-            if side != 0 and side != facing:
-                put(tile.dead, s, dead | np.int64(1) << lane)
-    put(scratch.aside, 0, 0)
-
-
 @inlined
 def _trace_lanes(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters):
     """Trace the lanes in `alive`, and settle what is put aside whenever the memory for it runs low, and at the end."""
@@ -224,7 +204,8 @@ def _trace_lanes(tree, alive, table, chunk, fixed, bundle, facing, scratch, coun
     put(scratch.aside, 0, 0)
     while alive != 0:
         alive = _walk(tree, alive, table, chunk, fixed, bundle, facing, scratch, counters)
-        _settle_aside(tree, table, chunk, fixed, facing, scratch, counters)
+        finished = ptr_at(scratch.valid, _FINISHED)
+        settle_aside(tree.corners, scratch.tiles, finished, table, chunk, fixed, facing, scratch.aside, counters)
 
 
 @inlined
@@ -272,7 +253,7 @@ def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, c
     """Worker: bundles of tiles."""
     scratch = Scratch(
         stack_f32(_SCRATCH), stack_f32(_LANES), stack_f32(WORK), stack_i32(_STACK), stack_i32(_VALID), stack_f32(128),
-        stack_i32(4), stack_i32(_ASIDE),
+        stack_i32(4), stack_i32(ASIDE_INTS),
     )  # fmt: skip
     single = Layout(1, 1, layout.columns, layout.rows)
     tree, mine, fixed = block_pointers(arrays), private_counters(counters), query.light.kind == FIXED
@@ -314,13 +295,6 @@ def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, c
     add_counters(counters, mine)
 
 
-def _shape(query) -> TileShape:
-    """4 x 4 pixels; receivers that form a row are taken 16 at a time."""
-    h, w = query.sides.shape
-    width, height = (4, 4) if h > 1 else (16, 1)
-    return TileShape(width, height, -(-w // width), -(-h // height))
-
-
 def _bundle(count: int, tiles: int) -> Bundle:
     """The bundle for `count` samples that holds `tiles` tiles, more if there are fewer than 16 strata."""
     strata = 1 << (count - 1).bit_length()
@@ -344,10 +318,8 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    shape, spp = _shape(query), query.samples.shape[1]
-    lane = np.arange(16)
-    sets = (lane % shape.width & 3) + 4 * (lane // shape.width)
-    table = light_table(query, sets)
+    shape, spp = tile_shape(query), query.samples.shape[1]
+    table = light_table(query, sets_of(shape))
     for chunk in range(-(-spp // STRATA)):
         bundle = _bundle(min(STRATA, spp - chunk * STRATA), TILES)
         layout = _layout(shape, bundle.tiles)

@@ -23,8 +23,6 @@ of the shaft, and of their slack (see `predicate.filters`: 60 u |d| s max(|a|, s
 >= |a| for all of them); 64 u s^2 (|a| + span) that of T, F and theirs.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..bvh.blocks import ROWS
@@ -46,8 +44,10 @@ from ..simd import (
     splat16,
     store,
 )
+from .aside import put_aside
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
+from .raytest import Lanes, decide
 from .shafts import CAP_ERROR, D, FAR, NEAR, PLANE, PLANES, N, axis_of
 from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows
 
@@ -58,7 +58,6 @@ _TINY = _F(1e-37)
 _ZERO = _F(0.0)
 _CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23))
 WORK = 24 * 16  # float32 of scratch memory
-ASIDE = 2 * 4096  # segments that can be put aside; one block and tile need at most 4096
 
 
 @inlined
@@ -215,17 +214,6 @@ def cull_strata(shafts, work, i, facing):
     return miss, cover, f_side
 
 
-class Lanes(NamedTuple):
-    """A triangle as the 16 receivers of a tile see it; f32x16."""
-
-    cp: Vec  # a x p
-    cq: Vec  # a x q
-    n: Vec
-    t: object  # a . n
-    e: object  # bounds of the errors, see above
-    te: object
-
-
 @inlined
 def lanes_of(tile, block, work, i):
     """`Lanes` of triangle i of a block that `cull_block` has left."""
@@ -238,33 +226,7 @@ def lanes_of(tile, block, work, i):
 def test_rays(tile, lanes, s, facing):
     """(bits of the receivers whose segment to stratum s surely meets the triangle, of those float32 cannot say)."""
     d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
-    e2, e1, dn, e, te = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, lanes.n), lanes.e, lanes.te
-    e0, f = dn - e1 - e2, lanes.t - dn
-    low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
-    near, far = minimum(lanes.t, f), maximum(lanes.t, f)
-    miss = ((low < -e) & (high > e)) | (near > te) | (far < -te)
-    left = bits(miss) ^ 0xFFFF
-    if left == 0:
-        return left, left
-    up, down = low > e, high < -e
-    crosses = (near < -te) & (far > te)
-    hit = bits((up | down) & crosses)
-    if facing != 0:
-        wrong = bits(up) if facing > 0 else bits(down)
-        return hit & ~wrong, left & ~hit & ~wrong
-    return hit, left & ~hit
-
-
-@inlined
-def put_aside(aside, tile, slot, s, unsure):
-    """Note the segments from the `unsure` receivers (bits) to stratum s, and the triangle in `slot`, for later."""
-    n = np.int64(get(aside, 0))
-    while unsure != 0:
-        put(aside, 2 + 2 * n, slot)
-        put(aside, 3 + 2 * n, tile.number << 8 | s << 4 | lowest_bit(unsure))
-        unsure &= unsure - 1
-        n += 1
-    put(aside, 0, n)
+    return decide(d, lanes, facing)
 
 
 @kernel
@@ -318,7 +280,7 @@ def _rays_of_triangle(tile, tree, block, i, strata, f_side, work, valid, facing,
         hit, unsure = test_rays(tile, lanes, s, facing)
         unsure &= receivers & ~dead
         if unsure != 0:
-            put_aside(aside, tile, slot, s, unsure)
+            put_aside(aside, slot, tile.number << 8 | s << 4, 1, unsure)
         hit &= receivers
         if hit & ~dead:
             put(tile.dead, s, dead | hit)
