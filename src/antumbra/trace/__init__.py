@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..bvh.blocks import block_tree
-from . import multifrusta, packet16
+from . import multifrusta, packet16, paperfrusta
 from .single import trace_shadow
 
 
@@ -50,5 +50,29 @@ TRACERS: dict[str, Tracer] = {
         packet16.over_samples,
         "packets of 16 rays, from one receiver to its samples",
         "Benthin and Wald 2009, Sec. 5.1",
+    ),
+    "multifrusta:paper": Tracer(
+        block_tree,
+        paperfrusta.as_published,
+        "16 frusta of 16 rays at once, one receiver each, corner rays cull at leaves",
+        "Benthin and Wald 2009, Sec. 4",
+    ),
+    "multifrusta:leaf-boxes": Tracer(
+        block_tree,
+        paperfrusta.with_leaf_boxes,
+        "the same, with rays tested against the boxes of leaves",
+        "Benthin and Wald 2009, Sec. 5.3, Ray-AABB",
+    ),
+    "multifrusta:corners": Tracer(
+        block_tree,
+        paperfrusta.with_corners,
+        "the same, with corner rays that shrink to the rays left",
+        "Benthin and Wald 2009, Sec. 5.3, CR",
+    ),
+    "multifrusta:full": Tracer(
+        block_tree,
+        paperfrusta.with_all,
+        "the same, with corner rays and bounds that shrink to the rays left",
+        "Benthin and Wald 2009, Sec. 5.3, FS",
     ),
 }
