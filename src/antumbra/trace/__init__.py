@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..bvh.blocks import block_tree
-from . import multifrusta, packet16, paperfrusta
+from . import multifrusta, packet16, packet256, paperfrusta
 from .single import trace_shadow
 
 
@@ -74,5 +74,11 @@ TRACERS: dict[str, Tracer] = {
         paperfrusta.with_all,
         "the same, with corner rays and bounds that shrink to the rays left",
         "Benthin and Wald 2009, Sec. 5.3, FS",
+    ),
+    "packet256": Tracer(
+        block_tree,
+        packet256.trace_shadow,
+        "16 packets of 16 rays together, all rays tested at every node",
+        "Benthin and Wald 2009, Sec. 5.2",
     ),
 }
