@@ -25,9 +25,8 @@ by the triangle that blocked the ray before. Tracers of many rays at once count 
 or triangle once, and besides: triangles fetched; those left when whole bundles had been culled; lanes that one triangle
 blocked whole; frusta shrunk to the rays that are left."""
 
-RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS, TRIANGLES, CANDIDATES, COVERED, SHRINKS = (
-    range(len(COUNTERS))
-)
+RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
+TRIANGLES, CANDIDATES, COVERED, SHRINKS = range(8, len(COUNTERS))
 
 
 def new_counters(wanted: bool) -> np.ndarray | None:

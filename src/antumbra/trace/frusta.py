@@ -17,7 +17,6 @@ from ..jit import inlined, kernel
 from ..query.samples import patch_at
 from ..simd import (
     absolute,
-    broadcast16,
     fma,
     get,
     load16,
@@ -72,9 +71,7 @@ def _load_patches(query, job, y0, x0, valid, tile, own):
 def _corner(own, a, b, origins):
     """Rays to the points (a, b) of the patches."""
     base, u, v = rows(own, _BASE, 16), rows(own, _U, 16), rows(own, _V, 16)
-    point = Vec(
-        fma(b, v.x, fma(a, u.x, base.x)), fma(b, v.y, fma(a, u.y, base.y)), fma(b, v.z, fma(a, u.z, base.z))
-    )
+    point = Vec(fma(b, v.x, fma(a, u.x, base.x)), fma(b, v.y, fma(a, u.y, base.y)), fma(b, v.z, fma(a, u.z, base.z)))
     return minus(point, origins)
 
 

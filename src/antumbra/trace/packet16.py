@@ -1,7 +1,8 @@
-"""`packet16`: packets of 16 shadow rays, each through the builder's own deep tree. What multi-frusta tracing is measured against.
+"""`packet16`: packets of 16 shadow rays, each through the builder's own deep tree.
 
-[Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]: one slab test a node for all 16 rays, a mask of active rays, and
-no bounds of packets. A packet is a stratum of 16 neighbouring receivers, or (`packet16:samples`) a receiver's samples.
+What multi-frusta tracing is measured against [Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]: one slab test a node
+for all 16 rays, a mask of active rays, and no bounds of packets. A packet is a stratum of 16 neighbouring receivers, or
+(`packet16:samples`) a receiver's samples.
 Triangles are tested by edge functions, where the paper takes Moeller and Trumbore's test.
 """
 

@@ -1,11 +1,11 @@
-"""One triangle against 16 rays in float32, which decides only beyond the bounds of its error (see `predicate.filters`)."""
+"""One triangle against 16 rays in float32, which decides only beyond the bounds of `predicate.filters`."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from ..jit import inlined
-from ..simd import absolute, bits, fma, get, maximum, minimum, splat16
+from ..simd import bits, fma, get, maximum, minimum, splat16
 from .vec import Vec, crosses, dot, dots, largest, total
 
 _F = np.float32

@@ -176,7 +176,15 @@ def settle(tree, rays, samples, job, facing, scratch, counters):
     if job.by_sample:
         turn_bits(rays.dead, rays.tile.dead)
     settle_aside(
-        tree.corners, scratch.tile, scratch.finished, samples.table, job.chunk, job.fixed, facing, scratch.aside, counters
+        tree.corners,
+        scratch.tile,
+        scratch.finished,
+        samples.table,
+        job.chunk,
+        job.fixed,
+        facing,
+        scratch.aside,
+        counters,
     )
     if job.by_sample:
         turn_bits(rays.tile.dead, rays.dead)
@@ -213,6 +221,5 @@ def trace_tiles(worker, tree, query, by_sample, bits, threads, counters, progres
         count = min(STRATA, spp - chunk * STRATA)
         job = Job(shape, chunk, count, by_sample, bool(query.light.kind == FIXED))
         ticket = new_ticket(shape.columns * shape.rows, 4)
-        run(
-            worker, thread_count(threads), ticket, tree, query, samples, job, bits, counters, *options, progress=progress
-        )
+        arrays = tree, query, samples, job, bits, counters
+        run(worker, thread_count(threads), ticket, *arrays, *options, progress=progress)

@@ -48,7 +48,7 @@ from .aside import put_aside
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
 from .raytest import Lanes, decide
-from .shafts import CAP_ERROR, D, FAR, NEAR, PLANE, PLANES, N, axis_of
+from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, D, N, axis_of
 from .vec import Vec, abs_dot, abs_dots, broadcasts, cross, crosses, dot, dots, keep, largest, minus, plus, rows
 
 _F = np.float32
