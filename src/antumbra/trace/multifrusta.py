@@ -285,6 +285,8 @@ def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, c
                 by, bx = home_y + g // layout.across, home_x + g % layout.across
                 left = np.int64(0xFFFF)
             job, origin = alone, single
+            for other in range(1, alone.tiles):  # few samples: the bundle has room for more tiles than the one
+                put(scratch.valid, other, 0)
             tile = tile_at(scratch.tiles, 0, table, chunk, fixed)
             y0, x0 = by * shape.height, bx * shape.width
             left &= load_receivers(query, y0, x0, shape, tile)
