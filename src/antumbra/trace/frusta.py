@@ -1,13 +1,13 @@
 """Slab tests of the 16 frusta of a tile of primary rays: 4 x 4 pixels each, the camera as common origin.
 
-A frustum holds the rays o + t d of its pixels; along each axis d_low <= d <= d_high, so it meets the slab [low, high] of
-a node's box at t only if o + t d_high >= low and o + t d_low <= high [Benthin and Wald 2009, Sec. 4.1]. Each condition
-bounds t from below or above, by the sign of its d. Where all 16 frusta go the same way along every axis, two planes of
-a slab decide (`Uniform`); else all four bounds are kept, and those that do not bind are at 0 or infinity.
+A frustum holds the rays o + t d of its pixels; along each axis d_low <= d <= d_high, so it meets the slab [low, high]
+of a node's box at t only if o + t d_high >= low and o + t d_low <= high [Benthin and Wald 2009, Sec. 4.1]. Each
+condition bounds t from below or above, by the sign of its d. Where all 16 frusta go the same way along every axis, two
+planes of a slab decide (`Uniform`); else all four bounds are kept, and those that do not bind are at 0 or infinity.
 
 Conservative in float32: a bound is fma(plane, r, k) with r = 1 / d and k = -o r, wrong by at most 7u (|t| + |k|) with u
-the unit roundoff. `_PAD` |k| is added to k once, outwards; `GROW` covers the rest when a lower bound is compared with an
-upper one. A |d| below a tiny limit is taken for one of that size that bounds t from below.
+the unit roundoff. `_PAD` |k| is added to k once, outwards; `GROW` covers the rest when a lower bound is compared with
+an upper one. A |d| below a tiny limit is taken for one of that size that bounds t from below.
 """
 
 from typing import NamedTuple
