@@ -85,6 +85,17 @@ def test_every_number_of_samples(plan, spp):
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
 
+@pytest.mark.parametrize("spp", [5, 21])
+@pytest.mark.parametrize("plan", PLANS, ids=str)
+def test_few_samples_of_receivers_that_lie_apart(plan, spp):
+    """A chunk of at most 8 samples at silhouettes, with neighbours on all sides that hold receivers."""
+    scene, camera = _soup(), at.Camera((0, 2, 9), (0, -0.5, 0), width=24, height=20)
+    triangles, query = query_of(scene, camera, LIGHTS["quad"], spp)
+    truth, asked = true_occlusion(triangles, query)
+    assert truth[asked].any() and not truth[asked].all()
+    np.testing.assert_array_equal(answer(plan, triangles, query), truth)
+
+
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
 @pytest.mark.parametrize("plan", PLANS, ids=str)
 def test_scales(plan, scale):

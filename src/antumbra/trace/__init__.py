@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from ..bvh.blocks import block_tree
 from ..bvh.wide import widen
-from . import multifrusta
+from . import multifrusta, packet16, packet256, paperfrusta
 from .single import trace_shadow
 
 
@@ -45,5 +45,47 @@ TRACERS: dict[str, Tracer] = {
         multifrusta.trace_shadow,
         "16 shafts of shadow rays at once, rays only where shafts do not decide",
         "Benthin and Wald 2009, Efficient ray traced soft shadows using multi-frusta tracing",
+    ),
+    "packet16": Tracer(
+        as_it_is,
+        packet16.over_pixels,
+        "packets of 16 rays, from 16 receivers to a stratum of the light",
+        "Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001, Interactive rendering with coherent ray tracing",
+    ),
+    "packet16:samples": Tracer(
+        as_it_is,
+        packet16.over_samples,
+        "packets of 16 rays, from one receiver to its samples",
+        "Benthin and Wald 2009, Sec. 5.1",
+    ),
+    "multifrusta:paper": Tracer(
+        block_tree,
+        paperfrusta.as_published,
+        "16 frusta of 16 rays at once, one receiver each, corner rays cull at leaves",
+        "Benthin and Wald 2009, Sec. 4",
+    ),
+    "multifrusta:leaf-boxes": Tracer(
+        block_tree,
+        paperfrusta.with_leaf_boxes,
+        "the same, with rays tested against the boxes of leaves",
+        "Benthin and Wald 2009, Sec. 5.3, Ray-AABB",
+    ),
+    "multifrusta:corners": Tracer(
+        block_tree,
+        paperfrusta.with_corners,
+        "the same, with corner rays that shrink to the rays left",
+        "Benthin and Wald 2009, Sec. 5.3, CR",
+    ),
+    "multifrusta:full": Tracer(
+        block_tree,
+        paperfrusta.with_all,
+        "the same, with corner rays and bounds that shrink to the rays left",
+        "Benthin and Wald 2009, Sec. 5.3, FS",
+    ),
+    "packet256": Tracer(
+        block_tree,
+        packet256.trace_shadow,
+        "16 packets of 16 rays together, all rays tested at every node",
+        "Benthin and Wald 2009, Sec. 5.2",
     ),
 }

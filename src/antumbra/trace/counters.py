@@ -17,16 +17,16 @@ COUNTERS = (
     "triangles",
     "candidates",
     "covered",
+    "shrinks",
 )
 """Names, in the order of the array: rays asked; those that their own surface settled; inner nodes visited; boxes
 tested; triangles tested; tests that float32 left to float64; tests that float64 left to exact arithmetic; rays blocked
 by the triangle that blocked the ray before. Tracers of many rays at once count a test of up to 16 lanes against one box
 or triangle once, and besides: triangles fetched; those left when whole bundles had been culled; lanes that one triangle
-blocked whole."""
+blocked whole; frusta shrunk to the rays that are left."""
 
-RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS, TRIANGLES, CANDIDATES, COVERED = (
-    range(len(COUNTERS))
-)
+RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
+TRIANGLES, CANDIDATES, COVERED, SHRINKS = range(8, len(COUNTERS))
 
 
 def new_counters(wanted: bool) -> np.ndarray | None:

@@ -37,7 +37,9 @@ from .tile import (
     load_receivers,
     move_light,
     place_of,
+    sets_of,
     tile_at,
+    tile_shape,
     write_bits,
 )
 from .traverse import settle
@@ -325,13 +327,6 @@ def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, c
     add_counters(counters, mine)
 
 
-def _shape(query) -> TileShape:
-    """4 x 4 pixels; receivers that form a row are taken 16 at a time."""
-    h, w = query.sides.shape
-    width, height = (4, 4) if h > 1 else (16, 1)
-    return TileShape(width, height, -(-w // width), -(-h // height))
-
-
 def _bundles(count: int, tiles: int) -> tuple[Bundle, Bundle]:
     """For `count` samples: a bundle of `tiles` tiles, or more if they are needed to fill the lanes; one of one tile."""
     strata = 1 << (count - 1).bit_length()
@@ -352,10 +347,8 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    shape, spp = _shape(query), query.samples.shape[1]
-    lane = np.arange(16)
-    sets = (lane % shape.width & 3) + 4 * (lane // shape.width)
-    table = light_table(query, sets)
+    shape, spp = tile_shape(query), query.samples.shape[1]
+    table = light_table(query, sets_of(shape))
     for chunk in range(-(-spp // STRATA)):
         count = min(STRATA, spp - chunk * STRATA)
         bundle, alone = _bundles(count, TILES)

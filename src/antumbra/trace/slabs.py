@@ -131,7 +131,7 @@ def _at(bound, plane):
 
 
 @inlined
-def _meets_uniform(nodes, at, x, y, z):
+def meets_uniform(nodes, at, x, y, z):
     """mask16 of the lanes whose shaft meets the box whose lower x is element `at` of `nodes`."""
     near = maximum(
         maximum(
@@ -154,7 +154,8 @@ def _narrow(axis, low, high, near, far):
 
 
 @inlined
-def _meets_mixed(nodes, at, x, y, z):
+def meets_mixed(nodes, at, x, y, z):
+    """The same for lanes of any direction."""
     near, far = splat16(_ZERO), splat16(_ONE)
     near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), near, far)
     near, far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), near, far)
@@ -165,10 +166,10 @@ def _meets_mixed(nodes, at, x, y, z):
 @inlined
 def children_uniform(nodes, node, x, y, z):
     """(bits of the lanes that meet the left child's box, of those that meet the right one's)."""
-    return bits(_meets_uniform(nodes, node * 16, x, y, z)), bits(_meets_uniform(nodes, node * 16 + 1, x, y, z))
+    return bits(meets_uniform(nodes, node * 16, x, y, z)), bits(meets_uniform(nodes, node * 16 + 1, x, y, z))
 
 
 @inlined
 def children_mixed(nodes, node, x, y, z):
     """The same for lanes of any direction."""
-    return bits(_meets_mixed(nodes, node * 16, x, y, z)), bits(_meets_mixed(nodes, node * 16 + 1, x, y, z))
+    return bits(meets_mixed(nodes, node * 16, x, y, z)), bits(meets_mixed(nodes, node * 16 + 1, x, y, z))

@@ -67,6 +67,19 @@ class TileShape(NamedTuple):
     rows: int
 
 
+def tile_shape(query) -> TileShape:
+    """4 x 4 pixels; receivers that form a row are taken 16 at a time."""
+    h, w = query.sides.shape
+    width, height = (4, 4) if h > 1 else (16, 1)
+    return TileShape(width, height, -(-w // width), -(-h // height))
+
+
+def sets_of(shape) -> np.ndarray:
+    """(16,) int: the sample set of each lane of a tile."""
+    lane = np.arange(16)
+    return (lane % shape.width & 3) + 4 * (lane // shape.width)
+
+
 class Asked(NamedTuple):
     """A query's chunk for hot kernels: pointers, for each array passed on costs a reference count."""
 

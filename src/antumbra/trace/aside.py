@@ -1,0 +1,59 @@
+"""Rays of a row that float32 cannot decide: noted while tracing, settled when the tile is done.
+
+So the exact code stays out of the hot kernels, and a ray that something else blocks meanwhile is never settled.
+"""
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..predicate.exact import segment
+from ..query.shadow import horizon_of, is_above
+from ..simd import get, lowest_bit, ptr_at, put
+from .counters import UNCERTAIN, count
+from .tile import place_of
+from .traverse import settle
+
+ASIDE = 2 * 4096  # rays that can be put aside; a block of triangles needs at most 4096
+ASIDE_INTS = 2 + 2 * ASIDE  # int32 of memory: how many, nothing, then slot and place of each
+
+
+@inlined
+def put_row_aside(aside, slot, place, step, unsure):
+    """Note the triangle in `slot` for the `unsure` lanes (bits) of a row: lane i is at ``place + i step``.
+
+    A place is ``stratum << 4 | receiver``.
+    """
+    n = np.int64(get(aside, 0))
+    while unsure != 0:
+        put(aside, 2 + 2 * n, slot)
+        put(aside, 3 + 2 * n, place + lowest_bit(unsure) * step)
+        unsure &= unsure - 1
+        n += 1
+    put(aside, 0, n)
+
+
+@kernel
+def _is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+    """Does the triangle in `slot`, or the receiver's own surface (slot -1), block a segment? Exact."""
+    l = ptr_at(tile.points, s * 48 + lane)
+    if slot < 0:
+        at = place_of(asked, y0, x0, lane)
+        count(counters, UNCERTAIN, 1)
+        horizon = horizon_of(query, at // asked.w, at % asked.w)
+        return not is_above(horizon, get(l, 0), get(l, 16), get(l, 32), query.corners)
+    o = ptr_at(tile.origins, lane)
+    ray = segment(get(o, 0), get(o, 16), get(o, 32), get(l, 0), get(l, 16), get(l, 32))
+    side = settle(ray, corners, slot, counters)
+    return side != 0 and side != asked.facing
+
+
+@kernel
+def settle_aside(corners, query, asked, y0, x0, tile, aside, counters):
+    """Decide exactly what was put aside about the tile at pixel (y0, x0), and update `tile.dead`."""
+    for k in range(np.int64(get(aside, 0))):
+        slot, place = np.int64(get(aside, 2 + 2 * k)), np.int64(get(aside, 3 + 2 * k))
+        s, lane = place >> 4, place & 15
+        dead = np.int64(get(tile.dead, s))
+        if dead >> lane & 1 == 0 and _is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+            put(tile.dead, s, dead | np.int64(1) << lane)
+    put(aside, 0, 0)

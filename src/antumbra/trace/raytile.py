@@ -1,0 +1,230 @@
+"""A tile's rays as 16 rows of 16: what the packet tracers and the paper's multi-frusta tracing have in common.
+
+A row is either a stratum, whose lanes are the receivers (packets over pixels), or a receiver, whose lanes are its
+samples (packets and frusta with a common origin).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.nodes import MAX_DEPTH
+from ..jit import inlined, kernel
+from ..parallel import new_ticket, run, thread_count
+from ..simd import (
+    broadcast16,
+    get,
+    mask_from_bits16,
+    ptr,
+    ptr_at,
+    put,
+    select,
+    splat16,
+    stack_f32,
+    stack_i32,
+    store,
+)
+from .aside import ASIDE_INTS, settle_aside
+from .lighttable import POINTS, STRATA, light_table, stays
+from .tile import (
+    TILE_FLOATS,
+    apply_horizon,
+    asked_of,
+    bound_receivers,
+    load_receivers,
+    move_light,
+    sets_of,
+    tile_at,
+    tile_shape,
+    write_bits,
+)
+from .vec import minus, rows
+
+STACK = 4 * MAX_DEPTH
+
+
+class Samples(NamedTuple):
+    """The light samples of a query for tiles."""
+
+    table: object  # LightTable
+    turned: np.ndarray  # (chunks, 16 receivers, 3, 16 samples) float32: the table's points, receiver by receiver
+    parameters: np.ndarray  # (chunks, 16 receivers, 2, 16 samples) float32: (a, b) on the light's patch
+
+
+class Job(NamedTuple):
+    """What all tiles of a run share."""
+
+    shape: object  # TileShape
+    chunk: int
+    count: int  # samples of the chunk
+    by_sample: bool  # whether a row's lanes are one receiver's samples, not 16 receivers
+
+
+class Scratch(NamedTuple):
+    """A thread's memory."""
+
+    tile: object  # float32, one `Tile`
+    turned: object  # float32, the points of a light that moves, receiver by receiver
+    origins: object  # float32, each receiver's origin in all 16 lanes
+    planes: object  # float32, for `tile.apply_horizon`
+    stack: object  # int32
+    at: object  # int32, see `descent.save`
+    dead: object  # int32, one a receiver: bits of its blocked samples
+    aside: object  # int32, see `aside`
+
+
+class Rays(NamedTuple):
+    """The rays of a tile: pointers."""
+
+    y0: int  # pixel of the tile
+    x0: int
+    tile: object  # Tile
+    origins: object  # float32 x, y, z of 16 lanes; row r at r * stride
+    stride: int
+    points: object  # float32 x, y, z of 16 lanes; row r at r * 48
+    dead: object  # int32, one a row: bits of the blocked rays
+    rows: int  # bits of the rows that hold rays
+    lanes: int  # bits of the lanes that do
+    row_place: int  # see `aside.put_row_aside`
+    lane_place: int
+
+
+@inlined
+def new_scratch():
+    """`Scratch` on the stack of the kernel that calls."""
+    return Scratch(
+        stack_f32(TILE_FLOATS), stack_f32(POINTS), stack_f32(POINTS), stack_f32(128), stack_i32(STACK), stack_i32(4),
+        stack_i32(16), stack_i32(ASIDE_INTS),
+    )  # fmt: skip
+
+
+@inlined
+def turn_bits(source, target):
+    """Transpose 16 x 16 bits, kept as 16 int32."""
+    words = splat16(np.int32(0))
+    for r in range(16):
+        there = mask_from_bits16(np.int64(get(source, r)))
+        words = words | select(there, splat16(np.int32(1 << r)), splat16(np.int32(0)))
+    store(target, 0, words)
+
+
+@kernel
+def _turn_points(points, count, turned):
+    """Points of strata -> points of receivers; samples from `count` on repeat the last one."""
+    for receiver in range(16):
+        for k in range(3):
+            for s in range(STRATA):
+                known = s if s < count else count - 1
+                put(turned, receiver * 48 + k * 16 + s, get(points, known * 48 + k * 16 + receiver))
+
+
+@inlined
+def asked_in(query, samples, job):
+    """The `Asked` of a job."""
+    return asked_of(query, samples.table, job.shape, job.chunk, job.count, stays(query.light))
+
+
+@kernel
+def _by_receiver(tile, samples, asked, scratch):
+    """(points of the receivers' samples); fills the receivers' origins."""
+    for r in range(16):
+        for k in range(3):
+            store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
+    turn_bits(tile.dead, scratch.dead)
+    if asked.fixed:
+        return ptr_at(ptr(samples.turned), asked.first * 48)
+    _turn_points(tile.points, asked.count, scratch.turned)
+    return scratch.turned
+
+
+@kernel
+def start_tile(query, samples, job, asked, n, scratch, counters):
+    """The `Rays` of tile n, those that the receivers' own surfaces surely block dead already."""
+    y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
+    tile = tile_at(scratch.tile, 0, asked)
+    put(scratch.aside, 0, 0)
+    strata = (np.int64(1) << asked.count) - 1
+    valid = load_receivers(asked, y0, x0, tile)
+    if valid != 0:
+        bound_receivers(tile, valid)
+        if not asked.fixed:
+            move_light(query, y0, x0, job.shape, job.chunk, valid, tile, asked.count)
+        apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+        if job.by_sample:
+            points = _by_receiver(tile, samples, asked, scratch)
+            return Rays(y0, x0, tile, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
+    return Rays(y0, x0, tile, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1)
+
+
+@inlined
+def origins_of(rays, r):
+    """Origins of the rays of row r."""
+    return rows(rays.origins, r * rays.stride, 16)
+
+
+@inlined
+def directions_of(rays, r):
+    """Their directions, the whole way to the samples, rounded once."""
+    return minus(rows(rays.points, r * 48, 16), origins_of(rays, r))
+
+
+@inlined
+def open_rays(rays, r):
+    """Bits of the rays of row r that nothing blocks so far."""
+    return rays.lanes & ~np.int64(get(rays.dead, r))
+
+
+@inlined
+def rows_are_receivers(rays):
+    """Whether the rows are receivers, not strata."""
+    return rays.stride != 0
+
+
+@kernel
+def settle(tree, query, asked, rays, scratch, counters):
+    """Decide what was put aside, and update `rays.dead`."""
+    if get(scratch.aside, 0) == 0:
+        return
+    if rows_are_receivers(rays):
+        turn_bits(rays.dead, rays.tile.dead)
+    settle_aside(tree.corners, query, asked, rays.y0, rays.x0, rays.tile, scratch.aside, counters)
+    if rows_are_receivers(rays):
+        turn_bits(rays.tile.dead, rays.dead)
+
+
+@kernel
+def finish_tile(asked, rays, out):
+    """Set the bits of the tile's blocked rays; `out`: pointer to all bits."""
+    if rows_are_receivers(rays):
+        turn_bits(rays.dead, rays.tile.dead)
+    valid = rays.rows if rows_are_receivers(rays) else rays.lanes
+    if rays.rows != 0:
+        write_bits(asked, rays.y0, rays.x0, valid, rays.tile, np.int64(0), out)
+
+
+def _samples(query, sets) -> Samples:
+    table = light_table(query, sets)
+    chunks, spp = len(table.points), query.samples.shape[1]
+    known = np.minimum(np.arange(chunks * STRATA), spp - 1)
+    points = table.points.reshape(-1, 3, 16)[known].reshape(chunks, STRATA, 3, 16)
+    parameters = query.samples[sets][:, known, :2].astype(np.float32).reshape(16, chunks, STRATA, 2)
+    return Samples(
+        table,
+        np.ascontiguousarray(points.transpose(0, 3, 2, 1)),
+        np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)),
+    )
+
+
+def trace_tiles(worker, tree, query, by_sample, bits, threads, counters, progress, *options) -> None:
+    """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk.
+
+    by_sample : whether rows are receivers, not strata
+    """
+    shape, spp = tile_shape(query), query.samples.shape[1]
+    samples = _samples(query, sets_of(shape))
+    for chunk in range(-(-spp // STRATA)):
+        count = min(STRATA, spp - chunk * STRATA)
+        job = Job(shape, chunk, count, by_sample)
+        ticket = new_ticket(shape.columns * shape.rows, 4)
+        arrays = tree, query, samples, job, bits, counters
+        run(worker, thread_count(threads), ticket, *arrays, *options, progress=progress)
