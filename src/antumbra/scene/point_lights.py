@@ -20,7 +20,8 @@ class PointLights(Light):
     a light by 16 over the number of sets that it is in, so the mean over a block of 4x4 pixels is the sum of all lights
     (Sec. 6.1 of the multi-frusta paper): the estimate is unbiased, and its noise is a pattern of 4x4 pixels.
 
-    positions : (k, 3) float, world
+    positions : (k, 3) float
+        In world units.
     intensities : float or (k,) float
         Candela of each light, times `intensity`; along the normal where there are normals.
     colours : (3,) or (k, 3) float
