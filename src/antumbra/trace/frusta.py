@@ -17,6 +17,7 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..simd import absolute, bits, broadcast16, fma, load16, maximum, minimum, put, select, splat16, store
+from .slabs import Bound, Uniform
 
 _F = np.float32
 GROW = _F(1.0 + 2.0**-20)
@@ -25,22 +26,6 @@ _LOW = _F(1e-7)  # directions below this share of the longest count as zero
 _ZERO, _INFINITE = _F(0.0), _F(np.inf)
 LOW, HIGH, MIXED = 0, 48, 96  # rows of 16: d_low (x, y, z), d_high; eight rows for the bounds of each axis
 FLOATS = MIXED + 3 * 128
-
-
-class Bound(NamedTuple):
-    """The line b r + k in the coordinate b of a plane; both f32x16."""
-
-    r: object
-    k: object
-
-
-class Uniform(NamedTuple):
-    """Entry into the slabs of an axis and exit from them, and which planes they are of."""
-
-    near: Bound
-    far: Bound
-    near_plane: int  # offset in a node's line: 0 the lower planes, 2 the upper ones
-    far_plane: int
 
 
 class Uniforms(NamedTuple):
