@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.bvh.blocks import BlockTree
+from antumbra.queries import accelerated
 from antumbra.renderer import PHASES
 from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace.counters import COUNTERS
@@ -146,3 +148,11 @@ def test_bad_arguments_are_named(atrium, change, says):
     with pytest.raises(at.InputError, match=says) as error:
         at.render(atrium, **args)
     assert "\n" not in str(error.value)
+
+
+def test_plans_of_one_builder_share_what_it_built(atrium):
+    """Asked in turn, at one time, what a builder made is made once; only what the tracer walks is made anew."""
+    one, other = (accelerated(atrium, 0.0, 1, plan) for plan in ("bsah+single", "bsah+multifrusta"))
+    assert one.bvh is other.bvh and one.triangles is other.triangles
+    assert one.prepared is one.bvh and isinstance(other.prepared, BlockTree)
+    assert accelerated(atrium, 0.0, 1, "bsah+single") is one
