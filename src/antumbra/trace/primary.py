@@ -35,7 +35,8 @@ from ..simd import (
     store,
 )
 from .frusta import FLOATS, GROW, bound_directions, meet_mixed, meet_uniform, prepare
-from .pixelblock import ASIDE, SIDE, WORK, Pixels, frame_of, trace_block
+from .pixelblock import ASIDE, Pixels, trace_block
+from .pixelsetup import SIDE, WORK, frame_of
 
 _F = np.float32
 _DEPTH = 2 * MAX_DEPTH
