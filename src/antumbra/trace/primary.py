@@ -6,6 +6,8 @@ front and an interval of its depth key 1 / t; what float32 cannot decide is put 
 predicates after each block. The float64 t of what is seen is computed once, at the end.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..bvh.blocks import ROWS, BlockTree, block_pointers, block_tree
@@ -26,11 +28,13 @@ from ..simd import (
     popcount,
     prefetch,
     ptr,
+    ptr_at,
     put,
     reduce_min,
     select,
     splat16,
     stack_f32,
+    stack_f64,
     stack_i32,
     store,
 )
@@ -44,7 +48,21 @@ _ENTRIES = 16 * _DEPTH
 _NO_BLOCK = -1  # the link of a block of no triangles
 _SUPER = 4  # tiles of a square that is traced in Morton order
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
+_FRUSTUM = 6 * 16  # float64 of 16 pixels: five rows for their planes, and t
+_PLANES, _KNOWN = 16 * _FRUSTUM, 5 * 257
+_MARKS = 64  # a power of two
+_MARK_WORDS = 2 * _MARKS
 _LARGEST = 1e30  # more than a depth key that float32 computes
+
+
+class Seen(NamedTuple):
+    """Pointers to scratch memory: the planes that a tile's pixels see."""
+
+    planes: object  # float64: of each frustum five rows of 16 pixels for their planes, and t
+    face: object  # int32: of each pixel
+    known: object  # float64: five numbers a plane; number 0 is no plane
+    ids: object  # int32: faces of the known planes
+    marks: object  # int32: by the last bits of a slot, the slot; then the number of its plane
 
 
 @inlined
@@ -189,40 +207,73 @@ def _by_value(rays):
 
 
 @inlined
-def _finish_row(row, rays, x0, y):
-    """t of 16 pixels of a row, -1 where float64 is not surely accurate; LLVM makes vectors of this."""
-    for i in range(SIDE):
-        plane = EyePlane(
-            0, get(row, i), get(row, SIDE + i), get(row, 2 * SIDE + i), get(row, 3 * SIDE + i), get(row, 4 * SIDE + i)
-        )
-        put(row, 5 * SIDE + i, quick_t(plane, pixel_ray(rays, x0 + i, y)))
+def _put_plane(p, at, stride, plane):
+    put(p, at, plane.nx)
+    put(p, at + stride, plane.ny)
+    put(p, at + 2 * stride, plane.nz)
+    put(p, at + 3 * stride, plane.volume)
+    put(p, at + 4 * stride, plane.least)
+
+
+@inlined
+def _get_plane(p, at, stride):
+    return EyePlane(
+        0, get(p, at), get(p, at + stride), get(p, at + 2 * stride), get(p, at + 3 * stride), get(p, at + 4 * stride)
+    )
 
 
 @kernel
-def _finish(pixels, tree, rays, x0, y0, planes, face, t):
-    """Write the tile's faces and their canonical t; planes: (6, SIDE) float64 of scratch memory."""
-    row, plane, camera = ptr(planes), NO_PLANE, _by_value(rays)
-    columns = min(SIDE, rays.width - x0)
-    for y in range(y0, min(y0 + SIDE, rays.height)):
-        at = 64 * ((y - y0) >> 2) + 4 * ((y - y0) & 3)
+def _find_planes(pixels, tree, o, seen):
+    """Write the face and the plane of each pixel; each plane is computed once a tile."""
+    for k in range(0, _MARKS, 16):
+        store(seen.marks, k, splat16(np.int32(-1)))
+    _put_plane(seen.known, 0, 1, NO_PLANE)
+    put(seen.ids, 0, np.int32(-1))
+    n = np.int64(1)
+    for k in range(256):
+        slot, number = np.int64(get(pixels.slot, k)), np.int64(0)
+        mark = slot & (_MARKS - 1)
+        if slot >= 0:
+            number = np.int64(get(seen.marks, _MARKS + mark))
+            if np.int64(get(seen.marks, mark)) != slot:
+                _put_plane(seen.known, 5 * n, 1, eye_plane(tree.corners, slot, o))
+                put(seen.ids, n, get(tree.prim_ids, slot))
+                put(seen.marks, mark, slot)
+                put(seen.marks, _MARKS + mark, n)
+                number = n
+                n += 1
+        _put_plane(seen.planes, _FRUSTUM * (k >> 4) + (k & 15), 16, _get_plane(seen.known, 5 * number, 1))
+        put(seen.face, k, get(seen.ids, number))
+
+
+@inlined
+def _find_t(planes, face, rays, x0, y0):
+    """t of 16 pixels of a frustum, -1 where float64 is not surely accurate; LLVM makes vectors of this."""
+    for i in range(16):
+        found = quick_t(_get_plane(planes, i, 16), pixel_ray(rays, x0 + (i & 3), y0 + (i >> 2)))
+        put(planes, 80 + i, np.inf if get(face, i) < 0 else found)
+
+
+@kernel
+def _hit_t(pixels, tree, rays, x, y, k):
+    return hit_t(pixel_ray(rays, x, y), tree.corners, np.int64(get(pixels.slot, k)))
+
+
+@kernel
+def _finish(pixels, tree, rays, x0, y0, seen, face, t):
+    """Write the tile's faces and their canonical t."""
+    camera = _by_value(rays)
+    _find_planes(pixels, tree, camera.origin, seen)
+    for f in range(16):
+        _find_t(ptr_at(seen.planes, _FRUSTUM * f), ptr_at(seen.face, 16 * f), camera, x0 + 4 * (f & 3), y0 + (f & ~3))
+    columns = min(SIDE, camera.width - x0)
+    for y in range(y0, min(y0 + SIDE, camera.height)):
+        out, at = y * camera.width + x0, 64 * (y - y0 >> 2) + 4 * (y - y0 & 3)
         for i in range(columns):
-            slot = np.int64(get(pixels.slot, at + 16 * (i >> 2) + (i & 3)))
-            face[y, x0 + i] = get(tree.prim_ids, slot) if slot >= 0 else np.int32(-1)
-            if slot >= 0 and slot != plane.triangle:
-                plane = eye_plane(tree.corners, slot, camera.origin)
-            put(row, i, plane.nx)
-            put(row, SIDE + i, plane.ny)
-            put(row, 2 * SIDE + i, plane.nz)
-            put(row, 3 * SIDE + i, plane.volume)
-            put(row, 4 * SIDE + i, plane.least)
-        _finish_row(row, camera, x0, y)
-        for i in range(columns):
-            slot, found = np.int64(get(pixels.slot, at + 16 * (i >> 2) + (i & 3))), get(row, 5 * SIDE + i)
-            if slot < 0:
-                found = np.inf
-            elif not found > 0.0:
-                found = hit_t(pixel_ray(camera, x0 + i, y), tree.corners, slot)
-            t[y, x0 + i] = found
+            k = at + 16 * (i >> 2) + (i & 3)
+            found = get(seen.planes, _FRUSTUM * (k >> 4) + 80 + (k & 15))
+            put(face, out + i, get(seen.face, k))
+            put(t, out + i, found if found > 0.0 else _hit_t(pixels, tree, camera, x0 + i, y, k))
 
 
 @inlined
@@ -238,7 +289,8 @@ def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
     """Worker: whole tiles, each by one thread."""
     pixels = Pixels(stack_f32(256), stack_f32(256), stack_i32(256), stack_f32(16), stack_f32(16), stack_i32(ASIDE))
     slabs, work, stack, entries = stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES)
-    tree, planes = block_pointers(arrays), np.zeros((6, SIDE))
+    seen = Seen(stack_f64(_PLANES), stack_i32(256), stack_f64(_KNOWN), stack_i32(257), stack_i32(_MARK_WORDS))
+    tree = block_pointers(arrays)
     k = take(ticket)
     while k >= 0:
         x0, y0 = _place(k, across)
@@ -247,7 +299,7 @@ def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
             bound_directions(rays, error, x0, y0, slabs)
             frame = frame_of(view, x0, y0, scale)
             _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries)
-            _finish(pixels, tree, rays, x0, y0, planes, face, t)
+            _finish(pixels, tree, rays, x0, y0, seen, ptr(face), ptr(t))
         k = take(ticket)
 
 
