@@ -21,6 +21,7 @@ from ..simd import (
     minimum,
     prefetch,
     put,
+    reduce_min,
     select,
     splat16,
     store,
@@ -83,48 +84,52 @@ def put_aside(aside, slot, f, unsure, sure):
 
 
 @inlined
-def _test_pixels(work, i, slot, x, y, pixels, f):
-    """Test triangle i against the pixels of frustum f; whether some now see it."""
-    at = 16 * f
-    inside = minimum(_value(work, EDGES, i, x, y), _value(work, EDGES + 48, i, x, y))
-    inside = minimum(inside, _value(work, EDGES + 96, i, x, y))
-    key, error, low = _value(work, KEY, i, x, y), broadcast16(work, KEY_ERROR + i), load16(pixels.low, at)
-    candidate = (inside >= _F(-1.0)) & (key + error >= low)
-    if bits(candidate) == 0:
-        return False
-    high, key_low, covers = load16(pixels.high, at), key - error, inside > _F(1.0)
-    wins = candidate & covers & (key_low > high)
-    unsure = bits(candidate & ~wins)
-    if unsure != 0:
-        put_aside(pixels.aside, slot, f, unsure, bits(covers))
-    if bits(wins) == 0:
-        return False
-    store(pixels.low, at, select(wins, key_low, low))
-    store(pixels.high, at, select(wins, key + error, high))
-    store(pixels.slot, at, select(wins, splat16(np.int32(slot)), load16(pixels.slot, at)))
-    return True
+def _test_frustum(work, tree, block, tests, x, y, pixels, f):
+    """Test triangles (bits) against the pixels of a frustum; bits of those that some pixel saw for a while."""
+    at, winners = 16 * f, np.int64(0)
+    low, high, slot = load16(pixels.low, at), load16(pixels.high, at), load16(pixels.slot, at)
+    while tests != 0:
+        i = lowest_bit(tests)
+        tests &= tests - 1
+        inside = minimum(_value(work, EDGES, i, x, y), _value(work, EDGES + 48, i, x, y))
+        inside = minimum(inside, _value(work, EDGES + 96, i, x, y))
+        key, error = _value(work, KEY, i, x, y), broadcast16(work, KEY_ERROR + i)
+        key_low, key_high, covers = key - error, key + error, inside > _F(1.0)
+        candidate = (inside >= _F(-1.0)) & (key_high >= low)
+        wins = candidate & covers & (key_low > high)
+        unsure = bits(candidate & ~wins)
+        if unsure != 0:
+            put_aside(pixels.aside, get(tree.slots, block * 16 + i), f, unsure, bits(covers))
+        low, high = select(wins, key_low, low), select(wins, key_high, high)
+        slot = select(wins, broadcast16(tree.slots, block * 16 + i), slot)
+        winners |= np.int64(bits(wins) != 0) << i
+    if winners != 0:
+        store(pixels.low, at, low)
+        store(pixels.high, at, high)
+        store(pixels.slot, at, slot)
+        put(pixels.least, f, reduce_min(low))
+    return winners
 
 
 @kernel
 def trace_block(frame, tree, block, triangles, frusta, pixels, work):
-    """Test a block against some frusta (bits) of a tile; bits of those that now see one of its triangles."""
-    left, seen = set_up_block(frame, tree, block, triangles, work), np.int64(0)
+    """Test a block against some frusta (bits) of a tile; whether some pixel now sees one of its triangles."""
+    left, winners = set_up_block(frame, tree, block, triangles, work), np.int64(0)
     if left == 0:
-        return seen
+        return False
     across, down = to_f32(iota16() & 3), to_f32(iota16() >> 2)
     while frusta != 0:
         f = lowest_bit(frusta)
         frusta &= frusta - 1
         fx, fy = _F(4 * (f & 3)), _F(4 * (f >> 2))
         tests = cull_frustum(work, left, fx, fy, get(pixels.least, f))
-        x, y = across + fx, down + fy
-        while tests != 0:
-            i = lowest_bit(tests)
-            tests &= tests - 1
-            slot = np.int64(get(tree.slots, block * 16 + i))
-            if _test_pixels(work, i, slot, x, y, pixels, f):
-                seen |= np.int64(1) << f
-                prefetch(tree.corners, 9 * slot)  # for the float64 t
-                prefetch(tree.corners, 9 * slot + 8)
-                prefetch(tree.prim_ids, slot)
+        if tests != 0:
+            winners |= _test_frustum(work, tree, block, tests, across + fx, down + fy, pixels, f)
+    seen = winners != 0
+    while winners != 0:  # ask for what the float64 t needs
+        slot = np.int64(get(tree.slots, block * 16 + lowest_bit(winners)))
+        winners &= winners - 1
+        prefetch(tree.corners, 9 * slot)
+        prefetch(tree.corners, 9 * slot + 8)
+        prefetch(tree.prim_ids, slot)
     return seen

@@ -85,7 +85,7 @@ def _start(pixels, x0, y0, rays):
 
 @kernel
 def _settle(pixels, tree, rays, x0, y0, scale):
-    """Let the contract decide the pixels that were put aside; bits of their frusta."""
+    """Let the contract decide the pixels that were put aside."""
     o, touched = rays.origin, np.int64(0)
     mine, other = NO_PLANE, NO_PLANE
     for k in range(np.int64(get(pixels.aside, 0))):
@@ -111,19 +111,17 @@ def _settle(pixels, tree, rays, x0, y0, scale):
         put(pixels.slot, at, slot)
         touched |= np.int64(1) << f
     put(pixels.aside, 0, 0)
-    return touched
+    while touched != 0:
+        f = lowest_bit(touched)
+        touched &= touched - 1
+        put(pixels.least, f, reduce_min(load16(pixels.low, 16 * f)))
 
 
 @inlined
-def _shorten(pixels, frusta, scale):
+def _shorten(pixels, scale):
     """What some frusta see has come nearer."""
-    while frusta != 0:
-        f = lowest_bit(frusta)
-        frusta &= frusta - 1
-        least = reduce_min(load16(pixels.low, 16 * f))
-        put(pixels.least, f, least)
-        if least > _F(0.0):
-            put(pixels.far, f, _F(1.0) / (least * scale) * GROW)
+    least, far = load16(pixels.least, 0), load16(pixels.far, 0)
+    store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * GROW, far))
 
 
 @inlined
@@ -182,8 +180,10 @@ def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, e
         if ~ready & 31 != 0:
             seen = trace_block(frame, tree, ~ready >> 5, ~ready & 31, ready_mask, pixels, work)
             if get(pixels.aside, 0) != 0:
-                seen |= _settle(pixels, tree, rays, x0, y0, scale)
-            _shorten(pixels, seen, _F(scale))
+                _settle(pixels, tree, rays, x0, y0, scale)
+                seen = True
+            if seen:
+                _shorten(pixels, _F(scale))
         mask = np.int64(0)
         while mask == 0:
             if height == 0:
