@@ -1,4 +1,4 @@
-"""Slab tests of the 16 frusta of a tile of primary rays: 4 x 4 pixels each, the camera as common origin.
+"""Slab tests of the 16 frusta of a tile of primary rays: 8 x 4 pixels each, the camera as common origin.
 
 A frustum holds the rays o + t d of its pixels; along each axis d_low <= d <= d_high, so it meets the slab [low, high]
 of a node's box at t only if o + t d_high >= low and o + t d_low <= high [Benthin and Wald 2009, Sec. 4.1]. Each
@@ -45,9 +45,9 @@ def bound_directions(rays, error, x0, y0, slabs):
     """
     for axis in range(3):
         dx, dy = rays.dx[axis], rays.dy[axis]
-        half = 1.5 * (abs(dx) + abs(dy)) + 2.0 * error[axis]
+        half = 3.5 * abs(dx) + 1.5 * abs(dy) + 2.0 * error[axis]
         for f in range(16):
-            middle = rays.corner[axis] + (x0 + 4 * (f & 3) + 2.0) * dx + (y0 + 4 * (f >> 2) + 2.0) * dy
+            middle = rays.corner[axis] + (x0 + 8 * (f & 3) + 4.0) * dx + (y0 + 4 * (f >> 2) + 2.0) * dy
             put(slabs, LOW + 16 * axis + f, middle - half)
             put(slabs, HIGH + 16 * axis + f, middle + half)
 

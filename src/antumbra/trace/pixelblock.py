@@ -31,18 +31,26 @@ from .pixelsetup import BOX, EDGES, KEY, KEY_ERROR, TOPS, set_up_block
 from .vec import broadcasts
 
 _F = np.float32
-ASIDE = 2 + 2 * 4096  # int32: a block leaves at most 16 triangles for each of 256 pixels
+CELLS = 32  # of 4 x 4 pixels in a tile: f is the left half of frustum f, 16 + f the right one
+PIXELS = 16 * CELLS
+ASIDE = 2 + 2 * 16 * PIXELS  # int32: a block leaves at most 16 triangles for each pixel
 
 
 class Pixels(NamedTuple):
-    """Pointers to the state of a tile's pixels: frustum f has elements 16 f to 16 f + 15."""
+    """Pointers to the state of a tile's pixels: cell c has elements 16 c to 16 c + 15."""
 
     low: object  # float32: least possible depth key of the triangle; -inf where there is none, inf beyond the picture
     high: object  # float32: largest possible one; -inf where there is none
     slot: object  # int32: -1 where there is none
-    least: object  # (16,) float32: the least `low` of each frustum
+    least: object  # (CELLS,) float32: the least `low` of each cell
     far: object  # (16,) float32: t beyond which nothing can be seen in each frustum
     aside: object  # int32: how many pixels are put aside, -; then slot, 2 * pixel + (1 if it is surely covered)
+
+
+@inlined
+def first_pixel(cell):
+    """(x, y) of the first pixel of a cell, in the tile."""
+    return 8 * (cell & 3) + (cell >> 2 & 4), cell & 12
 
 
 @inlined
@@ -52,7 +60,7 @@ def _over(work, edge, top, x, y):
 
 
 @inlined
-def cull_frustum(work, left, fx, fy, least):
+def cull_cell(work, left, fx, fy, least):
     """Bits of the triangles of `left` that some pixel of the frustum with first pixel (fx, fy) may see."""
     x, y, end_x, end_y = splat16(fx), splat16(fy), splat16(fx + _F(3.0)), splat16(fy + _F(3.0))
     inside = (load16(work, BOX) <= end_x) & (load16(work, BOX + 16) >= x)
@@ -71,22 +79,22 @@ def _value(work, at, i, x, y):
 
 
 @inlined
-def put_aside(aside, slot, f, unsure, sure):
+def put_aside(aside, slot, cell, unsure, sure):
     """Note pixels of frustum f, which a triangle may win, for later."""
     n = np.int64(get(aside, 0))
     while unsure != 0:
         lane = lowest_bit(unsure)
         unsure &= unsure - 1
         put(aside, 2 + 2 * n, slot)
-        put(aside, 3 + 2 * n, 2 * (16 * f + lane) + (sure >> lane & 1))
+        put(aside, 3 + 2 * n, 2 * (16 * cell + lane) + (sure >> lane & 1))
         n += 1
     put(aside, 0, n)
 
 
 @inlined
-def _test_frustum(work, tree, block, tests, x, y, pixels, f):
+def _test_cell(work, tree, block, tests, x, y, pixels, cell):
     """Test triangles (bits) against the pixels of a frustum; bits of those that some pixel saw for a while."""
-    at, winners = 16 * f, np.int64(0)
+    at, winners = 16 * cell, np.int64(0)
     low, high, slot = load16(pixels.low, at), load16(pixels.high, at), load16(pixels.slot, at)
     while tests != 0:
         i = lowest_bit(tests)
@@ -99,7 +107,7 @@ def _test_frustum(work, tree, block, tests, x, y, pixels, f):
         wins = candidate & covers & (key_low > high)
         unsure = bits(candidate & ~wins)
         if unsure != 0:
-            put_aside(pixels.aside, get(tree.slots, block * 16 + i), f, unsure, bits(covers))
+            put_aside(pixels.aside, get(tree.slots, block * 16 + i), cell, unsure, bits(covers))
         low, high = select(wins, key_low, low), select(wins, key_high, high)
         slot = select(wins, broadcast16(tree.slots, block * 16 + i), slot)
         winners |= np.int64(bits(wins) != 0) << i
@@ -107,7 +115,7 @@ def _test_frustum(work, tree, block, tests, x, y, pixels, f):
         store(pixels.low, at, low)
         store(pixels.high, at, high)
         store(pixels.slot, at, slot)
-        put(pixels.least, f, reduce_min(low))
+        put(pixels.least, cell, reduce_min(low))
     return winners
 
 
@@ -121,10 +129,12 @@ def trace_block(frame, tree, block, triangles, frusta, pixels, work):
     while frusta != 0:
         f = lowest_bit(frusta)
         frusta &= frusta - 1
-        fx, fy = _F(4 * (f & 3)), _F(4 * (f >> 2))
-        tests = cull_frustum(work, left, fx, fy, get(pixels.least, f))
-        if tests != 0:
-            winners |= _test_frustum(work, tree, block, tests, across + fx, down + fy, pixels, f)
+        for cell in (f, f + 16):
+            x, y = first_pixel(cell)
+            x, y = _F(x), _F(y)
+            tests = cull_cell(work, left, x, y, get(pixels.least, cell))
+            if tests != 0:
+                winners |= _test_cell(work, tree, block, tests, across + x, down + y, pixels, cell)
     seen = winners != 0
     while winners != 0:  # ask for what the float64 t needs
         slot = np.int64(get(tree.slots, block * 16 + lowest_bit(winners)))

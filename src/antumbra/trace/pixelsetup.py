@@ -10,7 +10,7 @@ So they are set up once for a block and a tile, lanes = 16 triangles, for `pixel
 
 Errors. u = 2**-24; n, m are the largest sums of magnitudes in the rows (x, y) and z of the matrix to pixel coordinates.
 Its entries, a, p, q are rounded once, the products summed by fma, so x, y (z) of a vector no component of which exceeds
-r are wrong by at most 6 u n r (6 u m r). With A, dA the largest |x| or |y| of a plus 16 times its |z|, and their error,
+r are wrong by at most 6 u n r (6 u m r). With A, dA the largest |x| or |y| of a plus 32 times its |z|, and their error,
 and P, dP those of p and q, the coefficients of e1 and e2 make them wrong by at most 2 (A dP + P dA), and all roundings
 from there to their value at a pixel by 12 u A P; for D put P for A; e0 adds two of the ones to the other, and two
 roundings. Rounding a direction moves g by at most (sx, sy, sz), and so c . g by |c| . (sx, sy, sz). Edge functions are
@@ -52,7 +52,7 @@ _MORE = _F(1.01)  # second order terms and the rounding of the bounds
 _FLOOR = _F(1e-32)  # more than underflow can cost an edge function, or a volume
 _SURE = _F(1e-3)  # of a volume: the largest relative error with which a depth key is computed
 _HUGE = _F(1e28)
-SIDE = 16  # pixels of a tile, each way
+WIDTH, HEIGHT = 32, 16  # pixels of a tile
 EDGES, KEY, KEY_ERROR, TOPS, BOX, SIGN = 0, 9 * 16, 12 * 16, 13 * 16, 17 * 16, 21 * 16
 WORK = 22 * 16  # float32 of scratch memory
 
@@ -124,7 +124,7 @@ def _sizes(frame, xy, z, length):
 @inlined
 def _reach(s):
     """(A, dA) of the module's text, for any pixel of the tile."""
-    return fma(s.z, splat16(_F(SIDE)), s.xy), fma(s.z_error, splat16(_F(SIDE)), s.xy_error)
+    return fma(s.z, splat16(_F(WIDTH)), s.xy), fma(s.z_error, splat16(_F(WIDTH)), s.xy_error)
 
 
 @inlined
@@ -133,10 +133,10 @@ def _range(a, b, c):
 
 
 @inlined
-def _pixel_range(low, high, pad, clear, work, at):
+def _pixel_range(low, high, pad, clear, size, work, at):
     """Write the first and the last pixel, along one axis, whose centre a triangle may cover; mask16: there are any."""
-    low = select(clear, minimum(maximum(low - pad, _ZERO), splat16(_F(SIDE))), splat16(_ZERO))
-    high = select(clear, minimum(high + pad, _F(SIDE - 1)), splat16(_F(SIDE - 1)))
+    low = select(clear, minimum(maximum(low - pad, _ZERO), splat16(_F(size))), splat16(_ZERO))
+    high = select(clear, minimum(high + pad, _F(size - 1)), splat16(_F(size - 1)))
     first = to_f32(to_i32(low))
     first = select(first < low, first + _F(1.0), first)
     store(work, at, first)
@@ -161,8 +161,8 @@ def _keep_boxes(frame, a, p, q, a_size, p_size, work):
     y_low, y_high = _range(a.y * ia, (a.y + p.y) * ib, (a.y + q.y) * ic)
     x_pad, y_pad = pad + frame.shift.x * _F(4.0), pad + frame.shift.y * _F(4.0)
     clear &= splat16(frame.shift.z) < _F(0.25)
-    across = _pixel_range(x_low, x_high, x_pad, clear, work, BOX)
-    return across & _pixel_range(y_low, y_high, y_pad, clear, work, BOX + 32)
+    across = _pixel_range(x_low, x_high, x_pad, clear, WIDTH, work, BOX)
+    return across & _pixel_range(y_low, y_high, y_pad, clear, HEIGHT, work, BOX + 32)
 
 
 @inlined
@@ -173,9 +173,9 @@ def _moved(frame, c):
 
 
 @inlined
-def _top(c, side):
-    """What to add to c . (x, y, 1) for the largest value over the pixels from (x, y) to (x + side, y + side)."""
-    return fma(maximum(c.x, _ZERO) + maximum(c.y, _ZERO), splat16(_F(side)), c.z)
+def _top(c, right, down):
+    """What to add to c . (x, y, 1) for the largest value over the pixels from (x, y) to (x + right, y + down)."""
+    return fma(maximum(c.x, _ZERO), splat16(_F(right)), fma(maximum(c.y, _ZERO), splat16(_F(down)), c.z))
 
 
 @inlined
@@ -183,15 +183,15 @@ def _keep_edge(frame, k, c, sign, error, work):
     """Write an edge function over the bound of its error; bits of the triangles that the whole tile is outside of."""
     scaled = times(c, sign / ((error + _moved(frame, c) + frame.floor) * _MORE))
     keep(work, EDGES + 48 * k, 16, scaled)
-    store(work, TOPS + 16 * k, _top(scaled, 3))
-    return bits(_top(scaled, SIDE - 1) < _F(-2.0))
+    store(work, TOPS + 16 * k, _top(scaled, 3, 3))
+    return bits(_top(scaled, WIDTH - 1, HEIGHT - 1) < _F(-2.0))
 
 
 @inlined
 def _keep_key(frame, c, error, volume, volume_error, work):
     """Write the depth key; its error is infinite where float32 cannot hold it."""
     size = absolute(volume)
-    total = fma(absolute(c.x) + absolute(c.y), splat16(_F(SIDE)), absolute(c.z))
+    total = fma(absolute(c.x) + absolute(c.y), splat16(_F(WIDTH)), absolute(c.z))
     good = (volume_error < size * _SURE) & (total < size * _HUGE)
     inverse = _F(1.0) / select(good, volume, splat16(_F(1.0)))
     # Roundings in float32, and 2**-28 since `hit_t` itself is within 2**-30 of the truth
@@ -201,7 +201,7 @@ def _keep_key(frame, c, error, volume, volume_error, work):
     bound = select(good, bound, splat16(_INFINITE))
     keep(work, KEY, 16, scaled)
     store(work, KEY_ERROR, bound)
-    store(work, TOPS + 48, _top(scaled, 3) + bound * _F(2.0))
+    store(work, TOPS + 48, _top(scaled, 3, 3) + bound * _F(2.0))
 
 
 @inlined

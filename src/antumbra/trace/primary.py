@@ -25,6 +25,7 @@ from ..simd import (
     iota16,
     load16,
     lowest_bit,
+    minimum,
     popcount,
     prefetch,
     ptr,
@@ -39,8 +40,8 @@ from ..simd import (
     store,
 )
 from .frusta import FLOATS, GROW, bound_directions, meet_mixed, meet_uniform, prepare
-from .pixelblock import ASIDE, Pixels, trace_block
-from .pixelsetup import SIDE, WORK, frame_of
+from .pixelblock import ASIDE, CELLS, PIXELS, Pixels, first_pixel, trace_block
+from .pixelsetup import HEIGHT, WIDTH, WORK, frame_of
 
 _F = np.float32
 _DEPTH = 2 * MAX_DEPTH
@@ -48,8 +49,9 @@ _ENTRIES = 16 * _DEPTH
 _NO_BLOCK = -1  # the link of a block of no triangles
 _SUPER = 4  # tiles of a square that is traced in Morton order
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
-_FRUSTUM = 6 * 16  # float64 of 16 pixels: five rows for their planes, and t
-_PLANES, _KNOWN = 16 * _FRUSTUM, 5 * 257
+_CELL = 6 * 16  # float64 of 16 pixels: five rows for their planes, and t
+_PLANES, _IDS = CELLS * _CELL, PIXELS + 1
+_KNOWN = 5 * _IDS
 _MARKS = 64  # a power of two
 _MARK_WORDS = 2 * _MARKS
 _LARGEST = 1e30  # more than a depth key that float32 computes
@@ -69,15 +71,15 @@ class Seen(NamedTuple):
 def _start(pixels, x0, y0, rays):
     """Nothing is seen yet; bits of the frusta that have pixels."""
     alive = np.int64(0)
-    for f in range(16):
-        x, y = iota16() & 3, iota16() >> 2
-        inside = (x < rays.width - x0 - 4 * (f & 3)) & (y < rays.height - y0 - 4 * (f >> 2))
-        store(pixels.low, 16 * f, select(inside, splat16(_F(-np.inf)), splat16(_F(np.inf))))
-        store(pixels.high, 16 * f, splat16(_F(-np.inf)))
-        store(pixels.slot, 16 * f, splat16(np.int32(-1)))
+    for cell in range(CELLS):
+        x, y = first_pixel(cell)
+        inside = ((iota16() & 3) < rays.width - x0 - x) & ((iota16() >> 2) < rays.height - y0 - y)
+        store(pixels.low, 16 * cell, select(inside, splat16(_F(-np.inf)), splat16(_F(np.inf))))
+        store(pixels.high, 16 * cell, splat16(_F(-np.inf)))
+        store(pixels.slot, 16 * cell, splat16(np.int32(-1)))
+        put(pixels.least, cell, _F(-np.inf) if bits(inside) != 0 else _F(np.inf))
         if bits(inside) != 0:
-            alive |= np.int64(1) << f
-    store(pixels.least, 0, splat16(_F(-np.inf)))
+            alive |= np.int64(1) << (cell & 15)
     store(pixels.far, 0, splat16(_F(np.inf)))
     put(pixels.aside, 0, 0)
     return alive
@@ -91,8 +93,8 @@ def _settle(pixels, tree, rays, x0, y0, scale):
     for k in range(np.int64(get(pixels.aside, 0))):
         slot, entry = np.int64(get(pixels.aside, 2 + 2 * k)), np.int64(get(pixels.aside, 3 + 2 * k))
         at = entry >> 1
-        f, lane = at >> 4, at & 15
-        ray = pixel_ray(rays, x0 + 4 * (f & 3) + (lane & 3), y0 + 4 * (f >> 2) + (lane >> 2))
+        (x, y), lane = first_pixel(at >> 4), at & 15
+        ray = pixel_ray(rays, x0 + x + (lane & 3), y0 + y + (lane >> 2))
         if entry & 1 == 0 and meets(ray, tree.corners, slot) == 0:
             continue
         if slot != mine.triangle:
@@ -109,18 +111,18 @@ def _settle(pixels, tree, rays, x0, y0, scale):
         put(pixels.low, at, low if low < _LARGEST else _LARGEST)
         put(pixels.high, at, key * _NEXT_ABOVE + _TINY if scale > 0.0 else np.inf)
         put(pixels.slot, at, slot)
-        touched |= np.int64(1) << f
+        touched |= np.int64(1) << (at >> 4)
     put(pixels.aside, 0, 0)
     while touched != 0:
-        f = lowest_bit(touched)
+        cell = lowest_bit(touched)
         touched &= touched - 1
-        put(pixels.least, f, reduce_min(load16(pixels.low, 16 * f)))
+        put(pixels.least, cell, reduce_min(load16(pixels.low, 16 * cell)))
 
 
 @inlined
 def _shorten(pixels, scale):
     """What some frusta see has come nearer."""
-    least, far = load16(pixels.least, 0), load16(pixels.far, 0)
+    least, far = minimum(load16(pixels.least, 0), load16(pixels.least, 16)), load16(pixels.far, 0)
     store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * GROW, far))
 
 
@@ -230,7 +232,7 @@ def _find_planes(pixels, tree, o, seen):
     _put_plane(seen.known, 0, 1, NO_PLANE)
     put(seen.ids, 0, np.int32(-1))
     n = np.int64(1)
-    for k in range(256):
+    for k in range(PIXELS):
         slot, number = np.int64(get(pixels.slot, k)), np.int64(0)
         mark = slot & (_MARKS - 1)
         if slot >= 0:
@@ -242,7 +244,7 @@ def _find_planes(pixels, tree, o, seen):
                 put(seen.marks, _MARKS + mark, n)
                 number = n
                 n += 1
-        _put_plane(seen.planes, _FRUSTUM * (k >> 4) + (k & 15), 16, _get_plane(seen.known, 5 * number, 1))
+        _put_plane(seen.planes, _CELL * (k >> 4) + (k & 15), 16, _get_plane(seen.known, 5 * number, 1))
         put(seen.face, k, get(seen.ids, number))
 
 
@@ -264,14 +266,15 @@ def _finish(pixels, tree, rays, x0, y0, seen, face, t):
     """Write the tile's faces and their canonical t."""
     camera = _by_value(rays)
     _find_planes(pixels, tree, camera.origin, seen)
-    for f in range(16):
-        _find_t(ptr_at(seen.planes, _FRUSTUM * f), ptr_at(seen.face, 16 * f), camera, x0 + 4 * (f & 3), y0 + (f & ~3))
-    columns = min(SIDE, camera.width - x0)
-    for y in range(y0, min(y0 + SIDE, camera.height)):
+    for cell in range(CELLS):
+        x, y = first_pixel(cell)
+        _find_t(ptr_at(seen.planes, _CELL * cell), ptr_at(seen.face, 16 * cell), camera, x0 + x, y0 + y)
+    columns = min(WIDTH, camera.width - x0)
+    for y in range(y0, min(y0 + HEIGHT, camera.height)):
         out, at = y * camera.width + x0, 64 * (y - y0 >> 2) + 4 * (y - y0 & 3)
         for i in range(columns):
-            k = at + 16 * (i >> 2) + (i & 3)
-            found = get(seen.planes, _FRUSTUM * (k >> 4) + 80 + (k & 15))
+            k = at + 16 * (i >> 3) + 64 * (i & 4) + (i & 3)
+            found = get(seen.planes, _CELL * (k >> 4) + 80 + (k & 15))
             put(face, out + i, get(seen.face, k))
             put(t, out + i, found if found > 0.0 else _hit_t(pixels, tree, camera, x0 + i, y, k))
 
@@ -281,15 +284,17 @@ def _place(k, across):
     """First pixel (x0, y0) of tile k: squares of _SUPER x _SUPER tiles, each in Morton order."""
     square, k = k // (_SUPER * _SUPER), k % (_SUPER * _SUPER)
     x, y = square % across * _SUPER, square // across * _SUPER
-    return SIDE * (x + (k & 1) + (k >> 1 & 2)), SIDE * (y + (k >> 1 & 1) + (k >> 2 & 2))
+    return WIDTH * (x + (k & 1) + (k >> 1 & 2)), HEIGHT * (y + (k >> 1 & 1) + (k >> 2 & 2))
 
 
 @kernel
 def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
     """Worker: whole tiles, each by one thread."""
-    pixels = Pixels(stack_f32(256), stack_f32(256), stack_i32(256), stack_f32(16), stack_f32(16), stack_i32(ASIDE))
+    pixels = Pixels(
+        stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(ASIDE)
+    )
     slabs, work, stack, entries = stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES)
-    seen = Seen(stack_f64(_PLANES), stack_i32(256), stack_f64(_KNOWN), stack_i32(257), stack_i32(_MARK_WORDS))
+    seen = Seen(stack_f64(_PLANES), stack_i32(PIXELS), stack_f64(_KNOWN), stack_i32(_IDS), stack_i32(_MARK_WORDS))
     tree = block_pointers(arrays)
     k = take(ticket)
     while k >= 0:
@@ -340,7 +345,7 @@ def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
     if not isinstance(tree, BlockTree):
         tree = block_tree(tree, threads)
     face, t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
-    across, down = -(-rays.width // (SIDE * _SUPER)), -(-rays.height // (SIDE * _SUPER))
+    across, down = -(-rays.width // (WIDTH * _SUPER)), -(-rays.height // (HEIGHT * _SUPER))
     ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
     run(_trace_tiles, thread_count(threads), ticket, tree, rays, view, error, _scale(tree, view), across, face, t)
     return face, t
