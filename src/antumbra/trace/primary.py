@@ -6,19 +6,16 @@ front and an interval of its depth key 1 / t; what float32 cannot decide is put 
 predicates after each block. The float64 t of what is seen is computed once, at the end.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..bvh.blocks import ROWS, BlockTree, block_pointers, block_tree
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.filters import hit_t, meets
+from ..predicate.filters import meets
 from ..query.pixels import pixel_ray
-from ..query.raster_depth import NO_PLANE, EyePlane, eye_plane, plane_t, quick_t
+from ..query.raster_depth import NO_PLANE, eye_plane, plane_t
 from ..query.raster_setup import direction_error, make_view
-from ..scene.camera import CameraRays
 from ..simd import (
     bits,
     get,
@@ -29,7 +26,6 @@ from ..simd import (
     popcount,
     prefetch,
     ptr,
-    ptr_at,
     put,
     reduce_min,
     select,
@@ -39,6 +35,7 @@ from ..simd import (
     stack_i32,
     store,
 )
+from .finish import KNOWN, KNOWN_FLOATS, MARK_WORDS, PLANE_FLOATS, Seen, finish
 from .frusta import FLOATS, GROW, bound_directions, meet_mixed, meet_uniform, prepare
 from .pixelblock import ASIDE, CELLS, PIXELS, Pixels, first_pixel, trace_block
 from .pixelsetup import HEIGHT, WIDTH, WORK, frame_of
@@ -49,22 +46,7 @@ _ENTRIES = 16 * _DEPTH
 _NO_BLOCK = -1  # the link of a block of no triangles
 _SUPER = 4  # tiles of a square that is traced in Morton order
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
-_CELL = 6 * 16  # float64 of 16 pixels: five rows for their planes, and t
-_PLANES, _IDS = CELLS * _CELL, PIXELS + 1
-_KNOWN = 5 * _IDS
-_MARKS = 64  # a power of two
-_MARK_WORDS = 2 * _MARKS
 _LARGEST = 1e30  # more than a depth key that float32 computes
-
-
-class Seen(NamedTuple):
-    """Pointers to scratch memory: the planes that a tile's pixels see."""
-
-    planes: object  # float64: of each frustum five rows of 16 pixels for their planes, and t
-    face: object  # int32: of each pixel
-    known: object  # float64: five numbers a plane; number 0 is no plane
-    ids: object  # int32: faces of the known planes
-    marks: object  # int32: by the last bits of a slot, the slot; then the number of its plane
 
 
 @inlined
@@ -200,86 +182,6 @@ def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, e
 
 
 @inlined
-def _by_value(rays):
-    """The same `CameraRays` without arrays, so that LLVM sees that no store changes them."""
-    o, c, dx, dy = rays.origin, rays.corner, rays.dx, rays.dy
-    return CameraRays(
-        (o[0], o[1], o[2]), (c[0], c[1], c[2]), (dx[0], dx[1], dx[2]), (dy[0], dy[1], dy[2]), rays.width, rays.height
-    )
-
-
-@inlined
-def _put_plane(p, at, stride, plane):
-    put(p, at, plane.nx)
-    put(p, at + stride, plane.ny)
-    put(p, at + 2 * stride, plane.nz)
-    put(p, at + 3 * stride, plane.volume)
-    put(p, at + 4 * stride, plane.least)
-
-
-@inlined
-def _get_plane(p, at, stride):
-    return EyePlane(
-        0, get(p, at), get(p, at + stride), get(p, at + 2 * stride), get(p, at + 3 * stride), get(p, at + 4 * stride)
-    )
-
-
-@kernel
-def _find_planes(pixels, tree, o, seen):
-    """Write the face and the plane of each pixel; each plane is computed once a tile."""
-    for k in range(0, _MARKS, 16):
-        store(seen.marks, k, splat16(np.int32(-1)))
-    _put_plane(seen.known, 0, 1, NO_PLANE)
-    put(seen.ids, 0, np.int32(-1))
-    n = np.int64(1)
-    for k in range(PIXELS):
-        slot, number = np.int64(get(pixels.slot, k)), np.int64(0)
-        mark = slot & (_MARKS - 1)
-        if slot >= 0:
-            number = np.int64(get(seen.marks, _MARKS + mark))
-            if np.int64(get(seen.marks, mark)) != slot:
-                _put_plane(seen.known, 5 * n, 1, eye_plane(tree.corners, slot, o))
-                put(seen.ids, n, get(tree.prim_ids, slot))
-                put(seen.marks, mark, slot)
-                put(seen.marks, _MARKS + mark, n)
-                number = n
-                n += 1
-        _put_plane(seen.planes, _CELL * (k >> 4) + (k & 15), 16, _get_plane(seen.known, 5 * number, 1))
-        put(seen.face, k, get(seen.ids, number))
-
-
-@inlined
-def _find_t(planes, face, rays, x0, y0):
-    """t of 16 pixels of a frustum, -1 where float64 is not surely accurate; LLVM makes vectors of this."""
-    for i in range(16):
-        found = quick_t(_get_plane(planes, i, 16), pixel_ray(rays, x0 + (i & 3), y0 + (i >> 2)))
-        put(planes, 80 + i, np.inf if get(face, i) < 0 else found)
-
-
-@kernel
-def _hit_t(pixels, tree, rays, x, y, k):
-    return hit_t(pixel_ray(rays, x, y), tree.corners, np.int64(get(pixels.slot, k)))
-
-
-@kernel
-def _finish(pixels, tree, rays, x0, y0, seen, face, t):
-    """Write the tile's faces and their canonical t."""
-    camera = _by_value(rays)
-    _find_planes(pixels, tree, camera.origin, seen)
-    for cell in range(CELLS):
-        x, y = first_pixel(cell)
-        _find_t(ptr_at(seen.planes, _CELL * cell), ptr_at(seen.face, 16 * cell), camera, x0 + x, y0 + y)
-    columns = min(WIDTH, camera.width - x0)
-    for y in range(y0, min(y0 + HEIGHT, camera.height)):
-        out, at = y * camera.width + x0, 64 * (y - y0 >> 2) + 4 * (y - y0 & 3)
-        for i in range(columns):
-            k = at + 16 * (i >> 3) + 64 * (i & 4) + (i & 3)
-            found = get(seen.planes, _CELL * (k >> 4) + 80 + (k & 15))
-            put(face, out + i, get(seen.face, k))
-            put(t, out + i, found if found > 0.0 else _hit_t(pixels, tree, camera, x0 + i, y, k))
-
-
-@inlined
 def _place(k, across):
     """First pixel (x0, y0) of tile k: squares of _SUPER x _SUPER tiles, each in Morton order."""
     square, k = k // (_SUPER * _SUPER), k % (_SUPER * _SUPER)
@@ -294,7 +196,9 @@ def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
         stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(ASIDE)
     )
     slabs, work, stack, entries = stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES)
-    seen = Seen(stack_f64(_PLANES), stack_i32(PIXELS), stack_f64(_KNOWN), stack_i32(_IDS), stack_i32(_MARK_WORDS))
+    seen = Seen(
+        stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN), stack_i32(MARK_WORDS)
+    )
     tree = block_pointers(arrays)
     k = take(ticket)
     while k >= 0:
@@ -304,7 +208,7 @@ def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
             bound_directions(rays, error, x0, y0, slabs)
             frame = frame_of(view, x0, y0, scale)
             _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries)
-            _finish(pixels, tree, rays, x0, y0, seen, ptr(face), ptr(t))
+            finish(pixels, tree, rays, x0, y0, seen, ptr(face), ptr(t))
         k = take(ticket)
 
 
