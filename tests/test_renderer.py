@@ -156,3 +156,14 @@ def test_plans_of_one_builder_share_what_it_built(atrium):
     assert one.bvh is other.bvh and one.triangles is other.triangles
     assert one.prepared is one.bvh and isinstance(other.prepared, BlockTree)
     assert accelerated(atrium, 0.0, 1, "bsah+single") is one
+
+
+@pytest.mark.parametrize("plan", ["bsah+single", "bsah+wide"])
+def test_samples_where_their_receiver_is_are_seen_at_once(atrium, plan):
+    """Nothing lies between two equal points. Float32 decides nothing about them, so tests would all be exact."""
+    light = at.AmbientOcclusion(1e-12)
+    frame = at.render(atrium, _small(atrium, 16, 12), light, spp=4, plan=plan, counters=True)
+    assert frame.rays > 0 and not frame.bits[0].any()
+    assert frame.counters["exact"] < frame.rays
+    bits = at.render(atrium, _small(atrium, 16, 12), light, spp=4, plan="bsah+multifrusta").bits
+    np.testing.assert_array_equal(frame.bits, bits)
