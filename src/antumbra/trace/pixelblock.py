@@ -1,8 +1,8 @@
 """A block of triangles against the frusta and pixels of a tile of primary rays.
 
 `pixelsetup` has written the block's edge functions and depth keys, linear over the tile, lanes = 16 triangles. The same
-lanes cull the block against each frustum [Benthin and Wald 2009, Sec. 4.2: over a frustum a linear function is largest
-at a corner]; what is left is tested with lanes = 16 pixels.
+lanes cull the block against cells, halves of frusta [Benthin and Wald 2009, Sec. 4.2: over a frustum a linear function
+is largest at a corner]; what is left is tested with lanes = a cell's 16 pixels.
 """
 
 from typing import NamedTuple
@@ -55,13 +55,13 @@ def first_pixel(cell):
 
 @inlined
 def _over(work, edge, top, x, y):
-    """Largest value of a linear function over a frustum whose first pixel is (x, y), lanes = triangles."""
+    """Largest value of a linear function over a cell whose first pixel is (x, y), lanes = triangles."""
     return fma(load16(work, edge), x, fma(load16(work, edge + 16), y, load16(work, top)))
 
 
 @inlined
 def cull_cell(work, left, fx, fy, least):
-    """Bits of the triangles of `left` that some pixel of the frustum with first pixel (fx, fy) may see."""
+    """Bits of the triangles of `left` that some pixel of the cell with first pixel (fx, fy) may see."""
     x, y, end_x, end_y = splat16(fx), splat16(fy), splat16(fx + _F(3.0)), splat16(fy + _F(3.0))
     inside = (load16(work, BOX) <= end_x) & (load16(work, BOX + 16) >= x)
     inside &= (load16(work, BOX + 32) <= end_y) & (load16(work, BOX + 48) >= y)
@@ -80,7 +80,7 @@ def _value(work, at, i, x, y):
 
 @inlined
 def put_aside(aside, slot, cell, unsure, sure):
-    """Note pixels of frustum f, which a triangle may win, for later."""
+    """Note pixels of a cell, which a triangle may win, for later."""
     n = np.int64(get(aside, 0))
     while unsure != 0:
         lane = lowest_bit(unsure)
@@ -93,7 +93,7 @@ def put_aside(aside, slot, cell, unsure, sure):
 
 @inlined
 def _test_cell(work, tree, block, tests, x, y, pixels, cell):
-    """Test triangles (bits) against the pixels of a frustum; bits of those that some pixel saw for a while."""
+    """Test triangles (bits) against the pixels of a cell; bits of those that some pixel saw for a while."""
     at, winners = 16 * cell, np.int64(0)
     low, high, slot = load16(pixels.low, at), load16(pixels.high, at), load16(pixels.slot, at)
     while tests != 0:

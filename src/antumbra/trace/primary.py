@@ -1,9 +1,10 @@
 """Primary rays by multi-frusta tracing: the G-buffer by ray tracing, the same bits as the rasteriser's.
 
-A tile of 16 x 16 pixels is 16 frusta of 4 x 4 pixels, which go through a `BlockTree` together, front to back, each up
-to the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. For each pixel the tile keeps the triangle in
-front and an interval of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's own
-predicates after each block. The float64 t of what is seen is computed once, at the end.
+A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels, which go through a `BlockTree` together, front to back, each up
+to the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. Blocks are culled and tested by halves of
+frusta, *cells* of 4 x 4 pixels: one for each lane. For each pixel the tile keeps the triangle in front and an interval
+of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's own predicates after each
+block. The float64 t of what is seen is computed once, at the end (`finish`).
 """
 
 import numpy as np
