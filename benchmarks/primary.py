@@ -5,15 +5,17 @@
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (generated), or a file that
 `antumbra.load` reads.
 
-What is timed. `rays`: from the BVH to face and t of each pixel; `rasterise`: the same from the triangles, no BVH;
-`gbuffer`: that, and then positions and normals. Peers: rtcIntersect1 and rtcIntersect16 (8 on AVX2) on rays that were
-made before, in Morton order of 4 x 4 pixels, a packet; answers stay in the records. Ratios as in `soft_shadows`.
+What is timed. `rays`: from the `BlockTree`, made before as the peers' trees are, to face and t of each pixel;
+`rasterise`: the same from the triangles, no BVH; `gbuffer`: that, and then positions and normals. Peers: rtcIntersect1
+and rtcIntersect16 (8 on AVX2) on rays that were made before, in Morton order of 4 x 4 pixels, a packet; answers stay in
+the records. Ratios as in `soft_shadows`.
 """
 
 import argparse
 
 from antumbra.bench.ray_sets import primary_rays
 from antumbra.bvh import BUILDERS
+from antumbra.bvh.blocks import block_tree
 from antumbra.plan import Plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
@@ -26,10 +28,10 @@ from peers import embree_contenders, embree_scenes
 BUILDER = "bsah"
 
 
-def our_contenders(bvh, triangles, rays, threads: int) -> list[Contender]:
+def our_contenders(tree, triangles, rays, threads: int) -> list[Contender]:
     corners = triangles.vertices.reshape(-1, 9)
     ways = {
-        "rays": (lambda: trace_primary(bvh, rays, threads), lambda hits: hits[0]),
+        "rays": (lambda: trace_primary(tree, rays, threads), lambda hits: hits[0]),
         "rasterise": (lambda: rasterise(corners, rays, threads), lambda hits: hits[0]),
         "gbuffer": (
             lambda: from_hits(*rasterise(corners, rays, threads), triangles, rays, threads),
@@ -51,10 +53,10 @@ def measure(view, options) -> list[dict]:
     rasterise(triangles.vertices.reshape(-1, 9), rays, counters=counters)
     counts = ", ".join(f"{k} {v}" for k, v in zip(RASTER_COUNTERS, counters))
     print(f"\n{view.name}: {len(triangles.vertices)} triangles; rasteriser: {counts}")
-    bvh = BUILDERS[BUILDER].build(triangles.vertices, None)
+    tree = block_tree(BUILDERS[BUILDER].build(triangles.vertices, None))
     with embree_scenes(triangles.vertices, options.isa) as built:
         for threads in options.threads:
-            contenders = our_contenders(bvh, triangles, rays, threads)
+            contenders = our_contenders(tree, triangles, rays, threads)
             contenders += embree_contenders(built, asked, ("pixels",), True, threads)
             results, faces = contest(contenders, asked.asked, options.rounds, options.clock)
             case = {"scene": view.name, "triangles": len(triangles.vertices), "threads": threads}

@@ -4,6 +4,8 @@ import numpy as np
 
 from antumbra.scene.camera import Camera
 
+SHAPES = ((32, 32), (33, 17), (1, 1), (7, 65), (64, 40), (130, 5))  # (width, height): tiles full, cut off, alone
+
 
 def view(position=(0, 0, 0), target=(0, 0, -1), up=(0, 1, 0), vfov=90.0, width=32, height=32):
     return Camera(position, target, up, vfov, width, height).rays(np.zeros(3))

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.bvh.blocks import BlockTree
+from antumbra.queries import accelerated
 from antumbra.renderer import PHASES
 from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace.counters import COUNTERS
@@ -146,3 +148,22 @@ def test_bad_arguments_are_named(atrium, change, says):
     with pytest.raises(at.InputError, match=says) as error:
         at.render(atrium, **args)
     assert "\n" not in str(error.value)
+
+
+def test_plans_of_one_builder_share_what_it_built(atrium):
+    """Asked in turn, at one time, what a builder made is made once; only what the tracer walks is made anew."""
+    one, other = (accelerated(atrium, 0.0, 1, plan) for plan in ("bsah+single", "bsah+multifrusta"))
+    assert one.bvh is other.bvh and one.triangles is other.triangles
+    assert one.prepared is one.bvh and isinstance(other.prepared, BlockTree)
+    assert accelerated(atrium, 0.0, 1, "bsah+single") is one
+
+
+@pytest.mark.parametrize("plan", ["bsah+single", "bsah+wide"])
+def test_samples_where_their_receiver_is_are_seen_at_once(atrium, plan):
+    """Nothing lies between two equal points. Float32 decides nothing about them, so tests would all be exact."""
+    light = at.AmbientOcclusion(1e-12)
+    frame = at.render(atrium, _small(atrium, 16, 12), light, spp=4, plan=plan, counters=True)
+    assert frame.rays > 0 and not frame.bits[0].any()
+    assert frame.counters["exact"] < frame.rays
+    bits = at.render(atrium, _small(atrium, 16, 12), light, spp=4, plan="bsah+multifrusta").bits
+    np.testing.assert_array_equal(frame.bits, bits)

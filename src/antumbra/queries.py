@@ -25,14 +25,19 @@ class Visibility(NamedTuple):
 
 
 def accelerated(scene, time=0.0, threads=None, plan="bsah+single") -> Accelerated:
-    """The scene's triangles and BVH at a time; those of all plans for the last time asked are kept with the scene."""
+    """The scene's triangles and BVH at a time; those of all plans for the last time asked are kept with the scene.
+
+    Plans that differ only in their tracer share triangles and BVH.
+    """
     renderer, time = Renderer(scene, plan, threads), scene.clamped(time)
     kept = scene.__dict__.get("_accelerated")
     if kept is None or kept[0] != time:
         kept = scene.__dict__["_accelerated"] = (time, {})
-    if renderer.plan not in kept[1]:
-        kept[1][renderer.plan] = renderer.accelerate(time)
-    return kept[1][renderer.plan]
+    plan, plans = renderer.plan, kept[1]
+    if plan not in plans:
+        built = next((made for other, made in list(plans.items()) if other._replace(trace=plan.trace) == plan), None)
+        plans[plan] = renderer.prepare(built.triangles, built.bvh) if built else renderer.accelerate(time)
+    return plans[plan]
 
 
 def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time, threads) -> HitArrays:

@@ -168,7 +168,10 @@ class Renderer:
         return self._accelerate(self.scene.triangles(time))
 
     def _accelerate(self, triangles) -> Accelerated:
-        bvh = BUILDERS[self.plan.build].build(triangles.vertices, self.threads)
+        return self.prepare(triangles, BUILDERS[self.plan.build].build(triangles.vertices, self.threads))
+
+    def prepare(self, triangles: Triangles, bvh: Bvh) -> Accelerated:
+        """What this plan's tracer walks, made from the BVH that its builder made of the triangles."""
         return Accelerated(triangles, bvh, TRACERS[self.plan.trace].prepare(bvh, self.threads))
 
     def _gbuffer(self, triangles, camera, accelerated: Accelerated | None) -> GBuffer:

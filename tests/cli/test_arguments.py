@@ -141,7 +141,7 @@ def test_lights():
         "", "lamp:1,2,3", "point", "point:1,2", "point:1,2,3:4", "point:1,2,3@", "point:1,2,3@-1", "point:1,2,3@nan",
         "point:1,2,3@4@5", "quad:0,0,0:1,0,0", "quad:0,0,0:1,0,0:2,0,0", "disk:0,0,0:0,0,0:1", "disk:0,0,0:0,1,0:0",
         "sphere:0,0,0", "sphere:0,0,0:-1", "sphere:0,0,0:1,2", "sun:0,0,0", "sun:0,-1,0:180", "sun:0,-1,0:1:2",
-        "sun:inf,0,0",
+        "sun:inf,0,0", "point:1,2,3@1e31",
     ],
 )  # fmt: skip
 def test_bad_lights(text):

@@ -10,7 +10,7 @@ from antumbra.jit import kernel
 from antumbra.predicate.filters import hit_t, meets
 from antumbra.query.pixels import pixel_ray
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
-from raster_scenes import FAMILIES, directions, exact_grid, scattered, view
+from raster_scenes import FAMILIES, SHAPES, directions, exact_grid, scattered, view
 
 
 @kernel
@@ -55,9 +55,6 @@ def sphere(n, radius=1.0):
     signs = np.array([(a, b, c) for a in (1, -1) for b in (1, -1) for c in (1, -1)])
     points = (face * signs[:, None, None]).reshape(-1, 3, 3)
     return (radius * points / np.linalg.norm(points, axis=-1, keepdims=True)).astype(np.float32)
-
-
-SHAPES = ((32, 32), (33, 17), (1, 1), (7, 65), (64, 40), (130, 5))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -13,7 +13,7 @@ from antumbra.jit import kernel
 from antumbra.query.pixels import pixel_ray
 from antumbra.trace.primary import trace_primary
 from antumbra.trace.traverse import walk
-from raster_scenes import FAMILIES, exact_grid, scattered, view
+from raster_scenes import FAMILIES, SHAPES, exact_grid, scattered, view
 
 
 @kernel
@@ -35,9 +35,6 @@ def check(triangles, rays, **options):
     assert np.array_equal(face, true_face)
     assert np.array_equal(t, true_t)
     return face, t
-
-
-SHAPES = ((32, 32), (33, 17), (1, 1), (7, 65), (64, 40), (130, 5))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

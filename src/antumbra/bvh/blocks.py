@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take, thread_count
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..simd import get, ptr, put, stack_i32
-from .nodes import EMPTY, MAX_DEPTH, aligned_empty
+from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first
 
 BLOCK = 16  # triangles in a block, at most
 ROWS = 9  # rows of 16 float32: v0 (x, y, z), v1 - v0, v2 - v0
@@ -66,19 +66,8 @@ def _size(link, below):
 @kernel
 def _count_below(links, below):
     """Triangles below each inner node."""
-    order, waiting = np.empty(len(links), np.int32), np.empty(2 * MAX_DEPTH, np.int32)
-    waiting[0] = 0
-    height, n = 1, 0
-    while height > 0:
-        height -= 1
-        node = waiting[height]
-        order[n] = node
-        n += 1
-        for word in (12, 13):
-            if links[node, word] >= 0:
-                waiting[height] = links[node, word]
-                height += 1
-    for i in range(n - 1, -1, -1):
+    order = parents_first(links)
+    for i in range(len(order) - 1, -1, -1):
         node = order[i]
         below[node] = _size(links[node, 12], below) + _size(links[node, 13], below)
 
@@ -157,9 +146,7 @@ def _bound_block(corners, found, n, bounds, at):
                 low, high = x if x < low else low, x if x > high else high
         if n == 0:
             low, high = np.float32(0.0), np.float32(0.0)
-        middle = np.float32(0.5) * low + np.float32(0.5) * high
-        half = high - middle if high - middle > middle - low else middle - low
-        bounds[at, k], bounds[at, 4 + k] = middle, half * np.float32(1.0 + 2.0**-22)
+        bounds[at, k], bounds[at, 4 + k] = middle_and_half(low, high)
 
 
 @kernel
@@ -168,7 +155,7 @@ def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots):
     links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
     b = take(ticket)
     while b >= 0:
-        for at in range(b, min(b + ticket[3], ticket[2])):
+        for at in range(b, min(b + ticket[CHUNK], ticket[N])):
             n = _slots_below(roots[at], links, found)
             _bound_block(values, found, n, bounds, at)
             for lane in range(16):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
+from ..jit import inlined, kernel
 from ..simd import ptr
 
 MAX_LEAF = 8  # triangles in a leaf, at most
@@ -49,6 +49,32 @@ class Tree(NamedTuple):
 def tree_of(bvh):
     """The pointers of a `Bvh`, which must outlive them."""
     return Tree(ptr(bvh.nodes), ptr(bvh.links), ptr(bvh.prim_ids), ptr(bvh.corners))
+
+
+@kernel
+def parents_first(links):
+    """The inner nodes of a `Bvh`, depth first: a parent stands before its children, the left child before the right."""
+    order, waiting = np.empty(len(links), np.int32), np.empty(MAX_DEPTH + 2, np.int32)
+    waiting[0] = 0
+    height, n = 1, 0
+    while height > 0:
+        height -= 1
+        node = waiting[height]
+        order[n] = node
+        n += 1
+        for side in (1, 0):
+            if links[node, 12 + side] >= 0:
+                waiting[height] = links[node, 12 + side]
+                height += 1
+    return order[:n]
+
+
+@inlined
+def middle_and_half(low, high):
+    """(middle, half extent) of an interval of float32, so that middle -+ half holds it."""
+    middle = np.float32(0.5) * low + np.float32(0.5) * high
+    half = high - middle if high - middle > middle - low else middle - low
+    return middle, half * np.float32(1.0 + 2.0**-22)
 
 
 def aligned_empty(shape: tuple[int, ...], dtype: str) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..simd import get, ptr
-from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
+from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first
 
 WIDTH = 8
 NODE_WORDS = 8 * WIDTH
@@ -68,24 +68,6 @@ def wide_tree_of(wide):
         ptr(wide.nodes), ptr(wide.links), ptr(wide.groups), ptr(wide.slots), ptr(wide.bvh.prim_ids),
         ptr(wide.bvh.corners), wide.reach,
     )  # fmt: skip
-
-
-@kernel
-def _parents_first(links):
-    """The inner nodes of a binary BVH, in depth-first order."""
-    order, waiting = np.empty(len(links), np.int32), np.empty(MAX_DEPTH + 2, np.int32)
-    waiting[0] = 0
-    height, n = 1, 0
-    while height > 0:
-        height -= 1
-        node = waiting[height]
-        order[n] = node
-        n += 1
-        for side in (1, 0):
-            if links[node, 12 + side] >= 0:
-                waiting[height] = links[node, 12 + side]
-                height += 1
-    return order
 
 
 @inlined
@@ -253,7 +235,7 @@ def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
     """The wide BVH of a binary one; the same for any number of threads."""
     n = len(bvh.nodes)
     costs, counts = np.empty((2 * n, WIDTH), np.float32), np.empty(2 * n, np.int32)
-    _price(bvh, _parents_first(bvh.links), costs, counts)
+    _price(bvh, parents_first(bvh.links), costs, counts)
     words = aligned_empty(((1 + np.count_nonzero(counts > WIDTH)) * NODE_WORDS,), "f4")  # enough; not all is touched
     slots = np.empty((n + 1) * WIDTH, np.int32)
     n_nodes, n_groups = _collapse(bvh, costs, counts, words, words.view(np.int32), slots)

@@ -109,9 +109,9 @@ def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[
         return scene.camera(asked or 0, time).resized(*size)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
     view = asked.target - asked.position
-    if np.linalg.norm(np.cross(view, up)) <= 1e-6 * np.linalg.norm(
-        view
-    ):  # straight up or down, where the usual up is no direction of the picture
+    with np.errstate(over="ignore", invalid="ignore"):  # `Camera` refuses what is too far away
+        steep = np.linalg.norm(np.cross(view, up)) <= 1e-6 * np.linalg.norm(view)
+    if steep:  # straight up or down, where the usual up is no direction of the picture
         up = instead
     return Camera(asked.position, asked.target, up, asked.vfov, *size)
 
@@ -138,7 +138,9 @@ def parse_ambient(text: str):
     radius, at, strength = text.partition("@")
     with _named(f"--ao {text}"):
         intensity = _number(strength, "intensity") if at else 1.0
-        return AmbientOcclusion(None if radius == "inf" else _number(radius, "radius"), intensity=intensity)
+        return AmbientOcclusion(
+            None if radius.strip().lower() == "inf" else _number(radius, "radius"), intensity=intensity
+        )
 
 
 def make_lights(asked: list, scene, time: float) -> list:

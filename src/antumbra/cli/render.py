@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from ..errors import InputError
 from . import arguments, lean, report
 from .activity import Activity
 from .opening import open_scene
@@ -44,7 +45,7 @@ def render(
     vpl: Annotated[
         int | None,
         typer.Option(
-            help="Light that bounces once: so many photons of the first light become point lights.",
+            help="Instead of ambient light, light that bounces once: photons of the first light become point lights.",
             min=1,
             max=16384,
             metavar="PHOTONS",
@@ -120,6 +121,8 @@ def render(
     asked_camera = None if camera is None else arguments.parse_camera(camera)
     asked_lights = [arguments.parse_light(text) for text in light or []]
     ambient = [] if ao is None else [arguments.parse_ambient(ao)]
+    if ao is not None and vpl is not None:
+        raise InputError("--ao dims the ambient light that --vpl replaces; leave one of them out")
     if adaptive and adaptive_spp is None:
         adaptive_spp = min(4 * spp, 1024)
     lean.import_numba()

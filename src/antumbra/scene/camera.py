@@ -8,6 +8,7 @@ from ..checks import number, vector, whole_number
 from ..errors import InputError
 
 MAX_SIZE = 32768  # pixels, each way
+_FARTHEST = 1e30  # so that float32 holds all differences of coordinates
 
 
 class CameraRays(NamedTuple):
@@ -40,7 +41,7 @@ class Camera:
     Raises
     ------
     InputError
-        On non-finite numbers, a target at the position, ``up`` along the view, or sizes out of range.
+        On non-finite or huge numbers, a target at the position, ``up`` along the view, or sizes out of range.
     """
 
     def __init__(self, position, target, up=(0.0, 1.0, 0.0), vfov=60.0, width=1024, height=1024):
@@ -50,6 +51,9 @@ class Camera:
         self.vfov = number(vfov, "camera vfov (degrees)", 0.0, 180.0)
         self.width = whole_number(width, "picture width", 1, MAX_SIZE)
         self.height = whole_number(height, "picture height", 1, MAX_SIZE)
+        for name in ("position", "target", "up"):
+            if np.abs(getattr(self, name)).max() > _FARTHEST:
+                raise InputError(f"camera {name} is {getattr(self, name)}; nothing may be beyond {_FARTHEST:g}")
         view = self.target - self.position
         if not np.linalg.norm(view) > 0.0:
             raise InputError("camera target is at the camera position; move one of them")

@@ -11,6 +11,8 @@ from ..errors import InputError
 FIXED, DIRECTIONAL, SPHERE, LIST, AMBIENT = 0, 1, 2, 3, 4
 """Kinds of `LightPatch`; the first three are flat: the samples' heights c are 0."""
 
+MAX_INTENSITY = 1e30  # so that float32 holds it times a colour, over the square of a distance
+
 MAX_SPP = 1024
 """Samples that a receiver can ask of a light."""
 
@@ -40,7 +42,7 @@ class Light:
     """What all lights have.
 
     intensity : float
-        Candela along the light's axis (lux for a distant light); only shading uses it.
+        0 to 1e30: candela along the light's axis (lux for a distant light); only shading uses it.
     colour : (3,) float
         Linear RGB; only shading uses it.
     """
@@ -66,8 +68,8 @@ class Light:
 
     def _check(self) -> None:
         name = type(self).__name__
-        if not (np.isfinite(self.intensity) and self.intensity >= 0):
-            raise InputError(f"{name} intensity is {self.intensity!r}; it must be finite and not negative")
+        if not 0.0 <= self.intensity <= MAX_INTENSITY:
+            raise InputError(f"{name} intensity is {self.intensity!r}; it must lie between 0 and {MAX_INTENSITY:g}")
         vector(self.colour, f"{name} colour")
 
 

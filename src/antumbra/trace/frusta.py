@@ -1,4 +1,4 @@
-"""Slab tests of the 16 frusta of a tile of primary rays: 4 x 4 pixels each, the camera as common origin.
+"""Slab tests of the 16 frusta of a tile of primary rays: 8 x 4 pixels each, the camera as common origin.
 
 A frustum holds the rays o + t d of its pixels; along each axis d_low <= d <= d_high, so it meets the slab [low, high]
 of a node's box at t only if o + t d_high >= low and o + t d_low <= high [Benthin and Wald 2009, Sec. 4.1]. Each
@@ -17,6 +17,7 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..simd import absolute, bits, broadcast16, fma, load16, maximum, minimum, put, select, splat16, store
+from .slabs import Bound, Uniform
 
 _F = np.float32
 GROW = _F(1.0 + 2.0**-20)
@@ -25,22 +26,6 @@ _LOW = _F(1e-7)  # directions below this share of the longest count as zero
 _ZERO, _INFINITE = _F(0.0), _F(np.inf)
 LOW, HIGH, MIXED = 0, 48, 96  # rows of 16: d_low (x, y, z), d_high; eight rows for the bounds of each axis
 FLOATS = MIXED + 3 * 128
-
-
-class Bound(NamedTuple):
-    """The line b r + k in the coordinate b of a plane; both f32x16."""
-
-    r: object
-    k: object
-
-
-class Uniform(NamedTuple):
-    """Entry into the slabs of an axis and exit from them, and which planes they are of."""
-
-    near: Bound
-    far: Bound
-    near_plane: int  # offset in a node's line: 0 the lower planes, 2 the upper ones
-    far_plane: int
 
 
 class Uniforms(NamedTuple):
@@ -60,9 +45,9 @@ def bound_directions(rays, error, x0, y0, slabs):
     """
     for axis in range(3):
         dx, dy = rays.dx[axis], rays.dy[axis]
-        half = 1.5 * (abs(dx) + abs(dy)) + 2.0 * error[axis]
+        half = 3.5 * abs(dx) + 1.5 * abs(dy) + 2.0 * error[axis]
         for f in range(16):
-            middle = rays.corner[axis] + (x0 + 4 * (f & 3) + 2.0) * dx + (y0 + 4 * (f >> 2) + 2.0) * dy
+            middle = rays.corner[axis] + (x0 + 8 * (f & 3) + 4.0) * dx + (y0 + 4 * (f >> 2) + 2.0) * dy
             put(slabs, LOW + 16 * axis + f, middle - half)
             put(slabs, HIGH + 16 * axis + f, middle + half)
 

@@ -1,9 +1,10 @@
 """Primary rays by multi-frusta tracing: the G-buffer by ray tracing, the same bits as the rasteriser's.
 
-A tile of 16 x 16 pixels is 16 frusta of 4 x 4 pixels, which go through a `BlockTree` together, front to back, each up
-to the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. For each pixel the tile keeps the triangle in
-front and an interval of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's own
-predicates after each block. The float64 t of what is seen is computed once, at the end.
+A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels, which go through a `BlockTree` together, front to back, each up
+to the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. Blocks are culled and tested by halves of
+frusta, *cells* of 4 x 4 pixels: one for each lane. For each pixel the tile keeps the triangle in front and an interval
+of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's own predicates after each
+block. The float64 t of what is seen is computed once, at the end (`finish`).
 """
 
 import numpy as np
@@ -12,17 +13,17 @@ from ..bvh.blocks import ROWS, BlockTree, block_pointers, block_tree
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.filters import hit_t, meets
+from ..predicate.filters import meets
 from ..query.pixels import pixel_ray
-from ..query.raster_depth import NO_PLANE, EyePlane, eye_plane, plane_t, quick_t
+from ..query.raster_depth import NO_PLANE, eye_plane, plane_t
 from ..query.raster_setup import direction_error, make_view
-from ..scene.camera import CameraRays
 from ..simd import (
     bits,
     get,
     iota16,
     load16,
     lowest_bit,
+    minimum,
     popcount,
     prefetch,
     ptr,
@@ -31,11 +32,14 @@ from ..simd import (
     select,
     splat16,
     stack_f32,
+    stack_f64,
     stack_i32,
     store,
 )
+from .finish import KNOWN, KNOWN_FLOATS, MARK_WORDS, PLANE_FLOATS, Seen, finish
 from .frusta import FLOATS, GROW, bound_directions, meet_mixed, meet_uniform, prepare
-from .pixelblock import ASIDE, SIDE, WORK, Pixels, frame_of, trace_block
+from .pixelblock import ASIDE, CELLS, PIXELS, Pixels, first_pixel, trace_block
+from .pixelsetup import HEIGHT, WIDTH, WORK, frame_of
 
 _F = np.float32
 _DEPTH = 2 * MAX_DEPTH
@@ -50,15 +54,15 @@ _LARGEST = 1e30  # more than a depth key that float32 computes
 def _start(pixels, x0, y0, rays):
     """Nothing is seen yet; bits of the frusta that have pixels."""
     alive = np.int64(0)
-    for f in range(16):
-        x, y = iota16() & 3, iota16() >> 2
-        inside = (x < rays.width - x0 - 4 * (f & 3)) & (y < rays.height - y0 - 4 * (f >> 2))
-        store(pixels.low, 16 * f, select(inside, splat16(_F(-np.inf)), splat16(_F(np.inf))))
-        store(pixels.high, 16 * f, splat16(_F(-np.inf)))
-        store(pixels.slot, 16 * f, splat16(np.int32(-1)))
+    for cell in range(CELLS):
+        x, y = first_pixel(cell)
+        inside = ((iota16() & 3) < rays.width - x0 - x) & ((iota16() >> 2) < rays.height - y0 - y)
+        store(pixels.low, 16 * cell, select(inside, splat16(_F(-np.inf)), splat16(_F(np.inf))))
+        store(pixels.high, 16 * cell, splat16(_F(-np.inf)))
+        store(pixels.slot, 16 * cell, splat16(np.int32(-1)))
+        put(pixels.least, cell, _F(-np.inf) if bits(inside) != 0 else _F(np.inf))
         if bits(inside) != 0:
-            alive |= np.int64(1) << f
-    store(pixels.least, 0, splat16(_F(-np.inf)))
+            alive |= np.int64(1) << (cell & 15)
     store(pixels.far, 0, splat16(_F(np.inf)))
     put(pixels.aside, 0, 0)
     return alive
@@ -66,14 +70,14 @@ def _start(pixels, x0, y0, rays):
 
 @kernel
 def _settle(pixels, tree, rays, x0, y0, scale):
-    """Let the contract decide the pixels that were put aside; bits of their frusta."""
+    """Let the contract decide the pixels that were put aside."""
     o, touched = rays.origin, np.int64(0)
     mine, other = NO_PLANE, NO_PLANE
     for k in range(np.int64(get(pixels.aside, 0))):
         slot, entry = np.int64(get(pixels.aside, 2 + 2 * k)), np.int64(get(pixels.aside, 3 + 2 * k))
         at = entry >> 1
-        f, lane = at >> 4, at & 15
-        ray = pixel_ray(rays, x0 + 4 * (f & 3) + (lane & 3), y0 + 4 * (f >> 2) + (lane >> 2))
+        (x, y), lane = first_pixel(at >> 4), at & 15
+        ray = pixel_ray(rays, x0 + x + (lane & 3), y0 + y + (lane >> 2))
         if entry & 1 == 0 and meets(ray, tree.corners, slot) == 0:
             continue
         if slot != mine.triangle:
@@ -90,21 +94,19 @@ def _settle(pixels, tree, rays, x0, y0, scale):
         put(pixels.low, at, low if low < _LARGEST else _LARGEST)
         put(pixels.high, at, key * _NEXT_ABOVE + _TINY if scale > 0.0 else np.inf)
         put(pixels.slot, at, slot)
-        touched |= np.int64(1) << f
+        touched |= np.int64(1) << (at >> 4)
     put(pixels.aside, 0, 0)
-    return touched
+    while touched != 0:
+        cell = lowest_bit(touched)
+        touched &= touched - 1
+        put(pixels.least, cell, reduce_min(load16(pixels.low, 16 * cell)))
 
 
 @inlined
-def _shorten(pixels, frusta, scale):
+def _shorten(pixels, scale):
     """What some frusta see has come nearer."""
-    while frusta != 0:
-        f = lowest_bit(frusta)
-        frusta &= frusta - 1
-        least = reduce_min(load16(pixels.low, 16 * f))
-        put(pixels.least, f, least)
-        if least > _F(0.0):
-            put(pixels.far, f, _F(1.0) / (least * scale) * GROW)
+    least, far = minimum(load16(pixels.least, 0), load16(pixels.least, 16)), load16(pixels.far, 0)
+    store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * GROW, far))
 
 
 @inlined
@@ -163,8 +165,10 @@ def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, e
         if ~ready & 31 != 0:
             seen = trace_block(frame, tree, ~ready >> 5, ~ready & 31, ready_mask, pixels, work)
             if get(pixels.aside, 0) != 0:
-                seen |= _settle(pixels, tree, rays, x0, y0, scale)
-            _shorten(pixels, seen, _F(scale))
+                _settle(pixels, tree, rays, x0, y0, scale)
+                seen = True
+            if seen:
+                _shorten(pixels, _F(scale))
         mask = np.int64(0)
         while mask == 0:
             if height == 0:
@@ -179,65 +183,24 @@ def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, e
 
 
 @inlined
-def _by_value(rays):
-    """The same `CameraRays` without arrays, so that LLVM sees that no store changes them."""
-    o, c, dx, dy = rays.origin, rays.corner, rays.dx, rays.dy
-    return CameraRays(
-        (o[0], o[1], o[2]), (c[0], c[1], c[2]), (dx[0], dx[1], dx[2]), (dy[0], dy[1], dy[2]), rays.width, rays.height
-    )
-
-
-@inlined
-def _finish_row(row, rays, x0, y):
-    """t of 16 pixels of a row, -1 where float64 is not surely accurate; LLVM makes vectors of this."""
-    for i in range(SIDE):
-        plane = EyePlane(
-            0, get(row, i), get(row, SIDE + i), get(row, 2 * SIDE + i), get(row, 3 * SIDE + i), get(row, 4 * SIDE + i)
-        )
-        put(row, 5 * SIDE + i, quick_t(plane, pixel_ray(rays, x0 + i, y)))
-
-
-@kernel
-def _finish(pixels, tree, rays, x0, y0, planes, face, t):
-    """Write the tile's faces and their canonical t; planes: (6, SIDE) float64 of scratch memory."""
-    row, plane, camera = ptr(planes), NO_PLANE, _by_value(rays)
-    columns = min(SIDE, rays.width - x0)
-    for y in range(y0, min(y0 + SIDE, rays.height)):
-        at = 64 * ((y - y0) >> 2) + 4 * ((y - y0) & 3)
-        for i in range(columns):
-            slot = np.int64(get(pixels.slot, at + 16 * (i >> 2) + (i & 3)))
-            face[y, x0 + i] = get(tree.prim_ids, slot) if slot >= 0 else np.int32(-1)
-            if slot >= 0 and slot != plane.triangle:
-                plane = eye_plane(tree.corners, slot, camera.origin)
-            put(row, i, plane.nx)
-            put(row, SIDE + i, plane.ny)
-            put(row, 2 * SIDE + i, plane.nz)
-            put(row, 3 * SIDE + i, plane.volume)
-            put(row, 4 * SIDE + i, plane.least)
-        _finish_row(row, camera, x0, y)
-        for i in range(columns):
-            slot, found = np.int64(get(pixels.slot, at + 16 * (i >> 2) + (i & 3))), get(row, 5 * SIDE + i)
-            if slot < 0:
-                found = np.inf
-            elif not found > 0.0:
-                found = hit_t(pixel_ray(camera, x0 + i, y), tree.corners, slot)
-            t[y, x0 + i] = found
-
-
-@inlined
 def _place(k, across):
     """First pixel (x0, y0) of tile k: squares of _SUPER x _SUPER tiles, each in Morton order."""
     square, k = k // (_SUPER * _SUPER), k % (_SUPER * _SUPER)
     x, y = square % across * _SUPER, square // across * _SUPER
-    return SIDE * (x + (k & 1) + (k >> 1 & 2)), SIDE * (y + (k >> 1 & 1) + (k >> 2 & 2))
+    return WIDTH * (x + (k & 1) + (k >> 1 & 2)), HEIGHT * (y + (k >> 1 & 1) + (k >> 2 & 2))
 
 
 @kernel
 def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
     """Worker: whole tiles, each by one thread."""
-    pixels = Pixels(stack_f32(256), stack_f32(256), stack_i32(256), stack_f32(16), stack_f32(16), stack_i32(ASIDE))
+    pixels = Pixels(
+        stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(ASIDE)
+    )
     slabs, work, stack, entries = stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES)
-    tree, planes = block_pointers(arrays), np.zeros((6, SIDE))
+    seen = Seen(
+        stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN), stack_i32(MARK_WORDS)
+    )
+    tree = block_pointers(arrays)
     k = take(ticket)
     while k >= 0:
         x0, y0 = _place(k, across)
@@ -246,7 +209,7 @@ def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
             bound_directions(rays, error, x0, y0, slabs)
             frame = frame_of(view, x0, y0, scale)
             _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries)
-            _finish(pixels, tree, rays, x0, y0, planes, face, t)
+            finish(pixels, tree, rays, x0, y0, seen, ptr(face), ptr(t))
         k = take(ticket)
 
 
@@ -287,7 +250,7 @@ def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
     if not isinstance(tree, BlockTree):
         tree = block_tree(tree, threads)
     face, t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
-    across, down = -(-rays.width // (SIDE * _SUPER)), -(-rays.height // (SIDE * _SUPER))
+    across, down = -(-rays.width // (WIDTH * _SUPER)), -(-rays.height // (HEIGHT * _SUPER))
     ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
     run(_trace_tiles, thread_count(threads), ticket, tree, rays, view, error, _scale(tree, view), across, face, t)
     return face, t

@@ -70,7 +70,10 @@ def _shadow_pixel(tree, query, y, x, bits, last, counters):
         if not is_above(horizon, lx, ly, lz, corners):
             count(counters, BELOW_HORIZON, 1)
         else:
-            slot = _blocked(tree, segment(ox, oy, oz, lx, ly, lz), skip, query.cull_faces, last, counters)
+            ray = segment(ox, oy, oz, lx, ly, lz)
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # nothing between its ends, and in float32 all unsure
+                continue
+            slot = _blocked(tree, ray, skip, query.cull_faces, last, counters)
             if slot < 0:
                 continue
             last = slot
