@@ -12,7 +12,7 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..simd import get, ptr
-from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
+from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, tree_of
 
 WIDTH = 8
 NODE_WORDS = 8 * WIDTH
@@ -59,6 +59,7 @@ class WideTree(NamedTuple):
     prim_ids: object  # int32 *, slot -> triangle index
     corners: object  # float32 *, 9 a slot
     reach: object  # float32
+    binary: object  # the `Tree` of the binary BVH
 
 
 @inlined
@@ -66,7 +67,7 @@ def wide_tree_of(wide):
     """The pointers of a `WideBvh`, which must outlive them."""
     return WideTree(
         ptr(wide.nodes), ptr(wide.links), ptr(wide.groups), ptr(wide.slots), ptr(wide.bvh.prim_ids),
-        ptr(wide.bvh.corners), wide.reach,
+        ptr(wide.bvh.corners), wide.reach, tree_of(wide.bvh),
     )  # fmt: skip
 
 
@@ -161,7 +162,7 @@ def _leaves_first(bvh, counts, found, n):
         while k > 0:
             before = found[k - 1]
             first = counts[before] <= WIDTH
-            if first > leaf or (first == leaf and _area(nodes, before) >= area):
+            if first < leaf or (first == leaf and _area(nodes, before) <= area):
                 break
             found[k] = before
             k -= 1

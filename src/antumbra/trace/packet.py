@@ -21,6 +21,7 @@ from ..simd import (
     compress,
     fma,
     get,
+    highest_bit,
     iota8,
     load8,
     load16,
@@ -39,7 +40,7 @@ from ..simd import (
 )
 from .block import DX, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, UNIT, filter_rays16
 from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .wide import STACK, consider, facing, push_sorted, visit_leaf
+from .wide import STACK, facing, fetch, keep_nearest, push_sorted, put_aside, visit_leaf
 
 _PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
 _NEAR_ORIGINS = np.float32(1 / 32)  # extent of the origins of a packet, at most, as a share of the tree's reach
@@ -138,6 +139,14 @@ def _triangle(groups, at):
 
 
 @inlined
+def _keep_each(tree, rays, hits, at, query, found):
+    while hits:
+        i = lowest_bit(hits)
+        hits &= hits - 1
+        keep_nearest(tree, rays, i, at, query, found)
+
+
+@inlined
 def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
     """Each triangle of a leaf against all active rays; bit mask of the rays whose any-hit query is answered."""
     group, done = ~link >> 4, np.int64(0)
@@ -150,16 +159,11 @@ def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
         unsure &= todo
         if query.any_hit and hits:
             prim = get(tree.prim_ids, get(tree.slots, at))
-            blocked = hits & bits(load16(rays.skip, 0) != prim)
-            done |= blocked
-            hits = np.int64(0)
-            unsure &= ~blocked
-        todo = hits | unsure
-        while todo:
-            i = lowest_bit(todo)
-            todo &= todo - 1
-            if consider(tree, rays, i, at, (hits >> i) & 1, query, found, counters):
-                done |= 1 << i
+            done |= hits & bits(load16(rays.skip, 0) != prim)
+        elif hits:
+            _keep_each(tree, rays, hits, at, query, found)
+        if unsure:
+            put_aside(found, unsure, at)
         if done == active:
             break
     return done
@@ -204,9 +208,12 @@ def walk_packet(tree, rays, alive, query, found, counters):
                 store(children, 0, iota8() + np.int32(at))
                 height = push_sorted(stack, entry, height, children, nears, hits)
             elif hits:
-                box = at + lowest_bit(hits)
+                first = highest_bit(hits)
+                box = at + first
                 link = np.int64(get(links, box + LINKS))
-                hits &= hits - 1
+                hits ^= np.int64(1) << first
+                if hits:
+                    fetch(tree, np.int64(get(links, at + LINKS + highest_bit(hits))))
                 store(stack, height, compress(mask_from_bits8(hits), iota8() + np.int32(at)))
                 height += popcount(hits)
                 continue
@@ -232,3 +239,5 @@ def walk_packet(tree, rays, alive, query, found, counters):
         height -= 1
         box = np.int64(get(stack, height))
         link = np.int64(get(links, box + LINKS))
+        if height > 0:
+            fetch(tree, np.int64(get(links, np.int64(get(stack, height - 1)) + LINKS)))
