@@ -151,7 +151,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
             prepare(rows, tree.reach)
             start(found, block)
             blocked = np.int64(0)
-            if is_coherent(rows, tree.reach):
+            if is_coherent(rows, tree.reach, any_hit):
                 blocked = walk_packet(tree, block, (1 << n) - 1, query, found, mine)
             else:
                 walk_apart(tree, block, (1 << n) - 1, query, found, mine)

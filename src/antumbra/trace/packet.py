@@ -18,18 +18,16 @@ from ..simd import (
     absolute,
     bits,
     broadcast16,
-    compress,
     fma,
     get,
-    highest_bit,
     iota8,
     load8,
     load16,
     lowest_bit,
-    mask_from_bits8,
     maximum,
     minimum,
     popcount,
+    put,
     reduce_max,
     reduce_min,
     splat8,
@@ -43,8 +41,13 @@ from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
 from .wide import STACK, facing, fetch, keep_nearest, push_sorted, put_aside, visit_leaf
 
 _PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
-_NEAR_ORIGINS = np.float32(1 / 32)  # extent of the origins of a packet, at most, as a share of the tree's reach
+_NEAR_ENDS = np.float32(
+    1 / 32
+)  # extent of the origins of a packet, or its ends, at most, as a share of the tree's reach
 _NEAR_DIRECTIONS = np.float32(1 / 4)  # extent of its directions, as a share of their largest component
+
+
+_STACK = 2 * STACK
 
 
 class Axis(NamedTuple):
@@ -59,27 +62,37 @@ class Axis(NamedTuple):
 
 
 @inlined
-def is_coherent(rows, tree_reach):
-    """Do the sixteen rays of a prepared block start close together, and run in about one direction?
+def _extents(rows, limit):
+    """(largest extent of the sixteen origins, of the ends at `limit`, of the directions, their largest component)."""
+    starts, ends, spread, widest = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for k in range(3):
+        o, d = load16(rows, OX + LANES * k), load16(rows, DX + LANES * k)
+        end = fma(d, limit, o)
+        start, stop, turn = (
+            reduce_max(o) - reduce_min(o),
+            reduce_max(end) - reduce_min(end),
+            reduce_max(d) - reduce_min(d),
+        )
+        starts = start if start > starts else starts
+        ends = stop if not stop <= ends else ends
+        spread = turn if turn > spread else spread
+        size = reduce_max(absolute(d))
+        widest = size if size > widest else widest
+    return starts, ends, spread, widest
 
-    Close: origins within a 32nd of the tree's reach of each other, components of directions within a quarter of the
-    largest one, of one sign on each axis.
+
+@inlined
+def is_coherent(rows, tree_reach, any_hit):
+    """Are the sixteen rays of a prepared block better traced as one?
+
+    They are if they start close together, within a 32nd of the tree's reach, and run in about one direction: components
+    within a quarter of the largest one. Any-hit segments also if they end close together.
     """
     if not reduce_max(load16(rows, UNIT)) < np.float32(np.inf):
         return False
-    spread, widest = np.float32(0.0), np.float32(0.0)
-    for k in range(3):
-        o, d = load16(rows, OX + LANES * k), load16(rows, DX + LANES * k)
-        inverse = load16(rows, INVERSE + LANES * k)
-        if reduce_max(o) - reduce_min(o) > _NEAR_ORIGINS * tree_reach:
-            return False
-        if (reduce_min(inverse) < 0.0) != (reduce_max(inverse) < 0.0):
-            return False
-        low, high = reduce_min(d), reduce_max(d)
-        spread = high - low if high - low > spread else spread
-        longest = -low if -low > high else high
-        widest = longest if longest > widest else widest
-    return spread <= _NEAR_DIRECTIONS * widest
+    starts, ends, spread, widest = _extents(rows, load16(rows, LIMIT))
+    near = _NEAR_ENDS * tree_reach
+    return (starts <= near and spread <= _NEAR_DIRECTIONS * widest) or (any_hit and ends <= near)
 
 
 @inlined
@@ -87,6 +100,9 @@ def _axis(rows, k, reach):
     """The `Axis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
     o, inverse = load16(rows, OX + LANES * k), load16(rows, INVERSE + LANES * k)
     origin, low, high = get(rows, OX + LANES * k), reduce_min(inverse), reduce_max(inverse)
+    if low < 0.0 and high > 0.0:  # says nothing
+        zero, inf = np.float32(0.0), np.float32(np.inf)
+        return Axis(origin, zero, zero, -inf, inf, np.int64(2 * WIDTH * k))
     offset = (splat16(origin) - o) * inverse
     grow = _PAD * reach * (-low if low < 0 else high)
     word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else np.int64(0))
@@ -115,16 +131,31 @@ def _enter_any(nodes, at, x, y, z, tmin, limit):
 
 
 @inlined
-def _enter_each(nodes, box, rows, x, y, z):
-    """Bit mask of the rays that enter one box, whose first plane is at word `box`, before their limits."""
+def _enter_each(nodes, box, rows):
+    """Bit mask of the rays of a block that enter the box whose first plane is at word `box` before their limits."""
     near, far = load16(rows, TMIN), load16(rows, LIMIT)
     for k in range(3):
-        word = x.word if k == 0 else (y.word if k == 1 else z.word)
         inverse = load16(rows, INVERSE + LANES * k)
-        enter, leave = broadcast16(nodes, box + word), broadcast16(nodes, box + (word ^ WIDTH))
-        near = maximum(near, fma(enter, inverse, load16(rows, NEAR + LANES * k)))
-        far = minimum(far, fma(leave, inverse, load16(rows, FAR + LANES * k)))
+        a = broadcast16(nodes, box + 2 * WIDTH * k) * inverse
+        b = broadcast16(nodes, box + 2 * WIDTH * k + WIDTH) * inverse
+        near = maximum(near, minimum(a, b) + load16(rows, NEAR + LANES * k))
+        far = minimum(far, maximum(a, b) + load16(rows, FAR + LANES * k))
     return bits(near <= far)
+
+
+@inlined
+def _push_entered(tree, rows, active, at, hits, stack, height):
+    """Push the children in `hits` of the node at word `at` that active rays enter: which rays, and the box."""
+    while hits:
+        box = at + lowest_bit(hits)
+        hits &= hits - 1
+        rays_in = active & _enter_each(tree.nodes, box, rows)
+        put(stack, height, rays_in)
+        put(stack, height + 1, box)
+        if rays_in:
+            fetch(tree, np.int64(get(tree.links, box + LINKS)))
+            height += 2
+    return height
 
 
 @inlined
@@ -188,14 +219,14 @@ def walk_packet(tree, rays, alive, query, found, counters):
     Closest-hit: `found` is written as `walk_wide` does.
     """
     nodes, links, rows = tree.nodes, tree.links, rays.rows
-    stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
+    stack, entry, nears, children = stack_i32(_STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
     reach = np.float32(tree.reach)
     for k in range(3):
         o = reduce_max(absolute(load16(rows, OX + LANES * k)))
         reach = o if o > reach else reach
     x, y, z = _axis(rows, 0, reach), _axis(rows, 1, reach), _axis(rows, 2, reach)
     tmin, limit = reduce_min(load16(rows, TMIN)), reduce_max(load16(rows, LIMIT))
-    height, link, box, blocked = 0, np.int64(0), np.int64(0), np.int64(0)
+    height, link, box, blocked, active = 0, np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link >= 0:
             count(counters, NODES, 1)
@@ -203,23 +234,17 @@ def walk_packet(tree, rays, alive, query, found, counters):
             at = link * NODE_WORDS
             entered, near = _enter_any(nodes, at, x, y, z, tmin, limit)
             hits = bits(entered)
-            if not query.any_hit:
+            if query.any_hit:
+                count(counters, BOX_TESTS, popcount(hits))
+                height = _push_entered(tree, rows, active, at, hits, stack, height)
+            else:
                 store(nears, 0, near)
                 store(children, 0, iota8() + np.int32(at))
                 height = push_sorted(stack, entry, height, children, nears, hits)
-            elif hits:
-                first = highest_bit(hits)
-                box = at + first
-                link = np.int64(get(links, box + LINKS))
-                hits ^= np.int64(1) << first
-                if hits:
-                    fetch(tree, np.int64(get(links, at + LINKS + highest_bit(hits))))
-                store(stack, height, compress(mask_from_bits8(hits), iota8() + np.int32(at)))
-                height += popcount(hits)
-                continue
         else:
-            count(counters, BOX_TESTS, popcount(alive))
-            active = alive & _enter_each(nodes, box, rows, x, y, z)
+            if not query.any_hit:
+                count(counters, BOX_TESTS, 1)
+                active = alive & _enter_each(nodes, box, rows)
             if active:
                 if popcount(active) < (~link & 15):
                     done = _leaf_by_ray(tree, rays, active, link, query, found, counters)
@@ -234,10 +259,13 @@ def walk_packet(tree, rays, alive, query, found, counters):
                     limit = reduce_max(load16(rows, LIMIT))
         while not query.any_hit and height > 0 and get(entry, height - 1) > limit:
             height -= 1
-        if height == 0:
-            return blocked
-        height -= 1
-        box = np.int64(get(stack, height))
+        active = np.int64(0)
+        while active == 0:
+            if height == 0:
+                return blocked
+            height -= 1
+            box, active = np.int64(get(stack, height)), alive
+            if query.any_hit:
+                height -= 1
+                active &= np.int64(get(stack, height))
         link = np.int64(get(links, box + LINKS))
-        if height > 0:
-            fetch(tree, np.int64(get(links, np.int64(get(stack, height - 1)) + LINKS)))
