@@ -17,6 +17,7 @@ from ..predicate.vector_filters import FilterTriangles, meet
 from ..simd import (
     absolute,
     bits,
+    broadcast8,
     broadcast16,
     fma,
     get,
@@ -38,7 +39,7 @@ from ..simd import (
 )
 from .block import DX, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, UNIT, filter_rays16
 from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .wide import STACK, facing, fetch, keep_nearest, push_sorted, put_aside, visit_leaf
+from .wide import STACK, enter, facing, fetch, keep_nearest, push_sorted, put_aside, slabs_of, visit_leaf
 
 _PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
 _NEAR_ENDS = np.float32(
@@ -159,6 +160,18 @@ def _push_entered(tree, rows, active, at, hits, stack, height):
 
 
 @inlined
+def _push_all(tree, active, at, hits, stack, height):
+    while hits:
+        box = at + lowest_bit(hits)
+        hits &= hits - 1
+        fetch(tree, np.int64(get(tree.links, box + LINKS)))
+        put(stack, height, active)
+        put(stack, height + 1, box)
+        height += 2
+    return height
+
+
+@inlined
 def _triangle(groups, at):
     """The `FilterTriangles` of one triangle, whose first word is `at`, in all lanes."""
     b = groups
@@ -235,8 +248,13 @@ def walk_packet(tree, rays, alive, query, found, counters):
             entered, near = _enter_any(nodes, at, x, y, z, tmin, limit)
             hits = bits(entered)
             if query.any_hit:
-                count(counters, BOX_TESTS, popcount(hits))
-                height = _push_entered(tree, rows, active, at, hits, stack, height)
+                if active & (active - 1) == 0:
+                    i = lowest_bit(active)
+                    entered, near = enter(nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))
+                    height = _push_all(tree, active, at, bits(entered), stack, height)
+                else:
+                    count(counters, BOX_TESTS, popcount(hits))
+                    height = _push_entered(tree, rows, active, at, hits, stack, height)
             else:
                 store(nears, 0, near)
                 store(children, 0, iota8() + np.int32(at))
