@@ -153,8 +153,8 @@ def _children(bvh, costs, node, found):
 
 
 @kernel
-def _leaves_first(bvh, counts, found, n):
-    """Sort children: leaves first, then inner nodes, each the largest first. So any-hit finds blockers early."""
+def _leaves_last(bvh, counts, found, n):
+    """Sort children: inner nodes, then leaves, each the largest last. The last is visited first: it blocks most."""
     nodes = ptr(bvh.nodes)
     for i in range(1, n):
         child, k = found[i], i
@@ -209,7 +209,7 @@ def _collapse(bvh, costs, counts, words, links, slots):
         height -= 1
         node, at = waiting[height, 0], waiting[height, 1] * NODE_WORDS
         n = _children(bvh, costs, node, found)
-        _leaves_first(bvh, counts, found, n)
+        _leaves_last(bvh, counts, found, n)
         for lane in range(WIDTH):
             links[at + LINKS + lane], links[at + LINKS + WIDTH + lane] = NO_CHILD, 0
             for axis in range(3):

@@ -2,9 +2,10 @@
 
 Inner nodes are visited for all rays at once. In t, a plane x = c is met by ray i at (c - x0) / d_i + (x0 - o_i) / d_i,
 x0 the first ray's origin; over the packet the factor and the summand are intervals, and interval arithmetic bounds
-where any of the rays may enter and leave each of eight boxes [Boulos et al. 2006]. At a leaf each ray is tested against
-the leaf's box; then, whichever is fewer, the triangles one by one against all rays, or the rays left one by one
-against all triangles. So a packet that falls apart ends as single rays.
+where any of the rays may enter and leave each of eight boxes [Boulos et al. 2006]. Of the boxes that are left, any-hit
+queries test which rays enter each, and keep them with it on the stack; closest-hit queries do so at leaves. At a leaf,
+whichever is fewer, the triangles are tested one by one against all rays, or the rays left one by one against all
+triangles. So a packet that falls apart ends as single rays.
 """
 
 from typing import NamedTuple
@@ -39,23 +40,19 @@ from ..simd import (
 )
 from .block import DX, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, UNIT, filter_rays16
 from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .wide import STACK, enter, facing, fetch, keep_nearest, push_sorted, put_aside, slabs_of, visit_leaf
+from .wide import STACK, enter, facing, fetch, keep, push_sorted, put_aside, slabs_of, visit_leaf
 
 _PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
-_NEAR_ENDS = np.float32(
-    1 / 32
-)  # extent of the origins of a packet, or its ends, at most, as a share of the tree's reach
+_NEAR_ENDS = np.float32(1 / 32)  # extent of a packet's origins, or its ends, at most, as a share of the tree's reach
 _NEAR_DIRECTIONS = np.float32(1 / 4)  # extent of its directions, as a share of their largest component
-
-
-_STACK = 2 * STACK
+_STACK = 2 * STACK  # a box and, for any-hit, the rays that enter it
 
 
 class Axis(NamedTuple):
     """A packet's intervals along one axis; scalars."""
 
     origin: object  # of the first ray
-    low: object  # of the inverses, which have one sign
+    low: object  # of the inverses, which have one sign; 0 where they have not, and then the axis does not restrict
     high: object
     near: object  # least offset of a plane that is entered through
     far: object  # greatest offset of one that is left through
@@ -133,7 +130,10 @@ def _enter_any(nodes, at, x, y, z, tmin, limit):
 
 @inlined
 def _enter_each(nodes, box, rows):
-    """Bit mask of the rays of a block that enter the box whose first plane is at word `box` before their limits."""
+    """Bit mask of the rays of a block that enter the box whose first plane is at word `box` before their limits.
+
+    (All of them enter a child that is not there: it is a leaf without triangles.)
+    """
     near, far = load16(rows, TMIN), load16(rows, LIMIT)
     for k in range(3):
         inverse = load16(rows, INVERSE + LANES * k)
@@ -161,6 +161,7 @@ def _push_entered(tree, rows, active, at, hits, stack, height):
 
 @inlined
 def _push_all(tree, active, at, hits, stack, height):
+    """The same where all active rays enter all of `hits`."""
     while hits:
         box = at + lowest_bit(hits)
         hits &= hits - 1
@@ -184,10 +185,11 @@ def _triangle(groups, at):
 
 @inlined
 def _keep_each(tree, rays, hits, at, query, found):
+    """Some rays (bits) meet the triangle in lane `at`."""
     while hits:
         i = lowest_bit(hits)
         hits &= hits - 1
-        keep_nearest(tree, rays, i, at, query, found)
+        keep(tree, rays, i, at, query, found)
 
 
 @inlined
@@ -248,7 +250,7 @@ def walk_packet(tree, rays, alive, query, found, counters):
             entered, near = _enter_any(nodes, at, x, y, z, tmin, limit)
             hits = bits(entered)
             if query.any_hit:
-                if active & (active - 1) == 0:
+                if active & (active - 1) == 0:  # one ray is left
                     i = lowest_bit(active)
                     entered, near = enter(nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))
                     height = _push_all(tree, active, at, bits(entered), stack, height)

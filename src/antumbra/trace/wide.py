@@ -1,4 +1,4 @@
-"""One ray through a wide BVH: eight boxes, or eight triangles, at a time; the one body of any-hit and closest-hit."""
+"""One ray and a wide BVH: eight boxes, or eight triangles, at a time; what any-hit and closest-hit queries find."""
 
 from typing import NamedTuple
 
@@ -77,7 +77,7 @@ def start(found, rays):
 
 
 @inlined
-def _put_aside(found, i, first, lanes):
+def _put_lanes_aside(found, i, first, lanes):
     """Note the triangles in some lanes (bits) of a group, whose first is `first`, that ray i may meet."""
     n = np.int64(get(found.aside, 0))
     while lanes:
@@ -93,7 +93,7 @@ def _put_aside(found, i, first, lanes):
 
 
 @inlined
-def keep_nearest(tree, rays, i, at, query, found):
+def keep(tree, rays, i, at, query, found):
     """Ray i meets the triangle in lane `at`: keep it, for the nearest if it is that; is an any-hit query answered?"""
     slot = np.int64(get(tree.slots, at))
     prim = np.int64(get(tree.prim_ids, slot))
@@ -124,7 +124,7 @@ def settle_block(tree, rays, query, found, counters):
             continue
         side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
         if side != 0 and side != query.cull_faces:
-            keep_nearest(tree, rays, i, at, query, found)
+            keep(tree, rays, i, at, query, found)
     while lost:
         i = lowest_bit(lost)
         lost &= lost - 1
@@ -168,11 +168,11 @@ def visit_leaf(tree, rays, i, link, query, found, counters):
     while hits:
         k = lowest_bit(hits)
         hits &= hits - 1
-        if keep_nearest(tree, rays, i, group * WIDTH + k, query, found):
+        if keep(tree, rays, i, group * WIDTH + k, query, found):
             return True
     unsure &= there
     if unsure:
-        _put_aside(found, i, group * WIDTH, unsure)
+        _put_lanes_aside(found, i, group * WIDTH, unsure)
     return False
 
 
@@ -182,7 +182,7 @@ def put_aside(found, rays, at):
     while rays:
         i = lowest_bit(rays)
         rays &= rays - 1
-        _put_aside(found, i, at, np.int64(1))
+        _put_lanes_aside(found, i, at, np.int64(1))
 
 
 @inlined
