@@ -12,7 +12,7 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..simd import get, ptr
-from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first
+from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first, tree_of
 
 WIDTH = 8
 NODE_WORDS = 8 * WIDTH
@@ -59,6 +59,7 @@ class WideTree(NamedTuple):
     prim_ids: object  # int32 *, slot -> triangle index
     corners: object  # float32 *, 9 a slot
     reach: object  # float32
+    binary: object  # the `Tree` of the binary BVH
 
 
 @inlined
@@ -66,7 +67,7 @@ def wide_tree_of(wide):
     """The pointers of a `WideBvh`, which must outlive them."""
     return WideTree(
         ptr(wide.nodes), ptr(wide.links), ptr(wide.groups), ptr(wide.slots), ptr(wide.bvh.prim_ids),
-        ptr(wide.bvh.corners), wide.reach,
+        ptr(wide.bvh.corners), wide.reach, tree_of(wide.bvh),
     )  # fmt: skip
 
 
@@ -134,8 +135,8 @@ def _children(bvh, costs, node, found):
 
 
 @kernel
-def _leaves_first(bvh, counts, found, n):
-    """Sort children: leaves first, then inner nodes, each the largest first. So any-hit finds blockers early."""
+def _leaves_last(bvh, counts, found, n):
+    """Sort children: inner nodes, then leaves, each the largest last. The last is visited first: it blocks most."""
     nodes = ptr(bvh.nodes)
     for i in range(1, n):
         child, k = found[i], i
@@ -143,7 +144,7 @@ def _leaves_first(bvh, counts, found, n):
         while k > 0:
             before = found[k - 1]
             first = counts[before] <= WIDTH
-            if first > leaf or (first == leaf and _area(nodes, before) >= area):
+            if first < leaf or (first == leaf and _area(nodes, before) <= area):
                 break
             found[k] = before
             k -= 1
@@ -190,7 +191,7 @@ def _collapse(bvh, costs, counts, words, links, slots):
         height -= 1
         node, at = waiting[height, 0], waiting[height, 1] * NODE_WORDS
         n = _children(bvh, costs, node, found)
-        _leaves_first(bvh, counts, found, n)
+        _leaves_last(bvh, counts, found, n)
         for lane in range(WIDTH):
             links[at + LINKS + lane], links[at + LINKS + WIDTH + lane] = NO_CHILD, 0
             for axis in range(3):

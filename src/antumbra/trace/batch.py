@@ -18,15 +18,18 @@ from ..simd import (
     load16,
     maximum,
     put,
+    splat16,
     stack_f32,
     stack_f64,
     stack_i32,
     stack_i64,
+    store,
 )
+from .apart import walk_apart
 from .block import BLOCK_WORDS, DX, LANES, OX, TMAX, TMIN, Rays, prepare, ray_of
 from .counters import RAYS, add_counters, count, private_counters
 from .packet import is_coherent, walk_packet
-from .wide import Found, Query, walk_wide
+from .wide import ASIDE_WORDS, NONE, Found, Query, settle_block, slot_of, start
 
 _BLOCKS = 64  # handed out at a time
 _FINITE = np.float32(3.4028235e38)
@@ -57,27 +60,54 @@ def _operand(rays, k):
 
 
 @inlined
+def _copy(operand, first, last, columns, rows, at):
+    """Copy an argument of float32 of rays first .. first + 15 to rows of a block from word `at`."""
+    if operand.row == 0:
+        for k in range(columns):
+            store(rows, at + LANES * k, splat16(get(f32_at(operand.address + k * operand.column), 0)))
+    elif first + LANES - 1 <= last:
+        begin = operand.address + first * operand.row
+        for i in range(LANES):
+            for k in range(columns):
+                put(rows, at + LANES * k + i, get(f32_at(begin + i * operand.row + k * operand.column), 0))
+    else:
+        for i in range(LANES):
+            begin = operand.address + min(first + i, last) * operand.row
+            for k in range(columns):
+                put(rows, at + LANES * k + i, get(f32_at(begin + k * operand.column), 0))
+
+
+@inlined
+def _move(rows, at, shift):
+    """Subtract `shift` from a row, in float64, and round; LLVM makes vectors of this."""
+    for i in range(LANES):
+        put(rows, at + i, np.float32(np.float64(get(rows, at + i)) - shift))
+
+
+@inlined
 def _fill(operand, first, last, columns, shift, rows, at):
     """Write an argument of rays first .. first + 15 to rows of a block from word `at`: less `shift`, then rounded."""
-    f = np.float32
-    for i in range(LANES):
-        begin = operand.address + min(first + i, last) * operand.row
-        if operand.double:
+    if operand.double:
+        for i in range(LANES):
+            begin = operand.address + min(first + i, last) * operand.row
             for k in range(columns):
-                put(rows, at + LANES * k + i, f(get(f64_at(begin + k * operand.column), 0) - shift[k]))
-        else:
-            for k in range(columns):
-                put(rows, at + LANES * k + i, f(np.float64(get(f32_at(begin + k * operand.column), 0)) - shift[k]))
+                x = get(f64_at(begin + k * operand.column), 0)
+                put(rows, at + LANES * k + i, np.float32(x if shift is None else x - shift[k]))
+        return
+    _copy(operand, first, last, columns, rows, at)
+    if shift is not None:
+        for k in range(columns):
+            _move(rows, at + LANES * k, shift[k])
 
 
 @inlined
 def _load(args, frame, first, last, rows, skip):
     """Convert rays first .. first + 15, the `last` one again where there are no more; whether all are legal."""
-    f, zero = np.float32, (np.float64(0.0), np.float64(0.0), np.float64(0.0))
+    f = np.float32
     _fill(args.origins, first, last, 3, frame, rows, OX)
-    _fill(args.directions, first, last, 3, zero, rows, DX)
-    _fill(args.tmin, first, last, 1, zero, rows, TMIN)
-    _fill(args.tmax, first, last, 1, zero, rows, TMAX)
+    _fill(args.directions, first, last, 3, None, rows, DX)
+    _fill(args.tmin, first, last, 1, None, rows, TMIN)
+    _fill(args.tmax, first, last, 1, None, rows, TMAX)
     for i in range(LANES):
         put(skip, i, get(i32_at(args.skip.address + min(first + i, last) * args.skip.row), 0))
     tmin, tmax = load16(rows, TMIN), load16(rows, TMAX)
@@ -92,11 +122,11 @@ def _load(args, frame, first, last, rows, skip):
 @inlined
 def _write_nearest(tree, rays, i, found, out, at):
     """Write the nearest hit of ray i of a block to element `at` of the arrays."""
-    lane = get(found.lane, i)
-    if lane < 0:
+    slot = slot_of(tree, found, i)
+    if slot < 0:
         out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
         return
-    w = volumes64(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, lane)))
+    w = volumes64(ray_of(rays, i), tree.corners, slot)
     out.face[at], out.t[at] = get(found.prim, i), get(found.t, i)
     out.u[at], out.v[at] = w.e1 / w.d, w.e2 / w.d
 
@@ -104,7 +134,7 @@ def _write_nearest(tree, rays, i, found, out, at):
 @kernel
 def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     rows, skip = stack_f32(BLOCK_WORDS), stack_i32(LANES)
-    found = Found(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES))
+    found = Found(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(ASIDE_WORDS))
     block, query = Rays(rows, None, skip), Query(rays.cull_faces, any_hit)
     mine, tree = private_counters(counters), wide_tree_of(wide)
     args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
@@ -119,19 +149,17 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
                 faults[0], ticket[STOP] = True, 1
                 break
             prepare(rows, tree.reach)
-            for i in range(LANES):
-                put(found.lane, i, -1)
-                put(found.t, i, np.float64(get(rows, TMAX + i)))
+            start(found, block)
             blocked = np.int64(0)
-            if is_coherent(rows, tree.reach):
+            if is_coherent(rows, tree.reach, any_hit):
                 blocked = walk_packet(tree, block, (1 << n) - 1, query, found, mine)
             else:
-                for i in range(n):
-                    walk_wide(tree, block, i, query, found, mine)
-                    blocked |= np.int64(get(found.lane, i) >= 0) << i
+                walk_apart(tree, block, (1 << n) - 1, query, found, mine)
+            if get(found.aside, 0) > 0:
+                settle_block(tree, block, query, found, mine)
             for i in range(n):
                 if any_hit:
-                    out.blocked[first + i] = (blocked >> i) & 1
+                    out.blocked[first + i] = (blocked >> i) & 1 or get(found.lane, i) != NONE
                 else:
                     _write_nearest(tree, block, i, found, out, first + i)
         begin = take(ticket)

@@ -2,9 +2,10 @@
 
 Inner nodes are visited for all rays at once. In t, a plane x = c is met by ray i at (c - x0) / d_i + (x0 - o_i) / d_i,
 x0 the first ray's origin; over the packet the factor and the summand are intervals, and interval arithmetic bounds
-where any of the rays may enter and leave each of eight boxes [Boulos et al. 2006]. At a leaf each ray is tested against
-the leaf's box; then, whichever is fewer, the triangles one by one against all rays, or the rays left one by one
-against all triangles. So a packet that falls apart ends as single rays.
+where any of the rays may enter and leave each of eight boxes [Boulos et al. 2006]. Of the boxes that are left, any-hit
+queries test which rays enter each, and keep them with it on the stack; closest-hit queries do so at leaves. At a leaf,
+whichever is fewer, the triangles are tested one by one against all rays, or the rays left one by one against all
+triangles. So a packet that falls apart ends as single rays.
 """
 
 from typing import NamedTuple
@@ -17,18 +18,18 @@ from ..predicate.vector_filters import FilterTriangles, meet
 from ..simd import (
     absolute,
     bits,
+    broadcast8,
     broadcast16,
-    compress,
     fma,
     get,
     iota8,
     load8,
     load16,
     lowest_bit,
-    mask_from_bits8,
     maximum,
     minimum,
     popcount,
+    put,
     reduce_max,
     reduce_min,
     splat8,
@@ -39,18 +40,19 @@ from ..simd import (
 )
 from .block import DX, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, UNIT, filter_rays16
 from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .wide import STACK, consider, facing, push_sorted, visit_leaf
+from .wide import STACK, enter, facing, fetch, keep, push_sorted, put_aside, slabs_of, visit_leaf
 
 _PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
-_NEAR_ORIGINS = np.float32(1 / 32)  # extent of the origins of a packet, at most, as a share of the tree's reach
+_NEAR_ENDS = np.float32(1 / 32)  # extent of a packet's origins, or its ends, at most, as a share of the tree's reach
 _NEAR_DIRECTIONS = np.float32(1 / 4)  # extent of its directions, as a share of their largest component
+_STACK = 2 * STACK  # a box and, for any-hit, the rays that enter it
 
 
 class Axis(NamedTuple):
     """A packet's intervals along one axis; scalars."""
 
     origin: object  # of the first ray
-    low: object  # of the inverses, which have one sign
+    low: object  # of the inverses, which have one sign; 0 where they have not, and then the axis does not restrict
     high: object
     near: object  # least offset of a plane that is entered through
     far: object  # greatest offset of one that is left through
@@ -58,27 +60,37 @@ class Axis(NamedTuple):
 
 
 @inlined
-def is_coherent(rows, tree_reach):
-    """Do the sixteen rays of a prepared block start close together, and run in about one direction?
+def _extents(rows, limit):
+    """(largest extent of the sixteen origins, of the ends at `limit`, of the directions, their largest component)."""
+    starts, ends, spread, widest = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for k in range(3):
+        o, d = load16(rows, OX + LANES * k), load16(rows, DX + LANES * k)
+        end = fma(d, limit, o)
+        start, stop, turn = (
+            reduce_max(o) - reduce_min(o),
+            reduce_max(end) - reduce_min(end),
+            reduce_max(d) - reduce_min(d),
+        )
+        starts = start if start > starts else starts
+        ends = stop if not stop <= ends else ends
+        spread = turn if turn > spread else spread
+        size = reduce_max(absolute(d))
+        widest = size if size > widest else widest
+    return starts, ends, spread, widest
 
-    Close: origins within a 32nd of the tree's reach of each other, components of directions within a quarter of the
-    largest one, of one sign on each axis.
+
+@inlined
+def is_coherent(rows, tree_reach, any_hit):
+    """Are the sixteen rays of a prepared block better traced as one?
+
+    They are if they start close together, within a 32nd of the tree's reach, and run in about one direction: components
+    within a quarter of the largest one. Any-hit segments also if they end close together.
     """
     if not reduce_max(load16(rows, UNIT)) < np.float32(np.inf):
         return False
-    spread, widest = np.float32(0.0), np.float32(0.0)
-    for k in range(3):
-        o, d = load16(rows, OX + LANES * k), load16(rows, DX + LANES * k)
-        inverse = load16(rows, INVERSE + LANES * k)
-        if reduce_max(o) - reduce_min(o) > _NEAR_ORIGINS * tree_reach:
-            return False
-        if (reduce_min(inverse) < 0.0) != (reduce_max(inverse) < 0.0):
-            return False
-        low, high = reduce_min(d), reduce_max(d)
-        spread = high - low if high - low > spread else spread
-        longest = -low if -low > high else high
-        widest = longest if longest > widest else widest
-    return spread <= _NEAR_DIRECTIONS * widest
+    starts, ends, spread, widest = _extents(rows, load16(rows, LIMIT))
+    near = _NEAR_ENDS * tree_reach
+    return (starts <= near and spread <= _NEAR_DIRECTIONS * widest) or (any_hit and ends <= near)
 
 
 @inlined
@@ -86,6 +98,9 @@ def _axis(rows, k, reach):
     """The `Axis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
     o, inverse = load16(rows, OX + LANES * k), load16(rows, INVERSE + LANES * k)
     origin, low, high = get(rows, OX + LANES * k), reduce_min(inverse), reduce_max(inverse)
+    if low < 0.0 and high > 0.0:  # says nothing
+        zero, inf = np.float32(0.0), np.float32(np.inf)
+        return Axis(origin, zero, zero, -inf, inf, np.int64(2 * WIDTH * k))
     offset = (splat16(origin) - o) * inverse
     grow = _PAD * reach * (-low if low < 0 else high)
     word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else np.int64(0))
@@ -114,16 +129,47 @@ def _enter_any(nodes, at, x, y, z, tmin, limit):
 
 
 @inlined
-def _enter_each(nodes, box, rows, x, y, z):
-    """Bit mask of the rays that enter one box, whose first plane is at word `box`, before their limits."""
+def _enter_each(nodes, box, rows):
+    """Bit mask of the rays of a block that enter the box whose first plane is at word `box` before their limits.
+
+    (All of them enter a child that is not there: it is a leaf without triangles.)
+    """
     near, far = load16(rows, TMIN), load16(rows, LIMIT)
     for k in range(3):
-        word = x.word if k == 0 else (y.word if k == 1 else z.word)
         inverse = load16(rows, INVERSE + LANES * k)
-        enter, leave = broadcast16(nodes, box + word), broadcast16(nodes, box + (word ^ WIDTH))
-        near = maximum(near, fma(enter, inverse, load16(rows, NEAR + LANES * k)))
-        far = minimum(far, fma(leave, inverse, load16(rows, FAR + LANES * k)))
+        a = broadcast16(nodes, box + 2 * WIDTH * k) * inverse
+        b = broadcast16(nodes, box + 2 * WIDTH * k + WIDTH) * inverse
+        near = maximum(near, minimum(a, b) + load16(rows, NEAR + LANES * k))
+        far = minimum(far, maximum(a, b) + load16(rows, FAR + LANES * k))
     return bits(near <= far)
+
+
+@inlined
+def _push_entered(tree, rows, active, at, hits, stack, height):
+    """Push the children in `hits` of the node at word `at` that active rays enter: which rays, and the box."""
+    while hits:
+        box = at + lowest_bit(hits)
+        hits &= hits - 1
+        rays_in = active & _enter_each(tree.nodes, box, rows)
+        put(stack, height, rays_in)
+        put(stack, height + 1, box)
+        if rays_in:
+            fetch(tree, np.int64(get(tree.links, box + LINKS)))
+            height += 2
+    return height
+
+
+@inlined
+def _push_all(tree, active, at, hits, stack, height):
+    """The same where all active rays enter all of `hits`."""
+    while hits:
+        box = at + lowest_bit(hits)
+        hits &= hits - 1
+        fetch(tree, np.int64(get(tree.links, box + LINKS)))
+        put(stack, height, active)
+        put(stack, height + 1, box)
+        height += 2
+    return height
 
 
 @inlined
@@ -135,6 +181,15 @@ def _triangle(groups, at):
         broadcast16(b, at + 32), broadcast16(b, at + 40), broadcast16(b, at + 48), broadcast16(b, at + 56),
         broadcast16(b, at + 64), broadcast16(b, at + 72),
     )  # fmt: skip
+
+
+@inlined
+def _keep_each(tree, rays, hits, at, query, found):
+    """Some rays (bits) meet the triangle in lane `at`."""
+    while hits:
+        i = lowest_bit(hits)
+        hits &= hits - 1
+        keep(tree, rays, i, at, query, found)
 
 
 @inlined
@@ -150,16 +205,11 @@ def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
         unsure &= todo
         if query.any_hit and hits:
             prim = get(tree.prim_ids, get(tree.slots, at))
-            blocked = hits & bits(load16(rays.skip, 0) != prim)
-            done |= blocked
-            hits = np.int64(0)
-            unsure &= ~blocked
-        todo = hits | unsure
-        while todo:
-            i = lowest_bit(todo)
-            todo &= todo - 1
-            if consider(tree, rays, i, at, (hits >> i) & 1, query, found, counters):
-                done |= 1 << i
+            done |= hits & bits(load16(rays.skip, 0) != prim)
+        elif hits:
+            _keep_each(tree, rays, hits, at, query, found)
+        if unsure:
+            put_aside(found, unsure, at)
         if done == active:
             break
     return done
@@ -184,14 +234,14 @@ def walk_packet(tree, rays, alive, query, found, counters):
     Closest-hit: `found` is written as `walk_wide` does.
     """
     nodes, links, rows = tree.nodes, tree.links, rays.rows
-    stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
+    stack, entry, nears, children = stack_i32(_STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
     reach = np.float32(tree.reach)
     for k in range(3):
         o = reduce_max(absolute(load16(rows, OX + LANES * k)))
         reach = o if o > reach else reach
     x, y, z = _axis(rows, 0, reach), _axis(rows, 1, reach), _axis(rows, 2, reach)
     tmin, limit = reduce_min(load16(rows, TMIN)), reduce_max(load16(rows, LIMIT))
-    height, link, box, blocked = 0, np.int64(0), np.int64(0), np.int64(0)
+    height, link, box, blocked, active = 0, np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link >= 0:
             count(counters, NODES, 1)
@@ -199,20 +249,22 @@ def walk_packet(tree, rays, alive, query, found, counters):
             at = link * NODE_WORDS
             entered, near = _enter_any(nodes, at, x, y, z, tmin, limit)
             hits = bits(entered)
-            if not query.any_hit:
+            if query.any_hit:
+                if active & (active - 1) == 0:  # one ray is left
+                    i = lowest_bit(active)
+                    entered, near = enter(nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))
+                    height = _push_all(tree, active, at, bits(entered), stack, height)
+                else:
+                    count(counters, BOX_TESTS, popcount(hits))
+                    height = _push_entered(tree, rows, active, at, hits, stack, height)
+            else:
                 store(nears, 0, near)
                 store(children, 0, iota8() + np.int32(at))
                 height = push_sorted(stack, entry, height, children, nears, hits)
-            elif hits:
-                box = at + lowest_bit(hits)
-                link = np.int64(get(links, box + LINKS))
-                hits &= hits - 1
-                store(stack, height, compress(mask_from_bits8(hits), iota8() + np.int32(at)))
-                height += popcount(hits)
-                continue
         else:
-            count(counters, BOX_TESTS, popcount(alive))
-            active = alive & _enter_each(nodes, box, rows, x, y, z)
+            if not query.any_hit:
+                count(counters, BOX_TESTS, 1)
+                active = alive & _enter_each(nodes, box, rows)
             if active:
                 if popcount(active) < (~link & 15):
                     done = _leaf_by_ray(tree, rays, active, link, query, found, counters)
@@ -227,8 +279,13 @@ def walk_packet(tree, rays, alive, query, found, counters):
                     limit = reduce_max(load16(rows, LIMIT))
         while not query.any_hit and height > 0 and get(entry, height - 1) > limit:
             height -= 1
-        if height == 0:
-            return blocked
-        height -= 1
-        box = np.int64(get(stack, height))
+        active = np.int64(0)
+        while active == 0:
+            if height == 0:
+                return blocked
+            height -= 1
+            box, active = np.int64(get(stack, height)), alive
+            if query.any_hit:
+                height -= 1
+                active &= np.int64(get(stack, height))
         link = np.int64(get(links, box + LINKS))

@@ -15,9 +15,9 @@ from ..query.receivers import NOTHING
 from ..query.samples import sample_point
 from ..query.shadow import horizon_of, is_above, patch_of
 from ..simd import get, ptr
+from .apart import any_hit_wide
 from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, private_counters
 from .traverse import triangle_hit, walk
-from .wide import any_hit_wide
 
 TILE = 16  # pixels; neighbours are traced after each other, by one thread
 

@@ -1,56 +1,45 @@
-"""One ray through a wide BVH: eight boxes, or eight triangles, at a time; the one body of any-hit and closest-hit."""
+"""One ray and a wide BVH: eight boxes, or eight triangles, at a time; what any-hit and closest-hit queries find."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from ..bvh.nodes import MAX_DEPTH
-from ..bvh.wide import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH
+from ..bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
 from ..jit import inlined, kernel
 from ..predicate.filters import hit_t
 from ..predicate.vector_filters import FilterTriangles, meet
 from ..simd import (
-    bits,
     broadcast8,
-    compress,
     fma,
     get,
     load8,
     lowest_bit,
-    mask_from_bits8,
     maximum,
     minimum,
-    popcount,
+    prefetch,
     ptr_at,
     put,
-    splat16,
-    stack_f32,
-    stack_f64,
-    stack_i32,
-    stack_i64,
-    store,
 )
 from .block import (
-    BLOCK_WORDS,
-    DX,
     FAR,
     INVERSE,
     LANES,
     LIMIT,
     NEAR,
-    OX,
-    PRECISE_WORDS,
     TMAX,
     TMIN,
-    Rays,
     filter_ray8,
-    prepare,
     ray_of,
 )
-from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .traverse import settle
+from .counters import TRIANGLE_TESTS, count
+from .traverse import settle, walk
 
 STACK = (MAX_DEPTH + 2) * WIDTH
+ASIDE = 128  # tests that can be put aside for a block of rays
+ASIDE_WORDS = 2 + 2 * ASIDE
+NONE = -1
+_LINE = 16  # float32 of a cache line
 _BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
 
 
@@ -62,29 +51,58 @@ class Query(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Pointers to what has been found for each ray of a block."""
+    """Pointers to what has been found for each ray of a block, and to what is to be settled when it has been traced."""
 
-    lane: object  # int64 *, group * 8 + lane of the triangle; -1: none
+    lane: object  # int64 *, group * 8 + lane of the triangle; NONE; below: -2 - its slot
     prim: object  # int64 *, its index; only for the nearest
     t: object  # float64 *, where it is met; only for the nearest
+    aside: object  # int32 *, ASIDE_WORDS: number of tests, bits of the rays that lost some; ray and lane of each
 
 
-@kernel
-def consider(tree, rays, i, at, sure, query, found, counters):
-    """Ray i may meet (`sure`: does meet) the triangle in lane `at`: settle that; keep the triangle if it is best."""
+@inlined
+def slot_of(tree, found, i):
+    """Slot of the triangle found for ray i, or -1."""
+    lane = get(found.lane, i)
+    return np.int64(get(tree.slots, lane)) if lane >= 0 else -2 - lane
+
+
+@inlined
+def start(found, rays):
+    """Nothing has been found for any ray of a block."""
+    put(found.aside, 0, 0)
+    put(found.aside, 1, 0)
+    for i in range(LANES):
+        put(found.lane, i, NONE)
+        put(found.t, i, np.float64(get(rays.rows, TMAX + i)))
+
+
+@inlined
+def _put_lanes_aside(found, i, first, lanes):
+    """Note the triangles in some lanes (bits) of a group, whose first is `first`, that ray i may meet."""
+    n = np.int64(get(found.aside, 0))
+    while lanes:
+        k = lowest_bit(lanes)
+        lanes &= lanes - 1
+        if n == ASIDE:
+            put(found.aside, 1, np.int64(get(found.aside, 1)) | np.int64(1) << i)
+            break
+        put(found.aside, 2 + 2 * n, i)
+        put(found.aside, 3 + 2 * n, first + k)
+        n += 1
+    put(found.aside, 0, n)
+
+
+@inlined
+def keep(tree, rays, i, at, query, found):
+    """Ray i meets the triangle in lane `at`: keep it, for the nearest if it is that; is an any-hit query answered?"""
     slot = np.int64(get(tree.slots, at))
     prim = np.int64(get(tree.prim_ids, slot))
     if prim == get(rays.skip, i):
         return False
-    ray = ray_of(rays, i)
-    if not sure:
-        side = settle(ray, tree.corners, slot, counters)
-        if side == 0 or side == query.cull_faces:
-            return False
     if query.any_hit:
         put(found.lane, i, at)
         return True
-    t = hit_t(ray, tree.corners, slot)
+    t = hit_t(ray_of(rays, i), tree.corners, slot)
     best = get(found.t, i)
     if get(found.lane, i) < 0 or t < best or (t == best and prim < get(found.prim, i)):
         put(found.lane, i, at)
@@ -94,6 +112,28 @@ def consider(tree, rays, i, at, sure, query, found, counters):
         if limit < get(rays.rows, LIMIT + i):
             put(rays.rows, LIMIT + i, limit)
     return False
+
+
+@kernel
+def settle_block(tree, rays, query, found, counters):
+    """Decide what was put aside. Rays that lost tests are traced anew, over the binary BVH, by the exact walk."""
+    lost = np.int64(get(found.aside, 1))
+    for k in range(get(found.aside, 0)):
+        i, at = np.int64(get(found.aside, 2 + 2 * k)), np.int64(get(found.aside, 3 + 2 * k))
+        if lost >> i & 1 or (query.any_hit and get(found.lane, i) != NONE):
+            continue
+        side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
+        if side != 0 and side != query.cull_faces:
+            keep(tree, rays, i, at, query, found)
+    while lost:
+        i = lowest_bit(lost)
+        lost &= lost - 1
+        skip = np.int64(get(rays.skip, i))
+        slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, query.any_hit, counters)
+        put(found.lane, i, -2 - slot)
+        put(found.t, i, t)
+        if slot >= 0:
+            put(found.prim, i, np.int64(get(tree.prim_ids, slot)))
 
 
 @inlined
@@ -125,13 +165,35 @@ def visit_leaf(tree, rays, i, link, query, found, counters):
     if query.any_hit and hits and get(rays.skip, i) < 0:
         put(found.lane, i, group * WIDTH + lowest_bit(hits))
         return True
-    todo = hits | (unsure & there)
-    while todo:
-        k = lowest_bit(todo)
-        todo &= todo - 1
-        if consider(tree, rays, i, group * WIDTH + k, (hits >> k) & 1, query, found, counters):
+    while hits:
+        k = lowest_bit(hits)
+        hits &= hits - 1
+        if keep(tree, rays, i, group * WIDTH + k, query, found):
             return True
+    unsure &= there
+    if unsure:
+        _put_lanes_aside(found, i, group * WIDTH, unsure)
     return False
+
+
+@inlined
+def put_aside(found, rays, at):
+    """Note that some rays (bits) may meet the triangle in lane `at`."""
+    while rays:
+        i = lowest_bit(rays)
+        rays &= rays - 1
+        _put_lanes_aside(found, i, at, np.int64(1))
+
+
+@inlined
+def fetch(tree, link):
+    """Ask for the memory of a node or a leaf."""
+    p = ptr_at(tree.nodes, link * NODE_WORDS) if link >= 0 else ptr_at(tree.groups, (~link >> 4) * GROUP_WORDS)
+    prefetch(p, 0)
+    prefetch(p, _LINE)
+    prefetch(p, 2 * _LINE)
+    prefetch(p, 3 * _LINE)
+    prefetch(p, 4 * _LINE)
 
 
 class Slabs(NamedTuple):
@@ -153,7 +215,7 @@ class Slabs(NamedTuple):
 
 
 @inlined
-def _slabs(block, i):
+def slabs_of(block, i):
     b = block
     upper = np.int64(WIDTH)
     return Slabs(
@@ -168,7 +230,7 @@ def _slabs(block, i):
 
 
 @inlined
-def _enter(nodes, at, r, limit):
+def enter(nodes, at, r, limit):
     """The eight boxes of the node at word `at`: (mask of those entered before `limit`, vector of entry t)."""
     x, y, z = load8(nodes, at + r.x), load8(nodes, at + r.y), load8(nodes, at + r.z)
     near = maximum(maximum(fma(x, r.ix, r.near_x), fma(y, r.iy, r.near_y)), maximum(fma(z, r.iz, r.near_z), r.tmin))
@@ -193,67 +255,3 @@ def push_sorted(stack, entry, height, values, nears, hits):
         put(stack, j, get(values, k))
         height += 1
     return height
-
-
-@inlined
-def walk_wide(tree, rays, i, query, found, counters):
-    """Trace ray i of a prepared block: write what it meets, any triangle or the nearest, to `found`.
-
-    ``found.lane`` is -1, and ``found.t`` the ray's tmax, before. The answer is that of `traverse.walk`.
-    """
-    nodes, links = tree.nodes, tree.links
-    stack, entry, nears = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH)
-    slabs = _slabs(rays.rows, i)
-    height, link = 0, np.int64(0)
-    while True:
-        if link >= 0:
-            count(counters, NODES, 1)
-            count(counters, BOX_TESTS, WIDTH)
-            at = link * NODE_WORDS
-            entered, near = _enter(nodes, at, slabs, broadcast8(rays.rows, LIMIT + i))
-            hits = bits(entered)
-            if not query.any_hit:
-                store(nears, 0, near)
-                height = push_sorted(stack, entry, height, ptr_at(links, at + LINKS), nears, hits)
-            elif hits:
-                link = np.int64(get(links, at + LINKS + lowest_bit(hits)))
-                hits &= hits - 1
-                store(stack, height, compress(mask_from_bits8(hits), load8(links, at + LINKS)))
-                height += popcount(hits)
-                continue
-        elif visit_leaf(tree, rays, i, link, query, found, counters):
-            return
-        while not query.any_hit and height > 0 and get(entry, height - 1) > get(rays.rows, LIMIT + i):
-            height -= 1
-        if height == 0:
-            return
-        height -= 1
-        link = np.int64(get(stack, height))
-
-
-@kernel
-def any_hit_wide(tree, ray, skip, cull_faces, counters):
-    """Slot of a triangle that the ray meets, or -1."""
-    rows, precise, skips = stack_f32(BLOCK_WORDS), stack_f64(PRECISE_WORDS), stack_i32(LANES)
-    f = np.float32
-    store(rows, OX, splat16(f(ray.ox)))
-    store(rows, OX + LANES, splat16(f(ray.oy)))
-    store(rows, OX + 2 * LANES, splat16(f(ray.oz)))
-    store(rows, DX, splat16(f(ray.dx)))
-    store(rows, DX + LANES, splat16(f(ray.dy)))
-    store(rows, DX + 2 * LANES, splat16(f(ray.dz)))
-    store(rows, TMIN, splat16(f(ray.tmin)))
-    store(rows, TMAX, splat16(f(ray.tmax)))
-    put(precise, 0, ray.dx)
-    put(precise, LANES, ray.dy)
-    put(precise, 2 * LANES, ray.dz)
-    put(precise, 3 * LANES, ray.rx)
-    put(precise, 4 * LANES, ray.ry)
-    put(precise, 5 * LANES, ray.rz)
-    put(skips, 0, skip)
-    found = Found(stack_i64(1), stack_i64(1), stack_f64(1))
-    put(found.lane, 0, -1)
-    prepare(rows, tree.reach)
-    walk_wide(tree, Rays(rows, precise, skips), 0, Query(cull_faces, True), found, counters)
-    lane = get(found.lane, 0)
-    return np.int64(-1) if lane < 0 else np.int64(get(tree.slots, lane))
