@@ -290,8 +290,11 @@ all_lanes = _make_vote("all_lanes", "==", -1)
 def _make_reduction(name, f32_name, i32_name):
     @intrinsic
     def reduction(typingctx, v):
-        """The smallest (`reduce_min`) or largest (`reduce_max`) lane; unspecified if one is NaN."""
-        _check_vector(name, v, types.float32, types.int32)
+        """The smallest (`reduce_min`) or largest (`reduce_max`) lane, unspecified if one is NaN.
+
+        `reduce_and`: the bits that all lanes of an i32 vector have.
+        """
+        _check_vector(name, v, *((types.float32, types.int32) if f32_name else (types.int32,)))
 
         def codegen(context, builder, sig, values):
             llvm_name = f"llvm.vector.reduce.{f32_name if v.is_f32 else i32_name}.{v.suffix}"
@@ -305,3 +308,4 @@ def _make_reduction(name, f32_name, i32_name):
 
 reduce_min = _make_reduction("reduce_min", "fmin", "smin")
 reduce_max = _make_reduction("reduce_max", "fmax", "smax")
+reduce_and = _make_reduction("reduce_and", None, "and")
