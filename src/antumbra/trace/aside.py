@@ -9,8 +9,8 @@ from ..jit import inlined, kernel
 from ..predicate.exact import segment
 from ..query.shadow import horizon_of, is_above
 from ..simd import get, lowest_bit, ptr_at, put
+from .asked import place_of
 from .counters import UNCERTAIN, count
-from .tile import place_of
 from .traverse import settle
 
 ASIDE = 2 * 4096  # rays that can be put aside; a block of triangles needs at most 4096
@@ -18,10 +18,10 @@ ASIDE_INTS = 2 + 2 * ASIDE  # int32 of memory: how many, nothing, then slot and 
 
 
 @inlined
-def put_row_aside(aside, slot, place, step, unsure):
+def put_aside(aside, slot, place, step, unsure):
     """Note the triangle in `slot` for the `unsure` lanes (bits) of a row: lane i is at ``place + i step``.
 
-    A place is ``stratum << 4 | receiver``.
+    A place is ``tile << 8 | stratum << 4 | receiver``. Slot -1 asks whether the sample is above the receiver's surface.
     """
     n = np.int64(get(aside, 0))
     while unsure != 0:
@@ -33,7 +33,7 @@ def put_row_aside(aside, slot, place, step, unsure):
 
 
 @kernel
-def _is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+def is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
     """Does the triangle in `slot`, or the receiver's own surface (slot -1), block a segment? Exact."""
     l = ptr_at(tile.points, s * 48 + lane)
     if slot < 0:
@@ -54,6 +54,6 @@ def settle_aside(corners, query, asked, y0, x0, tile, aside, counters):
         slot, place = np.int64(get(aside, 2 + 2 * k)), np.int64(get(aside, 3 + 2 * k))
         s, lane = place >> 4, place & 15
         dead = np.int64(get(tile.dead, s))
-        if dead >> lane & 1 == 0 and _is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+        if dead >> lane & 1 == 0 and is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
             put(tile.dead, s, dead | np.int64(1) << lane)
     put(aside, 0, 0)

@@ -13,7 +13,7 @@ import numpy as np
 from ..bvh.blocks import ROWS
 from ..jit import inlined, kernel
 from ..simd import bits, broadcast16, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16, store
-from .aside import put_row_aside
+from .aside import put_aside
 from .cornerfrusta import CORNERS, OFF, SPAN
 from .counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
 from .raytest import Lanes, decide, seen_from, splats, triangle_along
@@ -97,7 +97,7 @@ def _test_frustum(slot, n, rays, r, facing, work, aside, counters):
     hit, unsure = decide(directions_of(rays, r), lanes, facing)
     left = open_rays(rays, r)
     if unsure & left != 0:
-        put_row_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure & left)
+        put_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure & left)
     return hit & left
 
 

@@ -12,12 +12,27 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..query.samples import patch_at, sample_point
 from ..scene.lights import FIXED, LIST
-from ..simd import get, highest_bit, load16, lowest_bit, ptr, ptr_at, put, reduce_max, reduce_min
+from ..simd import (
+    get,
+    highest_bit,
+    load16,
+    lowest_bit,
+    maximum,
+    minimum,
+    ptr,
+    ptr_at,
+    put,
+    reduce_max,
+    reduce_min,
+    store,
+)
 
+_HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-22)
 STRATA = 16
 POINTS = STRATA * 48  # float32 of a chunk: of each stratum x, y, z of 16 lanes
 ALL_GROUPS = 32  # group 0 is group 1 once more
 GROUPS = 6 * ALL_GROUPS  # float32: rows of the groups' lower x, y, z, then of the upper ones
+TARGETS = 6 * 16  # float32: rows of the middles x, y, z of each lane's samples, then of their half extents
 
 
 class LightTable(NamedTuple):
@@ -25,6 +40,8 @@ class LightTable(NamedTuple):
 
     points: np.ndarray  # (chunks, 16, 3, 16) float32: stratum, axis, lane
     groups: np.ndarray  # (chunks, 6, 32) float32
+    targets: np.ndarray  # (chunks, 6, 16) float32
+    by_lane: np.ndarray  # (chunks, 16, 3, 16) float32: `points` the other way round: lane, axis, stratum
 
 
 @inlined
@@ -59,6 +76,28 @@ def bound_groups(points, groups, count):
 
 
 @kernel
+def bound_targets(points, targets, count):
+    """Fill the targets of one chunk from its points (pointers)."""
+    for k in range(3):
+        low = high = load16(points, 16 * k)
+        for s in range(1, count):
+            p = load16(points, s * 48 + 16 * k)
+            low, high = minimum(low, p), maximum(high, p)
+        middle = low * _HALF + high * _HALF
+        store(targets, 16 * k, middle)
+        store(targets, 48 + 16 * k, maximum(high - middle, middle - low) * _MORE)
+
+
+@kernel
+def turn_points(points, by_lane, count):
+    """Write the points of a chunk lane by lane; strata from `count` on repeat the last one."""
+    for lane in range(16):
+        for k in range(3):
+            for s in range(16):
+                put(by_lane, lane * 48 + 16 * k + s, get(points, (s if s < count else count - 1) * 48 + 16 * k + lane))
+
+
+@kernel
 def _fixed_table(light, samples, sets, table):
     o, n = np.float32(0.0), np.float64(0.0)
     patch = patch_at(light, o, o, o, n, n, n)
@@ -75,6 +114,8 @@ def _fixed_table(light, samples, sets, table):
             ptr_at(ptr(table.groups), chunk * GROUPS),
             count,
         )
+        bound_targets(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.targets), chunk * TARGETS), count)
+        turn_points(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.by_lane), chunk * POINTS), count)
 
 
 def light_table(query, sets) -> LightTable:
@@ -83,6 +124,8 @@ def light_table(query, sets) -> LightTable:
     table = LightTable(
         np.zeros((chunks, STRATA, 3, 16), np.float32),
         np.zeros((chunks, 6, ALL_GROUPS), np.float32),
+        np.zeros((chunks, 6, 16), np.float32),
+        np.zeros((chunks, 16, 3, STRATA), np.float32),
     )
     _fixed_table(query.light, query.samples, sets, table)
     return table

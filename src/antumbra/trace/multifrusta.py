@@ -7,52 +7,41 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import block_pointers
+from ..bvh.blocks import ROWS, block_pointers
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.exact import segment
-from ..query.shadow import horizon_of, is_above
-from ..simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32
-from .counters import BOX_TESTS, NODES, UNCERTAIN, add_counters, count, private_counters
-from .lighttable import ALL_GROUPS, STRATA, light_table, stays
-from .shaftleaf import ASIDE, WORK, trace_block
+from ..simd import get, load16, lowest_bit, prefetch, ptr, ptr_at, put, stack_f32, stack_i32
+from .aside import is_blocked
+from .asked import TileShape, asked_of, sets_of, tile_shape
+from .beams import make_beams
+from .counters import add_counters, private_counters
+from .descent import left, next_leaf, root, save, saved, slabs_of
+from .lighttable import ALL_GROUPS, STRATA, light_table
+from .ownsurface import PLANES, apply_horizon
+from .shaftleaf import WORK, trace_block
 from .shafts import make_shafts
-from .slabs import (
-    Shafts,
-    children_mixed,
-    children_uniform,
-    least_direction,
-    mixed_axis,
-    uniform_axis,
-    way_of,
-)
+from .slabs import Shafts
 from .tile import (
     TILE_FLOATS,
-    TileShape,
-    apply_horizon,
-    asked_of,
     bound_receivers,
     coherent_part,
+    finished_strata,
     load_receivers,
     move_light,
-    place_of,
-    sets_of,
     tile_at,
-    tile_shape,
     write_bits,
 )
-from .traverse import settle
 
+TILES = 4  # of a bundle, as long as they fill its lanes
+_MAX_TILES = 16
 _STACK = 4 * MAX_DEPTH
 _LANES = 12 * 16
-_F = np.float32
-MAX_TILES = 16
-_SCRATCH = MAX_TILES * TILE_FLOATS
-_FINISHED = MAX_TILES
-_VALID = 2 * MAX_TILES
-_AT = 4 + 2 * MAX_TILES
-TILES = 4  # of a bundle, as long as they fill its lanes
+_SCRATCH = _MAX_TILES * TILE_FLOATS
+_PLACES = 2 * _MAX_TILES
+_WAITING = 4
+_AT = _WAITING + 2
+ASIDE = 16 * 16 * 16  # segments that can be put aside at one block and tile: triangles, strata, receivers
 _ASIDE = 2 + 2 * (1 + TILES) * ASIDE  # with room for all that is put aside at one more block
 
 
@@ -76,14 +65,22 @@ class Layout(NamedTuple):
 class Scratch(NamedTuple):
     """A thread's memory."""
 
-    tiles: object  # float32, MAX_TILES tiles
+    tiles: object  # float32, _MAX_TILES tiles
     lanes: object  # float32, rows of `Shafts`
     work: object  # float32, for `shaftleaf`
     stack: object  # int32: links and masks
-    valid: object  # int32: bits of each tile's receivers; from _FINISHED on, bits of its finished strata
-    planes: object  # float32, for `tile.apply_horizon`
-    at: object  # int32: link, mask and stack height where a walk goes on; from 4 on, y and x of each tile
-    aside: object  # int32: how many, nothing, then slot and place of each segment that float32 cannot decide
+    valid: object  # int32: bits of each tile's receivers
+    left: object  # int32: bits of each tile's receivers that are not traced yet
+    places: object  # int32: y and x of each tile
+    planes: object  # float32, for `ownsurface`
+    at: object  # int32: where a walk goes on; from _WAITING on, the leaf that waits and its lanes
+    aside: object  # int32, see `aside`
+
+
+@inlined
+def _place(scratch, g):
+    """(y, x) of the first pixel of tile g of a bundle."""
+    return np.int64(get(scratch.places, 2 * g)), np.int64(get(scratch.places, 2 * g + 1))
 
 
 @inlined
@@ -122,21 +119,17 @@ def _shafts(p):
 
 @inlined
 def _leaf(tree, code, mask, asked, bundle, scratch, counters):
-    """A block against the lanes in `mask`; bits of the lanes that have no segment left."""
-    block, triangles, done = code >> 5, code & 31, np.int64(0)
-    all_groups = (np.int64(1) << bundle.groups) - 1
+    """A block against the lanes in `mask`; bits of those that have no segment left."""
+    done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
     for g in range(bundle.tiles):
         groups = mask >> (g * bundle.groups) & all_groups
         if groups != 0:
-            tile = tile_at(scratch.tiles, g, asked)
-            valid, finished = np.int64(get(scratch.valid, g)), np.int64(get(scratch.valid, _FINISHED + g))
-            strata = _lane_strata(groups, bundle) & ~finished
-            now = trace_block(
-                tile, tree, block, triangles, strata, valid, asked.facing, scratch.work, scratch.aside, counters
+            tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
+            strata = _lane_strata(groups, bundle) & ~finished_strata(tile, valid)
+            trace_block(
+                tile, tree, code >> 5, code & 31, strata, valid, asked.facing, scratch.work, scratch.aside, counters
             )
-            if now != 0:
-                put(scratch.valid, _FINISHED + g, finished | now)
-                done |= _finished_groups(finished | now, bundle) << (g * bundle.groups)
+            done |= (groups & _finished_groups(finished_strata(tile, valid), bundle)) << (g * bundle.groups)
     return done
 
 
@@ -150,94 +143,62 @@ def _finished_groups(strata, bundle):
     return groups
 
 
+@inlined
+def _fetch(tree, code):
+    """Ask for a block's numbers before they are needed."""
+    block = code >> 5
+    numbers = ptr_at(tree.blocks, block * (ROWS * 16))
+    prefetch(tree.bounds, block * 8)
+    for row in range(ROWS):
+        prefetch(numbers, row * 16)
+    prefetch(tree.slots, block * 16)
+
+
 @kernel
 def _walk(tree, alive, asked, bundle, scratch, counters):
-    """Trace the lanes in `alive` through the tree."""
-    s = _shafts(scratch.lanes)
-    limit = least_direction(s)
-    wx, wy, wz = (
-        way_of(s.dx_low, s.dx_high, limit, alive),
-        way_of(s.dy_low, s.dy_high, limit, alive),
-        way_of(s.dz_low, s.dz_high, limit, alive),
-    )
-    uniform = wx != 0 and wy != 0 and wz != 0
-    ux = uniform_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, wx)
-    uy = uniform_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, wy)
-    uz = uniform_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, wz)
-    mx = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit)
-    my = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit)
-    mz = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit)
-    link, mask, height = (
-        np.int64(get(scratch.at, 0)),
-        np.int64(get(scratch.at, 1)) & alive,
-        np.int64(get(scratch.at, 2)),
-    )
+    """Trace the lanes in `alive` through the tree; those left when the memory for what is put aside runs low.
+
+    A block is fetched when it is found, and tested when the next one is.
+    """
+    slabs, at = slabs_of(_shafts(scratch.lanes), alive), saved(scratch.at, alive)
+    code, mask = np.int64(get(scratch.at, _WAITING)), np.int64(get(scratch.at, _WAITING + 1))
     while True:
-        while mask == 0:
-            if height == 0:
-                return np.int64(0)
-            height -= 2
-            link, mask = np.int64(get(scratch.stack, height)), np.int64(get(scratch.stack, height + 1)) & alive
-        if link >= 0:
-            count(counters, NODES, 1)
-            count(counters, BOX_TESTS, 2)
-            if uniform:
-                left, right = children_uniform(tree.nodes, link, ux, uy, uz)
-            else:
-                left, right = children_mixed(tree.nodes, link, mx, my, mz)
-            left &= mask
-            right &= mask
-            if left != 0 and right != 0:
-                put(scratch.stack, height, get(tree.links, link * 16 + 13))
-                put(scratch.stack, height + 1, right)
-                height += 2
-            link = np.int64(get(tree.links, link * 16 + (12 if left != 0 else 13)))
-            mask = left if left != 0 else right
-            continue
-        if np.int64(get(scratch.aside, 0)) > ASIDE:
-            put(scratch.at, 0, link)
-            put(scratch.at, 1, mask)
-            put(scratch.at, 2, height)
-            return alive
-        if ~link & 31 != 0:
-            alive &= ~_leaf(tree, ~link, mask, asked, bundle, scratch, counters)
-        mask = np.int64(0)
+        at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
+        if at.mask != 0:
+            _fetch(tree, ~at.link)
+        if mask & alive != 0:
+            if np.int64(get(scratch.aside, 0)) > ASIDE:
+                save(scratch.at, at)
+                put(scratch.at, _WAITING, code)
+                put(scratch.at, _WAITING + 1, mask)
+                return alive
+            alive &= ~_leaf(tree, code, mask & alive, asked, bundle, scratch, counters)
+        if at.mask == 0:
+            return np.int64(0)
+        code, mask = ~at.link, at.mask if ~at.link & 31 != 0 else np.int64(0)
+        at = left(at)
 
 
 @kernel
 def _settle_aside(tree, query, asked, scratch, counters):
     """Decide exactly what float32 could not say about a bundle's segments."""
     for k in range(np.int64(get(scratch.aside, 0))):
-        slot, code = np.int64(get(scratch.aside, 2 + 2 * k)), np.int64(get(scratch.aside, 3 + 2 * k))
-        g, s, lane = code >> 8, code >> 4 & 15, code & 15
+        slot, place = np.int64(get(scratch.aside, 2 + 2 * k)), np.int64(get(scratch.aside, 3 + 2 * k))
+        g, s, lane = place >> 8, place >> 4 & 15, place & 15
+        y0, x0 = _place(scratch, g)
         tile = tile_at(scratch.tiles, g, asked)
         dead = np.int64(get(tile.dead, s))
-        if (dead >> lane | np.int64(get(scratch.valid, _FINISHED + g)) >> s) & 1 == 0:
-            o, l = lane, s * 48 + lane
-            ray = segment(
-                get(tile.origins, o), get(tile.origins, o + 16), get(tile.origins, o + 32),
-                get(tile.points, l), get(tile.points, l + 16), get(tile.points, l + 32),
-            )  # fmt: skip
-            if slot < 0:
-                at = place_of(asked, np.int64(get(scratch.at, 4 + 2 * g)), np.int64(get(scratch.at, 5 + 2 * g)), lane)
-                horizon = horizon_of(query, at // asked.w, at % asked.w)
-                count(counters, UNCERTAIN, 1)
-                l_at = ptr_at(tile.points, l)
-                blocked = not is_above(horizon, get(l_at, 0), get(l_at, 16), get(l_at, 32), query.corners)
-            else:
-                side = settle(ray, tree.corners, slot, counters)
-                blocked = side != 0 and side != asked.facing
-            if blocked:
-                put(tile.dead, s, dead | np.int64(1) << lane)
+        if dead >> lane & 1 == 0 and is_blocked(tree.corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+            put(tile.dead, s, dead | np.int64(1) << lane)
     put(scratch.aside, 0, 0)
 
 
 @inlined
 def _trace_lanes(tree, alive, query, asked, bundle, scratch, counters):
     """Trace the lanes in `alive`, and settle what is put aside whenever the memory for it runs low, and at the end."""
-    put(scratch.at, 0, 0)
-    put(scratch.at, 1, alive)
-    put(scratch.at, 2, 0)
+    save(scratch.at, root(alive))
+    put(scratch.at, _WAITING, 0)
+    put(scratch.at, _WAITING + 1, 0)
     while True:
         if alive != 0:
             alive = _walk(tree, alive, asked, bundle, scratch, counters)
@@ -248,93 +209,106 @@ def _trace_lanes(tree, alive, query, asked, bundle, scratch, counters):
 
 
 @inlined
-def _start_tile(asked, y0, x0, bundle, tile, valid, scratch, counters):
-    """Prepare a tile of a bundle; bits of its lanes that have a segment to trace."""
-    g = tile.number
-    put(scratch.at, 4 + 2 * g, y0)
-    put(scratch.at, 5 + 2 * g, x0)
+def _start_tile(query, asked, bundle, g, scratch, counters):
+    """Prepare tile g of a bundle, whose receivers are loaded; bits of its lanes that have a segment to trace."""
+    tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
+    y0, x0 = _place(scratch, g)
+    bound_receivers(tile, valid)
+    if not asked.fixed:
+        move_light(query, asked, y0, x0, valid, tile)
     make_shafts(tile.info, tile.groups, tile.shafts)
+    make_beams(tile)
     apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
-    finished = np.int64(0)
-    for s in range(16):
-        if s >= asked.count or np.int64(get(tile.dead, s)) & valid == valid:
-            finished |= np.int64(1) << s
-    put(scratch.valid, _FINISHED + g, finished)
     _fill_lanes(g, tile, bundle, scratch.lanes)
-    groups = ((np.int64(1) << bundle.groups) - 1) & ~_finished_groups(finished, bundle)
+    groups = ((np.int64(1) << bundle.groups) - 1) & ~_finished_groups(finished_strata(tile, valid), bundle)
     return groups << (g * bundle.groups)
 
 
 @inlined
-def _finish_tile(asked, tile, scratch, out):
-    """Write the bits of a tile."""
-    g = tile.number
-    valid, finished = np.int64(get(scratch.valid, g)), np.int64(get(scratch.valid, _FINISHED + g))
-    if valid != 0:
-        y0, x0 = np.int64(get(scratch.at, 4 + 2 * g)), np.int64(get(scratch.at, 5 + 2 * g))
-        write_bits(asked, y0, x0, valid, tile, finished, out)
+def _next_parts(asked, layout, y, x, scratch):
+    """Load, of each tile of a bundle, receivers near each other that are not traced yet; how many tiles have any."""
+    n = np.int64(0)
+    for g in range(layout.across * layout.down):
+        rest = np.int64(get(scratch.left, g))
+        if rest != 0:
+            tile = tile_at(scratch.tiles, n, asked)
+            y0, x0 = (y + g // layout.across) * asked.shape.height, (x + g % layout.across) * asked.shape.width
+            rest &= load_receivers(asked, y0, x0, tile)
+            part = coherent_part(tile, rest, asked.light)
+            put(scratch.left, g, rest & ~part)
+            put(scratch.valid, n, part)
+            put(scratch.places, 2 * n, y0)
+            put(scratch.places, 2 * n + 1, x0)
+            n += np.int64(part != 0)
+    return n
+
+
+@inlined
+def _even_bits(code):
+    """Bits 0, 2 and 4 of a number, side by side."""
+    return code & 1 | code >> 1 & 2 | code >> 2 & 4
+
+
+def _squares(layout: Layout) -> int:
+    """Runs of 64 bundles: squares of 8 x 8, or of a row."""
+    return -(-layout.columns // 64) if layout.rows == 1 else -(-layout.columns // 8) * -(-layout.rows // 8)
+
+
+@inlined
+def _corner_of(layout, at):
+    """(row, column) of a bundle's first tile. Squares come row by row, bundles of each in Z order, for the caches."""
+    if layout.rows == 1:
+        return np.int64(0), at * layout.across
+    square, code, across = at >> 6, at & 63, (layout.columns + 7) >> 3
+    by, bx = square // across * 8 + _even_bits(code >> 1), square % across * 8 + _even_bits(code)
+    return by * layout.down, bx * layout.across
+
+
+@inlined
+def _bundle_of(tiles, count):
+    """The `Bundle` of so many tiles, with so many samples."""
+    size, strata = np.int64(1), np.int64(1)
+    while size < tiles:
+        size *= 2
+    while strata < count:
+        strata *= 2
+    groups = STRATA // size if STRATA // size < strata else strata
+    return Bundle(size, groups, strata // groups)
 
 
 @kernel
-def _trace_bundles(ticket, arrays, query, table, shape, layout, bundle, alone, chunk, n_samples, out, counters):
-    """Worker: bundles of tiles; then, one place after the other, the tiles whose receivers lie in several places."""
+def _trace_bundles(ticket, arrays, query, table, shape, layout, chunk, n_samples, out, counters):
+    """Worker: bundles of tiles; where a tile's receivers lie in several places, one place after the other."""
     scratch = Scratch(
-        stack_f32(_SCRATCH), stack_f32(_LANES), stack_f32(WORK), stack_i32(_STACK), stack_i32(_VALID), stack_f32(128),
+        stack_f32(_SCRATCH), stack_f32(_LANES), stack_f32(WORK), stack_i32(_STACK),
+        stack_i32(_MAX_TILES), stack_i32(_MAX_TILES), stack_i32(_PLACES), stack_f32(PLANES),
         stack_i32(_AT), stack_i32(_ASIDE),
     )  # fmt: skip
-    fixed = stays(query.light)
     tree, mine = block_pointers(arrays), private_counters(counters)
-    asked, places = asked_of(query, table, shape, chunk, n_samples, fixed), ptr(out)
+    asked, places = asked_of(query, table, shape, chunk, n_samples), ptr(out)
     put(scratch.aside, 0, 0)
     at = take(ticket)
     while at >= 0:
-        by, bx = at // layout.columns * layout.down, at % layout.columns * layout.across
-        alive, apart = np.int64(0), np.int64(0)
-        for g in range(bundle.tiles):
-            y0, x0 = (by + g // layout.across) * shape.height, (bx + g % layout.across) * shape.width
-            tile = tile_at(scratch.tiles, g, asked)
-            valid = load_receivers(asked, y0, x0, tile)
-            if coherent_part(tile, valid, asked.light) != valid:
-                apart |= np.int64(1) << g
-                valid = np.int64(0)
-            put(scratch.valid, g, valid)
-            if valid != 0:
-                bound_receivers(tile, valid)
-                if not fixed:
-                    move_light(query, y0, x0, shape, chunk, valid, tile, asked.count)
-                alive |= _start_tile(asked, y0, x0, bundle, tile, valid, scratch, mine)
-        job, left, g = bundle, np.int64(0), np.int64(0)
-        while True:
-            _trace_lanes(tree, alive, query, asked, job, scratch, mine)
-            for i in range(job.tiles):
-                _finish_tile(asked, tile_at(scratch.tiles, i, asked), scratch, places)
-            if left == 0:
-                if apart == 0:
-                    break
-                g, left = lowest_bit(apart), np.int64(0xFFFF)
-                apart &= apart - 1
-            y0, x0 = (by + g // layout.across) * shape.height, (bx + g % layout.across) * shape.width
-            job, tile = alone, tile_at(scratch.tiles, 0, asked)
-            left &= load_receivers(asked, y0, x0, tile)
-            part = coherent_part(tile, left, asked.light)
-            left &= ~part
-            put(scratch.valid, 0, part)
-            bound_receivers(tile, part)
-            if not fixed:
-                move_light(query, y0, x0, shape, chunk, part, tile, asked.count)
-            alive = _start_tile(asked, y0, x0, alone, tile, part, scratch, mine)
+        y, x = _corner_of(layout, at)
+        for g in range(layout.across * layout.down):
+            put(scratch.left, g, np.int32(0xFFFF))
+        n = _next_parts(asked, layout, y, x, scratch)
+        while n > 0:
+            bundle, alive = _bundle_of(n, n_samples), np.int64(0)
+            for g in range(n):
+                alive |= _start_tile(query, asked, bundle, g, scratch, mine)
+            _trace_lanes(tree, alive, query, asked, bundle, scratch, mine)
+            for g in range(n):
+                y0, x0 = _place(scratch, g)
+                write_bits(asked, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, asked), places)
+            n = _next_parts(asked, layout, y, x, scratch)
         at = take(ticket)
     add_counters(counters, mine)
 
 
-def _bundles(count: int, tiles: int) -> tuple[Bundle, Bundle]:
-    """For `count` samples: a bundle of `tiles` tiles, or more if they are needed to fill the lanes; one of one tile."""
-    strata = 1 << (count - 1).bit_length()
-    tiles = max(tiles, STRATA // strata)
-    return Bundle(tiles, STRATA // tiles, strata * tiles // STRATA), Bundle(1, strata, 1)
-
-
-def _layout(shape: TileShape, tiles: int) -> Layout:
+def _layout(shape: TileShape, count: int) -> Layout:
+    """Bundles of TILES tiles, or more if it takes more to fill the lanes with `count` samples."""
+    tiles = max(TILES, STRATA >> (count - 1).bit_length())
     across = tiles if shape.height == 1 else 1 << (tiles.bit_length() // 2)
     down = tiles // across
     return Layout(across, down, -(-shape.columns // across), -(-shape.rows // down))
@@ -351,19 +325,16 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     table = light_table(query, sets_of(shape))
     for chunk in range(-(-spp // STRATA)):
         count = min(STRATA, spp - chunk * STRATA)
-        bundle, alone = _bundles(count, TILES)
-        layout = _layout(shape, bundle.tiles)
+        layout = _layout(shape, count)
         run(
             _trace_bundles,
             thread_count(threads),
-            new_ticket(layout.columns * layout.rows, 1),
+            new_ticket(_squares(layout) * 64, 1),
             tree,
             query,
             table,
             shape,
             layout,
-            bundle,
-            alone,
             chunk,
             count,
             bits,

@@ -14,7 +14,7 @@ from ..bvh.nodes import EMPTY, tree_of
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, take
 from ..simd import bits, get, load16, lowest_bit, ptr, put
-from .aside import ASIDE, put_row_aside
+from .aside import ASIDE, put_aside
 from .counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, add_counters, count, private_counters
 from .descent import left, next_leaf, rays_as_shafts, root, save, saved, slabs_of
 from .raytest import decide, length1, seen_from, triangle_in
@@ -55,7 +55,7 @@ def _leaf(tree, rays, r, code, mask, facing, aside, counters):
         hit, unsure = decide(d, seen_from(o, span, triangle_in(tree.corners, slot)), facing)
         unsure &= tested
         if unsure != 0:
-            put_row_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure)
+            put_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure)
         hit &= tested
         mask &= ~hit
         if mask == 0:

@@ -5,12 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined
-from ..simd import bits, fma, get, maximum, minimum, splat16
-from .vec import Vec, crosses, dot, dots, largest, total
+from ..simd import bits, broadcast16, fma, get, maximum, minimum, splat16, store
+from .vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, total
 
 _F = np.float32
 _U = _F(64 * 2.0**-24)
 _TINY = _F(1e-37)
+LANES = 12 * 16  # float32 of kept `Lanes`
 
 
 class Triangle(NamedTuple):
@@ -84,20 +85,57 @@ def length1(d):
 
 
 @inlined
-def decide(d, lanes, facing):
-    """(bits of the rays along d that surely meet the triangle, of those float32 cannot say)."""
-    e2, e1, dn, e, te = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, lanes.n), lanes.e, lanes.te
-    e0, f = dn - e1 - e2, lanes.t - dn
+def decide_signs(e0, e1, e2, t, f, e, te, facing):
+    """(bits of the lanes whose ray surely meets their triangle, of those float32 cannot say).
+
+    From the edge functions, the distances of the ray's start and end from the triangle's plane, and the bounds of their
+    errors.
+    """
     low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
-    near, far = minimum(lanes.t, f), maximum(lanes.t, f)
-    miss = ((low < -e) & (high > e)) | (near > te) | (far < -te)
-    left = bits(miss) ^ 0xFFFF
-    if left == 0:
-        return left, left
+    near, far = minimum(t, f), maximum(t, f)
+    left = bits(((low < -e) & (high > e)) | (near > te) | (far < -te)) ^ 0xFFFF
     up, down = low > e, high < -e
-    crosses_plane = (near < -te) & (far > te)
-    hit = bits((up | down) & crosses_plane)
+    hit = bits((up | down) & (near < -te) & (far > te))
     if facing != 0:
         wrong = bits(up) if facing > 0 else bits(down)
         return hit & ~wrong, left & ~hit & ~wrong
     return hit, left & ~hit
+
+
+@inlined
+def decide(d, lanes, facing):
+    """(bits of the rays along d that surely meet the triangle, of those float32 cannot say)."""
+    e2, e1, dn = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, lanes.n)
+    return decide_signs(dn - e1 - e2, e1, e2, lanes.t, lanes.t - dn, lanes.e, lanes.te, facing)
+
+
+@inlined
+def keep_lanes(memory, lanes):
+    """Write `Lanes` to LANES float32."""
+    keep(memory, 0, 16, lanes.cp)
+    keep(memory, 48, 16, lanes.cq)
+    keep(memory, 96, 16, lanes.n)
+    store(memory, 144, lanes.t)
+    store(memory, 160, lanes.e)
+    store(memory, 176, lanes.te)
+
+
+@inlined
+def kept_lane(memory, k):
+    """Lane k of kept `Lanes`, in all lanes."""
+    return Lanes(
+        broadcasts(memory, k, 16), broadcasts(memory, 48 + k, 16), broadcasts(memory, 96 + k, 16),
+        broadcast16(memory, 144 + k), broadcast16(memory, 160 + k), broadcast16(memory, 176 + k),
+    )  # fmt: skip
+
+
+@inlined
+def ray_meets(o, d, numbers, facing):
+    """(bits of the 16 triangles of a block that a ray from o along d surely meets, of those float32 cannot say)."""
+    a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    n, r = cross(p, q), cross(d, a)
+    e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
+    reach, size, d1 = largest(a), maximum(largest(p), largest(q)), total(d)
+    floor = fma(reach + size + d1, splat16(_TINY), splat16(_TINY))
+    e = fma(size * _U, maximum(reach, size) * d1, floor)
+    return decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, fma(size * size * _U, reach + d1, floor), facing)

@@ -11,33 +11,12 @@ import numpy as np
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, thread_count
-from ..simd import (
-    broadcast16,
-    get,
-    mask_from_bits16,
-    ptr,
-    ptr_at,
-    put,
-    select,
-    splat16,
-    stack_f32,
-    stack_i32,
-    store,
-)
+from ..simd import broadcast16, get, put, stack_f32, stack_i32, store
 from .aside import ASIDE_INTS, settle_aside
-from .lighttable import POINTS, STRATA, light_table, stays
-from .tile import (
-    TILE_FLOATS,
-    apply_horizon,
-    asked_of,
-    bound_receivers,
-    load_receivers,
-    move_light,
-    sets_of,
-    tile_at,
-    tile_shape,
-    write_bits,
-)
+from .asked import asked_of, sets_of, tile_shape
+from .lighttable import POINTS, STRATA, light_table
+from .ownsurface import PLANES, apply_horizon
+from .tile import TILE_FLOATS, bound_receivers, load_receivers, move_light, tile_at, turn_bits, write_bits
 from .vec import minus, rows
 
 STACK = 4 * MAX_DEPTH
@@ -47,7 +26,6 @@ class Samples(NamedTuple):
     """The light samples of a query for tiles."""
 
     table: object  # LightTable
-    turned: np.ndarray  # (chunks, 16 receivers, 3, 16 samples) float32: the table's points, receiver by receiver
     parameters: np.ndarray  # (chunks, 16 receivers, 2, 16 samples) float32: (a, b) on the light's patch
 
 
@@ -64,7 +42,6 @@ class Scratch(NamedTuple):
     """A thread's memory."""
 
     tile: object  # float32, one `Tile`
-    turned: object  # float32, the points of a light that moves, receiver by receiver
     origins: object  # float32, each receiver's origin in all 16 lanes
     planes: object  # float32, for `tile.apply_horizon`
     stack: object  # int32
@@ -85,7 +62,7 @@ class Rays(NamedTuple):
     dead: object  # int32, one a row: bits of the blocked rays
     rows: int  # bits of the rows that hold rays
     lanes: int  # bits of the lanes that do
-    row_place: int  # see `aside.put_row_aside`
+    row_place: int  # see `aside.put_aside`
     lane_place: int
 
 
@@ -93,48 +70,25 @@ class Rays(NamedTuple):
 def new_scratch():
     """`Scratch` on the stack of the kernel that calls."""
     return Scratch(
-        stack_f32(TILE_FLOATS), stack_f32(POINTS), stack_f32(POINTS), stack_f32(128), stack_i32(STACK), stack_i32(4),
+        stack_f32(TILE_FLOATS), stack_f32(POINTS), stack_f32(PLANES), stack_i32(STACK), stack_i32(4),
         stack_i32(16), stack_i32(ASIDE_INTS),
     )  # fmt: skip
 
 
 @inlined
-def turn_bits(source, target):
-    """Transpose 16 x 16 bits, kept as 16 int32."""
-    words = splat16(np.int32(0))
-    for r in range(16):
-        there = mask_from_bits16(np.int64(get(source, r)))
-        words = words | select(there, splat16(np.int32(1 << r)), splat16(np.int32(0)))
-    store(target, 0, words)
-
-
-@kernel
-def _turn_points(points, count, turned):
-    """Points of strata -> points of receivers; samples from `count` on repeat the last one."""
-    for receiver in range(16):
-        for k in range(3):
-            for s in range(STRATA):
-                known = s if s < count else count - 1
-                put(turned, receiver * 48 + k * 16 + s, get(points, known * 48 + k * 16 + receiver))
-
-
-@inlined
 def asked_in(query, samples, job):
     """The `Asked` of a job."""
-    return asked_of(query, samples.table, job.shape, job.chunk, job.count, stays(query.light))
+    return asked_of(query, samples.table, job.shape, job.chunk, job.count)
 
 
 @kernel
-def _by_receiver(tile, samples, asked, scratch):
+def _by_receiver(tile, scratch):
     """(points of the receivers' samples); fills the receivers' origins."""
     for r in range(16):
         for k in range(3):
             store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
     turn_bits(tile.dead, scratch.dead)
-    if asked.fixed:
-        return ptr_at(ptr(samples.turned), asked.first * 48)
-    _turn_points(tile.points, asked.count, scratch.turned)
-    return scratch.turned
+    return tile.by_lane
 
 
 @kernel
@@ -148,10 +102,10 @@ def start_tile(query, samples, job, asked, n, scratch, counters):
     if valid != 0:
         bound_receivers(tile, valid)
         if not asked.fixed:
-            move_light(query, y0, x0, job.shape, job.chunk, valid, tile, asked.count)
+            move_light(query, asked, y0, x0, valid, tile)
         apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
         if job.by_sample:
-            points = _by_receiver(tile, samples, asked, scratch)
+            points = _by_receiver(tile, scratch)
             return Rays(y0, x0, tile, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
     return Rays(y0, x0, tile, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1)
 
@@ -199,20 +153,15 @@ def finish_tile(asked, rays, out):
         turn_bits(rays.dead, rays.tile.dead)
     valid = rays.rows if rows_are_receivers(rays) else rays.lanes
     if rays.rows != 0:
-        write_bits(asked, rays.y0, rays.x0, valid, rays.tile, np.int64(0), out)
+        write_bits(asked, rays.y0, rays.x0, valid, rays.tile, out)
 
 
 def _samples(query, sets) -> Samples:
     table = light_table(query, sets)
     chunks, spp = len(table.points), query.samples.shape[1]
     known = np.minimum(np.arange(chunks * STRATA), spp - 1)
-    points = table.points.reshape(-1, 3, 16)[known].reshape(chunks, STRATA, 3, 16)
     parameters = query.samples[sets][:, known, :2].astype(np.float32).reshape(16, chunks, STRATA, 2)
-    return Samples(
-        table,
-        np.ascontiguousarray(points.transpose(0, 3, 2, 1)),
-        np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)),
-    )
+    return Samples(table, np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)))
 
 
 def trace_tiles(worker, tree, query, by_sample, bits, threads, counters, progress, *options) -> None:

@@ -1,26 +1,11 @@
-"""A block of triangles against the shafts of a tile: cull, cover, and test rays only where neither decides.
+"""A block of triangles against a tile: cull and cover by shafts or beams, test rays only where neither decides.
 
-With c the centre of the receivers' box, C that of a box of light samples, D = C - c, a = v0 - c, and p, q the edges at
-v0, the edge functions of `predicate.filters` along the axis of the shaft are
-
-    e2 = D . (a x p)     e1 = -D . (a x q)     e0 = D . n - e1 - e2       n = p x q
-
-For a receiver c + x and a sample C + y they change, with N the vector that D is multiplied by and g the edge, by
-
-    y . N  -  x . (N + g x D)  -  y . (x x g)
-
-so by at most ry . |N| + rx . |N + g x D| + w |g|, where rx, ry are the half extents of the two boxes and w = sum of
-ry_i (rx_j + rx_k). Likewise the distances T = a . n of the receivers from the triangle's plane and F = T - D . n of the
-samples change by rx . |n| and ry . |n|. So signs that are sure along the axis hold for all segments of the shaft: it
-misses if two edge functions have opposite signs, or T and F the same one; all its segments are blocked if all edge
-functions have one sign and T and F opposite ones. This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for
-shafts whose segments share no origin.
-
-First the 16 triangles of a block are culled side by side against the smallest group of strata that is of interest;
-then what is left, one triangle at a time, against the 16 strata side by side; then, for the strata that are left, the
-16 rays of each. Rounding: E = 64 u s (span wide + |rx| |D|) bounds the error of e0, e1, e2 of the axis and of any ray
-of the shaft, and of their slack (see `predicate.filters`: 60 u |d| s max(|a|, s) for each e; here span >= |d| and wide
->= |a| for all of them); 64 u s^2 (|a| + span) that of T, F and theirs.
+Next to the receivers their beams are narrower, next to the light the shafts of its strata: `_is_near` says which. If
+most of those miss the block's box, each of the others is tested against the 16 triangles side by side; else the
+triangles are culled side by side against the shaft to the smallest group of strata that matters, and each of those
+left is tested against the 16 beams or strata side by side. What neither misses nor is covered is tested ray by ray: 16
+samples of a receiver, or 16 receivers and a stratum, at once. Of a stratum few of whose rays meet the block's box each
+ray is tested against the 16 triangles.
 """
 
 from typing import NamedTuple
@@ -33,251 +18,71 @@ from ..predicate.filters import plane
 from ..simd import (
     absolute,
     bits,
-    broadcast16,
-    fma,
     get,
     load16,
     lowest_bit,
-    maximum,
-    minimum,
+    mask_from_bits16,
     popcount,
     ptr_at,
-    put,
+    reduce_and,
+    select,
     splat16,
     store,
 )
+from .aside import put_aside
+from .beams import beam_of, beams_of
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
-from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, D, N, axis_of
-from .tile import put_aside
-from .vec import (
-    Vec,
-    abs_dot,
-    abs_dots,
-    broadcasts,
-    cross,
-    crosses,
-    dot,
-    dots,
-    keep,
-    largest,
-    magnitudes,
-    minus,
-    plus,
-    rows,
-    total,
-)
+from .raytest import LANES, decide, keep_lanes, kept_lane, ray_meets
+from .shaftbox import beams_in_box, rays_in_box, strata_in_box
+from .shaftcull import CULL_WORK, cull_beams, cull_block, cull_strata, plane_of, receiver_lanes, triangle_lanes
+from .shafts import HALF, D, N
+from .tile import finished_strata
+from .vec import broadcasts, minus, rows
 
-_F = np.float32
-_U = _F(64 * 2.0**-24)
-_MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
-_TINY = _F(1e-37)
-_ZERO = _F(0.0)
-_CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (
-    16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23)
-)
-WORK = 24 * 16  # float32 of scratch memory
-ASIDE = 16 * 16 * 16  # segments that can be put aside at one block and tile: triangles, strata, receivers
+WORK = CULL_WORK + LANES  # float32 of scratch memory
+_FEW_BEAMS = 6  # beams of a block, or strata, up to which each goes by itself
+_FEW_STRATA = 8
+_FEW_RAYS = 4  # of a stratum
+
+
+class Block(NamedTuple):
+    """A block that a tile is tested against, and all that this takes."""
+
+    tree: object  # BlockPointers
+    number: int
+    present: int  # bits of its triangles
+    valid: int  # bits of the tile's receivers
+    facing: int  # a value of CULL_FACES
+    work: object  # float32 scratch memory
+    aside: object  # see `aside`
 
 
 @inlined
-def _beyond(shafts, at, group, a, p, q, wide):
-    """mask16 of the triangles all of whose corners are beyond a plane of the shaft."""
-    w = broadcasts(shafts, at + group, N)
-    nearest = dot(a, w) + minimum(minimum(dot(p, w), dot(q, w)), splat16(_ZERO))
-    return nearest > fma(wide, broadcast16(shafts, at + 4 * N + group), broadcast16(shafts, at + 3 * N + group))
+def _numbers(b):
+    return ptr_at(b.tree.blocks, b.number * (ROWS * 16))
 
 
 @inlined
-def _outside(shafts, group, a, p, q, wide):
-    """mask16 of the triangles that are beyond one of the six planes of the shaft."""
-    d, zero = broadcasts(shafts, D + group, N), splat16(_ZERO)
-    at, on, off = dot(a, d), dot(p, d), dot(q, d)
-    error = wide * broadcast16(shafts, CAP_ERROR + group)
-    behind = at + maximum(maximum(on, off), zero) < broadcast16(shafts, NEAR + group) - error
-    ahead = at + minimum(minimum(on, off), zero) > broadcast16(shafts, FAR + group) + error
-    return (
-        behind
-        | ahead
-        | _beyond(shafts, PLANES, group, a, p, q, wide)
-        | _beyond(shafts, PLANES + PLANE, group, a, p, q, wide)
-        | _beyond(shafts, PLANES + 2 * PLANE, group, a, p, q, wide)
-        | _beyond(shafts, PLANES + 3 * PLANE, group, a, p, q, wide)
-    )
+def _slot(b, i):
+    """Triangle i's place in the BVH's arrays."""
+    return np.int64(get(b.tree.slots, b.number * 16 + i))
 
 
 @inlined
-def _slack(n, g_cross_d, receivers, lights, axis, size, e):
-    """Slack of one edge function: (without the part of the lights, with it)."""
-    common = fma(abs_dots(plus(n, g_cross_d), receivers), splat16(_MORE), fma(size, splat16(_F(2.0) * axis.twist), e))
-    return common, fma(abs_dots(n, lights), splat16(_MORE), common)
+def _block_rows(dead, lanes, one):
+    """`dead` with the receivers `one` (splat of bits) added to the strata in `lanes` (bits)."""
+    return dead | select(mask_from_bits16(lanes), one, splat16(np.int32(0)))
 
 
 @inlined
-def _keep_box(work, a, p, q):
-    """Centre and half extents of the triangles' boxes."""
-    zero, half = splat16(_ZERO), _F(0.5)
-    x, y, z = minimum(minimum(p.x, q.x), zero), minimum(minimum(p.y, q.y), zero), minimum(minimum(p.z, q.z), zero)
-    u, v, w = maximum(maximum(p.x, q.x), zero), maximum(maximum(p.y, q.y), zero), maximum(maximum(p.z, q.z), zero)
-    keep(work, _MIDDLE, 16, Vec(a.x + (x + u) * half, a.y + (y + v) * half, a.z + (z + w) * half))
-    half *= _MORE
-    keep(work, _HALF, 16, Vec((u - x) * half, (v - y) * half, (w - z) * half))
+def _block_receivers(tile, receivers):
+    """All segments from some receivers (bits) are blocked."""
+    store(tile.dead, 0, load16(tile.dead, 0) | splat16(np.int32(receivers)))
 
 
 @kernel
-def cull_block(tile, block, group, facing, work):
-    """Bits of the triangles of a block that some segment of the shaft to a group may meet; more on them in `work`."""
-    info, shafts = tile.info, tile.shafts
-    c = broadcasts(info, 0, 1)
-    a, p, q = minus(rows(block, 0, 16), c), rows(block, 48, 16), rows(block, 96, 16)
-    reach, size = largest(a), maximum(largest(p), largest(q))
-    receivers = Vec(get(info, 3), get(info, 4), get(info, 5))
-    wide = maximum(reach, size) + (receivers.x + receivers.y + receivers.z)
-    n, axis = cross(p, q), axis_of(shafts, group)
-    floor = fma(wide, splat16(_TINY), splat16(_TINY * (axis.span + _F(1.0))))
-    te = fma(size * size * _U, reach + axis.span, floor)
-    dn, t = dots(n, axis.d), dot(a, n)
-    f = t - dn
-    kt = fma(abs_dots(n, receivers), splat16(_MORE), te)
-    gf = fma(abs_dots(n, axis.half), splat16(_MORE), te)
-    same_side = (minimum(t - kt, f - gf) > _ZERO) | (maximum(t + kt, f + gf) < _ZERO)
-    away = dn * _F(facing) > kt + gf
-    culled = same_side | away | _outside(shafts, group, a, p, q, wide)
-    left = bits(culled) ^ 0xFFFF
-    if left == 0:
-        return left
-    cp, cq = cross(a, p), cross(a, q)
-    e = fma(size * _U, fma(wide, splat16(axis.span), splat16(axis.lever)), floor)
-    e2, e1 = dots(cp, axis.d), -dots(cq, axis.d)
-    e0 = dn - e1 - e2
-    p_d, q_d = crosses(p, axis.d), crosses(q, axis.d)
-    k2, g2 = _slack(cp, p_d, receivers, axis.half, axis, size, e)
-    k1, g1 = _slack(cq, q_d, receivers, axis.half, axis, size, e)
-    k0, g0 = _slack(plus(n, minus(cq, cp)), minus(q_d, p_d), receivers, axis.half, axis, size + size, e)
-    some_up = maximum(maximum(e0 - g0, e1 - g1), e2 - g2) > _ZERO
-    some_down = minimum(minimum(e0 + g0, e1 + g1), e2 + g2) < _ZERO
-    left &= bits(some_up & some_down) ^ 0xFFFF
-    if left != 0:
-        keep(work, _CP, 16, cp)
-        keep(work, _CQ, 16, cq)
-        keep(work, _N, 16, n)
-        _keep_box(work, a, p, q)
-        store(work, _T, t)
-        store(work, _K, k0)
-        store(work, _K + 16, k1)
-        store(work, _K + 32, k2)
-        store(work, _KT, kt)
-        store(work, _KF, te)
-        store(work, _E, e)
-        store(work, _TE, te)
-        store(work, _WIDE, wide)
-    return left
-
-
-@inlined
-def _box_beyond(shafts, at, middle, half, wide):
-    """mask16 of the strata for which a triangle's box is beyond a plane of their shaft."""
-    w = rows(shafts, at + 16, N)
-    nearest = dot(w, middle) - fma(absolute(w.x), half.x, fma(absolute(w.y), half.y, absolute(w.z) * half.z))
-    return nearest > fma(load16(shafts, at + 4 * N + 16), wide, load16(shafts, at + 3 * N + 16))
-
-
-@inlined
-def _strata_outside(shafts, work, i):
-    """mask16 of the strata whose shaft has the box of triangle i beyond one of its sides."""
-    middle, half, wide = (
-        broadcasts(work, _MIDDLE + i, 16),
-        broadcasts(work, _HALF + i, 16),
-        broadcast16(work, _WIDE + i),
-    )
-    return (
-        _box_beyond(shafts, PLANES, middle, half, wide)
-        | _box_beyond(shafts, PLANES + PLANE, middle, half, wide)
-        | _box_beyond(shafts, PLANES + 2 * PLANE, middle, half, wide)
-        | _box_beyond(shafts, PLANES + 3 * PLANE, middle, half, wide)
-    )
-
-
-@inlined
-def cull_strata(shafts, work, i, facing):
-    """(bits of the strata whose shafts miss triangle i of the block, of those it blocks whole, sign of all F or 0)."""
-    d, half = rows(shafts, D + 16, N), rows(shafts, 3 * N + 16, N)
-    cp, cq, n = broadcasts(work, _CP + i, 16), broadcasts(work, _CQ + i, 16), broadcasts(work, _N + i, 16)
-    c0 = plus(n, minus(cq, cp))
-    dn, e2, e1 = dot(d, n), dot(d, cp), -dot(d, cq)
-    e0 = dn - e1 - e2
-    more = splat16(_MORE)
-    k0 = fma(abs_dot(c0, half), more, broadcast16(work, _K + i))
-    k1 = fma(abs_dot(cq, half), more, broadcast16(work, _K + 16 + i))
-    k2 = fma(abs_dot(cp, half), more, broadcast16(work, _K + 32 + i))
-    kf = fma(abs_dot(n, half), more, broadcast16(work, _KF + i))
-    a0, a1, a2, b0, b1, b2 = e0 - k0, e1 - k1, e2 - k2, e0 + k0, e1 + k1, e2 + k2
-    t, kt = get(work, _T + i), get(work, _KT + i)
-    f = broadcast16(work, _T + i) - dn
-    above, below = f > kf, f < -kf
-    misses = (maximum(maximum(a0, a1), a2) > _ZERO) & (minimum(minimum(b0, b1), b2) < _ZERO)
-    up, down = minimum(minimum(a0, a1), a2) > _ZERO, maximum(maximum(b0, b1), b2) < _ZERO
-    miss, cover = bits(misses | _strata_outside(shafts, work, i)), np.int64(0)
-    if t > kt:
-        miss |= bits(above)
-        cover = bits((up | down) & below)
-    elif t < -kt:
-        miss |= bits(below)
-        cover = bits((up | down) & above)
-    if facing != 0:
-        wrong = bits(up) if facing > 0 else bits(down)
-        miss |= wrong
-        cover &= ~wrong
-    f_side = np.int64(0)
-    if bits(above) == 0xFFFF:
-        f_side = np.int64(1)
-    elif bits(below) == 0xFFFF:
-        f_side = np.int64(-1)
-    return miss, cover, f_side
-
-
-class Lanes(NamedTuple):
-    """A triangle as the 16 receivers of a tile see it; f32x16."""
-
-    cp: Vec  # a x p
-    cq: Vec  # a x q
-    n: Vec
-    t: object  # a . n
-    e: object  # bounds of the errors, see above
-    te: object
-
-
-@inlined
-def lanes_of(tile, block, work, i):
-    """`Lanes` of triangle i of a block that `cull_block` has left."""
-    a = minus(broadcasts(block, i, 16), rows(tile.origins, 0, 16))
-    p, q, n = broadcasts(block, 48 + i, 16), broadcasts(block, 96 + i, 16), broadcasts(work, _N + i, 16)
-    return Lanes(cross(a, p), cross(a, q), n, dot(a, n), broadcast16(work, _E + i), broadcast16(work, _TE + i))
-
-
-@inlined
-def test_rays(tile, lanes, s, facing):
-    """(bits of the receivers whose segment to stratum s surely meets the triangle, of those float32 cannot say)."""
-    d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
-    e2, e1, dn, e, te = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, lanes.n), lanes.e, lanes.te
-    e0, f = dn - e1 - e2, lanes.t - dn
-    low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
-    near, far = minimum(lanes.t, f), maximum(lanes.t, f)
-    miss = ((low < -e) & (high > e)) | (near > te) | (far < -te)
-    left = bits(miss) ^ 0xFFFF
-    if left == 0:
-        return left, left
-    up, down = low > e, high < -e
-    crosses = (near < -te) & (far > te)
-    hit = bits((up | down) & crosses)
-    if facing != 0:
-        wrong = bits(up) if facing > 0 else bits(down)
-        return hit & ~wrong, left & ~hit & ~wrong
-    return hit, left & ~hit
-
-
-@kernel
-def _on_the_lights_side(tile, tree, slot, above, lanes):
+def on_the_lights_side(tile, tree, slot, above, below, lanes):
     """Bits of those receivers that are, as all of the light, surely on one side of a triangle's plane, in float64.
 
     For the surface that a tile lies on, and what continues it, float32 cannot say on which side the receivers are.
@@ -295,180 +100,197 @@ def _on_the_lights_side(tile, tree, slot, above, lanes):
         )
         t = x * n[0] + y * n[1] + z * n[2]
         bound = error * (abs(x) + abs(y) + abs(z))
-        if t > bound if above else t < -bound:
-            settled |= np.int64(1) << lane
+        one = np.int64(1) << lane
+        if (t > bound and above & one != 0) or (t < -bound and below & one != 0):
+            settled |= one
     return settled
 
 
 @inlined
-def _receivers_to_test(tile, tree, slot, work, i, f_side, valid):
-    """The receivers that a triangle may block: not its own, nor those that see its plane from where the light is."""
-    receivers = valid & ~bits(load16(tile.faces, 0) == get(tree.prim_ids, slot))
-    t, kt = get(work, _T + i), get(work, _KT + i)
-    if f_side != 0 and receivers != 0 and abs(t) <= kt:
-        receivers &= ~_on_the_lights_side(tile, tree, slot, f_side > 0, receivers)
-    return receivers
+def _test_samples(tile, b, slot, r, k, strata, counters):
+    """Test the rays of receiver r against the triangle that lane k of the kept `Lanes` tells of."""
+    d = minus(rows(tile.by_lane, r * 48, 16), broadcasts(tile.origins, r, 16))
+    count(counters, TRIANGLE_TESTS, 1)
+    hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), b.facing)
+    dead, one = load16(tile.dead, 0), splat16(np.int32(1 << r))
+    unsure &= strata
+    if unsure != 0:
+        put_aside(b.aside, slot, tile.number << 8 | r, 16, unsure & bits((dead & one) == np.int32(0)))
+    store(tile.dead, 0, _block_rows(dead, hit, one))
 
 
 @kernel
-def _rays_of_triangle(tile, tree, block, i, strata, f_side, work, valid, facing, aside, counters):
-    """Test a triangle against the rays of some strata; those that have no ray left."""
-    numbers, done = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0)
-    slot = np.int64(get(tree.slots, block * 16 + i))
-    receivers = _receivers_to_test(tile, tree, slot, work, i, f_side, valid)
-    if receivers == 0:
-        return done
-    lanes = lanes_of(tile, numbers, work, i)
+def _test_strata(tile, b, slot, i, receivers, strata, counters):
+    """Test the rays from some receivers to some strata (bits) against triangle i, one that `cull_block` has left."""
+    lanes, dead = triangle_lanes(tile, _numbers(b), b.work, i), load16(tile.dead, 0)
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
-        dead = np.int64(get(tile.dead, s))
+        d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
         count(counters, TRIANGLE_TESTS, 1)
-        hit, unsure = test_rays(tile, lanes, s, facing)
-        unsure &= receivers & ~dead
+        hit, unsure = decide(d, lanes, b.facing)
+        unsure &= receivers & ~np.int64(get(tile.dead, s))
         if unsure != 0:
-            put_aside(aside, tile, slot, s, unsure)
-        hit &= receivers
-        if hit & ~dead:
-            put(tile.dead, s, dead | hit)
-            if (dead | hit) & valid == valid:
-                done |= np.int64(1) << s
-    return done
+            put_aside(b.aside, slot, tile.number << 8 | s << 4, 1, unsure)
+        dead = _block_rows(dead, np.int64(1) << s, splat16(np.int32(hit & receivers)))
+    store(tile.dead, 0, dead)
 
 
 @inlined
-def _rays_in_box(tile, tree, block, s):
-    """Bits of the receivers whose segment to stratum s meets a block's box: no axis separates them.
-
-    Besides the three axes of the box, these are its axes' cross products with the segment. Middle m and half h of a
-    segment, relative to the box, err by 4u of the coordinates, which `pad` covers eight times over;
-    `tiny` covers products that underflow.
-    """
-    b = block * 8
-    o, l = rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16)
-    c = broadcasts(tree.bounds, b, 1)
-    m, h, half = plus(minus(o, c), minus(l, c)), minus(l, o), _F(0.5)
-    m, d = Vec(m.x * half, m.y * half, m.z * half), Vec(h.x * half, h.y * half, h.z * half)
-    n, h, tiny = magnitudes(m), magnitudes(d), splat16(_TINY)
-    pad = maximum(maximum(largest(o), largest(l)), largest(c)) * _F(32 * 2.0**-24)
-    e = broadcasts(tree.bounds, b + 4, 1)
-    e = Vec(e.x + pad, e.y + pad, e.z + pad)
-    meets = (n.x <= h.x + e.x) & (n.y <= h.y + e.y) & (n.z <= h.z + e.z)
-    x = absolute(fma(m.y, d.z, -(m.z * d.y))) <= fma(e.y, h.z, fma(e.z, h.y, tiny))
-    y = absolute(fma(m.z, d.x, -(m.x * d.z))) <= fma(e.z, h.x, fma(e.x, h.z, tiny))
-    z = absolute(fma(m.x, d.y, -(m.y * d.x))) <= fma(e.x, h.y, fma(e.y, h.x, tiny))
-    return bits(meets & x & y & z)
+def _others(tile, b, slot):
+    """Bits of the receivers whose own triangle this is not."""
+    return b.valid & ~bits(load16(tile.faces, 0) == get(b.tree.prim_ids, slot))
 
 
 @inlined
-def _ray_meets(tile, numbers, lane, s, present, facing):
-    """(does the segment from a receiver to stratum s surely meet one of the triangles, those float32 cannot say)."""
-    at = s * 48 + lane
-    o, l = broadcasts(tile.origins, lane, 16), broadcasts(tile.points, at, 16)
-    d, a, p, q = minus(l, o), minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
-    n = cross(p, q)
-    r = cross(d, a)
-    e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
-    e0, f = dn - e1 - e2, t - dn
-    reach, size, d1 = largest(a), maximum(largest(p), largest(q)), total(d)
-    floor = fma(reach + size + d1, splat16(_TINY), splat16(_TINY))
-    e = fma(size * _U, maximum(reach, size) * d1, floor)
-    te = fma(size * size * _U, reach + d1, floor)
-    low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
-    near, far = minimum(t, f), maximum(t, f)
-    left = ~bits(((low < -e) & (high > e)) | (near > te) | (far < -te)) & present
+def _by_beams(tile, b, i, live, strata, counters):
+    """Test triangle i, one that `cull_block` has left, against the beams in `live`; those not blocked whole."""
+    d, half = beams_of(tile)
+    slot, lanes = _slot(b, i), triangle_lanes(tile, _numbers(b), b.work, i)
+    v = cull_beams(d, half, lanes, b.facing)
+    receivers = live & ~v.miss & _others(tile, b, slot)
+    on_plane = receivers & bits(absolute(lanes.t) <= lanes.te)
+    if on_plane != 0:
+        receivers &= ~on_the_lights_side(tile, b.tree, slot, v.above, v.below, on_plane)
+    covered = v.cover & receivers
+    count(counters, COVERED, popcount(covered))
+    _block_receivers(tile, covered)
+    receivers &= ~covered
+    if receivers != 0:
+        keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
+        while receivers != 0:
+            r = lowest_bit(receivers)
+            receivers &= receivers - 1
+            _test_samples(tile, b, slot, r, r, strata, counters)
+    return live & ~covered
+
+
+@inlined
+def _by_strata(tile, b, i, strata, counters):
+    """Test triangle i, one that `cull_block` has left, against the shafts of some strata; those with rays left."""
+    slot, v = _slot(b, i), cull_strata(tile.shafts, b.work, i, b.facing)
+    covered = v.cover & strata
+    count(counters, COVERED, popcount(covered))
+    store(tile.dead, 0, _block_rows(load16(tile.dead, 0), covered, splat16(np.int32(-1))))
+    strata &= ~covered
+    tests, receivers = strata & ~v.miss, _others(tile, b, slot)
+    t, slack = plane_of(b.work, i)
+    if tests != 0 and abs(t) <= slack and (v.above == 0xFFFF or v.below == 0xFFFF):
+        receivers &= ~on_the_lights_side(tile, b.tree, slot, v.above, v.below, receivers)
+    if tests != 0 and receivers != 0:
+        _test_strata(tile, b, slot, i, receivers, tests, counters)
+        strata &= ~finished_strata(tile, b.valid)
+    return strata
+
+
+@kernel
+def _trace_receiver(tile, b, r, strata, counters):
+    """Test the beam of receiver r, and where that does not decide its rays, against the triangles of a block."""
+    own, lanes, one = get(tile.faces, r), receiver_lanes(tile, _numbers(b), r), np.int64(1) << r
+    d, half = beam_of(tile, r)
+    v = cull_beams(d, half, lanes, b.facing)
+    left = b.present & ~v.miss
+    count(counters, CANDIDATES, popcount(left))
     if left == 0:
-        return False, left
-    up, down = low > e, high < -e
-    hit = bits((up | down) & (near < -te) & (far > te)) & left
-    if facing != 0:
-        wrong = bits(up) if facing > 0 else bits(down)
-        hit &= ~wrong
-        left &= ~wrong
-    return hit != 0, left & ~hit
+        return
+    cover, on_plane = v.cover & left, bits(absolute(lanes.t) <= lanes.te)
+    while cover != 0:
+        if get(b.tree.prim_ids, _slot(b, lowest_bit(cover))) != own:
+            count(counters, COVERED, 1)
+            _block_receivers(tile, one)
+            return
+        cover &= cover - 1
+    keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
+    while left != 0:
+        i = lowest_bit(left)
+        slot = _slot(b, i)
+        left &= left - 1
+        if get(b.tree.prim_ids, slot) != own:
+            above, below = (v.above >> i & 1) << r, (v.below >> i & 1) << r
+            if on_plane >> i & 1 == 0 or on_the_lights_side(tile, b.tree, slot, above, below, one) == 0:
+                _test_samples(tile, b, slot, r, i, strata, counters)
 
 
 @inlined
-def _trace_rays(tile, tree, block, present, s, rays, valid, facing, aside, counters):
-    """Test rays of stratum s one by one against the triangles of a block; 1 if the stratum has none left."""
-    numbers, hits = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0)
+def _put_triangles_aside(tile, b, s, r, unsure):
+    """Note the triangles (bits) that may block the ray of receiver r to stratum s; its own one cannot."""
+    while unsure != 0:
+        slot = _slot(b, lowest_bit(unsure))
+        unsure &= unsure - 1
+        if get(b.tree.prim_ids, slot) != get(tile.faces, r):
+            put_aside(b.aside, slot, tile.number << 8 | s << 4 | r, 1, np.int64(1))
+
+
+@inlined
+def _trace_rays(tile, b, s, rays, counters):
+    """Test rays of stratum s, those of some receivers (bits), one by one against the triangles of a block."""
+    hits = np.int64(0)
     while rays != 0:
-        lane = lowest_bit(rays)
+        r = lowest_bit(rays)
         rays &= rays - 1
         count(counters, TRIANGLE_TESTS, 1)
-        hit, unsure = _ray_meets(tile, numbers, lane, s, present, facing)
-        if hit:
-            hits |= np.int64(1) << lane
-        elif unsure != 0:
-            _put_triangles_aside(aside, tile, tree, block, s, lane, unsure)
-    dead = np.int64(get(tile.dead, s)) | hits
-    put(tile.dead, s, dead)
-    return np.int64(1) if dead & valid == valid else np.int64(0)
-
-
-@inlined
-def _put_triangles_aside(aside, tile, tree, block, s, lane, unsure):
-    """Note the triangles (bits) that may block one segment; the receiver's own one cannot."""
-    own = get(tile.faces, lane)
-    while unsure != 0:
-        slot = np.int64(get(tree.slots, block * 16 + lowest_bit(unsure)))
-        unsure &= unsure - 1
-        if get(tree.prim_ids, slot) != own:
-            put_aside(aside, tile, slot, s, np.int64(1) << lane)
+        o = broadcasts(tile.origins, r, 16)
+        hit, unsure = ray_meets(o, minus(broadcasts(tile.points, s * 48 + r, 16), o), _numbers(b), b.facing)
+        if hit & b.present != 0:
+            hits |= np.int64(1) << r
+        elif unsure & b.present != 0:
+            _put_triangles_aside(tile, b, s, r, unsure & b.present)
+    store(tile.dead, 0, _block_rows(load16(tile.dead, 0), np.int64(1) << s, splat16(np.int32(hits))))
 
 
 @kernel
-def _trace_sparse(tile, tree, block, triangles, strata, valid, facing, work, aside, counters):
-    """`trace_block` for few strata, one by one.
-
-    If few of a stratum's rays meet the block's box, they are tested one by one against all its triangles; else the
-    stratum's own shaft culls the block, and the triangles are tested one by one against its rays.
-    """
-    numbers, done, present = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0), (np.int64(1) << triangles) - 1
-    while strata != 0:
-        s = lowest_bit(strata)
-        strata &= strata - 1
-        one = np.int64(1) << s
-        rays = _rays_in_box(tile, tree, block, s) & valid & ~np.int64(get(tile.dead, s))
-        if popcount(rays) <= FEW:
-            if rays != 0:
-                done |= _trace_rays(tile, tree, block, present, s, rays, valid, facing, aside, counters) << s
-            continue
-        left = cull_block(tile, numbers, 16 + s, facing, work) & present
-        count(counters, CANDIDATES, popcount(left))
-        while left != 0 and done & one == 0:
-            i = lowest_bit(left)
-            left &= left - 1
-            done |= _rays_of_triangle(tile, tree, block, i, one, np.int64(0), work, valid, facing, aside, counters)
-    return done
-
-
-SPARSE = 8
-FEW = 4
-
-
-@kernel
-def trace_block(tile, tree, block, triangles, strata, valid, facing, work, aside, counters):
-    """Test the segments of some strata of a tile against a block; bits of the strata that have none left."""
-    count(counters, TRIANGLES, triangles)
-    if popcount(strata) <= SPARSE:
-        return _trace_sparse(tile, tree, block, triangles, strata, valid, facing, work, aside, counters)
-    numbers, done = ptr_at(tree.blocks, block * (ROWS * 16)), np.int64(0)
-    left = cull_block(tile, numbers, group_of(strata), facing, work) & ((np.int64(1) << triangles) - 1)
+def _trace_stratum(tile, b, s, c, e, counters):
+    """Test the rays of stratum s against a block with the box c -+ e: few one by one, else culled by their shaft."""
+    rays = rays_in_box(tile, s, c, e) & b.valid & ~np.int64(get(tile.dead, s))
+    if popcount(rays) <= _FEW_RAYS:
+        if rays != 0:
+            _trace_rays(tile, b, s, rays, counters)
+        return
+    left = cull_block(tile, _numbers(b), 16 + s, b.facing, b.work) & b.present
     count(counters, CANDIDATES, popcount(left))
     while left != 0:
         i = lowest_bit(left)
         left &= left - 1
-        miss, cover, f_side = cull_strata(tile.shafts, work, i, facing)
-        cover &= strata
-        count(counters, COVERED, popcount(cover))
-        done |= cover
-        strata &= ~cover
-        tests = strata & ~miss
-        if tests != 0:
-            done_now = _rays_of_triangle(tile, tree, block, i, tests, f_side, work, valid, facing, aside, counters)
-            done |= done_now
-            strata &= ~done_now
-        if strata == 0:
-            break
-    return done
+        slot = _slot(b, i)
+        _test_strata(tile, b, slot, i, rays & _others(tile, b, slot), np.int64(1) << s, counters)
+
+
+@inlined
+def _is_near(tile, c):
+    """Are beams narrower than the shafts of strata at a point? Shafts narrow from the receivers' box, beams widen."""
+    s, i = tile.shafts, tile.info
+    dx, dy, dz = get(s, D + 1), get(s, D + N + 1), get(s, D + 2 * N + 1)
+    along = (get(c, 0) - get(i, 0)) * dx + (get(c, 1) - get(i, 1)) * dy + (get(c, 2) - get(i, 2)) * dz
+    light = get(s, HALF + 1) + get(s, HALF + N + 1) + get(s, HALF + 2 * N + 1)
+    return along * light < (dx * dx + dy * dy + dz * dz - along) * (get(i, 3) + get(i, 4) + get(i, 5))
+
+
+@kernel
+def trace_block(tile, tree, number, triangles, strata, valid, facing, work, aside, counters):
+    """Test the segments to some strata of a tile against a block; what it blocks is noted in `tile.dead`."""
+    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, aside)
+    count(counters, TRIANGLES, triangles)
+    box = ptr_at(tree.bounds, b.number * 8)
+    c, e, near = broadcasts(box, 0, 1), broadcasts(box, 4, 1), _is_near(tile, box)
+    if near:
+        live, few = valid & ~np.int64(reduce_and(load16(tile.dead, 0))) & beams_in_box(tile, c, e), _FEW_BEAMS
+    else:
+        live, few = strata & strata_in_box(tile, c, e), _FEW_STRATA
+    if popcount(live) <= few:
+        while live != 0:
+            k = lowest_bit(live)
+            live &= live - 1
+            if near:
+                _trace_receiver(tile, b, k, strata, counters)
+            else:
+                _trace_stratum(tile, b, k, c, e, counters)
+        return
+    left = cull_block(tile, _numbers(b), group_of(strata), facing, work) & b.present
+    count(counters, CANDIDATES, popcount(left))
+    while left != 0 and live != 0:
+        i = lowest_bit(left)
+        left &= left - 1
+        if near:
+            live = _by_beams(tile, b, i, live, strata, counters)
+        else:
+            live = _by_strata(tile, b, i, live, counters)

@@ -1,0 +1,79 @@
+"""What is asked, as hot kernels see it: a query cut into tiles of 16 receivers and chunks of 16 samples."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined
+from ..simd import get, ptr, ptr_at
+from .lighttable import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, stays
+
+_F = np.float32
+_LIGHT = _F(2.0**-6)
+
+
+class TileShape(NamedTuple):
+    """How receivers are cut into tiles: 4 x 4 pixels, or 16 of a row."""
+
+    width: int
+    height: int
+    columns: int  # tiles in a row of tiles
+    rows: int
+
+
+def tile_shape(query) -> TileShape:
+    """4 x 4 pixels; receivers that form a row are taken 16 at a time."""
+    h, w = query.sides.shape
+    width, height = (4, 4) if h > 1 else (16, 1)
+    return TileShape(width, height, -(-w // width), -(-h // height))
+
+
+def sets_of(shape) -> np.ndarray:
+    """(16,) int: the sample set of each lane of a tile."""
+    lane = np.arange(16)
+    return (lane % shape.width & 3) + 4 * (lane // shape.width)
+
+
+class Asked(NamedTuple):
+    """A query's chunk for hot kernels: pointers, for each array passed on costs a reference count."""
+
+    origins: object  # float32
+    faces: object  # int32
+    sides: object  # int8
+    normals: object  # float64
+    corners: object  # float32
+    points: object  # of the chunk's light table, if the light does not move
+    groups: object
+    targets: object
+    by_lane: object
+    fixed: bool  # the light does not move
+    h: int
+    w: int
+    shape: TileShape
+    first: int  # sample
+    count: int  # samples
+    facing: int  # a value of CULL_FACES
+    words: int  # uint64 of a receiver's bits
+    light: float  # a small part of the sum of the light's extents
+
+
+@inlined
+def asked_of(query, table, shape, chunk, n_samples):
+    """The `Asked` of a chunk of a query."""
+    groups, light, fixed = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0), stays(query.light)
+    if fixed:
+        for k in range(3):
+            light += get(groups, (3 + k) * ALL_GROUPS + 1) - get(groups, k * ALL_GROUPS + 1)
+    h, w = query.sides.shape
+    return Asked(
+        ptr(query.origins), ptr(query.faces), ptr(query.sides), ptr(query.normals), ptr(query.corners),
+        ptr_at(ptr(table.points), chunk * POINTS), groups, ptr_at(ptr(table.targets), chunk * TARGETS),
+        ptr_at(ptr(table.by_lane), chunk * POINTS), fixed, h, w, shape, chunk * STRATA, n_samples,
+        query.cull_faces, (query.samples.shape[1] + 63) >> 6, light * _LIGHT,
+    )  # fmt: skip
+
+
+@inlined
+def place_of(asked, y0, x0, lane):
+    """Index of a lane's receiver among all, row by row."""
+    return (y0 + lane // asked.shape.width) * asked.w + x0 + lane % asked.shape.width

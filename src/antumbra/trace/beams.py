@@ -1,0 +1,39 @@
+"""The beams of a tile: from each of its 16 receivers to the box of all of its samples.
+
+These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each: next to the receivers they
+are narrower than `shafts`, which start from the box of all of them, and next to the light they are wider. Lanes are
+receivers. With D from the receiver to the middle of the box, half extents h, and the edge functions of `shaftleaf` on
+D, those of a sample D + y differ by y . N, so by at most h . |N|.
+"""
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..simd import absolute, fma, splat16
+from .vec import Vec, broadcasts, keep, minus, rows
+
+_F = np.float32
+_D, _H = 0, 48
+BEAM_FLOATS = 96
+
+
+@kernel
+def make_beams(tile):
+    """The beams of a tile whose origins and targets are known."""
+    middle, half = rows(tile.targets, 0, 16), rows(tile.targets, 48, 16)
+    d, off = minus(middle, rows(tile.origins, 0, 16)), splat16(_F(2.0**-23))  # rounding of d
+    keep(tile.beams, _D, 16, d)
+    h = Vec(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
+    keep(tile.beams, _H, 16, h)
+
+
+@inlined
+def beams_of(tile):
+    """(directions to the middles of the boxes, their half extents)."""
+    return rows(tile.beams, _D, 16), rows(tile.beams, _H, 16)
+
+
+@inlined
+def beam_of(tile, r):
+    """The same of receiver r, in all lanes."""
+    return broadcasts(tile.beams, _D + r, 16), broadcasts(tile.beams, _H + r, 16)
