@@ -15,10 +15,13 @@ class Plan(NamedTuple):
 
     cull: str | None = None  # how triangles are removed before building; None: not at all
     build: str = "bsah"  # how the BVH is built
-    trace: str = "single"  # how rays are traced
+    trace: str = "multifrusta"  # how rays are traced
 
     def __str__(self) -> str:
         return "+".join(part for part in self if part)
+
+
+DEFAULT_PLAN = str(Plan())
 
 
 def parse_plan(plan: "str | Plan") -> Plan:

@@ -7,6 +7,7 @@ import numpy as np
 
 from .errors import InputError
 from .parallel import thread_count
+from .plan import DEFAULT_PLAN
 from .query.rays import Arguments, Hit, HitArrays, as_array, cull_value, ray_arguments
 from .query.receivers import FREE, point_receivers
 from .query.sampling import light_samples
@@ -24,7 +25,7 @@ class Visibility(NamedTuple):
     fraction: np.ndarray  # (...) float32: share of the samples that is not occluded
 
 
-def accelerated(scene, time=0.0, threads=None, plan="bsah+single") -> Accelerated:
+def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated:
     """The scene's triangles and BVH at a time; those of all plans for the last time asked are kept with the scene.
 
     Plans that differ only in their tracer share triangles and BVH.
@@ -65,7 +66,7 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
 
 
 def visibility(
-    scene, points, light, normals=None, *, spp=16, plan="bsah+single", time=0.0, threads=None,
+    scene, points, light, normals=None, *, spp=16, plan=DEFAULT_PLAN, time=0.0, threads=None,
     sampler="larcher-pillichshammer", cull_faces=None,
 ) -> Visibility:  # fmt: skip
     """Which samples of a light do points see? Receivers that are not pixels: vertices, sensors, plots of land.

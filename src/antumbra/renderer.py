@@ -12,7 +12,7 @@ from .errors import InputError
 from .image.fraction import as_needed, fraction, refine_penumbra
 from .image.shade import ambient_light, arriving, shade
 from .parallel import thread_count
-from .plan import parse_plan
+from .plan import DEFAULT_PLAN, parse_plan
 from .query.gbuffer import GBuffer, from_hits
 from .query.raster import rasterise
 from .query.rays import cull_value
@@ -95,7 +95,7 @@ class Renderer:
         How primary visibility is found; both give the same bits.
     """
 
-    def __init__(self, scene, plan="bsah+single", threads=None, gbuffer="raster"):
+    def __init__(self, scene, plan=DEFAULT_PLAN, threads=None, gbuffer="raster"):
         if gbuffer not in ("raster", "rays"):
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
         self.scene, self.plan, self.gbuffer = scene, parse_plan(plan), gbuffer
@@ -268,7 +268,7 @@ def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=No
 
 
 def render(
-    scene, camera=None, lights=None, *, spp=16, plan="bsah+single", time=0.0, threads=None, counters=False,
+    scene, camera=None, lights=None, *, spp=16, plan=DEFAULT_PLAN, time=0.0, threads=None, counters=False,
     gbuffer="raster", sampler="larcher-pillichshammer", cull_faces=None, filter=False,
     adaptive=None, progress=None,
 ) -> Frame:  # fmt: skip

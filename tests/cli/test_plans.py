@@ -15,7 +15,7 @@ def test_every_method_and_plan_is_listed(cli):
         assert listed.keys() == registry.keys()
         assert all(m["description"] and m["paper"] for m in listed.values())
     assert [parse_plan(name) for name in told["plans"]] == all_plans()
-    assert told["default"] == str(Plan()) == "bsah+single"
+    assert told["default"] == str(Plan()) == "bsah+multifrusta"
 
 
 def test_plans_for_people(cli):

@@ -26,7 +26,7 @@ def test_a_picture_and_a_summary(render, tmp_path):
         "32x32",
         "QuadLight",
         "(4 a pixel and light)",
-        "bsah+single",
+        "bsah+multifrusta",
         "trace",
         "save",
     ):
@@ -40,7 +40,7 @@ def test_the_summary_as_json(render):
     assert told["scene"]["name"] == "atrium" and told["scene"]["notes"] == []
     assert told["camera"]["width"] == 32 and len(told["camera"]["position"]) == 3
     assert [light["type"] for light in told["lights"]] == ["QuadLight"]
-    assert (told["spp"], told["plan"], told["gbuffer"], told["threads"]) == (4, "bsah+single", "raster", None)
+    assert (told["spp"], told["plan"], told["gbuffer"], told["threads"]) == (4, "bsah+multifrusta", "raster", None)
     assert told["rays"] == 4 * told["seen"] == told["counters"]["rays"] > 0
     assert 0.0 < told["lit"][0] < 1.0
     assert {"evaluate", "gbuffer", "build", "trace", "shade", "total"} <= told["timings"].keys()

@@ -71,7 +71,7 @@ def render(
             show_default=False,
         ),
     ] = None,
-    plan: Annotated[str, typer.Option(help="Which methods answer; see antumbra plans.")] = "bsah+single",
+    plan: Annotated[str, typer.Option(help="Which methods answer; see antumbra plans.")] = "bsah+multifrusta",
     gbuffer: Annotated[GBufferBy, typer.Option(help="How it is found what pixels see.")] = GBufferBy.raster,
     threads: Annotated[
         int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, show_default=False)
