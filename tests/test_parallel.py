@@ -174,6 +174,18 @@ def test_progress(monkeypatch, n_threads):
     assert calls == sorted(calls) and {total for _, total in calls} == {10}
 
 
+@pytest.mark.parametrize("n_threads", [1, 2])
+def test_progress_of_work_that_is_done_at_once(n_threads):
+    calls = []
+    run(
+        lambda ticket: [*iter(lambda: take(ticket), -1)],
+        n_threads,
+        new_ticket(4, 1),
+        progress=lambda *c: calls.append(c),
+    )
+    assert calls[-1] == (4, 4)
+
+
 def test_an_error_in_progress_stops_the_workers(monkeypatch):
     monkeypatch.setattr(parallel, "_POLL_SECONDS", 0.001)
 

@@ -174,8 +174,10 @@ def run(
             started += 1
         while len(job.outcomes) < n_threads:
             _wait(job, _POLL_SECONDS)
-            if progress is not None:
+            if progress is not None and len(job.outcomes) < n_threads:
                 progress(min(int(ticket[NEXT]), total), total)
+        if progress is not None:
+            progress(min(int(ticket[NEXT]), total), total)
     except BaseException:
         ticket[STOP] = 1
         # The interrupt may have come after a thread was given the job and before it was counted.
