@@ -20,6 +20,7 @@ from antumbra.simd import (
     fma,
     maximum,
     minimum,
+    reduce_and,
     reduce_max,
     reduce_min,
     select,
@@ -207,6 +208,7 @@ def make_i32_kernel(lanes):
             sums[0, k] = reduce_min(x)
             sums[1, k] = reduce_max(x)
             sums[2, k] = extract(x, k % lanes)
+            sums[3, k] = reduce_and(x | y)
 
     return compute
 
@@ -322,7 +324,8 @@ def expect_i32(lanes):
             "iota": np.resize(np.arange(lanes, dtype=np.int32), a.size),
             "to_i32": in_range_reals().astype(np.int32),
         }
-    return vectors, _comparisons(a, b) | {"scalar": a > 5}, _scalars(a, a, lanes)
+    common = np.bitwise_and.reduce((a | b).reshape(-1, lanes), 1)
+    return vectors, _comparisons(a, b) | {"scalar": a > 5}, _scalars(a, a, lanes) | {"reduce_and": common}
 
 
 def expect_mask(lanes):

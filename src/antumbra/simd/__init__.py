@@ -33,7 +33,8 @@ Make
     8 and 16 alike.
 Lanes
     `minimum`, `maximum`, `fma`, `absolute`, `flip_sign`, `select`, `to_f32`, `to_i32`; `swap_halves`,
-    `shuffle`, `compress`, `extract`; `reduce_min`, `reduce_max`; of masks `bits`, `any_lane`, `all_lanes`.
+    `shuffle`, `compress`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; of masks `bits`, `any_lane`,
+    `all_lanes`.
 Memory
     `load4`, `broadcast4`, `store`, `get`, `put` on arrays and pointers; `ptr`, `ptr_at`, `as_f32`, `as_i32`
     make pointers, `f32_at`, `f64_at`, `i32_at` from an address; `stack_f32`, `stack_f64`, `stack_i32`,
