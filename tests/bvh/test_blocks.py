@@ -53,3 +53,39 @@ def test_few_and_many_triangles(n):
     tree = block_tree(BUILDERS["bsah"].build(vertices))
     assert sorted(_check(vertices, tree)) == list(range(n))
     assert len(tree.blocks) <= max(2, n) and np.isfinite(tree.nodes[:, :12]).all()
+
+
+def _blocked(vertices, slots):
+    """Area of the triangles of a block over half the surface of their box."""
+    v = vertices.astype(float)[slots]
+    area = np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1).sum() / 2
+    x, y, z = v.reshape(-1, 3).max(0) - v.reshape(-1, 3).min(0)
+    return (x * y + y * z + z * x) * (1 - np.exp(-area / (x * y + y * z + z * x)))
+
+
+@pytest.mark.parametrize("large", [0, 1])
+def test_the_likelier_blocked_child_is_left(large):
+    """Two heaps of 16 triangles far apart; those of one are ten times as large."""
+    rng = np.random.default_rng(3)
+    heaps = rng.uniform(-1, 1, (2, 16, 3, 3))
+    heaps[1 - large] *= 0.1
+    heaps[1, ..., 0] += 30
+    vertices = heaps.reshape(-1, 3, 3).astype(np.float32)
+    tree = block_tree(BUILDERS["bsah"].build(vertices))
+    sides = [tree.prim_ids[tree.slots[~tree.links[0, 12 + k] >> 5, :16]] for k in (0, 1)]
+    assert {*sides[0]} == {*range(16 * large, 16 * large + 16)}
+    assert _blocked(vertices, sides[0]) > _blocked(vertices, sides[1])
+
+
+def test_every_node_has_its_likelier_blocked_child_left():
+    rng = np.random.default_rng(4)
+    scale = 10.0 ** rng.uniform(-2, 0, (600, 1, 1))
+    vertices = (rng.uniform(-4, 4, (600, 1, 3)) + scale * rng.normal(size=(600, 3, 3))).astype(np.float32)
+    tree = block_tree(BUILDERS["bsah"].build(vertices))
+    pairs = 0
+    for links in tree.links[:, 12:14]:
+        if (links < 0).all():
+            both = [_blocked(vertices, tree.prim_ids[tree.slots[~k >> 5, : ~k & 31]]) for k in links]
+            assert both[0] >= both[1] * (1 - 1e-5)
+            pairs += 1
+    assert pairs > 5

@@ -13,6 +13,7 @@ from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..simd import get, ptr, put, stack_i32
 from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first
+from .order import likelier_first
 
 BLOCK = 16  # triangles in a block, at most
 ROWS = 9  # rows of 16 float32: v0 (x, y, z), v1 - v0, v2 - v0
@@ -22,7 +23,8 @@ class BlockTree(NamedTuple):
     """A binary tree over blocks of triangles.
 
     Nodes are those of `Bvh`, but a link < 0 is a block: ``~link = block * 32 + count``, the count from 0 to 16. A
-    child that is not there is a block of 0 triangles with the box of its sibling (zeros if both are missing).
+    child that is not there is a block of 0 triangles with the box of its sibling (zeros if both are missing). The left
+    child is the one in which a ray is the likelier blocked (`order`).
     """
 
     nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
@@ -149,15 +151,39 @@ def _bound_block(corners, found, n, bounds, at):
         bounds[at, k], bounds[at, 4 + k] = middle_and_half(low, high)
 
 
+@inlined
+def _edge(corners, at, corner):
+    """The edge of a triangle from its first corner to another one."""
+    return (
+        np.float64(get(corners, at + corner)) - get(corners, at),
+        np.float64(get(corners, at + corner + 1)) - get(corners, at + 1),
+        np.float64(get(corners, at + corner + 2)) - get(corners, at + 2),
+    )
+
+
+@inlined
+def _area(corners, found, n):
+    """Sum of the areas of a block's triangles."""
+    twice = 0.0
+    for i in range(n):
+        p = np.int64(get(found, i)) * 9
+        ux, uy, uz = _edge(corners, p, 3)
+        vx, vy, vz = _edge(corners, p, 6)
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        twice += np.sqrt(x * x + y * y + z * z)
+    return 0.5 * twice
+
+
 @kernel
-def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots):
-    """Worker: the rows and bounds of each block."""
+def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, areas):
+    """Worker: the rows, the bounds and the triangles' area of each block."""
     links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
     b = take(ticket)
     while b >= 0:
         for at in range(b, min(b + ticket[CHUNK], ticket[N])):
             n = _slots_below(roots[at], links, found)
             _bound_block(values, found, n, bounds, at)
+            areas[at] = _area(values, found, n)
             for lane in range(16):
                 there = lane < n
                 slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)
@@ -181,7 +207,7 @@ def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
     n, n_blocks = _collapse(bvh.nodes, bvh.links, below, block, nodes, nodes.view(np.int32), roots)
     nodes = nodes[:n]
     blocks, slots = aligned_empty((n_blocks, ROWS, 16), "f4"), np.empty((n_blocks, 16), np.int32)
-    bounds = np.zeros((n_blocks, 8), np.float32)
+    bounds, areas = np.zeros((n_blocks, 8), np.float32), np.zeros(n_blocks)
     run(
         _fill_blocks,
         thread_count(threads),
@@ -192,5 +218,7 @@ def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
         blocks,
         bounds,
         slots,
+        areas,
     )
+    likelier_first(nodes, nodes.view(np.int32), areas)
     return BlockTree(nodes, nodes.view(np.int32), blocks, bounds, slots, bvh.prim_ids, bvh.corners)
