@@ -12,7 +12,6 @@ from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..simd import get, load16, lowest_bit, prefetch, ptr, ptr_at, put, stack_f32, stack_i32
-from . import scattered
 from .aside import is_blocked
 from .asked import TileShape, asked_of, sets_of, tile_shape
 from .beams import make_beams
@@ -20,6 +19,7 @@ from .counters import add_counters, private_counters
 from .descent import left, next_leaf, root, save, saved, slabs_of
 from .lighttable import ALL_GROUPS, STRATA, light_table
 from .ownsurface import PLANES, apply_horizon
+from .packet16 import over_samples
 from .scattered import is_scattered
 from .shaftleaf import WORK, trace_block
 from .shafts import make_shafts
@@ -319,7 +319,7 @@ def _layout(shape: TileShape, count: int) -> Layout:
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    Samples without order, those of interleaved lists of lights, are left to `scattered`.
+    Samples without order, those of interleaved lists of lights, are left to packets: see `scattered`.
 
     tree : BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
@@ -328,7 +328,7 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     shape, spp = tile_shape(query), query.samples.shape[1]
     table = light_table(query, sets_of(shape))
     if is_scattered(query, table):
-        scattered.trace_shadow(tree, query, bits, threads, counters, progress)
+        over_samples(tree, query, bits, threads, counters, progress)
         return
     for chunk in range(-(-spp // STRATA)):
         count = min(STRATA, spp - chunk * STRATA)
