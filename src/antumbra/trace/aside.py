@@ -32,6 +32,16 @@ def put_aside(aside, slot, place, step, unsure):
     put(aside, 0, n)
 
 
+@inlined
+def put_triangles_aside(aside, tree, block, own, place, unsure):
+    """Note the triangles of a block (bits) that may block the ray at `place`; its receiver's `own` cannot."""
+    while unsure != 0:
+        slot = np.int64(get(tree.slots, block * 16 + lowest_bit(unsure)))
+        unsure &= unsure - 1
+        if get(tree.prim_ids, slot) != own:
+            put_aside(aside, slot, place, 0, np.int64(1))
+
+
 @kernel
 def is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
     """Does the triangle in `slot`, or the receiver's own surface (slot -1), block a segment? Exact."""

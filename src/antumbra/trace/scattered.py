@@ -8,10 +8,10 @@ is tested against the triangles, side by side.
 import numpy as np
 
 from ..bvh.blocks import ROWS
-from ..jit import inlined, kernel
+from ..jit import kernel
 from ..scene.lights import LIST
 from ..simd import get, lowest_bit, ptr_at
-from .aside import put_aside
+from .aside import put_triangles_aside
 from .counters import TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import ALL_GROUPS
 from .raytest import ray_meets
@@ -29,16 +29,6 @@ def is_scattered(query, table) -> bool:
     return bool(strata.sum() > _WIDE * whole.sum())
 
 
-@inlined
-def _put_triangles_aside(tree, block, rays, r, lane, unsure, aside):
-    """Note the triangles (bits) that may block a ray; the receiver's own one cannot."""
-    while unsure != 0:
-        slot = np.int64(get(tree.slots, block * 16 + lowest_bit(unsure)))
-        unsure &= unsure - 1
-        if get(tree.prim_ids, slot) != get(rays.tile.faces, r):
-            put_aside(aside, slot, r * rays.row_place + lane * rays.lane_place, 1, np.int64(1))
-
-
 @kernel
 def trace_block(tree, rays, r, code, mask, facing, aside, counters):
     """Test the rays of row r, a receiver, that are in `mask` against a block; bits of those that it blocks."""
@@ -53,5 +43,6 @@ def trace_block(tree, rays, r, code, mask, facing, aside, counters):
         if hit & present != 0:
             hits |= np.int64(1) << lane
         elif unsure & present != 0:
-            _put_triangles_aside(tree, block, rays, r, lane, unsure & present, aside)
+            place = r * rays.row_place + lane * rays.lane_place
+            put_triangles_aside(aside, tree, block, get(rays.tile.faces, r), place, unsure & present)
     return hits
