@@ -103,7 +103,7 @@ def _walk(tree, rays, r, facing, scratch, counters):
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
     at = next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
     while at.mask != 0:
-        if np.int64(get(scratch.aside, 0)) > ASIDE // 2:
+        if np.int64(get(scratch.aside, 0)) > ASIDE:
             save(scratch.at, at)
             break
         alive &= ~trace_leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)

@@ -72,6 +72,12 @@ def tile_at(scratch, g, asked):
     )  # fmt: skip
 
 
+@inlined
+def first_pixel(pixels, g):
+    """(y, x) where tile number g of a bundle begins; `pixels`: int32, y and x of each tile."""
+    return np.int64(get(pixels, 2 * g)), np.int64(get(pixels, 2 * g + 1))
+
+
 @kernel
 def load_receivers(asked, y0, x0, tile):
     """Fill origins and faces; bits of the lanes that hold a receiver."""
