@@ -305,11 +305,11 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    shape, spp = tile_shape(query), query.samples.shape[1]
-    table = light_table(query, sets_of(shape))
-    if is_scattered(query, table):
+    if is_scattered(query):
         over_samples(tree, query, bits, threads, counters, progress)
         return
+    shape, spp = tile_shape(query), query.samples.shape[1]
+    table = light_table(query, sets_of(shape))
     for chunk in range(-(-spp // STRATA)):
         count = min(STRATA, spp - chunk * STRATA)
         layout = _layout(shape, count)

@@ -13,20 +13,21 @@ from ..scene.lights import LIST
 from ..simd import get, lowest_bit, ptr_at
 from .aside import put_triangles_aside
 from .counters import TRIANGLE_TESTS, TRIANGLES, count
-from .lighttable import ALL_GROUPS
+from .lighttable import STRATA
 from .raytest import ray_meets
 from .vec import broadcasts, minus
 
-_WIDE = 0.1  # of the light's extents, those of a stratum from which on it is not worth a shaft
+_WIDE = 0.1  # of a chunk's extents, those of a stratum from which on it is not worth a shaft
 
 
-def is_scattered(query, table) -> bool:
+def is_scattered(query) -> bool:
     """Are the samples of a stratum points of a list, far apart? Those of one light are near each other."""
     if query.light.kind != LIST:
         return False
-    lower, upper = table.groups[:, :3].sum(1), table.groups[:, 3:].sum(1)
-    whole, strata = upper[:, 1] - lower[:, 1], (upper - lower)[:, ALL_GROUPS // 2 :].mean(1)
-    return bool(strata.sum() > _WIDE * whole.sum())
+    low, high = query.samples.min(0), query.samples.max(0)  # (n, 3) of each stratum; samples of a list are points
+    chunks = np.arange(0, len(low), STRATA)
+    whole = np.maximum.reduceat(high, chunks) - np.minimum.reduceat(low, chunks)
+    return bool((high - low).sum(1).mean() > _WIDE * whole.sum(1).mean())
 
 
 @kernel
