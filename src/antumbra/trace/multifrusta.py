@@ -17,7 +17,7 @@ from .asked import TileShape, asked_of, sets_of, tile_shape
 from .beams import make_beams
 from .counters import add_counters, private_counters
 from .descent import left, next_leaf, root, save, saved, slabs_of
-from .lighttable import ALL_GROUPS, STRATA, light_table
+from .lighttable import ALL_GROUPS, STRATA, light_table, turn_points
 from .ownsurface import PLANES, apply_horizon
 from .packet16 import over_samples
 from .scattered import is_scattered
@@ -198,6 +198,7 @@ def _start_tile(query, asked, bundle, g, scratch, counters):
     bound_receivers(tile, valid)
     if not asked.fixed:
         move_light(query, asked, y0, x0, valid, tile)
+        turn_points(tile.points, tile.by_lane, asked.count)
     make_shafts(tile.info, tile.groups, tile.shafts)
     make_beams(tile)
     apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)

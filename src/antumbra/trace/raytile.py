@@ -14,7 +14,7 @@ from ..parallel import new_ticket, run, thread_count
 from ..simd import broadcast16, get, put, stack_f32, stack_i32, store
 from .aside import aside_ints, settle_aside
 from .asked import asked_of, sets_of, tile_shape
-from .lighttable import POINTS, STRATA, light_table
+from .lighttable import POINTS, STRATA, light_table, turn_points
 from .ownsurface import PLANES, apply_horizon
 from .tile import (
     TILE_FLOATS,
@@ -54,7 +54,7 @@ class Scratch(NamedTuple):
     tile: object  # float32, one `Tile`
     pixel: object  # int32, its first pixel: see `tile.first_pixel`
     origins: object  # float32, each receiver's origin in all 16 lanes
-    planes: object  # float32, for `tile.apply_horizon`
+    planes: object  # float32, for `ownsurface`
     stack: object  # int32
     at: object  # int32, see `descent.save`
     dead: object  # int32, one a receiver: bits of its blocked samples
@@ -92,12 +92,14 @@ def asked_in(query, samples, job):
 
 
 @kernel
-def _by_receiver(tile, scratch):
-    """(points of the receivers' samples); fills the receivers' origins."""
+def _by_receiver(asked, tile, scratch):
+    """Points of the receivers' samples; fills the receivers' origins."""
     for r in range(16):
         for k in range(3):
             store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
     turn_bits(tile.dead, scratch.dead)
+    if not asked.fixed:
+        turn_points(tile.points, tile.by_lane, asked.count)
     return tile.by_lane
 
 
@@ -117,7 +119,7 @@ def start_tile(query, samples, job, asked, n, scratch, counters):
             move_light(query, asked, y0, x0, valid, tile)
         apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
         if job.by_sample:
-            points = _by_receiver(tile, scratch)
+            points = _by_receiver(asked, tile, scratch)
             return Rays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
     return Rays(tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1)
 
