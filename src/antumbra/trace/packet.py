@@ -40,7 +40,7 @@ from ..simd import (
 )
 from .block import DX, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, UNIT, filter_rays16
 from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .wide import STACK, enter, facing, fetch, keep, push_sorted, put_aside, slabs_of, visit_leaf
+from .wide import STACK, Query, enter, facing, fetch, keep, push_sorted, put_aside, slabs_of, visit_leaf
 
 _PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
 _NEAR_ENDS = np.float32(1 / 32)  # extent of a packet's origins, or its ends, at most, as a share of the tree's reach
@@ -107,6 +107,25 @@ def _axis(rows, k, reach):
     return Axis(origin, low, high, reduce_min(offset) - grow, reduce_max(offset) + grow, word)
 
 
+class Packet(NamedTuple):
+    """What all rays of a packet have in common."""
+
+    x: Axis
+    y: Axis
+    z: Axis
+    tmin: float  # the least
+
+
+@inlined
+def _packet(tree, rows):
+    """The `Packet` of a prepared block."""
+    reach = np.float32(tree.reach)
+    for k in range(3):
+        o = reduce_max(absolute(load16(rows, OX + LANES * k)))
+        reach = o if o > reach else reach
+    return Packet(_axis(rows, 0, reach), _axis(rows, 1, reach), _axis(rows, 2, reach), reduce_min(load16(rows, TMIN)))
+
+
 @inlined
 def _near(nodes, at, a):
     """Bound of t where any ray of the packet passes the near planes of the eight boxes of the node at word `at`."""
@@ -121,8 +140,9 @@ def _far(nodes, at, a):
 
 
 @inlined
-def _enter_any(nodes, at, x, y, z, tmin, limit):
+def _enter_any(nodes, at, packet, limit):
     """The eight boxes of a node: (mask of those that any ray may enter before `limit`, bounds of entry t)."""
+    x, y, z, tmin = packet
     near = maximum(maximum(_near(nodes, at, x), _near(nodes, at, y)), maximum(_near(nodes, at, z), splat8(tmin)))
     far = minimum(minimum(_far(nodes, at, x), _far(nodes, at, y)), minimum(_far(nodes, at, z), splat8(limit)))
     return near <= far, near
@@ -145,8 +165,10 @@ def _enter_each(nodes, box, rows):
 
 
 @inlined
-def _push_entered(tree, rows, active, at, hits, stack, height):
-    """Push the children in `hits` of the node at word `at` that active rays enter: which rays, and the box."""
+def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters):
+    """Push the children of the node at word `at` that active rays enter: which rays, and the box."""
+    hits = bits(_enter_any(tree.nodes, at, packet, limit)[0])
+    count(counters, BOX_TESTS, popcount(hits))
     while hits:
         box = at + lowest_bit(hits)
         hits &= hits - 1
@@ -160,8 +182,10 @@ def _push_entered(tree, rows, active, at, hits, stack, height):
 
 
 @inlined
-def _push_all(tree, active, at, hits, stack, height):
-    """The same where all active rays enter all of `hits`."""
+def _push_entered_by_one(tree, rows, active, at, stack, height):
+    """The same where one ray is left."""
+    i = lowest_bit(active)
+    hits = bits(enter(tree.nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))[0])
     while hits:
         box = at + lowest_bit(hits)
         hits &= hits - 1
@@ -228,64 +252,74 @@ def _leaf_by_ray(tree, rays, active, link, query, found, counters):
 
 
 @inlined
-def walk_packet(tree, rays, alive, query, found, counters):
-    """Trace the rays in the bit mask `alive` of a coherent block. Any-hit: bit mask of those that are blocked.
+def _leaf(tree, rays, active, link, query, found, counters):
+    """A leaf against the active rays; bit mask of those whose any-hit query is answered."""
+    if popcount(active) < (~link & 15):
+        return _leaf_by_ray(tree, rays, active, link, query, found, counters)
+    return _leaf_by_triangle(tree, rays, active, link, query, found, counters)
 
-    Closest-hit: `found` is written as `walk_wide` does.
-    """
-    nodes, links, rows = tree.nodes, tree.links, rays.rows
-    stack, entry, nears, children = stack_i32(_STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
-    reach = np.float32(tree.reach)
-    for k in range(3):
-        o = reduce_max(absolute(load16(rows, OX + LANES * k)))
-        reach = o if o > reach else reach
-    x, y, z = _axis(rows, 0, reach), _axis(rows, 1, reach), _axis(rows, 2, reach)
-    tmin, limit = reduce_min(load16(rows, TMIN)), reduce_max(load16(rows, LIMIT))
-    height, link, box, blocked, active = 0, np.int64(0), np.int64(0), np.int64(0), alive
+
+@inlined
+def _walk_any(tree, rays, alive, query, found, counters):
+    """Bit mask of the rays that are blocked."""
+    stack, rows, packet = stack_i32(_STACK), rays.rows, _packet(tree, rays.rows)
+    limit = reduce_max(load16(rows, LIMIT))
+    height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
-        if link >= 0:
+        if link < 0:
+            blocked |= _leaf(tree, rays, active, link, query, found, counters)
+        else:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
-            at = link * NODE_WORDS
-            entered, near = _enter_any(nodes, at, x, y, z, tmin, limit)
-            hits = bits(entered)
-            if query.any_hit:
-                if active & (active - 1) == 0:  # one ray is left
-                    i = lowest_bit(active)
-                    entered, near = enter(nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))
-                    height = _push_all(tree, active, at, bits(entered), stack, height)
-                else:
-                    count(counters, BOX_TESTS, popcount(hits))
-                    height = _push_entered(tree, rows, active, at, hits, stack, height)
+            if active & (active - 1) == 0:
+                height = _push_entered_by_one(tree, rows, active, link * NODE_WORDS, stack, height)
             else:
-                store(nears, 0, near)
-                store(children, 0, iota8() + np.int32(at))
-                height = push_sorted(stack, entry, height, children, nears, hits)
-        else:
-            if not query.any_hit:
-                count(counters, BOX_TESTS, 1)
-                active = alive & _enter_each(nodes, box, rows)
-            if active:
-                if popcount(active) < (~link & 15):
-                    done = _leaf_by_ray(tree, rays, active, link, query, found, counters)
-                else:
-                    done = _leaf_by_triangle(tree, rays, active, link, query, found, counters)
-                if query.any_hit:
-                    blocked |= done
-                    alive &= ~done
-                    if alive == 0:
-                        return blocked
-                else:
-                    limit = reduce_max(load16(rows, LIMIT))
-        while not query.any_hit and height > 0 and get(entry, height - 1) > limit:
-            height -= 1
+                height = _push_entered(tree, rows, active, link * NODE_WORDS, packet, limit, stack, height, counters)
         active = np.int64(0)
         while active == 0:
             if height == 0:
                 return blocked
+            height -= 2
+            active = np.int64(get(stack, height)) & alive & ~blocked
+        link = np.int64(get(tree.links, np.int64(get(stack, height + 1)) + LINKS))
+
+
+@inlined
+def _walk_nearest(tree, rays, alive, query, found, counters):
+    """Write the nearest hits to `found`."""
+    stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
+    rows, packet = rays.rows, _packet(tree, rays.rows)
+    height, link, box, limit = np.int64(0), np.int64(0), np.int64(0), reduce_max(load16(rows, LIMIT))
+    while True:
+        if link < 0:
+            count(counters, BOX_TESTS, 1)
+            active = alive & _enter_each(tree.nodes, box, rows)
+            if active:
+                _leaf(tree, rays, active, link, query, found, counters)
+                limit = reduce_max(load16(rows, LIMIT))
+        else:
+            count(counters, NODES, 1)
+            count(counters, BOX_TESTS, WIDTH)
+            entered, near = _enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
+            store(nears, 0, near)
+            store(children, 0, iota8() + np.int32(link * NODE_WORDS))
+            height = push_sorted(stack, entry, height, children, nears, bits(entered))
+        while height > 0 and get(entry, height - 1) > limit:
             height -= 1
-            box, active = np.int64(get(stack, height)), alive
-            if query.any_hit:
-                height -= 1
-                active &= np.int64(get(stack, height))
-        link = np.int64(get(links, box + LINKS))
+        if height == 0:
+            return
+        height -= 1
+        box = np.int64(get(stack, height))
+        link = np.int64(get(tree.links, box + LINKS))
+
+
+@inlined
+def walk_packet(tree, rays, alive, query, found, counters):
+    """Trace the rays in the bit mask `alive` of a coherent block. Any-hit: bit mask of those that are blocked.
+
+    Closest-hit: `found` is written as `walk_apart` does.
+    """
+    if query.any_hit:
+        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), found, counters)
+    _walk_nearest(tree, rays, alive, Query(query.cull_faces, False), found, counters)
+    return np.int64(0)
