@@ -24,16 +24,19 @@ def _query(light):
         (at.PointLights(POINTS), False),
         (at.PointLights(POINTS[:1], interleave=True), False),
         (at.QuadLight((-1, 3, -1), (2, 0, 0), (0, 0, 2)), False),
-        (at.AmbientOcclusion(), False),
+        (at.AmbientOcclusion(), True),
     ],
     ids=["interleaved", "all by all", "one point", "quad", "ambient"],
 )
-def test_only_interleaved_lists_are_scattered(light, scattered):
+def test_interleaved_lists_and_hemispheres_are_scattered(light, scattered):
     assert _query(light)[2] is scattered
 
 
-def test_more_than_a_chunk():
-    triangles, query, scattered = _query(at.PointLights(POINTS, interleave=True))
+@pytest.mark.parametrize(
+    "light", [at.PointLights(POINTS, interleave=True), at.AmbientOcclusion(spp=40)], ids=["interleaved", "ambient"]
+)
+def test_more_than_a_chunk(light):
+    triangles, query, scattered = _query(light)
     assert scattered and query.samples.shape[1] > 16
     one, other = (answer(parse_plan(p), triangles, query) for p in ("bsah+multifrusta", "bsah+single"))
     assert one.any() and not one.all()

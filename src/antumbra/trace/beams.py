@@ -9,7 +9,8 @@ D, those of a sample D + y differ by y . N, so by at most h . |N|.
 import numpy as np
 
 from ..jit import inlined, kernel
-from ..simd import absolute, fma, splat16
+from ..simd import absolute, fma, get, splat16
+from .shafts import HALF, D, N
 from .vec import Vec, broadcasts, keep, minus, rows
 
 _F = np.float32
@@ -37,3 +38,15 @@ def beams_of(tile):
 def beam_of(tile, r):
     """The same of receiver r, in all lanes."""
     return broadcasts(tile.beams, _D + r, 16), broadcasts(tile.beams, _H + r, 16)
+
+
+@inlined
+def is_near(s, i, c):
+    """Are beams narrower than the shafts of strata at a point? Shafts narrow from the receivers' box, beams widen.
+
+    s, i, c : the shafts and the info of a `Tile`, and the point
+    """
+    dx, dy, dz = get(s, D + 1), get(s, D + N + 1), get(s, D + 2 * N + 1)
+    along = (get(c, 0) - get(i, 0)) * dx + (get(c, 1) - get(i, 1)) * dy + (get(c, 2) - get(i, 2)) * dz
+    light = get(s, HALF + 1) + get(s, HALF + N + 1) + get(s, HALF + 2 * N + 1)
+    return along * light < (dx * dx + dy * dy + dz * dz - along) * (get(i, 3) + get(i, 4) + get(i, 5))

@@ -18,15 +18,16 @@ COUNTERS = (
     "candidates",
     "covered",
     "shrinks",
+    "sheaf_tiles",
 )
 """Names, in the order of the array: rays asked; those that their own surface settled; inner nodes visited; boxes
 tested; triangles tested; tests that float32 left to float64; tests that float64 left to exact arithmetic; rays blocked
 by the triangle that blocked the ray before. Tracers of many rays at once count a test of up to 16 lanes against one box
 or triangle once, and besides: triangles fetched; those left when whole bundles had been culled; lanes that one triangle
-blocked whole; frusta shrunk to the rays that are left."""
+blocked whole; frusta shrunk to the rays that are left; tiles traced in sheaves."""
 
 RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
-TRIANGLES, CANDIDATES, COVERED, SHRINKS = range(8, len(COUNTERS))
+TRIANGLES, CANDIDATES, COVERED, SHRINKS, SHEAF_TILES = range(8, len(COUNTERS))
 
 
 def new_counters(wanted: bool) -> np.ndarray | None:

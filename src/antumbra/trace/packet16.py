@@ -137,7 +137,7 @@ def trace_shadow(by_sample, prepared, query, bits, threads=None, counters=None, 
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     by_sample : whether a packet is one receiver's samples, not the samples of 16 receivers
-    prepared : Bvh; by sample also BlockTree
+    prepared : Bvh or BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """

@@ -34,7 +34,7 @@ def _in_box(m, v, e):
 
 
 @inlined
-def _shafts_in_box(o, v, near, far, c, e):
+def shafts_in_box(o, v, near, far, c, e):
     """Bits of the shafts from o along v, half extents `near` at the start and `far` at the end, that may meet a box.
 
     What lies in the box has a parameter t along the shaft of at most
@@ -63,7 +63,7 @@ def rays_in_box(tile, s, c, e):
 def strata_in_box(tile, c, e):
     """Bits of the strata whose shafts may meet a box."""
     v, far = rows(tile.shafts, D + 16, N), rows(tile.shafts, HALF + 16, N)
-    return _shafts_in_box(broadcasts(tile.info, 0, 1), v, broadcasts(tile.info, 3, 1), far, c, e)
+    return shafts_in_box(broadcasts(tile.info, 0, 1), v, broadcasts(tile.info, 3, 1), far, c, e)
 
 
 @inlined
@@ -71,4 +71,4 @@ def beams_in_box(tile, c, e):
     """Bits of the receivers whose beams may meet a box."""
     v, far = beams_of(tile)
     zero = splat16(_ZERO)
-    return _shafts_in_box(rows(tile.origins, 0, 16), v, Vec(zero, zero, zero), far, c, e)
+    return shafts_in_box(rows(tile.origins, 0, 16), v, Vec(zero, zero, zero), far, c, e)

@@ -16,7 +16,8 @@ misses if two edge functions have opposite signs, or T and F the same one; all i
 functions have one sign and T and F opposite ones. This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for
 shafts whose segments share no origin.
 
-For a beam x is zero, and the slack exactly ry . |N|.
+For a beam x is zero, and the slack exactly ry . |N|. The shafts may be those of a tile's groups or strata, or of 16
+tiles.
 
 Rounding: E = 64 u s (span wide + |rx| |D|) bounds the error of e0, e1, e2 of the axis and of any ray of the shaft, and
 of their slack (see `predicate.filters`: 60 u |d| s max(|a|, s) for each e; here span >= |d| and wide >= |a| for all of
@@ -29,17 +30,14 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..simd import absolute, bits, broadcast16, fma, get, load16, maximum, minimum, splat16, store
-from .raytest import Lanes, error_bounds
+from .raytest import Lanes, error_bounds, splats
 from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, SPAN, D, N, axis_of
 from .vec import (
     Vec,
     abs_dot,
-    abs_dots,
     broadcasts,
     cross,
-    crosses,
     dot,
-    dots,
     keep,
     largest,
     minus,
@@ -52,10 +50,10 @@ _U = _F(64 * 2.0**-24)
 _MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
 _TINY = _F(1e-37)
 _ZERO = _F(0.0)
-_CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE = (
-    16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23)
+_CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE, _SIZE = (
+    16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23, 24)
 )
-CULL_WORK = 24 * 16  # float32 of scratch memory
+CULL_WORK = 25 * 16  # float32 of scratch memory
 
 
 @inlined
@@ -85,10 +83,21 @@ def _outside(shafts, group, a, p, q, wide):
 
 
 @inlined
-def _slack(n, g_cross_d, receivers, lights, axis, size, e):
+def _slack(n, g_cross_d, receivers, lights, twist, e):
     """Slack of one edge function: (without the part of the lights, with it)."""
-    common = fma(abs_dots(plus(n, g_cross_d), receivers), splat16(_MORE), fma(size, splat16(_F(2.0) * axis.twist), e))
-    return common, fma(abs_dots(n, lights), splat16(_MORE), common)
+    common = fma(abs_dot(plus(n, g_cross_d), receivers), splat16(_MORE), twist + e)
+    return common, fma(abs_dot(n, lights), splat16(_MORE), common)
+
+
+@inlined
+def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
+    """Edge functions along d (3), their slack without the part of the lights (3), and with it (3)."""
+    e2, e1 = dot(cp, d), -dot(cq, d)
+    p_d, q_d = cross(p, d), cross(q, d)
+    k2, g2 = _slack(cp, p_d, receivers, half, twist, e)
+    k1, g1 = _slack(cq, q_d, receivers, half, twist, e)
+    k0, g0 = _slack(plus(n, minus(cq, cp)), minus(q_d, p_d), receivers, half, twist + twist, e)
+    return Vec(dn - e1 - e2, e1, e2), Vec(k0, k1, k2), Vec(g0, g1, g2)
 
 
 @inlined
@@ -109,15 +118,16 @@ def cull_block(tile, numbers, group, facing, work):
     c = broadcasts(info, 0, 1)
     a, p, q = minus(rows(numbers, 0, 16), c), rows(numbers, 48, 16), rows(numbers, 96, 16)
     reach, size = largest(a), maximum(largest(p), largest(q))
-    receivers = Vec(get(info, 3), get(info, 4), get(info, 5))
+    receivers = broadcasts(info, 3, 1)
     wide = maximum(reach, size) + (receivers.x + receivers.y + receivers.z)
     n, axis, span = cross(p, q), axis_of(shafts, group), get(shafts, SPAN + 1)
     floor = fma(wide, splat16(_TINY), splat16(_TINY * (span + _F(1.0))))
     te = fma(size * size * _U, reach + span, floor)
-    dn, t = dots(n, axis.d), dot(a, n)
+    d, half = splats(axis.d), splats(axis.half)
+    dn, t = dot(n, d), dot(a, n)
     f = t - dn
-    kt = fma(abs_dots(n, receivers), splat16(_MORE), te)
-    gf = fma(abs_dots(n, axis.half), splat16(_MORE), te)
+    kt = fma(abs_dot(n, receivers), splat16(_MORE), te)
+    gf = fma(abs_dot(n, half), splat16(_MORE), te)
     same_side = (minimum(t - kt, f - gf) > _ZERO) | (maximum(t + kt, f + gf) < _ZERO)
     away = dn * _F(facing) > kt + gf
     culled = same_side | away | _outside(shafts, group, a, p, q, wide)
@@ -126,14 +136,10 @@ def cull_block(tile, numbers, group, facing, work):
         return left
     cp, cq = cross(a, p), cross(a, q)
     e = fma(size * _U, fma(wide, splat16(span), splat16(axis.lever)), floor)
-    e2, e1 = dots(cp, axis.d), -dots(cq, axis.d)
-    e0 = dn - e1 - e2
-    p_d, q_d = crosses(p, axis.d), crosses(q, axis.d)
-    k2, g2 = _slack(cp, p_d, receivers, axis.half, axis, size, e)
-    k1, g1 = _slack(cq, q_d, receivers, axis.half, axis, size, e)
-    k0, g0 = _slack(plus(n, minus(cq, cp)), minus(q_d, p_d), receivers, axis.half, axis, size + size, e)
-    some_up = maximum(maximum(e0 - g0, e1 - g1), e2 - g2) > _ZERO
-    some_down = minimum(minimum(e0 + g0, e1 + g1), e2 + g2) < _ZERO
+    twist = size * (_F(2.0) * axis.twist)
+    on, k, g = _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e)
+    some_up = maximum(maximum(on.x - g.x, on.y - g.y), on.z - g.z) > _ZERO
+    some_down = minimum(minimum(on.x + g.x, on.y + g.y), on.z + g.z) < _ZERO
     left &= bits(some_up & some_down) ^ 0xFFFF
     if left != 0:
         keep(work, _CP, 16, cp)
@@ -141,14 +147,13 @@ def cull_block(tile, numbers, group, facing, work):
         keep(work, _N, 16, n)
         _keep_box(work, a, p, q)
         store(work, _T, t)
-        store(work, _K, k0)
-        store(work, _K + 16, k1)
-        store(work, _K + 32, k2)
+        keep(work, _K, 16, k)
         store(work, _KT, kt)
         store(work, _KF, te)
         store(work, _E, e)
         store(work, _TE, te)
         store(work, _WIDE, wide)
+        store(work, _SIZE, size)
     return left
 
 
@@ -228,6 +233,24 @@ def cull_beams(d, half, lanes, facing):
     k1, k2 = fma(abs_dot(cq, half), more, lanes.e), fma(abs_dot(cp, half), more, lanes.e)
     kf = fma(abs_dot(n, half), more, lanes.te)
     return _verdict(dn - e1 - e2, e1, e2, k0, k1, k2, lanes.t, lanes.te, lanes.t - dn, kf, facing)
+
+
+@inlined
+def cull_tiles(boxes, targets, numbers, work, i, facing):
+    """`Verdict` on the shafts of 16 tiles and triangle i of the block, one that `cull_block` has left for all of them.
+
+    boxes, targets : rows of the middles (3) and half extents (3) of the boxes of receivers, and of samples
+    """
+    o, receivers, half = rows(boxes, 0, 16), rows(boxes, 48, 16), rows(targets, 48, 16)
+    d, a = minus(rows(targets, 0, 16), o), minus(broadcasts(numbers, i, 16), o)
+    p, q, n = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16), broadcasts(work, _N + i, 16)
+    e, te = broadcast16(work, _E + i), broadcast16(work, _TE + i)
+    twist = half.x * (receivers.y + receivers.z) + half.y * (receivers.x + receivers.z)
+    twist = (twist + half.z * (receivers.x + receivers.y)) * (_F(2.0) * get(work, _SIZE + i))
+    dn, t = dot(n, d), dot(a, n)
+    on, _, g = _edges(cross(a, p), cross(a, q), n, p, q, dn, d, half, receivers, twist, e)
+    kt, kf = fma(abs_dot(n, receivers), splat16(_MORE), te), fma(abs_dot(n, half), splat16(_MORE), te)
+    return _verdict(on.x, on.y, on.z, g.x, g.y, g.z, t, kt, t - dn, kf, facing)
 
 
 @inlined

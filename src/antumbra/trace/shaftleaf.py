@@ -1,11 +1,11 @@
 """A block of triangles against a tile: cull and cover by shafts or beams, test rays only where neither decides.
 
-Next to the receivers their beams are narrower, next to the light the shafts of its strata: `_is_near` says which. If
-most of those miss the block's box, each of the others is tested against the 16 triangles side by side; else the
-triangles are culled side by side against the shaft to the smallest group of strata that matters, and each of those
-left is tested against the 16 beams or strata side by side. What neither misses nor is covered is tested ray by ray: 16
-samples of a receiver, or 16 receivers and a stratum, at once. Of a stratum few of whose rays meet the block's box each
-ray is tested against the 16 triangles.
+Next to the receivers their beams are narrower, next to the light the shafts of its strata: `beams.is_near` says
+which. If most of those miss the block's box, each of the others is tested against the 16 triangles side by side; else
+the triangles are culled side by side against the shaft to the smallest group of strata that matters, and each of
+those left is tested against the 16 beams or strata side by side. What neither misses nor is covered is tested ray by
+ray: 16 samples of a receiver, or 16 receivers and a stratum, at once. Of a stratum few of whose rays meet the block's
+box each ray is tested against the 16 triangles.
 """
 
 from typing import NamedTuple
@@ -24,26 +24,26 @@ from ..simd import (
     mask_from_bits16,
     popcount,
     ptr_at,
+    put,
     reduce_and,
     select,
     splat16,
     store,
 )
 from .aside import put_aside, put_triangles_aside
-from .beams import beam_of, beams_of
+from .beams import beam_of, beams_of, is_near
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
 from .raytest import LANES, decide, keep_lanes, kept_lane, ray_meets
 from .shaftbox import beams_in_box, rays_in_box, strata_in_box
 from .shaftcull import CULL_WORK, cull_beams, cull_block, cull_strata, plane_of, receiver_lanes, triangle_lanes
-from .shafts import HALF, D, N
 from .tile import finished_strata
 from .vec import broadcasts, minus, rows
 
 WORK = CULL_WORK + LANES  # float32 of scratch memory
 _FEW_BEAMS = 6  # beams of a block, or strata, up to which each goes by itself
 _FEW_STRATA = 8
-_FEW_RAYS = 4  # of a stratum
+FEW_RAYS = 4  # of a stratum
 
 
 class Block(NamedTuple):
@@ -212,9 +212,9 @@ def _trace_receiver(tile, b, r, strata, counters):
 
 
 @inlined
-def _trace_rays(tile, b, s, rays, counters):
-    """Test rays of stratum s, those of some receivers (bits), one by one against the triangles of a block."""
-    hits = np.int64(0)
+def trace_rays(tile, b, s, rays, counters):
+    """Test rays of stratum s (bits) one by one against the triangles of a block; bits of those that are blocked."""
+    blocked = np.int64(0)
     while rays != 0:
         r = lowest_bit(rays)
         rays &= rays - 1
@@ -222,38 +222,42 @@ def _trace_rays(tile, b, s, rays, counters):
         o = broadcasts(tile.origins, r, 16)
         hit, unsure = ray_meets(o, minus(broadcasts(tile.points, s * 48 + r, 16), o), _numbers(b), b.facing)
         if hit & b.present != 0:
-            hits |= np.int64(1) << r
+            blocked |= np.int64(1) << r
         elif unsure & b.present != 0:
             place = tile.number << 8 | s << 4 | r
             put_triangles_aside(b.aside, b.tree, b.number, get(tile.faces, r), place, unsure & b.present)
-    store(tile.dead, 0, _block_rows(load16(tile.dead, 0), np.int64(1) << s, splat16(np.int32(hits))))
+    return blocked
+
+
+@inlined
+def trace_row(tile, b, s, rays, triangles, counters):
+    """Test rays of stratum s (bits) against triangles (bits) that `cull_block` has left; those that are blocked."""
+    d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
+    left = rays
+    while triangles != 0 and left != 0:
+        i = lowest_bit(triangles)
+        triangles &= triangles - 1
+        slot = _slot(b, i)
+        count(counters, TRIANGLE_TESTS, 1)
+        hit, unsure = decide(d, triangle_lanes(tile, _numbers(b), b.work, i), b.facing)
+        others = left & _others(tile, b, slot)
+        if unsure & others != 0:
+            put_aside(b.aside, slot, tile.number << 8 | s << 4, 1, unsure & others)
+        left &= ~(hit & others)
+    return rays & ~left
 
 
 @kernel
 def _trace_stratum(tile, b, s, c, e, counters):
     """Test the rays of stratum s against a block with the box c -+ e: few one by one, else culled by their shaft."""
-    rays = rays_in_box(tile, s, c, e) & b.valid & ~np.int64(get(tile.dead, s))
-    if popcount(rays) <= _FEW_RAYS:
-        if rays != 0:
-            _trace_rays(tile, b, s, rays, counters)
-        return
-    left = cull_block(tile, _numbers(b), 16 + s, b.facing, b.work) & b.present
-    count(counters, CANDIDATES, popcount(left))
-    while left != 0:
-        i = lowest_bit(left)
-        left &= left - 1
-        slot = _slot(b, i)
-        _test_strata(tile, b, slot, i, rays & _others(tile, b, slot), np.int64(1) << s, counters)
-
-
-@inlined
-def _is_near(tile, c):
-    """Are beams narrower than the shafts of strata at a point? Shafts narrow from the receivers' box, beams widen."""
-    s, i = tile.shafts, tile.info
-    dx, dy, dz = get(s, D + 1), get(s, D + N + 1), get(s, D + 2 * N + 1)
-    along = (get(c, 0) - get(i, 0)) * dx + (get(c, 1) - get(i, 1)) * dy + (get(c, 2) - get(i, 2)) * dz
-    light = get(s, HALF + 1) + get(s, HALF + N + 1) + get(s, HALF + 2 * N + 1)
-    return along * light < (dx * dx + dy * dy + dz * dz - along) * (get(i, 3) + get(i, 4) + get(i, 5))
+    dead = np.int64(get(tile.dead, s))
+    rays = rays_in_box(tile, s, c, e) & b.valid & ~dead
+    if popcount(rays) > FEW_RAYS:
+        left = cull_block(tile, _numbers(b), 16 + s, b.facing, b.work) & b.present
+        count(counters, CANDIDATES, popcount(left))
+        put(tile.dead, s, dead | trace_row(tile, b, s, rays, left, counters))
+    elif rays != 0:
+        put(tile.dead, s, dead | trace_rays(tile, b, s, rays, counters))
 
 
 @kernel
@@ -262,7 +266,7 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, asid
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, aside)
     count(counters, TRIANGLES, triangles)
     box = ptr_at(tree.bounds, b.number * 8)
-    c, e, near = broadcasts(box, 0, 1), broadcasts(box, 4, 1), _is_near(tile, box)
+    c, e, near = broadcasts(box, 0, 1), broadcasts(box, 4, 1), is_near(tile.shafts, tile.info, box)
     if near:
         live, few = valid & ~np.int64(reduce_and(load16(tile.dead, 0))) & beams_in_box(tile, c, e), _FEW_BEAMS
     else:

@@ -1,0 +1,294 @@
+"""A sheaf: tiles near each other, traced as one towards a light that is large beside them.
+
+The lanes of its walk are the light's strata, as seen from the box of the receivers of all its tiles. That box adds
+little to the width of a stratum's shaft, and up to 16 tiles share the walk. At a block the sides change: for each
+stratum whose shaft meets it, the lanes are the tiles. Of a tile few of whose rays to the stratum meet the block's box,
+each ray is tested against the block's triangles; for the others, the triangles that the sheaf's shaft may meet are
+tested against the shafts of the tiles, and what neither misses nor is covered, ray by ray. A block next to the
+receivers is left to `shaftleaf`, tile by tile, whose beams are narrower there.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.blocks import ROWS
+from ..bvh.nodes import middle_and_half
+from ..jit import inlined, kernel
+from ..simd import (
+    as_i32,
+    bits,
+    get,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    popcount,
+    ptr_at,
+    put,
+    select,
+    splat16,
+    store,
+)
+from .beams import is_near
+from .counters import CANDIDATES, COVERED, TRIANGLES, count
+from .lighttable import ALL_GROUPS, STRATA
+from .shaftbox import rays_in_box, shafts_in_box
+from .shaftcull import cull_block, cull_tiles
+from .shaftleaf import FEW_RAYS, Block, trace_block, trace_rays, trace_row
+from .shafts import HALF, D, N, make_shafts
+from .tile import Tile, finished_strata, tile_at
+from .vec import Vec, broadcasts, minus, rows
+
+_F = np.float32
+_BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)
+_OPEN = (1 + STRATA) * _BOXES
+SHEAF_FLOATS = _OPEN + 3 * 16
+
+
+class Sheaf(NamedTuple):
+    """Where a sheaf's numbers are: pointers into scratch memory. Its tiles are lanes."""
+
+    tiles: object  # float32, as `tile.tile_at` reads them
+    valid: object  # int32: bits of each tile's receivers
+    whole: Tile  # the receivers of all tiles as one
+    boxes: object  # float32: of the tiles' receivers
+    targets: object  # float32: of each stratum's samples, as the tiles see them
+    open: object  # int32 of each stratum: bits of the tiles that have segments to it left
+    rays: object  # int32: of each tile, bits of what is to be tested
+    triangles: object
+    first: int  # a tile of it
+
+
+@inlined
+def sheaf_at(memory, tiles, valid, whole, first):
+    """The `Sheaf` in SHEAF_FLOATS float32."""
+    own = as_i32(ptr_at(memory, _OPEN))
+    return Sheaf(tiles, valid, whole, memory, ptr_at(memory, _BOXES), own, ptr_at(own, 16), ptr_at(own, 32), first)
+
+
+@inlined
+def _tile(sheaf, g, asked):
+    """Tile g, seen with the sheaf's shafts: they hold its own."""
+    t = tile_at(sheaf.tiles, g, asked)
+    return Tile(
+        t.number, t.origins, sheaf.whole.info, t.faces, t.dead, sheaf.whole.shafts, t.beams, t.points, t.groups,
+        t.targets, t.by_lane,
+    )  # fmt: skip
+
+
+@inlined
+def _put_box(boxes, lane, k, low, high):
+    """Write an interval of axis k to a lane of 16 boxes."""
+    middle, half = middle_and_half(low, high)
+    put(boxes, 16 * k + lane, middle)
+    put(boxes, 48 + 16 * k + lane, half)
+
+
+@inlined
+def _widen(memory, low, high, by, by_low, by_high):
+    """Widen the interval in two words of memory by that in two others'."""
+    put(memory, low, min(get(memory, low), get(by, by_low)))
+    put(memory, high, max(get(memory, high), get(by, by_high)))
+
+
+@inlined
+def _add_tile(sheaf, tile, asked):
+    """Widen the sheaf by the box of a tile's receivers, and by its samples if each tile has its own."""
+    info, groups = sheaf.whole.info, sheaf.whole.groups
+    for k in range(3):
+        _widen(info, 6 + k, 9 + k, tile.info, 6 + k, 9 + k)
+        _put_box(sheaf.boxes, tile.number, k, get(tile.info, 6 + k), get(tile.info, 9 + k))
+    if not asked.fixed:
+        for k in range(3 * ALL_GROUPS):
+            _widen(groups, k, 3 * ALL_GROUPS + k, tile.groups, k, 3 * ALL_GROUPS + k)
+        for s in range(STRATA):
+            for k in range(3):
+                low = k * ALL_GROUPS + 16 + s
+                boxes = ptr_at(sheaf.targets, s * _BOXES)
+                _put_box(boxes, tile.number, k, get(tile.groups, low), get(tile.groups, low + 3 * ALL_GROUPS))
+
+
+@inlined
+def _aim_at_fixed(sheaf, asked):
+    """The strata of a light that is the same for all tiles."""
+    for s in range(STRATA):
+        for k in range(3):
+            low = k * ALL_GROUPS + 16 + s
+            middle, half = middle_and_half(get(asked.groups, low), get(asked.groups, low + 3 * ALL_GROUPS))
+            store(sheaf.targets, s * _BOXES + 16 * k, splat16(middle))
+            store(sheaf.targets, s * _BOXES + 48 + 16 * k, splat16(half))
+
+
+@inlined
+def _close(sheaf, g, strata):
+    """Tile g has no segments to some strata (bits) left."""
+    closed = select(mask_from_bits16(strata), splat16(np.int32(1 << g)), splat16(np.int32(0)))
+    store(sheaf.open, 0, load16(sheaf.open, 0) & ~closed)
+
+
+@kernel
+def make_sheaf(sheaf, members, asked):
+    """Fill a sheaf from the tiles in `members` (bits), which are ready to be traced."""
+    info, groups = sheaf.whole.info, sheaf.whole.groups
+    for k in range(3):
+        put(info, 6 + k, _F(np.inf))
+        put(info, 9 + k, _F(-np.inf))
+    if asked.fixed:
+        _aim_at_fixed(sheaf, asked)
+    else:
+        for k in range(3 * ALL_GROUPS):
+            put(groups, k, _F(np.inf))
+            put(groups, 3 * ALL_GROUPS + k, _F(-np.inf))
+    store(sheaf.open, 0, splat16(np.int32(members)))
+    while members != 0:
+        g = lowest_bit(members)
+        members &= members - 1
+        tile = tile_at(sheaf.tiles, g, asked)
+        _add_tile(sheaf, tile, asked)
+        _close(sheaf, g, finished_strata(tile, np.int64(get(sheaf.valid, g))))
+    for k in range(3):
+        middle, half = middle_and_half(get(info, 6 + k), get(info, 9 + k))
+        put(info, k, middle)
+        put(info, 3 + k, half)
+    make_shafts(info, groups, sheaf.whole.shafts)
+
+
+@inlined
+def finished(sheaf):
+    """Bits of the strata to which no segment is left."""
+    return bits(load16(sheaf.open, 0) == splat16(np.int32(0)))
+
+
+@inlined
+def _tiles_in_box(sheaf, s, c, e):
+    """Bits of the tiles whose shafts to stratum s may meet a box."""
+    o, t = rows(sheaf.boxes, 0, 16), ptr_at(sheaf.targets, s * _BOXES)
+    return shafts_in_box(o, minus(rows(t, 0, 16), o), rows(sheaf.boxes, 48, 16), rows(t, 48, 16), c, e)
+
+
+@inlined
+def _tiles_near_box(sheaf, c, e):
+    """Bits of the tiles whose shafts to the whole light may meet a box."""
+    o, shafts = rows(sheaf.boxes, 0, 16), sheaf.whole.shafts
+    d, m = broadcasts(shafts, D + 1, N), broadcasts(sheaf.whole.info, 0, 1)
+    v = Vec(d.x + (m.x - o.x), d.y + (m.y - o.y), d.z + (m.z - o.z))
+    return shafts_in_box(o, v, rows(sheaf.boxes, 48, 16), broadcasts(shafts, HALF + 1, N), c, e)
+
+
+@inlined
+def _open_tiles(sheaf, strata):
+    """Bits of the tiles that have a segment to any of some strata (bits) left."""
+    tiles = np.int64(0)
+    while strata != 0:
+        tiles |= np.int64(get(sheaf.open, lowest_bit(strata)))
+        strata &= strata - 1
+    return tiles
+
+
+@inlined
+def _trace_near(sheaf, b, triangles, strata, live, asked, counters):
+    """Test a block next to the receivers against the tiles in `live` (bits), one by one."""
+    while live != 0:
+        g = lowest_bit(live)
+        live &= live - 1
+        tile, valid = _tile(sheaf, g, asked), np.int64(get(sheaf.valid, g))
+        left = strata & ~finished_strata(tile, valid)
+        if left != 0:
+            trace_block(tile, b.tree, b.number, triangles, left, valid, b.facing, b.work, b.aside, counters)
+            _close(sheaf, g, finished_strata(tile, valid))
+
+
+@inlined
+def _block_of(b, valid):
+    """A block, for a tile with the `valid` receivers."""
+    return Block(b.tree, b.number, b.present, valid, b.facing, b.work, b.aside)
+
+
+@inlined
+def _blocked(sheaf, tile, s, dead, valid):
+    """Note the receivers (bits) that are blocked from stratum s, and whether those are all of the `valid` ones."""
+    put(tile.dead, s, dead)
+    if dead & valid == valid:
+        put(sheaf.open, s, np.int64(get(sheaf.open, s)) & ~(np.int64(1) << tile.number))
+
+
+@inlined
+def _trace_sparse(sheaf, b, s, live, asked, c, e, counters):
+    """Trace the tiles (bits) few of whose rays to stratum s meet the block's box; the others, their rays in `rays`."""
+    dense = np.int64(0)
+    while live != 0:
+        g = lowest_bit(live)
+        live &= live - 1
+        tile, valid = _tile(sheaf, g, asked), np.int64(get(sheaf.valid, g))
+        dead = np.int64(get(tile.dead, s))
+        rays = rays_in_box(tile, s, c, e) & valid & ~dead
+        if popcount(rays) > FEW_RAYS:
+            dense |= np.int64(1) << g
+            put(sheaf.rays, g, rays)
+        elif rays != 0:
+            _blocked(sheaf, tile, s, dead | trace_rays(tile, _block_of(b, valid), s, rays, counters), valid)
+    return dense
+
+
+@inlined
+def _cull(sheaf, b, s, live, left, asked, counters):
+    """Test triangles (bits) against the shafts of tiles (bits) to stratum s; for each tile, `triangles` to be tested.
+
+    Returns the tiles that have any.
+    """
+    if live & (live - 1) == 0:
+        put(sheaf.triangles, lowest_bit(live), left)
+        return live if left != 0 else np.int64(0)
+    numbers, targets = ptr_at(b.tree.blocks, b.number * (ROWS * 16)), ptr_at(sheaf.targets, s * _BOXES)
+    undecided = zero = splat16(np.int32(0))
+    while left != 0 and live != 0:
+        i = lowest_bit(left)
+        left &= left - 1
+        v = cull_tiles(sheaf.boxes, targets, numbers, b.work, i, b.facing)
+        covered = v.cover & live
+        live &= ~covered
+        undecided = undecided | select(mask_from_bits16(live & ~v.miss), splat16(np.int32(1 << i)), zero)
+        count(counters, COVERED, popcount(covered))
+        while covered != 0:
+            g = lowest_bit(covered)
+            covered &= covered - 1
+            _blocked(sheaf, tile_at(sheaf.tiles, g, asked), s, np.int64(0xFFFF), np.int64(0))
+    store(sheaf.triangles, 0, undecided)
+    return live & bits(undecided != zero)
+
+
+@inlined
+def _trace_far(sheaf, b, s, live, asked, c, e, counters):
+    """Test a block against the segments from some tiles (bits) to stratum s."""
+    live = _trace_sparse(sheaf, b, s, live, asked, c, e, counters)
+    if live == 0:
+        return
+    numbers = ptr_at(b.tree.blocks, b.number * (ROWS * 16))
+    left = cull_block(sheaf.whole, numbers, 16 + s, b.facing, b.work) & b.present
+    count(counters, CANDIDATES, popcount(left))
+    live = _cull(sheaf, b, s, live, left, asked, counters)
+    while live != 0:
+        g = lowest_bit(live)
+        live &= live - 1
+        tile, valid, rays = _tile(sheaf, g, asked), np.int64(get(sheaf.valid, g)), np.int64(get(sheaf.rays, g))
+        lost = trace_row(tile, _block_of(b, valid), s, rays, np.int64(get(sheaf.triangles, g)), counters)
+        _blocked(sheaf, tile, s, np.int64(get(tile.dead, s)) | lost, valid)
+
+
+@kernel
+def trace_sheaf(sheaf, tree, number, triangles, strata, asked, work, aside, counters):
+    """Test the segments of a sheaf to some strata (bits) against a block; `dead` tells what it blocks."""
+    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), asked.facing, work, aside)
+    box = ptr_at(tree.bounds, b.number * 8)
+    c, e = broadcasts(box, 0, 1), broadcasts(box, 4, 1)
+    if is_near(sheaf.whole.shafts, tile_at(sheaf.tiles, sheaf.first, asked).info, box):
+        live = _tiles_near_box(sheaf, c, e) & _open_tiles(sheaf, strata)
+        _trace_near(sheaf, b, triangles, strata, live, asked, counters)
+        return
+    count(counters, TRIANGLES, triangles)
+    while strata != 0:
+        s = lowest_bit(strata)
+        strata &= strata - 1
+        live = np.int64(get(sheaf.open, s)) & _tiles_in_box(sheaf, s, c, e)
+        if live != 0:
+            _trace_far(sheaf, b, s, live, asked, c, e, counters)

@@ -1,0 +1,73 @@
+"""Sheaves: many tiles as one towards a large light; the bits of every ray alone, whatever the light."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.plan import parse_plan
+from antumbra.trace.counters import as_dict, new_counters
+from asking import answer, query_of, true_occlusion
+
+LIGHTS = {
+    "quad": at.QuadLight((-6, 7, -6), (12, 0, 0), (0, 0, 12)),
+    "disk": at.DiskLight((0, 7, 0), (0, -1, 0), 7.0),
+    "sphere": at.SphereLight((0, 12, 0), 6.0),
+    "sun": at.DirectionalLight((0.3, -1, 0.2), angular_diameter=40.0),
+}
+
+
+def _scene(n, size):
+    """A floor, and n triangles of some size over it."""
+    rng = np.random.default_rng(n)
+    floor = np.array([[[-9, 0, -9], [9, 0, 9], [9, 0, -9]], [[-9, 0, -9], [-9, 0, 9], [9, 0, 9]]], float)
+    over = rng.uniform((-4, 0.2, -4), (4, 5, 4), (n, 1, 3)) + size * rng.normal(size=(n, 3, 3))
+    return at.Scene.from_arrays(np.concatenate([floor, over]).reshape(-1, 3), np.arange(3 * n + 6).reshape(-1, 3))
+
+
+def _query(scene, light, spp):
+    """What a long lens sees: its receivers are near each other."""
+    return query_of(scene, at.Camera((0, 6, 8), (0, 0, 0), vfov=5.0, width=48, height=32), light, spp)
+
+
+def _traced(triangles, query):
+    tally = new_counters(True)
+    return answer(parse_plan("bsah+multifrusta"), triangles, query, counters=tally), as_dict(tally)
+
+
+@pytest.mark.parametrize("n, size", [(40, 0.8), (3000, 0.05)], ids=["few large", "many small"])
+@pytest.mark.parametrize("name", LIGHTS)
+def test_the_bits_of_single_rays(name, n, size):
+    triangles, query = _query(_scene(n, size), LIGHTS[name], 16)
+    bits, counts = _traced(triangles, query)
+    assert counts["sheaf_tiles"] >= 12 and bits.any() and not bits.all()
+    np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
+
+
+@pytest.mark.parametrize("cull_faces", [-1, 1])
+def test_culled_faces(cull_faces):
+    triangles, query = _query(_scene(60, 0.6), LIGHTS["quad"], 16)
+    query = query._replace(cull_faces=cull_faces)
+    bits, counts = _traced(triangles, query)
+    assert counts["sheaf_tiles"] >= 12 and bits.any()
+    np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
+
+
+@pytest.mark.parametrize("spp", [9, 24])
+def test_the_oracle(spp):
+    triangles, query = _query(_scene(60, 0.6), LIGHTS["quad"], spp)
+    bits, counts = _traced(triangles, query)
+    truth, asked = true_occlusion(triangles, query)
+    assert counts["sheaf_tiles"] >= 12 and truth.any() and not truth[asked].all()
+    np.testing.assert_array_equal(bits, truth)
+
+
+def test_more_undecided_rays_than_there_is_memory_for():
+    """Copies of a triangle in whose plane the light and receivers of the whole picture lie: nothing is sure."""
+    edge = np.array([[-3.0, 0, 0], [3, 0, 0], [0, 1e-6, 0]])
+    vertices = np.concatenate([edge + (0, 0.5, z) for z in np.linspace(-2, 2, 200)])
+    floor = np.array([[-9, 0, -9], [9, 0, 9], [9, 0, -9], [-9, 0, -9], [-9, 0, 9], [9, 0, 9]], float)
+    scene = at.Scene.from_arrays(np.concatenate([floor, vertices]), np.arange(606).reshape(-1, 3))
+    triangles, query = _query(scene, LIGHTS["quad"], 16)
+    bits, counts = _traced(triangles, query)
+    assert counts["sheaf_tiles"] >= 12
+    np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
