@@ -2,8 +2,8 @@
 
 Rays that ask for any hit end at the first one, so a good order saves what comes after it. Here it is fixed when the
 tree is made, and costs nothing when it is walked [Ize and Hansen 2011]. Of the lines that meet a convex body with the
-surface S, triangles with the area A inside it are met 2 A / S times on average; if they lie at random, 1 - exp(-2 A / S)
-of the lines meet one. A node's own probability follows from its children's, and those are entered in proportion to
+surface S, triangles with the area A inside it are met 2 A / S times on average; if they lie at random, 1 - exp(-2 A /
+S) of the lines meet one. A node's own probability follows from its children's, and those are entered in proportion to
 their surfaces.
 """
 
