@@ -41,7 +41,7 @@ from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
 from .scattered import is_scattered
 from .shaftleaf import WORK, trace_block
 from .shafts import make_shafts
-from .sheaf import SHEAF_FLOATS, finished, make_sheaf, trace_sheaf
+from .sheaf import SHEAF_FLOATS, close, finished, make_sheaf, tile_in, tiles_by_beams, trace_sheaf
 from .tile import bound_receivers, finished_strata, first_pixel, move_light, tile_at, write_bits
 
 _APART = 4  # tiles of a bundle that is no sheaf, as long as they fill its lanes
@@ -50,23 +50,43 @@ _FEW_SAMPLES = 8  # for a sheaf, at least
 
 
 @inlined
+def _trace_tile(tree, code, tile, valid, strata, asked, scratch, counters):
+    """A block against the segments of a tile to some strata (bits)."""
+    strata &= ~finished_strata(tile, valid)
+    if strata != 0:
+        block, triangles, facing = code >> 5, code & 31, asked.facing
+        trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.aside, counters)
+
+
+@inlined
+def _sheaf_leaf(tree, code, strata, asked, scratch, counters):
+    """A block against some strata (bits) of a sheaf; bits of those to which it has no segment left."""
+    sheaf, block = sheaf_of(scratch, asked), code >> 5
+    live = tiles_by_beams(sheaf, ptr_at(tree.bounds, block * 8), strata, asked)
+    if live < 0:
+        trace_sheaf(sheaf, tree, block, code & 31, strata, asked, scratch.work, scratch.aside, counters)
+        live = np.int64(0)
+    while live != 0:
+        g = lowest_bit(live)
+        live &= live - 1
+        tile, valid = tile_in(sheaf, g, asked), np.int64(get(scratch.valid, g))
+        _trace_tile(tree, code, tile, valid, strata, asked, scratch, counters)
+        close(sheaf, g, finished_strata(tile, valid))
+    return finished(sheaf)
+
+
+@inlined
 def _leaf(tree, code, mask, asked, bundle, scratch, counters):
     """A block against the lanes in `mask`; bits of those that have no segment left."""
-    block, triangles = code >> 5, code & 31
     if bundle.is_sheaf:
-        sheaf = sheaf_of(scratch, asked)
-        trace_sheaf(sheaf, tree, block, triangles, mask, asked, scratch.work, scratch.aside, counters)
-        return finished(sheaf)
+        return _sheaf_leaf(tree, code, mask, asked, scratch, counters)
     done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
     for slot in range(bundle.tiles):
         groups = mask >> (slot * bundle.groups) & all_groups
         if groups != 0:
             g = np.int64(get(scratch.slots, slot))
             tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
-            strata = lane_strata(groups, bundle) & ~finished_strata(tile, valid)
-            trace_block(
-                tile, tree, block, triangles, strata, valid, asked.facing, scratch.work, scratch.aside, counters
-            )
+            _trace_tile(tree, code, tile, valid, lane_strata(groups, bundle), asked, scratch, counters)
             done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
     return done
 
@@ -107,7 +127,7 @@ def _walk(tree, alive, asked, bundle, scratch, counters):
         at = left(at)
 
 
-@kernel
+@inlined
 def _trace_lanes(tree, alive, query, asked, bundle, scratch, counters):
     """Trace the lanes in `alive`, and settle what is put aside whenever the memory for it runs low, and at the end."""
     save(scratch.at, root(alive))
@@ -136,17 +156,6 @@ def _start_tile(query, asked, g, scratch, counters):
 
 
 @inlined
-def _trace_together(tree, members, query, asked, scratch, counters):
-    """Trace some tiles (bits) as a sheaf."""
-    count(counters, SHEAF_TILES, popcount(members))
-    put(scratch.slots, 0, lowest_bit(members))
-    bundle, sheaf = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), sheaf_of(scratch, asked)
-    make_sheaf(sheaf, members, asked)
-    fill_lanes(np.int64(0), sheaf.whole, bundle, scratch.lanes)
-    _trace_lanes(tree, ~finished(sheaf) & 0xFFFF, query, asked, bundle, scratch, counters)
-
-
-@inlined
 def _fill_slot(asked, bundle, slot, g, scratch):
     """Give tile g a slot of a bundle; bits of its lanes that have a segment to trace."""
     tile = tile_at(scratch.tiles, g, asked)
@@ -158,32 +167,46 @@ def _fill_slot(asked, bundle, slot, g, scratch):
 
 
 @inlined
-def _trace_apart(tree, numbers, query, asked, scratch, counters):
-    """Trace some tiles (bits) each with its own shafts, a few at a time."""
-    size = max(_APART, tiles_to_fill(asked.count))
-    while numbers != 0:
-        n = min(popcount(numbers), size)
-        bundle, alive = bundle_of(n, asked.count), np.int64(0)
-        for slot in range(n):
-            alive |= _fill_slot(asked, bundle, slot, lowest_bit(numbers), scratch)
-            numbers &= numbers - 1
-        _trace_lanes(tree, alive, query, asked, bundle, scratch, counters)
+def _bundle_apart(numbers, asked, scratch):
+    """The `Bundle` of the first of some tiles (bits), each with its own shafts; its lanes (bits), the tiles left."""
+    n = min(popcount(numbers), max(_APART, tiles_to_fill(asked.count)))
+    bundle, alive = bundle_of(n, asked.count), np.int64(0)
+    for slot in range(n):
+        alive |= _fill_slot(asked, bundle, slot, lowest_bit(numbers), scratch)
+        numbers &= numbers - 1
+    return bundle, alive, numbers
+
+
+@inlined
+def _bundle_together(members, asked, scratch, counters):
+    """The `Bundle` of some tiles (bits) as a sheaf; its lanes (bits)."""
+    count(counters, SHEAF_TILES, popcount(members))
+    put(scratch.slots, 0, lowest_bit(members))
+    bundle, sheaf = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), sheaf_of(scratch, asked)
+    make_sheaf(sheaf, members, asked)
+    fill_lanes(np.int64(0), sheaf.whole, bundle, scratch.lanes)
+    return bundle, ~finished(sheaf) & 0xFFFF
 
 
 @inlined
 def _trace_parts(tree, n, query, asked, scratch, counters):
-    """Trace n tiles whose receivers are loaded."""
+    """Trace n tiles whose receivers are loaded: sheaves first, then those that are in none."""
     for g in range(n):
         _start_tile(query, asked, g, scratch, counters)
     apart, numbers = np.int64(0), (np.int64(1) << n) - 1
-    while numbers != 0:
-        members = near_each_other(asked, scratch.tiles, numbers)
-        numbers &= ~members
-        if popcount(members) >= _FEW_TILES and asked.count >= _FEW_SAMPLES:
-            _trace_together(tree, members, query, asked, scratch, counters)
+    while numbers | apart != 0:
+        members = np.int64(0)
+        if numbers != 0:
+            members = near_each_other(asked, scratch.tiles, numbers)
+            numbers &= ~members
+            if popcount(members) < _FEW_TILES or asked.count < _FEW_SAMPLES:
+                apart |= members
+                continue
+        if members != 0:
+            bundle, alive = _bundle_together(members, asked, scratch, counters)
         else:
-            apart |= members
-    _trace_apart(tree, apart, query, asked, scratch, counters)
+            bundle, alive, apart = _bundle_apart(apart, asked, scratch)
+        _trace_lanes(tree, alive, query, asked, bundle, scratch, counters)
 
 
 @kernel

@@ -1,5 +1,7 @@
 """The receivers' own surfaces against a tile's samples: those below them are blocked before anything is traced."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..bvh.nodes import middle_and_half
@@ -17,38 +19,70 @@ _TINY = _F(1e-37)
 PLANES = 8 * 16  # float32 of scratch memory
 
 
+class Plane(NamedTuple):
+    """A receiver's own surface; float32."""
+
+    point: tuple
+    normal: tuple
+    size: float  # what scales the error of a height over it
+
+
+@inlined
+def _plane_of_face(corners, face):
+    """The `Plane` of a triangle."""
+    k = face * 9
+    v = (get(corners, k), get(corners, k + 1), get(corners, k + 2))
+    px, py, pz = get(corners, k + 3) - v[0], get(corners, k + 4) - v[1], get(corners, k + 5) - v[2]
+    qx, qy, qz = get(corners, k + 6) - v[0], get(corners, k + 7) - v[1], get(corners, k + 8) - v[2]
+    size = abs(px) + abs(py) + abs(pz) + abs(qx) + abs(qy) + abs(qz)
+    return Plane(v, (py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx), size * size)
+
+
+@inlined
+def _plane_at(asked, at, is_free):
+    """The `Plane` through a receiver without a triangle, at right angles to its normal; none if it is free."""
+    k = at * 3
+    v, n = (get(asked.origins, k), get(asked.origins, k + 1), get(asked.origins, k + 2)), (_F(0.0), _F(0.0), _F(0.0))
+    if not is_free:
+        n = (_F(get(asked.normals, k)), _F(get(asked.normals, k + 1)), _F(get(asked.normals, k + 2)))
+    return Plane(v, n, abs(n[0]) + abs(n[1]) + abs(n[2]))
+
+
+@inlined
+def _put_plane(planes, lane, p):
+    """Write a plane to a lane of the rows."""
+    for k in range(3):
+        put(planes, 16 * k + lane, p.point[k])
+        put(planes, 48 + 16 * k + lane, p.normal[k])
+    put(planes, 112 + lane, p.size)
+
+
+@inlined
+def _put_everywhere(planes, p):
+    """Write a plane to all lanes."""
+    for k in range(3):
+        store(planes, 16 * k, splat16(p.point[k]))
+        store(planes, 48 + 16 * k, splat16(p.normal[k]))
+    store(planes, 112, splat16(p.size))
+
+
 @kernel
-def _gather_planes(asked, y0, x0, valid, planes):
+def _gather_planes(asked, y0, x0, valid, tile, planes):
     """Rows of `planes`: a point of each receiver's plane (3), a normal (3), the side seen, what scales its error."""
-    corners, lanes = asked.corners, valid
+    first = np.int64(get(tile.faces, lowest_bit(valid)))
+    together = first >= 0 and bits(load16(tile.faces, 0) == np.int32(first)) & valid == valid
+    if together:
+        _put_everywhere(planes, _plane_of_face(asked.corners, first))
+    lanes = valid
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
         at = place_of(asked, y0, x0, lane)
-        side, face = np.int64(get(asked.sides, at)), np.int64(get(asked.faces, at))
-        nx, ny, nz, size = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
-        k = face * 9
-        if face >= 0:
-            vx, vy, vz = get(corners, k), get(corners, k + 1), get(corners, k + 2)
-            px, py, pz = get(corners, k + 3) - vx, get(corners, k + 4) - vy, get(corners, k + 5) - vz
-            qx, qy, qz = get(corners, k + 6) - vx, get(corners, k + 7) - vy, get(corners, k + 8) - vz
-            nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-            size = abs(px) + abs(py) + abs(pz) + abs(qx) + abs(qy) + abs(qz)
-            size *= size
-        else:
-            k = at * 3
-            vx, vy, vz = get(asked.origins, k), get(asked.origins, k + 1), get(asked.origins, k + 2)
-            if side != FREE:
-                nx, ny, nz = _F(get(asked.normals, k)), _F(get(asked.normals, k + 1)), _F(get(asked.normals, k + 2))
-                size = abs(nx) + abs(ny) + abs(nz)
-        put(planes, lane, vx)
-        put(planes, 16 + lane, vy)
-        put(planes, 32 + lane, vz)
-        put(planes, 48 + lane, nx)
-        put(planes, 64 + lane, ny)
-        put(planes, 80 + lane, nz)
+        side, face = np.int64(get(asked.sides, at)), np.int64(get(tile.faces, lane))
         put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
-        put(planes, 112 + lane, size)
+        if not together:
+            plane = _plane_of_face(asked.corners, face) if face >= 0 else _plane_at(asked, at, side == FREE)
+            _put_plane(planes, lane, plane)
 
 
 @inlined
@@ -73,7 +107,7 @@ def apply_horizon(asked, y0, x0, valid, tile, planes, aside, counters):
     """
     store(tile.dead, 0, select(iota16() < splat16(np.int32(asked.count)), splat16(np.int32(0)), splat16(np.int32(-1))))
     count(counters, RAYS, asked.count * popcount(valid))
-    _gather_planes(asked, y0, x0, valid, planes)
+    _gather_planes(asked, y0, x0, valid, tile, planes)
     sided = bits(load16(planes, 96) != _F(0.0)) & valid
     if sided == 0:
         return

@@ -260,9 +260,9 @@ def plane_of(work, i):
 
 
 @inlined
-def triangle_lanes(tile, numbers, work, i):
-    """`Lanes` of triangle i of a block, one that `cull_block` has left, as the 16 receivers see it."""
-    a = minus(broadcasts(numbers, i, 16), rows(tile.origins, 0, 16))
+def triangle_lanes(origins, numbers, work, i):
+    """`Lanes` of triangle i of a block, one that `cull_block` has left, as rays from 16 origins see it."""
+    a = minus(broadcasts(numbers, i, 16), origins)
     p, q, n = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16), broadcasts(work, _N + i, 16)
     return Lanes(cross(a, p), cross(a, q), n, dot(a, n), broadcast16(work, _E + i), broadcast16(work, _TE + i))
 

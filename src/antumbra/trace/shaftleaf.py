@@ -43,7 +43,7 @@ from .vec import broadcasts, minus, rows
 WORK = CULL_WORK + LANES  # float32 of scratch memory
 _FEW_BEAMS = 6  # beams of a block, or strata, up to which each goes by itself
 _FEW_STRATA = 8
-FEW_RAYS = 4  # of a stratum
+_FEW_RAYS = 4  # of a stratum
 
 
 class Block(NamedTuple):
@@ -122,7 +122,7 @@ def _test_samples(tile, b, slot, r, k, strata, counters):
 @kernel
 def _test_strata(tile, b, slot, i, receivers, strata, counters):
     """Test the rays from some receivers to some strata (bits) against triangle i, one that `cull_block` has left."""
-    lanes, dead = triangle_lanes(tile, _numbers(b), b.work, i), load16(tile.dead, 0)
+    lanes, dead = triangle_lanes(rows(tile.origins, 0, 16), _numbers(b), b.work, i), load16(tile.dead, 0)
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
@@ -146,7 +146,7 @@ def _others(tile, b, slot):
 def _by_beams(tile, b, i, live, strata, counters):
     """Test triangle i, one that `cull_block` has left, against the beams in `live`; those not blocked whole."""
     d, half = beams_of(tile)
-    slot, lanes = _slot(b, i), triangle_lanes(tile, _numbers(b), b.work, i)
+    slot, lanes = _slot(b, i), triangle_lanes(rows(tile.origins, 0, 16), _numbers(b), b.work, i)
     v = cull_beams(d, half, lanes, b.facing)
     receivers = live & ~v.miss & _others(tile, b, slot)
     on_plane = receivers & bits(absolute(lanes.t) <= lanes.te)
@@ -212,7 +212,7 @@ def _trace_receiver(tile, b, r, strata, counters):
 
 
 @inlined
-def trace_rays(tile, b, s, rays, counters):
+def _trace_rays(tile, b, s, rays, counters):
     """Test rays of stratum s (bits) one by one against the triangles of a block; bits of those that are blocked."""
     blocked = np.int64(0)
     while rays != 0:
@@ -230,7 +230,7 @@ def trace_rays(tile, b, s, rays, counters):
 
 
 @inlined
-def trace_row(tile, b, s, rays, triangles, counters):
+def _trace_row(tile, b, s, rays, triangles, counters):
     """Test rays of stratum s (bits) against triangles (bits) that `cull_block` has left; those that are blocked."""
     d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
     left = rays
@@ -239,7 +239,7 @@ def trace_row(tile, b, s, rays, triangles, counters):
         triangles &= triangles - 1
         slot = _slot(b, i)
         count(counters, TRIANGLE_TESTS, 1)
-        hit, unsure = decide(d, triangle_lanes(tile, _numbers(b), b.work, i), b.facing)
+        hit, unsure = decide(d, triangle_lanes(rows(tile.origins, 0, 16), _numbers(b), b.work, i), b.facing)
         others = left & _others(tile, b, slot)
         if unsure & others != 0:
             put_aside(b.aside, slot, tile.number << 8 | s << 4, 1, unsure & others)
@@ -252,12 +252,12 @@ def _trace_stratum(tile, b, s, c, e, counters):
     """Test the rays of stratum s against a block with the box c -+ e: few one by one, else culled by their shaft."""
     dead = np.int64(get(tile.dead, s))
     rays = rays_in_box(tile, s, c, e) & b.valid & ~dead
-    if popcount(rays) > FEW_RAYS:
+    if popcount(rays) > _FEW_RAYS:
         left = cull_block(tile, _numbers(b), 16 + s, b.facing, b.work) & b.present
         count(counters, CANDIDATES, popcount(left))
-        put(tile.dead, s, dead | trace_row(tile, b, s, rays, left, counters))
+        put(tile.dead, s, dead | _trace_row(tile, b, s, rays, left, counters))
     elif rays != 0:
-        put(tile.dead, s, dead | trace_rays(tile, b, s, rays, counters))
+        put(tile.dead, s, dead | _trace_rays(tile, b, s, rays, counters))
 
 
 @kernel

@@ -2,10 +2,10 @@
 
 The lanes of its walk are the light's strata, as seen from the box of the receivers of all its tiles. That box adds
 little to the width of a stratum's shaft, and up to 16 tiles share the walk. At a block the sides change: for each
-stratum whose shaft meets it, the lanes are the tiles. Of a tile few of whose rays to the stratum meet the block's box,
-each ray is tested against the block's triangles; for the others, the triangles that the sheaf's shaft may meet are
-tested against the shafts of the tiles, and what neither misses nor is covered, ray by ray. A block next to the
-receivers is left to `shaftleaf`, tile by tile, whose beams are narrower there.
+stratum whose shaft meets it, the lanes are the tiles. The rays of those tiles that meet the block's box are gathered
+into full vectors. If they are few, each is tested against all of its triangles; else they are tested against those that
+the sheaf's shaft may meet, and if they are many, after it has been asked which tiles a triangle covers whole. A block
+next to the receivers is for `shaftleaf`, tile by tile, whose beams are narrower there.
 """
 
 from typing import NamedTuple
@@ -31,10 +31,11 @@ from ..simd import (
 )
 from .beams import is_near
 from .counters import CANDIDATES, COVERED, TRIANGLES, count
+from .gathered import GATHERED_FLOATS, gather, gathered_at, test_one_by_one, test_together
 from .lighttable import ALL_GROUPS, STRATA
 from .shaftbox import rays_in_box, shafts_in_box
 from .shaftcull import cull_block, cull_tiles
-from .shaftleaf import FEW_RAYS, Block, trace_block, trace_rays, trace_row
+from .shaftleaf import Block
 from .shafts import HALF, D, N, make_shafts
 from .tile import Tile, finished_strata, tile_at
 from .vec import Vec, broadcasts, minus, rows
@@ -42,7 +43,9 @@ from .vec import Vec, broadcasts, minus, rows
 _F = np.float32
 _BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)
 _OPEN = (1 + STRATA) * _BOXES
-SHEAF_FLOATS = _OPEN + 3 * 16
+SHEAF_FLOATS = _OPEN + 16 + GATHERED_FLOATS
+_FEW_RAYS = 6  # of all tiles, up to which each goes by itself
+_MANY_RAYS = 48  # from which on it is asked whether a triangle covers tiles
 
 
 class Sheaf(NamedTuple):
@@ -54,20 +57,19 @@ class Sheaf(NamedTuple):
     boxes: object  # float32: of the tiles' receivers
     targets: object  # float32: of each stratum's samples, as the tiles see them
     open: object  # int32 of each stratum: bits of the tiles that have segments to it left
-    rays: object  # int32: of each tile, bits of what is to be tested
-    triangles: object
+    rays: object  # `Gathered`
     first: int  # a tile of it
 
 
 @inlined
 def sheaf_at(memory, tiles, valid, whole, first):
     """The `Sheaf` in SHEAF_FLOATS float32."""
-    own = as_i32(ptr_at(memory, _OPEN))
-    return Sheaf(tiles, valid, whole, memory, ptr_at(memory, _BOXES), own, ptr_at(own, 16), ptr_at(own, 32), first)
+    still_open, rays = as_i32(ptr_at(memory, _OPEN)), gathered_at(ptr_at(memory, _OPEN + 16))
+    return Sheaf(tiles, valid, whole, memory, ptr_at(memory, _BOXES), still_open, rays, first)
 
 
 @inlined
-def _tile(sheaf, g, asked):
+def tile_in(sheaf, g, asked):
     """Tile g, seen with the sheaf's shafts: they hold its own."""
     t = tile_at(sheaf.tiles, g, asked)
     return Tile(
@@ -120,7 +122,7 @@ def _aim_at_fixed(sheaf, asked):
 
 
 @inlined
-def _close(sheaf, g, strata):
+def close(sheaf, g, strata):
     """Tile g has no segments to some strata (bits) left."""
     closed = select(mask_from_bits16(strata), splat16(np.int32(1 << g)), splat16(np.int32(0)))
     store(sheaf.open, 0, load16(sheaf.open, 0) & ~closed)
@@ -145,7 +147,7 @@ def make_sheaf(sheaf, members, asked):
         members &= members - 1
         tile = tile_at(sheaf.tiles, g, asked)
         _add_tile(sheaf, tile, asked)
-        _close(sheaf, g, finished_strata(tile, np.int64(get(sheaf.valid, g))))
+        close(sheaf, g, finished_strata(tile, np.int64(get(sheaf.valid, g))))
     for k in range(3):
         middle, half = middle_and_half(get(info, 6 + k), get(info, 9 + k))
         put(info, k, middle)
@@ -186,93 +188,80 @@ def _open_tiles(sheaf, strata):
 
 
 @inlined
-def _trace_near(sheaf, b, triangles, strata, live, asked, counters):
-    """Test a block next to the receivers against the tiles in `live` (bits), one by one."""
+def _blocked(sheaf, g, s, receivers, asked):
+    """Note some receivers (bits) of tile g that are blocked from stratum s."""
+    dead, valid = tile_at(sheaf.tiles, g, asked).dead, np.int64(get(sheaf.valid, g))
+    receivers |= np.int64(get(dead, s))
+    put(dead, s, receivers)
+    if receivers & valid == valid:
+        put(sheaf.open, s, np.int64(get(sheaf.open, s)) & ~(np.int64(1) << g))
+
+
+@inlined
+def _blocked_rays(sheaf, s, first, rays, asked):
+    """Note some gathered rays (bits, from the first on) that are blocked."""
+    while rays != 0:
+        place = np.int64(get(sheaf.rays.places, first + lowest_bit(rays)))
+        rays &= rays - 1
+        _blocked(sheaf, place >> 8, s, np.int64(1) << (place & 15), asked)
+
+
+@inlined
+def _rays_in_box(sheaf, s, live, asked, c, e):
+    """Gather the rays of some tiles (bits) to stratum s that meet a box and are not blocked; how many."""
+    n = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
-        tile, valid = _tile(sheaf, g, asked), np.int64(get(sheaf.valid, g))
-        left = strata & ~finished_strata(tile, valid)
+        tile = tile_at(sheaf.tiles, g, asked)
+        left = rays_in_box(tile, s, c, e) & np.int64(get(sheaf.valid, g)) & ~np.int64(get(tile.dead, s))
         if left != 0:
-            trace_block(tile, b.tree, b.number, triangles, left, valid, b.facing, b.work, b.aside, counters)
-            _close(sheaf, g, finished_strata(tile, valid))
+            n = gather(sheaf.rays, n, tile, s, left)
+    return n
 
 
 @inlined
-def _block_of(b, valid):
-    """A block, for a tile with the `valid` receivers."""
-    return Block(b.tree, b.number, b.present, valid, b.facing, b.work, b.aside)
-
-
-@inlined
-def _blocked(sheaf, tile, s, dead, valid):
-    """Note the receivers (bits) that are blocked from stratum s, and whether those are all of the `valid` ones."""
-    put(tile.dead, s, dead)
-    if dead & valid == valid:
-        put(sheaf.open, s, np.int64(get(sheaf.open, s)) & ~(np.int64(1) << tile.number))
-
-
-@inlined
-def _trace_sparse(sheaf, b, s, live, asked, c, e, counters):
-    """Trace the tiles (bits) few of whose rays to stratum s meet the block's box; the others, their rays in `rays`."""
-    dense = np.int64(0)
-    while live != 0:
-        g = lowest_bit(live)
-        live &= live - 1
-        tile, valid = _tile(sheaf, g, asked), np.int64(get(sheaf.valid, g))
-        dead = np.int64(get(tile.dead, s))
-        rays = rays_in_box(tile, s, c, e) & valid & ~dead
-        if popcount(rays) > FEW_RAYS:
-            dense |= np.int64(1) << g
-            put(sheaf.rays, g, rays)
-        elif rays != 0:
-            _blocked(sheaf, tile, s, dead | trace_rays(tile, _block_of(b, valid), s, rays, counters), valid)
-    return dense
-
-
-@inlined
-def _cull(sheaf, b, s, live, left, asked, counters):
-    """Test triangles (bits) against the shafts of tiles (bits) to stratum s; for each tile, `triangles` to be tested.
-
-    Returns the tiles that have any.
-    """
-    if live & (live - 1) == 0:
-        put(sheaf.triangles, lowest_bit(live), left)
-        return live if left != 0 else np.int64(0)
+def _cover(sheaf, b, s, live, left, asked, counters):
+    """Test triangles (bits) against the shafts of tiles (bits) to stratum s; the tiles that none covers whole."""
     numbers, targets = ptr_at(b.tree.blocks, b.number * (ROWS * 16)), ptr_at(sheaf.targets, s * _BOXES)
-    undecided = zero = splat16(np.int32(0))
     while left != 0 and live != 0:
-        i = lowest_bit(left)
+        covered = live & cull_tiles(sheaf.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
         left &= left - 1
-        v = cull_tiles(sheaf.boxes, targets, numbers, b.work, i, b.facing)
-        covered = v.cover & live
         live &= ~covered
-        undecided = undecided | select(mask_from_bits16(live & ~v.miss), splat16(np.int32(1 << i)), zero)
         count(counters, COVERED, popcount(covered))
         while covered != 0:
-            g = lowest_bit(covered)
+            _blocked(sheaf, lowest_bit(covered), s, np.int64(0xFFFF), asked)
             covered &= covered - 1
-            _blocked(sheaf, tile_at(sheaf.tiles, g, asked), s, np.int64(0xFFFF), np.int64(0))
-    store(sheaf.triangles, 0, undecided)
-    return live & bits(undecided != zero)
+    return live
 
 
 @inlined
 def _trace_far(sheaf, b, s, live, asked, c, e, counters):
     """Test a block against the segments from some tiles (bits) to stratum s."""
-    live = _trace_sparse(sheaf, b, s, live, asked, c, e, counters)
-    if live == 0:
+    n = _rays_in_box(sheaf, s, live, asked, c, e)
+    if n <= _FEW_RAYS:
+        _blocked_rays(sheaf, s, np.int64(0), test_one_by_one(sheaf.rays, n, b, counters), asked)
         return
-    numbers = ptr_at(b.tree.blocks, b.number * (ROWS * 16))
-    left = cull_block(sheaf.whole, numbers, 16 + s, b.facing, b.work) & b.present
+    left = cull_block(sheaf.whole, ptr_at(b.tree.blocks, b.number * (ROWS * 16)), 16 + s, b.facing, b.work) & b.present
     count(counters, CANDIDATES, popcount(left))
-    live = _cull(sheaf, b, s, live, left, asked, counters)
-    while live != 0:
-        g = lowest_bit(live)
-        live &= live - 1
-        tile, valid, rays = _tile(sheaf, g, asked), np.int64(get(sheaf.valid, g)), np.int64(get(sheaf.rays, g))
-        lost = trace_row(tile, _block_of(b, valid), s, rays, np.int64(get(sheaf.triangles, g)), counters)
-        _blocked(sheaf, tile, s, np.int64(get(tile.dead, s)) | lost, valid)
+    if n >= _MANY_RAYS:
+        not_covered = _cover(sheaf, b, s, live, left, asked, counters)
+        if not_covered != live:
+            n = _rays_in_box(sheaf, s, not_covered, asked, c, e)
+    for first in range(0, n, 16):
+        blocked = test_together(sheaf.rays, first, min(n - first, 16), b, left, counters)
+        _blocked_rays(sheaf, s, first, blocked, asked)
+
+
+@inlined
+def tiles_by_beams(sheaf, bounds, strata, asked):
+    """Bits of the tiles that a block next to them is to be tested against one by one; -1 if it is not next to them.
+
+    bounds : pointer to the block's box
+    """
+    if not is_near(sheaf.whole.shafts, tile_at(sheaf.tiles, sheaf.first, asked).info, bounds):
+        return np.int64(-1)
+    return _tiles_near_box(sheaf, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1)) & _open_tiles(sheaf, strata)
 
 
 @kernel
@@ -281,10 +270,6 @@ def trace_sheaf(sheaf, tree, number, triangles, strata, asked, work, aside, coun
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), asked.facing, work, aside)
     box = ptr_at(tree.bounds, b.number * 8)
     c, e = broadcasts(box, 0, 1), broadcasts(box, 4, 1)
-    if is_near(sheaf.whole.shafts, tile_at(sheaf.tiles, sheaf.first, asked).info, box):
-        live = _tiles_near_box(sheaf, c, e) & _open_tiles(sheaf, strata)
-        _trace_near(sheaf, b, triangles, strata, live, asked, counters)
-        return
     count(counters, TRIANGLES, triangles)
     while strata != 0:
         s = lowest_bit(strata)
