@@ -1,6 +1,7 @@
 """Cameras and families of triangles that are hard for a rasteriser."""
 
 import numpy as np
+from hypothesis import strategies as st
 
 from antumbra.scene.camera import Camera
 
@@ -69,3 +70,18 @@ def mesh(rng, n, rays):
 
 
 FAMILIES = (scattered, on_pixel_rays, coplanar, slivers, edge_on, mesh)
+
+
+_coordinate = st.integers(-3, 3)
+_point = st.tuples(_coordinate, _coordinate, _coordinate)
+
+
+@st.composite
+def lattices(draw):
+    """(triangles, rays) of whole numbers: edges through pixel centres, equal depths, the eye in planes and on edges."""
+    triangles = np.array(draw(st.lists(st.tuples(_point, _point, _point), max_size=20)), np.float32)
+    axis = draw(st.sampled_from([(0, 0, -1), (1, 0, 0), (0, -1, 0), (1, 0, 1)]))
+    eye = np.array(draw(_point)) + draw(st.sampled_from([0.0, 0.5]))
+    up = (0, 0, 1) if axis[1] else (0, 1, 0)
+    shape = draw(st.sampled_from([(16, 16), (8, 12), (33, 5)]))
+    return triangles, exact_grid(view(eye, eye + axis, up, 90.0, *shape))

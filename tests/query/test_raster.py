@@ -10,7 +10,7 @@ from antumbra.jit import kernel
 from antumbra.predicate.filters import hit_t, meets
 from antumbra.query.pixels import pixel_ray
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
-from raster_scenes import FAMILIES, SHAPES, directions, exact_grid, scattered, view
+from raster_scenes import FAMILIES, SHAPES, directions, exact_grid, lattices, scattered, view
 
 
 @kernel
@@ -86,23 +86,10 @@ def test_families_cover_and_miss_pixels(family):
     assert 0 < hits < 8 * face.size
 
 
-lattice = st.integers(-3, 3)
-point = st.tuples(lattice, lattice, lattice)
-
-
 @settings(max_examples=200, deadline=None)
-@given(
-    triangles=st.lists(st.tuples(point, point, point), max_size=12),
-    eye=point,
-    axis=st.sampled_from([(0, 0, -1), (1, 0, 0), (0, -1, 0), (1, 0, 1)]),
-    shape=st.sampled_from([(16, 16), (8, 12), (33, 5)]),
-    half=st.sampled_from([0.0, 0.5]),
-)
-def test_lattice(triangles, eye, axis, shape, half):
-    """Whole numbers everywhere: edges through pixel centres, equal depths, the eye in planes, edges and corners."""
-    up = (0, 0, 1) if axis[1] else (0, 1, 0)
-    eye = np.array(eye) + half
-    check(np.array(triangles, np.float32), exact_grid(view(eye, eye + axis, up, 90.0, *shape)), threads=1)
+@given(lattices())
+def test_lattice(lattice):
+    check(*lattice, threads=1)
 
 
 def test_edges_through_pixel_centres_belong_to_the_first_triangle():

@@ -13,7 +13,7 @@ from antumbra.jit import kernel
 from antumbra.query.pixels import pixel_ray
 from antumbra.trace.primary import trace_primary
 from antumbra.trace.traverse import walk
-from raster_scenes import FAMILIES, SHAPES, exact_grid, scattered, view
+from raster_scenes import FAMILIES, SHAPES, lattices, scattered, view
 
 
 @kernel
@@ -54,22 +54,10 @@ def test_hard_scenes_are_as_walked(family, seed, n, scale, shape, vfov, target):
     check(scale * np.asarray(triangles, float).reshape(-1, 3, 3), rays, threads=1)
 
 
-lattice = st.integers(-3, 3)
-point = st.tuples(lattice, lattice, lattice)
-
-
 @settings(max_examples=100, deadline=None)
-@given(
-    triangles=st.lists(st.tuples(point, point, point), max_size=20),
-    eye=point,
-    axis=st.sampled_from([(0, 0, -1), (1, 0, 0), (0, -1, 0), (1, 0, 1)]),
-    half=st.sampled_from([0.0, 0.5]),
-)
-def test_lattice(triangles, eye, axis, half):
-    """Whole numbers everywhere: edges through pixel centres, equal depths, the eye in planes, edges and corners."""
-    up = (0, 0, 1) if axis[1] else (0, 1, 0)
-    eye = np.array(eye) + half
-    check(np.array(triangles, np.float32), exact_grid(view(eye, eye + axis, up, 90.0, 20, 16)), threads=1)
+@given(lattices())
+def test_lattice(lattice):
+    check(*lattice, threads=1)
 
 
 @pytest.mark.parametrize("away", [0.0, 1e3])

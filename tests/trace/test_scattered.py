@@ -5,8 +5,6 @@ import pytest
 
 import antumbra as at
 from antumbra.plan import parse_plan
-from antumbra.trace.asked import sets_of, tile_shape
-from antumbra.trace.lighttable import light_table
 from antumbra.trace.scattered import is_scattered
 from asking import answer, query_of
 
@@ -16,7 +14,7 @@ POINTS = np.random.default_rng(5).uniform((-3, 0.5, -3), (3, 3, 3), (300, 3))
 def _query(light):
     atrium = at.procedural("atrium", triangles=2000)
     triangles, query = query_of(atrium, atrium.cameras[0].resized(32, 24), light, 16)
-    return triangles, query, is_scattered(query, light_table(query, sets_of(tile_shape(query))))
+    return triangles, query, is_scattered(query)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Rays of a row that float32 cannot decide: noted while tracing, settled when the tile is done.
+"""Rays that float32 cannot decide: noted while tracing, settled when their tile is done or the memory runs low.
 
 So the exact code stays out of the hot kernels, and a ray that something else blocks meanwhile is never settled.
 """
@@ -11,10 +11,15 @@ from ..query.shadow import horizon_of, is_above
 from ..simd import get, lowest_bit, ptr_at, put
 from .asked import place_of
 from .counters import UNCERTAIN, count
+from .tile import first_pixel, tile_at
 from .traverse import settle
 
-ASIDE = 2 * 4096  # rays that can be put aside; a block of triangles needs at most 4096
-ASIDE_INTS = 2 + 2 * ASIDE  # int32 of memory: how many, nothing, then slot and place of each
+ASIDE = 16 * 16 * 16  # rays that one block and tile put aside at most: triangles, strata, receivers
+
+
+def aside_ints(tiles):
+    """int32 of memory (how many, nothing, then slot and place of each) for ASIDE rays and all of one block more."""
+    return 2 + 2 * (1 + tiles) * ASIDE
 
 
 @inlined
@@ -32,8 +37,18 @@ def put_aside(aside, slot, place, step, unsure):
     put(aside, 0, n)
 
 
+@inlined
+def put_triangles_aside(aside, tree, block, own, place, unsure):
+    """Note the triangles of a block (bits) that may block the ray at `place`; its receiver's `own` cannot."""
+    while unsure != 0:
+        slot = np.int64(get(tree.slots, block * 16 + lowest_bit(unsure)))
+        unsure &= unsure - 1
+        if get(tree.prim_ids, slot) != own:
+            put_aside(aside, slot, place, 0, np.int64(1))
+
+
 @kernel
-def is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+def _is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
     """Does the triangle in `slot`, or the receiver's own surface (slot -1), block a segment? Exact."""
     l = ptr_at(tile.points, s * 48 + lane)
     if slot < 0:
@@ -48,12 +63,17 @@ def is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
 
 
 @kernel
-def settle_aside(corners, query, asked, y0, x0, tile, aside, counters):
-    """Decide exactly what was put aside about the tile at pixel (y0, x0), and update `tile.dead`."""
+def settle_aside(corners, query, asked, tiles, pixels, aside, counters):
+    """Decide exactly what was put aside about some tiles, and update their `dead`.
+
+    tiles, pixels : as `tile.tile_at` and `tile.first_pixel` read them
+    """
     for k in range(np.int64(get(aside, 0))):
         slot, place = np.int64(get(aside, 2 + 2 * k)), np.int64(get(aside, 3 + 2 * k))
-        s, lane = place >> 4, place & 15
+        g, s, lane = place >> 8, place >> 4 & 15, place & 15
+        y0, x0 = first_pixel(pixels, g)
+        tile = tile_at(tiles, g, asked)
         dead = np.int64(get(tile.dead, s))
-        if dead >> lane & 1 == 0 and is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+        if dead >> lane & 1 == 0 and _is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
             put(tile.dead, s, dead | np.int64(1) << lane)
     put(aside, 0, 0)

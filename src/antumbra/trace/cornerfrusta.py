@@ -38,6 +38,7 @@ from .counters import SHRINKS, count
 from .raytest import length1
 from .raytile import open_rays
 from .slabs import Shafts
+from .tile import first_pixel
 from .vec import Vec, keep, magnitudes, minus, rows
 
 _F = np.float32
@@ -56,9 +57,10 @@ class Frusta(NamedTuple):
 @kernel
 def _load_patches(query, shape, rays, own):
     """The patch as each receiver sees it, and `OFF`."""
+    y0, x0 = first_pixel(rays.pixel, 0)
     for lane in range(16):
         there = lane if rays.rows >> lane & 1 else lowest_bit(rays.rows)
-        patch = patch_of(query, rays.y0 + there // shape.width, rays.x0 + there % shape.width)
+        patch = patch_of(query, y0 + there // shape.width, x0 + there % shape.width)
         for k in range(9):
             put(own, _BASE + 16 * k + lane, _F(patch[k]))
     off = splat16(_F(0.0))

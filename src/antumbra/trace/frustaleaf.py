@@ -12,18 +12,17 @@ import numpy as np
 
 from ..bvh.blocks import ROWS
 from ..jit import inlined, kernel
-from ..simd import bits, broadcast16, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16, store
+from ..simd import bits, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16
 from .aside import put_aside
 from .cornerfrusta import CORNERS, OFF, SPAN
 from .counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
-from .raytest import Lanes, decide, seen_from, splats, triangle_along
+from .raytest import LANES, decide, keep_lanes, kept_lane, seen_from, triangle_along
 from .raytile import directions_of, open_rays
-from .vec import Vec, broadcasts, dot, keep, largest, rows
+from .vec import Vec, dot, largest, rows
 
 _F = np.float32
 _ZERO = _F(0.0)
-_CP, _CQ, _T, _E, _TE = (16 * i for i in (0, 3, 6, 7, 8))
-WORK = 9 * 16  # float32 of scratch memory
+WORK = LANES  # float32 of scratch memory
 
 
 class Leaf(NamedTuple):
@@ -78,23 +77,15 @@ def _cull(tree, slot, block, i, rays, frusta, facing, work):
     wide = maximum(largest(a), splat16(triangle.size))
     left = ~own & ~bits(_missed(frusta, lanes, triangle, wide, facing)) & 0xFFFF
     if left != 0:
-        keep(work, _CP, 16, lanes.cp)
-        keep(work, _CQ, 16, lanes.cq)
-        store(work, _T, lanes.t)
-        store(work, _E, lanes.e)
-        store(work, _TE, lanes.te)
+        keep_lanes(work, lanes)
     return left
 
 
 @inlined
-def _test_frustum(slot, n, rays, r, facing, work, aside, counters):
+def _test_frustum(slot, rays, r, facing, work, aside, counters):
     """Test the rays of frustum r against a triangle; bits of those that it blocks."""
     count(counters, TRIANGLE_TESTS, 1)
-    lanes = Lanes(
-        broadcasts(work, _CP + r, 16), broadcasts(work, _CQ + r, 16), n,
-        broadcast16(work, _T + r), broadcast16(work, _E + r), broadcast16(work, _TE + r),
-    )  # fmt: skip
-    hit, unsure = decide(directions_of(rays, r), lanes, facing)
+    hit, unsure = decide(directions_of(rays, r), kept_lane(work, r), facing)
     left = open_rays(rays, r)
     if unsure & left != 0:
         put_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure & left)
@@ -112,11 +103,10 @@ def trace_block(tree, code, mask, rays, frusta, facing, work, aside, counters):
         if active == 0:
             continue
         count(counters, CANDIDATES, 1)
-        n = splats(_triangle(block, i).n)
         while active != 0:
             r = lowest_bit(active)
             active &= active - 1
-            hit = _test_frustum(slot, n, rays, r, facing, work, aside, counters)
+            hit = _test_frustum(slot, rays, r, facing, work, aside, counters)
             if hit != 0:
                 dead = np.int64(get(rays.dead, r)) | hit
                 put(rays.dead, r, dead)

@@ -24,10 +24,9 @@ from ..simd import (
     put,
     reduce_max,
     reduce_min,
-    store,
 )
+from .vec import Vec, keep, middles_and_halves, rows
 
-_HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-22)
 STRATA = 16
 POINTS = STRATA * 48  # float32 of a chunk: of each stratum x, y, z of 16 lanes
 ALL_GROUPS = 32  # group 0 is group 1 once more
@@ -78,14 +77,14 @@ def bound_groups(points, groups, count):
 @kernel
 def bound_targets(points, targets, count):
     """Fill the targets of one chunk from its points (pointers)."""
-    for k in range(3):
-        low = high = load16(points, 16 * k)
-        for s in range(1, count):
-            p = load16(points, s * 48 + 16 * k)
-            low, high = minimum(low, p), maximum(high, p)
-        middle = low * _HALF + high * _HALF
-        store(targets, 16 * k, middle)
-        store(targets, 48 + 16 * k, maximum(high - middle, middle - low) * _MORE)
+    low = high = rows(points, 0, 16)
+    for s in range(1, count):
+        p = rows(points, s * 48, 16)
+        low = Vec(minimum(low.x, p.x), minimum(low.y, p.y), minimum(low.z, p.z))
+        high = Vec(maximum(high.x, p.x), maximum(high.y, p.y), maximum(high.z, p.z))
+    middle, half = middles_and_halves(low, high)
+    keep(targets, 0, 16, middle)
+    keep(targets, 48, 16, half)
 
 
 @kernel

@@ -12,14 +12,14 @@ from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..simd import get, load16, lowest_bit, prefetch, ptr, ptr_at, put, stack_f32, stack_i32
-from . import scattered
-from .aside import is_blocked
+from .aside import ASIDE, aside_ints, settle_aside
 from .asked import TileShape, asked_of, sets_of, tile_shape
 from .beams import make_beams
 from .counters import add_counters, private_counters
 from .descent import left, next_leaf, root, save, saved, slabs_of
-from .lighttable import ALL_GROUPS, STRATA, light_table
+from .lighttable import ALL_GROUPS, STRATA, light_table, turn_points
 from .ownsurface import PLANES, apply_horizon
+from .packet16 import over_samples
 from .scattered import is_scattered
 from .shaftleaf import WORK, trace_block
 from .shafts import make_shafts
@@ -29,6 +29,7 @@ from .tile import (
     bound_receivers,
     coherent_part,
     finished_strata,
+    first_pixel,
     load_receivers,
     move_light,
     tile_at,
@@ -43,8 +44,7 @@ _SCRATCH = _MAX_TILES * TILE_FLOATS
 _PLACES = 2 * _MAX_TILES
 _WAITING = 4
 _AT = _WAITING + 2
-ASIDE = 16 * 16 * 16  # segments that can be put aside at one block and tile: triangles, strata, receivers
-_ASIDE = 2 + 2 * (1 + TILES) * ASIDE  # with room for all that is put aside at one more block
+_ASIDE = aside_ints(TILES)
 
 
 class Bundle(NamedTuple):
@@ -73,16 +73,10 @@ class Scratch(NamedTuple):
     stack: object  # int32: links and masks
     valid: object  # int32: bits of each tile's receivers
     left: object  # int32: bits of each tile's receivers that are not traced yet
-    places: object  # int32: y and x of each tile
+    places: object  # int32: y and x of each tile's first pixel
     planes: object  # float32, for `ownsurface`
     at: object  # int32: where a walk goes on; from _WAITING on, the leaf that waits and its lanes
     aside: object  # int32, see `aside`
-
-
-@inlined
-def _place(scratch, g):
-    """(y, x) of the first pixel of tile g of a bundle."""
-    return np.int64(get(scratch.places, 2 * g)), np.int64(get(scratch.places, 2 * g + 1))
 
 
 @inlined
@@ -181,20 +175,6 @@ def _walk(tree, alive, asked, bundle, scratch, counters):
         at = left(at)
 
 
-@kernel
-def _settle_aside(tree, query, asked, scratch, counters):
-    """Decide exactly what float32 could not say about a bundle's segments."""
-    for k in range(np.int64(get(scratch.aside, 0))):
-        slot, place = np.int64(get(scratch.aside, 2 + 2 * k)), np.int64(get(scratch.aside, 3 + 2 * k))
-        g, s, lane = place >> 8, place >> 4 & 15, place & 15
-        y0, x0 = _place(scratch, g)
-        tile = tile_at(scratch.tiles, g, asked)
-        dead = np.int64(get(tile.dead, s))
-        if dead >> lane & 1 == 0 and is_blocked(tree.corners, query, asked, y0, x0, tile, slot, s, lane, counters):
-            put(tile.dead, s, dead | np.int64(1) << lane)
-    put(scratch.aside, 0, 0)
-
-
 @inlined
 def _trace_lanes(tree, alive, query, asked, bundle, scratch, counters):
     """Trace the lanes in `alive`, and settle what is put aside whenever the memory for it runs low, and at the end."""
@@ -205,7 +185,7 @@ def _trace_lanes(tree, alive, query, asked, bundle, scratch, counters):
         if alive != 0:
             alive = _walk(tree, alive, asked, bundle, scratch, counters)
         if np.int64(get(scratch.aside, 0)) != 0:
-            _settle_aside(tree, query, asked, scratch, counters)
+            settle_aside(tree.corners, query, asked, scratch.tiles, scratch.places, scratch.aside, counters)
         if alive == 0:
             return
 
@@ -214,10 +194,11 @@ def _trace_lanes(tree, alive, query, asked, bundle, scratch, counters):
 def _start_tile(query, asked, bundle, g, scratch, counters):
     """Prepare tile g of a bundle, whose receivers are loaded; bits of its lanes that have a segment to trace."""
     tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
-    y0, x0 = _place(scratch, g)
+    y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)
     if not asked.fixed:
         move_light(query, asked, y0, x0, valid, tile)
+        turn_points(tile.points, tile.by_lane, asked.count)
     make_shafts(tile.info, tile.groups, tile.shafts)
     make_beams(tile)
     apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
@@ -301,7 +282,7 @@ def _trace_bundles(ticket, arrays, query, table, shape, layout, chunk, n_samples
                 alive |= _start_tile(query, asked, bundle, g, scratch, mine)
             _trace_lanes(tree, alive, query, asked, bundle, scratch, mine)
             for g in range(n):
-                y0, x0 = _place(scratch, g)
+                y0, x0 = first_pixel(scratch.places, g)
                 write_bits(asked, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, asked), places)
             n = _next_parts(asked, layout, y, x, scratch)
         at = take(ticket)
@@ -319,17 +300,17 @@ def _layout(shape: TileShape, count: int) -> Layout:
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    Samples without order, those of interleaved lists of lights, are left to `scattered`.
+    Samples without order, those of interleaved lists of lights, are left to packets: see `scattered`.
 
     tree : BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
+    if is_scattered(query):
+        over_samples(tree, query, bits, threads, counters, progress)
+        return
     shape, spp = tile_shape(query), query.samples.shape[1]
     table = light_table(query, sets_of(shape))
-    if is_scattered(query, table):
-        scattered.trace_shadow(tree, query, bits, threads, counters, progress)
-        return
     for chunk in range(-(-spp // STRATA)):
         count = min(STRATA, spp - chunk * STRATA)
         layout = _layout(shape, count)

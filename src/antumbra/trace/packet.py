@@ -1,14 +1,10 @@
 """Sixteen rays that run close together, through a wide BVH as one: any-hit and closest-hit.
 
-Inner nodes are visited for all rays at once. In t, a plane x = c is met by ray i at (c - x0) / d_i + (x0 - o_i) / d_i,
-x0 the first ray's origin; over the packet the factor and the summand are intervals, and interval arithmetic bounds
-where any of the rays may enter and leave each of eight boxes [Boulos et al. 2006]. Of the boxes that are left, any-hit
-queries test which rays enter each, and keep them with it on the stack; closest-hit queries do so at leaves. At a leaf,
-whichever is fewer, the triangles are tested one by one against all rays, or the rays left one by one against all
-triangles. So a packet that falls apart ends as single rays.
+Inner nodes are visited for all rays at once: `packetbox` bounds where any of them may enter each of eight boxes. Of the
+boxes that are left, any-hit queries test which rays enter each, and keep them with it on the stack; closest-hit queries
+do so at leaves. At a leaf, whichever is fewer, the triangles are tested one by one against all rays, or the rays left
+one by one against all triangles. So a packet that falls apart ends as single rays.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,40 +19,24 @@ from ..simd import (
     fma,
     get,
     iota8,
-    load8,
     load16,
     lowest_bit,
-    maximum,
-    minimum,
     popcount,
     put,
     reduce_max,
     reduce_min,
-    splat8,
-    splat16,
     stack_f32,
     stack_i32,
     store,
 )
-from .block import DX, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, UNIT, filter_rays16
+from .block import DX, LANES, LIMIT, OX, UNIT, filter_rays16
 from .counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .wide import STACK, enter, facing, fetch, keep, push_sorted, put_aside, slabs_of, visit_leaf
+from .packetbox import enter_any, enter_each, packet_of
+from .wide import STACK, Query, enter, facing, fetch, keep, push_sorted, put_aside, slabs_of, visit_leaf
 
-_PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
 _NEAR_ENDS = np.float32(1 / 32)  # extent of a packet's origins, or its ends, at most, as a share of the tree's reach
 _NEAR_DIRECTIONS = np.float32(1 / 4)  # extent of its directions, as a share of their largest component
-_STACK = 2 * STACK  # a box and, for any-hit, the rays that enter it
-
-
-class Axis(NamedTuple):
-    """A packet's intervals along one axis; scalars."""
-
-    origin: object  # of the first ray
-    low: object  # of the inverses, which have one sign; 0 where they have not, and then the axis does not restrict
-    high: object
-    near: object  # least offset of a plane that is entered through
-    far: object  # greatest offset of one that is left through
-    word: object  # of the planes that are entered through, in a node
+_STACK = 2 * STACK  # of any-hit queries: a box and the rays that enter it
 
 
 @inlined
@@ -94,63 +74,14 @@ def is_coherent(rows, tree_reach, any_hit):
 
 
 @inlined
-def _axis(rows, k, reach):
-    """The `Axis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
-    o, inverse = load16(rows, OX + LANES * k), load16(rows, INVERSE + LANES * k)
-    origin, low, high = get(rows, OX + LANES * k), reduce_min(inverse), reduce_max(inverse)
-    if low < 0.0 and high > 0.0:  # says nothing
-        zero, inf = np.float32(0.0), np.float32(np.inf)
-        return Axis(origin, zero, zero, -inf, inf, np.int64(2 * WIDTH * k))
-    offset = (splat16(origin) - o) * inverse
-    grow = _PAD * reach * (-low if low < 0 else high)
-    word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else np.int64(0))
-    return Axis(origin, low, high, reduce_min(offset) - grow, reduce_max(offset) + grow, word)
-
-
-@inlined
-def _near(nodes, at, a):
-    """Bound of t where any ray of the packet passes the near planes of the eight boxes of the node at word `at`."""
-    planes = load8(nodes, at + a.word) - a.origin
-    return minimum(planes * a.low, planes * a.high) + a.near
-
-
-@inlined
-def _far(nodes, at, a):
-    planes = load8(nodes, at + (a.word ^ WIDTH)) - a.origin
-    return maximum(planes * a.low, planes * a.high) + a.far
-
-
-@inlined
-def _enter_any(nodes, at, x, y, z, tmin, limit):
-    """The eight boxes of a node: (mask of those that any ray may enter before `limit`, bounds of entry t)."""
-    near = maximum(maximum(_near(nodes, at, x), _near(nodes, at, y)), maximum(_near(nodes, at, z), splat8(tmin)))
-    far = minimum(minimum(_far(nodes, at, x), _far(nodes, at, y)), minimum(_far(nodes, at, z), splat8(limit)))
-    return near <= far, near
-
-
-@inlined
-def _enter_each(nodes, box, rows):
-    """Bit mask of the rays of a block that enter the box whose first plane is at word `box` before their limits.
-
-    (All of them enter a child that is not there: it is a leaf without triangles.)
-    """
-    near, far = load16(rows, TMIN), load16(rows, LIMIT)
-    for k in range(3):
-        inverse = load16(rows, INVERSE + LANES * k)
-        a = broadcast16(nodes, box + 2 * WIDTH * k) * inverse
-        b = broadcast16(nodes, box + 2 * WIDTH * k + WIDTH) * inverse
-        near = maximum(near, minimum(a, b) + load16(rows, NEAR + LANES * k))
-        far = minimum(far, maximum(a, b) + load16(rows, FAR + LANES * k))
-    return bits(near <= far)
-
-
-@inlined
-def _push_entered(tree, rows, active, at, hits, stack, height):
-    """Push the children in `hits` of the node at word `at` that active rays enter: which rays, and the box."""
+def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters):
+    """Push the children of the node at word `at` that active rays enter: which rays, and the box."""
+    hits = bits(enter_any(tree.nodes, at, packet, limit)[0])
+    count(counters, BOX_TESTS, popcount(hits))
     while hits:
         box = at + lowest_bit(hits)
         hits &= hits - 1
-        rays_in = active & _enter_each(tree.nodes, box, rows)
+        rays_in = active & enter_each(tree.nodes, box, rows)
         put(stack, height, rays_in)
         put(stack, height + 1, box)
         if rays_in:
@@ -160,8 +91,10 @@ def _push_entered(tree, rows, active, at, hits, stack, height):
 
 
 @inlined
-def _push_all(tree, active, at, hits, stack, height):
-    """The same where all active rays enter all of `hits`."""
+def _push_entered_by_one(tree, rows, active, at, stack, height):
+    """The same where one ray is left."""
+    i = lowest_bit(active)
+    hits = bits(enter(tree.nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))[0])
     while hits:
         box = at + lowest_bit(hits)
         hits &= hits - 1
@@ -228,64 +161,74 @@ def _leaf_by_ray(tree, rays, active, link, query, found, counters):
 
 
 @inlined
-def walk_packet(tree, rays, alive, query, found, counters):
-    """Trace the rays in the bit mask `alive` of a coherent block. Any-hit: bit mask of those that are blocked.
+def _leaf(tree, rays, active, link, query, found, counters):
+    """A leaf against the active rays; bit mask of those whose any-hit query is answered."""
+    if popcount(active) < (~link & 15):
+        return _leaf_by_ray(tree, rays, active, link, query, found, counters)
+    return _leaf_by_triangle(tree, rays, active, link, query, found, counters)
 
-    Closest-hit: `found` is written as `walk_wide` does.
-    """
-    nodes, links, rows = tree.nodes, tree.links, rays.rows
-    stack, entry, nears, children = stack_i32(_STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
-    reach = np.float32(tree.reach)
-    for k in range(3):
-        o = reduce_max(absolute(load16(rows, OX + LANES * k)))
-        reach = o if o > reach else reach
-    x, y, z = _axis(rows, 0, reach), _axis(rows, 1, reach), _axis(rows, 2, reach)
-    tmin, limit = reduce_min(load16(rows, TMIN)), reduce_max(load16(rows, LIMIT))
-    height, link, box, blocked, active = 0, np.int64(0), np.int64(0), np.int64(0), alive
+
+@inlined
+def _walk_any(tree, rays, active, query, found, counters):
+    """Trace the active rays; bit mask of those that are blocked."""
+    stack, rows, packet = stack_i32(_STACK), rays.rows, packet_of(tree, rays.rows)
+    limit = reduce_max(load16(rows, LIMIT))
+    height, link, blocked = np.int64(0), np.int64(0), np.int64(0)
     while True:
-        if link >= 0:
+        if link < 0:
+            blocked |= _leaf(tree, rays, active, link, query, found, counters)
+        else:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
-            at = link * NODE_WORDS
-            entered, near = _enter_any(nodes, at, x, y, z, tmin, limit)
-            hits = bits(entered)
-            if query.any_hit:
-                if active & (active - 1) == 0:  # one ray is left
-                    i = lowest_bit(active)
-                    entered, near = enter(nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))
-                    height = _push_all(tree, active, at, bits(entered), stack, height)
-                else:
-                    count(counters, BOX_TESTS, popcount(hits))
-                    height = _push_entered(tree, rows, active, at, hits, stack, height)
+            if active & (active - 1) == 0:
+                height = _push_entered_by_one(tree, rows, active, link * NODE_WORDS, stack, height)
             else:
-                store(nears, 0, near)
-                store(children, 0, iota8() + np.int32(at))
-                height = push_sorted(stack, entry, height, children, nears, hits)
-        else:
-            if not query.any_hit:
-                count(counters, BOX_TESTS, 1)
-                active = alive & _enter_each(nodes, box, rows)
-            if active:
-                if popcount(active) < (~link & 15):
-                    done = _leaf_by_ray(tree, rays, active, link, query, found, counters)
-                else:
-                    done = _leaf_by_triangle(tree, rays, active, link, query, found, counters)
-                if query.any_hit:
-                    blocked |= done
-                    alive &= ~done
-                    if alive == 0:
-                        return blocked
-                else:
-                    limit = reduce_max(load16(rows, LIMIT))
-        while not query.any_hit and height > 0 and get(entry, height - 1) > limit:
-            height -= 1
+                height = _push_entered(tree, rows, active, link * NODE_WORDS, packet, limit, stack, height, counters)
         active = np.int64(0)
         while active == 0:
             if height == 0:
                 return blocked
+            height -= 2
+            active = np.int64(get(stack, height)) & ~blocked
+        link = np.int64(get(tree.links, np.int64(get(stack, height + 1)) + LINKS))
+
+
+@inlined
+def _walk_nearest(tree, rays, alive, query, found, counters):
+    """Trace the rays in `alive`; their nearest hits are written to `found`."""
+    stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
+    rows, packet = rays.rows, packet_of(tree, rays.rows)
+    height, link, box, limit = np.int64(0), np.int64(0), np.int64(0), reduce_max(load16(rows, LIMIT))
+    while True:
+        if link < 0:
+            count(counters, BOX_TESTS, 1)
+            active = alive & enter_each(tree.nodes, box, rows)
+            if active:
+                _leaf(tree, rays, active, link, query, found, counters)
+                limit = reduce_max(load16(rows, LIMIT))
+        else:
+            count(counters, NODES, 1)
+            count(counters, BOX_TESTS, WIDTH)
+            entered, near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
+            store(nears, 0, near)
+            store(children, 0, iota8() + np.int32(link * NODE_WORDS))
+            height = push_sorted(stack, entry, height, children, nears, bits(entered))
+        while height > 0 and get(entry, height - 1) > limit:
             height -= 1
-            box, active = np.int64(get(stack, height)), alive
-            if query.any_hit:
-                height -= 1
-                active &= np.int64(get(stack, height))
-        link = np.int64(get(links, box + LINKS))
+        if height == 0:
+            return
+        height -= 1
+        box = np.int64(get(stack, height))
+        link = np.int64(get(tree.links, box + LINKS))
+
+
+@inlined
+def walk_packet(tree, rays, alive, query, found, counters):
+    """Trace the rays in the bit mask `alive` of a coherent block. Any-hit: bit mask of those that are blocked.
+
+    Closest-hit: `found` is written as `walk_apart` does.
+    """
+    if query.any_hit:
+        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), found, counters)
+    _walk_nearest(tree, rays, alive, Query(query.cull_faces, False), found, counters)
+    return np.int64(0)

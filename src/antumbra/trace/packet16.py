@@ -4,13 +4,17 @@ What multi-frusta tracing is measured against [Benthin and Wald 2009, Sec. 5.1; 
 for all 16 rays, a mask of active rays, and no bounds of packets. A packet is a stratum of 16 neighbouring receivers, or
 (`packet16:samples`) a receiver's samples.
 Triangles are tested by edge functions, where the paper takes Moeller and Trumbore's test.
+
+The same packets go through a tree of blocks for `scattered` samples.
 """
 
 from functools import partial
 
 import numpy as np
+from numba.extending import overload
 
-from ..bvh.nodes import EMPTY, tree_of
+from ..bvh.blocks import block_pointers
+from ..bvh.nodes import EMPTY, Bvh, Tree, tree_of
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, take
 from ..simd import bits, get, load16, lowest_bit, ptr, put
@@ -30,6 +34,33 @@ from .raytile import (
     start_tile,
     trace_tiles,
 )
+from .scattered import trace_block
+
+
+def pointers(prepared):
+    """In kernels: the `Tree` of a `Bvh`, the `BlockPointers` of a `BlockTree`."""
+
+
+def trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
+    """In kernels: test the rays of row r in `mask` against a leaf of the tree; bits of those that it blocks."""
+
+
+@overload(pointers)
+def _pointers(prepared):
+    if prepared.instance_class is Bvh:
+        return lambda prepared: tree_of(prepared)
+    return lambda prepared: block_pointers(prepared)
+
+
+@overload(trace_leaf)
+def _trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
+    if tree.instance_class is Tree:
+        return lambda tree, rays, r, code, mask, facing, aside, counters: _trace_triangles(
+            tree, rays, r, code, mask, facing, aside, counters
+        )
+    return lambda tree, rays, r, code, mask, facing, aside, counters: trace_block(
+        tree, rays, r, code, mask, facing, aside, counters
+    )
 
 
 @inlined
@@ -41,13 +72,16 @@ def _own(tree, rays, r, slot):
 
 
 @kernel
-def _leaf(tree, rays, r, code, mask, facing, aside, counters):
-    """Test the rays of row r that are in `mask` against a leaf; bits of those that are left."""
+def _trace_triangles(tree, rays, r, code, mask, facing, aside, counters):
+    """`trace_leaf` of a `Tree`, triangle by triangle."""
+    hits = np.int64(0)
+    if ~code == EMPTY:
+        return hits
     o, d = origins_of(rays, r), directions_of(rays, r)
     span, first = length1(d), code >> 3
     for slot in range(first, first + (code & 7) + 1):
         count(counters, TRIANGLES, 1)
-        tested = mask & ~_own(tree, rays, r, slot)
+        tested = mask & ~hits & ~_own(tree, rays, r, slot)
         if tested == 0:
             continue
         count(counters, CANDIDATES, 1)
@@ -56,11 +90,10 @@ def _leaf(tree, rays, r, code, mask, facing, aside, counters):
         unsure &= tested
         if unsure != 0:
             put_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure)
-        hit &= tested
-        mask &= ~hit
-        if mask == 0:
+        hits |= hit & tested
+        if hits == mask:
             break
-    return mask
+    return hits
 
 
 @kernel
@@ -70,20 +103,19 @@ def _walk(tree, rays, r, facing, scratch, counters):
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
     at = next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
     while at.mask != 0:
-        if np.int64(get(scratch.aside, 0)) > ASIDE // 2:
+        if np.int64(get(scratch.aside, 0)) > ASIDE:
             save(scratch.at, at)
             break
-        if at.link != EMPTY:
-            alive &= ~at.mask | _leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)
+        alive &= ~trace_leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)
         at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
     put(rays.dead, r, np.int64(get(rays.dead, r)) | (rays.lanes & ~alive))
     return at.mask != 0
 
 
 @kernel
-def _trace_packets(ticket, bvh, query, samples, job, out, counters):
+def _trace_packets(ticket, prepared, query, samples, job, out, counters):
     """Worker: tiles, packet by packet."""
-    scratch, tree, mine = new_scratch(), tree_of(bvh), private_counters(counters)
+    scratch, tree, mine = new_scratch(), pointers(prepared), private_counters(counters)
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
@@ -101,14 +133,15 @@ def _trace_packets(ticket, bvh, query, samples, job, out, counters):
     add_counters(counters, mine)
 
 
-def trace_shadow(by_sample, bvh, query, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(by_sample, prepared, query, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     by_sample : whether a packet is one receiver's samples, not the samples of 16 receivers
+    prepared : Bvh; by sample also BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    trace_tiles(_trace_packets, bvh, query, by_sample, bits, threads, counters, progress)
+    trace_tiles(_trace_packets, prepared, query, by_sample, bits, threads, counters, progress)
 
 
 over_pixels = partial(trace_shadow, False)

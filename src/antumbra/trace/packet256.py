@@ -121,7 +121,7 @@ def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
             in_left, in_right = _packets_in(tree, at, rays, packets, ways, counters)
             at = entered(tree.links, at, in_left, in_right, scratch.stack)
         else:
-            if np.int64(get(scratch.aside, 0)) > ASIDE // 2:
+            if np.int64(get(scratch.aside, 0)) > ASIDE:
                 save(scratch.at, at)
                 return True
             leaf = trace_block(tree, ~at.link, at.mask, rays, frusta, facing, work, scratch.aside, counters)

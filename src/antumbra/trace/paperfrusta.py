@@ -83,7 +83,7 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
     slabs = slabs_of(frusta_as_shafts(rays, frusta), alive)
     at = next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
     while at.mask != 0:
-        if np.int64(get(scratch.aside, 0)) > ASIDE // 2:
+        if np.int64(get(scratch.aside, 0)) > ASIDE:
             save(scratch.at, at)
             return True
         mask = at.mask
@@ -113,7 +113,7 @@ def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking)
             frusta = make_frusta(query, samples, job, rays, own)
             save(scratch.at, root(open_frusta(rays)))
             while _walk(tree, rays, frusta, shrinking, asked.facing, work, scratch, mine):
-                if np.int64(get(scratch.aside, 0)) > ASIDE // 2:
+                if np.int64(get(scratch.aside, 0)) > ASIDE:
                     settle(tree, query, asked, rays, scratch, mine)
             settle(tree, query, asked, rays, scratch, mine)
             finish_tile(asked, rays, places)

@@ -67,14 +67,23 @@ def splats(v):
 
 
 @inlined
+def error_bounds(reach, size, span):
+    """(bound of the errors of the edge functions, of the distances from the plane), see `predicate.filters`; f32x16.
+
+    reach, size : at least the largest component of v0 - origin, and of the edges at v0
+    span : at least the sum of the components of a ray
+    """
+    floor = fma(reach + size + span, splat16(_TINY), splat16(_TINY))  # covers what underflows
+    e = fma(size * _U, maximum(reach, size) * span, floor)
+    return e, fma(size * size * _U, reach + span, floor)
+
+
+@inlined
 def seen_from(origins, span, triangle):
     """`Lanes` of a triangle for 16 origins; `span`: at least the sum of the components of any of their rays, f32x16."""
     a = Vec(triangle.v.x - origins.x, triangle.v.y - origins.y, triangle.v.z - origins.z)
-    reach, size, n = largest(a), triangle.size, triangle.n
-    wide = maximum(reach, splat16(size))
-    floor = fma(wide + span, splat16(_TINY), splat16(_TINY))
-    e = fma(wide * span, splat16(size * _U), floor)
-    te = fma(reach + span, splat16(size * size * _U), floor)
+    e, te = error_bounds(largest(a), splat16(triangle.size), span)
+    n = triangle.n
     return Lanes(crosses(a, triangle.p), crosses(a, triangle.q), splats(n), dots(a, n), e, te)
 
 
@@ -135,7 +144,5 @@ def ray_meets(o, d, numbers, facing):
     a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, r = cross(p, q), cross(d, a)
     e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
-    reach, size, d1 = largest(a), maximum(largest(p), largest(q)), total(d)
-    floor = fma(reach + size + d1, splat16(_TINY), splat16(_TINY))
-    e = fma(size * _U, maximum(reach, size) * d1, floor)
-    return decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, fma(size * size * _U, reach + d1, floor), facing)
+    e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))
+    return decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, facing)

@@ -12,14 +12,24 @@ from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, thread_count
 from ..simd import broadcast16, get, put, stack_f32, stack_i32, store
-from .aside import ASIDE_INTS, settle_aside
+from .aside import aside_ints, settle_aside
 from .asked import asked_of, sets_of, tile_shape
-from .lighttable import POINTS, STRATA, light_table
+from .lighttable import POINTS, STRATA, light_table, turn_points
 from .ownsurface import PLANES, apply_horizon
-from .tile import TILE_FLOATS, bound_receivers, load_receivers, move_light, tile_at, turn_bits, write_bits
+from .tile import (
+    TILE_FLOATS,
+    bound_receivers,
+    first_pixel,
+    load_receivers,
+    move_light,
+    tile_at,
+    turn_bits,
+    write_bits,
+)
 from .vec import minus, rows
 
 STACK = 4 * MAX_DEPTH
+_ASIDE = aside_ints(1)
 
 
 class Samples(NamedTuple):
@@ -42,8 +52,9 @@ class Scratch(NamedTuple):
     """A thread's memory."""
 
     tile: object  # float32, one `Tile`
+    pixel: object  # int32, its first pixel: see `tile.first_pixel`
     origins: object  # float32, each receiver's origin in all 16 lanes
-    planes: object  # float32, for `tile.apply_horizon`
+    planes: object  # float32, for `ownsurface`
     stack: object  # int32
     at: object  # int32, see `descent.save`
     dead: object  # int32, one a receiver: bits of its blocked samples
@@ -53,9 +64,8 @@ class Scratch(NamedTuple):
 class Rays(NamedTuple):
     """The rays of a tile: pointers."""
 
-    y0: int  # pixel of the tile
-    x0: int
     tile: object  # Tile
+    pixel: object  # int32: y and x of its first pixel
     origins: object  # float32 x, y, z of 16 lanes; row r at r * stride
     stride: int
     points: object  # float32 x, y, z of 16 lanes; row r at r * 48
@@ -70,8 +80,8 @@ class Rays(NamedTuple):
 def new_scratch():
     """`Scratch` on the stack of the kernel that calls."""
     return Scratch(
-        stack_f32(TILE_FLOATS), stack_f32(POINTS), stack_f32(PLANES), stack_i32(STACK), stack_i32(4),
-        stack_i32(16), stack_i32(ASIDE_INTS),
+        stack_f32(TILE_FLOATS), stack_i32(2), stack_f32(POINTS), stack_f32(PLANES), stack_i32(STACK), stack_i32(4),
+        stack_i32(16), stack_i32(_ASIDE),
     )  # fmt: skip
 
 
@@ -82,12 +92,14 @@ def asked_in(query, samples, job):
 
 
 @kernel
-def _by_receiver(tile, scratch):
-    """(points of the receivers' samples); fills the receivers' origins."""
+def _by_receiver(asked, tile, scratch):
+    """Points of the receivers' samples; fills the receivers' origins."""
     for r in range(16):
         for k in range(3):
             store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
     turn_bits(tile.dead, scratch.dead)
+    if not asked.fixed:
+        turn_points(tile.points, tile.by_lane, asked.count)
     return tile.by_lane
 
 
@@ -96,6 +108,8 @@ def start_tile(query, samples, job, asked, n, scratch, counters):
     """The `Rays` of tile n, those that the receivers' own surfaces surely block dead already."""
     y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
     tile = tile_at(scratch.tile, 0, asked)
+    put(scratch.pixel, 0, y0)
+    put(scratch.pixel, 1, x0)
     put(scratch.aside, 0, 0)
     strata = (np.int64(1) << asked.count) - 1
     valid = load_receivers(asked, y0, x0, tile)
@@ -105,9 +119,9 @@ def start_tile(query, samples, job, asked, n, scratch, counters):
             move_light(query, asked, y0, x0, valid, tile)
         apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
         if job.by_sample:
-            points = _by_receiver(tile, scratch)
-            return Rays(y0, x0, tile, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
-    return Rays(y0, x0, tile, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1)
+            points = _by_receiver(asked, tile, scratch)
+            return Rays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
+    return Rays(tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1)
 
 
 @inlined
@@ -141,7 +155,7 @@ def settle(tree, query, asked, rays, scratch, counters):
         return
     if rows_are_receivers(rays):
         turn_bits(rays.dead, rays.tile.dead)
-    settle_aside(tree.corners, query, asked, rays.y0, rays.x0, rays.tile, scratch.aside, counters)
+    settle_aside(tree.corners, query, asked, scratch.tile, scratch.pixel, scratch.aside, counters)
     if rows_are_receivers(rays):
         turn_bits(rays.tile.dead, rays.dead)
 
@@ -153,7 +167,8 @@ def finish_tile(asked, rays, out):
         turn_bits(rays.dead, rays.tile.dead)
     valid = rays.rows if rows_are_receivers(rays) else rays.lanes
     if rays.rows != 0:
-        write_bits(asked, rays.y0, rays.x0, valid, rays.tile, out)
+        y0, x0 = first_pixel(rays.pixel, 0)
+        write_bits(asked, y0, x0, valid, rays.tile, out)
 
 
 def _samples(query, sets) -> Samples:

@@ -29,7 +29,7 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..simd import absolute, bits, broadcast16, fma, get, load16, maximum, minimum, splat16, store
-from .raytest import Lanes
+from .raytest import Lanes, error_bounds
 from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, SPAN, D, N, axis_of
 from .vec import (
     Vec,
@@ -247,9 +247,7 @@ def triangle_lanes(tile, numbers, work, i):
 @inlined
 def receiver_lanes(tile, numbers, r):
     """`Lanes` of the 16 triangles of a block as receiver r sees them."""
-    a, span = minus(rows(numbers, 0, 16), broadcasts(tile.origins, r, 16)), broadcast16(tile.shafts, SPAN + 1)
-    p, q = rows(numbers, 48, 16), rows(numbers, 96, 16)
-    n, reach, size = cross(p, q), largest(a), maximum(largest(p), largest(q))
-    floor = fma(reach + size + span, splat16(_TINY), splat16(_TINY))
-    e = fma(size * _U, maximum(reach, size) * span, floor)
-    return Lanes(cross(a, p), cross(a, q), n, dot(a, n), e, fma(size * size * _U, reach + span, floor))
+    a, p, q = minus(rows(numbers, 0, 16), broadcasts(tile.origins, r, 16)), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    n, span = cross(p, q), broadcast16(tile.shafts, SPAN + 1)
+    e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), span)
+    return Lanes(cross(a, p), cross(a, q), n, dot(a, n), e, te)

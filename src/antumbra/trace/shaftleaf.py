@@ -29,7 +29,7 @@ from ..simd import (
     splat16,
     store,
 )
-from .aside import put_aside
+from .aside import put_aside, put_triangles_aside
 from .beams import beam_of, beams_of
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
@@ -212,16 +212,6 @@ def _trace_receiver(tile, b, r, strata, counters):
 
 
 @inlined
-def _put_triangles_aside(tile, b, s, r, unsure):
-    """Note the triangles (bits) that may block the ray of receiver r to stratum s; its own one cannot."""
-    while unsure != 0:
-        slot = _slot(b, lowest_bit(unsure))
-        unsure &= unsure - 1
-        if get(b.tree.prim_ids, slot) != get(tile.faces, r):
-            put_aside(b.aside, slot, tile.number << 8 | s << 4 | r, 1, np.int64(1))
-
-
-@inlined
 def _trace_rays(tile, b, s, rays, counters):
     """Test rays of stratum s, those of some receivers (bits), one by one against the triangles of a block."""
     hits = np.int64(0)
@@ -234,7 +224,8 @@ def _trace_rays(tile, b, s, rays, counters):
         if hit & b.present != 0:
             hits |= np.int64(1) << r
         elif unsure & b.present != 0:
-            _put_triangles_aside(tile, b, s, r, unsure & b.present)
+            place = tile.number << 8 | s << 4 | r
+            put_triangles_aside(b.aside, b.tree, b.number, get(tile.faces, r), place, unsure & b.present)
     store(tile.dead, 0, _block_rows(load16(tile.dead, 0), np.int64(1) << s, splat16(np.int32(hits))))
 
 

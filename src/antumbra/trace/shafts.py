@@ -18,11 +18,10 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..simd import absolute, get, maximum, minimum, splat16, store
 from .lighttable import ALL_GROUPS
-from .vec import Vec, abs_dot, abs_dots, dot, keep, rows, total
+from .vec import Vec, abs_dot, abs_dots, dot, keep, middles_and_halves, rows, total
 
 _F = np.float32
 _ROUNDING = _F(24 * 2.0**-24)
-_MORE = _F(1.0 + 2.0**-18)
 N = ALL_GROUPS  # a row's length
 D, HALF, TWIST, SPAN, LEVER, NEAR, FAR, CAP_ERROR, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N, 10 * N, 11 * N, 12 * N
 PLANE = 5 * N  # rows of a plane: w (3), b, error for each unit of a corner's largest coordinate
@@ -84,14 +83,7 @@ def make_shafts(info, groups, shafts):
     along = 0 if dx >= dy and dx >= dz else (1 if dy >= dz else 2)
     for batch in range(0, N, 16):
         low, high = rows(groups, batch, N), rows(groups, 3 * N + batch, N)
-        centre = Vec(
-            low.x * _F(0.5) + high.x * _F(0.5), low.y * _F(0.5) + high.y * _F(0.5), low.z * _F(0.5) + high.z * _F(0.5)
-        )
-        half = Vec(
-            maximum(high.x - centre.x, centre.x - low.x) * _MORE,
-            maximum(high.y - centre.y, centre.y - low.y) * _MORE,
-            maximum(high.z - centre.z, centre.z - low.z) * _MORE,
-        )
+        centre, half = middles_and_halves(low, high)
         d = Vec(centre.x - c.x, centre.y - c.y, centre.z - c.z)
         d1, y1 = total(d), half.x + half.y + half.z
         twist = half.x * (receivers.y + receivers.z) + half.y * (receivers.x + receivers.z)

@@ -31,7 +31,7 @@ from ..simd import (
 )
 from .asked import place_of
 from .beams import BEAM_FLOATS
-from .lighttable import GROUPS, POINTS, TARGETS, bound_groups, bound_targets, turn_points
+from .lighttable import GROUPS, POINTS, TARGETS, bound_groups, bound_targets
 from .shafts import SHAFT_FLOATS
 
 _F = np.float32
@@ -70,6 +70,12 @@ def tile_at(scratch, g, asked):
         np.int64(g), own, ptr_at(own, _INFO), as_i32(ptr_at(own, _FACES)), as_i32(ptr_at(own, _DEAD)),
         ptr_at(own, _SHAFTS), ptr_at(own, _BEAMS), points, groups, targets, by_lane,
     )  # fmt: skip
+
+
+@inlined
+def first_pixel(pixels, g):
+    """(y, x) where tile number g of a bundle begins; `pixels`: int32, y and x of each tile."""
+    return np.int64(get(pixels, 2 * g)), np.int64(get(pixels, 2 * g + 1))
 
 
 @kernel
@@ -145,7 +151,7 @@ def coherent_part(tile, lanes, light):
 
 @kernel
 def move_light(query, asked, y0, x0, valid, tile):
-    """The samples of a light that moves with the receiver, into the tile's own memory."""
+    """The samples of a light that moves with the receiver, into the tile's own memory; all but `by_lane`."""
     for lane in range(16):
         there = lane if valid >> lane & 1 else lowest_bit(valid)
         y, x = y0 + there // asked.shape.width, x0 + there % asked.shape.width
@@ -158,7 +164,6 @@ def move_light(query, asked, y0, x0, valid, tile):
             put(tile.points, s * 48 + 32 + lane, pz)
     bound_groups(tile.points, tile.groups, asked.count)
     bound_targets(tile.points, tile.targets, asked.count)
-    turn_points(tile.points, tile.by_lane, asked.count)
 
 
 @inlined

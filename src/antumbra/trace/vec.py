@@ -2,8 +2,12 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ..jit import inlined
 from ..simd import absolute, broadcast16, fma, load16, maximum, splat16, store
+
+_HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-18)
 
 
 class Vec(NamedTuple):
@@ -85,6 +89,14 @@ def magnitudes(v):
 def total(v):
     """The sum of magnitudes of three f32x16."""
     return absolute(v.x) + absolute(v.y) + absolute(v.z)
+
+
+@inlined
+def middles_and_halves(low, high):
+    """(middles, half extents) of boxes from their lower and upper corners, so that middle -+ half holds each."""
+    m = plus(times(low, _HALF), times(high, _HALF))
+    up, down = minus(high, m), minus(m, low)
+    return m, Vec(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)
 
 
 @inlined
