@@ -169,14 +169,16 @@ def _leaf(tree, rays, active, link, query, found, counters):
 
 
 @inlined
-def _walk_any(tree, rays, active, query, found, counters):
+def _walk_any(tree, rays, alive, query, found, counters):
     """Trace the active rays; bit mask of those that are blocked."""
     stack, rows, packet = stack_i32(_STACK), rays.rows, packet_of(tree, rays.rows)
     limit = reduce_max(load16(rows, LIMIT))
-    height, link, blocked = np.int64(0), np.int64(0), np.int64(0)
+    height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link < 0:
             blocked |= _leaf(tree, rays, active, link, query, found, counters)
+            if blocked == alive:
+                return blocked
         else:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
