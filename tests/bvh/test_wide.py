@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from antumbra.bvh import BUILDERS
-from antumbra.bvh.wide import GROUP_WORDS, LINKS, NO_CHILD, WIDTH, widen
+from antumbra.bvh.wide import GROUP_WORDS, LINKS, NO_CHILD, WIDTH
+from antumbra.bvh.widen import widen
 from bvh_scenes import HAZARDS
 from strategies import point_arrays, soups
 

@@ -9,7 +9,7 @@ import antumbra as at
 import oracle
 from antumbra.bvh import BUILDERS
 from antumbra.bvh.nodes import tree_of
-from antumbra.bvh.wide import widen
+from antumbra.bvh.widen import widen
 from antumbra.jit import kernel
 from antumbra.predicate.exact import ray_along
 from antumbra.query.rays import HitArrays, ray_arguments

@@ -13,7 +13,7 @@ from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..simd import get, ptr, put, stack_i32
 from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first
-from .order import likelier_first
+from .order import likelier_first, triangle_area
 
 BLOCK = 16  # triangles in a block, at most
 ROWS = 9  # rows of 16 float32: v0 (x, y, z), v1 - v0, v2 - v0
@@ -152,26 +152,12 @@ def _bound_block(corners, found, n, bounds, at):
 
 
 @inlined
-def _edge(corners, at, corner):
-    """The edge of a triangle from its first corner to another one."""
-    return (
-        np.float64(get(corners, at + corner)) - get(corners, at),
-        np.float64(get(corners, at + corner + 1)) - get(corners, at + 1),
-        np.float64(get(corners, at + corner + 2)) - get(corners, at + 2),
-    )
-
-
-@inlined
 def _area(corners, found, n):
     """Sum of the areas of a block's triangles."""
-    twice = 0.0
+    area = 0.0
     for i in range(n):
-        p = np.int64(get(found, i)) * 9
-        ux, uy, uz = _edge(corners, p, 3)
-        vx, vy, vz = _edge(corners, p, 6)
-        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        twice += np.sqrt(x * x + y * y + z * z)
-    return 0.5 * twice
+        area += triangle_area(corners, np.int64(get(found, i)))
+    return area
 
 
 @kernel

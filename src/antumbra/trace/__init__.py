@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..bvh.blocks import block_tree
-from ..bvh.wide import widen
+from ..bvh.widen import widen
 from . import multifrusta, packet16, packet256, paperfrusta
 from .single import trace_shadow
 

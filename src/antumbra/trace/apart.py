@@ -1,12 +1,13 @@
 """Rays that run apart, in turn: each takes one step down the wide BVH, a node or a leaf, and the next one follows.
 
 Alone, a ray waits for memory at nearly every step, for it cannot know where it goes before it has been where it is. So
-the step asks for what the ray visits next, and it is there when its turn comes again.
+the step asks for what the ray visits next, and it is there when its turn comes again. Only the first step is the same
+for all: any-hit queries take it together, a ray to a lane.
 """
 
 import numpy as np
 
-from ..bvh.wide import LINKS, NODE_WORDS, WIDTH
+from ..bvh.wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
 from ..jit import inlined, kernel
 from ..simd import (
     bits,
@@ -16,9 +17,11 @@ from ..simd import (
     load8,
     lowest_bit,
     mask_from_bits8,
+    mask_from_bits16,
     popcount,
     ptr_at,
     put,
+    select,
     splat16,
     stack_f32,
     stack_f64,
@@ -28,6 +31,7 @@ from ..simd import (
 )
 from .block import BLOCK_WORDS, DX, LANES, LIMIT, OX, PRECISE_WORDS, TMAX, TMIN, Rays, prepare
 from .counters import BOX_TESTS, NODES, count
+from .packetbox import enter_each
 from .wide import (
     ASIDE_WORDS,
     STACK,
@@ -62,17 +66,42 @@ def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters
 
 
 @inlined
-def walk_apart(tree, rays, alive, query, found, counters):
-    """Trace the rays in the bit mask `alive` of a prepared block: write what they meet, any or nearest, to `found`."""
-    stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
-    nears = stack_f32(WIDTH)
+def _open_root(tree, rays, alive, stacks, heights, counters):
+    """Push the root's children that each ray enters, all rays at once, for any-hit; bits of those that enter one."""
+    entered, n = splat16(np.int32(0)), 0
+    while n < WIDTH and get(tree.links, LINKS + n) != NO_CHILD:
+        inside = mask_from_bits16(enter_each(tree.nodes, n, rays.rows))
+        entered |= select(inside, splat16(np.int32(1 << n)), splat16(np.int32(0)))
+        n += 1
+    count(counters, NODES, 1)
+    count(counters, BOX_TESTS, n)
+    hits, links = stack_i32(LANES), load8(tree.links, LINKS)
+    store(hits, 0, entered)
+    alive &= bits(entered != splat16(np.int32(0)))
     turn = alive
     while turn:
         i = lowest_bit(turn)
         turn &= turn - 1
-        put(heights, i, 1)
-        put(stacks, i * STACK, 0)
-        put(entries, i * STACK, 0.0)
+        inside = np.int64(get(hits, i))
+        height = popcount(inside)
+        store(stacks, i * STACK, compress(mask_from_bits8(inside), links))
+        put(heights, i, height)
+        fetch(tree, np.int64(get(stacks, i * STACK + height - 1)))
+    return alive
+
+
+@inlined
+def walk_apart(tree, rays, alive, query, found, counters):
+    """Trace the rays in the bit mask `alive` of a prepared block: write what they meet, any or nearest, to `found`."""
+    stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
+    nears = stack_f32(WIDTH)
+    if query.any_hit and alive & (alive - 1):  # there are two or more
+        alive = _open_root(tree, rays, alive, stacks, heights, counters)
+    else:
+        for i in range(LANES):
+            put(heights, i, 1)
+            put(stacks, i * STACK, 0)
+            put(entries, i * STACK, 0.0)
     while alive:
         turn = alive
         while turn:
