@@ -25,7 +25,7 @@ def _once(name: str, work: Callable[[], None], say: Callable[[str], None]) -> No
     marker = _marker(name)
     known = marker.exists()
     if not known:
-        say(f"antumbra: compiling the kernels of {name} for this machine (once; up to a minute) ...")
+        say(f"antumbra: compiling the kernels of {name} for this machine (once; a minute or two) ...")
     work()
     if not known:
         try:
