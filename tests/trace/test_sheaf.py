@@ -19,7 +19,7 @@ LIGHTS = {
 def _scene(n, size):
     """A floor, and n triangles of some size over it."""
     rng = np.random.default_rng(n)
-    floor = np.array([[[-9, 0, -9], [9, 0, 9], [9, 0, -9]], [[-9, 0, -9], [-9, 0, 9], [9, 0, 9]]], float)
+    floor = 40 * np.array([[[-1, 0, -1], [1, 0, 1], [1, 0, -1]], [[-1, 0, -1], [-1, 0, 1], [1, 0, 1]]], float)
     over = rng.uniform((-4, 0.2, -4), (4, 5, 4), (n, 1, 3)) + size * rng.normal(size=(n, 3, 3))
     return at.Scene.from_arrays(np.concatenate([floor, over]).reshape(-1, 3), np.arange(3 * n + 6).reshape(-1, 3))
 
@@ -65,9 +65,16 @@ def test_more_undecided_rays_than_there_is_memory_for():
     """Copies of a triangle in whose plane the light and receivers of the whole picture lie: nothing is sure."""
     edge = np.array([[-3.0, 0, 0], [3, 0, 0], [0, 1e-6, 0]])
     vertices = np.concatenate([edge + (0, 0.5, z) for z in np.linspace(-2, 2, 200)])
-    floor = np.array([[-9, 0, -9], [9, 0, 9], [9, 0, -9], [-9, 0, -9], [-9, 0, 9], [9, 0, 9]], float)
+    floor = 40 * np.array([[-1, 0, -1], [1, 0, 1], [1, 0, -1], [-1, 0, -1], [-1, 0, 1], [1, 0, 1]], float)
     scene = at.Scene.from_arrays(np.concatenate([floor, vertices]), np.arange(606).reshape(-1, 3))
     triangles, query = _query(scene, LIGHTS["quad"], 16)
     bits, counts = _traced(triangles, query)
     assert counts["sheaf_tiles"] >= 12
+    np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
+
+
+def test_a_huge_light_goes_to_packets():
+    triangles, query = _query(_scene(40, 0.8), at.QuadLight((-40, 7, -40), (80, 0, 0), (0, 0, 80)), 16)
+    bits, counts = _traced(triangles, query)
+    assert counts["sheaf_tiles"] == counts["covered"] == 0 and bits.any() and not bits.all()
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))

@@ -8,7 +8,7 @@ import numpy as np
 from ..bvh.blocks import ROWS, block_pointers
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..scene.lights import AMBIENT
+from ..scene.lights import FIXED, LIST
 from ..simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32
 from .aside import ASIDE, settle_aside
 from .asked import asked_of, sets_of, tile_shape
@@ -47,6 +47,7 @@ from .tile import bound_receivers, finished_strata, first_pixel, move_light, til
 _APART = 4  # tiles of a bundle that is no sheaf, as long as they fill its lanes
 _FEW_TILES = 12  # of a sheaf, at least; fewer do not pay for its wider shafts
 _FEW_SAMPLES = 8  # for a sheaf, at least
+_HUGE = 0.5  # of the scene: the light's extents from which on packets are faster
 
 
 @inlined
@@ -236,21 +237,31 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples
     add_counters(counters, mine)
 
 
+def _is_huge(tree, light, table) -> bool:
+    """Do a lamp's samples, those of a chunk, span a good part of the scene, so that frusta hold most of it?"""
+    if light.kind != FIXED:
+        return False
+    box = tree.nodes[0, :12].reshape(3, 2, 2)  # axis, bound, child
+    scene = box[:, 1].max(1) - box[:, 0].min(1)
+    extents = table.groups[:, 3:, 1] - table.groups[:, :3, 1]
+    return bool(extents.sum(1).mean() > _HUGE * scene.sum())
+
+
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    Samples that are far apart, those of a hemisphere or an interleaved list, are left to packets: see `scattered`.
+    Samples far apart, those of a hemisphere, an interleaved list or a huge light, are left to packets: see `scattered`.
 
     tree : BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    if is_scattered(query):
-        by_packets = over_pixels if query.light.kind == AMBIENT else over_samples
-        by_packets(tree, query, bits, threads, counters, progress)
-        return
     shape, spp = tile_shape(query), query.samples.shape[1]
     table, layout = light_table(query, sets_of(shape)), layout_of(shape)
+    if is_scattered(query) or _is_huge(tree, query.light, table):
+        by_packets = over_samples if query.light.kind == LIST else over_pixels
+        by_packets(tree, query, bits, threads, counters, progress)
+        return
     for chunk in range(-(-spp // STRATA)):
         count = min(STRATA, spp - chunk * STRATA)
         ticket = new_ticket(runs(layout) * RUN, 1)
