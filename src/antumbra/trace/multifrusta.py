@@ -8,7 +8,7 @@ import numpy as np
 from ..bvh.blocks import ROWS, block_pointers
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..scene.lights import FIXED, LIST
+from ..scene.lights import LIST
 from ..simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32
 from .aside import ASIDE, settle_aside
 from .asked import asked_of, sets_of, tile_shape
@@ -38,7 +38,7 @@ from .lighttable import STRATA, light_table, turn_points
 from .ownsurface import PLANES, apply_horizon
 from .packet16 import over_pixels, over_samples
 from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
-from .scattered import is_scattered
+from .scattered import is_huge, is_scattered
 from .shaftleaf import WORK, trace_block
 from .shafts import make_shafts
 from .sheaf import SHEAF_FLOATS, close, finished, make_sheaf, tile_in, tiles_by_beams, trace_sheaf
@@ -47,7 +47,6 @@ from .tile import bound_receivers, finished_strata, first_pixel, move_light, til
 _APART = 4  # tiles of a bundle that is no sheaf, as long as they fill its lanes
 _FEW_TILES = 12  # of a sheaf, at least; fewer do not pay for its wider shafts
 _FEW_SAMPLES = 8  # for a sheaf, at least
-_HUGE = 0.5  # of the scene: the light's extents from which on packets are faster
 
 
 @inlined
@@ -190,21 +189,27 @@ def _bundle_together(members, asked, scratch, counters):
 
 
 @inlined
+def _sheaf_among(numbers, asked, scratch):
+    """Bits of those of a region's tiles (bits) that are a sheaf; there is room for one at most."""
+    while popcount(numbers) >= _FEW_TILES and asked.count >= _FEW_SAMPLES:
+        members = near_each_other(asked, scratch.tiles, numbers)
+        if popcount(members) >= _FEW_TILES:
+            return members
+        numbers &= ~members
+    return np.int64(0)
+
+
+@inlined
 def _trace_parts(tree, n, query, asked, scratch, counters):
-    """Trace n tiles whose receivers are loaded: sheaves first, then those that are in none."""
+    """Trace n tiles whose receivers are loaded: the sheaf among them first, if there is one."""
     for g in range(n):
         _start_tile(query, asked, g, scratch, counters)
-    apart, numbers = np.int64(0), (np.int64(1) << n) - 1
-    while numbers | apart != 0:
-        members = np.int64(0)
-        if numbers != 0:
-            members = near_each_other(asked, scratch.tiles, numbers)
-            numbers &= ~members
-            if popcount(members) < _FEW_TILES or asked.count < _FEW_SAMPLES:
-                apart |= members
-                continue
+    members = _sheaf_among((np.int64(1) << n) - 1, asked, scratch)
+    apart = ((np.int64(1) << n) - 1) & ~members
+    while members | apart != 0:
         if members != 0:
             bundle, alive = _bundle_together(members, asked, scratch, counters)
+            members = np.int64(0)
         else:
             bundle, alive, apart = _bundle_apart(apart, asked, scratch)
         _trace_lanes(tree, alive, query, asked, bundle, scratch, counters)
@@ -237,16 +242,6 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples
     add_counters(counters, mine)
 
 
-def _is_huge(tree, light, table) -> bool:
-    """Do a lamp's samples, those of a chunk, span a good part of the scene, so that frusta hold most of it?"""
-    if light.kind != FIXED:
-        return False
-    box = tree.nodes[0, :12].reshape(3, 2, 2)  # axis, bound, child
-    scene = box[:, 1].max(1) - box[:, 0].min(1)
-    extents = table.groups[:, 3:, 1] - table.groups[:, :3, 1]
-    return bool(extents.sum(1).mean() > _HUGE * scene.sum())
-
-
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
@@ -256,12 +251,12 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    shape, spp = tile_shape(query), query.samples.shape[1]
-    table, layout = light_table(query, sets_of(shape)), layout_of(shape)
-    if is_scattered(query) or _is_huge(tree, query.light, table):
+    if is_scattered(query) or is_huge(query, tree):
         by_packets = over_samples if query.light.kind == LIST else over_pixels
         by_packets(tree, query, bits, threads, counters, progress)
         return
+    shape, spp = tile_shape(query), query.samples.shape[1]
+    table, layout = light_table(query, sets_of(shape)), layout_of(shape)
     for chunk in range(-(-spp // STRATA)):
         count = min(STRATA, spp - chunk * STRATA)
         ticket = new_ticket(runs(layout) * RUN, 1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..bvh.blocks import ROWS
 from ..jit import kernel
-from ..scene.lights import AMBIENT, LIST
+from ..scene.lights import AMBIENT, FIXED, LIST
 from ..simd import get, lowest_bit, ptr_at
 from .aside import put_triangles_aside
 from .counters import TRIANGLE_TESTS, TRIANGLES, count
@@ -20,16 +20,33 @@ from .raytile import rows_are_receivers
 from .vec import broadcasts, minus
 
 _WIDE = 0.1  # of a chunk's extents, those of a stratum from which on it is not worth a shaft
+_HUGE = 0.5  # of the scene's extents, those of a chunk from which on packets are faster
+
+
+def _extents(query):
+    """Means of the sums of the extents of a patch's samples: (of a stratum, of a chunk)."""
+    points = query.samples @ np.stack([query.light.u, query.light.v, query.light.w])
+    low, high = points.min(0), points.max(0)  # (n, 3) of each stratum
+    chunks = np.arange(0, len(low), STRATA)
+    whole = np.maximum.reduceat(high, chunks) - np.minimum.reduceat(low, chunks)
+    return (high - low).sum(1).mean(), whole.sum(1).mean()
 
 
 def is_scattered(query) -> bool:
     """Are a stratum's samples far apart: a wide cone of the hemisphere, or points of a list that are?"""
     if query.light.kind != LIST:
         return query.light.kind == AMBIENT
-    low, high = query.samples.min(0), query.samples.max(0)  # (n, 3) of each stratum; samples of a list are points
-    chunks = np.arange(0, len(low), STRATA)
-    whole = np.maximum.reduceat(high, chunks) - np.minimum.reduceat(low, chunks)
-    return bool((high - low).sum(1).mean() > _WIDE * whole.sum(1).mean())
+    stratum, whole = _extents(query)
+    return bool(stratum > _WIDE * whole)
+
+
+def is_huge(query, tree) -> bool:
+    """Do a lamp's samples, those of a chunk, span a good part of a `BlockTree`, so that frusta hold most of it?"""
+    if query.light.kind != FIXED:
+        return False
+    box = tree.nodes[0, :12].reshape(3, 2, 2)  # axis, bound, child
+    scene = box[:, 1].max(1) - box[:, 0].min(1)
+    return bool(_extents(query)[1] > _HUGE * scene.sum())
 
 
 @kernel
