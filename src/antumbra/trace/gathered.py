@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import ROWS
 from ..jit import inlined
 from ..simd import (
     as_i32,
@@ -23,9 +22,10 @@ from ..simd import (
     splat16,
     store,
 )
-from .aside import put_aside, put_triangles_aside
+from .aside import put_aside
+from .blocktest import blocks_ray, numbers_of, slot_of
 from .counters import TRIANGLE_TESTS, count
-from .raytest import decide, ray_meets
+from .raytest import decide
 from .shaftcull import triangle_lanes
 from .vec import broadcasts, minus, rows
 
@@ -67,15 +67,10 @@ def test_one_by_one(rays, n, b, counters):
     """Test up to 64 rays, each against all triangles of a block; bits of those that are blocked."""
     blocked = np.int64(0)
     for r in range(n):
-        count(counters, TRIANGLE_TESTS, 1)
-        o = broadcasts(rays.origins, r, _ROW)
+        o, place = broadcasts(rays.origins, r, _ROW), np.int64(get(rays.places, r))
         d = minus(broadcasts(rays.points, r, _ROW), o)
-        hit, unsure = ray_meets(o, d, ptr_at(b.tree.blocks, b.number * (ROWS * 16)), b.facing)
-        if hit & b.present != 0:
+        if blocks_ray(b, o, d, get(rays.faces, r), place, counters):
             blocked |= np.int64(1) << r
-        elif unsure & b.present != 0:
-            place = np.int64(get(rays.places, r))
-            put_triangles_aside(b.aside, b.tree, b.number, get(rays.faces, r), place, unsure & b.present)
     return blocked
 
 
@@ -88,8 +83,8 @@ def test_together(rays, first, n, b, triangles, counters):
     while triangles != 0 and left != 0:
         i = lowest_bit(triangles)
         triangles &= triangles - 1
-        slot = np.int64(get(b.tree.slots, b.number * 16 + i))
-        lanes = triangle_lanes(o, ptr_at(b.tree.blocks, b.number * (ROWS * 16)), b.work, i)
+        slot = slot_of(b, i)
+        lanes = triangle_lanes(o, numbers_of(b), b.work, i)
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = decide(d, lanes, b.facing)
         others = left & ~bits(faces == get(b.tree.prim_ids, slot))

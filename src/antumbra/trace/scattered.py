@@ -8,14 +8,12 @@ triangles, side by side.
 
 import numpy as np
 
-from ..bvh.blocks import ROWS
 from ..jit import kernel
 from ..scene.lights import AMBIENT, FIXED, LIST
-from ..simd import get, lowest_bit, ptr_at
-from .aside import put_triangles_aside
-from .counters import TRIANGLE_TESTS, TRIANGLES, count
+from ..simd import get, lowest_bit
+from .blocktest import Block, blocks_ray
+from .counters import TRIANGLES, count
 from .lighttable import STRATA
-from .raytest import ray_meets
 from .raytile import rows_are_receivers
 from .vec import broadcasts, minus
 
@@ -52,19 +50,14 @@ def is_huge(query, tree) -> bool:
 @kernel
 def trace_block(tree, rays, r, code, mask, facing, aside, counters):
     """Test the rays of row r that are in `mask` against a block; bits of those that it blocks."""
-    block, present, hits = code >> 5, (np.int64(1) << (code & 31)) - 1, np.int64(0)
-    numbers = ptr_at(tree.blocks, block * (ROWS * 16))
+    b = Block(tree, code >> 5, (np.int64(1) << (code & 31)) - 1, np.int64(0), facing, None, aside)
+    hits = np.int64(0)
     while mask != 0:
         lane = lowest_bit(mask)
         mask &= mask - 1
         count(counters, TRIANGLES, code & 31)
-        count(counters, TRIANGLE_TESTS, 1)
-        o = broadcasts(rays.origins, r * rays.stride + lane, 16)
-        hit, unsure = ray_meets(o, minus(broadcasts(rays.points, r * 48 + lane, 16), o), numbers, facing)
-        if hit & present != 0:
+        o, place = broadcasts(rays.origins, r * rays.stride + lane, 16), r * rays.row_place + lane * rays.lane_place
+        d = minus(broadcasts(rays.points, r * 48 + lane, 16), o)
+        if blocks_ray(b, o, d, get(rays.tile.faces, r if rows_are_receivers(rays) else lane), place, counters):
             hits |= np.int64(1) << lane
-        elif unsure & present != 0:
-            place = r * rays.row_place + lane * rays.lane_place
-            own = get(rays.tile.faces, r if rows_are_receivers(rays) else lane)
-            put_triangles_aside(aside, tree, block, own, place, unsure & present)
     return hits

@@ -8,11 +8,8 @@ ray: 16 samples of a receiver, or 16 receivers and a stratum, at once. Of a stra
 box each ray is tested against the 16 triangles.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from ..bvh.blocks import ROWS
 from ..jit import inlined, kernel
 from ..predicate.filters import plane
 from ..simd import (
@@ -30,11 +27,12 @@ from ..simd import (
     splat16,
     store,
 )
-from .aside import put_aside, put_triangles_aside
+from .aside import put_aside
 from .beams import beam_of, beams_of, is_near
+from .blocktest import Block, blocks_ray, numbers_of, slot_of
 from .counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from .lighttable import group_of
-from .raytest import LANES, decide, keep_lanes, kept_lane, ray_meets
+from .raytest import LANES, decide, keep_lanes, kept_lane
 from .shaftbox import beams_in_box, rays_in_box, strata_in_box
 from .shaftcull import CULL_WORK, cull_beams, cull_block, cull_strata, plane_of, receiver_lanes, triangle_lanes
 from .tile import finished_strata
@@ -44,29 +42,6 @@ WORK = CULL_WORK + LANES  # float32 of scratch memory
 _FEW_BEAMS = 6  # beams of a block, or strata, up to which each goes by itself
 _FEW_STRATA = 8
 _FEW_RAYS = 4  # of a stratum
-
-
-class Block(NamedTuple):
-    """A block that a tile is tested against, and all that this takes."""
-
-    tree: object  # BlockPointers
-    number: int
-    present: int  # bits of its triangles
-    valid: int  # bits of the tile's receivers
-    facing: int  # a value of CULL_FACES
-    work: object  # float32 scratch memory
-    aside: object  # see `aside`
-
-
-@inlined
-def _numbers(b):
-    return ptr_at(b.tree.blocks, b.number * (ROWS * 16))
-
-
-@inlined
-def _slot(b, i):
-    """Triangle i's place in the BVH's arrays."""
-    return np.int64(get(b.tree.slots, b.number * 16 + i))
 
 
 @inlined
@@ -122,7 +97,7 @@ def _test_samples(tile, b, slot, r, k, strata, counters):
 @kernel
 def _test_strata(tile, b, slot, i, receivers, strata, counters):
     """Test the rays from some receivers to some strata (bits) against triangle i, one that `cull_block` has left."""
-    lanes, dead = triangle_lanes(rows(tile.origins, 0, 16), _numbers(b), b.work, i), load16(tile.dead, 0)
+    lanes, dead = triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i), load16(tile.dead, 0)
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
@@ -146,7 +121,7 @@ def _others(tile, b, slot):
 def _by_beams(tile, b, i, live, strata, counters):
     """Test triangle i, one that `cull_block` has left, against the beams in `live`; those not blocked whole."""
     d, half = beams_of(tile)
-    slot, lanes = _slot(b, i), triangle_lanes(rows(tile.origins, 0, 16), _numbers(b), b.work, i)
+    slot, lanes = slot_of(b, i), triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i)
     v = cull_beams(d, half, lanes, b.facing)
     receivers = live & ~v.miss & _others(tile, b, slot)
     on_plane = receivers & bits(absolute(lanes.t) <= lanes.te)
@@ -168,7 +143,7 @@ def _by_beams(tile, b, i, live, strata, counters):
 @inlined
 def _by_strata(tile, b, i, strata, counters):
     """Test triangle i, one that `cull_block` has left, against the shafts of some strata; those with rays left."""
-    slot, v = _slot(b, i), cull_strata(tile.shafts, b.work, i, b.facing)
+    slot, v = slot_of(b, i), cull_strata(tile.shafts, b.work, i, b.facing)
     covered = v.cover & strata
     count(counters, COVERED, popcount(covered))
     store(tile.dead, 0, _block_rows(load16(tile.dead, 0), covered, splat16(np.int32(-1))))
@@ -186,7 +161,7 @@ def _by_strata(tile, b, i, strata, counters):
 @kernel
 def _trace_receiver(tile, b, r, strata, counters):
     """Test the beam of receiver r, and where that does not decide its rays, against the triangles of a block."""
-    own, lanes, one = get(tile.faces, r), receiver_lanes(tile, _numbers(b), r), np.int64(1) << r
+    own, lanes, one = get(tile.faces, r), receiver_lanes(tile, numbers_of(b), r), np.int64(1) << r
     d, half = beam_of(tile, r)
     v = cull_beams(d, half, lanes, b.facing)
     left = b.present & ~v.miss
@@ -195,7 +170,7 @@ def _trace_receiver(tile, b, r, strata, counters):
         return
     cover, on_plane = v.cover & left, bits(absolute(lanes.t) <= lanes.te)
     while cover != 0:
-        if get(b.tree.prim_ids, _slot(b, lowest_bit(cover))) != own:
+        if get(b.tree.prim_ids, slot_of(b, lowest_bit(cover))) != own:
             count(counters, COVERED, 1)
             _block_receivers(tile, one)
             return
@@ -203,7 +178,7 @@ def _trace_receiver(tile, b, r, strata, counters):
     keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
     while left != 0:
         i = lowest_bit(left)
-        slot = _slot(b, i)
+        slot = slot_of(b, i)
         left &= left - 1
         if get(b.tree.prim_ids, slot) != own:
             above, below = (v.above >> i & 1) << r, (v.below >> i & 1) << r
@@ -218,14 +193,10 @@ def _trace_rays(tile, b, s, rays, counters):
     while rays != 0:
         r = lowest_bit(rays)
         rays &= rays - 1
-        count(counters, TRIANGLE_TESTS, 1)
-        o = broadcasts(tile.origins, r, 16)
-        hit, unsure = ray_meets(o, minus(broadcasts(tile.points, s * 48 + r, 16), o), _numbers(b), b.facing)
-        if hit & b.present != 0:
+        o, place = broadcasts(tile.origins, r, 16), tile.number << 8 | s << 4 | r
+        d = minus(broadcasts(tile.points, s * 48 + r, 16), o)
+        if blocks_ray(b, o, d, get(tile.faces, r), place, counters):
             blocked |= np.int64(1) << r
-        elif unsure & b.present != 0:
-            place = tile.number << 8 | s << 4 | r
-            put_triangles_aside(b.aside, b.tree, b.number, get(tile.faces, r), place, unsure & b.present)
     return blocked
 
 
@@ -237,9 +208,9 @@ def _trace_row(tile, b, s, rays, triangles, counters):
     while triangles != 0 and left != 0:
         i = lowest_bit(triangles)
         triangles &= triangles - 1
-        slot = _slot(b, i)
+        slot = slot_of(b, i)
         count(counters, TRIANGLE_TESTS, 1)
-        hit, unsure = decide(d, triangle_lanes(rows(tile.origins, 0, 16), _numbers(b), b.work, i), b.facing)
+        hit, unsure = decide(d, triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i), b.facing)
         others = left & _others(tile, b, slot)
         if unsure & others != 0:
             put_aside(b.aside, slot, tile.number << 8 | s << 4, 1, unsure & others)
@@ -253,7 +224,7 @@ def _trace_stratum(tile, b, s, c, e, counters):
     dead = np.int64(get(tile.dead, s))
     rays = rays_in_box(tile, s, c, e) & b.valid & ~dead
     if popcount(rays) > _FEW_RAYS:
-        left = cull_block(tile, _numbers(b), 16 + s, b.facing, b.work) & b.present
+        left = cull_block(tile, numbers_of(b), 16 + s, b.facing, b.work) & b.present
         count(counters, CANDIDATES, popcount(left))
         put(tile.dead, s, dead | _trace_row(tile, b, s, rays, left, counters))
     elif rays != 0:
@@ -280,7 +251,7 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, asid
             else:
                 _trace_stratum(tile, b, k, c, e, counters)
         return
-    left = cull_block(tile, _numbers(b), group_of(strata), facing, work) & b.present
+    left = cull_block(tile, numbers_of(b), group_of(strata), facing, work) & b.present
     count(counters, CANDIDATES, popcount(left))
     while left != 0 and live != 0:
         i = lowest_bit(left)

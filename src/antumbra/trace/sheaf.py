@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import ROWS
 from ..bvh.nodes import middle_and_half
 from ..jit import inlined, kernel
 from ..simd import (
@@ -30,12 +29,12 @@ from ..simd import (
     store,
 )
 from .beams import is_near
+from .blocktest import Block, numbers_of
 from .counters import CANDIDATES, COVERED, TRIANGLES, count
 from .gathered import GATHERED_FLOATS, gather, gathered_at, test_one_by_one, test_together
 from .lighttable import ALL_GROUPS, STRATA
 from .shaftbox import rays_in_box, shafts_in_box
 from .shaftcull import cull_block, cull_tiles
-from .shaftleaf import Block
 from .shafts import HALF, D, N, make_shafts
 from .tile import Tile, finished_strata, tile_at
 from .vec import Vec, broadcasts, minus, rows
@@ -223,7 +222,7 @@ def _rays_in_box(sheaf, s, live, asked, c, e):
 @inlined
 def _cover(sheaf, b, s, live, left, asked, counters):
     """Test triangles (bits) against the shafts of tiles (bits) to stratum s; the tiles that none covers whole."""
-    numbers, targets = ptr_at(b.tree.blocks, b.number * (ROWS * 16)), ptr_at(sheaf.targets, s * _BOXES)
+    numbers, targets = numbers_of(b), ptr_at(sheaf.targets, s * _BOXES)
     while left != 0 and live != 0:
         covered = live & cull_tiles(sheaf.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
         left &= left - 1
@@ -242,7 +241,7 @@ def _trace_far(sheaf, b, s, live, asked, c, e, counters):
     if n <= _FEW_RAYS:
         _blocked_rays(sheaf, s, np.int64(0), test_one_by_one(sheaf.rays, n, b, counters), asked)
         return
-    left = cull_block(sheaf.whole, ptr_at(b.tree.blocks, b.number * (ROWS * 16)), 16 + s, b.facing, b.work) & b.present
+    left = cull_block(sheaf.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
     count(counters, CANDIDATES, popcount(left))
     if n >= _MANY_RAYS:
         not_covered = _cover(sheaf, b, s, live, left, asked, counters)

@@ -1,0 +1,50 @@
+"""A block of triangles that rays, shafts or beams are tested against, and the test of one ray."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.blocks import ROWS
+from ..jit import inlined
+from ..simd import get, ptr_at
+from .aside import put_triangles_aside
+from .counters import TRIANGLE_TESTS, count
+from .raytest import ray_meets
+
+
+class Block(NamedTuple):
+    """A block, and all that it takes to test it against a tile's segments."""
+
+    tree: object  # BlockPointers
+    number: int
+    present: int  # bits of its triangles
+    valid: int  # bits of the tile's receivers
+    facing: int  # a value of CULL_FACES
+    work: object  # float32 scratch memory
+    aside: object  # see `aside`
+
+
+@inlined
+def numbers_of(b):
+    return ptr_at(b.tree.blocks, b.number * (ROWS * 16))
+
+
+@inlined
+def slot_of(b, i):
+    """Triangle i's place in the BVH's arrays."""
+    return np.int64(get(b.tree.slots, b.number * 16 + i))
+
+
+@inlined
+def blocks_ray(b, o, d, own, place, counters):
+    """Does a triangle of a block surely block the ray from o along d, each in all lanes?
+
+    If not, what float32 cannot say is put aside for the ray's `place`, but for its receiver's `own` triangle.
+    """
+    count(counters, TRIANGLE_TESTS, 1)
+    hit, unsure = ray_meets(o, d, numbers_of(b), b.facing)
+    if hit & b.present != 0:
+        return True
+    if unsure & b.present != 0:
+        put_triangles_aside(b.aside, b.tree, b.number, own, place, unsure & b.present)
+    return False
