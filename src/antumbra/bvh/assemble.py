@@ -19,23 +19,28 @@ class Subtrees(NamedTuple):
 
 
 @kernel
-def _place(children, shares, node_at, subtree_at):
-    """Where each node of the top, and the first of each subtree, comes in depth-first order; the number of nodes."""
+def place(children, sizes, node_at, subtree_at):
+    """Where each node of the top, and what each subtree has, comes in depth-first order; the number of nodes.
+
+    children : (t, 2) int64: node of the top, or ~subtree
+    sizes : (s, k) int64: of each subtree the number of nodes, and of other things
+    node_at, subtree_at : (t,) and (s, k) int64, filled
+    """
     waiting = np.empty(MAX_DEPTH + 1, np.int64)
     waiting[0] = 0 if len(children) else -1
-    height, position = 1, 0
+    height, position = 1, np.zeros(sizes.shape[1], np.int64)
     while height > 0:
         height -= 1
         child = waiting[height]
         if child < 0:
             subtree_at[~child] = position
-            position += shares[~child, 1]
+            position += sizes[~child]
             continue
-        node_at[child] = position
-        position += 1
+        node_at[child] = position[0]
+        position[0] += 1
         waiting[height], waiting[height + 1] = children[child, 1], children[child, 0]
         height += 2
-    return position
+    return position[0]
 
 
 @kernel
@@ -70,8 +75,9 @@ def _top_lines(top: Top, node_at, subtree_at, shares) -> np.ndarray:
 
 def assemble(top: Top, subtrees: Subtrees, threads: int) -> np.ndarray:
     """All nodes, (n, 16) float32 on a 64-byte line, every left child right behind its parent."""
-    node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty(len(subtrees.shares), np.int64)
-    count = _place(top.children, subtrees.shares, node_at, subtree_at)
+    node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty((len(subtrees.shares), 1), np.int64)
+    count = place(top.children, subtrees.shares[:, 1:2], node_at, subtree_at)
+    subtree_at = subtree_at[:, 0]
     nodes = aligned_empty((count, 16), "f4")
     ticket = new_ticket(len(subtree_at), 1)
     run(_copy_subtrees, threads, ticket, subtrees, subtree_at, nodes, nodes.view(np.int32))

@@ -1,0 +1,59 @@
+"""A tree cut in a top and many parts below it, so that threads can work on the parts apart."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import kernel
+from ..simd import load16, ptr, put, store
+from .nodes import MAX_DEPTH, Bvh, aligned_empty
+
+_PARTS = 256  # parts have a 256th of all nodes each, at most, so that threads finish together ...
+_SMALL = 4096  # ... or this many nodes, which a processor's second cache holds
+
+
+class Cut(NamedTuple):
+    """The first nodes of a tree, themselves a tree: its leaves are the parts, ``link = ~(8 * part)``."""
+
+    top: np.ndarray  # (t, 16) float32, 64-byte aligned: nodes as in `Bvh`, parents first; none if there is one part
+    parts: np.ndarray  # (s, 3) int64: link to the part's root (< 0: a leaf), end of its nodes, inner nodes above it
+    depth: int  # inner nodes on the longest path from the root to a part
+
+
+@kernel
+def _cut(bvh, largest, top, parts):
+    """Fill top and parts; (nodes of the top, parts, the most inner nodes above a part)."""
+    nodes, lines, links = ptr(bvh.nodes), ptr(top), top.view(np.int32)
+    waiting = np.empty((MAX_DEPTH + 2, 4), np.int64)  # link, end of nodes, depth, 2 * parent in the top + side
+    waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(bvh.nodes), 0, -1
+    height, n_top, n_parts, deepest = 1, 0, 0, 0
+    while height > 0:
+        height -= 1
+        node, end, depth, place = waiting[height]
+        large = node >= 0 and end - node > largest
+        if place >= 0:
+            links[place >> 1, 12 + (place & 1)] = n_top if large else ~(8 * n_parts)
+        if not large:
+            parts[n_parts, 0], parts[n_parts, 1], parts[n_parts, 2] = node, end, depth
+            deepest = max(deepest, depth)
+            n_parts += 1
+            continue
+        store(lines, n_top * 16, load16(nodes, node * 16))
+        right = np.int64(bvh.links[node, 13])
+        for side in (1, 0):
+            waiting[height, 0] = bvh.links[node, 12 + side]
+            waiting[height, 1] = right if side == 0 and right >= 0 else end
+            waiting[height, 2], waiting[height, 3] = depth + 1, 2 * n_top + side
+            height += 1
+        n_top += 1
+    return n_top, n_parts, deepest
+
+
+def cut(bvh: Bvh, largest: int | None = None) -> Cut:
+    """Cut a BVH, whose nodes stand depth first, in parts of at most `largest` nodes."""
+    n = len(bvh.nodes)
+    largest = max(_SMALL, n // _PARTS) if largest is None else largest
+    room = min(n, MAX_DEPTH * (n // largest))  # nodes with more than `largest` below: at each depth they share all nodes
+    top, parts = aligned_empty((room, 16), "f4"), np.empty((room + 1, 3), np.int64)
+    n_top, n_parts, depth = _cut(bvh, largest, top, parts)
+    return Cut(top[:n_top], parts[:n_parts], int(depth))
