@@ -11,13 +11,20 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
-from ..simd import get, load8, load16, ptr, put, splat4, store
+from ..simd import get, load8, load16, prefetch, put, splat4, store
 from .assemble import place
 from .cut import Cut
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .order import surface
 
 _ZERO = np.float32(0.0)
+
+
+class Choice(NamedTuple):
+    """What becomes of a tree that is cut in s parts."""
+
+    is_leaf: np.ndarray  # (n_nodes,) bool: what is below the node becomes a leaf; anything below such a node
+    sizes: np.ndarray  # (s, 2) int64: nodes and triangles that each part then has
 
 
 class _Best(NamedTuple):
@@ -73,16 +80,16 @@ def _price(tree, root, max_leaf, is_leaf):
 
 
 @kernel
-def _price_parts(ticket, bvh, parts, max_leaf, is_leaf, sizes):
+def _price_parts(ticket, bvh, parts, max_leaf, choice):
     """Worker: (nodes, triangles) of each part."""
     tree = tree_of(bvh)
     p = take(ticket)
     while p >= 0:
         root = parts[p, 0]
         if root < 0:
-            sizes[p, 0], sizes[p, 1] = 0, (~root & 7) + 1
+            choice.sizes[p, 0], choice.sizes[p, 1] = 0, (~root & 7) + 1
         else:
-            sizes[p, 0], sizes[p, 1] = _price(tree, root, max_leaf, is_leaf)
+            choice.sizes[p, 0], choice.sizes[p, 1] = _price(tree, root, max_leaf, choice.is_leaf)
         p = take(ticket)
 
 
@@ -159,8 +166,15 @@ def _links_of_top(children, node_at, to_parts):
     return links
 
 
-def relayout(bvh: Bvh, cut: Cut, max_leaf: int, threads: int) -> Bvh:
-    """The final form of a tree of two triangles or more: the cheapest leaves of at most `max_leaf`, depth first.
+def cheapest_leaves(bvh: Bvh, cut: Cut, max_leaf: int, threads: int) -> Choice:
+    """The leaves of at most `max_leaf` triangles with which a tree of two triangles or more costs least."""
+    choice = Choice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(cut.parts), 2), np.int64))
+    run(_price_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, max_leaf, choice)
+    return choice
+
+
+def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
+    """The final form of a tree of two triangles or more, depth first.
 
     Parameters
     ----------
@@ -169,17 +183,15 @@ def relayout(bvh: Bvh, cut: Cut, max_leaf: int, threads: int) -> Bvh:
     cut : Cut
         Of this tree; the nodes of a part may since have been arranged anew, and those of the top too.
     """
-    sizes, is_leaf = np.empty((len(cut.parts), 2), np.int64), np.empty(len(bvh.nodes), np.bool_)
-    run(_price_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, max_leaf, is_leaf, sizes)
     links = cut.top.view(np.int32)[:, 12:14]
     children = np.where(links >= 0, links, ~(~links >> 3)).astype(np.int64)
-    node_at, at = np.empty(len(children), np.int64), np.empty(sizes.shape, np.int64)
-    count = place(children, sizes, node_at, at)
+    node_at, at = np.empty(len(children), np.int64), np.empty((len(cut.parts), 2), np.int64)
+    count = place(children, choice.sizes, node_at, at)
     n = len(bvh.prim_ids)
     nodes = aligned_empty((count, 16), "f4")
     new = Bvh(nodes, nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
     to_parts = np.empty(len(cut.parts), np.int64)
-    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, is_leaf, at, new, to_parts)
+    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice.is_leaf, at, new, to_parts)
     nodes[node_at] = cut.top
     new.links[node_at, 12:14] = _links_of_top(children, node_at, to_parts)
     new.links[node_at, 14:] = 0

@@ -17,13 +17,18 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
 from ..simd import (
+    as_f32,
+    as_i32,
     bits,
     extract,
     get,
+    iota4,
     iota8,
     load4,
+    load8,
     load16,
     lowest_bit,
+    mask_from_bits8,
     maximum,
     minimum,
     ptr,
@@ -32,6 +37,7 @@ from ..simd import (
     reduce_max,
     select,
     shuffle,
+    splat4,
     splat8,
     splat16,
     stack_f32,
@@ -40,18 +46,24 @@ from ..simd import (
 )
 from .cut import cut
 from .nodes import MAX_DEPTH, Bvh
-from .relayout import relayout
+from .relayout import Choice, relayout
 
 LEAVES = 7
+_INNER = LEAVES - 1
 _LANES = 16
 _SUBSETS = 1 << LEAVES
 _ALL = _SUBSETS - 1
+_LEAF = _SUBSETS
 _ROW = 6 * _LANES  # words of one box of each lane: lower x, y, z, upper x, y, z
 _BOXES = LEAVES * _ROW
 _PLANS = _SUBSETS * _LANES
 _UNIONS = (8 + 16) * _ROW
 _LISTS = 8 * _LANES
+_LINKS = 16 * _LANES
+_PAIRS = 16 * _INNER * _LANES
+_FACTS = 4 * 8 * _LANES
 _INF = np.float32(np.inf)
+_MINUS_ONE = np.float32(-1.0).view(np.int32)
 _LESS = np.float32(1.0 - 2.0**-18)  # a new treelet must cost less than this times the old: more than rounding
 
 
@@ -60,23 +72,32 @@ class Part(NamedTuple):
 
     nodes: object  # float32 *, 16 a node
     links: object  # int32 *, the same memory
-    counts: object  # int32 *: leaves below a node
-    costs: object  # float32 *: SAH cost of the subtree, times half the area of the root
-    heights: object  # int32 *: inner nodes on the longest path down, the node's own included
-    rooms: object  # int32 *: the most that the height may be
+    facts: object  # int32 *, 4 a node, of what is below it: see below
+    is_leaf: object  # bool *: whether it is cheaper to make one leaf of all that
+    rooms: object  # int32 *: the most inner nodes that a path down may have
     parents: object  # int32 *: the node's parent in this round; -1 for the root
     pending: object  # int32 *: children to be treated before the node in this round
+
+
+COST = 0  # SAH cost, times half the area of the tree's root: a float32
+COUNT = 1  # triangles
+KEPT = 2  # nodes that stay nodes
+HEIGHT = 3  # inner nodes on the longest path down, the node's own included
 
 
 class Batch(NamedTuple):
     """Sixteen treelets, one a lane; a subset is the set of the bits of its index."""
 
+    pairs: object  # float32 *, [lane][node][side]: boxes as eight words: lower x, y, z, -, upper x, y, z, -
+    links: object  # int32 *, [lane][node][side]
+    inner: object  # int32 *, [lane][node]: the nodes opened; the root is the first
+    places: object  # int32 *, [lane][leaf]: 2 * node + side
+    facts: object  # int32 *, [lane][leaf]: as in `Part`; a single triangle has no cost yet, but a negative number
     boxes: object  # float32 *: [leaf][lower and upper x, y, z][lane]
     costs: object  # float32 *, [subset][lane]: half the area, then the least cost of a tree
     counts: object  # float32 *, [subset][lane]: triangles
-    lefts: object  # int32 *, [subset][lane]: the subset that becomes the left child
-    places: object  # int32 *, [lane][leaf]: index of the link to a leaf of the treelet
-    inner: object  # int32 *, [lane][0..5]: the nodes of the treelet; the root is the first
+    lefts: object  # int32 *, [subset][lane]: the subset that becomes the left child, _LEAF added if a leaf is cheaper
+    unions: object  # float32 *: boxes of all subsets of the first three leaves, and of the last four
 
 
 class Rules(NamedTuple):
@@ -108,39 +129,39 @@ def _area_of_node(nodes, node, scale):
 
 
 @kernel
-def _measure(part, first, last, rules):
-    """Fill counts, costs and heights; children have higher numbers than their parents."""
-    for node in range(last - 1, first - 1, -1):
-        areas = _areas_of_children(part.nodes, node, rules.scale)
-        count, cost, height = np.int64(0), np.float32(0.0), np.int64(0)
-        for side in range(2):
-            link = np.int64(get(part.links, node * 16 + 12 + side))
-            if link < 0:
-                count += 1
-                cost += extract(areas, side)
-            else:
-                count += get(part.counts, link)
-                cost += get(part.costs, link)
-                height = max(height, np.int64(get(part.heights, link)))
-        area = _area_of_node(part.nodes, node, rules.scale)
-        cost += area
-        put(part.counts, node, count)
-        put(part.costs, node, min(cost, area * np.float32(count)) if count <= rules.max_leaf else cost)
-        put(part.heights, node, height + 1)
-
-
-@inlined
-def _counts_at_least(part, link, least):
-    return link >= 0 and get(part.counts, max(link, np.int64(0))) >= least
+def _measure(part, node, rules):
+    """The facts of a node, from those of its children; its cost."""
+    costs, areas = as_f32(part.facts), _areas_of_children(part.nodes, node, rules.scale)
+    count, cost, kept, height = np.int64(0), np.float32(0.0), np.int64(1), np.int64(0)
+    for side in range(2):
+        link = np.int64(get(part.links, node * 16 + 12 + side))
+        if link < 0:
+            count += 1
+            cost += extract(areas, side)
+        else:
+            cost += get(costs, link * 4 + COST)
+            count += get(part.facts, link * 4 + COUNT)
+            kept += get(part.facts, link * 4 + KEPT)
+            height = max(height, np.int64(get(part.facts, link * 4 + HEIGHT)))
+    area = _area_of_node(part.nodes, node, rules.scale)
+    cost, as_leaf = cost + area, area * np.float32(count)
+    if count <= rules.max_leaf and as_leaf <= cost and node != 0:  # the root never is a leaf
+        cost, kept = as_leaf, np.int64(0)
+    put(costs, node * 4 + COST, cost)
+    put(part.facts, node * 4 + COUNT, count)
+    put(part.facts, node * 4 + KEPT, kept)
+    put(part.facts, node * 4 + HEIGHT, height + 1)
+    put(part.is_leaf, node, kept == 0)
+    return cost
 
 
 @kernel
 def _schedule(part, first, room, least, queue, waiting):
     """Put the nodes that no other has to be treated before into the queue; how many.
 
-    Nodes with less than `least` leaves below are not treated in this round.
+    Nodes with less than `least` triangles below are not treated in this round.
     """
-    if get(part.counts, first) < least:
+    if get(part.facts, first * 4 + COUNT) < least:
         return 0
     put(waiting, 0, first)
     put(part.parents, first, -1)
@@ -151,7 +172,7 @@ def _schedule(part, first, room, least, queue, waiting):
         node, pending = np.int64(get(waiting, height)), 0
         for side in range(2):
             child = np.int64(get(part.links, node * 16 + 12 + side))
-            if _counts_at_least(part, child, least):
+            if child >= 0 and get(part.facts, child * 4 + COUNT) >= least:
                 put(part.parents, child, node)
                 put(part.rooms, child, get(part.rooms, node) - 1)
                 put(waiting, height, child)
@@ -167,35 +188,45 @@ def _schedule(part, first, room, least, queue, waiting):
 @kernel
 def _form(part, root, lane, batch, rules):
     """The treelet of a node: its largest box is opened until it has LEAVES leaves [Karras and Aila 2013, Sec. 4.2]."""
-    places, inner = ptr_at(batch.places, lane * 8), ptr_at(batch.inner, lane * 8)
+    pairs, links = ptr_at(batch.pairs, lane * _INNER * 16), ptr_at(batch.links, lane * 16)
+    inner, places = ptr_at(batch.inner, lane * 8), ptr_at(batch.places, lane * 8)
     node, hole, areas = np.int64(root), np.int64(0), splat8(np.float32(-1.0))
-    for k in range(1, LEAVES):
-        put(inner, k - 1, node)
-        put(places, hole, node * 16 + 12)
-        put(places, k, node * 16 + 13)
+    for k in range(_INNER):
+        line = load16(part.nodes, node * 16)
+        store(pairs, k * 16, shuffle(line, 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3))
         both = _areas_of_children(part.nodes, node, rules.scale)
-        left = extract(both, 0) if get(part.links, node * 16 + 12) >= 0 else np.float32(-1.0)
-        right = extract(both, 1) if get(part.links, node * 16 + 13) >= 0 else np.float32(-1.0)
-        areas = select(iota8() == np.int32(hole), left, select(iota8() == np.int32(k), right, areas))
+        left, right = get(part.links, node * 16 + 12), get(part.links, node * 16 + 13)
+        put(inner, k, node)
+        put(links, 2 * k, left)
+        put(links, 2 * k + 1, right)
+        put(places, hole, 2 * k)
+        put(places, k + 1, 2 * k + 1)
+        left_area = extract(both, 0) if left >= 0 else np.float32(-1.0)
+        right_area = extract(both, 1) if right >= 0 else np.float32(-1.0)
+        areas = select(iota8() == np.int32(hole), left_area, select(iota8() == np.int32(k + 1), right_area, areas))
         hole = lowest_bit(bits(areas == reduce_max(areas)))
-        node = np.int64(get(part.links, np.int64(get(places, hole))))
+        node = np.int64(get(links, np.int64(get(places, hole))))
+
+
+@kernel
+def _spread(part, root, lane, batch):
+    """Facts and boxes of a treelet's leaves to where the dynamic programming reads them."""
+    pairs, links = ptr_at(batch.pairs, lane * _INNER * 16), ptr_at(batch.links, lane * 16)
+    facts = ptr_at(batch.facts, lane * 32)
+    single = select(iota4() == np.int32(COUNT), splat4(np.int32(1)), np.int32(0))
+    single = select(iota4() == np.int32(COST), _MINUS_ONE, single)
     for leaf in range(LEAVES):
-        _add_leaf(part, np.int64(get(places, leaf)), leaf, lane, batch, rules)
-
-
-@inlined
-def _add_leaf(part, place, leaf, lane, batch, rules):
-    """Box, cost and count of a leaf of the treelet in this lane."""
-    nodes, box, link = part.nodes, (place >> 4) * 16 + (place & 1), np.int64(get(part.links, place))
-    row = leaf * _ROW + lane
-    for k in range(3):
-        put(batch.boxes, row + k * _LANES, get(nodes, box + 4 * k))
-        put(batch.boxes, row + (k + 3) * _LANES, get(nodes, box + 4 * k + 2))
-    cost, count = np.float32(-1.0), np.float32(1.0)
-    if link >= 0:
-        cost, count = get(part.costs, link), np.float32(get(part.counts, link))
-    put(batch.costs, (1 << leaf) * _LANES + lane, cost)
-    put(batch.counts, (1 << leaf) * _LANES + lane, count)
+        place = np.int64(get(batch.places, lane * 8 + leaf))
+        row = leaf * _ROW + lane
+        for k in range(3):
+            put(batch.boxes, row + k * _LANES, get(pairs, place * 8 + k))
+            put(batch.boxes, row + (k + 3) * _LANES, get(pairs, place * 8 + k + 4))
+        link = np.int64(get(links, place))
+        fact = load4(part.facts, max(link, root) * 4)  # some node's where there is none: no branch to mispredict
+        fact = select(splat4(np.int32(link)) >= 0, fact, single)
+        store(facts, leaf * 4, fact)
+        put(batch.costs, (1 << leaf) * _LANES + lane, get(as_f32(facts), leaf * 4 + COST))
+        put(batch.counts, (1 << leaf) * _LANES + lane, np.float32(extract(fact, COUNT)))
 
 
 @kernel
@@ -211,9 +242,9 @@ def _unite(boxes, first, n, scale, unions):
 
 
 @kernel
-def _price_subsets(batch, scale, unions):
+def _price_subsets(batch, scale):
     """Half the area of every subset's box to `costs`; those of single leaves only where they have no cost yet."""
-    high = ptr_at(unions, 8 * _ROW)
+    unions, high = batch.unions, ptr_at(batch.unions, 8 * _ROW)
     _unite(batch.boxes, 0, 3, scale, unions)
     _unite(batch.boxes, 3, 4, scale, high)
     for h in range(16):
@@ -250,106 +281,87 @@ def _plan(batch, rules):
             part = (part - 1) & rest
         area, count = load16(costs, subset * _LANES), load16(batch.counts, low * _LANES)
         count += load16(batch.counts, rest * _LANES)
-        best += area
-        store(costs, subset * _LANES, select(count <= max_leaf, minimum(best, area * count), best))
+        best, as_leaf = best + area, area * count
+        is_leaf = (count <= max_leaf) & (as_leaf <= best)
+        store(costs, subset * _LANES, select(is_leaf, as_leaf, best))
         store(batch.counts, subset * _LANES, count)
-        store(batch.lefts, subset * _LANES, left)
-
-
-@inlined
-def _copy_box(boxes, leaf, lane, nodes, at):
-    """The box of a treelet's leaf to the child box whose first word is `at`."""
-    row = leaf * _ROW + lane
-    for k in range(3):
-        put(nodes, at + 4 * k, get(boxes, row + k * _LANES))
-        put(nodes, at + 4 * k + 2, get(boxes, row + (k + 3) * _LANES))
-
-
-@inlined
-def _join_box(nodes, node, at):
-    """The box around both children of a node to the child box whose first word is `at`."""
-    for k in range(node * 16, node * 16 + 12, 4):
-        put(nodes, at, min(get(nodes, k), get(nodes, k + 1)))
-        put(nodes, at + 2, max(get(nodes, k + 2), get(nodes, k + 3)))
-        at += 4
+        store(batch.lefts, subset * _LANES, select(is_leaf, left | _LEAF, left))
 
 
 @kernel
 def _unfold(batch, lane, subsets, children):
     """The inner nodes of the best tree, parents first: their subsets, and their children.
 
-    A child is the number of an inner node, or ~leaf.
+    A child is a leaf of the treelet, or LEAVES + the number of an inner node.
     """
     put(subsets, 0, _ALL)
     n = 1
-    for i in range(LEAVES - 1):
+    for i in range(_INNER):
         subset = np.int64(get(subsets, i))
-        half = np.int64(get(batch.lefts, subset * _LANES + lane))
+        half = np.int64(get(batch.lefts, subset * _LANES + lane)) & _ALL
         for side in range(2):
-            if half & (half - 1) == 0:
-                put(children, 2 * i + side, ~lowest_bit(half))
-            else:
-                put(children, 2 * i + side, n)
-                put(subsets, n, half)
-                n += 1
+            is_leaf = half & (half - 1) == 0
+            put(children, 2 * i + side, lowest_bit(half) if is_leaf else LEAVES + n)
+            put(subsets, n, half)
+            n += 0 if is_leaf else 1
             half = subset ^ half
-
-
-@inlined
-def _height(part, links, children, heights, i):
-    """Inner nodes on the longest path down from inner node `i` of a new treelet."""
-    height = np.int64(0)
-    for side in range(2):
-        child = np.int64(get(children, 2 * i + side))
-        if child >= 0:
-            height = max(height, np.int64(get(heights, child)))
-        else:
-            link = np.int64(get(links, ~child))
-            if link >= 0:
-                height = max(height, np.int64(get(part.heights, link)))
-    return height + 1
 
 
 @kernel
 def _replace(part, lane, batch):
     """Put the best tree in the treelet's place, unless a path would become too long."""
-    subsets, children, heights, links = stack_i32(8), stack_i32(16), stack_i32(8), stack_i32(8)
-    inner, places = ptr_at(batch.inner, lane * 8), ptr_at(batch.places, lane * 8)
+    subsets, children, links, facts = stack_i32(8), stack_i32(16), stack_i32(16), stack_i32(64)
+    boxes, pair = stack_f32(128), stack_f32(16)
+    inner = ptr_at(batch.inner, lane * 8)
     _unfold(batch, lane, subsets, children)
     for leaf in range(LEAVES):
-        put(links, leaf, get(part.links, np.int64(get(places, leaf))))
-    for i in range(LEAVES - 2, -1, -1):
-        put(heights, i, _height(part, links, children, heights, i))
-    if get(heights, 0) > get(part.rooms, np.int64(get(inner, 0))):
+        place = np.int64(get(batch.places, lane * 8 + leaf))
+        store(boxes, leaf * 8, load8(batch.pairs, lane * _INNER * 16 + place * 8))
+        store(facts, leaf * 4, load4(batch.facts, lane * 32 + leaf * 4))
+        put(links, leaf, get(batch.links, lane * 16 + place))
+    for i in range(_INNER - 1, -1, -1):
+        left, right = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
+        subset, at = np.int64(get(subsets, i)), (LEAVES + i) * 4
+        is_leaf = get(batch.lefts, subset * _LANES + lane) & _LEAF != 0 and get(inner, i) != 0  # the root never is
+        kept = 1 + get(facts, left * 4 + KEPT) + get(facts, right * 4 + KEPT)
+        put(as_f32(facts), at + COST, get(batch.costs, subset * _LANES + lane))
+        put(facts, at + COUNT, get(batch.counts, subset * _LANES + lane))
+        put(facts, at + KEPT, 0 if is_leaf else kept)
+        put(facts, at + HEIGHT, 1 + max(get(facts, left * 4 + HEIGHT), get(facts, right * 4 + HEIGHT)))
+        put(links, LEAVES + i, get(inner, i))
+    if get(facts, LEAVES * 4 + HEIGHT) > get(part.rooms, np.int64(get(inner, 0))):
         return
-    for i in range(LEAVES - 2, -1, -1):
-        node, subset = np.int64(get(inner, i)), np.int64(get(subsets, i))
-        for side in range(2):
-            child, at = np.int64(get(children, 2 * i + side)), node * 16 + side
-            if child < 0:
-                _copy_box(batch.boxes, ~child, lane, part.nodes, at)
-                put(part.links, at + 12, get(links, ~child))
-            else:
-                _join_box(part.nodes, np.int64(get(inner, child)), at)
-                put(part.links, at + 12, get(inner, child))
-        put(part.heights, node, get(heights, i))
-        put(part.costs, node, get(batch.costs, subset * _LANES + lane))
-        put(part.counts, node, get(batch.counts, subset * _LANES + lane))
+    lower = mask_from_bits8(15)
+    for i in range(_INNER - 1, -1, -1):
+        node, at = np.int64(get(inner, i)), LEAVES + i
+        left, right = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
+        a, b = load8(boxes, left * 8), load8(boxes, right * 8)
+        store(boxes, at * 8, select(lower, minimum(a, b), maximum(a, b)))
+        store(pair, 0, a)
+        store(pair, 8, b)
+        line = shuffle(load16(pair, 0), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 3, 3, 3)
+        store(part.nodes, node * 16, line)
+        put(part.links, node * 16 + 12, get(links, left))
+        put(part.links, node * 16 + 13, get(links, right))
+        store(part.facts, node * 4, load4(facts, at * 4))
+        put(part.is_leaf, node, get(facts, at * 4 + KEPT) == 0)
 
 
 @kernel
-def _round(part, queue, n, batch, unions, rules):
+def _round(part, queue, n, batch, rules):
     """Treat the `n` nodes in the queue, sixteen at once, and then those that have waited for them."""
     done = 0
     while done < n:
         lanes = min(_LANES, n - done)
         for lane in range(lanes):
-            _form(part, get(queue, done + lane), lane, batch, rules)
-        _price_subsets(batch, rules.scale, unions)
+            root = np.int64(get(queue, done + lane))
+            _form(part, root, lane, batch, rules)
+            _spread(part, root, lane, batch)
+        _price_subsets(batch, rules.scale)
         _plan(batch, rules)
         for lane in range(lanes):
             node = np.int64(get(queue, done + lane))
-            if get(batch.costs, _ALL * _LANES + lane) < get(part.costs, node) * _LESS:
+            if get(batch.costs, _ALL * _LANES + lane) < _measure(part, node, rules) * _LESS:
                 _replace(part, lane, batch)
             parent = np.int64(get(part.parents, node))
             if parent >= 0:
@@ -363,55 +375,62 @@ def _round(part, queue, n, batch, unions, rules):
 class _Scratch(NamedTuple):
     """A thread's own memory, for a part of up to m nodes."""
 
-    numbers: np.ndarray  # (6, m) int32: of each node what `Part` has, and the queue
-    costs: np.ndarray  # (m,) float32
+    facts: np.ndarray  # (m, 4) int32
+    numbers: np.ndarray  # (4, m) int32: what else `Part` has of each node, and the queue
     waiting: np.ndarray  # (2 * MAX_DEPTH + 2,) int32
 
 
 @kernel
 def _scratch(m):
-    return _Scratch(np.empty((6, m), np.int32), np.empty(m, np.float32), np.empty(2 * MAX_DEPTH + 2, np.int32))
+    return _Scratch(np.empty((m, 4), np.int32), np.empty((4, m), np.int32), np.empty(2 * MAX_DEPTH + 2, np.int32))
 
 
 @kernel
-def _restructure(nodes, links, first, last, room, rules, scratch):
-    """Treat the nodes from `first` to `last` - 1, all those below `first`, a tree at most `room` high; its height."""
-    m, numbers = len(scratch.costs), ptr(scratch.numbers)
+def _restructure(nodes, first, last, room, rules, is_leaf, scratch):
+    """Treat the nodes from `first` to `last` - 1, all those below `first`, a tree at most `room` high.
+
+    (nodes to keep, triangles, height) that it then has.
+    """
+    m, numbers = len(scratch.facts), ptr(scratch.numbers)
     part = Part(
-        nodes, links, ptr_at(numbers, -first), ptr_at(ptr(scratch.costs), -first), ptr_at(numbers, m - first),
-        ptr_at(numbers, 2 * m - first), ptr_at(numbers, 3 * m - first), ptr_at(numbers, 4 * m - first),
+        nodes, as_i32(nodes), ptr_at(ptr(scratch.facts), -4 * first), is_leaf, ptr_at(numbers, -first),
+        ptr_at(numbers, m - first), ptr_at(numbers, 2 * m - first),
     )  # fmt: skip
     batch = Batch(
-        stack_f32(_BOXES), stack_f32(_PLANS), stack_f32(_PLANS), stack_i32(_PLANS), stack_i32(_LISTS), stack_i32(_LISTS)
-    )
-    unions, queue = stack_f32(_UNIONS), ptr_at(numbers, 5 * m)
+        stack_f32(_PAIRS), stack_i32(_LINKS), stack_i32(_LISTS), stack_i32(_LISTS), stack_i32(_FACTS),
+        stack_f32(_BOXES), stack_f32(_PLANS), stack_f32(_PLANS), stack_i32(_PLANS), stack_f32(_UNIONS),
+    )  # fmt: skip
     for k in range(0, _BOXES, _LANES):
         store(batch.boxes, k, splat16(np.float32(0.0)))  # lanes that a batch leaves out
-    _measure(part, first, last, rules)
+    for node in range(last - 1, first - 1, -1):  # children have higher numbers than their parents
+        _measure(part, node, rules)
     least = LEAVES
     for _ in range(rules.rounds):
-        ready = _schedule(part, first, room, least, queue, ptr(scratch.waiting))
-        _round(part, queue, ready, batch, unions, rules)
+        ready = _schedule(part, first, room, least, ptr_at(numbers, 3 * m), ptr(scratch.waiting))
+        _round(part, ptr_at(numbers, 3 * m), ready, batch, rules)
         least *= 2
-    return np.int64(get(part.heights, first))
+    return get(part.facts, first * 4 + KEPT), get(part.facts, first * 4 + COUNT), get(part.facts, first * 4 + HEIGHT)
 
 
 @kernel
-def _restructure_parts(ticket, bvh, parts, rules, heights):
+def _restructure_parts(ticket, bvh, parts, rules, choice, heights):
     """Worker: treat the nodes of each part; how high it then is."""
-    scratch = _scratch(np.max(parts[:, 1] - parts[:, 0]))
-    nodes, links = ptr(bvh.nodes), ptr(bvh.links)
+    scratch, nodes, is_leaf = _scratch(np.max(parts[:, 1] - parts[:, 0])), ptr(bvh.nodes), ptr(choice.is_leaf)
     p = take(ticket)
     while p >= 0:
         root, end, depth = parts[p]
+        kept, count, height = np.int32(0), np.int32(1), np.int32(0)
         if root >= 0:
-            heights[p] = _restructure(nodes, links, root, end, MAX_DEPTH - depth, rules, scratch)
+            kept, count, height = _restructure(nodes, root, end, MAX_DEPTH - depth, rules, is_leaf, scratch)
+        choice.sizes[p, 0], choice.sizes[p, 1], heights[p] = kept, count, height
         p = take(ticket)
 
 
 @kernel
-def _restructure_top(top, links, room, rules):
-    _restructure(ptr(top), ptr(links), 0, len(top), room, rules, _scratch(len(top)))
+def _restructure_top(top, room, rules):
+    is_leaf = np.empty(len(top), np.bool_)
+    _restructure(ptr(top), 0, len(top), room, rules, ptr(is_leaf), _scratch(len(top)))
+    return is_leaf  # so that it lives until here
 
 
 def _scale_of(bvh) -> np.float32:
@@ -425,10 +444,10 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     `bvh` is changed on the way and of no more use.
     """
     pieces = cut(bvh)
-    heights = np.zeros(len(pieces.parts), np.int64)
+    heights = np.empty(len(pieces.parts), np.int64)
+    choice = Choice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(pieces.parts), 2), np.int64))
     rules = Rules(np.int64(max_leaf), _scale_of(bvh), np.int64(rounds))
-    run(_restructure_parts, threads, new_ticket(len(heights), 1), bvh, pieces.parts, rules, heights)
+    run(_restructure_parts, threads, new_ticket(len(heights), 1), bvh, pieces.parts, rules, choice, heights)
     if len(pieces.top):
-        room = MAX_DEPTH - heights.max()
-        _restructure_top(pieces.top, pieces.top.view(np.int32), room, rules._replace(max_leaf=np.int64(0)))
-    return relayout(bvh, pieces, max_leaf, threads)
+        _restructure_top(pieces.top, MAX_DEPTH - heights.max(), rules._replace(max_leaf=np.int64(0)))
+    return relayout(bvh, pieces, choice, threads)
