@@ -222,7 +222,7 @@ def _spread(part, root, lane, batch):
             put(batch.boxes, row + k * _LANES, get(pairs, place * 8 + k))
             put(batch.boxes, row + (k + 3) * _LANES, get(pairs, place * 8 + k + 4))
         link = np.int64(get(links, place))
-        fact = load4(part.facts, max(link, root) * 4)  # some node's where there is none: no branch to mispredict
+        fact = load4(part.facts, (link if link >= 0 else root) * 4)  # some node's where there is none: no branch to mispredict
         fact = select(splat4(np.int32(link)) >= 0, fact, single)
         store(facts, leaf * 4, fact)
         put(batch.costs, (1 << leaf) * _LANES + lane, get(as_f32(facts), leaf * 4 + COST))
