@@ -17,6 +17,7 @@ from ..simd import (
     load4,
     load8,
     mask_from_bits4,
+    mask_from_bits16,
     maximum,
     minimum,
     ptr,
@@ -72,16 +73,12 @@ def range_bounds(records, first, last):
     return box, centroids
 
 
-@kernel
+@inlined
 def write_boxes(nodes, node, left, right):
     """The boxes of both children into a node; the links and the unused words become 0."""
-    for k in range(3):
-        i = node * 16 + 4 * k
-        put(nodes, i, extract(left, k))
-        put(nodes, i + 1, extract(right, k))
-        put(nodes, i + 2, -extract(left, k + 4))
-        put(nodes, i + 3, -extract(right, k + 4))
-    store(nodes, node * 16 + 12, splat4(_ZERO))
+    line = shuffle(join(left, right), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
+    line = select(mask_from_bits16(0x0CCC), -line, line)  # the upper corners
+    store(nodes, node * 16, select(mask_from_bits16(0x0FFF), line, _ZERO))
 
 
 @kernel
