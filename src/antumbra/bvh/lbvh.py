@@ -41,7 +41,7 @@ _LEVELS = 96  # of a tree at most, however deep: 63 bits of a code and 28 of a p
 _WAITING = 4 * _LEVELS
 _BOXES = 8 * _LEVELS
 _NO_LEVEL = np.int64(2**63 - 1)
-_AHEAD = 32  # triangles that are fetched in advance
+_AHEAD = 64  # triangles that are fetched in advance
 
 
 class Sorted(NamedTuple):
