@@ -7,7 +7,7 @@ import numpy as np
 from ..jit import kernel
 from ..parallel import new_ticket, run, take
 from ..simd import load16, ptr, store
-from .nodes import MAX_DEPTH, aligned_empty
+from .nodes import MAX_DEPTH, Bvh, aligned_empty
 from .top import Top
 
 
@@ -70,8 +70,8 @@ def top_lines(top: Top, node_at, subtree_links) -> np.ndarray:
     return lines
 
 
-def assemble(top: Top, subtrees: Subtrees, threads: int) -> np.ndarray:
-    """All nodes, (n, 16) float32 on a 64-byte line, every left child right behind its parent."""
+def assemble(bvh: Bvh, top: Top, subtrees: Subtrees, threads: int) -> Bvh:
+    """`bvh` with all nodes, on a 64-byte line, every left child right behind its parent."""
     node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty(len(subtrees.shares), np.int64)
     count = place(top.children, subtrees.shares[:, 1], node_at, subtree_at)
     nodes = aligned_empty((count, 16), "f4")
@@ -79,4 +79,4 @@ def assemble(top: Top, subtrees: Subtrees, threads: int) -> np.ndarray:
     run(_copy_subtrees, threads, ticket, subtrees, subtree_at, nodes, nodes.view(np.int32))
     links = np.where(subtrees.shares[:, 2] >= 0, subtree_at, subtrees.shares[:, 2])
     nodes[node_at] = top_lines(top, node_at, links)
-    return nodes
+    return bvh._replace(nodes=nodes, links=nodes.view(np.int32))

@@ -34,9 +34,8 @@ from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .prepare import CHUNK, checked, scene_bounds, tiny
 from .radix_sort import radix_sort
 from .top import Top
+from .top_down import largest_subtree
 
-_SUBTREES = 64  # the top cuts ranges of more than a 64th of all triangles ...
-_SMALL = 4096  # ... but none of fewer than this
 _LEVELS = 96  # of a tree at most, however deep: 63 bits of a code and 28 of a place
 _WAITING = 4 * _LEVELS
 _BOXES = 8 * _LEVELS
@@ -217,7 +216,7 @@ def _refit_top(children, forest, boxes):
 def _emit(flat, source: Sorted, max_leaf: int, threads: int):
     """(Bvh, its depth) of sorted triangles."""
     n = len(flat)
-    children, ranges = _cut_top(source.codes, source.drop, max(_SMALL, n // _SUBTREES))
+    children, ranges = _cut_top(source.codes, source.drop, largest_subtree(n))
     t, s = len(children), len(ranges)
     numbers = [np.empty(s, np.int64) for _ in range(4)]
     forest = Forest(ranges, numbers[0], numbers[1], np.empty((s, 8), np.float32), numbers[2], numbers[3])
