@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from . import binned_sah
+from . import binned_sah, lbvh, tl_lbvh
 
 
 class Builder(NamedTuple):
@@ -19,6 +19,21 @@ BUILDERS: dict[str, Builder] = {
         binned_sah.build,
         "binned surface area heuristic, top-down, in parallel",
         "Wald 2007, On fast construction of SAH-based bounding volume hierarchies",
+    ),
+    "lbvh": Builder(
+        lbvh.build,
+        "Morton codes of 30 bits: the fastest to build",
+        "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
+    ),
+    "lbvh63": Builder(
+        lbvh.build63,
+        "Morton codes of 63 bits: for scenes with fine detail in a small part",
+        "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
+    ),
+    "tl-lbvh": Builder(
+        tl_lbvh.build,
+        "lbvh with its treelets restructured: nearly as fast, and about as good as bsah",
+        "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
     ),
 }
 """Name -> builder; every one makes a correct BVH of the same form from the same triangles."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import kernel
-from ..simd import load16, ptr, put, store
+from ..simd import load16, ptr, store
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 
 _PARTS = 256  # parts have a 256th of all nodes each, at most, so that threads finish together ...
@@ -53,7 +53,7 @@ def cut(bvh: Bvh, largest: int | None = None) -> Cut:
     """Cut a BVH, whose nodes stand depth first, in parts of at most `largest` nodes."""
     n = len(bvh.nodes)
     largest = max(_SMALL, n // _PARTS) if largest is None else largest
-    room = min(n, MAX_DEPTH * (n // largest))  # nodes with more than `largest` below: at each depth they share all nodes
+    room = min(n, MAX_DEPTH * (n // largest))  # for the top: at each depth, large subtrees share all nodes
     top, parts = aligned_empty((room, 16), "f4"), np.empty((room + 1, 3), np.int64)
     n_top, n_parts, depth = _cut(bvh, largest, top, parts)
     return Cut(top[:n_top], parts[:n_parts], int(depth))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
-from ..simd import get, load8, load16, prefetch, put, splat4, store
+from ..simd import get, load8, load16, put, splat4, store
 from .assemble import place
 from .cut import Cut
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
@@ -159,6 +159,16 @@ def _copy_parts(ticket, bvh, parts, is_leaf, at, new, links):
         p = take(ticket)
 
 
+def _slots_before(children, triangles):
+    """The first slot of each part, depth first."""
+    turn = np.empty(len(triangles), np.int64)
+    place(children, np.ones(len(triangles), np.int64), np.empty(len(children), np.int64), turn)
+    order = np.argsort(turn)
+    slots = np.empty_like(triangles)
+    slots[order] = np.cumsum(triangles[order]) - triangles[order]
+    return slots
+
+
 def _links_of_top(children, node_at, to_parts):
     links = np.empty(children.shape, np.int64)
     links[children >= 0] = node_at[children[children >= 0]]
@@ -185,8 +195,9 @@ def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
     """
     links = cut.top.view(np.int32)[:, 12:14]
     children = np.where(links >= 0, links, ~(~links >> 3)).astype(np.int64)
-    node_at, at = np.empty(len(children), np.int64), np.empty((len(cut.parts), 2), np.int64)
-    count = place(children, choice.sizes, node_at, at)
+    node_at, nodes_at = np.empty(len(children), np.int64), np.empty(len(cut.parts), np.int64)
+    count = place(children, np.ascontiguousarray(choice.sizes[:, 0]), node_at, nodes_at)
+    at = np.column_stack([nodes_at, _slots_before(children, choice.sizes[:, 1])])
     n = len(bvh.prim_ids)
     nodes = aligned_empty((count, 16), "f4")
     new = Bvh(nodes, nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
