@@ -5,7 +5,7 @@ The nodes of an LBVH of one triangle a leaf are treated after all nodes below th
 treats those of twice as many triangles as the last. Leaves of more triangles are made in the end, where they are
 cheaper.
 
-The tree is cut in parts, which threads treat alone, and a top, which is treated when they are done. Within a part nodes
+The tree is cut in parts, which threads treat alone, and a top, which is treated when they are done. Within each nodes
 wait in a queue until those below them are done, so any that stand there at once have no triangle in common, and sixteen
 are taken at a time.
 """
@@ -16,9 +16,9 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_f32
+from ..simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_f32, stack_i32
 from . import lbvh
-from .cut import cut
+from .cut import cut, largest_part
 from .nodes import MAX_DEPTH, Bvh
 from .prepare import checked, power_of_two_for
 from .relayout import Choice, relayout
@@ -43,6 +43,8 @@ from .treelet import (
 )
 
 _LESS = np.float32(1.0 - 2.0**-18)  # a new treelet must cost less than this times the old: more than rounding
+_TOP = 4  # times as many rounds in the top: it has few nodes, and large ones
+_WAITING = 2 * MAX_DEPTH + 2
 
 
 @inlined
@@ -137,60 +139,60 @@ def _round(part, queue, n, batch, rules):
         done += lanes
 
 
-class _Scratch(NamedTuple):
-    """A thread's own memory, for a part of up to m nodes."""
+class Work(NamedTuple):
+    """A tree that is being made better."""
 
-    facts: np.ndarray  # (m, 4) int32
-    numbers: np.ndarray  # (4, m) int32: what else `Part` has of each node, and the queue
-    waiting: np.ndarray  # (2 * MAX_DEPTH + 2,) int32
-
-
-@kernel
-def _scratch(m):
-    return _Scratch(np.empty((m, 4), np.int32), np.empty((4, m), np.int32), np.empty(2 * MAX_DEPTH + 2, np.int32))
+    nodes: np.ndarray  # (n, 16) float32
+    facts: np.ndarray  # (n, 4) int32: see `Part`
+    is_leaf: np.ndarray  # (n,) bool
 
 
-@kernel
-def _restructure(nodes, first, last, room, rules, is_leaf, scratch):
-    """Treat the nodes from `first` to `last` - 1, all those below `first`, a tree at most `room` high.
-
-    (nodes to keep, triangles, height) that it then has.
-    """
-    m, numbers = len(scratch.facts), ptr(scratch.numbers)
-    part = Part(
-        nodes, as_i32(nodes), ptr_at(ptr(scratch.facts), -4 * first), is_leaf,
-        ptr_at(numbers, -first), ptr_at(numbers, m - first), ptr_at(numbers, 2 * m - first),
+@inlined
+def _part_of(work, numbers, first):
+    """Some nodes of a tree, those from `first` on; `numbers` is memory for 3 int32 of each."""
+    return Part(
+        ptr(work.nodes), as_i32(ptr(work.nodes)), ptr(work.facts), ptr(work.is_leaf),
+        ptr_at(numbers, -first), ptr_at(numbers, numbers.shape[1] - first),
+        ptr_at(numbers, 2 * numbers.shape[1] - first),
     )  # fmt: skip
-    batch = batch_at(stack_f32(BATCH))
-    for node in range(last - 1, first - 1, -1):  # children have higher numbers than their parents
-        _measure(part, node, rules)
-    least = LEAVES
-    for _ in range(rules.rounds):
-        ready = _schedule(part, first, room, least, ptr_at(numbers, 3 * m), ptr(scratch.waiting))
-        _round(part, ptr_at(numbers, 3 * m), ready, batch, rules)
-        least *= 2
-    return get(part.facts, first * 4 + KEPT), get(part.facts, first * 4 + COUNT), get(part.facts, first * 4 + HEIGHT)
 
 
 @kernel
-def _restructure_parts(ticket, bvh, parts, rules, choice, heights):
-    """Worker: treat the nodes of each part; how high it then is."""
-    scratch, nodes, is_leaf = _scratch(np.max(parts[:, 1] - parts[:, 0])), ptr(bvh.nodes), ptr(choice.is_leaf)
+def _rounds(part, root, room, least, growth, queue, rules):
+    """Treat the nodes that have `least` triangles below, then those that have `growth` times as many, and so on."""
+    batch, waiting = batch_at(stack_f32(BATCH)), stack_i32(_WAITING)
+    for _ in range(rules.rounds):
+        ready = _schedule(part, root, room, least, queue, waiting)
+        _round(part, queue, ready, batch, rules)
+        least *= growth
+
+
+@kernel
+def _restructure_parts(ticket, work, parts, rules):
+    """Worker: treat the nodes of each part, which stand depth first."""
+    numbers = np.empty((4, np.max(parts[:, 1] - parts[:, 0])), np.int32)
+    queue = ptr_at(numbers, 3 * numbers.shape[1])
     p = take(ticket)
     while p >= 0:
         root, end, depth = parts[p]
-        kept, count, height = np.int32(0), np.int32(1), np.int32(0)
         if root >= 0:
-            kept, count, height = _restructure(nodes, root, end, MAX_DEPTH - depth, rules, is_leaf, scratch)
-        choice.sizes[p, 0], choice.sizes[p, 1], heights[p] = kept, count, height
+            part = _part_of(work, numbers, root)
+            for node in range(end - 1, root - 1, -1):  # children have higher numbers than their parents
+                _measure(part, node, rules)
+            _rounds(part, root, MAX_DEPTH - depth, LEAVES, 2, queue, rules)
         p = take(ticket)
+    return len(numbers)  # so that they live until here
 
 
 @kernel
-def _restructure_top(top, room, rules):
-    is_leaf = np.empty(len(top), np.bool_)
-    _restructure(ptr(top), 0, len(top), room, rules, ptr(is_leaf), _scratch(len(top)))
-    return is_leaf  # so that it lives until here
+def _restructure_top(work, nodes, least, rules):
+    """Treat these nodes, parents first, which are those with `least` triangles or more below."""
+    numbers = np.empty((4, len(work.nodes)), np.int32)  # most of it is never touched
+    part = _part_of(work, numbers, 0)
+    for node in nodes[::-1]:
+        _measure(part, node, rules)
+    _rounds(part, 0, MAX_DEPTH, least, 1, ptr_at(numbers, 3 * numbers.shape[1]), rules)
+    return len(numbers)
 
 
 def _scale_of(bvh) -> np.float32:
@@ -204,14 +206,17 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
 
     `bvh` is changed on the way and of no more use.
     """
-    pieces = cut(bvh)
-    heights = np.empty(len(pieces.parts), np.int64)
-    choice = Choice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(pieces.parts), 2), np.int64))
+    n = len(bvh.nodes)
+    largest, work = largest_part(n), Work(bvh.nodes, np.empty((n, 4), np.int32), np.empty(n, np.bool_))
     rules = Rules(np.int64(max_leaf), _scale_of(bvh), np.int64(rounds))
-    run(_restructure_parts, threads, new_ticket(len(heights), 1), bvh, pieces.parts, rules, choice, heights)
-    if len(pieces.top):
-        _restructure_top(pieces.top, MAX_DEPTH - heights.max(), rules._replace(max_leaf=np.int64(0)))
-    return relayout(bvh, pieces, choice, threads)
+    pieces = cut(bvh, largest)
+    run(_restructure_parts, threads, new_ticket(len(pieces.parts), 1), work, pieces.parts, rules)
+    if len(pieces.numbers):
+        _restructure_top(work, pieces.numbers, largest + 2, rules._replace(rounds=np.int64(_TOP * rounds)))
+        pieces = cut(bvh, largest, work.facts[:, COUNT])
+    roots = pieces.parts[:, 0]
+    sizes = np.where(roots[:, None] < 0, [0, 1], work.facts[np.maximum(roots, 0)][:, [KEPT, COUNT]])
+    return relayout(bvh, pieces, Choice(work.is_leaf, sizes), threads)
 
 
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
