@@ -3,13 +3,21 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from . import binned_sah, lbvh, tl_lbvh
+from . import binned_sah, lbvh, reinsertion, tl_lbvh
 
 
 class Builder(NamedTuple):
     """A method that builds a BVH: ``build(vertices, threads=None, ...) -> Bvh``."""
 
     build: Callable
+    description: str
+    paper: str
+
+
+class Optimiser(NamedTuple):
+    """A method that makes a finished BVH better: ``optimise(bvh, threads=None, ...) -> Bvh``."""
+
+    optimise: Callable
     description: str
     paper: str
 
@@ -37,3 +45,12 @@ BUILDERS: dict[str, Builder] = {
     ),
 }
 """Name -> builder; every one makes a correct BVH of the same form from the same triangles."""
+
+OPTIMISERS: dict[str, Optimiser] = {
+    "reinsert": Optimiser(
+        reinsertion.reinsert,
+        "subtrees move to where they cost less: the best trees, for twice the time of bsah and more",
+        "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
+    ),
+}
+"""Name -> optimiser; every one takes a BVH of any builder, and its result costs no more by SAH."""
