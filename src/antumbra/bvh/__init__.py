@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from . import binned_sah, lbvh, reinsertion, tl_lbvh
+from . import binned_sah, lbvh, reinsertion, sweep_sah, tl_lbvh
 
 
 class Builder(NamedTuple):
@@ -28,6 +28,11 @@ BUILDERS: dict[str, Builder] = {
         "binned surface area heuristic, top-down, in parallel",
         "Wald 2007, On fast construction of SAH-based bounding volume hierarchies",
     ),
+    "sweep-sah": Builder(
+        sweep_sah.build,
+        "full sweep surface area heuristic: the reference of quality",
+        "MacDonald and Booth 1990, Heuristics for ray tracing using space subdivision",
+    ),
     "lbvh": Builder(
         lbvh.build,
         "Morton codes of 30 bits: the fastest to build",
@@ -40,7 +45,7 @@ BUILDERS: dict[str, Builder] = {
     ),
     "tl-lbvh": Builder(
         tl_lbvh.build,
-        "lbvh with its treelets restructured: nearly as fast, and about as good as bsah",
+        "lbvh with its treelets restructured: as fast as bsah, and better in most scenes",
         "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
     ),
 }

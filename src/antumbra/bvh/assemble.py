@@ -7,7 +7,7 @@ import numpy as np
 from ..jit import kernel
 from ..parallel import new_ticket, run, take
 from ..simd import load16, ptr, store
-from .nodes import MAX_DEPTH, Bvh, aligned_empty
+from .nodes import Bvh, aligned_empty
 from .top import Top
 
 
@@ -24,7 +24,7 @@ def place(children, counts, node_at, subtree_at):
 
     `counts` has the nodes of each subtree, `children` the links of the top, as in `Top`.
     """
-    waiting = np.empty(MAX_DEPTH + 1, np.int64)
+    waiting = np.empty(len(children) + 1, np.int64)
     waiting[0] = 0 if len(children) else -1
     height, position = 1, 0
     while height > 0:

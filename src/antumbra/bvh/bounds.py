@@ -63,6 +63,13 @@ def half_area(box, scale):
 
 
 @kernel
+def width(box):
+    """The longest side of a box."""
+    sides = -(box + swap_halves(box))
+    return max(extract(sides, 0), extract(sides, 1), extract(sides, 2))
+
+
+@kernel
 def range_bounds(records, first, last):
     """(box, centroid box) of the records from `first` to `last` - 1."""
     box, centroids = splat8(INF), splat8(INF)

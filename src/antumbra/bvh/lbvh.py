@@ -120,8 +120,8 @@ def _cut_top(codes, drop, largest):
 
 @kernel
 def _count_nodes(ticket, source, max_leaf, forest):
-    """Worker: the nodes of each subtree; one is over more than `max_leaf` triangles, or over all."""
-    codes, n = ptr(source.codes), len(source.codes)
+    """Worker: the nodes of each subtree; each is over more than `max_leaf` triangles."""
+    codes = ptr(source.codes)
     levels, ends = stack_i64(_LEVELS), stack_i64(_LEVELS)
     s = take(ticket)
     while s >= 0:
@@ -130,10 +130,10 @@ def _count_nodes(ticket, source, max_leaf, forest):
         for i in range(last - 1, first - 1, -1):
             level = _level(codes, i - 1, i, source.drop) if i > first else _NO_LEVEL
             end = i + 1
-            while height > 0 and get(levels, height - 1) < level:
+            while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
                 height -= 1
                 end = get(ends, height)
-                count += np.int64(end - i > max_leaf or end - i == n)
+                count += np.int64(end - i > max_leaf)
             put(levels, height, level)
             put(ends, height, end)
             height += 1
@@ -148,7 +148,7 @@ def _copy_triangle(vertices, id_, corners, slot):
 
 
 @kernel
-def _build_subtree(vertices, codes, drop, n, max_leaf, first, last, end_node, out):
+def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
     """Make the subtree of a range of slots, its nodes before `end_node`; (box, link, height)."""
     levels, waiting, boxes = stack_i64(_LEVELS), stack_i64(_WAITING), stack_f32(_BOXES)
     ids, node, height, box, link, deep = out.prim_ids, end_node, 0, triangle_box(vertices, 0), np.int64(0), np.int64(0)
@@ -159,11 +159,11 @@ def _build_subtree(vertices, codes, drop, n, max_leaf, first, last, end_node, ou
         id_ = np.int64(get(ids, i))
         _copy_triangle(vertices, id_, out.corners, i)
         box, link, deep, end = triangle_box(vertices, id_), ~(i * 8), np.int64(0), i + 1
-        while height > 0 and get(levels, height - 1) < level:
+        while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
             height -= 1
             other = load8(boxes, height * 8)
             end = get(waiting, height * 4)
-            if end - i > max_leaf or end - i == n:
+            if end - i > max_leaf:
                 node -= 1
                 write_boxes(out.nodes, node, box, other)
                 put(out.links, node * 16 + 12, link)
@@ -184,12 +184,12 @@ def _build_subtree(vertices, codes, drop, n, max_leaf, first, last, end_node, ou
 @kernel
 def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
     """Worker: the nodes and corners of each subtree."""
-    out, n = tree_of(bvh), len(source.codes)
+    out = tree_of(bvh)
     s = take(ticket)
     while s >= 0:
         first, last = forest.ranges[s]
         box, link, height = _build_subtree(
-            ptr(vertices), ptr(source.codes), source.drop, n, max_leaf, first, last,
+            ptr(vertices), ptr(source.codes), source.drop, max_leaf, first, last,
             forest.places[s] + forest.counts[s], out,
         )  # fmt: skip
         store(forest.roots, s * 8, box)
@@ -232,19 +232,19 @@ def _emit(flat, source: Sorted, max_leaf: int, threads: int):
 
 
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, bits: int = 10) -> Bvh:
-    """Build a BVH by Morton codes of 3 * `bits` bits; the same, bit for bit, for any number of threads.
-
-    Parameters, errors and what the boxes are: as for `binned_sah.build`.
+    """Build a BVH by Morton codes; the same, bit for bit, for any number of threads.
 
     Parameters
     ----------
+    vertices, threads, max_leaf
+        As for `binned_sah.build`; so are the errors, and what is returned.
     bits : int
-        10 or 21: of the code, for each axis.
+        Of a code, for each axis: 10 or 21.
 
     Notes
     -----
-    Every subtree of at most `max_leaf` triangles is a leaf. Where that makes a tree deeper than MAX_DEPTH, which only
-    long codes can, nodes are made from their first bits only, as many as is safe.
+    Every subtree of at most `max_leaf` triangles is a leaf, but for the root. If all bits of the codes make a tree
+    deeper than MAX_DEPTH, which only 63 can, nodes are made from the first bits, as many as are safe.
     """
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)
@@ -253,6 +253,7 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, b
         return tiny(flat)
     codes, ids = np.empty(n, np.int32 if bits == 10 else np.int64), np.empty(n, np.int32)
     run(write_codes, threads, new_ticket(n, CHUNK), flat, grid_of(centroids, bits), codes, ids)
+    max_leaf = np.int64(min(max_leaf, n - 1))  # the root is never a leaf
     codes, ids = radix_sort(codes, ids, 3 * bits, threads)
     bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(0)), max_leaf, threads)
     if depth > MAX_DEPTH:
