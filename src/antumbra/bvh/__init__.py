@@ -22,3 +22,31 @@ BUILDERS: dict[str, Builder] = {
     ),
 }
 """Name -> builder; every one makes a correct BVH of the same form from the same triangles."""
+
+
+class Optimiser(NamedTuple):
+    """A method that makes a finished BVH better: ``optimise(bvh, threads=None) -> Bvh``."""
+
+    optimise: Callable
+    description: str
+    paper: str
+
+
+OPTIMISERS: dict[str, Optimiser] = {}
+"""Name -> optimiser; each works on the tree of any builder."""
+
+
+class Updater(NamedTuple):
+    """A method that makes the BVH of a frame from that of the last one, where that pays.
+
+    ``update(last, vertices, threads, build) -> Kept``; ``last`` is the Kept of the last frame or None, and ``build()``
+    makes a new BVH of the vertices.
+    """
+
+    update: Callable
+    description: str
+    paper: str
+
+
+UPDATERS: dict[str, Updater] = {}
+"""Name -> updater; each works on the tree of any builder."""
