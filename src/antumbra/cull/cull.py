@@ -17,6 +17,9 @@ from .sources import FINEST, Tiles, bounds_of, sources_of, tiles_of
 from .swept import mark_hulls
 from .targets import targets_of
 
+STEPS = ("sources", "mark", "triangles")
+"""What culling does: receivers into cells, marking cells, finding and packing the triangles that are left."""
+
 
 class Culled(NamedTuple):
     """What is left of a scene."""
@@ -30,8 +33,9 @@ class Culled(NamedTuple):
 
 
 def cull(
-    triangles, queries, threads: int | None = None, *, n: int = 32, mark: Callable = mark_hulls, whole: bool = False
-) -> Culled:
+    triangles, queries, threads: int | None = None, *, n: int = 32, mark: Callable = mark_hulls, whole: bool = False,
+    lap: Callable[[str], None] = lambda step: None,
+) -> Culled:  # fmt: skip
     """The triangles that a segment of any of the queries can meet, and perhaps some more.
 
     Parameters
@@ -49,6 +53,8 @@ def cull(
         How the cells between sources and targets are found.
     whole : bool
         Whether the grid lies over the whole scene and all lights.
+    lap : function of str
+        Told which of STEPS has just been done.
     """
     threads, corners = thread_count(threads), triangles.vertices.reshape(-1, 9)
     groups = _groups(queries, threads)
@@ -59,11 +65,14 @@ def cull(
     marked, counts = np.zeros((n, n, n), np.uint8), np.zeros(2, np.int64)
     for tiles, asked in groups:
         sources = sources_of(tiles, coarse, threads)
+        lap("sources")
         ends = [targets_of(query, (box[1] - box[0]) / n) for query in asked]
         for targets in ends:
             mark(sources, targets, grid, marked, threads)
         counts += len(sources), sum(len(targets.boxes) for targets in ends)
+        lap("mark")
     kept, packed = relevant(corners, grid, marks_of(marked, threads), threads)
+    lap("triangles")
     return Culled(kept, packed.reshape(-1, 3, 3), grid, marked, *counts.tolist())
 
 
