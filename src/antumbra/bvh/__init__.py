@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from . import binned_sah
+from . import binned_sah, lbvh, sweep_sah
 
 
 class Builder(NamedTuple):
@@ -19,6 +19,21 @@ BUILDERS: dict[str, Builder] = {
         binned_sah.build,
         "binned surface area heuristic, top-down, in parallel",
         "Wald 2007, On fast construction of SAH-based bounding volume hierarchies",
+    ),
+    "sweep-sah": Builder(
+        sweep_sah.build,
+        "full sweep surface area heuristic: the reference of quality",
+        "MacDonald and Booth 1990, Heuristics for ray tracing using space subdivision",
+    ),
+    "lbvh": Builder(
+        lbvh.build,
+        "Morton codes of 30 bits: the fastest to build",
+        "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
+    ),
+    "lbvh63": Builder(
+        lbvh.build63,
+        "Morton codes of 63 bits: for scenes with fine detail in a small part",
+        "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
     ),
 }
 """Name -> builder; every one makes a correct BVH of the same form from the same triangles."""
