@@ -102,7 +102,8 @@ class Renderer:
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
         self.scene, self.plan, self.gbuffer = scene, parse_plan(plan), gbuffer
         self.threads = thread_count(threads)
-        self._kept: Any = None  # what the plan's updater keeps from frame to frame
+        update = self.plan.update  # what it keeps from frame to frame
+        self._kept = UPDATERS[update].keep(self._new_tree) if update else None
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
@@ -184,16 +185,13 @@ class Renderer:
         return self.prepare(triangles, bvh)
 
     def _tree(self, vertices) -> Bvh:
-        if self.plan.update is None:
-            return self._new_tree(vertices)
-        self._kept = UPDATERS[self.plan.update].update(
-            self._kept, vertices, self.threads, lambda: self._new_tree(vertices)
-        )
-        return self._kept.bvh
+        if self._kept is not None:
+            return self._kept.update(vertices, self.threads)
+        return self._new_tree(vertices, self.threads)
 
-    def _new_tree(self, vertices) -> Bvh:
-        bvh = BUILDERS[self.plan.build].build(vertices, self.threads)
-        return OPTIMISERS[self.plan.optimise].optimise(bvh, self.threads) if self.plan.optimise else bvh
+    def _new_tree(self, vertices, threads) -> Bvh:
+        bvh = BUILDERS[self.plan.build].build(vertices, threads)
+        return OPTIMISERS[self.plan.optimise].optimise(bvh, threads) if self.plan.optimise else bvh
 
     def prepare(self, triangles: Triangles, bvh: Bvh) -> Accelerated:
         """What this plan's tracer walks, made from the BVH that its builder made of the triangles."""

@@ -66,3 +66,9 @@ def cut(bvh: Bvh, largest: int, sizes: np.ndarray | None = None) -> Cut:
     cut = Cut(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
     n_top, n_parts = _cut(bvh, sizes, largest, cut)
     return Cut(cut.numbers[:n_top], top[:n_top], cut.parts[:n_parts])
+
+
+def children_of_top(cut: Cut) -> np.ndarray:
+    """(t, 2) int64: the children of the top's nodes, node of the top or ~part."""
+    links = cut.top.view(np.int32)[:, 12:14].astype(np.int64)
+    return np.where(links >= 0, links, ~(~links >> 3))

@@ -13,7 +13,7 @@ from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
 from ..simd import get, load8, load16, put, splat4, store
 from .assemble import place
-from .cut import Cut
+from .cut import Cut, children_of_top
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .order import surface
 
@@ -193,8 +193,7 @@ def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
     cut : Cut
         Of this tree; the nodes of a part may since have been arranged anew, and those of the top too.
     """
-    links = cut.top.view(np.int32)[:, 12:14]
-    children = np.where(links >= 0, links, ~(~links >> 3)).astype(np.int64)
+    children = children_of_top(cut)
     node_at, nodes_at = np.empty(len(children), np.int64), np.empty(len(cut.parts), np.int64)
     count = place(children, np.ascontiguousarray(choice.sizes[:, 0]), node_at, nodes_at)
     at = np.column_stack([nodes_at, _slots_before(children, choice.sizes[:, 1])])

@@ -20,7 +20,7 @@ from ..simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_f32, st
 from . import lbvh
 from .cut import cut, largest_part
 from .nodes import MAX_DEPTH, Bvh
-from .prepare import checked, power_of_two_for
+from .prepare import checked, scale_of
 from .relayout import Choice, relayout
 from .treelet import (
     BATCH,
@@ -195,12 +195,6 @@ def _restructure_top(work, nodes, least, rules):
     return len(numbers)
 
 
-def _scale_of(bvh) -> np.float32:
-    """See `Rules`."""
-    largest = np.abs(bvh.nodes[0, :12].reshape(3, 4)).max(axis=1)
-    return power_of_two_for(np.resize(np.append(largest, 0), 8))
-
-
 def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     """A cheaper tree, by treelets of a BVH of two triangles or more, depth first and with one triangle a leaf.
 
@@ -208,7 +202,7 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     """
     n = len(bvh.nodes)
     largest, work = largest_part(n), Work(bvh.nodes, np.empty((n, 4), np.int32), np.empty(n, np.bool_))
-    rules = Rules(np.int64(max_leaf), _scale_of(bvh), np.int64(rounds))
+    rules = Rules(np.int64(max_leaf), scale_of(bvh), np.int64(rounds))
     pieces = cut(bvh, largest)
     run(_restructure_parts, threads, new_ticket(len(pieces.parts), 1), work, pieces.parts, rules)
     if len(pieces.numbers):
