@@ -202,3 +202,19 @@ def test_points_ask_a_culled_scene(atrium):
     whole, culled = (at.visibility(atrium, points, light, plan=p).bits for p in ("bsah+single", "grid32+bsah+single"))
     np.testing.assert_array_equal(culled, whole)
     assert 0 < np.bitwise_count(whole).sum() < 300 * 16
+
+
+def test_a_tree_that_is_kept_follows_the_mesh(tmp_path):
+    rng = np.random.default_rng(4)
+    faces = rng.integers(0, 900, (600, 3))
+    frames = rng.uniform(-1, 1, (900, 3)) + np.linspace(0, 1, 5)[:, None, None] ** 2 * rng.normal(size=(900, 3))
+    np.save(tmp_path / "frames.npy", frames.astype(np.float32))
+    np.save(tmp_path / "faces.npy", faces.astype(np.uint32))
+    scene = at.load(tmp_path)
+    camera, light = at.Camera((0, 1, 4), (0, 0, 0), width=32, height=24), at.SphereLight((0, 4, 0), 0.3)
+    kept, anew = at.Renderer(scene, "lbvh+refit+single"), at.Renderer(scene, "lbvh+single")
+    for time in np.linspace(0, scene.duration, 6):
+        a, b = (r.render(camera, light, spp=4, time=time) for r in (kept, anew))
+        np.testing.assert_array_equal(a.bits[0], b.bits[0])
+        np.testing.assert_array_equal(a.image, b.image)
+    assert b.bits[0].any()
