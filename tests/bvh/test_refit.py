@@ -32,7 +32,7 @@ def test_any_soup_that_moves(soup, name, max_leaf, seed):
 
 @pytest.mark.parametrize("name", [n for n in HAZARDS if n != "largest allowed"])
 def test_hazards(name, monkeypatch):
-    monkeypatch.setattr(cutting, "_SMALL", 100)
+    monkeypatch.setattr(cutting, "PART", 100)
     vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
     bvh = binned_sah.build(vertices)
     validate(refit(bvh, moved(vertices), 2), moved(vertices))

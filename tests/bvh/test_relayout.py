@@ -1,12 +1,15 @@
 """Cutting a tree, and writing it anew: nothing is lost, and leaves are the cheapest."""
 
+from unittest.mock import patch
+
 import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given, settings
 
 from antumbra.bvh import BUILDERS
+from antumbra.bvh import cut as cutting
 from antumbra.bvh.binned_sah import build
-from antumbra.bvh.cut import cut, largest_part
+from antumbra.bvh.cut import PART, cut
 from antumbra.bvh.nodes import aligned_empty
 from antumbra.bvh.quality import sah_cost, statistics, validate
 from antumbra.bvh.relayout import cheapest_leaves, relayout
@@ -14,8 +17,9 @@ from bvh_scenes import scattered, terrain
 from strategies import soups
 
 
-def relaid(bvh, max_leaf=4, threads=1, largest=None):
-    pieces = cut(bvh, largest or largest_part(len(bvh.nodes)))
+def relaid(bvh, max_leaf=4, threads=1, largest=PART):
+    with patch.object(cutting, "PART", largest):
+        pieces = cut(bvh)
     return relayout(bvh, pieces, cheapest_leaves(bvh, pieces, max_leaf, threads), threads)
 
 
@@ -33,7 +37,8 @@ def test_any_tree_and_cut(soup, max_leaf, largest, name):
 
 def test_parts_hold_all_nodes_and_no_more_than_allowed():
     bvh = build(terrain(5000))
-    pieces = cut(bvh, 50)
+    with patch.object(cutting, "PART", 50):
+        pieces = cut(bvh)
     counts = [end - root for root, end, _ in pieces.parts if root >= 0]
     assert sum(counts) + len(pieces.numbers) == len(bvh.nodes) and max(counts) <= 50
     assert len(pieces.parts) == len(pieces.numbers) + 1
@@ -57,7 +62,7 @@ def test_nodes_in_any_order():
     links = nodes.view(np.int32)
     links[:, 12:14] = np.where(links[:, 12:14] >= 0, to[np.maximum(links[:, 12:14], 0)], links[:, 12:14])
     links[:, 14:] = 12345
-    pieces = cut(bvh, n)
+    pieces = cut(bvh)
     shuffled = bvh._replace(nodes=nodes, links=links)
     new = relayout(shuffled, pieces, cheapest_leaves(shuffled, pieces, 4, 1), 1)
     for a, b in zip(new, relaid(bvh), strict=True):

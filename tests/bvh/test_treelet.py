@@ -41,8 +41,7 @@ def test_rounds_never_make_a_tree_worse(vertices):
 @pytest.mark.parametrize("name", HAZARDS)
 def test_parts_and_top(name, monkeypatch):
     """Parts of at most 20 nodes: most treelets are in the top."""
-    monkeypatch.setattr(cutting, "_SMALL", 20)
-    monkeypatch.setattr(cutting, "_PARTS", 1000)
+    monkeypatch.setattr(cutting, "PART", 20)
     vertices = np.ascontiguousarray(HAZARDS[name][:3000], np.float32)
     for threads in (1, 3):
         validate(build(vertices, threads), vertices)
@@ -50,8 +49,7 @@ def test_parts_and_top(name, monkeypatch):
 
 def test_parts_cost_little_quality(monkeypatch):
     whole = sah_cost(build(terrain(4000)))
-    monkeypatch.setattr(cutting, "_SMALL", 100)
-    monkeypatch.setattr(cutting, "_PARTS", 1000)
+    monkeypatch.setattr(cutting, "PART", 100)
     assert sah_cost(build(terrain(4000))) < 1.02 * whole
 
 

@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from ..output import replacing
-from .pre_bvh_culling import SAMPLES, TimeToImage, break_even
+from .pre_bvh_culling import SAMPLES, TimeToImage, break_even, seconds_a_sample
 
 
 def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
     """Seconds to an image with any number of samples: straight lines between those measured, and on after the last."""
     traced = np.array([t.trace[s] for s in SAMPLES])
-    slope = (traced[-1] - traced[0]) / (SAMPLES[-1] - SAMPLES[0])
-    beyond = np.maximum(spp - SAMPLES[-1], 0) * slope
+    beyond = np.maximum(spp - SAMPLES[-1], 0) * seconds_a_sample(t)
     return t.cull + t.build + np.interp(spp, SAMPLES, traced) + beyond
 
 

@@ -135,13 +135,19 @@ def _traced(renderer, builder, triangles, culled, queries) -> tuple[float, float
     return built - start, perf_counter() - built
 
 
+def seconds_a_sample(t: TimeToImage) -> float:
+    """What each further sample costs."""
+    return (t.trace[SAMPLES[-1]] - t.trace[SAMPLES[0]]) / (SAMPLES[-1] - SAMPLES[0])
+
+
 def break_even(slow: TimeToImage, fast: TimeToImage) -> float:
     """With how many samples the method that builds more slowly has caught up; inf if it never does (Fig. 7)."""
-    low, high = SAMPLES[0], SAMPLES[-1]
-    rate = {m: (m.trace[high] - m.trace[low]) / (high - low) for m in (slow, fast)}
-    ahead = slow.total(low) - fast.total(low)
-    gain = rate[fast] - rate[slow]
-    return max(low, low + ahead / gain) if gain > 0.0 else (low if ahead <= 0.0 else np.inf)
+    first = SAMPLES[0]
+    behind = slow.total(first) - fast.total(first)
+    gain = seconds_a_sample(fast) - seconds_a_sample(slow)
+    if gain > 0.0:
+        return max(first, first + behind / gain)
+    return first if behind <= 0.0 else np.inf
 
 
 def mean_rows(rows: Iterable[GridRow]) -> list[GridRow]:

@@ -57,7 +57,7 @@ BUILDERS: dict[str, Builder] = {
     ),
     "tl-lbvh": Builder(
         tl_lbvh.build,
-        "lbvh with its treelets restructured: nearly as fast, and about as good as bsah",
+        "lbvh with its treelets restructured: as fast as bsah, and better in most scenes",
         "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
     ),
 }

@@ -8,8 +8,7 @@ from ..jit import kernel
 from ..simd import load16, ptr, store
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 
-_PARTS = 256  # parts have a 256th of all nodes each, at most, so that threads finish together ...
-_SMALL = 4096  # ... or this many nodes, which a processor's second cache holds
+PART = 4096  # nodes in a part, at most: what a processor's second cache holds
 
 
 class Cut(NamedTuple):
@@ -49,22 +48,17 @@ def _cut(bvh, sizes, largest, cut):
     return n_top, n_parts
 
 
-def largest_part(n: int) -> int:
-    """Nodes that a part of a tree of `n` nodes may have."""
-    return max(_SMALL, n // _PARTS)
-
-
-def cut(bvh: Bvh, largest: int, sizes: np.ndarray | None = None) -> Cut:
-    """Cut a BVH in parts of at most `largest` nodes.
+def cut(bvh: Bvh, sizes: np.ndarray | None = None) -> Cut:
+    """Cut a BVH in parts of at most `PART` nodes.
 
     `sizes`, (n_nodes,), has how many nodes there are below each, itself included; or None if nodes stand depth first.
     Then a part's nodes are those from its root to the end that is given.
     """
     n = len(bvh.nodes)
-    room = min(n, MAX_DEPTH * (n // largest))  # for the top: at each depth, large subtrees share all nodes
+    room = min(n, MAX_DEPTH * (n // PART))  # for the top: at each depth, large subtrees share all nodes
     top = aligned_empty((room, 16), "f4")
     cut = Cut(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
-    n_top, n_parts = _cut(bvh, sizes, largest, cut)
+    n_top, n_parts = _cut(bvh, sizes, PART, cut)
     return Cut(cut.numbers[:n_top], top[:n_top], cut.parts[:n_parts])
 
 

@@ -15,7 +15,7 @@ from ..parallel import new_ticket, run, take, thread_count
 from ..simd import get, load8, minimum, prefetch, ptr, put, splat8, stack_f32, store
 from .assemble import top_lines
 from .bounds import triangle_box, write_boxes
-from .cut import children_of_top, cut, largest_part
+from .cut import children_of_top, cut
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .prepare import checked, scene_bounds, tiny
 from .quality import sah_cost
@@ -114,7 +114,7 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
         scene_bounds(flat, 1)
         return tiny(flat)
     scene_bounds(flat, threads)
-    pieces = cut(bvh, largest_part(len(bvh.nodes)))
+    pieces = cut(bvh)
     nodes = aligned_empty(bvh.nodes.shape, "f4")
     new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, np.empty((n, 9), np.float32))
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)

@@ -33,7 +33,7 @@ from ..simd import (
     store,
 )
 from .bounds import half_area, write_boxes
-from .cut import cut, largest_part
+from .cut import cut
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 from .prepare import scale_of
 from .quality import sah_cost
@@ -321,6 +321,6 @@ def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
     nodes = aligned_empty((m, 16), "f4")
     changed = bvh._replace(nodes=nodes, links=nodes.view(np.int32))
     _write(loose, changed)
-    pieces = cut(changed, largest_part(m))
+    pieces = cut(changed)
     better = relayout(changed, pieces, cheapest_leaves(changed, pieces, _largest_leaf(bvh.links), threads), threads)
     return better if sah_cost(better, threads=threads) < sah_cost(bvh, threads=threads) else bvh

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
-from ..simd import get, load8, load16, put, splat4, store
+from ..simd import get, load8, load16, prefetch, put, splat4, store
 from .assemble import place
 from .cut import Cut, children_of_top
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
@@ -121,6 +121,26 @@ def _copy_leaf(source, link, waiting, height, target, slot):
 
 
 @kernel
+def _fetch_part(source, root, queue):
+    """Ask for a part's memory breadth first, so that it is on its way long before it is needed."""
+    queue[0] = root
+    n, done = 1 if root >= 0 else 0, 0
+    while done < n:
+        node = np.int64(queue[done])
+        done += 1
+        for side in range(2):
+            link = np.int64(get(source.links, node * 16 + 12 + side))
+            if link >= 0:
+                prefetch(source.nodes, link * 16)
+                queue[n] = link
+                n += 1
+            else:
+                prefetch(source.prim_ids, ~link >> 3)
+                prefetch(source.corners, (~link >> 3) * 9)
+                prefetch(source.corners, (~link >> 3) * 9 + 8)
+
+
+@kernel
 def _copy_part(source, root, is_leaf, target, node, slot):
     """Write a part from this node and this slot on; the link to it."""
     waiting = np.empty((2 * MAX_DEPTH + 2, 2), np.int64)  # link, where the new link goes
@@ -150,11 +170,13 @@ def _copy_part(source, root, is_leaf, target, node, slot):
 
 
 @kernel
-def _copy_parts(ticket, bvh, parts, is_leaf, at, new, links):
+def _copy_parts(ticket, bvh, parts, choice, at, new, links):
     """Worker: write each part to its place, and the link to it."""
-    source, target = tree_of(bvh), tree_of(new)
+    source, target, is_leaf = tree_of(bvh), tree_of(new), choice.is_leaf
+    queue = np.empty(np.max(choice.sizes[:, 1]), np.int32)
     p = take(ticket)
     while p >= 0:
+        _fetch_part(source, parts[p, 0], queue)
         links[p] = _copy_part(source, parts[p, 0], is_leaf, target, at[p, 0], at[p, 1])
         p = take(ticket)
 
@@ -201,7 +223,7 @@ def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
     nodes = aligned_empty((count, 16), "f4")
     new = Bvh(nodes, nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
     to_parts = np.empty(len(cut.parts), np.int64)
-    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice.is_leaf, at, new, to_parts)
+    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts)
     nodes[node_at] = cut.top
     new.links[node_at, 12:14] = _links_of_top(children, node_at, to_parts)
     new.links[node_at, 14:] = 0

@@ -17,8 +17,9 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_f32, stack_i32
+from . import cut as cutting
 from . import lbvh
-from .cut import cut, largest_part
+from .cut import cut
 from .nodes import MAX_DEPTH, Bvh
 from .prepare import checked, scale_of
 from .relayout import Choice, relayout
@@ -201,13 +202,13 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     `bvh` is changed on the way and of no more use.
     """
     n = len(bvh.nodes)
-    largest, work = largest_part(n), Work(bvh.nodes, np.empty((n, 4), np.int32), np.empty(n, np.bool_))
+    work = Work(bvh.nodes, np.empty((n, 4), np.int32), np.empty(n, np.bool_))
     rules = Rules(np.int64(max_leaf), scale_of(bvh), np.int64(rounds))
-    pieces = cut(bvh, largest)
+    pieces = cut(bvh)
     run(_restructure_parts, threads, new_ticket(len(pieces.parts), 1), work, pieces.parts, rules)
     if len(pieces.numbers):
-        _restructure_top(work, pieces.numbers, largest + 2, rules._replace(rounds=np.int64(_TOP * rounds)))
-        pieces = cut(bvh, largest, work.facts[:, COUNT])
+        _restructure_top(work, pieces.numbers, cutting.PART + 2, rules._replace(rounds=np.int64(_TOP * rounds)))
+        pieces = cut(bvh, work.facts[:, COUNT])
     roots = pieces.parts[:, 0]
     sizes = np.where(roots[:, None] < 0, [0, 1], work.facts[np.maximum(roots, 0)][:, [KEPT, COUNT]])
     return relayout(bvh, pieces, Choice(work.is_leaf, sizes), threads)
