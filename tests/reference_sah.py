@@ -1,5 +1,7 @@
 """Plain references, importing nothing of the package: SAH by bins and by full sweeps, and the least of any tree."""
 
+from functools import cache
+
 import numpy as np
 
 
@@ -71,16 +73,17 @@ def least_sah_cost(vertices, max_leaf):
     v = np.asarray(vertices, np.float64)
     lower, upper = v.min(1), v.max(1)
 
+    @cache
     def least(ids, may_be_leaf):
-        area = half_area(lower[ids].min(0), upper[ids].max(0))
+        area = half_area(lower[list(ids)].min(0), upper[list(ids)].max(0))
         if len(ids) == 1:
             return area
         options = [area * len(ids)] if may_be_leaf and len(ids) <= max_leaf else []
         for code in range(1, 1 << (len(ids) - 1)):  # the last one always goes right
-            left = [i for k, i in enumerate(ids) if code >> k & 1]
-            right = [i for i in ids if i not in left]
+            left = tuple(i for k, i in enumerate(ids) if code >> k & 1)
+            right = tuple(i for i in ids if i not in left)
             options.append(area + least(left, True) + least(right, True))
         return min(options)
 
-    ids = list(range(len(v)))
+    ids = tuple(range(len(v)))
     return least(ids, may_be_leaf=False) / half_area(lower.min(0), upper.max(0))

@@ -3,13 +3,33 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from . import binned_sah, lbvh, sweep_sah
+from . import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
 
 
 class Builder(NamedTuple):
     """A method that builds a BVH: ``build(vertices, threads=None, ...) -> Bvh``."""
 
     build: Callable
+    description: str
+    paper: str
+
+
+class Optimiser(NamedTuple):
+    """A method that makes a finished BVH better: ``optimise(bvh, threads=None, ...) -> Bvh``."""
+
+    optimise: Callable
+    description: str
+    paper: str
+
+
+class Updater(NamedTuple):
+    """A method that makes the BVH of a frame from that of the last one, where that pays.
+
+    ``keep(build)`` gives what keeps the BVH from frame to frame: an object with ``update(vertices, threads) -> Bvh``;
+    ``build(vertices, threads)`` makes a new one.
+    """
+
+    keep: Callable
     description: str
     paper: str
 
@@ -35,5 +55,28 @@ BUILDERS: dict[str, Builder] = {
         "Morton codes of 63 bits: for scenes with fine detail in a small part",
         "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
     ),
+    "tl-lbvh": Builder(
+        tl_lbvh.build,
+        "lbvh with its treelets restructured: as fast as bsah, and better in most scenes",
+        "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
+    ),
 }
 """Name -> builder; every one makes a correct BVH of the same form from the same triangles."""
+
+OPTIMISERS: dict[str, Optimiser] = {
+    "reinsert": Optimiser(
+        reinsertion.reinsert,
+        "subtrees move to where they cost less: the best trees, for twice the time of bsah and more",
+        "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
+    ),
+}
+"""Name -> optimiser; every one takes a BVH of any builder, and its result costs no more by SAH."""
+
+UPDATERS: dict[str, Updater] = {
+    "refit": Updater(
+        refit.Deforming,
+        "the last frame's tree with new boxes, until that costs a tenth more than when it was built",
+        "Lauterbach et al. 2006, RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs",
+    ),
+}
+"""Name -> updater; each works on the tree of any builder."""

@@ -52,6 +52,12 @@ def power_of_two_for(box) -> np.float32:
     return np.float32(2.0 ** min(126, -math.frexp(largest)[1]))
 
 
+def scale_of(bvh: Bvh) -> np.float32:
+    """`power_of_two_for` the box of a finished BVH."""
+    largest = np.abs(bvh.nodes[0, :12].reshape(3, 4)).max(axis=1)
+    return power_of_two_for(np.resize(np.append(largest, 0), 8))
+
+
 def tiny(flat) -> Bvh:
     """The BVH of no triangle or one."""
     n = len(flat)
