@@ -111,7 +111,7 @@ def test_a_disk_that_is_full_leaves_the_older_file_and_no_other(frame, tmp_path,
 @pytest.mark.parametrize("writer, suffix", [("_write_png", ".png"), ("_write_exr", ".exr")])
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 def test_an_interrupted_save_leaves_no_file(frame, tmp_path, monkeypatch, writer, suffix, error):
-    def interrupted(_, path):
+    def interrupted(_, path, note):
         path.write_bytes(b"half")
         raise error
 
@@ -119,3 +119,22 @@ def test_an_interrupted_save_leaves_no_file(frame, tmp_path, monkeypatch, writer
     with pytest.raises(error):
         frame.save(tmp_path / f"a{suffix}")
     assert entries(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr"])
+def test_a_note_is_kept_and_read_without_the_pixels(frame, tmp_path, name):
+    path = tmp_path / name
+    save.save_frame(frame, path, 1.0, "a note")
+    assert save.note_of(path) == "a note"
+    path.write_bytes(path.read_bytes()[: 300 if name == "a.png" else 1000])
+    save.note_of(path)  # whatever it says of half a picture, it does not fail
+    frame.save(path)
+    assert save.note_of(path) is None
+
+
+def test_what_is_no_picture_has_no_note(tmp_path, capfd):
+    for name in ("a.png", "a.exr"):
+        assert save.note_of(tmp_path / name) is None
+        (tmp_path / name).write_bytes(b"something else")
+        assert save.note_of(tmp_path / name) is None
+    assert capfd.readouterr() == ("", "")

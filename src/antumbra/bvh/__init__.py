@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from . import binned_sah, lbvh, reinsertion, sweep_sah, tl_lbvh
+from . import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
 
 
 class Builder(NamedTuple):
@@ -18,6 +18,18 @@ class Optimiser(NamedTuple):
     """A method that makes a finished BVH better: ``optimise(bvh, threads=None, ...) -> Bvh``."""
 
     optimise: Callable
+    description: str
+    paper: str
+
+
+class Updater(NamedTuple):
+    """A method that makes the BVH of a frame from that of the last one, where that pays.
+
+    ``keep(build)`` gives what keeps the BVH from frame to frame: an object with ``update(vertices, threads) -> Bvh``;
+    ``build(vertices, threads)`` makes a new one.
+    """
+
+    keep: Callable
     description: str
     paper: str
 
@@ -59,3 +71,12 @@ OPTIMISERS: dict[str, Optimiser] = {
     ),
 }
 """Name -> optimiser; every one takes a BVH of any builder, and its result costs no more by SAH."""
+
+UPDATERS: dict[str, Updater] = {
+    "refit": Updater(
+        refit.Deforming,
+        "the last frame's tree with new boxes, until that costs a tenth more than when it was built",
+        "Lauterbach et al. 2006, RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs",
+    ),
+}
+"""Name -> updater; each works on the tree of any builder."""

@@ -45,14 +45,17 @@ class Activity:
             if self._bar is not None:
                 self._update(self._bar)
 
-    def parts(self, text: str, count: int) -> Callable[[int, int], None]:
-        """A ``progress(done, total)`` for `count` runs one after the other, each of which begins again from few."""
+    def parts(self, text: str, count: int, index: int = 0, of: int = 1) -> Callable[[int, int], None]:
+        """A ``progress(done, total)`` for `count` runs one after the other, each of which begins again from few.
+
+        All of them are piece `index` of as many pieces as `of` says.
+        """
         run, last = 0, -1
 
         def progress(done: int, total: int) -> None:
             nonlocal run, last
             run, last = (run + 1 if done < last else run), done
-            self.say(text, min(run, count - 1) * total + done, count * total)
+            self.say(text, (index * count + min(run, count - 1)) * total + done, of * count * total)
 
         return progress
 

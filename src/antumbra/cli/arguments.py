@@ -16,6 +16,7 @@ DEFAULT_SCENE = PROCEDURAL + "atrium"
 
 _COUNT = re.compile(r"(\d+(?:\.\d+)?)([kKmM]?)")
 _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
+_FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
 _MAX_SIZE = 32768
 
@@ -54,6 +55,17 @@ class CameraSpec(NamedTuple):
     vfov: float
 
 
+class Sequence(NamedTuple):
+    """Frames of an animation; frame k shows the moment k / fps."""
+
+    numbers: range
+    fps: float
+
+    def time(self, number: int) -> float:
+        """Seconds into the animation."""
+        return number / self.fps
+
+
 def parse_scene(text: str) -> SceneSpec:
     """A path, or ``procedural:NAME?triangles=100k&seed=3``."""
     if not text:
@@ -85,6 +97,22 @@ def parse_size(text: str) -> tuple[int, int]:
     if not all(1 <= n <= _MAX_SIZE for n in size):
         raise InputError(f"--size is {text!r}; write WIDTHxHEIGHT such as 1024x768, each from 1 to {_MAX_SIZE}")
     return size
+
+
+def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> Sequence:
+    """``FIRST:LAST[:STEP]``, LAST included, and what stands beside it on the command line."""
+    match = _FRAMES.fullmatch(text.strip())
+    first, last, step = (int(n or 1) for n in match.groups()) if match else (0, -1, 0)
+    if not (first <= last and step):
+        raise InputError(
+            f"--frames is {text!r}; write FIRST:LAST or FIRST:LAST:STEP such as 0:240, with FIRST <= LAST and STEP >= 1"
+        )
+    if time is not None:
+        raise InputError("--time is for one picture; leave it out: frame k of --frames shows the moment k / fps")
+    fps = 24.0 if fps is None else fps
+    if not 1e-6 <= fps <= 1e6:
+        raise InputError(f"--fps is {fps:g}; it must be a number of frames a second above 0, such as 24")
+    return Sequence(range(first, last + 1, step), fps)
 
 
 def parse_camera(text: str) -> int | CameraSpec:

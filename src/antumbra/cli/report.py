@@ -8,8 +8,9 @@ from dataclasses import fields
 
 
 def print_json(answer: dict) -> None:
-    """One JSON object on one line; what JSON cannot say (infinity, NaN) is null."""
-    sys.stdout.write(json.dumps(_plain(answer), allow_nan=False) + "\n")
+    """One JSON object on one line, at once; what JSON cannot say (infinity, NaN) is null."""
+    sys.stdout.write(json.dumps(plain(answer), allow_nan=False) + "\n")
+    sys.stdout.flush()
 
 
 def print_fields(rows: Iterable[tuple[str, str]]) -> None:
@@ -34,7 +35,9 @@ def print_table(headers: Sequence[str], rows: Iterable[Sequence[str]], right: Se
 
 
 def duration(seconds: float) -> str:
-    """Seconds for people: 12 ms, 3.45 s."""
+    """Seconds for people: 12 ms, 3.45 s, 12 min, 1.5 h."""
+    if seconds >= 600.0:
+        return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
     return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1000.0 * seconds:.3g} ms"
 
 
@@ -73,14 +76,14 @@ def _encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()  # names of files may not be Unicode
 
 
-def _plain(value):
-    """Python's own types: arrays and tuples become lists, infinite numbers None."""
+def plain(value):
+    """Python's own types, as JSON has them: arrays and tuples become lists, infinite numbers None."""
     if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)

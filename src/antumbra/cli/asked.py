@@ -1,0 +1,134 @@
+"""What ``antumbra render`` was asked for, checked: all that its pictures depend on but the moment."""
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from . import arguments, report
+from .arguments import CameraSpec, SceneSpec
+
+if TYPE_CHECKING:
+    from ..renderer import Frame, Renderer
+    from ..scene.camera import Camera
+    from ..scene.lights import Light
+    from ..scene.scene import Scene
+
+
+class Asked(NamedTuple):
+    """The options of ``antumbra render``."""
+
+    source: str  # the scene as it was written
+    spec: SceneSpec
+    up: str | None
+    size: tuple[int, int]  # width, height
+    camera: int | CameraSpec | None
+    lights: list  # lights, and indices of the scene's own
+    ambient: list  # ambient occlusion, or nothing
+    vpl: int | None  # photons
+    spp: int
+    sampler: str
+    filter: bool
+    adaptive: int | None
+    plan: str
+    gbuffer: str
+    threads: int | None
+    exposure: float | None  # None: automatic
+    counters: bool
+    json: bool
+    quiet: bool
+
+    def check(self) -> None:
+        """InputError on what can be found wrong before a scene is read."""
+        from ..image.save import checked_exposure
+        from ..plan import parse_plan
+        from ..query.sampling import sample_sets
+
+        if self.exposure is not None:
+            checked_exposure(self.exposure)
+        parse_plan(self.plan)
+        sample_sets(self.spp, self.sampler)
+
+    def renderer(self, scene: "Scene") -> "Renderer":
+        from .. import Renderer
+
+        return Renderer(scene, self.plan, self.threads, self.gbuffer)
+
+    def view(self, scene: "Scene", time: float) -> "Camera":
+        """The camera at a time."""
+        return arguments.make_camera(self.camera, scene, time, self.size)
+
+    def direct_lights(self, scene: "Scene", time: float) -> "list[Light]":
+        """The lights at a time, but for those that photons become."""
+        return arguments.make_lights(self.lights, scene, time) + self.ambient
+
+    def shot(self, scene: "Scene", renderer: "Renderer", time: float, progress) -> "Shot":
+        """A frame at a time; ``progress(text, runs)`` gives the function that hears of so many tracings."""
+        from .. import virtual_point_lights
+
+        camera, lights = self.view(scene, time), self.direct_lights(scene, time)
+        if self.vpl is not None:
+            lights.append(virtual_point_lights(scene, lights[0], self.vpl, time=time, threads=self.threads))
+        runs = len(lights) * (1 if self.adaptive is None else 3)
+        frame = renderer.render(
+            camera, lights, spp=self.spp, time=time, counters=self.counters, sampler=self.sampler, filter=self.filter,
+            adaptive=self.adaptive, progress=progress("tracing shadow rays", runs),
+        )  # fmt: skip
+        return Shot(scene.clamped(time), camera, lights, frame)
+
+    def options(self) -> dict:
+        """Names and values, for ``--json``."""
+        names = "spp", "sampler", "filter", "adaptive", "plan", "gbuffer", "threads"
+        return {name: getattr(self, name) for name in names}
+
+    def settings(self, scene: "Scene", digest: str, time: float) -> dict:
+        """All that the picture of a time depends on, as JSON has it: with the same settings it has the same bits.
+
+        Not the plan, the G-buffer's method and the threads, which change nothing; nor the exposure.
+        """
+        from .. import __version__
+
+        return report.plain(
+            {
+                "version": __version__,
+                "scene": digest,
+                "up": scene.up,
+                "time": scene.clamped(time),
+                "camera": report.camera_fields(self.view(scene, time)),
+                "lights": [report.light_fields(light) for light in self.direct_lights(scene, time)],
+                "vpl": self.vpl,
+                "spp": self.spp,
+                "sampler": self.sampler,
+                "filter": self.filter,
+                "adaptive": self.adaptive,
+            }
+        )
+
+
+class Shot(NamedTuple):
+    """A frame and what went into it."""
+
+    time: float  # seconds, clamped to the animation
+    camera: "Camera"
+    lights: "list[Light]"
+    frame: "Frame"
+
+
+def scene_digest(spec: SceneSpec) -> str:
+    """Which scene it is, by the contents of the file or of the files in the folder that were named.
+
+    Files that a file refers to (textures, buffers of a .gltf) are not read.
+    """
+    digest = hashlib.sha256(usedforsecurity=False)
+    if spec.path is None:
+        digest.update(f"{spec.name} {spec.triangles} {spec.seed}".encode())
+        return digest.hexdigest()
+    for path in sorted(p for p in spec.path.iterdir() if p.is_file()) if spec.path.is_dir() else [spec.path]:
+        if spec.path.is_dir():
+            digest.update(path.name.encode("utf-8", "surrogateescape"))
+        digest.update(_contents(path))
+    return digest.hexdigest()
+
+
+def _contents(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").digest()

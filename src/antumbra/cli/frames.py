@@ -1,0 +1,211 @@
+"""An animation: frame after frame of one scene, state kept in one `Renderer`; what is finished is not done again.
+
+Every picture holds, as JSON, the settings that it was made with (`Asked.settings`) and its exposure. A frame is
+finished if its file has just those. All frames get one exposure, or a film would flicker: that of the first frame that
+is there or succeeds, unless one is given. So a run that was interrupted goes on with the exposure of its beginning.
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..errors import InputError
+from . import report, summary
+from .activity import Activity
+from .arguments import Sequence
+from .asked import Asked, scene_digest
+from .failures import BAD_INPUT, explained, say
+
+if TYPE_CHECKING:
+    from ..scene.scene import Scene
+
+_HASHES = re.compile(r"#+(?=[^#]*$)")  # the last ones of a name
+STATES = "rendered", "finished", "failed"
+
+
+class Job(NamedTuple):
+    """An animation that is to be rendered."""
+
+    asked: Asked
+    scene: "Scene"
+    load: float  # seconds that reading the scene took
+    pattern: Path
+    overwrite: bool
+
+
+def output_path(output: Path | None, stem: str, sequence: Sequence | None) -> Path:
+    """Where the picture goes; of a sequence, the name with ``#`` where the frame's number stands."""
+    from ..image.save import check_output
+
+    if sequence is None:
+        if output is not None and "#" in output.name:
+            raise InputError(f"{output}: # stands for a frame's number; add --frames FIRST:LAST, or leave # out")
+        return check_output(Path(stem + ".png") if output is None else output)
+    pattern = Path(f"{stem}.####.png") if output is None else output
+    if "#" not in pattern.name:
+        named = pattern.with_name(f"{pattern.stem}.####{pattern.suffix}")
+        raise InputError(f"{pattern}: all frames would be one file; write #### for the frame's number, such as {named}")
+    check_output(numbered(pattern, sequence.numbers[0]))
+    return pattern
+
+
+def numbered(pattern: Path, number: int) -> Path:
+    """The file of a frame: its number, with zeros before it, instead of ``####``."""
+    return pattern.with_name(_HASHES.sub(lambda hashes: f"{number:0{len(hashes[0])}d}", pattern.name))
+
+
+def render_frames(job: Job, sequence: Sequence, activity: Activity) -> "Animation":
+    """Render what is not finished; what came of it."""
+    job.asked.view(job.scene, 0.0)  # a camera or light that the scene does not have is one error, not one a frame
+    job.asked.direct_lights(job.scene, 0.0)
+    last = sequence.time(sequence.numbers[-1])
+    if last > job.scene.duration and not job.asked.quiet:
+        say(f"note: the animation ends after {job.scene.duration:g} s; frames after that show its end")
+    animation = Animation(job, sequence)
+    try:
+        for i, number in enumerate(sequence.numbers):
+            answer = animation.add(number, activity, i)
+            if job.asked.json:
+                report.print_json(answer)
+    except KeyboardInterrupt:
+        done = sum(len(animation.numbers[state]) for state in ("rendered", "finished"))
+        say(f"{done} of {len(sequence.numbers)} frames are finished; the same command goes on from there")
+        raise
+    return animation
+
+
+class Animation:
+    """The frames of a run so far."""
+
+    def __init__(self, job: Job, sequence: Sequence):
+        self.job, self.sequence = job, sequence
+        self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
+        self.exposure = job.asked.exposure
+        self.seconds: list[float] = []  # of each frame that was rendered, with saving; compilation is not inside
+        self.timings: dict[str, float] = {}  # sums over these frames
+        self.unforeseen: Exception | None = None  # the first error that is no fault of the input
+        self.start = perf_counter()
+        self._digest = scene_digest(job.asked.spec)
+        self._renderer = job.asked.renderer(job.scene)
+        self._replaces = False  # has it been said that older pictures are replaced?
+
+    def add(self, number: int, activity: Activity, index: int) -> dict:
+        """Render a frame if it is not finished; what ``--json`` says of it. What fails is said, and no exception."""
+        path, time, count = numbered(self.job.pattern, number), self.sequence.time(number), len(self.sequence.numbers)
+        text = f"frame {number}{self._forecast(count - index)}"
+        activity.say(text, index, count)
+        answer = {"frame": number, "output": str(path), "time": self.job.scene.clamped(time)}
+        try:
+            told = self._picture(path, time, lambda _, runs: activity.parts(text, runs, index, count))
+        except Exception as error:
+            reason, code = explained(error)
+            say(f"frame {number}: {reason}")
+            if code != BAD_INPUT:
+                self.unforeseen = self.unforeseen or error
+            told = {"state": "failed", "reason": reason}
+        self.numbers[told["state"]].append(number)
+        return {**answer, **told}
+
+    def _picture(self, path: Path, time: float, progress) -> dict:
+        from ..image.save import frame_exposure
+
+        asked, scene = self.job.asked, self.job.scene
+        linear = path.suffix.lower() == ".exr"
+        settings = asked.settings(scene, self._digest, time)
+        settings["exposure"] = None if linear else asked.exposure or "automatic"
+        if not self.job.overwrite and self._is_finished(path, settings):
+            return {"state": "finished", "exposure": self.exposure}
+        shot = asked.shot(scene, self._renderer, time, progress)
+        if linear:
+            self.exposure = None
+        elif self.exposure is None:
+            self.exposure = frame_exposure(shot.frame)
+        note = json.dumps({**settings, "exposed": self.exposure})
+        saved = summary.save(shot.frame, path, self.exposure, note)
+        self.seconds.append(shot.frame.timings["total"] + saved.seconds)
+        for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
+            self.timings[name] = self.timings.get(name, 0.0) + seconds
+        return {"state": "rendered", **summary.shot_answer(shot, saved)}
+
+    def _is_finished(self, path: Path, settings: dict) -> bool:
+        """Is the file there, with these settings and the others' exposure? If it is the first, they get its own."""
+        if not path.exists():
+            return False
+        found = _noted(path)
+        differ = [name for name, value in settings.items() if found.get(name) != value]
+        if not differ and self.exposure is not None and found["exposed"] not in (None, self.exposure):
+            differ = ["exposure"]
+        if differ and not self._replaces:
+            self._replaces = True
+            how = f"with other settings ({', '.join(differ)})" if found else "but not of an animation"
+            if not self.job.asked.quiet:
+                say(f"note: {path} is there, {how}; such pictures are rendered again")
+        if not differ:
+            self.exposure = found["exposed"]
+        return not differ
+
+    def _forecast(self, left: int) -> str:
+        """How long a frame takes, and those that are left."""
+        if not self.seconds:
+            return ""
+        each = sum(self.seconds) / len(self.seconds)
+        return f" ({report.duration(self.seconds[-1])} the last, about {report.duration(each * left)} left)"
+
+    def tell(self) -> int:
+        """Say what came of all frames; the exit code."""
+        if self.job.asked.json:
+            report.print_json(self._answer())
+        elif not self.job.asked.quiet:
+            report.print_fields(self._fields())
+        if self.unforeseen is not None:
+            raise self.unforeseen
+        return BAD_INPUT if self.numbers["failed"] else 0
+
+    def _answer(self) -> dict:
+        asked, numbers, n = self.job.asked, self.sequence.numbers, max(1, len(self.seconds))
+        return {
+            "frames": {"first": numbers[0], "last": numbers[-1], "step": numbers.step, "fps": self.sequence.fps},
+            "output": str(self.job.pattern),
+            "scene": summary.scene_answer(asked, self.job.scene),
+            **asked.options(),
+            "exposure": self.exposure,
+            **self.numbers,
+            "load": self.job.load,
+            "timings": {name: seconds / n for name, seconds in self.timings.items()},
+            "seconds": perf_counter() - self.start,
+        }
+
+    def _fields(self) -> Iterator[tuple[str, str]]:
+        asked, numbers = self.job.asked, self.sequence.numbers
+        first, last = (numbered(self.job.pattern, numbers[i]) for i in (0, -1))
+        yield "pictures", f"{first} to {last.name}"
+        failed = self.numbers["failed"]
+        counts = [f"{len(self.numbers['rendered'])} rendered"]
+        counts += [f"{len(self.numbers['finished'])} were finished"] if self.numbers["finished"] else []
+        counts += [f"{len(failed)} failed ({', '.join(map(str, failed))})"] if failed else []
+        yield "frames", ", ".join(counts)
+        yield "scene", summary.scene_text(asked, self.job.scene)
+        yield "plan", asked.plan
+        if self.exposure is not None:
+            yield "exposure", f"{self.exposure:.6g}"
+        if self.seconds:
+            phases = {name: seconds / len(self.seconds) for name, seconds in self.timings.items() if name != "total"}
+            yield "time", f"{summary.phases_text(phases)} (mean of a frame)"
+            ordered = sorted(self.seconds)
+            middle, slowest = report.duration(ordered[len(ordered) // 2]), report.duration(ordered[-1])
+            yield "frame", f"{middle}, at most {slowest}, with saving"
+        yield "all", report.duration(self.job.load + perf_counter() - self.start)
+
+
+def _noted(path: Path) -> dict:
+    """The settings that a picture holds; {} if it holds none."""
+    from ..image.save import note_of
+
+    try:
+        found = json.loads(note_of(path) or "{}")
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) and "exposed" in found else {}

@@ -1,0 +1,135 @@
+"""What ``antumbra render`` tells of its pictures, to people and to programs, and the writing of them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, NamedTuple
+
+from . import report
+
+if TYPE_CHECKING:
+    from ..renderer import Frame
+    from ..scene.scene import Scene
+    from .asked import Asked, Shot
+
+
+class Saved(NamedTuple):
+    """A picture on disk."""
+
+    path: Path
+    exposure: float | None  # None: the file holds linear light
+    seconds: float
+
+
+def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = None) -> Saved:
+    """Write the picture; exposure None: automatic."""
+    from ..image.save import frame_exposure, save_frame
+
+    start = perf_counter()
+    if path.suffix.lower() == ".exr":
+        exposure = None
+    elif exposure is None:
+        exposure = frame_exposure(frame)
+    save_frame(frame, path, exposure, note)
+    return Saved(path, exposure, perf_counter() - start)
+
+
+def picture_answer(asked: "Asked", scene: "Scene", load: float, shot: "Shot", saved: Saved) -> dict:
+    """What ``--json`` says of one picture."""
+    told = shot_answer(shot, saved)
+    return {"scene": scene_answer(asked, scene), **asked.options(), "load": load, **told}
+
+
+def scene_answer(asked: "Asked", scene: "Scene") -> dict:
+    """What ``--json`` says of the scene."""
+    return {
+        "source": asked.source,
+        "name": scene.name,
+        "triangles": scene.n_triangles,
+        "duration": scene.duration,
+        "up": scene.up,
+        "notes": list(scene.notes),
+    }
+
+
+def shot_answer(shot: "Shot", saved: Saved) -> dict:
+    """What ``--json`` says of one picture, or of one frame of many."""
+    frame = shot.frame
+    seen = frame.gbuffer.face >= 0
+    return {
+        "output": str(saved.path),
+        "time": shot.time,
+        "camera": report.camera_fields(shot.camera),
+        "lights": [report.light_fields(light) for light in shot.lights],
+        "exposure": saved.exposure,
+        "seen": int(seen.sum()),
+        "lit": [float(v[seen].mean()) if seen.any() else None for v in frame.visibility],
+        "refined": None if frame.refined is None else _refined(frame),
+        "rays": frame.rays,
+        "mrays_per_second": _speed(frame),
+        "timings": frame.timings,
+        "save": saved.seconds,
+        "counters": frame.counters,
+        "uncertain_fraction": _uncertain(frame),
+    }
+
+
+def picture_fields(
+    asked: "Asked", scene: "Scene", load: float, shot: "Shot", saved: Saved
+) -> Iterator[tuple[str, str]]:
+    """What a person is told of one picture."""
+    frame = shot.frame
+    yield "picture", str(saved.path)
+    moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
+    yield "scene", scene_text(asked, scene) + moment
+    yield from shot_fields(asked, shot)
+    phases = {"load": load, **frame.timings, "save": saved.seconds}
+    frame_seconds = phases.pop("total")
+    yield "time", phases_text(phases)
+    yield "frame", f"{report.duration(frame_seconds)} without load and save"
+    for name, value in (frame.counters or {}).items():
+        yield name.replace("_", " "), f"{value:,}"
+    if frame.counters is not None:
+        yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were left to float64"
+
+
+def scene_text(asked: "Asked", scene: "Scene") -> str:
+    return f"{asked.source}, {scene.n_triangles:,} triangles"
+
+
+def phases_text(seconds: dict[str, float]) -> str:
+    """Seconds of each phase, without those that did not happen."""
+    return ", ".join(f"{name} {report.duration(s)}" for name, s in seconds.items() if s > 0.0)
+
+
+def shot_fields(asked: "Asked", shot: "Shot") -> Iterator[tuple[str, str]]:
+    """From the camera to the plan."""
+    camera, frame, spp = shot.camera, shot.frame, asked.spp
+    yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
+    yield "lights", ", ".join(type(light).__name__ for light in shot.lights)
+    if not (frame.gbuffer.face >= 0).any():
+        yield "", "the camera sees no surface"
+    speed, samples = _speed(frame), [light.samples(spp) for light in shot.lights]
+    each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
+    finer = "" if asked.adaptive is None else f", {asked.adaptive} where refined"
+    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
+    if frame.refined is not None:
+        yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
+    yield "plan", asked.plan
+
+
+def _speed(frame) -> float | None:
+    seconds = frame.timings["trace"]
+    return frame.rays / seconds / 1e6 if frame.rays and seconds > 0.0 else None
+
+
+def _refined(frame) -> float:
+    """The share of all pixels that were refined."""
+    return float(frame.refined.mean())
+
+
+def _uncertain(frame) -> float | None:
+    """The share of the triangle tests that float32 left to float64."""
+    if frame.counters is None:
+        return None
+    return frame.counters["uncertain"] / max(1, frame.counters["triangle_tests"])
