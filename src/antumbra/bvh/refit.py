@@ -1,7 +1,7 @@
 """New boxes for a BVH whose triangles have moved, and a guard that builds it anew when it has become bad.
 
 Parts of the tree are refitted by threads apart, from the last node to the first: nodes stand depth first, so the boxes
-of a node's children are the last two that were made. The guard goes by the SAH cost, as [Lauterbach et al. 2006,
+of a node's children are the last two that were made. The guard goes by the SAH cost, as in [Lauterbach et al. 2006,
 "RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] by a similar measure.
 """
 

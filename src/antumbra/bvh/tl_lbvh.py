@@ -121,10 +121,9 @@ def _round(part, queue, n, batch, rules):
     done = 0
     while done < n:
         lanes = min(LANES, n - done)
+        form(part, ptr_at(queue, done), lanes, batch, rules)
         for lane in range(lanes):
-            root = np.int64(get(queue, done + lane))
-            form(part, root, lane, batch, rules)
-            spread(part, root, lane, batch)
+            spread(part, np.int64(get(queue, done + lane)), lane, batch)
         price_subsets(batch, rules.scale)
         plan(batch, rules)
         for lane in range(lanes):

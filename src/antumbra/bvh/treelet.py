@@ -20,7 +20,6 @@ from ..simd import (
     extract,
     get,
     iota4,
-    iota8,
     load4,
     load8,
     load16,
@@ -58,7 +57,9 @@ _FACTS = _UNIONS + _ROW * (8 + 16)
 _LINKS = _FACTS + 32 * LANES
 _NODES = _LINKS + 16 * LANES
 _PLACES = _NODES + 8 * LANES
-BATCH = _PLACES + 8 * LANES
+_AREAS = _PLACES + 8 * LANES
+BATCH = _AREAS + 8 * LANES
+_CLOSED = np.float32(-1.0)
 _INF = np.float32(np.inf)
 _MINUS_ONE = np.float32(-1.0).view(np.int32)
 
@@ -88,6 +89,7 @@ class Batch(NamedTuple):
     links: object  # int32 *, [lane][node][side]
     inner: object  # int32 *, [lane][node]: the nodes opened; the root is the first
     places: object  # int32 *, [lane][leaf]: 2 * node + side
+    areas: object  # float32 *, [lane][leaf]: half the area of the box; _CLOSED for a triangle
     facts: object  # int32 *, [lane][leaf]: as in `Part`; a single triangle has no cost yet, but a negative number
     boxes: object  # float32 *: [leaf][lower and upper x, y, z][lane]
     costs: object  # float32 *, [subset][lane]: half the area, then the least cost of a tree
@@ -104,7 +106,8 @@ def batch_at(memory):
     for k in range(0, _ROW * LEAVES, LANES):
         store(boxes, k, splat16(np.float32(0.0)))  # for lanes that no treelet is in
     return Batch(
-        memory, ptr_at(words, _LINKS), ptr_at(words, _NODES), ptr_at(words, _PLACES), ptr_at(words, _FACTS), boxes,
+        memory, ptr_at(words, _LINKS), ptr_at(words, _NODES), ptr_at(words, _PLACES), ptr_at(memory, _AREAS),
+        ptr_at(words, _FACTS), boxes,
         ptr_at(memory, _COSTS), ptr_at(memory, _COUNTS), ptr_at(words, _LEFTS), ptr_at(memory, _UNIONS),
     )  # fmt: skip
 
@@ -127,27 +130,36 @@ def areas_of_children(nodes, node, scale):
     return x * (y + z) + y * z
 
 
+@inlined
+def _open(part, k, lane, batch, rules):
+    """Open the largest box of a treelet of k + 1 leaves."""
+    links, places = ptr_at(batch.links, lane * 16), ptr_at(batch.places, lane * 8)
+    areas = load8(batch.areas, lane * 8)
+    hole = lowest_bit(bits(areas == reduce_max(areas)))
+    node = np.int64(get(links, np.int64(get(places, hole))))
+    line = load16(part.nodes, node * 16)
+    store(batch.pairs, (lane * _INNER + k) * 16, shuffle(line, 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3))
+    both = areas_of_children(part.nodes, node, rules.scale)
+    left, right = get(part.links, node * 16 + 12), get(part.links, node * 16 + 13)
+    put(batch.inner, lane * 8 + k, node)
+    put(links, 2 * k, left)
+    put(links, 2 * k + 1, right)
+    put(places, hole, 2 * k)
+    put(places, k + 1, 2 * k + 1)
+    put(batch.areas, lane * 8 + hole, extract(both, 0) if left >= 0 else _CLOSED)
+    put(batch.areas, lane * 8 + k + 1, extract(both, 1) if right >= 0 else _CLOSED)
+
+
 @kernel
-def form(part, root, lane, batch, rules):
-    """The treelet of a node: its largest box is opened until it has LEAVES leaves [Karras and Aila 2013, Sec. 4.2]."""
-    pairs, links = ptr_at(batch.pairs, lane * _INNER * 16), ptr_at(batch.links, lane * 16)
-    inner, places = ptr_at(batch.inner, lane * 8), ptr_at(batch.places, lane * 8)
-    node, hole, areas = np.int64(root), np.int64(0), splat8(np.float32(-1.0))
+def form(part, roots, lanes, batch, rules):
+    """The treelets of some nodes: the largest box is opened until there are LEAVES [Karras and Aila 2013, Sec. 4.2]."""
+    for lane in range(lanes):
+        store(batch.areas, lane * 8, splat8(_CLOSED))
+        put(batch.places, lane * 8, 2 * _INNER)  # a place that is free: of the root, the first to be opened
+        put(batch.links, lane * 16 + 2 * _INNER, get(roots, lane))
     for k in range(_INNER):
-        line = load16(part.nodes, node * 16)
-        store(pairs, k * 16, shuffle(line, 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3))
-        both = areas_of_children(part.nodes, node, rules.scale)
-        left, right = get(part.links, node * 16 + 12), get(part.links, node * 16 + 13)
-        put(inner, k, node)
-        put(links, 2 * k, left)
-        put(links, 2 * k + 1, right)
-        put(places, hole, 2 * k)
-        put(places, k + 1, 2 * k + 1)
-        left_area = extract(both, 0) if left >= 0 else np.float32(-1.0)
-        right_area = extract(both, 1) if right >= 0 else np.float32(-1.0)
-        areas = select(iota8() == np.int32(hole), left_area, select(iota8() == np.int32(k + 1), right_area, areas))
-        hole = lowest_bit(bits(areas == reduce_max(areas)))
-        node = np.int64(get(links, np.int64(get(places, hole))))
+        for lane in range(lanes):  # side by side: a step waits for the one before it, not for another lane's
+            _open(part, k, lane, batch, rules)
 
 
 @kernel
