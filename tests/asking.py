@@ -6,7 +6,6 @@ import oracle
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
 from antumbra.renderer import Renderer, shadow_queries
-from antumbra.trace import TRACERS
 
 
 def query_of(scene, camera, light, spp, time=0.0):
@@ -35,11 +34,6 @@ def true_occlusion(triangles, query):
 
 def answer(plan, triangles, query, threads=2, counters=None):
     """(h, w, spp) bool by a plan."""
-    from antumbra.bvh import BUILDERS
-
-    spp = query.samples.shape[1]
-    bvh = BUILDERS[plan.build].build(triangles.vertices, threads)
-    bits = np.zeros((*query.sides.shape, -(-spp // 64)), np.uint64)
-    tracer = TRACERS[plan.trace]
-    tracer.trace(tracer.prepare(bvh, threads), query, bits, threads, counters, None)
-    return unpack(bits, spp)
+    renderer = Renderer(None, plan, threads)
+    ready = renderer.build(triangles, renderer.culled(triangles, [query]))
+    return unpack(renderer.answer(ready, query, counters), query.samples.shape[1])

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from antumbra.bvh.nodes import Bvh, aligned_empty
+
 LARGE = 20_000  # triangles: enough for all threads to work on one range together
 
 
@@ -38,6 +40,21 @@ def nested_clusters(depth=60, at_each=40):
     """Clusters about a point at 4, 4 ** -1, 4 ** -2, ...: the depth of a greedy tree grows with their number."""
     cloud = scattered(at_each)
     return np.concatenate([cloud * np.float32(4.0**-k) for k in range(depth)]) + np.float32(0)
+
+
+def chain(n):
+    """A correct tree, but for its depth: each node has one triangle on the left and all others on the right."""
+    vertices = scattered(n)
+    nodes = aligned_empty((n - 1, 16), "f4")
+    nodes[:] = 0
+    links = nodes.view(np.int32)
+    for node in range(n - 1):
+        last = node == n - 2
+        for side, range_ in ((0, slice(node, node + 1)), (1, slice(node + 1, n))):
+            nodes[node, [side, 4 + side, 8 + side]] = vertices[range_].min((0, 1))
+            nodes[node, [2 + side, 6 + side, 10 + side]] = vertices[range_].max((0, 1))
+            links[node, 12 + side] = ~((node + side) * 8) if side == 0 or last else node + 1
+    return Bvh(nodes, links, np.arange(n, dtype=np.int32), vertices.reshape(n, 9).copy()), vertices
 
 
 HAZARDS = {

@@ -1,4 +1,6 @@
-"""Plain references, importing nothing of the package: binned SAH in numpy, and the least cost of any tree."""
+"""Plain references, importing nothing of the package: SAH by bins and by full sweeps, and the least of any tree."""
+
+from functools import cache
 
 import numpy as np
 
@@ -37,21 +39,51 @@ def binned_sah(vertices, bins=16, max_leaf=4):
     return cost / half_area(lower.min(0), upper.max(0)), depth
 
 
+def swept_sah(vertices, max_leaf=4):
+    """SAH cost of the tree that trying all splits of each range makes; node and triangle cost 1 each."""
+    v = np.asarray(vertices, np.float64)
+    lower, upper = v.min(1), v.max(1)
+    centre = lower + upper
+
+    def areas(ids):
+        """Half the area of the box of the first 1, 2, ... triangles."""
+        x, y, z = (np.maximum.accumulate(upper[ids]) - np.minimum.accumulate(lower[ids])).T
+        return x * (y + z) + y * z
+
+    def build(ids, may_be_leaf=True):
+        area, n = areas(ids)[-1], len(ids)
+        if n == 1:
+            return area
+        best = np.inf
+        for axis in range(3):
+            order = ids[np.lexsort([ids, centre[ids, axis]])]
+            counts = np.arange(1, n)
+            costs = areas(order)[:-1] * counts + areas(order[::-1])[-2::-1] * counts[::-1]
+            if costs.min() < best:
+                best, sides = costs.min(), np.split(order, [costs.argmin() + 1])
+        if may_be_leaf and n <= max_leaf and area + best >= area * n:
+            return area * n
+        return area + build(sides[0]) + build(sides[1])
+
+    return build(np.arange(len(v)), may_be_leaf=False) / half_area(lower.min(0), upper.max(0))
+
+
 def least_sah_cost(vertices, max_leaf):
     """The least SAH cost that any tree over these few triangles has, its root not being a leaf."""
     v = np.asarray(vertices, np.float64)
     lower, upper = v.min(1), v.max(1)
 
+    @cache
     def least(ids, may_be_leaf):
-        area = half_area(lower[ids].min(0), upper[ids].max(0))
+        area = half_area(lower[list(ids)].min(0), upper[list(ids)].max(0))
         if len(ids) == 1:
             return area
         options = [area * len(ids)] if may_be_leaf and len(ids) <= max_leaf else []
         for code in range(1, 1 << (len(ids) - 1)):  # the last one always goes right
-            left = [i for k, i in enumerate(ids) if code >> k & 1]
-            right = [i for i in ids if i not in left]
+            left = tuple(i for k, i in enumerate(ids) if code >> k & 1)
+            right = tuple(i for i in ids if i not in left)
             options.append(area + least(left, True) + least(right, True))
         return min(options)
 
-    ids = list(range(len(v)))
+    ids = tuple(range(len(v)))
     return least(ids, may_be_leaf=False) / half_area(lower.min(0), upper.max(0))

@@ -167,3 +167,54 @@ def test_samples_where_their_receiver_is_are_seen_at_once(atrium, plan):
     assert frame.counters["exact"] < frame.rays
     bits = at.render(atrium, _small(atrium, 16, 12), light, spp=4, plan="bsah+multifrusta").bits
     np.testing.assert_array_equal(frame.bits, bits)
+
+
+CULLED = [
+    dict(),
+    dict(gbuffer="rays"),
+    dict(adaptive=16, filter=True),
+    dict(cull_faces="back", spp=3),
+    dict(lights="many"),
+]
+
+
+@pytest.mark.parametrize("options", CULLED, ids=str)
+@pytest.mark.parametrize("kind", ["cellar", "city"])
+def test_frames_of_a_culled_scene_are_the_same(kind, options):
+    scene = at.procedural(kind, triangles=8000)
+    sun, lamp = at.DirectionalLight((0.3, -1, 0.2), intensity=2.0), at.PointLight(scene.cameras[0].position + (0, 1, 0))
+    lists = at.PointLights(scene.lights[0].corner + np.random.default_rng(1).normal(size=(40, 3)), interleave=True)
+    lights = [*scene.lights, sun, lamp] if "lights" not in options else [lists, at.AmbientOcclusion(0.5), lamp]
+    options = dict(spp=5) | options | dict(lights=lights)
+    whole = at.render(scene, _small(scene), plan="bsah+multifrusta", **options)
+    for plan in ("grid32+bsah+multifrusta", "grid64+bsah+single"):
+        culled = at.render(scene, _small(scene), plan=plan, **options)
+        np.testing.assert_array_equal(culled.image, whole.image)
+        for a, b in zip(culled.bits, whole.bits):
+            np.testing.assert_array_equal(a, b)
+        assert culled.timings["cull"] > 0.0 == whole.timings["cull"]
+    assert whole.image.any()
+
+
+def test_points_ask_a_culled_scene(atrium):
+    rng = np.random.default_rng(3)
+    points, light = rng.uniform(*atrium.bounds, (300, 3)), at.SphereLight(atrium.bounds.mean(0), 0.5)
+    whole, culled = (at.visibility(atrium, points, light, plan=p).bits for p in ("bsah+single", "grid32+bsah+single"))
+    np.testing.assert_array_equal(culled, whole)
+    assert 0 < np.bitwise_count(whole).sum() < 300 * 16
+
+
+def test_a_tree_that_is_kept_follows_the_mesh(tmp_path):
+    rng = np.random.default_rng(4)
+    faces = rng.integers(0, 900, (600, 3))
+    frames = rng.uniform(-1, 1, (900, 3)) + np.linspace(0, 1, 5)[:, None, None] ** 2 * rng.normal(size=(900, 3))
+    np.save(tmp_path / "frames.npy", frames.astype(np.float32))
+    np.save(tmp_path / "faces.npy", faces.astype(np.uint32))
+    scene = at.load(tmp_path)
+    camera, light = at.Camera((0, 1, 4), (0, 0, 0), width=32, height=24), at.SphereLight((0, 4, 0), 0.3)
+    kept, anew = at.Renderer(scene, "lbvh+refit+single"), at.Renderer(scene, "lbvh+single")
+    for time in np.linspace(0, scene.duration, 6):
+        a, b = (r.render(camera, light, spp=4, time=time) for r in (kept, anew))
+        np.testing.assert_array_equal(a.bits[0], b.bits[0])
+        np.testing.assert_array_equal(a.image, b.image)
+    assert b.bits[0].any()

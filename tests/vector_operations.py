@@ -240,6 +240,20 @@ def make_mask_kernel(lanes):
     return compute
 
 
+def joined(lanes):
+    """A kernel that joins the vectors of two arrays, one by one."""
+    load = getattr(simd, f"load{lanes}")
+
+    @compiled
+    def compute(a, b):
+        out = np.empty(2 * len(a), a.dtype)
+        for i in range(0, len(a), lanes):
+            store(out, 2 * i, simd.join(load(a, i), load(b, i)))
+        return out
+
+    return compute
+
+
 # --- expectations ---------------------------------------------------------------------------------------
 # Dicts whose order is that of the rows that the kernels write.
 

@@ -11,7 +11,7 @@ from docutils.parsers.rst import Directive
 class CommandHelp(Directive):
     """The help text of a command, or of the program itself without an argument."""
 
-    optional_arguments = 1
+    optional_arguments = 2
 
     def run(self):
         command = [sys.executable, "-m", "antumbra", *self.arguments, "--help"]

@@ -1,61 +1,83 @@
-"""A plan: which culler, builder and tracer answer a query. Every plan gives the same bits."""
+"""A plan: which methods answer a query. Every plan gives the same bits."""
 
+from itertools import product
 from typing import NamedTuple
 
-from .bvh import BUILDERS
+from .bvh import BUILDERS, OPTIMISERS, UPDATERS
+from .cull import CULLERS
 from .errors import InputError
 from .trace import TRACERS
 
-CULLERS: dict = {}
-"""Name -> how triangles that no shadow ray can meet are removed before building; a plan may name none."""
+KINDS: dict[str, tuple[str, dict]] = {
+    "cull": ("culler", CULLERS),
+    "build": ("builder", BUILDERS),
+    "optimise": ("optimiser", OPTIMISERS),
+    "update": ("updater", UPDATERS),
+    "trace": ("tracer", TRACERS),
+}
+"""Field of a `Plan` -> (what its methods are called, their registry), in the order in which they do their work."""
 
 
 class Plan(NamedTuple):
-    """Names from the registries CULLERS (or None), BUILDERS and TRACERS; written ``cull+build+trace``."""
+    """Names from the registries; written ``cull+build+optimise+update+trace``, of which only two are needed."""
 
     cull: str | None = None  # how triangles are removed before building; None: not at all
     build: str = "bsah"  # how the BVH is built
     trace: str = "multifrusta"  # how rays are traced
+    optimise: str | None = None  # how the BVH is made better once it is built; None: not at all
+    update: str | None = None  # how the BVH of the last frame becomes this one's; None: it is built anew
 
     def __str__(self) -> str:
-        return "+".join(part for part in self if part)
+        return "+".join(name for field in KINDS if (name := getattr(self, field)))
 
 
 DEFAULT_PLAN = str(Plan())
 
 
 def parse_plan(plan: "str | Plan") -> Plan:
-    """The plan that is written ``build+trace`` or ``cull+build+trace``.
+    """The plan that is written ``build+trace``, or with names of the other registries too, in any order.
 
     Raises
     ------
     InputError
-        On a name that is in no registry, a missing or a second builder or tracer. Nothing is ever substituted.
+        On a name that is in no registry, a missing builder or tracer, a second method of one kind, or a culler and an
+        updater together. Nothing is ever substituted.
     """
-    parts = [p for p in plan if p] if isinstance(plan, Plan) else str(plan).split("+")
     found: dict[str, str] = {}
-    for part in parts:
-        kind = next((k for k, names in _registries().items() if part in names), None)
-        if kind is None:
+    for part in str(plan).split("+"):
+        field = next((f for f, (_, names) in KINDS.items() if part in names), None)
+        if field is None:
             raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {_valid()}")
-        if kind in found:
-            raise InputError(f"plan {str(plan)!r} names two {kind}s, {found[kind]!r} and {part!r}; {_valid()}")
-        found[kind] = part
-    for kind in ("builder", "tracer"):
-        if kind not in found:
-            raise InputError(f"plan {str(plan)!r} names no {kind}; {_valid()}")
-    return Plan(found.get("culler"), found["builder"], found["tracer"])
+        if field in found:
+            kind = KINDS[field][0]
+            raise InputError(f"plan {str(plan)!r} names two {kind}s, {found[field]!r} and {part!r}; {_valid()}")
+        found[field] = part
+    for field in ("build", "trace"):
+        if field not in found:
+            raise InputError(f"plan {str(plan)!r} names no {KINDS[field][0]}; {_valid()}")
+    if "cull" in found and "update" in found:
+        raise InputError(
+            f"plan {str(plan)!r}: {found['update']!r} keeps a tree of the same triangles, of which {found['cull']!r} "
+            "leaves others in each frame; leave one of them out"
+        )
+    return Plan(**found)
 
 
 def all_plans() -> list[Plan]:
     """Every plan that the registries allow."""
-    return [Plan(c, b, t) for c in (None, *CULLERS) for b in BUILDERS for t in TRACERS]
+    fields = product((None, *CULLERS), BUILDERS, TRACERS, (None, *OPTIMISERS), (None, *UPDATERS))
+    return [Plan(c, b, t, o, u) for c, b, t, o, u in fields if not (c and u)]
 
 
-def _registries() -> dict[str, dict]:
-    return {"culler": CULLERS, "builder": BUILDERS, "tracer": TRACERS}
+def covering_plans() -> list[Plan]:
+    """A few plans in which every method of every registry has its part: what is worth compiling, and testing."""
+    plans = [Plan(trace=name) for name in TRACERS]
+    plans += [Plan(build=name, trace="single") for name in BUILDERS if name != Plan().build]
+    plans += [Plan(optimise=name, trace="single") for name in OPTIMISERS]
+    plans += [Plan(update=name, trace="single") for name in UPDATERS]
+    return plans + [Plan(cull=name, trace="single") for name in CULLERS]
 
 
 def _valid() -> str:
-    names = "; ".join(f"{kind}s: {', '.join(names)}" for kind, names in _registries().items() if names)
-    return f"write builder+tracer ({names})"
+    names = "; ".join(f"{kind}s: {', '.join(names)}" for kind, names in KINDS.values() if names)
+    return f"write builder+tracer, or more ({names})"

@@ -114,8 +114,8 @@ def visibility(
         unit = _unit_normals(normals, points.shape)
         origins = point_receivers(local, unit, world, points.dtype == np.float32)
     warm_up(renderer.plan, renderer.gbuffer, False)
-    ready = accelerated(scene, time, threads, plan)
-    triangles = ready.triangles
+    ready = None if renderer.plan.cull else accelerated(scene, time, threads, plan)
+    triangles = scene.triangles(time) if ready is None else ready.triangles
     query = ShadowQuery(
         origins[None],
         np.full((1, len(local)), -1, np.int32),
@@ -126,6 +126,8 @@ def visibility(
         samples,
         cull_value(cull_faces),
     )
+    if ready is None:
+        ready = renderer.build(triangles, renderer.culled(triangles, [query]))
     bits = renderer.answer(ready, query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
     return Visibility(bits, fraction_lit(bits, samples.shape[1]))

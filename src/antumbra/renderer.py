@@ -5,9 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .bvh import BUILDERS
+from .bvh import BUILDERS, OPTIMISERS, UPDATERS
 from .bvh.blocks import BlockTree
 from .bvh.nodes import Bvh
+from .cull import CULLERS
+from .cull.cull import Culled
 from .errors import InputError
 from .image.fraction import as_needed, fraction, refine_penumbra
 from .image.shade import ambient_light, arriving, shade
@@ -62,8 +64,8 @@ class Frame(NamedTuple):
 class Accelerated(NamedTuple):
     """A scene at one moment with its BVH."""
 
-    triangles: Triangles
-    bvh: Bvh
+    triangles: Triangles  # all of them, whatever has been culled
+    bvh: Bvh  # of those that are left; prim_ids counts in all
     prepared: Any  # what the plan's tracer walks: the BVH, or something made from it
 
 
@@ -101,6 +103,8 @@ class Renderer:
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
         self.scene, self.plan, self.gbuffer = scene, parse_plan(plan), gbuffer
         self.threads = thread_count(threads)
+        update = self.plan.update  # what it keeps from frame to frame
+        self._kept = UPDATERS[update].keep(self._new_tree) if update else None
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
@@ -126,17 +130,17 @@ class Renderer:
         clock = _Clock()
         triangles = self.scene.triangles(time, self.threads)
         clock.lap("evaluate")
-        accelerated = None
+        whole = None
         if self.gbuffer == "rays":
-            accelerated = self._accelerate(triangles)
+            whole = self.build(triangles)
             clock.lap("build")
-        gbuffer = self._gbuffer(triangles, camera, accelerated)
+        gbuffer = self._gbuffer(triangles, camera, whole)
         clock.lap("gbuffer")
-        if accelerated is None:
-            accelerated = self._accelerate(triangles)
-            clock.lap("build")
-        job = _Job(self, accelerated, lights, facing, new_counters(counters), progress)
+        job = _Job(self, triangles, lights, facing, new_counters(counters), progress, clock)
         queries = job.queries(gbuffer, samples)
+        clock.lap("trace")
+        finer_queries = [] if finer is None else [q._replace(samples=s) for q, s in zip(queries, finer.penumbra)]
+        job.accelerate([*queries, *finer_queries], whole)
         bits = [job.ask(query) for query in queries]
         clock.lap("trace")
         rays = camera.rays(triangles.origin)
@@ -156,6 +160,8 @@ class Renderer:
             pixels = subpixel_gbuffer(triangles, rays, edge, self.threads)
             clock.lap("gbuffer")
             queries = [as_needed(query) for query in job.queries(pixels, finer.edges)]
+            clock.lap("trace")
+            job.accelerate(queries, job.accelerated)
             fine = [job.ask(query) for query in queries]
             clock.lap("trace")
             shares = [fraction_lit(b, query.samples.shape[1]) for query, b in zip(queries, fine)]
@@ -166,10 +172,27 @@ class Renderer:
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH."""
-        return self._accelerate(self.scene.triangles(time, self.threads))
+        return self.build(self.scene.triangles(time, self.threads))
 
-    def _accelerate(self, triangles) -> Accelerated:
-        return self.prepare(triangles, BUILDERS[self.plan.build].build(triangles.vertices, self.threads))
+    def culled(self, triangles: Triangles, queries) -> Culled | None:
+        """The triangles that segments of these queries can meet; None if the plan culls nothing."""
+        return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
+
+    def build(self, triangles: Triangles, culled: Culled | None = None) -> Accelerated:
+        """A BVH of all triangles, or of those that culling left."""
+        bvh = self._tree(triangles.vertices if culled is None else culled.vertices)
+        if culled is not None:
+            bvh = bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
+        return self.prepare(triangles, bvh)
+
+    def _tree(self, vertices) -> Bvh:
+        if self._kept is not None:
+            return self._kept.update(vertices, self.threads)
+        return self._new_tree(vertices, self.threads)
+
+    def _new_tree(self, vertices, threads) -> Bvh:
+        bvh = BUILDERS[self.plan.build].build(vertices, threads)
+        return OPTIMISERS[self.plan.optimise].optimise(bvh, threads) if self.plan.optimise else bvh
 
     def prepare(self, triangles: Triangles, bvh: Bvh) -> Accelerated:
         """What this plan's tracer walks, made from the BVH that its builder made of the triangles."""
@@ -195,14 +218,24 @@ class Renderer:
 class _Job:
     """One frame: asks about, and shades, what its camera or sub-pixels of it see."""
 
-    def __init__(self, renderer: Renderer, accelerated: Accelerated, lights, facing, tally, progress):
-        self.renderer, self.accelerated, self.lights, self.facing = renderer, accelerated, lights, facing
-        self.tally, self.progress, self.threads = tally, progress, renderer.threads
+    def __init__(self, renderer: Renderer, triangles, lights, facing, tally, progress, clock):
+        self.renderer, self.triangles, self.lights, self.facing = renderer, triangles, lights, facing
+        self.tally, self.progress, self.clock, self.threads = tally, progress, clock, renderer.threads
         self.rays = 0  # asked so far
 
     def queries(self, gbuffer, samples) -> list[ShadowQuery]:
         """The query of each light, with these samples of each."""
-        return shadow_queries(self.accelerated.triangles, gbuffer, self.lights, samples, self.facing, self.threads)
+        return shadow_queries(self.triangles, gbuffer, self.lights, samples, self.facing, self.threads)
+
+    def accelerate(self, queries, whole: Accelerated | None) -> None:
+        """Make ready for these queries; `whole`: the BVH of all triangles, if there is one already."""
+        culled = self.renderer.culled(self.triangles, queries)
+        if culled is not None:
+            self.clock.lap("cull")
+        if culled is not None or whole is None:
+            whole = self.renderer.build(self.triangles, culled)
+        self.accelerated = whole
+        self.clock.lap("build")
 
     def ask(self, query: ShadowQuery) -> np.ndarray:
         self.rays += int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
@@ -225,7 +258,7 @@ class _Job:
 
     def shade(self, gbuffer, arrived, visibility, ambient) -> np.ndarray:
         """The image."""
-        colour, up = self.accelerated.triangles.colour, self.renderer.scene.up
+        colour, up = self.triangles.colour, self.renderer.scene.up
         return shade(gbuffer, colour, self.lights, arrived, visibility, ambient, up, self.threads)
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 
 import antumbra
-from antumbra.bvh import BUILDERS
+from antumbra.bvh import BUILDERS, lbvh
 from antumbra.bvh.nodes import EMPTY, MAX_DEPTH
 from antumbra.bvh.quality import sah_cost, statistics, validate
 from antumbra.errors import InputError
@@ -14,6 +14,8 @@ from bvh_scenes import HAZARDS, LARGE, integer_grid, scattered, terrain
 from reference_sah import binned_sah
 from scenes import scene_path
 from strategies import point_arrays, soups
+
+WORSE = {lbvh.build: 1.6, lbvh.build63: 1.6}  # by how much more a tree may cost than that of greedy binning
 
 pytestmark = pytest.mark.parametrize("build", [b.build for b in BUILDERS.values()], ids=list(BUILDERS))
 
@@ -69,7 +71,7 @@ def test_same_bits_for_any_number_of_threads(build, name):
     "vertices", [terrain(800), scattered(700), integer_grid(512)], ids=["terrain", "scattered", "grid"]
 )
 def test_cost_is_that_of_a_good_tree(build, vertices):
-    assert sah_cost(build(vertices)) <= 1.05 * binned_sah(vertices)[0]
+    assert sah_cost(build(vertices)) <= WORSE.get(build, 1.05) * binned_sah(vertices)[0]
 
 
 def test_real_scene(build):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from antumbra.bvh.binned_sah import build
-from antumbra.bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
+from antumbra.bvh.nodes import EMPTY, MAX_DEPTH, aligned_empty
 from antumbra.bvh.quality import sah_cost, statistics, validate
-from bvh_scenes import scattered, terrain
+from bvh_scenes import chain, scattered, terrain
 
 VERTICES = terrain(300)
 BOUNDS = "box is not the bounds of"
@@ -130,21 +130,6 @@ def test_every_box_word_matters():
                 validate(bvh, VERTICES)
         bvh.nodes[node, word] = good
     validate(bvh, VERTICES)
-
-
-def chain(n):
-    """A correct tree, but for its depth: each node has one triangle on the left and all others on the right."""
-    vertices = scattered(n)
-    nodes = aligned_empty((n - 1, 16), "f4")
-    nodes[:] = 0
-    links = nodes.view(np.int32)
-    for node in range(n - 1):
-        last = node == n - 2
-        for side, range_ in ((0, slice(node, node + 1)), (1, slice(node + 1, n))):
-            nodes[node, [side, 4 + side, 8 + side]] = vertices[range_].min((0, 1))
-            nodes[node, [2 + side, 6 + side, 10 + side]] = vertices[range_].max((0, 1))
-            links[node, 12 + side] = ~((node + side) * 8) if side == 0 or last else node + 1
-    return Bvh(nodes, links, np.arange(n, dtype=np.int32), vertices.reshape(n, 9).copy()), vertices
 
 
 def test_depth():

@@ -71,6 +71,13 @@ def test_masks(lanes):
         assert_same(name, got[name], want[name])
 
 
+@pytest.mark.parametrize("lanes", [4, 8])
+@pytest.mark.parametrize("inputs", [ops.f32_inputs, ops.i32_inputs], ids=["f32", "i32"])
+def test_join(lanes, inputs):
+    a, b = inputs()[:2]
+    assert_same("join", ops.joined(lanes)(a, b), np.stack([a.reshape(-1, lanes), b.reshape(-1, lanes)], 1).ravel())
+
+
 def test_inputs_are_hard():
     a, b, _ = ops.f32_inputs()
     for array in (a, b):

@@ -23,6 +23,8 @@ CASES = {
     "vectors of float32": (lambda a: simd.bits(simd.fma(simd.iota4(), 2, 3) < 0), F32),
     "not all": (lambda a: simd.minimum(a[0], a[1]), F32),
     "must be a mask4": (lambda a: simd.bits(simd.select(simd.load8(a, 0) < 0, simd.load4(a, 0), 0) < 0), F32),
+    "two vectors of one type": (lambda a: simd.store(a, 0, simd.join(simd.load4(a, 0), simd.load8(a, 0))), F32),
+    "of 4 or 8 lanes": (lambda a: simd.store(a, 0, simd.join(simd.load16(a, 0), simd.load16(a, 0))), F32),
     "one index per lane": (lambda a: simd.bits(simd.shuffle(simd.load4(a, 0), 0, 1) < 0), F32),
     "literal integers from 0 to 3": (
         lambda a: simd.bits(simd.shuffle(simd.load4(a, 0), 0, 1, 2, 4) < 0),

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import all_plans
+from antumbra.plan import covering_plans
 from antumbra.scene.procedural import PROCEDURAL
 from asking import answer, query_of, true_occlusion
 
-PLANS = all_plans()
+PLANS = covering_plans()
 TRIANGLES = 3000
 SIZE = (96, 68)  # pixels: with 16 samples more than 100 000 rays
 

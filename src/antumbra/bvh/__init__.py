@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from . import binned_sah
+from . import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
 
 
 class Builder(NamedTuple):
@@ -14,11 +14,69 @@ class Builder(NamedTuple):
     paper: str
 
 
+class Optimiser(NamedTuple):
+    """A method that makes a finished BVH better: ``optimise(bvh, threads=None, ...) -> Bvh``."""
+
+    optimise: Callable
+    description: str
+    paper: str
+
+
+class Updater(NamedTuple):
+    """A method that makes the BVH of a frame from that of the last one, where that pays.
+
+    ``keep(build)`` gives what keeps the BVH from frame to frame: an object with ``update(vertices, threads) -> Bvh``;
+    ``build(vertices, threads)`` makes a new one.
+    """
+
+    keep: Callable
+    description: str
+    paper: str
+
+
 BUILDERS: dict[str, Builder] = {
     "bsah": Builder(
         binned_sah.build,
         "binned surface area heuristic, top-down, in parallel",
         "Wald 2007, On fast construction of SAH-based bounding volume hierarchies",
     ),
+    "sweep-sah": Builder(
+        sweep_sah.build,
+        "full sweep surface area heuristic: the reference of quality",
+        "MacDonald and Booth 1990, Heuristics for ray tracing using space subdivision",
+    ),
+    "lbvh": Builder(
+        lbvh.build,
+        "Morton codes of 30 bits: the fastest to build",
+        "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
+    ),
+    "lbvh63": Builder(
+        lbvh.build63,
+        "Morton codes of 63 bits: for scenes with fine detail in a small part",
+        "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
+    ),
+    "tl-lbvh": Builder(
+        tl_lbvh.build,
+        "lbvh with its treelets restructured: as fast as bsah, and better in most scenes",
+        "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
+    ),
 }
 """Name -> builder; every one makes a correct BVH of the same form from the same triangles."""
+
+OPTIMISERS: dict[str, Optimiser] = {
+    "reinsert": Optimiser(
+        reinsertion.reinsert,
+        "subtrees move to where they cost less: the best trees, for twice the time of bsah and more",
+        "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
+    ),
+}
+"""Name -> optimiser; every one takes a BVH of any builder, and its result costs no more by SAH."""
+
+UPDATERS: dict[str, Updater] = {
+    "refit": Updater(
+        refit.Deforming,
+        "the last frame's tree with new boxes, until that costs a tenth more than when it was built",
+        "Lauterbach et al. 2006, RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs",
+    ),
+}
+"""Name -> updater; each works on the tree of any builder."""

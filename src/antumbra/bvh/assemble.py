@@ -7,7 +7,7 @@ import numpy as np
 from ..jit import kernel
 from ..parallel import new_ticket, run, take
 from ..simd import load16, ptr, store
-from .nodes import MAX_DEPTH, aligned_empty
+from .nodes import Bvh, aligned_empty
 from .top import Top
 
 
@@ -19,9 +19,12 @@ class Subtrees(NamedTuple):
 
 
 @kernel
-def _place(children, shares, node_at, subtree_at):
-    """Where each node of the top, and the first of each subtree, comes in depth-first order; the number of nodes."""
-    waiting = np.empty(MAX_DEPTH + 1, np.int64)
+def place(children, counts, node_at, subtree_at):
+    """Where each node of the top, and the first of each subtree, comes in depth-first order; the number of nodes.
+
+    `counts` has the nodes of each subtree, `children` the links of the top, as in `Top`.
+    """
+    waiting = np.empty(len(children) + 1, np.int64)
     waiting[0] = 0 if len(children) else -1
     height, position = 1, 0
     while height > 0:
@@ -29,7 +32,7 @@ def _place(children, shares, node_at, subtree_at):
         child = waiting[height]
         if child < 0:
             subtree_at[~child] = position
-            position += shares[~child, 1]
+            position += counts[~child]
             continue
         node_at[child] = position
         position += 1
@@ -53,27 +56,27 @@ def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
         s = take(ticket)
 
 
-def _top_lines(top: Top, node_at, subtree_at, shares) -> np.ndarray:
+def top_lines(top: Top, node_at, subtree_links) -> np.ndarray:
     """(t, 16) float32: the nodes of the top."""
     t = len(top.children)
     lines = np.zeros((t, 16), np.float32)
     corners = np.concatenate([top.boxes[:, :, 0:3], -top.boxes[:, :, 4:7]], axis=1)
     lines[:, :12] = corners.transpose(0, 2, 1).reshape(t, 12)
     is_node = top.children >= 0
-    s = ~top.children[~is_node]
     links = np.empty((t, 2), np.int64)
     links[is_node] = node_at[top.children[is_node]]
-    links[~is_node] = np.where(shares[s, 2] >= 0, subtree_at[s], shares[s, 2])
+    links[~is_node] = subtree_links[~top.children[~is_node]]
     lines.view(np.int32)[:, 12:14] = links
     return lines
 
 
-def assemble(top: Top, subtrees: Subtrees, threads: int) -> np.ndarray:
-    """All nodes, (n, 16) float32 on a 64-byte line, every left child right behind its parent."""
+def assemble(bvh: Bvh, top: Top, subtrees: Subtrees, threads: int) -> Bvh:
+    """`bvh` with all nodes, on a 64-byte line, every left child right behind its parent."""
     node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty(len(subtrees.shares), np.int64)
-    count = _place(top.children, subtrees.shares, node_at, subtree_at)
+    count = place(top.children, subtrees.shares[:, 1], node_at, subtree_at)
     nodes = aligned_empty((count, 16), "f4")
     ticket = new_ticket(len(subtree_at), 1)
     run(_copy_subtrees, threads, ticket, subtrees, subtree_at, nodes, nodes.view(np.int32))
-    nodes[node_at] = _top_lines(top, node_at, subtree_at, subtrees.shares)
-    return nodes
+    links = np.where(subtrees.shares[:, 2] >= 0, subtree_at, subtrees.shares[:, 2])
+    nodes[node_at] = top_lines(top, node_at, links)
+    return bvh._replace(nodes=nodes, links=nodes.view(np.int32))

@@ -3,15 +3,19 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import overload
 
 from ..jit import kernel
 from ..simd import (
+    as_i32,
     extract,
     get,
     load4,
     load8,
     maximum,
     minimum,
+    ptr,
+    ptr_at,
     put,
     select,
     splat8,
@@ -21,10 +25,12 @@ from ..simd import (
     to_i32,
 )
 from .bounds import INF, half_area
+from .splits import Split, divide, find_split, must_halve, no_split, source_of
 
 BINS = 32  # on each axis, at most
 BIN_COUNTS = 3 * BINS
 BIN_BOXES = BIN_COUNTS * 8
+BIN_WORDS = BIN_BOXES + BIN_COUNTS
 _BELOW_ONE = np.float32(1.0 - 2.0**-20)  # keeps the largest centroid in the last bin
 
 
@@ -43,18 +49,20 @@ class Mapping(NamedTuple):
     n_bins: object  # int64
 
 
-class Split(NamedTuple):
-    """Records whose bin on `axis` is less than `bin` go left. `axis` is -1 where no split has a finite cost."""
+class Binned(NamedTuple):
+    """The method of `bsah`: ranges lie in `records` after an even number of splits and in `spare` after an odd one,
+    as long as all threads split them together; below, where they were.
+    """
 
-    axis: object  # int64
-    bin: object  # int64
-    cost: object  # float32: half the area of each side by its count of records, added
+    records: np.ndarray  # (n, 8) float32
+    spare: np.ndarray  # (n, 8) float32
 
 
-@kernel
-def no_split():
-    """The split of a range that is to be cut in the middle."""
-    return Split(np.int64(-1), np.int64(0), INF)
+class BinnedSource(NamedTuple):
+    """Pointers of `Binned`."""
+
+    records: object
+    bins: Bins
 
 
 @kernel
@@ -140,7 +148,7 @@ def partition(records, first, last, mapping, split):
     Lomuto's scheme, with both stores made each time: which side the next record is on cannot be predicted.
     """
     origin, factor = extract(mapping.origin, split.axis), extract(mapping.factor, split.axis)
-    limit, middle = np.float32(split.bin), first
+    limit, middle = np.float32(split.place), first
     for i in range(first, last):
         left = goes_left(records, i, split.axis, origin, factor, limit)
         record, other = load8(records, i * 8), load8(records, middle * 8)
@@ -148,3 +156,42 @@ def partition(records, first, last, mapping, split):
         store(records, i * 8, other)
         middle += np.int64(left)
     return middle
+
+
+@overload(source_of)
+def _source_of(method, depth, scratch):
+    if method.instance_class is Binned:
+
+        def source(method, depth, scratch):
+            records = ptr(method.spare) if depth & 1 else ptr(method.records)
+            return BinnedSource(records, Bins(scratch, as_i32(ptr_at(scratch, BIN_BOXES))))
+
+        return source
+
+
+@overload(find_split)
+def _find_split(source, first, last, centroids, depth, scale):
+    if source.instance_class is BinnedSource:
+
+        def find(source, first, last, centroids, depth, scale):
+            n = last - first
+            if must_halve(n, depth):
+                return no_split()
+            mapping = make_mapping(centroids, n)
+            clear_bins(source.bins, mapping.n_bins)
+            fill_bins(source.records, first, last, mapping, source.bins)
+            return cheapest_split(source.bins, mapping.n_bins, scale)
+
+        return find
+
+
+@overload(divide)
+def _divide(source, first, last, centroids, split):
+    if source.instance_class is BinnedSource:
+
+        def cut(source, first, last, centroids, split):
+            if split.axis < 0:
+                return (first + last) >> 1
+            return partition(source.records, first, last, make_mapping(centroids, last - first), split)
+
+        return cut

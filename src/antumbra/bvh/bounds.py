@@ -7,15 +7,17 @@ lane. A *centroid box* holds twice the centroids (lower + upper) of some records
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, take
 from ..simd import (
     as_i32,
     extract,
     get,
+    join,
     load4,
     load8,
     mask_from_bits4,
+    mask_from_bits16,
     maximum,
     minimum,
     ptr,
@@ -36,7 +38,7 @@ _ID_BIT = np.int32(1 << 30)
 
 MAX_COORDINATE = np.float32(2.0**125)  # so that the difference of two sums of two coordinates is finite
 MAX_TRIANGLES = 1 << 28  # a leaf's link holds 8 times the slot of its first triangle
-PART = 20  # float32 of what one chunk of records adds to the whole: box, centroid box, 0 or NaN
+PART = 20  # float32 of what one chunk of triangles adds to the whole: box, centroid box, 0 or NaN
 
 
 @kernel
@@ -61,6 +63,13 @@ def half_area(box, scale):
 
 
 @kernel
+def width(box):
+    """The longest side of a box."""
+    sides = -(box + swap_halves(box))
+    return max(extract(sides, 0), extract(sides, 1), extract(sides, 2))
+
+
+@kernel
 def range_bounds(records, first, last):
     """(box, centroid box) of the records from `first` to `last` - 1."""
     box, centroids = splat8(INF), splat8(INF)
@@ -71,16 +80,12 @@ def range_bounds(records, first, last):
     return box, centroids
 
 
-@kernel
+@inlined
 def write_boxes(nodes, node, left, right):
     """The boxes of both children into a node; the links and the unused words become 0."""
-    for k in range(3):
-        i = node * 16 + 4 * k
-        put(nodes, i, extract(left, k))
-        put(nodes, i + 1, extract(right, k))
-        put(nodes, i + 2, -extract(left, k + 4))
-        put(nodes, i + 3, -extract(right, k + 4))
-    store(nodes, node * 16 + 12, splat4(_ZERO))
+    line = shuffle(join(left, right), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
+    line = select(mask_from_bits16(0x0CCC), -line, line)  # the upper corners
+    store(nodes, node * 16, select(mask_from_bits16(0x0FFF), line, _ZERO))
 
 
 @kernel
@@ -88,6 +93,47 @@ def _triangle(vertices, i):
     """The three corners of triangle `i`; each fourth lane holds some other coordinate of the same triangle."""
     a, b, c = load4(vertices, i * 9), load4(vertices, i * 9 + 3), load4(vertices, i * 9 + 5)
     return a, b, shuffle(c, 1, 2, 3, 0)  # not read from + 6: the last triangle would be overrun
+
+
+@inlined
+def _box(a, b, c):
+    """The box of three corners; the lanes that are no coordinates are 0."""
+    coordinates = mask_from_bits4(7)
+    lower = select(coordinates, minimum(minimum(a, b), c), _ZERO)
+    return join(lower, select(coordinates, -maximum(maximum(a, b), c), _ZERO))
+
+
+@inlined
+def triangle_box(vertices, i):
+    """The box of triangle `i`."""
+    a, b, c = _triangle(vertices, i)
+    return _box(a, b, c)
+
+
+@inlined
+def double_centroid_of(vertices, i):
+    """lower + upper of triangle `i`."""
+    a, b, c = _triangle(vertices, i)
+    return minimum(minimum(a, b), c) + maximum(maximum(a, b), c)
+
+
+@kernel
+def bound_triangles(ticket, vertices, parts):
+    """Worker: of each chunk of the triangles a row of `parts`."""
+    v, rows = ptr(vertices), ptr(parts)
+    first = take(ticket)
+    while first >= 0:
+        faults, box, centroids = splat4(_ZERO), splat8(INF), splat8(INF)
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            a, b, c = _triangle(v, i)
+            faults += a * _ZERO + b * _ZERO + c * _ZERO  # NaN from then on, if something is NaN or infinite
+            here = _box(a, b, c)
+            box, centroids = minimum(box, here), minimum(centroids, double_centroid(here))
+        row = first // ticket[CHUNK] * PART
+        store(rows, row, box)
+        store(rows, row + 8, centroids)
+        store(rows, row + 16, faults)
+        first = take(ticket)
 
 
 @kernel

@@ -39,7 +39,7 @@ def triangle_area(corners, slot):
 
 
 @inlined
-def _surface(nodes, at, other):
+def surface(nodes, at, other):
     """Half the surface of the box whose lower x is word `at`, or of its union with the one at `other`."""
     x = max(get(nodes, at + 2), get(nodes, other + 2)) - min(get(nodes, at), get(nodes, other))
     y = max(get(nodes, at + 6), get(nodes, other + 6)) - min(get(nodes, at + 4), get(nodes, other + 4))
@@ -77,7 +77,7 @@ def likelier_first(nodes, links, areas):
     inner, boxes, words = np.zeros(len(nodes)), ptr(nodes), ptr(links)
     for node in parents_first(links)[::-1]:
         at = node * 16
-        left, right, whole = _surface(boxes, at, at), _surface(boxes, at + 1, at + 1), _surface(boxes, at, at + 1)
+        left, right, whole = surface(boxes, at, at), surface(boxes, at + 1, at + 1), surface(boxes, at, at + 1)
         first = left * _blocked(links[node, 12], left, areas, inner)
         second = right * _blocked(links[node, 13], right, areas, inner)
         if whole > 0.0:

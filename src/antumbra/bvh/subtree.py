@@ -14,10 +14,10 @@ from ..simd import (
     stack_i32,
     store,
 )
-from .bins import BIN_BOXES, BIN_COUNTS, Bins, cheapest_split, clear_bins, fill_bins, make_mapping, no_split, partition
 from .bounds import half_area, range_bounds, record_id, write_boxes
 from .nodes import MAX_DEPTH
 from .smallest import SMALLEST, build_smallest
+from .splits import divide, find_split
 
 _WAITING = MAX_DEPTH + 1  # ranges at a time: the right child at each level, and a left one
 _NUMBERS = 4 * _WAITING
@@ -51,27 +51,6 @@ def _push(ranges, height, first, last, depth, slot, box, centroids):
 
 
 @kernel
-def must_halve(n, depth):
-    """Whether a node at this depth must have equal halves for its tree to end by MAX_DEPTH.
-
-    If not, either child holds less than 2 ** (MAX_DEPTH - 1 - depth) records: halving suffices from there on.
-    """
-    return (n >> (MAX_DEPTH - 1 - depth)) > 0
-
-
-@kernel
-def find_split(records, first, last, centroids, depth, scale, bins):
-    """(mapping, split) of a range; axis -1 if it is to be cut in the middle."""
-    n = last - first
-    mapping = make_mapping(centroids, n)
-    if must_halve(n, depth):
-        return mapping, no_split()
-    clear_bins(bins, mapping.n_bins)
-    fill_bins(records, first, last, mapping, bins)
-    return mapping, cheapest_split(bins, mapping.n_bins, scale)
-
-
-@kernel
 def _leaf_is_cheaper(n, depth, box, split, settings):
     """Whether a range is better a leaf than split; the root never is."""
     if n > settings.max_leaf or depth == 0:
@@ -98,15 +77,14 @@ def copy_corners(vertices, first, last, out):
 
 
 @kernel
-def build_subtree(vertices, records, first, last, depth, box, centroids, settings, out):
+def build_subtree(vertices, source, first, last, depth, box, centroids, settings, out):
     """Build the tree over the records from `first` to `last` - 1; the number of nodes made.
 
     They are nodes 1, 2, ... of `out`, depth first; of n records come at most n - 1. The left link of node 0 is the
     link to the tree, and nothing else is written there.
     """
     ranges = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES))
-    bins = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
-    next_node = np.int64(1)
+    records, next_node = source.records, np.int64(1)
     height = _push(ranges, 0, first, last, depth, 12, box, centroids)
     while height > 0:
         height -= 1
@@ -115,14 +93,12 @@ def build_subtree(vertices, records, first, last, depth, box, centroids, setting
         if e - b <= SMALLEST and d + e - b - 1 <= MAX_DEPTH:
             next_node = build_smallest(records, b, e - b, settings, out, next_node, slot, d == 0)
             continue
-        here = load8(ranges.boxes, height * 16)
-        mapping, split = find_split(records, b, e, load8(ranges.boxes, height * 16 + 8), d, settings.scale, bins)
+        here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
+        split = find_split(source, b, e, centroids, d, settings.scale)
         if _leaf_is_cheaper(e - b, d, here, split, settings):
             _write_leaf(records, b, e, out, slot)
             continue
-        m = (b + e) >> 1
-        if split.axis >= 0:
-            m = partition(records, b, e, mapping, split)
+        m = divide(source, b, e, centroids, split)
         left, left_centroids = range_bounds(records, b, m)
         right, right_centroids = range_bounds(records, m, e)
         put(out.links, slot, next_node)

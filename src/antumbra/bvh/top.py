@@ -28,19 +28,19 @@ from ..simd import (
 from .bins import (
     BIN_BOXES,
     BIN_COUNTS,
+    BIN_WORDS,
+    Binned,
     Bins,
     cheapest_split,
     clear_bins,
     fill_bins,
     goes_left,
     make_mapping,
-    no_split,
 )
 from .bounds import INF, double_centroid
-from .subtree import must_halve
+from .splits import must_halve, no_split
 
 BLOCK = 4096  # records
-_BINS = BIN_BOXES + BIN_COUNTS  # words
 
 
 class Level(NamedTuple):
@@ -50,7 +50,7 @@ class Level(NamedTuple):
     boxes: np.ndarray  # (k, 16) float32: box, centroid box
     splits: np.ndarray  # (k, 3) int64: axis or -1, bin, first record on the right
     blocks: np.ndarray  # (m, 3) int64: range, first and last record
-    bins: np.ndarray  # (m, _BINS) float32: the bins of each block, counts as int32
+    bins: np.ndarray  # (m, BIN_WORDS) float32: the bins of each block, counts as int32
     places: np.ndarray  # (m, 2) int64: where the block's first left and first right record go
     sides: np.ndarray  # (m, 32) float32: boxes of what goes left, boxes of what goes right
 
@@ -60,13 +60,13 @@ class Top(NamedTuple):
 
     boxes: np.ndarray  # (t, 2, 8) float32: of both children
     children: np.ndarray  # (t, 2) int64: node of the top, or ~subtree
-    ranges: np.ndarray  # (s, 4) int64, of the subtrees: first and last record, depth, which of the two arrays has them
+    ranges: np.ndarray  # (s, 3) int64, of the subtrees: first and last record, depth
     range_boxes: np.ndarray  # (s, 16) float32: box, centroid box
 
 
 @kernel
 def _bins_of_block(level, block):
-    row = ptr_at(level.bins, block * _BINS)
+    row = ptr_at(level.bins, block * BIN_WORDS)
     return Bins(row, as_i32(ptr_at(row, BIN_BOXES)))
 
 
@@ -104,7 +104,7 @@ def _count_left(level, block, split, n_bins, middle):
     if split.axis < 0:
         return min(max(middle - level.blocks[block, 1], 0), level.blocks[block, 2] - level.blocks[block, 1])
     bins, count = _bins_of_block(level, block), np.int64(0)
-    for k in range(split.axis * n_bins, split.axis * n_bins + split.bin):
+    for k in range(split.axis * n_bins, split.axis * n_bins + split.place):
         count += get(bins.counts, k)
     return count
 
@@ -131,7 +131,7 @@ def _choose_splits(level, depth, scale):
             count = level.blocks[b, 2] - level.blocks[b, 1] - level.places[b, 1]
             level.places[b, 1] = right
             right += count
-        level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.bin, left
+        level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.place, left
 
 
 @kernel
@@ -181,47 +181,53 @@ def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
         boxes,
         np.empty((k, 3), np.int64),
         np.column_stack([owner, first, np.minimum(first + BLOCK, ranges[owner, 1])]),
-        np.empty((m, _BINS), np.float32),
+        np.empty((m, BIN_WORDS), np.float32),
         np.empty((m, 2), np.int64),
         np.empty((m, 32), np.float32),
     )
 
 
-def build_top(records, spare, box, centroids, scale, largest, threads) -> Top:
-    """Split all records until each range has at most `largest`.
+def split_by_bins(method: Binned, scale, threads):
+    """The `split_level` of `build_top` by which all threads bin all ranges of a level together."""
+
+    def split_level(ranges, boxes, depth):
+        source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
+        level = _cut(ranges, boxes)
+        run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
+        _choose_splits(level, depth, scale)
+        run(_move_blocks, threads, new_ticket(len(level.blocks), 1), source, target, level)
+        return level.splits[:, 2], np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
+
+    return split_level
+
+
+def build_top(n, box, centroids, largest, split_level) -> Top:
+    """Split `n` records until each range has at most `largest`.
 
     Parameters
     ----------
-    records : (n, 8) float32
-    spare : (n, 8) float32
-        Ranges lie in `records` after an even number of splits and in `spare` after an odd one.
     box, centroids : (8,) float32
         Of all records.
-    scale : float32
-        See `Settings`.
+    split_level : function of (k, 2) ranges, (k, 16) boxes, depth -> (k,) int64, (k, 32) float32
+        Splits these ranges: the first record on the right of each; box and centroid box of its left and right side.
     """
-    ranges, boxes = np.array([[0, len(records)]]), np.concatenate([box, centroids])[None]
+    ranges, boxes = np.array([[0, n]]), np.concatenate([box, centroids])[None]
     depth, n_nodes, n_done = 0, 0, 0
     children, node_boxes, done, done_boxes = [], [np.empty((0, 2, 8), np.float32)], [], []
     while True:
         large = ranges[:, 1] - ranges[:, 0] > largest
         children.append(np.where(large, n_nodes + np.cumsum(large) - 1, ~(n_done + np.cumsum(~large) - 1)))
         k, small = np.count_nonzero(large), np.count_nonzero(~large)
-        done.append(np.column_stack([ranges[~large], np.full((small, 2), [depth, depth & 1])]))
+        done.append(np.column_stack([ranges[~large], np.full(small, depth)]))
         done_boxes.append(boxes[~large])
         n_nodes, n_done = n_nodes + k, n_done + small
         if k == 0:
             break
-        level = _cut(ranges[large], boxes[large])
-        run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), records, level)
-        _choose_splits(level, depth, scale)
-        run(_move_blocks, threads, new_ticket(len(level.blocks), 1), records, spare, level)
-        sides = np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
+        ranges = ranges[large]
+        middles, sides = split_level(ranges, boxes[large], depth)
         node_boxes.append(sides.reshape(k, 4, 8)[:, ::2])
-        ranges = level.splits[:, [2, 2, 2, 2]]
-        ranges[:, 0], ranges[:, 3] = level.ranges[:, 0], level.ranges[:, 1]
-        ranges, boxes = ranges.reshape(2 * k, 2), sides.reshape(2 * k, 16)
-        records, spare, depth = spare, records, depth + 1
+        ranges = np.column_stack([ranges[:, 0], middles, middles, ranges[:, 1]]).reshape(2 * k, 2)
+        boxes, depth = sides.reshape(2 * k, 16), depth + 1
     return Top(
         np.concatenate(node_boxes),
         np.concatenate(children)[1:].reshape(-1, 2),

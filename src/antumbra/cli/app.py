@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from . import info, plans, render, scenes, warmup
+from . import bench, culling, info, plans, render, scenes, warmup
 
 app = typer.Typer(
     name="antumbra",
@@ -22,6 +22,8 @@ app.command("info")(info.info)
 app.command("scenes")(scenes.scenes)
 app.command("plans")(plans.plans)
 app.command("warmup")(warmup.warmup)
+app.command("culling")(culling.culling)
+app.add_typer(bench.app, name="bench")
 
 
 def _version(wanted: bool) -> None:

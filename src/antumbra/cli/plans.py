@@ -7,27 +7,26 @@ from .options import Json
 def plans(json: Json = False) -> None:
     """List the methods and the plans made of them.
 
-    Each method has a description and a paper. A plan is written builder+tracer, or culler+builder+tracer. All plans
-    give the same bits; they differ in speed.
+    Each method has a description and a paper. A plan is written builder+tracer, with a culler, an optimiser or an
+    updater where one is wanted. All plans give the same bits; they differ in speed.
 
     \b
     Examples
       antumbra plans
       antumbra render --plan bsah+single
+      antumbra render --plan grid32+lbvh+multifrusta
     """
-    from ..bvh import BUILDERS
-    from ..plan import CULLERS, Plan, all_plans
-    from ..trace import TRACERS
+    from ..plan import KINDS, Plan, all_plans
 
-    kinds = {"culler": CULLERS, "builder": BUILDERS, "tracer": TRACERS}
     methods = [
         {"kind": kind, "name": name, "description": method.description, "paper": method.paper}
-        for kind, methods in kinds.items()
-        for name, method in methods.items()
+        for kind, registry in KINDS.values()
+        for name, method in registry.items()
     ]
-    names = [str(plan) for plan in all_plans()]
     if json:
+        names = [str(plan) for plan in all_plans()]
         report.print_json({"methods": methods, "plans": names, "default": str(Plan())})
         return
     report.print_table(("kind", "name", "what it does", "paper"), [tuple(m.values()) for m in methods])
-    report.print_fields([("plans", ", ".join(names)), ("default", str(Plan()))])
+    order = "+".join(kind for kind, registry in KINDS.values() if registry)
+    report.print_fields([("a plan", f"{order}, of which only builder and tracer are needed"), ("default", str(Plan()))])

@@ -14,7 +14,9 @@ def warmup(
     plan: Annotated[
         list[str] | None,
         typer.Option(
-            help="Only for this plan; may be repeated.  [default: all plans]", metavar="PLAN", show_default=False
+            help="Only for this plan; may be repeated.  [default: all methods]",
+            metavar="PLAN",
+            show_default=False,
         ),
     ] = None,
     json: Json = False,
@@ -29,9 +31,9 @@ def warmup(
       antumbra warmup
       antumbra warmup --plan bsah+single
     """
-    from ..plan import all_plans, parse_plan
+    from ..plan import covering_plans, parse_plan
 
-    wanted = [parse_plan(text) for text in plan or []] or all_plans()
+    wanted = [parse_plan(text) for text in plan or []] or covering_plans()
 
     from ..jit import CACHE_DIR
     from ..warm import kernels_of

@@ -33,7 +33,7 @@ Make
     8 and 16 alike.
 Lanes
     `minimum`, `maximum`, `fma`, `absolute`, `flip_sign`, `select`, `to_f32`, `to_i32`; `swap_halves`,
-    `shuffle`, `compress`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; of masks `bits`, `any_lane`,
+    `shuffle`, `join`, `compress`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; of masks `bits`, `any_lane`,
     `all_lanes`.
 Memory
     `load4`, `broadcast4`, `store`, `get`, `put` on arrays and pointers; `ptr`, `ptr_at`, `as_f32`, `as_i32`
@@ -89,6 +89,7 @@ from antumbra.simd.lanes import (
     iota4,
     iota8,
     iota16,
+    join,
     mask_from_bits4,
     mask_from_bits8,
     mask_from_bits16,
@@ -162,6 +163,7 @@ __all__ = [
     "iota4",
     "iota8",
     "iota16",
+    "join",
     "load4",
     "load8",
     "load16",

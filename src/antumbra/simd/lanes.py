@@ -219,6 +219,19 @@ def swap_halves(typingctx, v):
 
 
 @intrinsic
+def join(typingctx, a, b):
+    """The lanes of `a`, then those of `b`: a vector of twice as many."""
+    if not isinstance(a, Vector) or a != b or a.lanes == 16:
+        reject("join", a, b, cure="needs two vectors of one type, of 4 or 8 lanes")
+
+    def codegen(context, builder, sig, values):
+        order = ir.Constant(ir.VectorType(I32, 2 * a.lanes), list(range(2 * a.lanes)))
+        return builder.shuffle_vector(*values, order)
+
+    return Vector(a.element, 2 * a.lanes)(a, b), codegen
+
+
+@intrinsic
 def compress(typingctx, mask, v):
     """The lanes of `v` where the mask is set, moved to the front in order; what follows them is unspecified."""
     if not isinstance(v, Vector) or v.element == types.boolean or mask != Vector(types.boolean, v.lanes):

@@ -1,0 +1,68 @@
+"""A tree cut in a top and many parts below it, so that threads can work on the parts apart."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import kernel
+from ..simd import load16, ptr, store
+from .nodes import MAX_DEPTH, Bvh, aligned_empty
+
+PART = 4096  # nodes in a part, at most: what a processor's second cache holds
+
+
+class Cut(NamedTuple):
+    """The first nodes of a tree, themselves a tree: its leaves are the parts, ``link = ~(8 * part)``."""
+
+    numbers: np.ndarray  # (t,) int64: the nodes of the top, parents first; none if there is one part
+    top: np.ndarray  # (t, 16) float32, 64-byte aligned: a copy of them, with links that count in the top
+    parts: np.ndarray  # (s, 3) int64: link to the part's root (< 0: a leaf), end of its nodes, inner nodes above it
+
+
+@kernel
+def _cut(bvh, sizes, largest, cut):
+    """Fill the cut; (nodes of the top, parts)."""
+    nodes, lines, links = ptr(bvh.nodes), ptr(cut.top), cut.top.view(np.int32)
+    waiting = np.empty((MAX_DEPTH + 2, 4), np.int64)  # link, end of nodes, depth, 2 * parent in the top + side
+    waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(bvh.nodes), 0, -1
+    height, n_top, n_parts = 1, 0, 0
+    while height > 0:
+        height -= 1
+        node, end, depth, place = waiting[height]
+        large = node >= 0 and (end - node if sizes is None else sizes[node]) > largest
+        if place >= 0:
+            links[place >> 1, 12 + (place & 1)] = n_top if large else ~(8 * n_parts)
+        if not large:
+            cut.parts[n_parts, 0], cut.parts[n_parts, 1], cut.parts[n_parts, 2] = node, end, depth
+            n_parts += 1
+            continue
+        cut.numbers[n_top] = node
+        store(lines, n_top * 16, load16(nodes, node * 16))
+        right = np.int64(bvh.links[node, 13])
+        for side in (1, 0):
+            waiting[height, 0] = bvh.links[node, 12 + side]
+            waiting[height, 1] = right if side == 0 and right >= 0 else end
+            waiting[height, 2], waiting[height, 3] = depth + 1, 2 * n_top + side
+            height += 1
+        n_top += 1
+    return n_top, n_parts
+
+
+def cut(bvh: Bvh, sizes: np.ndarray | None = None) -> Cut:
+    """Cut a BVH in parts of at most `PART` nodes.
+
+    `sizes`, (n_nodes,), has how many nodes there are below each, itself included; or None if nodes stand depth first.
+    Then a part's nodes are those from its root to the end that is given.
+    """
+    n = len(bvh.nodes)
+    room = min(n, MAX_DEPTH * (n // PART))  # for the top: at each depth, large subtrees share all nodes
+    top = aligned_empty((room, 16), "f4")
+    cut = Cut(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
+    n_top, n_parts = _cut(bvh, sizes, PART, cut)
+    return Cut(cut.numbers[:n_top], top[:n_top], cut.parts[:n_parts])
+
+
+def children_of_top(cut: Cut) -> np.ndarray:
+    """(t, 2) int64: the children of the top's nodes, node of the top or ~part."""
+    links = cut.top.view(np.int32)[:, 12:14].astype(np.int64)
+    return np.where(links >= 0, links, ~(~links >> 3))

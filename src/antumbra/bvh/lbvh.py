@@ -1,0 +1,267 @@
+"""`lbvh`: the tree of Morton codes, in parallel [Karras 2012, "Maximizing parallelism in the construction of BVHs,
+octrees, and k-d trees"; Lauterbach et al. 2009, "Fast BVH construction on GPUs"].
+
+Triangles are sorted by the Morton codes of their centroids. A node is a range of them, cut where the highest bit
+differs; equal codes are told apart by their places, as in the paper. The first levels are cut top-down. The subtrees
+below are made by threads apart, each from its last triangle to its first: what lies right of a gap waits on a stack
+until a higher gap closes it (bottom-up, as in [Apetrei 2014, "Fast and simple agglomerative LBVH construction"]), so
+boxes are joined as nodes are made. Nodes are counted first, and written from a subtree's last place to its first:
+that is depth-first order, in the final array.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import new_ticket, run, take, thread_count
+from ..simd import (
+    get,
+    highest_bit,
+    load8,
+    minimum,
+    prefetch,
+    ptr,
+    put,
+    stack_f32,
+    stack_i64,
+    store,
+)
+from .assemble import place, top_lines
+from .bounds import triangle_box, write_boxes
+from .morton import grid_of, write_codes
+from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
+from .prepare import CHUNK, checked, scene_bounds, tiny
+from .radix_sort import radix_sort
+from .top import Top
+from .top_down import largest_subtree
+
+_LEVELS = 96  # of a tree at most, however deep: 63 bits of a code and 28 of a place
+_WAITING = 4 * _LEVELS
+_BOXES = 8 * _LEVELS
+_NO_LEVEL = np.int64(2**63 - 1)
+_AHEAD = 64  # triangles that are fetched in advance
+
+
+class Sorted(NamedTuple):
+    """Triangles in the order of their codes."""
+
+    codes: np.ndarray  # (n,) int32 or int64
+    ids: np.ndarray  # (n,) int32: the triangle of each slot
+    drop: np.int64  # the lowest bits of the codes, which make no nodes
+
+
+class Forest(NamedTuple):
+    """The subtrees below the top."""
+
+    ranges: np.ndarray  # (s, 2) int64: first and last slot
+    counts: np.ndarray  # (s,) int64: nodes
+    places: np.ndarray  # (s,) int64: the first node
+    roots: np.ndarray  # (s, 8) float32: box
+    links: np.ndarray  # (s,) int64: link to it
+    heights: np.ndarray  # (s,) int64: nodes on its longest path
+
+
+@inlined
+def _level(codes, i, k, drop):
+    """How high in the tree the slots `i` and `k` part: a number that only orders.
+
+    The bits in which the codes differ, read as a number: the gaps that are compared differ in the highest of them.
+    Below all these come the differing bits of the places of equal codes.
+    """
+    differing = (np.int64(get(codes, i)) ^ np.int64(get(codes, k))) >> drop
+    return differing if differing != 0 else (i ^ k) - np.int64(1 << 32)
+
+
+@kernel
+def _cut(codes, first, last, drop):
+    """The first slot of the right child of a range."""
+    differing = (np.int64(codes[first]) ^ np.int64(codes[last - 1])) >> drop
+    if differing == 0:
+        bit = highest_bit(first ^ (last - 1))
+        return (last - 1) >> bit << bit
+    bit = highest_bit(differing) + drop
+    low, high = first, last - 1  # the bit is clear in `low`, set in `high`
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if (np.int64(codes[middle]) >> bit) & 1:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@kernel
+def _cut_top(codes, drop, largest):
+    """(children, ranges) of the nodes over more than `largest` triangles, as in `Top`; parents come first."""
+    n = len(codes)
+    room = n // largest * _LEVELS + 1
+    children, ranges = np.empty((room, 2), np.int64), np.empty((room + 1, 2), np.int64)
+    waiting = np.empty((_LEVELS + 1, 4), np.int64)  # first and last slot, parent, side
+    waiting[0] = np.array([0, n, -1, 0])
+    height, t, s = 1, 0, 0
+    while height > 0:
+        height -= 1
+        first, last, parent, side = waiting[height]
+        is_node = last - first > largest
+        if parent >= 0:
+            children[parent, side] = t if is_node else ~s
+        if not is_node:
+            ranges[s, 0], ranges[s, 1] = first, last
+            s += 1
+            continue
+        middle = _cut(codes, first, last, drop)
+        waiting[height] = np.array([middle, last, t, 1])
+        waiting[height + 1] = np.array([first, middle, t, 0])
+        height += 2
+        t += 1
+    return children[:t].copy(), ranges[:s].copy()
+
+
+@kernel
+def _count_nodes(ticket, source, max_leaf, forest):
+    """Worker: the nodes of each subtree; each is over more than `max_leaf` triangles."""
+    codes = ptr(source.codes)
+    levels, ends = stack_i64(_LEVELS), stack_i64(_LEVELS)
+    s = take(ticket)
+    while s >= 0:
+        first, last = forest.ranges[s]
+        height, count = 0, 0
+        for i in range(last - 1, first - 1, -1):
+            level = _level(codes, i - 1, i, source.drop) if i > first else _NO_LEVEL
+            end = i + 1
+            while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
+                height -= 1
+                end = get(ends, height)
+                count += np.int64(end - i > max_leaf)
+            put(levels, height, level)
+            put(ends, height, end)
+            height += 1
+        forest.counts[s] = count
+        s = take(ticket)
+
+
+@inlined
+def _copy_triangle(vertices, id_, corners, slot):
+    store(corners, slot * 9, load8(vertices, id_ * 9))
+    put(corners, slot * 9 + 8, get(vertices, id_ * 9 + 8))
+
+
+@kernel
+def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
+    """Make the subtree of a range of slots, its nodes before `end_node`; (box, link, height)."""
+    levels, waiting, boxes = stack_i64(_LEVELS), stack_i64(_WAITING), stack_f32(_BOXES)
+    ids, node, height, box, link, deep = out.prim_ids, end_node, 0, triangle_box(vertices, 0), np.int64(0), np.int64(0)
+    for i in range(last - 1, first - 1, -1):
+        prefetch(vertices, np.int64(get(ids, max(i - _AHEAD, 0))) * 9)
+        prefetch(vertices, np.int64(get(ids, max(i - _AHEAD, 0))) * 9 + 8)
+        level = _level(codes, i - 1, i, drop) if i > first else _NO_LEVEL
+        id_ = np.int64(get(ids, i))
+        _copy_triangle(vertices, id_, out.corners, i)
+        box, link, deep, end = triangle_box(vertices, id_), ~(i * 8), np.int64(0), i + 1
+        while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
+            height -= 1
+            other = load8(boxes, height * 8)
+            end = get(waiting, height * 4)
+            if end - i > max_leaf:
+                node -= 1
+                write_boxes(out.nodes, node, box, other)
+                put(out.links, node * 16 + 12, link)
+                put(out.links, node * 16 + 13, get(waiting, height * 4 + 1))
+                link, deep = node, max(deep, get(waiting, height * 4 + 2)) + 1
+            else:
+                link = ~(i * 8 + end - i - 1)
+            box = minimum(box, other)
+        put(levels, height, level)
+        put(waiting, height * 4, end)
+        put(waiting, height * 4 + 1, link)
+        put(waiting, height * 4 + 2, deep)
+        store(boxes, height * 8, box)
+        height += 1
+    return box, link, deep
+
+
+@kernel
+def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
+    """Worker: the nodes and corners of each subtree."""
+    out = tree_of(bvh)
+    s = take(ticket)
+    while s >= 0:
+        first, last = forest.ranges[s]
+        box, link, height = _build_subtree(
+            ptr(vertices), ptr(source.codes), source.drop, max_leaf, first, last,
+            forest.places[s] + forest.counts[s], out,
+        )  # fmt: skip
+        store(forest.roots, s * 8, box)
+        forest.links[s], forest.heights[s] = link, height
+        s = take(ticket)
+
+
+@kernel
+def _refit_top(children, forest, boxes):
+    """Fill the boxes of the top, (t, 2, 8) float32, from those of the subtrees; the depth of the whole tree."""
+    heights = np.zeros(len(children), np.int64)
+    for t in range(len(children) - 1, -1, -1):
+        for side in range(2):
+            child = children[t, side]
+            if child < 0:
+                box, height = load8(forest.roots, ~child * 8), forest.heights[~child]
+            else:
+                box, height = minimum(load8(boxes, child * 16), load8(boxes, child * 16 + 8)), heights[child]
+            store(boxes, (t * 2 + side) * 8, box)
+            heights[t] = max(heights[t], height + 1)
+    return heights[0] if len(children) else forest.heights[0]
+
+
+def _emit(flat, source: Sorted, max_leaf: int, threads: int):
+    """(Bvh, its depth) of sorted triangles."""
+    n = len(flat)
+    children, ranges = _cut_top(source.codes, source.drop, largest_subtree(n))
+    t, s = len(children), len(ranges)
+    numbers = [np.empty(s, np.int64) for _ in range(4)]
+    forest = Forest(ranges, numbers[0], numbers[1], np.empty((s, 8), np.float32), numbers[2], numbers[3])
+    run(_count_nodes, threads, new_ticket(s, 1), source, max_leaf, forest)
+    node_at = np.empty(t, np.int64)
+    nodes = aligned_empty((place(children, forest.counts, node_at, forest.places), 16), "f4")
+    bvh = Bvh(nodes, nodes.view(np.int32), source.ids, np.empty((n, 9), np.float32))
+    run(_build_subtrees, threads, new_ticket(s, 1), flat, source, max_leaf, forest, bvh)
+    top = Top(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
+    depth = _refit_top(children, forest, top.boxes)
+    nodes[node_at] = top_lines(top, node_at, forest.links)
+    return bvh, depth
+
+
+def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, bits: int = 10) -> Bvh:
+    """Build a BVH by Morton codes; the same, bit for bit, for any number of threads.
+
+    Parameters
+    ----------
+    vertices, threads, max_leaf
+        As for `binned_sah.build`; so are the errors, and what is returned.
+    bits : int
+        Of a code, for each axis: 10 or 21.
+
+    Notes
+    -----
+    Every subtree of at most `max_leaf` triangles is a leaf, but for the root. If all bits of the codes make a tree
+    deeper than MAX_DEPTH, which only 63 can, nodes are made from the first bits, as many as are safe.
+    """
+    flat, threads = checked(vertices, max_leaf), thread_count(threads)
+    n = len(flat)
+    centroids = scene_bounds(flat, threads)[1]
+    if n < 2:
+        return tiny(flat)
+    codes, ids = np.empty(n, np.int32 if bits == 10 else np.int64), np.empty(n, np.int32)
+    run(write_codes, threads, new_ticket(n, CHUNK), flat, grid_of(centroids, bits), codes, ids)
+    max_leaf = np.int64(min(max_leaf, n - 1))  # the root is never a leaf
+    codes, ids = radix_sort(codes, ids, 3 * bits, threads)
+    bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(0)), max_leaf, threads)
+    if depth > MAX_DEPTH:
+        safe = MAX_DEPTH - (n - 1).bit_length()  # equal codes need as many levels as a place has bits
+        bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
+    return bvh
+
+
+def build63(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
+    """`build` with codes of 63 bits."""
+    return build(vertices, threads, max_leaf, 21)

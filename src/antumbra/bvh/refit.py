@@ -1,0 +1,151 @@
+"""New boxes for a BVH whose triangles have moved, and a guard that builds it anew when it has become bad.
+
+Parts of the tree are refitted by threads apart, from the last node to the first: nodes stand depth first, so the boxes
+of a node's children are the last two that were made. The guard goes by the SAH cost, as [Lauterbach et al. 2006,
+"RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] by a similar measure.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..errors import InputError
+from ..jit import inlined, kernel
+from ..parallel import new_ticket, run, take, thread_count
+from ..simd import get, load8, minimum, prefetch, ptr, put, splat8, stack_f32, store
+from .assemble import top_lines
+from .bounds import triangle_box, write_boxes
+from .cut import children_of_top, cut
+from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
+from .prepare import checked, scene_bounds, tiny
+from .quality import sah_cost
+from .top import Top
+
+LIMIT = 1.1  # a tree that has come to cost so many times what it did when built is built anew
+_AHEAD = 32  # slots whose triangles are fetched in advance
+_INF = np.float32(np.inf)
+_BOXES = 8 * (MAX_DEPTH + 2)
+
+
+@inlined
+def _refit_leaf(vertices, link, out):
+    """Copy the corners of a leaf's triangles; their box."""
+    box, first = splat8(_INF), np.int64(~link >> 3)
+    for slot in range(first + (~link & 7), first - 1, -1):
+        ahead = np.int64(get(out.prim_ids, max(slot - _AHEAD, 0))) * 9
+        prefetch(vertices, ahead)
+        prefetch(vertices, ahead + 8)
+        source = np.int64(get(out.prim_ids, slot)) * 9
+        store(out.corners, slot * 9, load8(vertices, source))
+        put(out.corners, slot * 9 + 8, get(vertices, source + 8))
+        box = minimum(box, triangle_box(vertices, source // 9))
+    return box
+
+
+@kernel
+def _refit_part(vertices, old, first, last, out):
+    """The nodes from `last` - 1 to `first`, all those below `first`; their box."""
+    boxes, height = stack_f32(_BOXES), 0
+    for node in range(last - 1, first - 1, -1):
+        left, right = get(old.links, node * 16 + 12), get(old.links, node * 16 + 13)
+        if left >= 0:
+            height -= 1
+            left_box = load8(boxes, height * 8)
+        if right >= 0:
+            height -= 1
+            right_box = load8(boxes, height * 8)
+        else:
+            right_box = _refit_leaf(vertices, right, out)
+        if left < 0:
+            left_box = _refit_leaf(vertices, left, out)
+        write_boxes(out.nodes, node, left_box, right_box)
+        put(out.links, node * 16 + 12, left)
+        put(out.links, node * 16 + 13, right)
+        store(boxes, height * 8, minimum(left_box, right_box))
+        height += 1
+    return load8(boxes, 0)
+
+
+@kernel
+def _refit_parts(ticket, vertices, bvh, parts, new, boxes):
+    """Worker: the nodes and corners of each part, and its box."""
+    v, old, out = ptr(vertices), tree_of(bvh), tree_of(new)
+    p = take(ticket)
+    while p >= 0:
+        root, end, _ = parts[p]
+        box = _refit_part(v, old, root, end, out) if root >= 0 else _refit_leaf(v, root, out)
+        store(boxes, p * 8, box)
+        p = take(ticket)
+
+
+@kernel
+def _refit_top(children, part_boxes, boxes):
+    """Fill the boxes of the top, (t, 2, 8) float32, from those of the parts."""
+    for t in range(len(children) - 1, -1, -1):
+        for side in range(2):
+            child = children[t, side]
+            if child < 0:
+                box = load8(part_boxes, ~child * 8)
+            else:
+                box = minimum(load8(boxes, child * 16), load8(boxes, child * 16 + 8))
+            store(boxes, (t * 2 + side) * 8, box)
+
+
+def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
+    """The same tree around triangles that have moved; the same, bit for bit, for any number of threads.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        Its nodes stand depth first, as every builder makes them. It is left alone; the new one shares its `prim_ids`.
+    vertices : (n, 3, 3) float32
+        As for a builder, of as many triangles as `bvh` has, in the same order.
+
+    Raises
+    ------
+    InputError
+        As a builder does; and on another number of triangles.
+    """
+    flat, threads = checked(vertices, 1), thread_count(threads)
+    n = len(flat)
+    if n != len(bvh.prim_ids):
+        raise InputError(f"vertices has {n} triangles; the BVH is of {len(bvh.prim_ids)}")
+    if n < 2:
+        scene_bounds(flat, 1)
+        return tiny(flat)
+    scene_bounds(flat, threads)
+    pieces = cut(bvh)
+    nodes = aligned_empty(bvh.nodes.shape, "f4")
+    new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, np.empty((n, 9), np.float32))
+    part_boxes = np.empty((len(pieces.parts), 8), np.float32)
+    run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, part_boxes)
+    children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
+    _refit_top(children, part_boxes, boxes)
+    roots = pieces.parts[:, 0]
+    nodes[pieces.numbers] = top_lines(Top(boxes, children, roots, part_boxes), pieces.numbers, roots)
+    return new
+
+
+class Deforming:
+    """The BVH of a mesh that deforms: refitted as long as that is good, else built anew.
+
+    build : as in `bvh.Builder`
+    limit : how many times the SAH cost that it had when built a refitted tree may have
+
+    A refit is exact: it changes the speed of a query only, never an answer.
+    """
+
+    def __init__(self, build: Callable, limit: float = LIMIT):
+        self.build, self.limit = build, limit
+        self.bvh: Bvh | None = None
+        self.cost = 0.0  # of the tree as it was built
+
+    def update(self, vertices: np.ndarray, threads: int | None = None) -> Bvh:
+        """The BVH of these triangles. Errors: as for a builder."""
+        if self.bvh is not None and len(self.bvh.prim_ids) == len(vertices):
+            self.bvh = refit(self.bvh, vertices, threads)
+            if sah_cost(self.bvh, threads=threads) <= self.limit * self.cost:
+                return self.bvh
+        self.bvh = self.build(vertices, threads)
+        self.cost = sah_cost(self.bvh, threads=threads)
+        return self.bvh

@@ -1,0 +1,326 @@
+"""Insertion-based optimisation of a finished BVH [Bittner et al. 2013, "Fast insertion-based optimization of bounding
+volume hierarchies"], in its parallel form [Meister and Bittner 2018, "Parallel reinsertion for bounding volume
+hierarchy optimization"].
+
+Each subtree looks for the place in the tree where it would lower the SAH cost most, by branch and bound; all threads
+look at once, in a tree that does not change meanwhile. The moves that were found are then made, the most profitable
+first. This is repeated for some rounds.
+
+Departure from the papers: moves that stand in each other's way are not excluded beforehand by locks. They are made one
+after the other, each is undone if it does not pay any more, and so the result has the same bits for any number of
+threads.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..simd import (
+    bits,
+    get,
+    load8,
+    load16,
+    mask_from_bits16,
+    minimum,
+    ptr,
+    put,
+    select,
+    shuffle,
+    stack_f32,
+    stack_i32,
+    store,
+)
+from .bounds import half_area, write_boxes
+from .cut import cut
+from .nodes import MAX_DEPTH, Bvh, aligned_empty
+from .prepare import scale_of
+from .quality import sah_cost
+from .relayout import cheapest_leaves, relayout
+
+_STACK = 2 * MAX_DEPTH + 2
+_COORDINATES = 0x77  # lanes of a box
+_AREA = 3  # lane of a box that holds half its area
+_CHUNK = 1024  # items that a thread takes at a time
+_FEW = 0.002  # of the items: so few moves end the rounds
+_LEAST = np.float32(2.0**-16)  # of a subtree's area: what a move must gain, at least
+
+
+class Loose(NamedTuple):
+    """A tree of m nodes and m + 1 leaves that can be taken apart. Items are the nodes, then the leaves."""
+
+    parents: np.ndarray  # (2 m + 1,) int32; -1 of the root, which is 0
+    children: np.ndarray  # (m, 2) int32: items
+    heights: np.ndarray  # (2 m + 1,) int32: nodes on the longest path down; 0 of a leaf
+    boxes: np.ndarray  # (2 m + 1, 8) float32: as in `bounds`, and half the area in the fourth lane
+    links: np.ndarray  # (m + 1,) int32: to each leaf
+    scale: np.float32  # see `top_down.Settings`
+
+
+class LooseTree(NamedTuple):
+    """Pointers to the arrays of a `Loose`, for hot kernels."""
+
+    parents: object  # int32 *
+    children: object  # int32 *, 2 a node
+    heights: object  # int32 *
+    boxes: object  # float32 *, 8 an item
+    n_nodes: object  # int64
+    scale: object  # float32
+
+
+@inlined
+def _tree_of(loose):
+    """The pointers of a `Loose`, which must outlive them."""
+    return LooseTree(
+        ptr(loose.parents), ptr(loose.children), ptr(loose.heights), ptr(loose.boxes), len(loose.children), loose.scale
+    )
+
+
+@inlined
+def _area(tree, item):
+    return get(tree.boxes, item * 8 + _AREA)
+
+
+@inlined
+def _set_box(tree, item, box):
+    store(tree.boxes, item * 8, box)
+    put(tree.boxes, item * 8 + _AREA, half_area(box, tree.scale))
+
+
+@inlined
+def _sibling(tree, item):
+    parent = np.int64(get(tree.parents, item))
+    left = get(tree.children, 2 * parent)
+    return np.int64(get(tree.children, 2 * parent + 1) if left == item else left)
+
+
+@inlined
+def _join(tree, node):
+    """Box and height of a node, from its children; (how much its area has grown, whether anything has changed)."""
+    left, right = np.int64(get(tree.children, 2 * node)), np.int64(get(tree.children, 2 * node + 1))
+    box = minimum(load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
+    height = 1 + max(get(tree.heights, left), get(tree.heights, right))
+    same = bits(box == load8(tree.boxes, node * 8)) & _COORDINATES == _COORDINATES
+    before = _area(tree, node)
+    changed = not same or height != get(tree.heights, node)
+    _set_box(tree, node, box)
+    put(tree.heights, node, height)
+    return _area(tree, node) - before, changed
+
+
+@kernel
+def _loosen(bvh, loose):
+    """Fill a loose tree from a BVH whose nodes stand depth first."""
+    nodes, tree, n, pair, leaves = ptr(bvh.nodes), _tree_of(loose), len(bvh.nodes), stack_f32(16), 0
+    for node in range(n):
+        line = shuffle(load16(nodes, node * 16), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
+        store(pair, 0, select(mask_from_bits16(0xF0F0), -line, line))
+        for side in range(2):
+            item = np.int64(bvh.links[node, 12 + side])
+            if item < 0:
+                loose.links[leaves] = item
+                item = n + leaves
+                put(tree.heights, item, 0)
+                leaves += 1
+            _set_box(tree, item, load8(pair, 8 * side))
+            put(tree.parents, item, node)
+            put(tree.children, 2 * node + side, item)
+    put(tree.parents, 0, -1)
+    for node in range(n - 1, -1, -1):
+        _join(tree, node)
+
+
+class Found(NamedTuple):
+    """Where an item is to go."""
+
+    gain: object  # float32: what the tree's SAH cost falls by, times half the area of its root
+    place: object  # int64: the item whose sibling it becomes; -1: it stays
+
+
+@kernel
+def _search(tree, item, root, gain, found, waiting, gains):
+    """The best of `found` and the places below `root`; `gain` is what taking the item away has brought."""
+    box, area = load8(tree.boxes, item * 8), _area(tree, item)
+    put(waiting, 0, root)
+    put(gains, 0, gain)
+    height = 1
+    while height > 0:
+        height -= 1
+        here, gain = np.int64(get(waiting, height)), get(gains, height)
+        merged = half_area(minimum(load8(tree.boxes, here * 8), box), tree.scale)
+        if gain - merged > found.gain:
+            found = Found(gain - merged, here)
+        below = gain + _area(tree, here) - merged  # `here` would grow
+        if here < tree.n_nodes and below - area > found.gain:  # the new node is no smaller than the item
+            for side in range(2):
+                put(waiting, height, get(tree.children, 2 * here + side))
+                put(gains, height, below)
+                height += 1
+    return found
+
+
+@kernel
+def _find(tree, item, waiting, gains):
+    """The best place of an item [Meister and Bittner 2018, Alg. 1]: below each of its ancestors' other children."""
+    path = np.int64(get(tree.parents, item))
+    sibling, gain = _sibling(tree, item), _area(tree, path)
+    shrunk = load8(tree.boxes, sibling * 8)
+    found = _search(tree, item, sibling, gain, Found(_LEAST * _area(tree, item), np.int64(-1)), waiting, gains)
+    while path > 0:
+        other = _sibling(tree, path)
+        found = _search(tree, item, other, gain, found, waiting, gains)
+        path = np.int64(get(tree.parents, path))
+        shrunk = minimum(shrunk, load8(tree.boxes, other * 8))
+        gain += _area(tree, path) - half_area(shrunk, tree.scale)
+        if path > 0 and gain - _area(tree, path) > found.gain:
+            found = Found(gain - _area(tree, path), path)
+    return found
+
+
+@kernel
+def _find_places(ticket, loose, gains, places):
+    """Worker: the best place of each item, or -1; children of the root stay."""
+    tree = _tree_of(loose)
+    waiting, scratch = stack_i32(_STACK), stack_f32(_STACK)
+    first = take(ticket)
+    while first >= 0:
+        for item in range(first, min(first + ticket[CHUNK], ticket[N])):
+            found = Found(np.float32(0.0), np.int64(-1))
+            if item > 0 and get(tree.parents, item) > 0:
+                found = _find(tree, item, waiting, scratch)
+            gains[item], places[item] = found.gain, found.place
+        first = take(ticket)
+
+
+@kernel
+def _join_upwards(tree, node):
+    """Join what has changed from a node up; how much all areas have grown."""
+    grown = np.float32(0.0)
+    while node >= 0:
+        more, changed = _join(tree, node)
+        grown += more
+        node = np.int64(get(tree.parents, node)) if changed else np.int64(-1)
+    return grown
+
+
+@inlined
+def _put_in_place(tree, new, old):
+    """Make `new` the child that `old` is now."""
+    parent = np.int64(get(tree.parents, old))
+    put(tree.children, 2 * parent + (0 if get(tree.children, 2 * parent) == old else 1), new)
+    put(tree.parents, new, parent)
+    return parent
+
+
+@kernel
+def _move(tree, item, place):
+    """Make an item the sibling of another, with its parent as theirs; how much all areas have grown."""
+    node, sibling = np.int64(get(tree.parents, item)), _sibling(tree, item)
+    grown = -_area(tree, node)
+    grown += _join_upwards(tree, _put_in_place(tree, sibling, node))
+    above = _put_in_place(tree, node, place)
+    put(tree.children, 2 * node, place)
+    put(tree.children, 2 * node + 1, item)
+    put(tree.parents, place, node)
+    put(tree.parents, item, node)
+    _join(tree, node)
+    return grown + _area(tree, node) + _join_upwards(tree, above)
+
+
+@kernel
+def _can_move(tree, item, place):
+    """Whether the place is one, and not below the item, and its subtree stays within MAX_DEPTH there."""
+    if get(tree.parents, item) <= 0 or place <= 0 or place == get(tree.parents, item) or place == _sibling(tree, item):
+        return False
+    node, depth = np.int64(place), 0
+    while node > 0:
+        if node == item:
+            return False
+        node = np.int64(get(tree.parents, node))
+        depth += 1
+    return depth + 1 + max(get(tree.heights, item), get(tree.heights, place)) <= MAX_DEPTH
+
+
+@kernel
+def _make_moves(loose, items, places):
+    """Make the moves that still pay, in this order; how many."""
+    tree, made = _tree_of(loose), 0
+    for k in range(len(items)):
+        item, place = np.int64(items[k]), np.int64(places[items[k]])
+        if _can_move(tree, item, place):
+            sibling = _sibling(tree, item)
+            if _move(tree, item, place) < np.float32(0.0):
+                made += 1
+            else:
+                _move(tree, item, sibling)
+    return made
+
+
+@kernel
+def _write(loose, bvh):
+    """The nodes of a loose tree, depth first."""
+    tree, nodes, links = _tree_of(loose), ptr(bvh.nodes), ptr(bvh.links)
+    waiting, n = np.empty((MAX_DEPTH + 2, 2), np.int64), 0
+    waiting[0, 0], waiting[0, 1], height = 0, -1, 1
+    while height > 0:
+        height -= 1
+        item, where = waiting[height]
+        if where >= 0:
+            put(links, where, n if item < tree.n_nodes else loose.links[item - tree.n_nodes])
+        if item >= tree.n_nodes:
+            continue
+        left, right = np.int64(get(tree.children, 2 * item)), np.int64(get(tree.children, 2 * item + 1))
+        write_boxes(nodes, n, load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
+        waiting[height, 0], waiting[height, 1] = right, n * 16 + 13
+        waiting[height + 1, 0], waiting[height + 1, 1] = left, n * 16 + 12
+        height, n = height + 2, n + 1
+
+
+def _loose(bvh: Bvh) -> Loose:
+    m = len(bvh.nodes)
+    numbers = np.empty((2, 2 * m + 1), np.int32)
+    boxes = aligned_empty((2 * m + 1, 8), "f4")
+    scale = scale_of(bvh)
+    loose = Loose(numbers[0], np.empty((m, 2), np.int32), numbers[1], boxes, np.empty(m + 1, np.int32), scale)
+    _loosen(bvh, loose)
+    return loose
+
+
+def _largest_leaf(links) -> int:
+    ends = links[:, 12:14]
+    return int((~ends[ends < 0] & 7).max()) + 1
+
+
+def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
+    """A tree of the same triangles that costs less by SAH, or `bvh` itself; the same for any number of threads.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        Its nodes stand depth first, as every builder makes them. It is left alone.
+    rounds : int
+        At most; they end sooner when they move few subtrees.
+
+    Notes
+    -----
+    Leaves move as they are. In the end subtrees become leaves of as many triangles as `bvh` has in one, where that is
+    cheaper.
+    """
+    threads, m = thread_count(threads), len(bvh.nodes)
+    if m < 3:
+        return bvh
+    loose, n = _loose(bvh), 2 * m + 1
+    gains, places = np.empty(n, np.float32), np.empty(n, np.int64)
+    for _ in range(rounds):
+        run(_find_places, threads, new_ticket(n, _CHUNK), loose, gains, places)
+        movable = np.flatnonzero(places >= 0)
+        order = movable[np.argsort(-gains[movable], kind="stable")]
+        if _make_moves(loose, order, places) < _FEW * n:
+            break
+    nodes = aligned_empty((m, 16), "f4")
+    changed = bvh._replace(nodes=nodes, links=nodes.view(np.int32))
+    _write(loose, changed)
+    pieces = cut(changed)
+    better = relayout(changed, pieces, cheapest_leaves(changed, pieces, _largest_leaf(bvh.links), threads), threads)
+    return better if sah_cost(better, threads=threads) < sah_cost(bvh, threads=threads) else bvh

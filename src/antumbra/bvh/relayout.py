@@ -1,0 +1,230 @@
+"""A tree of any shape into a `Bvh` in its final form: leaves where they are cheaper, all depth first, by all threads.
+
+For what changes finished trees. Whether a subtree of few triangles becomes a leaf follows from the SAH cost of the best
+that can be made of either child [Wald 2007, Sec. 2]. Where a part's nodes and triangles come follows from how many each
+part has.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import new_ticket, run, take
+from ..simd import get, load8, load16, prefetch, put, splat4, store
+from .assemble import place
+from .cut import Cut, children_of_top
+from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
+from .order import surface
+
+_ZERO = np.float32(0.0)
+
+
+class Choice(NamedTuple):
+    """What becomes of a tree that is cut in s parts."""
+
+    is_leaf: np.ndarray  # (n_nodes,) bool: what is below the node becomes a leaf; anything below such a node
+    sizes: np.ndarray  # (s, 2) int64: nodes and triangles that each part then has
+
+
+class _Best(NamedTuple):
+    """A stack: the least SAH cost of subtrees, and what they then have."""
+
+    costs: np.ndarray  # float64, times half the area of the tree's root
+    triangles: np.ndarray  # int64
+    nodes: np.ndarray  # int64
+
+
+@kernel
+def _price_node(tree, node, best, top, max_leaf):
+    """Put a node on top of the stack in place of its children; whether it becomes a leaf, and the new height."""
+    cost, triangles, nodes = surface(tree.nodes, node * 16, node * 16 + 1), np.int64(0), np.int64(1)
+    area = cost
+    for side in range(2):
+        link, box = np.int64(get(tree.links, node * 16 + 12 + side)), node * 16 + side
+        if link < 0:
+            count = (~link & 7) + 1
+            cost += surface(tree.nodes, box, box) * count
+            triangles += count
+        else:
+            top -= 1
+            cost += best.costs[top]
+            triangles += best.triangles[top]
+            nodes += best.nodes[top]
+    is_leaf = triangles <= max_leaf and area * triangles <= cost and node != 0  # the root never is
+    best.costs[top] = area * triangles if is_leaf else cost
+    best.triangles[top], best.nodes[top] = triangles, 0 if is_leaf else nodes
+    return is_leaf, top + 1
+
+
+@kernel
+def _price(tree, root, max_leaf, is_leaf):
+    """Choose which nodes below one become leaves; (nodes, triangles) that the subtree then has."""
+    waiting, height = np.empty(2 * MAX_DEPTH + 2, np.int64), 1
+    room = MAX_DEPTH + 2
+    best, top = _Best(np.empty(room), np.empty(room, np.int64), np.empty(room, np.int64)), 0
+    waiting[0] = root
+    while height > 0:
+        node = waiting[height - 1]
+        if node < 0:
+            height -= 1
+            is_leaf[~node], top = _price_node(tree, ~node, best, top, max_leaf)
+            continue
+        waiting[height - 1] = ~node  # again when its children are done
+        for side in range(2):
+            link = np.int64(get(tree.links, node * 16 + 12 + side))
+            if link >= 0:
+                waiting[height] = link
+                height += 1
+    return best.nodes[0], best.triangles[0]
+
+
+@kernel
+def _price_parts(ticket, bvh, parts, max_leaf, choice):
+    """Worker: (nodes, triangles) of each part."""
+    tree = tree_of(bvh)
+    p = take(ticket)
+    while p >= 0:
+        root = parts[p, 0]
+        if root < 0:
+            choice.sizes[p, 0], choice.sizes[p, 1] = 0, (~root & 7) + 1
+        else:
+            choice.sizes[p, 0], choice.sizes[p, 1] = _price(tree, root, max_leaf, choice.is_leaf)
+        p = take(ticket)
+
+
+@inlined
+def _copy_slot(source, old, target, new):
+    put(target.prim_ids, new, get(source.prim_ids, old))
+    store(target.corners, new * 9, load8(source.corners, old * 9))
+    put(target.corners, new * 9 + 8, get(source.corners, old * 9 + 8))
+
+
+@kernel
+def _copy_leaf(source, link, waiting, height, target, slot):
+    """Copy the triangles below a link to the slots from `slot` on; the next free slot. Uses the stack above height."""
+    base = height
+    waiting[height, 0] = link
+    height += 1
+    while height > base:
+        height -= 1
+        link = waiting[height, 0]
+        if link >= 0:
+            waiting[height, 0] = get(source.links, link * 16 + 13)
+            waiting[height + 1, 0] = get(source.links, link * 16 + 12)
+            height += 2
+            continue
+        for old in range(~link >> 3, (~link >> 3) + (~link & 7) + 1):
+            _copy_slot(source, np.int64(old), target, slot)
+            slot += 1
+    return slot
+
+
+@kernel
+def _fetch_part(source, root, queue):
+    """Ask for a part's memory breadth first, so that it is on its way long before it is needed."""
+    queue[0] = root
+    n, done = 1 if root >= 0 else 0, 0
+    while done < n:
+        node = np.int64(queue[done])
+        done += 1
+        for side in range(2):
+            link = np.int64(get(source.links, node * 16 + 12 + side))
+            if link >= 0:
+                prefetch(source.nodes, link * 16)
+                queue[n] = link
+                n += 1
+            else:
+                prefetch(source.prim_ids, ~link >> 3)
+                prefetch(source.corners, (~link >> 3) * 9)
+                prefetch(source.corners, (~link >> 3) * 9 + 8)
+
+
+@kernel
+def _copy_part(source, root, is_leaf, target, node, slot):
+    """Write a part from this node and this slot on; the link to it."""
+    waiting = np.empty((2 * MAX_DEPTH + 2, 2), np.int64)  # link, where the new link goes
+    waiting[0, 0], waiting[0, 1] = root, -1
+    height, first = 1, np.int64(node)
+    while height > 0:
+        height -= 1
+        link, where = waiting[height]
+        if link < 0 or is_leaf[link]:
+            end = _copy_leaf(source, link, waiting, height, target, slot)
+            new = ~(slot * 8 + end - slot - 1)
+            slot = end
+        else:
+            new = node
+            store(target.nodes, node * 16, load16(source.nodes, link * 16))
+            store(target.nodes, node * 16 + 12, splat4(_ZERO))
+            for side in (1, 0):
+                waiting[height, 0] = get(source.links, link * 16 + 12 + side)
+                waiting[height, 1] = node * 16 + 12 + side
+                height += 1
+            node += 1
+        if where >= 0:
+            put(target.links, where, new)
+        else:
+            first = new
+    return first
+
+
+@kernel
+def _copy_parts(ticket, bvh, parts, choice, at, new, links):
+    """Worker: write each part to its place, and the link to it."""
+    source, target, is_leaf = tree_of(bvh), tree_of(new), choice.is_leaf
+    queue = np.empty(np.max(choice.sizes[:, 1]), np.int32)
+    p = take(ticket)
+    while p >= 0:
+        _fetch_part(source, parts[p, 0], queue)
+        links[p] = _copy_part(source, parts[p, 0], is_leaf, target, at[p, 0], at[p, 1])
+        p = take(ticket)
+
+
+def _slots_before(children, triangles):
+    """The first slot of each part, depth first."""
+    turn = np.empty(len(triangles), np.int64)
+    place(children, np.ones(len(triangles), np.int64), np.empty(len(children), np.int64), turn)
+    order = np.argsort(turn)
+    slots = np.empty_like(triangles)
+    slots[order] = np.cumsum(triangles[order]) - triangles[order]
+    return slots
+
+
+def _links_of_top(children, node_at, to_parts):
+    links = np.empty(children.shape, np.int64)
+    links[children >= 0] = node_at[children[children >= 0]]
+    links[children < 0] = to_parts[~children[children < 0]]
+    return links
+
+
+def cheapest_leaves(bvh: Bvh, cut: Cut, max_leaf: int, threads: int) -> Choice:
+    """The leaves of at most `max_leaf` triangles with which a tree of two triangles or more costs least."""
+    choice = Choice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(cut.parts), 2), np.int64))
+    run(_price_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, max_leaf, choice)
+    return choice
+
+
+def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
+    """The final form of a tree of two triangles or more, depth first.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        Its nodes may stand in any order and have anything in the words that are not used.
+    cut : Cut
+        Of this tree; the nodes of a part may since have been arranged anew, and those of the top too.
+    """
+    children = children_of_top(cut)
+    node_at, nodes_at = np.empty(len(children), np.int64), np.empty(len(cut.parts), np.int64)
+    count = place(children, np.ascontiguousarray(choice.sizes[:, 0]), node_at, nodes_at)
+    at = np.column_stack([nodes_at, _slots_before(children, choice.sizes[:, 1])])
+    n = len(bvh.prim_ids)
+    nodes = aligned_empty((count, 16), "f4")
+    new = Bvh(nodes, nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
+    to_parts = np.empty(len(cut.parts), np.int64)
+    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts)
+    nodes[node_at] = cut.top
+    new.links[node_at, 12:14] = _links_of_top(children, node_at, to_parts)
+    new.links[node_at, 14:] = 0
+    return new

@@ -1,0 +1,82 @@
+"""`sweep-sah`: top-down by the full sweep SAH, the reference of quality [MacDonald and Booth 1990; Wald 2007, Sec. 3].
+
+As `bsah`, but a range is split at the best of all places between two centroids (`sweep`). The first levels are split by
+one thread a range.
+"""
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import new_ticket, run, take, thread_count
+from ..simd import load8, ptr, store
+from .assemble import assemble
+from .bounds import range_bounds
+from .nodes import Bvh, aligned_empty
+from .prepare import checked, make_records, power_of_two_for, tiny
+from .radix_sort import radix_sort
+from .splits import divide, find_split, source_of
+from .subtree import Settings
+from .sweep import SWEEP_WORDS, Swept
+from .top import build_top
+from .top_down import build_below, largest_subtree
+
+
+def _in_order(records, axis: int, threads: int):
+    """The records sorted by their centroids on an axis, equal ones by index."""
+    bits = (records[:, axis] - records[:, axis + 4] + np.float32(0.0)).view(np.int32)  # of two zeros only +0
+    keys = bits ^ ((bits >> 31) | np.int32(-(2**31)))  # read without sign, these are in the floats' order
+    order = radix_sort(keys, np.arange(len(records), dtype=np.int32), 32, threads)[1]
+    out = aligned_empty(records.shape, "f4")
+    return np.take(records, order, axis=0, out=out)
+
+
+@kernel
+def _split_ranges(ticket, method, words, ranges, boxes, depth, scale, middles, sides):
+    """Worker: split ranges, and bound both sides of each."""
+    scratch = np.empty(words, np.float32)
+    r = take(ticket)
+    while r >= 0:
+        first, last = ranges[r]
+        source, centroids = source_of(method, depth, ptr(scratch)), load8(boxes, r * 16 + 8)
+        split = find_split(source, first, last, centroids, depth, scale)
+        middle = divide(source, first, last, centroids, split)
+        left, left_centroids = range_bounds(source.records, first, middle)
+        right, right_centroids = range_bounds(source.records, middle, last)
+        store(sides, r * 32, left)
+        store(sides, r * 32 + 8, left_centroids)
+        store(sides, r * 32 + 16, right)
+        store(sides, r * 32 + 24, right_centroids)
+        middles[r] = middle
+        r = take(ticket)
+    scratch[0] = 0  # it lives until here
+
+
+def _split_by_sweep(method: Swept, scale, threads: int):
+    """The `split_level` of `build_top` by which a thread splits a range."""
+
+    def split_level(ranges, boxes, depth):
+        k, words = len(ranges), SWEEP_WORDS * int((ranges[:, 1] - ranges[:, 0]).max())
+        middles, sides = np.empty(k, np.int64), np.empty((k, 32), np.float32)
+        run(_split_ranges, threads, new_ticket(k, 1), method, words, ranges, boxes, depth, scale, middles, sides)
+        return middles, sides
+
+    return split_level
+
+
+def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
+    """Build a BVH by the full sweep SAH; the same, bit for bit, for any number of threads.
+
+    Parameters, errors and what is returned are those of `binned_sah.build`.
+    """
+    flat, threads = checked(vertices, max_leaf), thread_count(threads)
+    n = len(flat)
+    records = aligned_empty((n, 8), "f4")
+    box, centroids = make_records(flat, records, threads)
+    if n < 2:
+        return tiny(flat)
+    method = Swept(*(_in_order(records, axis, threads) for axis in range(3)))
+    settings = Settings(np.int64(max_leaf), power_of_two_for(box))
+    top = build_top(n, box, centroids, largest_subtree(n), _split_by_sweep(method, settings.scale, threads))
+    bvh, subtrees = build_below(flat, method, SWEEP_WORDS * largest_subtree(n), top, settings, threads)
+    del method, records  # room for the final nodes
+    return assemble(bvh, top, subtrees, threads)

@@ -1,0 +1,59 @@
+"""The common frame of top-down builders.
+
+The first levels are split by all threads (`top`); each then takes ranges to build alone (`subtree`), largest first; and
+the nodes are put in one array (`assemble`). How ranges are split is the method's affair (`splits`).
+"""
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import new_ticket, run, take
+from ..simd import as_i32, atomic_add, get, load8, load16, ptr, store
+from .assemble import Subtrees
+from .nodes import Bvh, Tree, aligned_empty
+from .splits import source_of
+from .subtree import build_subtree
+from .top import Top
+
+_SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so that threads finish together ...
+_SMALL = 4096  # ... but none of fewer records than this, which one thread builds before others are awake
+
+
+def largest_subtree(n: int) -> int:
+    """Ranges of more than this many of `n` records are split by all threads."""
+    return max(_SMALL, n // _SUBTREES)
+
+
+@kernel
+def _build_subtrees(ticket, vertices, method, words, top, order, settings, bvh, subtrees, next_free):
+    """Worker: build the subtrees, in the order given, and put the nodes of each where there is room."""
+    largest = top.ranges[order[0], 1] - top.ranges[order[0], 0]
+    room, scratch = np.empty((largest, 16), np.float32), np.empty(words, np.float32)
+    out = Tree(ptr(room), as_i32(room), ptr(bvh.prim_ids), ptr(bvh.corners))
+    k = take(ticket)
+    while k >= 0:
+        s = order[k]
+        first, last, depth = top.ranges[s]
+        box, centroids = load8(top.range_boxes, s * 16), load8(top.range_boxes, s * 16 + 8)
+        source = source_of(method, depth, ptr(scratch))
+        count = build_subtree(ptr(vertices), source, first, last, depth, box, centroids, settings, out)
+        at = atomic_add(next_free, 0, count)
+        for i in range(count):
+            store(subtrees.nodes, (at + i) * 16, load16(room, (i + 1) * 16))
+        subtrees.shares[s, 0], subtrees.shares[s, 1], subtrees.shares[s, 2] = at, count, get(out.links, 12)
+        k = take(ticket)
+    scratch[0] = 0  # it lives until here
+
+
+def build_below(flat, method, words: int, top: Top, settings, threads: int) -> tuple[Bvh, Subtrees]:
+    """What comes below the top, over the triangles `flat`, (n, 9) float32, for `assemble` to complete.
+
+    `words` is how many float32 of scratch memory `source_of` asks for.
+    """
+    n, s = len(flat), len(top.ranges)
+    subtrees = Subtrees(aligned_empty((n, 16), "f4"), np.empty((s, 3), np.int64))
+    bvh = Bvh(subtrees.nodes, subtrees.nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
+    order = np.argsort(top.ranges[:, 0] - top.ranges[:, 1], kind="stable")
+    next_free, ticket = np.zeros(1, np.int64), new_ticket(s, 1)
+    run(_build_subtrees, threads, ticket, flat, method, words, top, order, settings, bvh, subtrees, next_free)
+    return bvh, subtrees

@@ -1,0 +1,96 @@
+"""``antumbra culling``: which triangles pre-BVH culling leaves."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+from . import arguments, lean, report
+from .activity import Activity
+from .opening import open_scene
+from .options import SCENE_HELP, Json, Quiet, UpOption
+
+
+def culling(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="A .png file.  [default: SCENE's name-culling.png, here]", metavar="FILE"),
+    ] = None,
+    size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "768x768",
+    camera: Annotated[
+        str | None, typer.Option(help="An index, or POSITION:TARGET[:VFOV].", metavar="CAMERA", show_default=False)
+    ] = None,
+    light: Annotated[
+        list[str] | None,
+        typer.Option(help="An index, or KIND:...; may be repeated.", metavar="LIGHT", show_default=False),
+    ] = None,
+    time: Annotated[float, typer.Option(help="Seconds into the animation.")] = 0.0,
+    up: UpOption = None,
+    spp: Annotated[int, typer.Option(help="Shadow rays for each pixel and light.", min=1, max=1024)] = 16,
+    culler: Annotated[str, typer.Option(help="Which one; see antumbra plans.")] = "grid32",
+    threads: Annotated[
+        int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, show_default=False)
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show which triangles of SCENE pre-BVH culling leaves.
+
+    A picture of three: what the camera sees, then the scene from above and from the side, seen through. Triangles that
+    a shadow ray of the camera's pixels may meet are orange, all others blue; receivers are white, lights yellow.
+
+    \b
+    Examples
+      antumbra culling
+      antumbra culling procedural:cellar?triangles=1M -o cellar.png
+      antumbra culling city.glb --light sun:1,-0.5,-1 --culler grid64 --json
+    """
+    spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
+    asked_camera = None if camera is None else arguments.parse_camera(camera)
+    asked_lights = [arguments.parse_light(text) for text in light or []]
+    lean.import_numba()
+
+    from ..cull import CULLERS
+    from ..culling_picture import culling_picture, write_picture
+    from ..output import checked_output
+
+    path = checked_output(Path(f"{spec.stem}-culling.png") if output is None else output, (".png",))
+    if culler not in CULLERS:
+        raise InputError(f"culler {culler!r} is unknown; choose one of {', '.join(CULLERS)}")
+    with Activity(quiet) as activity:
+        activity.say("reading the scene")
+        opened = open_scene(spec, None if up is None else up.value, quiet)
+        view = arguments.make_camera(asked_camera, opened, time, width_height)
+        lights = arguments.make_lights(asked_lights, opened, time)
+        activity.say("preparing")
+        shown = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
+        activity.say("writing the picture")
+        write_picture(shown.image, path)
+    share = shown.kept / max(1, opened.n_triangles)
+    answer = {
+        "output": str(path),
+        "culler": culler,
+        "triangles": opened.n_triangles,
+        "kept": shown.kept,
+        "share": share,
+        "cells": shown.cells,
+        "marked": shown.marked,
+        "sources": shown.sources,
+        "targets": shown.targets,
+        "seconds": shown.seconds,
+    }
+    if json:
+        report.print_json(answer)
+    elif not quiet:
+        report.print_fields(
+            [
+                ("picture", str(path)),
+                ("scene", f"{scene}, {opened.n_triangles:,} triangles"),
+                ("left", f"{shown.kept:,} triangles, {100 * share:.3g} %"),
+                ("cells", f"{shown.marked:,} of {shown.cells:,} marked, between {shown.sources:,} boxes of receivers "
+                          f"and {shown.targets:,} of lights"),
+                ("time", report.duration(shown.seconds)),
+            ]
+        )  # fmt: skip

@@ -1,0 +1,169 @@
+"""Which triangles overlap a marked cell, and those packed together [Selgrad et al. 2015, Sec. 3.3].
+
+The paper looks at all cells that a triangle overlaps. Here a summed-volume table answers for any range of cells with
+eight numbers, so that a huge triangle costs no more than a small one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take
+from ..simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, shuffle, store
+from .grid import cell_number, cells_at
+
+_CHUNK = 8192  # triangles
+
+
+class Marks(NamedTuple):
+    """Marked cells, and how many there are in any range of them."""
+
+    cells: np.ndarray  # (n, n, n) uint8: 1 marked, 0 not
+    sums: np.ndarray  # (n + 1, n + 1, n + 1) int32: [x, y, z] marked cells below x, y and z
+
+
+@kernel
+def _sum_slabs(ticket, cells, sums):
+    """Worker: the sums within each layer of x."""
+    n = len(cells)
+    x = take(ticket)
+    while x >= 0:
+        for y in range(n):
+            row = np.int32(0)
+            for z in range(n):
+                row += np.int32(cells[x, y, z])
+                sums[x + 1, y + 1, z + 1] = sums[x + 1, y, z + 1] + row
+        x = take(ticket)
+
+
+@kernel
+def _sum_across(ticket, sums):
+    """Worker: the sums over the layers before, row by row."""
+    n = len(sums)
+    y = take(ticket)
+    while y >= 0:
+        for x in range(1, n):
+            for z in range(1, n):
+                sums[x, y, z] += sums[x - 1, y, z]
+        y = take(ticket)
+
+
+def marks_of(cells: np.ndarray, threads: int) -> Marks:
+    """The `Marks` of cells, (n, n, n) uint8."""
+    n = len(cells)
+    sums = np.zeros((n + 1, n + 1, n + 1), np.int32)
+    run(_sum_slabs, threads, new_ticket(n, 1), cells, sums)
+    run(_sum_across, threads, new_ticket(n + 1, 1), sums)
+    return Marks(cells, sums)
+
+
+class _Table(NamedTuple):
+    """Pointers to `Marks`, which must outlive them, and to the grid."""
+
+    cells: object  # uint8 *
+    sums: object  # int32 *
+    bounds: object  # float32 *
+    scale: object  # float32 *
+    n: object  # int64
+
+
+@inlined
+def _sum(table, x, y, z):
+    """How many cells below x, y and z are marked."""
+    side = table.n + 1
+    return get(table.sums, (x * side + y) * side + z)
+
+
+@inlined
+def _any_marked(table, low, high):
+    """Is any cell from one to the other, given as i32x4, marked?"""
+    x0, y0, z0 = np.int64(extract(low, 0)), np.int64(extract(low, 1)), np.int64(extract(low, 2))
+    x1, y1, z1 = np.int64(extract(high, 0)) + 1, np.int64(extract(high, 1)) + 1, np.int64(extract(high, 2)) + 1
+    t = table
+    above = _sum(t, x1, y1, z1) - _sum(t, x1, y1, z0) - _sum(t, x1, y0, z1) + _sum(t, x1, y0, z0)
+    return above != _sum(t, x0, y1, z1) - _sum(t, x0, y1, z0) - _sum(t, x0, y0, z1) + _sum(t, x0, y0, z0)
+
+
+@inlined
+def _box(corners, i):
+    """Lower and upper corner of triangle i, f32x4; the fourth lanes hold other coordinates of the triangle."""
+    a, b, c = load4(corners, i * 9), load4(corners, i * 9 + 3), shuffle(load4(corners, i * 9 + 5), 1, 2, 3, 0)
+    return minimum(minimum(a, b), c), maximum(maximum(a, b), c)
+
+
+@kernel
+def _bound_chunks(ticket, corners, boxes):
+    """Worker: the box of each chunk of triangles."""
+    values, first = ptr(corners), take(ticket)
+    while first >= 0:
+        low, high = _box(values, first)
+        for i in range(first + 1, min(first + ticket[CHUNK], ticket[N])):
+            a, b = _box(values, i)
+            low, high = minimum(low, a), maximum(high, b)
+        store(boxes, first // ticket[CHUNK] * 8, low)
+        store(boxes, first // ticket[CHUNK] * 8 + 4, high)
+        first = take(ticket)
+
+
+def bounds_of_triangles(corners: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner, (3,) float32, of (n, 9) float32 triangles, n > 0."""
+    boxes = np.empty((-(-len(corners) // _CHUNK), 8), np.float32)
+    run(_bound_chunks, threads, new_ticket(len(corners), _CHUNK), corners, boxes)
+    return boxes[:, :3].min(0), boxes[:, 4:7].max(0)
+
+
+@inlined
+def _is_relevant(corners, i, table):
+    """Does the box of triangle i overlap the grid, and a marked cell?"""
+    low, high = _box(corners, i)
+    inside = (low <= load4(table.bounds, 4)) & (high >= load4(table.bounds, 0)) | mask_from_bits4(
+        8
+    )  # the fourth lanes play no part
+    if not all_lanes(inside):
+        return False
+    first, last = cells_at(table, low), cells_at(table, high)
+    number = cell_number(table, first)
+    if number == cell_number(table, last):
+        return get(table.cells, number) != 0
+    return _any_marked(table, first, last)
+
+
+@kernel
+def _find(ticket, corners, grid, marks, found, counts):
+    """Worker: which triangles of each chunk are relevant, from the chunk's first place in `found` on."""
+    values, out = ptr(corners), ptr(found)
+    table = _Table(ptr(marks.cells), ptr(marks.sums), ptr(grid.bounds), ptr(grid.scale), np.int64(grid.n))
+    first = take(ticket)
+    while first >= 0:
+        n = first
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            put(out, n, i)
+            if _is_relevant(values, i, table):
+                n += 1
+        counts[first // ticket[CHUNK]] = n - first
+        first = take(ticket)
+
+
+@kernel
+def _pack(ticket, corners, found, counts, starts, kept, packed):
+    """Worker: the relevant triangles of each chunk, to their place among all."""
+    source, target = ptr(corners), ptr(packed)
+    chunk = take(ticket)
+    while chunk >= 0:
+        for k in range(counts[chunk]):
+            i, place = np.int64(found[chunk * _CHUNK + k]), starts[chunk] + k
+            kept[place] = i
+            store(target, place * 9, load8(source, i * 9))
+            put(target, place * 9 + 8, get(source, i * 9 + 8))
+        chunk = take(ticket)
+
+
+def relevant(corners: np.ndarray, grid, marks: Marks, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """Indices, (m,) int32 and ascending, and corners, (m, 9) float32, of the triangles that overlap a marked cell."""
+    found, counts = np.empty(len(corners), np.int32), np.zeros(-(-len(corners) // _CHUNK), np.int64)
+    run(_find, threads, new_ticket(len(corners), _CHUNK), corners, grid, marks, found, counts)
+    starts, total = np.cumsum(counts) - counts, int(counts.sum())
+    kept, packed = np.empty(total, np.int32), np.empty((total, 9), np.float32)
+    run(_pack, threads, new_ticket(len(counts), 1), corners, found, counts, starts, kept, packed)
+    return kept, packed

@@ -1,0 +1,119 @@
+"""Where shadow rays begin: a box around the receivers in each cell, the paper's source cells (Sec. 3.1)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take
+from ..query.receivers import NOTHING
+from ..simd import broadcast4, load4, mask_from_bits4, maximum, minimum, select, splat4, store
+from .grid import cell_number, cells_at
+
+FINEST = 32  # receivers are sorted into at most so many cells along an axis; the boxes around them are exact
+TILE = 8  # receivers of a tile: 8 x 8, or 1 x 64 where there are fewer than 8 rows
+
+_INF = np.float32(np.inf)
+
+
+class Tiles(NamedTuple):
+    """Receivers in tiles, with the box of each."""
+
+    origins: np.ndarray  # (h, w, 3) float32
+    sides: np.ndarray  # (h, w) int8
+    rows: int  # receivers of a tile, from top to bottom
+    columns: int  # and from left to right
+    boxes: np.ndarray  # (tiles, 8) float32: lower and upper corner, the fourth numbers unused; inf and -inf: none
+
+
+@inlined
+def _receiver(tiles, y, x):
+    """An f32x4 that holds receiver (y, x); its fourth lane is z again."""
+    i = (y * tiles.sides.shape[1] + x) * 3
+    a, b, c = broadcast4(tiles.origins, i), broadcast4(tiles.origins, i + 1), broadcast4(tiles.origins, i + 2)
+    return select(mask_from_bits4(1), a, select(mask_from_bits4(2), b, c))
+
+
+@inlined
+def _corner(tiles, tile):
+    """(y, x) of the first receiver of a tile, and where its rows and columns end."""
+    h, w = tiles.sides.shape
+    across = (w + tiles.columns - 1) // tiles.columns
+    y, x = tile // across * tiles.rows, tile % across * tiles.columns
+    return y, x, min(y + tiles.rows, h), min(x + tiles.columns, w)
+
+
+@kernel
+def _bound_tiles(ticket, tiles):
+    """Worker: the box of each tile."""
+    tile = take(ticket)
+    while tile >= 0:
+        for i in range(tile, min(tile + ticket[CHUNK], ticket[N])):
+            y0, x0, y1, x1 = _corner(tiles, i)
+            low, high = splat4(_INF), splat4(-_INF)
+            for y in range(y0, y1):
+                for x in range(x0, x1):
+                    if tiles.sides[y, x] != NOTHING:
+                        point = _receiver(tiles, y, x)
+                        low, high = minimum(low, point), maximum(high, point)
+            store(tiles.boxes, i * 8, low)
+            store(tiles.boxes, i * 8 + 4, high)
+        tile = take(ticket)
+
+
+@inlined
+def _grow(boxes, i, low, high):
+    """Make box i of an array hold another."""
+    store(boxes, i * 8, minimum(load4(boxes, i * 8), low))
+    store(boxes, i * 8 + 4, maximum(load4(boxes, i * 8 + 4), high))
+
+
+@kernel
+def _bound_cells(ticket, tiles, grid, cells):
+    """Worker t: row t of `cells` gets the boxes of the receivers of every so-manieth tile, cell by cell."""
+    part = take(ticket)
+    while part >= 0:
+        boxes = cells[part]
+        for i in range(part, len(tiles.boxes), len(cells)):
+            low, high = load4(tiles.boxes, i * 8), load4(tiles.boxes, i * 8 + 4)
+            if not tiles.boxes[i, 0] <= tiles.boxes[i, 4]:
+                continue
+            first = cell_number(grid, cells_at(grid, low))
+            if first == cell_number(grid, cells_at(grid, high)):
+                _grow(boxes, first, low, high)
+                continue
+            y0, x0, y1, x1 = _corner(tiles, i)
+            for y in range(y0, y1):
+                for x in range(x0, x1):
+                    if tiles.sides[y, x] != NOTHING:
+                        point = _receiver(tiles, y, x)
+                        _grow(boxes, cell_number(grid, cells_at(grid, point)), point, point)
+        part = take(ticket)
+
+
+def tiles_of(query, threads: int) -> Tiles:
+    """The receivers of a ShadowQuery, in tiles."""
+    h, w = query.sides.shape
+    rows = TILE if h >= TILE else 1
+    columns = TILE * TILE // rows
+    count = -(-h // rows) * -(-w // columns)
+    tiles = Tiles(query.origins, query.sides, rows, columns, np.empty((count, 8), np.float32))
+    run(_bound_tiles, threads, new_ticket(count, 64), tiles)
+    return tiles
+
+
+def bounds_of(tiles: Tiles) -> tuple[np.ndarray, np.ndarray] | None:
+    """Lower and upper corner, (3,) float64, of all receivers; None if there are none."""
+    if not (tiles.boxes[:, 0] <= tiles.boxes[:, 4]).any():
+        return None
+    return tiles.boxes[:, :3].min(0).astype(np.float64), tiles.boxes[:, 4:7].max(0).astype(np.float64)
+
+
+def sources_of(tiles: Tiles, grid, threads: int) -> np.ndarray:
+    """(m, 2, 3) float64: the box around the receivers in each cell of a grid that holds any."""
+    cells = np.empty((threads, grid.n**3, 8), np.float32)
+    cells[:, :, :4], cells[:, :, 4:] = np.inf, -np.inf
+    run(_bound_cells, threads, new_ticket(threads, 1), tiles, grid, cells)
+    lower, upper = cells[:, :, :3].min(0), cells[:, :, 4:7].max(0)
+    held = lower[:, 0] <= upper[:, 0]
+    return np.stack([lower[held], upper[held]], 1).astype(np.float64)

@@ -1,0 +1,67 @@
+"""What every optimiser must do, to the trees of every builder."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from antumbra.bvh import BUILDERS, OPTIMISERS
+from antumbra.bvh.binned_sah import build
+from antumbra.bvh.nodes import MAX_DEPTH
+from antumbra.bvh.quality import sah_cost, statistics, validate
+from bvh_scenes import HAZARDS, chain, scattered, terrain
+from strategies import point_arrays, soups
+
+pytestmark = pytest.mark.parametrize("optimise", [o.optimise for o in OPTIMISERS.values()], ids=list(OPTIMISERS))
+builders = pytest.mark.parametrize("name", BUILDERS)
+
+
+def check(optimise, bvh, vertices, threads=None):
+    """The better tree, a correct one that costs no more."""
+    before = [a.tobytes() for a in bvh]
+    better = optimise(bvh, threads)
+    validate(better, vertices)
+    assert [a.tobytes() for a in bvh] == before
+    assert sah_cost(better) <= sah_cost(bvh)
+    return better
+
+
+@builders
+@pytest.mark.parametrize("hazard", [h for h in HAZARDS if not h.startswith("large, ")])
+def test_hazards(optimise, name, hazard):
+    vertices = np.ascontiguousarray(HAZARDS[hazard], np.float32)
+    check(optimise, BUILDERS[name].build(vertices, 1), vertices)
+
+
+@settings(max_examples=60, deadline=None)
+@given(vertices=soups(150) | point_arrays((30, 3)), name=st.sampled_from(sorted(BUILDERS)), max_leaf=st.integers(1, 8))
+def test_any_soup(optimise, vertices, name, max_leaf):
+    better = check(optimise, BUILDERS[name].build(vertices, 1, max_leaf), vertices, 1)
+    assert statistics(better).leaf_sizes[max_leaf + 1 :].sum() == 0
+
+
+@pytest.mark.parametrize("hazard", ["large, scattered", "large, terrain", "large, identical"])
+def test_same_bits_for_any_number_of_threads(optimise, hazard):
+    vertices = np.ascontiguousarray(HAZARDS[hazard], np.float32)
+    bvh = BUILDERS["lbvh"].build(vertices)
+    first = check(optimise, bvh, vertices, 1)
+    for threads in (2, 3):
+        assert all(a.tobytes() == b.tobytes() for a, b in zip(first, optimise(bvh, threads), strict=True))
+
+
+def test_trees_become_much_better(optimise):
+    for vertices in (terrain(6000), scattered(6000)):
+        morton, sah = BUILDERS["lbvh"].build(vertices), build(vertices)
+        assert sah_cost(optimise(morton)) < 0.96 * sah_cost(morton)
+        assert sah_cost(optimise(sah)) < 0.99 * sah_cost(sah)
+
+
+def test_no_path_becomes_too_long(optimise):
+    bvh, vertices = chain(MAX_DEPTH + 1)
+    assert sah_cost(check(optimise, bvh, vertices)) < sah_cost(bvh)
+
+
+def test_left_child_comes_right_behind_its_parent(optimise):
+    links = optimise(build(terrain(3000))).links[:, 12]
+    inner = np.flatnonzero(links >= 0)
+    assert np.array_equal(links[inner], inner + 1)

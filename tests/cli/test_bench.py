@@ -1,0 +1,48 @@
+"""`antumbra bench`: that the tables come, not what is in them."""
+
+import pytest
+
+TINY = ("--size", "40x24", "--cellar", "5k", "--rounds", "1", "--tracer", "single")
+
+
+@pytest.fixture
+def culling(cli, monkeypatch):
+    """Runs the benchmark of the paper on pre-BVH culling with small scenes."""
+    from antumbra.bench import culling_views
+
+    monkeypatch.delenv("ANTUMBRA_SCENES", raising=False)
+    whole = culling_views.procedural
+    monkeypatch.setattr(
+        culling_views, "procedural", lambda name, triangles: whole(name, triangles=min(triangles, 5000))
+    )
+    return lambda *more: cli("bench", "pre-bvh-culling", *TINY, *more)
+
+
+def test_tables_of_pre_bvh_culling(culling):
+    told = culling("--json").json()
+    assert told["same_bits"]
+    assert {(t["figure"], t["method"]) for t in told["time_to_image"]} >= {
+        ("Figure 6", "TL-LBVH culled"),
+        ("atrium", "BSAH"),
+    }
+    assert all(0 < g["remaining"] <= 1 for g in told["grids"]) and {g["grid"] for g in told["grids"]} == {
+        16,
+        32,
+        64,
+        128,
+        256,
+    }
+
+
+def test_for_people_and_the_plot(culling, tmp_path):
+    pytest.importorskip("matplotlib")
+    done = culling("--plot", "even.png")
+    assert done.code == 0 and "the same by all methods" in done.out and "as published" in done.out
+    assert (tmp_path / "even.png").stat().st_size > 10_000
+
+
+def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
+    cli("bench", "pre-bvh-culling", "--tracer", "magic").refused("magic", "single")
+    cli("bench", "pre-bvh-culling", "--sponza", "none.glb").refused("none.glb")
+    cli("bench", "pre-bvh-culling", "--plot", "even.gif").refused(".gif", ".png")
+    assert list(tmp_path.iterdir()) == []
