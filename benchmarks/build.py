@@ -1,9 +1,10 @@
 """Time to build a BVH: every builder of Antumbra beside Embree's three, in one process, turn by turn.
 
-    python benchmarks/build.py [scene ...] [--threads N] [--rounds N] [--json FILE]
+    python benchmarks/build.py [scene ...] [--hills N ...] [--threads N] [--rounds N] [--json FILE]
 
-A scene is a file that `antumbra.load` reads. Without one: Sponza and San Miguel from the folder of real scenes
-($ANTUMBRA_SCENES, or ../shared/scenes beside the repository), or generated hills where there is no such folder.
+A scene is a file that `antumbra.load` reads; --hills adds generated ones of about N triangles. Without any: Sponza and
+San Miguel from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the repository), or hills where
+there is no such folder.
 
 What is timed: for Antumbra from the (n, 3, 3) float32 vertices to the finished Bvh, once the kernels are compiled; for
 Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first.
@@ -39,8 +40,12 @@ def hills(n: int = 262_144) -> np.ndarray:
     return np.concatenate([np.stack([a, b, d], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
 
 
-def scenes(paths: list[Path]):
+def scenes(paths: list[Path], sizes: list[int]):
     """(name, vertices) of each scene."""
+    for n in sizes:
+        yield f"hills {n}", hills(n)
+    if sizes and not paths:
+        return
     paths = paths or [p for name in REAL if (p := SCENES / name / "scene.glb").exists()]
     if not paths:
         print(f"no scene is given and none is in {SCENES}: generated hills instead")
@@ -108,6 +113,7 @@ def line(row: dict) -> str:
 
 def main() -> None:
     parser = arguments(__doc__)
+    parser.add_argument("--hills", type=int, nargs="+", default=[], metavar="N")
     options = parser.parse_args()
     threads = thread_count(options.threads)
     print(
@@ -115,7 +121,7 @@ def main() -> None:
         f"{'ratio':>7s} {'of mins':>7s} {'SAH':>8s} {'B/tri':>8s} {'depth':>6s}"
     )
     rows = []
-    for name, vertices in scenes(options.scene):
+    for name, vertices in scenes(options.scene, options.hills):
         for row in measure(name, vertices, threads, options.rounds):
             rows.append(row)
             print(line(row), flush=True)

@@ -1,12 +1,10 @@
-"""`lbvh`: the tree of Morton codes, in parallel [Karras 2012, "Maximizing parallelism in the construction of BVHs,
-octrees, and k-d trees"; Lauterbach et al. 2009, "Fast BVH construction on GPUs"].
+"""`lbvh`: the tree of Morton codes, in parallel [Karras 2012], after [Lauterbach et al. 2009].
 
 Triangles are sorted by the Morton codes of their centroids. A node is a range of them, cut where the highest bit
 differs; equal codes are told apart by their places, as in the paper. The first levels are cut top-down. The subtrees
 below are made by threads apart, each from its last triangle to its first: what lies right of a gap waits on a stack
-until a higher gap closes it (bottom-up, as in [Apetrei 2014, "Fast and simple agglomerative LBVH construction"]), so
-boxes are joined as nodes are made. Nodes are counted first, and written from a subtree's last place to its first:
-that is depth-first order, in the final array.
+until a higher gap closes it (bottom-up, as by [Apetrei 2014]), so boxes are joined as nodes are made. Nodes are
+counted first, and written from a subtree's last place to its first: depth-first order, in the final array.
 """
 
 from typing import NamedTuple

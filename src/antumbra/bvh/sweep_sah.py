@@ -1,4 +1,4 @@
-"""`sweep-sah`: top-down by the full sweep SAH, the reference of quality [MacDonald and Booth 1990; Wald 2007, Sec. 3].
+"""`sweep-sah`: top-down by the full sweep SAH [MacDonald and Booth 1990], as in [Wald 2007, Sec. 3].
 
 As `bsah`, but a range is split at the best of all places between two centroids (`sweep`). The first levels are split by
 one thread a range.
