@@ -18,10 +18,13 @@ AVX2 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
 """What makes Numba compile for AVX2. Without empty features the ones of this processor would be added."""
 
 
-def options_of(parser: argparse.ArgumentParser) -> argparse.Namespace:
-    """The options, with those of all comparisons. With --isa avx2 the script starts anew, unless Numba knows."""
+def options_of(parser: argparse.ArgumentParser, scenes=VIEWS) -> argparse.Namespace:
+    """The options, with those of all comparisons. With --isa avx2 the script starts anew, unless Numba knows.
+
+    scenes : names that may be given
+    """
     threads = lambda text: thread_count(None if text == "all" else int(text))
-    parser.add_argument("scene", nargs="*", help=f"{', '.join(VIEWS)}, or files; default: all of these")
+    parser.add_argument("scene", nargs="*", help=f"{', '.join(scenes)}, or files; default: all of these")
     parser.add_argument("--threads", nargs="+", type=threads, default=[1, thread_count(None)], help="numbers or 'all'")
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))
     parser.add_argument("--rounds", type=int, default=5)
@@ -45,12 +48,12 @@ def start(main: Callable[[], None]) -> None:
         sys.exit(f"error: {error}")
 
 
-def compare(options: argparse.Namespace, measure: Callable) -> None:
-    """Print, and write, what ``measure(view, options)`` finds in each view: a list of rows."""
+def compare(options: argparse.Namespace, measure: Callable, looked_at: Callable = views) -> None:
+    """Print, and write, what ``measure(view, options)`` finds in each view of ``looked_at``: a list of rows."""
     about = {**machine(max(options.threads)), "isa": options.isa or "native", "embree": describe_embree(options.isa)}
     print(", ".join(f"{k} {v}" for k, v in about.items()), flush=True)
     found = []
-    for view in views(options.scene, options.size):
+    for view in looked_at(options.scene, options.size):
         found += measure(view, options)
         if options.json:  # after each scene, for it takes long
             options.json.write_text(json.dumps({"machine": about, "rows": found}, indent=1))

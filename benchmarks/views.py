@@ -20,6 +20,8 @@ from common import SCENES
 FOREST = "forest"
 VIEWS = ("sponza_crytek", "sanmiguel_lite", "bart_robots", FOREST)
 
+MOVING = ("bart_robots", "synthetic_garden_foxes")
+
 EDGES = {"bart_robots": 10.0}
 """Edge of the small light where 1/40 of the scene's diagonal makes no sense: the robots' city has a sky, twenty times
 as wide as the street in which they and the lamp are. This is 1/40 of the diagonal of what the camera sees."""
@@ -32,6 +34,15 @@ class View(NamedTuple):
     triangles: Triangles
     camera: Camera
     lights: dict[str, Light]  # "small", and "large" with four times the edge
+
+
+class Moving(NamedTuple):
+    """A moving scene as a benchmark sees it."""
+
+    name: str
+    scene: antumbra.Scene
+    camera: Camera
+    light: QuadLight  # the small one
 
 
 def views(named, size: tuple[int, int]):
@@ -54,19 +65,45 @@ def _forest(size) -> View:
     return View(FOREST, scene.triangles(0.0), scene.cameras[0].resized(*size), _two_sizes(scene.light(0)))
 
 
+def moving_views(named, size: tuple[int, int]):
+    """Each moving scene: names of MOVING, or files or folders; none: all of MOVING that are there."""
+    missing = [n for n in MOVING if not (SCENES / n / "frames.npy").exists()]
+    if missing and not named:
+        print(f"not in {SCENES}, so left out: {', '.join(missing)}", file=sys.stderr)
+    for name in named or [n for n in MOVING if n not in missing]:
+        if name in missing:
+            sys.exit(f"{name} is not in {SCENES}: set ANTUMBRA_SCENES")
+        path = SCENES / name if name in MOVING else Path(name)
+        info = _info(path / "info.json")
+        scene = antumbra.load(path, up=_up(info))
+        yield Moving(path.stem, scene, *_camera_and_light(path.stem, scene, info, size))
+
+
+def _info(path: Path) -> dict:
+    return json.loads(path.read_text()) if path.exists() else {}
+
+
+def _up(info: dict) -> str:
+    return "z" if info.get("up", [0, 1, 0])[2] else "y"
+
+
 def _real(path: Path, size) -> View:
-    info = path.with_name("info.json")
-    info = json.loads(info.read_text()) if info.exists() else {}
-    up = np.array(info.get("up", [0, 1, 0]), float)
-    scene = antumbra.load(path, up="z" if up[2] else "y")
+    info = _info(path.with_name("info.json"))
+    scene = antumbra.load(path, up=_up(info))
     name = path.parent.name if path.stem == "scene" else path.stem
+    camera, light = _camera_and_light(name, scene, info, size)
+    return View(name, scene.triangles(0.0), camera, _two_sizes(light))
+
+
+def _camera_and_light(name: str, scene, info: dict, size) -> tuple[Camera, QuadLight]:
+    """Those of info.json, or the scene's own defaults."""
+    up = np.array(info.get("up", [0, 1, 0]), float)
     if "camera" in info:
         own = info["camera"]
         camera = Camera(own["position"], own["target"], up, own["vfov"], *size)
     else:
         camera = scene.default_camera(*size)
-    light = _square(name, scene.bounds, info["light"], up) if "light" in info else scene.default_light()
-    return View(name, scene.triangles(0.0), camera, _two_sizes(light))
+    return camera, _square(name, scene.bounds, info["light"], up) if "light" in info else scene.default_light()
 
 
 def _square(name, bounds, light, up) -> QuadLight:

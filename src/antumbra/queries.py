@@ -9,10 +9,11 @@ from .errors import InputError
 from .parallel import thread_count
 from .plan import DEFAULT_PLAN
 from .query.rays import Arguments, Hit, HitArrays, as_array, cull_value, ray_arguments
+from .query.reach import reach
 from .query.receivers import FREE, point_receivers
 from .query.sampling import light_samples
 from .query.shadow import ShadowQuery, fraction_lit
-from .renderer import Accelerated, Renderer, check_lights, reach
+from .renderer import Accelerated, Renderer, check_lights
 from .scene.point_lights import PointLights
 from .trace.batch import trace_batch
 from .warm import warm_up, warm_up_rays
@@ -121,7 +122,7 @@ def visibility(
         np.full((1, len(local)), FREE if normals is None else 1, np.int8),
         unit if normals is None else unit[None],
         triangles.vertices.reshape(-1, 9),
-        light.patch(triangles.origin, reach(triangles, origins) if len(origins) else 1.0),
+        light.patch(triangles.origin, reach(triangles, origins, threads) if len(origins) else 1.0),
         samples,
         cull_value(cull_faces),
     )

@@ -18,6 +18,7 @@ from .plan import DEFAULT_PLAN, parse_plan
 from .query.gbuffer import GBuffer, from_hits
 from .query.raster import rasterise
 from .query.rays import cull_value
+from .query.reach import reach
 from .query.receivers import NOTHING, surface_receivers
 from .query.refine import FinerSamples, edges, finer_samples
 from .query.sampling import light_samples
@@ -127,7 +128,7 @@ class Renderer:
         """Render a frame from checked arguments: ``samples`` of each light from `light_samples`, ``facing`` a value of
         CULL_FACES, ``smooth``: filter; ``finer``: the samples of refined pixels."""
         clock = _Clock()
-        triangles = self.scene.triangles(time)
+        triangles = self.scene.triangles(time, self.threads)
         clock.lap("evaluate")
         whole = None
         if self.gbuffer == "rays":
@@ -171,7 +172,7 @@ class Renderer:
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH."""
-        return self.build(self.scene.triangles(time))
+        return self.build(self.scene.triangles(time, self.threads))
 
     def culled(self, triangles: Triangles, queries) -> Culled | None:
         """The triangles that segments of these queries can meet; None if the plan culls nothing."""
@@ -272,13 +273,6 @@ def check_lights(lights) -> list[Light]:
     return lights
 
 
-def reach(triangles, points) -> float:
-    """A length greater than the distance of any of the (..., 3) points to any triangle's corner."""
-    corners = triangles.vertices.reshape(-1, 3)
-    lower, upper = np.minimum(corners.min(0), points.min(0)), np.maximum(corners.max(0), points.max(0))
-    return float(2.0 * np.linalg.norm(upper.astype(np.float64) - lower) + np.finfo(np.float32).tiny)
-
-
 def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
     """The query of each light for the surfaces in a G-buffer; ``samples``: of each light from `light_samples`."""
     shape = gbuffer.face.shape
@@ -290,7 +284,7 @@ def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=No
         gbuffer.side.reshape(-1),
     )
     origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
-    far = reach(triangles, flat[0]) if triangles.vertices.size else 1.0
+    far = reach(triangles, gbuffer.position, threads) if triangles.vertices.size else 1.0
     patches = [light.patch(triangles.origin, far) for light in lights]
     ambient = any(p.kind == AMBIENT for p in patches)
     normals = gbuffer.normal.astype(np.float64) if ambient else np.empty((0, 0, 3))

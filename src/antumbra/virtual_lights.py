@@ -58,7 +58,7 @@ def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=Tr
     if not met.any():
         what = f"none of the {n} photons of the {type(light).__name__} meets {scene.name}"
         raise InputError(f"{what}; move the light nearer, or take more")
-    triangles, face = scene.triangles(time), hit.face[met]
+    triangles, face = scene.triangles(time, threads), hit.face[met]
     points = origins[met] + hit.t[met, None] * directions[met]
     positions, normals = _off_surface(points, directions[met], face, triangles, threads)
     return PointLights(

@@ -78,3 +78,12 @@ def test_runs_one_after_the_other_are_one_bar():
     for done in (2, 10, 0, 10, 10, 1, 10):
         progress(done, 10)
     assert seen == [("tracing", done, 30) for done in (2, 10, 10, 20, 20, 21, 30)]
+
+
+def test_a_piece_of_many_is_its_part_of_the_bar():
+    activity, seen = Activity(quiet=True), []
+    activity.say = lambda text, done, total: seen.append((done, total))
+    progress = activity.parts("frame 2", 2, index=2, of=4)
+    for done in (5, 10, 0, 10):
+        progress(done, 10)
+    assert seen == [(45, 80), (50, 80), (50, 80), (60, 80)]

@@ -54,6 +54,18 @@ def test_frames_themselves_are_exact(folder):
         np.testing.assert_array_equal(scene.triangles(time).vertices, expected)
 
 
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, ">f4"])
+def test_between_frames_float64_decides_and_is_rounded_once(folder, dtype):
+    frames = np.random.default_rng(1).normal(size=(2, 40_000, 3)).astype(dtype)
+    faces = np.random.default_rng(2).integers(0, 40_000, (30_000, 3))
+    scene = load(write(folder, frames, faces, info={"times": [0.0, 3.0]}))
+    a, b = frames.astype(float)
+    mixed = (1.0 - 0.7 / 3.0) * a + 0.7 / 3.0 * b
+    expected = (mixed[faces] - scene.origin).astype(np.float32)
+    for threads in (1, 3):
+        np.testing.assert_array_equal(scene.triangles(0.7, threads).vertices, expected)
+
+
 def test_times_from_words_or_24_frames_a_second(folder):
     assert load(write(folder)).duration == 2 / 24
     scene = load(write(folder, info={"frames": "40 frames (float32), t=37.000..41.875; most move"}))

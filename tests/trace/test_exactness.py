@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import covering_plans
+from antumbra.plan import Plan, covering_plans
 from antumbra.scene.procedural import PROCEDURAL
 from asking import answer, query_of, true_occlusion
 
 PLANS = covering_plans()
+TRACING = [p for p in PLANS if p == Plan(trace=p.trace)]  # every tracer, over the default tree
+LIT = TRACING + [p for p in PLANS if p.cull]  # and every culler: what looks at lights
 TRIANGLES = 3000
 SIZE = (96, 68)  # pixels: with 16 samples more than 100 000 rays
 
@@ -66,7 +68,7 @@ LIGHTS = {
 
 
 @pytest.mark.parametrize("name", LIGHTS)
-@pytest.mark.parametrize("plan", PLANS, ids=str)
+@pytest.mark.parametrize("plan", LIT, ids=str)
 def test_every_light_shape(plan, name):
     scene = _soup(7)
     camera = at.Camera((0, 2, 9), (0, -0.5, 0), width=24, height=20)
@@ -77,7 +79,7 @@ def test_every_light_shape(plan, name):
 
 
 @pytest.mark.parametrize("spp", [1, 3, 64, 65, 200])
-@pytest.mark.parametrize("plan", PLANS, ids=str)
+@pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_every_number_of_samples(plan, spp):
     triangles, query = query_of(_soup(9), at.Camera((0, 2, 9), (0, -0.5, 0), width=12, height=9), LIGHTS["quad"], spp)
     truth, asked = true_occlusion(triangles, query)
@@ -86,7 +88,7 @@ def test_every_number_of_samples(plan, spp):
 
 
 @pytest.mark.parametrize("spp", [5, 21])
-@pytest.mark.parametrize("plan", PLANS, ids=str)
+@pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_few_samples_of_receivers_that_lie_apart(plan, spp):
     """A chunk of at most 8 samples at silhouettes, with neighbours on all sides that hold receivers."""
     scene, camera = _soup(), at.Camera((0, 2, 9), (0, -0.5, 0), width=24, height=20)
@@ -97,7 +99,7 @@ def test_few_samples_of_receivers_that_lie_apart(plan, spp):
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
-@pytest.mark.parametrize("plan", PLANS, ids=str)
+@pytest.mark.parametrize("plan", LIT, ids=str)
 def test_scales(plan, scale):
     scene = at.Scene.from_arrays(_soup(11).triangles().vertices.astype(np.float64) * scale)
     camera = at.Camera((0, 2 * scale, 9 * scale), (0, -0.5 * scale, 0), width=24, height=20)
@@ -108,14 +110,14 @@ def test_scales(plan, scale):
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
 
-@pytest.mark.parametrize("plan", PLANS, ids=str)
+@pytest.mark.parametrize("plan", LIT, ids=str)
 def test_threads_and_tiles_do_not_matter(plan):
     triangles, query = query_of(_soup(13), at.Camera((0, 2, 9), (0, -0.5, 0), width=45, height=37), LIGHTS["quad"], 4)
     one = answer(plan, triangles, query, threads=1)
     np.testing.assert_array_equal(answer(plan, triangles, query, threads=3), one)
 
 
-@pytest.mark.parametrize("plan", PLANS, ids=str)
+@pytest.mark.parametrize("plan", LIT, ids=str)
 def test_an_offset_of_a_map_grid_changes_no_bit(plan):
     """UTM-sized coordinates: the same bits as the centred scene (coordinates that float64 can shift exactly)."""
     soup = np.round(_soup(15).triangles().vertices.astype(np.float64) * 2**20) / 2**20
@@ -129,7 +131,7 @@ def test_an_offset_of_a_map_grid_changes_no_bit(plan):
     assert images[0].any()
 
 
-@pytest.mark.parametrize("plan", PLANS, ids=str)
+@pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_receivers_blockers_and_light_in_one_plane(plan):
     """Float32 can say nothing about any of them: all is left to exact arithmetic, at once."""
     rng = np.random.default_rng(17)

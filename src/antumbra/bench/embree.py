@@ -25,6 +25,9 @@ from ..parallel import thread_count
 QUALITIES = {"low": 0, "medium": 1, "high": 2}
 """Name -> RTCBuildQuality: Morton codes, binned SAH, SAH with spatial splits."""
 
+REFIT = 3
+"""The RTCBuildQuality that keeps the tree of a dynamic scene and only moves its boxes."""
+
 DYNAMIC, COMPACT, ROBUST = 1, 2, 4  # RTCSceneFlags
 RAY_WORDS, HIT_WORDS = 12, 24
 """4-byte words of an RTCRay and an RTCRayHit. Embree 4.3 and newer writes 21 of the latter, padded to 16 bytes."""
@@ -42,6 +45,7 @@ _SIGNATURES = {
     "rtcNewGeometry": (_POINTER, [_POINTER, _INT]),
     "rtcSetNewGeometryBuffer": (_POINTER, [_POINTER, _INT, _UINT, _INT, _SIZE, _SIZE]),
     "rtcSetGeometryBuildQuality": (None, [_POINTER, _INT]),
+    "rtcUpdateGeometryBuffer": (None, [_POINTER, _INT, _UINT]),
     "rtcCommitGeometry": (None, [_POINTER]),
     "rtcReleaseGeometry": (None, [_POINTER]),
     "rtcNewScene": (_POINTER, [_POINTER]),
@@ -186,8 +190,9 @@ class EmbreeScene:
         vertices = np.ascontiguousarray(vertices, np.float32).reshape(-1, 3)
         faces = np.arange(len(vertices)).reshape(-1, 3) if faces is None else faces
         lib, level = library(), QUALITIES[quality]
-        geometry = lib.rtcNewGeometry(device.handle, _TRIANGLES)
-        _copy(lib, geometry, _VERTICES, _FLOAT3, vertices)
+        self._device, self._geometry = device, lib.rtcNewGeometry(device.handle, _TRIANGLES)
+        geometry = self._geometry
+        self._vertices, self._bytes = _copy(lib, geometry, _VERTICES, _FLOAT3, vertices), vertices.nbytes
         _copy(lib, geometry, _INDICES, _UINT3, np.ascontiguousarray(faces, np.uint32))
         lib.rtcSetGeometryBuildQuality(geometry, level)
         lib.rtcCommitGeometry(geometry)
@@ -201,8 +206,27 @@ class EmbreeScene:
         self.build_seconds = time.perf_counter() - start
         device.check()
 
+    def fill(self, vertices: np.ndarray) -> None:
+        """Copy other vertices, as many as before, to where Embree reads them; `build_again` then."""
+        vertices = np.ascontiguousarray(vertices, np.float32)
+        if vertices.nbytes != self._bytes:
+            raise ValueError(f"{vertices.nbytes} bytes of vertices where {self._bytes} are")
+        ctypes.memmove(self._vertices, vertices.ctypes.data, vertices.nbytes)
+
+    def build_again(self, refit: bool = False) -> None:
+        """Build anew from the vertices that there are now, or refit (DYNAMIC scenes only); sets `build_seconds`."""
+        lib = library()
+        start = time.perf_counter()
+        if refit:
+            lib.rtcSetGeometryBuildQuality(self._geometry, REFIT)
+        lib.rtcUpdateGeometryBuffer(self._geometry, _VERTICES, 0)
+        lib.rtcCommitGeometry(self._geometry)
+        lib.rtcCommitScene(self.handle)
+        self.build_seconds = time.perf_counter() - start
+        self._device.check()
+
     def close(self) -> None:
-        library().rtcReleaseScene(self.handle)
+        library().rtcReleaseScene(self.handle)  # and with it the geometry
 
     def __enter__(self):
         return self
@@ -211,8 +235,9 @@ class EmbreeScene:
         self.close()
 
 
-def _copy(lib, geometry, kind, form, rows: np.ndarray) -> None:
-    """A new buffer of the geometry that holds these rows of three 4-byte numbers."""
+def _copy(lib, geometry, kind, form, rows: np.ndarray) -> int:
+    """A new buffer of the geometry that holds these rows of three 4-byte numbers; its address."""
     buffer = lib.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(rows))
     if buffer:
         ctypes.memmove(buffer, rows.ctypes.data, rows.nbytes)
+    return buffer

@@ -34,7 +34,7 @@ def fraction(seen: Seen, query: ShadowQuery, bits: np.ndarray, smooth: bool, thr
     spp = query.samples.shape[1]
     if smooth and is_soft(query):
         return filtered(seen, occluded_samples(bits), spp, threads)
-    return fraction_lit(bits, spp)
+    return fraction_lit(bits, spp, threads)
 
 
 def occluded_samples(bits: np.ndarray) -> np.ndarray:

@@ -2,15 +2,19 @@
 
 Ambient occlusion scales the ambient light; lists of point lights come from `image.point_lights`.
 """
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..query.receivers import NOTHING
-from ..query.samples import patch_at, sample_point
-from ..scene.lights import DIRECTIONAL
+from ..simd import get, ptr, ptr_at, put
 from .filter import smoothed
+from .irradiance import irradiance
 from .point_lights import list_irradiance
 
 AMBIENT = 0.12
@@ -18,46 +22,6 @@ AMBIENT = 0.12
 
 _ONE, _SIDEWAYS = np.float32(1.0), np.float32(0.65)
 """Share of the ambient light that reaches surfaces that face up, and sideways; those that face down get the least."""
-
-_CROSS = np.array([[0.3, 0.1], [0.9, 0.3], [0.7, 0.9], [0.1, 0.7]])
-_POINTS = {"square": _CROSS, "disk": (2.0 * _CROSS - 1.0) * 0.8, "point": np.zeros((1, 2))}
-"""By domain: points (a, b) that stand for all of a light."""
-
-
-@kernel
-def _point_irradiance(light, flat, px, py, pz, nx, ny, nz, lx, ly, lz):
-    """Irradiance per unit intensity at p (normal n) from light point l; `flat` is the unit normal of a flat light."""
-    wx, wy, wz = lx - px, ly - py, lz - pz
-    r2 = wx * wx + wy * wy + wz * wz
-    if not r2 > 0.0:
-        return 0.0
-    r = np.sqrt(r2)
-    cosine = (nx * wx + ny * wy + nz * wz) / r
-    if not cosine > 0.0:
-        return 0.0
-    if light.kind == DIRECTIONAL:
-        return cosine
-    if flat[0] != 0.0 or flat[1] != 0.0 or flat[2] != 0.0:
-        cosine *= abs(flat[0] * wx + flat[1] * wy + flat[2] * wz) / r
-    return cosine / r2
-
-
-@kernel
-def _irradiance_rows(ticket, position, normal, side, light, flat, points, out):
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(side.shape[1]):
-                total = 0.0
-                if side[y, x] != NOTHING:
-                    px, py, pz = position[y, x, 0], position[y, x, 1], position[y, x, 2]
-                    nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
-                    patch = patch_at(light, px, py, pz, np.float64(nx), np.float64(ny), np.float64(nz))
-                    for s in range(len(points)):
-                        lx, ly, lz = sample_point(patch, points[s, 0], points[s, 1], 0.0)
-                        total += _point_irradiance(light, flat, px, py, pz, nx, ny, nz, lx, ly, lz)
-                out[y, x] = np.float32(total / len(points))
-        y0 = take(ticket)
 
 
 def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray:
@@ -75,37 +39,61 @@ def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray
     return irradiance(gbuffer, query.light, light.domain, threads)
 
 
-def irradiance(gbuffer, patch, domain, threads=None) -> np.ndarray:
-    """(H, W) float32: what each pixel's surface would get of a light of intensity 1 if nothing were in the way.
+class _Rows(NamedTuple):
+    """What `shade` adds up: pointers to float32, and how many images each has."""
 
-    patch : LightPatch; domain : the light's, of which a few points stand for the light
-    """
-    flat = np.cross(patch.u, patch.v) if patch.kind != DIRECTIONAL else np.zeros(3)
-    length = np.linalg.norm(flat)
-    flat = flat / length if length > 0 else np.zeros(3)
-    out = np.empty(gbuffer.face.shape, np.float32)
-    ticket = new_ticket(len(out), 8)
-    args = gbuffer.position, gbuffer.normal, gbuffer.side, patch, flat, _POINTS[domain], out
-    run(_irradiance_rows, thread_count(threads), ticket, *args)
-    return out
+    tints: object  # 3 a light
+    irradiances: object  # of each light (H, W)
+    visibility: object  # of each light (H, W)
+    n: int  # lights
+    skies: object  # of each ambient occlusion (H, W)
+    n_skies: int
+    more: object  # of each list of lights (H, W, 3)
+    n_more: int
+    step: int  # H W
+
+
+@inlined
+def _light_row(rows, normal, up, ambient, start, w, sums):
+    """The light of w pixels from pixel `start` on: their reds, greens, blues. LLVM makes vectors of these loops."""
+    for x in range(w):
+        open_sky = _ONE
+        for k in range(rows.n_skies):
+            open_sky *= get(rows.skies, k * rows.step + start + x)
+        sky = (_SIDEWAYS + (_ONE - _SIDEWAYS) * get(normal, 3 * (start + x) + up)) * open_sky
+        for c in range(3):
+            put(sums, c * w + x, ambient[c] * sky)
+    for k in range(rows.n):
+        at = k * rows.step + start
+        irradiance, share = ptr_at(rows.irradiances, at), ptr_at(rows.visibility, at)
+        for c in range(3):
+            tint = get(rows.tints, 3 * k + c)
+            for x in range(w):
+                put(sums, c * w + x, get(sums, c * w + x) + get(irradiance, x) * get(share, x) * tint)
+    for k in range(rows.n_more):
+        for x in range(w):
+            for c in range(3):
+                put(sums, c * w + x, get(sums, c * w + x) + get(rows.more, 3 * (k * rows.step + start + x) + c))
 
 
 @kernel
-def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility, ambient, open_sky, more, image):
+def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility, ambient, skies, more, image):
+    h, w = face.shape
+    rows = _Rows(
+        ptr(tints), ptr(irradiances), ptr(visibility), len(tints), ptr(skies), len(skies), ptr(more), len(more), h * w
+    )
+    faces, normals, colours, out = ptr(face), ptr(normal), ptr(colour), ptr(image)
     inverse_pi = np.float32(1.0 / np.pi)
+    sums, ambient = np.empty(3 * w, np.float32), (ambient[0], ambient[1], ambient[2])
     y0 = take(ticket)
     while y0 >= 0:
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(face.shape[1]):
-                i = face[y, x]
-                sky = (_SIDEWAYS + (_ONE - _SIDEWAYS) * normal[y, x, up]) * open_sky[y, x]
+            _light_row(rows, normals, up, ambient, y * w, w, ptr(sums))
+            for x in range(w):
+                at, i = 3 * (y * w + x), np.int64(get(faces, y * w + x))
                 for c in range(3):
-                    light = ambient[c] * sky
-                    for k in range(len(tints)):
-                        light += irradiances[k, y, x] * visibility[k, y, x] * tints[k, c]
-                    for k in range(len(more)):
-                        light += more[k, y, x, c]
-                    image[y, x, c] = light * colour[i, c] * inverse_pi if i >= 0 else np.float32(0.0)
+                    shown = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi
+                    put(out, at + c, shown if i >= 0 else np.float32(0.0))
         y0 = take(ticket)
 
 
@@ -120,12 +108,12 @@ def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", threads
     shape, shining = gbuffer.face.shape, _shining(lights)
     irradiances, shadows = (_stack([of[k] for k in shining], shape) for of in (arrived, visibility))
     more = _stack([arrived[k] for k, light in enumerate(lights) if light.domain == "list"], (*shape, 3))
-    skies = [visibility[k] for k, light in enumerate(lights) if light.domain == "hemisphere"]
-    open_sky, tints = _stack(skies, shape).prod(0), _tints([lights[k] for k in shining])
+    skies = _stack([visibility[k] for k, light in enumerate(lights) if light.domain == "hemisphere"], shape)
+    tints = _tints([lights[k] for k in shining])
     image = np.empty((*shape, 3), np.float32)
     args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances
     ticket = new_ticket(len(image), 8)
-    run(_shade_rows, thread_count(threads), ticket, *args, shadows, ambient, open_sky, more, image)
+    run(_shade_rows, thread_count(threads), ticket, *args, shadows, ambient, skies, more, image)
     return image
 
 
@@ -159,5 +147,7 @@ def _tints(lights) -> np.ndarray:
 
 
 def _stack(images, shape) -> np.ndarray:
-    """(k, *shape) float32, also of none."""
+    """(k, *shape) float32, also of none; one is not copied."""
+    if len(images) == 1:
+        return images[0][None]
     return np.stack(images) if images else np.empty((0, *shape), np.float32)

@@ -195,12 +195,20 @@ def plane(corners, i, x, y, z):
     return a, _cross(p, q), _LIMITS64.three * _LIMITS64.u * s * s + _LIMITS64.tiny
 
 
-@kernel
-def plane_side(x, y, z, corners, i):
-    """Side of the plane of triangle i on which a float32 point lies: 1 where the normal points, -1, 0 on the plane."""
+@inlined
+def side_of(v0, n, error, x, y, z, corners, i):
+    """`plane_side` where the `plane` of triangle i relative to (0, 0, 0) is known: (v0, n, error)."""
     f = np.float64
-    a, n, error = plane(corners, i, f(x), f(y), f(z))
+    a = (v0[0] - f(x), v0[1] - f(y), v0[2] - f(z))
     volume = -_dot(a, n)
     if abs(volume) > error * widest(a):
         return 1 if volume > 0.0 else -1
     return exact_plane_side(f(x), f(y), f(z), corners, i)
+
+
+@kernel
+def plane_side(x, y, z, corners, i):
+    """Side of the plane of triangle i on which a float32 point lies: 1 where the normal points, -1, 0 on the plane."""
+    zero = np.float64(0.0)
+    v0, n, error = plane(corners, i, zero, zero, zero)
+    return side_of(v0, n, error, x, y, z, corners, i)

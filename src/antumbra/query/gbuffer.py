@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..scene.camera import CameraRays
+from ..simd import get, ptr, put
 from .pixels import pixel_direction
 from .receivers import NOTHING
 
@@ -22,43 +23,64 @@ class GBuffer(NamedTuple):
     origin: np.ndarray  # (3,) float64, world position of the frame's zero
 
 
-@kernel
-def fill_pixel(y, x, i, t, corners, rays, position, normal, side, v, u):
-    """Write at (v, u) where the ray of pixel (y, x) meets triangle i, at t."""
+class Surface(NamedTuple):
+    """Pointers to what `fill_pixel` writes."""
+
+    position: object  # float32 *, 3 a pixel
+    normal: object  # float32 *, 3 a pixel
+    side: object  # int8 *
+
+
+@inlined
+def surface_of(gbuffer):
+    """The pointers of a `GBuffer`, which must outlive them."""
+    return Surface(ptr(gbuffer.position), ptr(gbuffer.normal), ptr(gbuffer.side))
+
+
+@inlined
+def _put3(pointer, at, v):
+    f = np.float32
+    put(pointer, 3 * at, f(v[0]))
+    put(pointer, 3 * at + 1, f(v[1]))
+    put(pointer, 3 * at + 2, f(v[2]))
+
+
+@inlined
+def fill_pixel(y, x, i, t, corners, rays, out, at):
+    """Write as pixel number `at` where the ray of pixel (y, x) meets triangle i, at t; `corners` a pointer."""
     f = np.float64
-    dx, dy, dz = pixel_direction(rays, x, y)
-    position[v, u, 0] = np.float32(f(rays.origin[0]) + t * f(dx))
-    position[v, u, 1] = np.float32(f(rays.origin[1]) + t * f(dy))
-    position[v, u, 2] = np.float32(f(rays.origin[2]) + t * f(dz))
-    x0, y0, z0 = f(corners[i, 0]), f(corners[i, 1]), f(corners[i, 2])
-    px, py, pz = f(corners[i, 3]) - x0, f(corners[i, 4]) - y0, f(corners[i, 5]) - z0
-    qx, qy, qz = f(corners[i, 6]) - x0, f(corners[i, 7]) - y0, f(corners[i, 8]) - z0
+    d, o = pixel_direction(rays, x, y), rays.origin
+    dx, dy, dz = f(d[0]), f(d[1]), f(d[2])
+    _put3(out.position, at, (f(o[0]) + t * dx, f(o[1]) + t * dy, f(o[2]) + t * dz))
+    k = 9 * i
+    x0, y0, z0 = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
+    px, py, pz = f(get(corners, k + 3)) - x0, f(get(corners, k + 4)) - y0, f(get(corners, k + 5)) - z0
+    qx, qy, qz = f(get(corners, k + 6)) - x0, f(get(corners, k + 7)) - y0, f(get(corners, k + 8)) - z0
     nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-    away = nx * f(dx) + ny * f(dy) + nz * f(dz) > 0.0
+    away = nx * dx + ny * dy + nz * dz > 0.0
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
     scale = (-1.0 if away else 1.0) / length
-    normal[v, u, 0], normal[v, u, 1], normal[v, u, 2] = (
-        np.float32(nx * scale),
-        np.float32(ny * scale),
-        np.float32(nz * scale),
-    )
-    side[v, u] = -1 if away else 1
+    _put3(out.normal, at, (nx * scale, ny * scale, nz * scale))
+    put(out.side, at, -1 if away else 1)
 
 
 @kernel
-def _fill(ticket, face, t, corners, rays, position, normal, depth, side):
+def _fill(ticket, t, corners, rays, gbuffer):
+    zero, out = np.float32(0.0), surface_of(gbuffer)
+    faces, ts, depths, triangles = ptr(gbuffer.face), ptr(t), ptr(gbuffer.depth), ptr(corners)
     y0 = take(ticket)
     while y0 >= 0:
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
             for x in range(rays.width):
-                depth[y, x] = np.float32(t[y, x])
-                i = face[y, x]
+                at = y * rays.width + x
+                i, far = np.int64(get(faces, at)), get(ts, at)
+                put(depths, at, far)
                 if i >= 0:
-                    fill_pixel(y, x, i, t[y, x], corners, rays, position, normal, side, y, x)
+                    fill_pixel(y, x, i, far, triangles, rays, out, at)
                 else:
-                    side[y, x] = NOTHING
-                    for k in range(3):
-                        position[y, x, k], normal[y, x, k] = np.float32(0.0), np.float32(0.0)
+                    put(out.side, at, NOTHING)
+                    _put3(out.position, at, (zero, zero, zero))
+                    _put3(out.normal, at, (zero, zero, zero))
         y0 = take(ticket)
 
 
@@ -67,7 +89,7 @@ def from_hits(face, t, triangles, rays: CameraRays, threads=None) -> GBuffer:
     shape = face.shape
     position, normal = np.empty((*shape, 3), np.float32), np.empty((*shape, 3), np.float32)
     depth, side = np.empty(shape, np.float32), np.empty(shape, np.int8)
-    corners = triangles.vertices.reshape(-1, 9)
+    gbuffer = GBuffer(position, normal, face, depth, side, triangles.origin)
     ticket = new_ticket(shape[0], 8)
-    run(_fill, thread_count(threads), ticket, face, t, corners, rays, position, normal, depth, side)
-    return GBuffer(position, normal, face, depth, side, triangles.origin)
+    run(_fill, thread_count(threads), ticket, t, triangles.vertices.reshape(-1, 9), rays, gbuffer)
+    return gbuffer

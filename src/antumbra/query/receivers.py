@@ -9,9 +9,10 @@ segment to a light sample above the same plane, and a sample that is not above i
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..predicate.filters import plane_side
+from ..predicate.filters import plane, side_of, widest
+from ..simd import get, ptr, put
 
 NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point without a surface
 
@@ -19,44 +20,50 @@ _SHIFT = np.float64(2.0**-21)  # eight units of float32 roundoff: rounding of po
 _MAX_DOUBLINGS = 60  # a triangle without area has no side; it is never seen, but the loop must end
 
 
-@kernel
+@inlined
 def _magnitude(corners, face):
     m = np.float32(0.0)
     for k in range(9):
-        m = max(m, abs(corners[face, k]))
+        c = abs(get(corners, 9 * face + k))
+        m = c if c > m else m
     return np.float64(m)
 
 
-@kernel
-def moved_off(x, y, z, nx, ny, nz, side, corners, face, shift):
-    """The float32 receiver of surface point (x, y, z) with unit normal n (towards the seen side of `face`), shifted by
-    at least `shift`; all float64."""
-    f = np.float32
+@inlined
+def _moved_off(p, n, side, corners, face):
+    """The float32 receiver of the surface point p with unit normal n, towards the seen side of `face`; float64."""
+    f, zero = np.float32, np.float64(0.0)
+    v0, normal, error = plane(corners, face, zero, zero, zero)
+    near, far = widest(p), _magnitude(corners, face)
+    shift = _SHIFT * (near if near > far else far)
+    x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
     for _ in range(_MAX_DOUBLINGS):
-        ox, oy, oz = f(x + shift * nx), f(y + shift * ny), f(z + shift * nz)
-        if plane_side(ox, oy, oz, corners, face) == side:
+        if side_of(v0, normal, error, x, y, z, corners, face) == side:
             break
         shift *= 2.0
-    return ox, oy, oz
+        x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
+    return x, y, z
 
 
 @kernel
 def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
+    positions, normals, faces, sides = ptr(positions), ptr(normals), ptr(faces), ptr(sides)
+    corners, origins = ptr(corners), ptr(origins)
     first = take(ticket)
     while first >= 0:
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            side, face = sides[i], faces[i]
-            x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
-            if side == NOTHING:
-                origins[i, 0], origins[i, 1], origins[i, 2] = (
-                    positions[i, 0],
-                    positions[i, 1],
-                    positions[i, 2],
+            x, y, z = get(positions, 3 * i), get(positions, 3 * i + 1), get(positions, 3 * i + 2)
+            if get(sides, i) != NOTHING:
+                p = np.float64(x), np.float64(y), np.float64(z)
+                n = (
+                    np.float64(get(normals, 3 * i)),
+                    np.float64(get(normals, 3 * i + 1)),
+                    np.float64(get(normals, 3 * i + 2)),
                 )
-                continue
-            nx, ny, nz = np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2])
-            shift = _SHIFT * max(max(abs(x), abs(y), abs(z)), _magnitude(corners, face))
-            origins[i, 0], origins[i, 1], origins[i, 2] = moved_off(x, y, z, nx, ny, nz, side, corners, face, shift)
+                x, y, z = _moved_off(p, n, get(sides, i), corners, np.int64(get(faces, i)))
+            put(origins, 3 * i, x)
+            put(origins, 3 * i + 1, y)
+            put(origins, 3 * i + 2, z)
         first = take(ticket)
 
 

@@ -35,10 +35,17 @@ def patch_at(light, x, y, z, nx, ny, nz):
     if light.kind == DIRECTIONAL:
         return Patch(x + b[0], y + b[1], z + b[2], u[0], u[1], u[2], v[0], v[1], v[2], w[0], w[1], w[2])
     if light.kind == SPHERE:
-        return _tangent_disk(b[0], b[1], b[2], light.radius, np.float64(x), np.float64(y), np.float64(z))
+        return tangent_disk(b[0], b[1], b[2], light.radius, np.float64(x), np.float64(y), np.float64(z))
     if light.kind == AMBIENT:
         return _hemisphere(np.float64(x), np.float64(y), np.float64(z), nx, ny, nz, light.radius)
     return Patch(b[0], b[1], b[2], u[0], u[1], u[2], v[0], v[1], v[2], w[0], w[1], w[2])
+
+
+@inlined
+def moved(patch, x, y, z):
+    """The patch, its base moved by (x, y, z)."""
+    bx, by, bz, ux, uy, uz, vx, vy, vz, wx, wy, wz = patch
+    return Patch(bx + x, by + y, bz + z, ux, uy, uz, vx, vy, vz, wx, wy, wz)
 
 
 @inlined
@@ -58,7 +65,8 @@ def tangents64(nx, ny, nz):
 
 
 @kernel
-def _tangent_disk(cx, cy, cz, radius, x, y, z):
+def tangent_disk(cx, cy, cz, radius, x, y, z):
+    """The `Patch` of a sphere: the disk in which the tangent cone from (x, y, z) touches it; all float64."""
     nx, ny, nz = x - cx, y - cy, z - cz
     distance = np.sqrt(nx * nx + ny * ny + nz * nz)
     if distance > 0.0:

@@ -5,9 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..predicate.exact import exact_plane_side
 from ..predicate.filters import plane, widest
 from ..scene.lights import AMBIENT, LightPatch
+from ..simd import get, popcount, ptr
 from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
 
@@ -111,6 +113,23 @@ def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
     return ends, above
 
 
-def fraction_lit(bits: np.ndarray, spp: int) -> np.ndarray:
+@kernel
+def _fraction_kernel(ticket, bits, spp, out):
+    """Worker: of each row of words, the share of spp samples whose bit is not set."""
+    p, words = ptr(bits), bits.shape[1]
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            occluded = 0
+            for k in range(words):
+                occluded += popcount(get(p, i * words + k))
+            out[i] = np.float32(1.0 - np.float64(occluded) / spp)
+        first = take(ticket)
+
+
+def fraction_lit(bits: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(...) float32: the share of samples that are not occluded, from bits (..., ceil(spp / 64)) uint64."""
-    return (1.0 - np.bitwise_count(bits).sum(-1, dtype=np.int32) / spp).astype(np.float32)
+    out = np.empty(bits.shape[:-1], np.float32)
+    ticket = new_ticket(out.size, 1 << 16)
+    run(_fraction_kernel, thread_count(threads), ticket, bits.reshape(-1, bits.shape[-1]), spp, out.reshape(-1))
+    return out

@@ -12,7 +12,8 @@ import numpy as np
 from ..jit import kernel
 from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..scene.camera import CameraRays
-from .gbuffer import GBuffer, fill_pixel
+from ..simd import ptr
+from .gbuffer import GBuffer, fill_pixel, surface_of
 from .raster import rasterise
 from .receivers import NOTHING
 from .sampling import larcher_pillichshammer
@@ -38,6 +39,7 @@ OFFSETS = _offsets()
 
 @kernel
 def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays, out):
+    surface, width = surface_of(out), out.face.shape[1]
     first = take(ticket)
     while first >= 0:
         for e in range(first, min(first + ticket[CHUNK], ticket[N])):
@@ -46,7 +48,7 @@ def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays
             i = face[y, x]
             if i >= 0:
                 out.face[v, u], out.depth[v, u] = i, np.float32(t[y, x])
-                fill_pixel(y, x, i, t[y, x], corners, rays, out.position, out.normal, out.side, v, u)
+                fill_pixel(y, x, np.int64(i), t[y, x], ptr(corners), rays, surface, v * width + u)
         first = take(ticket)
 
 

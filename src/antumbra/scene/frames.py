@@ -34,11 +34,11 @@ class VertexFrames:
 
     def pieces(self, time: float) -> Iterator[Piece]:
         k = int(np.searchsorted(self._times, time, side="right")) - 1
-        vertices = self._frame(k)
+        vertices, towards, share = self._frame(k), None, 0.0
         if self._times[k] < time and k + 1 < len(self._times):
-            t = (time - self._times[k]) / (self._times[k + 1] - self._times[k])
-            vertices = (1.0 - t) * vertices + t * self._frame(k + 1)
-        yield Piece(vertices[None], self._faces, self._colour, f"{self.file}/frames.npy")
+            share = float((time - self._times[k]) / (self._times[k + 1] - self._times[k]))
+            towards = self._frame(k + 1)
+        yield Piece(vertices, self._faces, self._colour, f"{self.file}/frames.npy", towards, share)
 
     def cameras(self, time: float) -> list:
         return []
@@ -47,10 +47,12 @@ class VertexFrames:
         return []
 
     def _frame(self, k: int) -> np.ndarray:
+        """(1, v, 3), float32 if that is what the file holds, else float64."""
         frame = self._frames[k]
-        vertices = np.asarray(frame if self._used is None else frame[self._used], np.float64)
+        dtype = np.float32 if frame.dtype == np.float32 else np.float64
+        vertices = np.ascontiguousarray(frame if self._used is None else frame[self._used], dtype)
         check_finite(vertices, f"{self.file}/frames.npy frame {k}")
-        return vertices
+        return vertices[None]
 
 
 def read_frames(folder: Path) -> tuple[VertexFrames, list[str]]:

@@ -1,8 +1,6 @@
-"""Where a scene's frame has its zero, and how world coordinates become float32 in it."""
+"""Where a scene's frame has its zero."""
 
 import numpy as np
-
-from ..errors import InputError
 
 MAX_EXTENT = 1e18
 """Widest scene, in its own units: areas of its boxes stay finite in float32."""
@@ -21,12 +19,3 @@ def frame_origin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     exponent = int(np.frexp(extent)[1]) - 1  # floor(log2(extent))
     step = np.ldexp(1.0, exponent - 20)
     return lower + np.round((upper - lower) / 2.0 / step) * step
-
-
-def recentred(world: np.ndarray, origin: np.ndarray, where: str) -> np.ndarray:
-    """`world` ((..., 3) float64) as float32 in the frame at `origin`; InputError if not finite or too far."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        local = (world - origin).astype(np.float32)
-    if local.size and not (local.max() <= MAX_EXTENT and local.min() >= -MAX_EXTENT):
-        raise InputError(f"{where}: vertices are not finite or over {MAX_EXTENT:g} units apart; scale the scene down")
-    return local

@@ -6,11 +6,9 @@ from ..errors import InputError
 from . import framing
 from .camera import Camera
 from .mesh import MeshInfo, make_mesh
-from .recentre import MAX_EXTENT, frame_origin, recentred
-from .source import Piece, Source, StaticMeshes
+from .recentre import MAX_EXTENT, frame_origin
+from .source import Source, StaticMeshes
 from .triangles import Triangles
-
-_BLOCK = 1 << 16  # faces gathered at once, so that temporaries stay in the cache
 
 
 class Scene:
@@ -100,20 +98,26 @@ class Scene:
         """The lights of the file (KHR_lights_punctual) at time 0."""
         return list(self._lights)
 
-    def triangles(self, time: float = 0.0) -> Triangles:
+    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
+
+        threads : int, optional
+            None: all cores.
 
         Raises
         ------
         InputError
             When the time is not a number, or the animation moves vertices to infinity.
         """
-        time = self.clamped(time)
+        from ..parallel import thread_count  # Numba: not to be waited for by who only looks into a file
+        from .gather import gather
+
+        time, threads = self.clamped(time), thread_count(threads)
         vertices = np.empty((self.n_triangles, 3, 3), np.float32)
         start = 0
         with np.errstate(all="ignore"):
             for piece in self._source.pieces(time):
-                start += _gather(piece, self.origin, vertices[start:])
+                start += gather(piece, self.origin, vertices[start:], threads)
         face_id = np.arange(self.n_triangles, dtype=np.int32)
         return Triangles(vertices, self.origin.copy(), face_id, self.colours)
 
@@ -247,21 +251,6 @@ def _survey(source: Source) -> tuple[np.ndarray, np.ndarray]:
             f"it must be finite and at most {MAX_EXTENT:g} units wide"
         )
     return np.stack([lower, upper]), np.concatenate(colours)
-
-
-def _gather(piece: Piece, origin: np.ndarray, out: np.ndarray) -> int:
-    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32); how many there were."""
-    local = recentred(piece.vertices, origin, piece.where)
-    copies, n_vertices = local.shape[:2]
-    if piece.faces is None:
-        count = copies * n_vertices // 3
-        out[:count] = local.reshape(-1, 3, 3)
-        return count
-    n = len(piece.faces)
-    rows = out[: copies * n].reshape(copies, n, 3, 3)
-    for a in range(0, n, _BLOCK):
-        rows[:, a : a + _BLOCK] = np.take(local, piece.faces[a : a + _BLOCK], axis=1)
-    return copies * n
 
 
 def _as_positions(vertices, name: str) -> np.ndarray:

@@ -11,10 +11,12 @@ from .mesh import Mesh, MeshInfo, n_faces
 class Piece(NamedTuple):
     """Part of a scene at one moment: `k` copies of a mesh, in world space."""
 
-    vertices: np.ndarray  # (k, v, 3) float64, world
+    vertices: np.ndarray  # (k, v, 3) float32 or float64, world
     faces: np.ndarray | None  # (f, 3) int32; None: three vertices in a row are a face
     colour: np.ndarray  # (3,) or (f, 3) float32, linear
     where: str  # what errors call it
+    towards: np.ndarray | None = None  # (k, v, 3): vertices are (1 - share) * vertices + share * towards
+    share: float = 0.0
 
 
 class Source(Protocol):
@@ -45,8 +47,7 @@ class StaticMeshes:
 
     def pieces(self, time: float) -> Iterator[Piece]:
         for mesh in self._meshes:
-            vertices = mesh.positions[None].astype(np.float64)
-            yield Piece(vertices, mesh.faces, mesh.colour, f'{self.file}: mesh "{mesh.name}"')
+            yield Piece(mesh.positions[None], mesh.faces, mesh.colour, f'{self.file}: mesh "{mesh.name}"')
 
     def cameras(self, time: float) -> list:
         return []

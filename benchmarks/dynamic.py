@@ -1,0 +1,225 @@
+"""Whole frames of moving scenes, from evaluating to the shaded picture: ours beside one made with Embree.
+
+    python benchmarks/dynamic.py [scene ...] [--plans PLAN ...] [--threads N ...] [--frames N] [--rounds N]
+
+A scene is bart_robots or synthetic_garden_foxes ($ANTUMBRA_SCENES), or what `antumbra.load` reads. Each is seen by the
+camera and lit by the small square light of its info.json.
+
+Ours: `Renderer.render`, from the call to the picture. The peer: our evaluation; Embree builds anew (or refits); primary
+rays, receivers and shadow rays to the same points of the light, made and traced in compiled loops on all threads; our
+fractions and our shading. Not timed for it: copying vertices into Embree's buffer, and the light's points. Every way of
+tracing is tried on one frame, then every build with the fastest two; the fastest two of these combinations go on to the
+rounds, where ours and the peer's render the frames in turn. The ratio is that of the median frames, ours to the faster
+of the peer's. `differs` counts the pixels of all frames in which another share of the light is seen than by our first
+plan (Embree rounds, and so do offsets of receivers; ours do not differ among themselves).
+"""
+
+import argparse
+import statistics
+from typing import NamedTuple
+
+import numpy as np
+
+from antumbra.bench import embree
+from antumbra.bench.embree_frames import ORDERS, Primary, Shadow, light_points, primary, shadows
+from antumbra.image.irradiance import irradiance
+from antumbra.image.shade import ambient_light, shade
+from antumbra.plan import DEFAULT_PLAN
+from antumbra.query.shadow import fraction_lit
+from antumbra.renderer import PHASES, Renderer
+from comparison import compare, options_of, start
+from contest import CLOCKS, OURS, progress
+from views import MOVING, Moving, moving_views
+
+FPS = 24
+EMBREE = "Embree"
+BUILDS = [(quality, flags, False) for quality in ("low", "medium", "high") for flags in (0, embree.DYNAMIC)]
+BUILDS += [("medium", embree.DYNAMIC, True)]  # (quality, flags, refit?)
+
+
+class Way(NamedTuple):
+    """A frame as Embree makes it."""
+
+    build: tuple[str, int, bool]  # one of BUILDS
+    primary: Primary
+    shadow: Shadow
+
+    def __str__(self) -> str:
+        quality, flags, refit = self.build
+        how = f"refit of {quality}" if refit else f"{quality}{' dynamic' if flags else ''}"
+        return f"{how}, {self.primary}, {self.shadow}"
+
+
+class Result(NamedTuple):
+    """One frame: seconds of each phase and the share of the light that each pixel sees."""
+
+    seconds: dict[str, float]
+    visibility: np.ndarray
+
+
+class Ours:
+    """A plan with what its renderer keeps from frame to frame."""
+
+    family = OURS
+
+    def __init__(self, plan: str, view: Moving, threads: int, spp: int, clock):
+        self.name, self.view, self.spp, self.clock = plan, view, spp, clock
+        self.renderer = Renderer(view.scene, plan, threads)
+
+    def frame(self, moment: float) -> Result:
+        before = self.clock()
+        frame = self.renderer.render(self.view.camera, self.view.light, spp=self.spp, time=moment)
+        return Result({**frame.timings, "total": self.clock() - before}, frame.visibility[0])
+
+    def close(self) -> None:
+        pass
+
+
+class EmbreeFrames:
+    """The peer, with its scene."""
+
+    family = EMBREE
+
+    def __init__(self, way: Way, device, view: Moving, threads: int, spp: int, clock):
+        self.way, self.view, self.threads, self.spp, self.clock = way, view, threads, spp, clock
+        quality, flags, self.refit = way.build
+        self.scene = embree.EmbreeScene(device, view.scene.triangles().vertices, quality=quality, flags=flags)
+        self.lights = light_points(view.light, view.scene.origin, spp)
+
+    @property
+    def name(self) -> str:
+        return str(self.way)
+
+    def frame(self, moment: float) -> Result:
+        seconds, last = dict.fromkeys(PHASES, 0.0), self.clock()
+
+        def lap(phase):
+            nonlocal last
+            now = self.clock()
+            seconds[phase] += now - last
+            last = now
+
+        view, light = self.view, self.view.light
+        triangles = view.scene.triangles(moment, self.threads)
+        lap("evaluate")
+        self.scene.fill(triangles.vertices)
+        last = self.clock()  # a program of its own would evaluate into Embree's buffer
+        self.scene.build_again(self.refit)
+        lap("build")
+        rays = view.camera.rays(triangles.origin)
+        hits = primary(self.scene, triangles, rays, self.way.primary, self.threads)
+        lap("gbuffer")
+        bits = shadows(self.scene, hits, self.lights, self.way.shadow, self.threads)
+        lap("trace")
+        visibility = fraction_lit(bits, self.spp, self.threads)
+        lap("filter")
+        arrived = [irradiance(hits.gbuffer, light.patch(triangles.origin, 1.0), light.domain, self.threads)]
+        ambient = ambient_light(hits.gbuffer, [light], arrived)
+        up = view.scene.up
+        shade(hits.gbuffer, triangles.colour, [light], arrived, [visibility], ambient, up, self.threads)
+        lap("shade")
+        return Result({**seconds, "total": sum(seconds.values())}, visibility)
+
+    def close(self) -> None:
+        self.scene.close()
+
+
+def moments(view: Moving, count: int) -> list[float]:
+    """Moments of frames of a film, spread over the animation."""
+    last = int(view.scene.duration * FPS)
+    return [k / FPS for k in np.unique(np.linspace(0, last, count).round().astype(int)).tolist()]
+
+
+def best_ways(device, view: Moving, threads: int, options) -> list[Way]:
+    """The fastest two combinations of a build and a way of tracing."""
+    moment, width = moments(view, 3)[1], device.width
+    eyes = [Primary(n, c) for n in (1, width) for c in (False, True)]
+    lamps = [Shadow(n, o, c) for n in (1, width) for o in ORDERS[n == 1 :] for c in (False, True)]
+
+    def tried(build, hows) -> list[tuple[dict[str, float], Way]]:
+        peer, found = EmbreeFrames(Way(build, *hows[0]), device, view, threads, options.spp, CLOCKS[options.clock]), []
+        for how in hows:
+            peer.way = Way(build, *how)
+            progress(f"{view.name}: trying {peer.way}")
+            peer.frame(moment)  # compiles, and warms the caches for all alike
+            found.append((min((peer.frame(moment).seconds for _ in range(2)), key=lambda s: s["total"]), peer.way))
+        peer.close()
+        return found
+
+    first = tried(BUILDS[2], [(eyes[i % len(eyes)], lamp) for i, lamp in enumerate(lamps)])
+    eye = min(first, key=lambda found: found[0]["gbuffer"])[1].primary
+    best = [way.shadow for _, way in sorted(first, key=lambda found: found[0]["trace"])[:2]]
+    found = [pair for build in BUILDS for pair in tried(build, [(eye, lamp) for lamp in best])]
+    return [way for _, way in sorted(found, key=lambda found: found[0]["total"])[:2]]
+
+
+def measure(view: Moving, options) -> list[dict]:
+    """Rows of all thread counts."""
+    found = []
+    for threads in options.threads:
+        with embree.Device(threads, options.isa) as device:
+            found += _measure(device, view, threads, options)
+    return found
+
+
+def _measure(device, view: Moving, threads: int, options) -> list[dict]:
+    clock, times = CLOCKS[options.clock], moments(view, options.frames)
+    ways = best_ways(device, view, threads, options)
+    contenders: list = [Ours(plan, view, threads, options.spp, clock) for plan in options.plans]
+    contenders += [EmbreeFrames(way, device, view, threads, options.spp, clock) for way in ways]
+    found = {c.name: [] for c in contenders}
+    differs = dict.fromkeys(found, 0)
+    for turn in range(-1, options.rounds):  # the first is for warming up, and for comparing
+        for i, moment in enumerate(times):
+            progress(f"round {turn + 1} of {options.rounds}, frame {i + 1} of {len(times)}")
+            reference = None
+            for contender in contenders:
+                seconds, visibility = contender.frame(moment)
+                reference = visibility if reference is None else reference
+                if turn < 0:
+                    differs[contender.name] += int(np.count_nonzero(visibility != reference))
+                else:
+                    found[contender.name].append(seconds)
+    progress("")
+    case = {"scene": view.name, "triangles": view.scene.n_triangles, "threads": threads, "clock": options.clock}
+    case |= {"spp": options.spp, "frames": len(times), "rounds": options.rounds, "size": list(options.size)}
+    made = [_row(case, c, found[c.name], differs[c.name]) for c in contenders]
+    fastest = max(row["fps"] for row in made if row["family"] == EMBREE)
+    for row in made:
+        if row["family"] == OURS:
+            row["ratio"] = row["fps"] / fastest
+    print(f"\n{view.name}, {view.scene.n_triangles} triangles, {len(times)} frames, {threads} thread(s)\n{HEAD}")
+    print("\n".join(_line(row) for row in made), flush=True)
+    for contender in contenders:
+        contender.close()
+    return made
+
+
+def _row(case: dict, contender, frames: list[dict], differs: int) -> dict:
+    phases = {p: statistics.median(f[p] for f in frames) for p in PHASES}
+    totals = [f["total"] for f in frames]
+    row = {**case, "family": contender.family, "contender": contender.name, "fps": 1.0 / statistics.median(totals)}
+    return {**row, "phases": phases, "totals": totals, "differs": differs}
+
+
+_SHOWN = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
+HEAD = f"{'contender':62s} {'fps':>6s} {'ratio':>6s} {'differs':>8s}  " + " ".join(f"{p:>8s}" for p in _SHOWN) + "  ms"
+
+
+def _line(row: dict) -> str:
+    ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
+    phases = " ".join(f"{1e3 * row['phases'][p]:8.1f}" for p in _SHOWN)
+    return f"{row['contender']:62s} {row['fps']:6.2f} {ratio:>6s} {row['differs']:8d}  {phases}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--plans", nargs="+", default=[DEFAULT_PLAN])
+    parser.add_argument("--frames", type=int, default=8, help="of a film of 24 a second, spread over the animation")
+    parser.add_argument("--spp", type=int, default=16)
+    options = options_of(parser, MOVING)
+    compare(options, measure, moving_views)
+
+
+if __name__ == "__main__":
+    start(main)

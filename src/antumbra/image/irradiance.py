@@ -1,0 +1,94 @@
+"""What arrives from a light at the surfaces that pixels see, if nothing is in the way."""
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..query.receivers import NOTHING
+from ..query.samples import moved, patch_at, sample_point, tangent_disk
+from ..scene.lights import DIRECTIONAL, SPHERE
+from ..simd import get, ptr, ptr_at, put
+
+_CROSS = np.array([[0.3, 0.1], [0.9, 0.3], [0.7, 0.9], [0.1, 0.7]])
+_POINTS = {"square": _CROSS, "disk": (2.0 * _CROSS - 1.0) * 0.8, "point": np.zeros((1, 2))}
+"""By domain: points (a, b) that stand for all of a light."""
+
+
+@inlined
+def _point_irradiance(distant, flat, p, n, q):
+    """Irradiance per unit intensity at p (normal n) from light point q; `flat` is the unit normal of a flat light."""
+    wx, wy, wz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    r2 = wx * wx + wy * wy + wz * wz
+    r = np.sqrt(r2)
+    cosine = (n[0] * wx + n[1] * wy + n[2] * wz) / r
+    lit = (r2 > 0.0) & (cosine > 0.0)
+    if flat[0] != 0.0 or flat[1] != 0.0 or flat[2] != 0.0:
+        cosine *= abs(flat[0] * wx + flat[1] * wy + flat[2] * wz) / r
+    found = cosine if distant else cosine / r2
+    return found if lit else 0.0
+
+
+@inlined
+def _row(pointer, x):
+    return get(pointer, 3 * x), get(pointer, 3 * x + 1), get(pointer, 3 * x + 2)
+
+
+@inlined
+def _add_row(position, normal, light, fixed, flat, a, b, totals, w):
+    """Add what a row of pixels gets from point (a, b) of the light. LLVM makes vectors of these loops, one a kind."""
+    zero = np.float64(0.0)
+    if light.kind == SPHERE:
+        cx, cy, cz, radius = light.base[0], light.base[1], light.base[2], light.radius
+        for x in range(w):
+            p, n = _row(position, x), _row(normal, x)
+            patch = tangent_disk(cx, cy, cz, radius, np.float64(p[0]), np.float64(p[1]), np.float64(p[2]))
+            e = _point_irradiance(False, flat, p, n, sample_point(patch, a, b, zero))
+            put(totals, x, get(totals, x) + e)
+    elif light.kind == DIRECTIONAL:
+        for x in range(w):
+            p, n = _row(position, x), _row(normal, x)
+            e = _point_irradiance(True, flat, p, n, sample_point(moved(fixed, p[0], p[1], p[2]), a, b, zero))
+            put(totals, x, get(totals, x) + e)
+    else:
+        q = sample_point(fixed, a, b, zero)
+        for x in range(w):
+            e = _point_irradiance(False, flat, _row(position, x), _row(normal, x), q)
+            put(totals, x, get(totals, x) + e)
+
+
+@kernel
+def _irradiance_rows(ticket, position, normal, side, light, flat, points, out):
+    w = side.shape[1]
+    totals = np.empty(w)
+    zero, one = np.float64(0.0), np.float64(1.0)
+    fixed = patch_at(light, zero, zero, zero, zero, zero, one)
+    flat = flat[0], flat[1], flat[2]
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            totals[:] = 0.0
+            for s in range(len(points)):
+                a, b = points[s, 0], points[s, 1]
+                _add_row(
+                    ptr_at(position, 3 * y * w), ptr_at(normal, 3 * y * w), light, fixed, flat, a, b, ptr(totals), w
+                )
+            for x in range(w):
+                out[y, x] = np.float32(totals[x] / len(points)) if side[y, x] != NOTHING else np.float32(0.0)
+        y0 = take(ticket)
+
+
+def irradiance(gbuffer, patch, domain, threads=None) -> np.ndarray:
+    """(H, W) float32: what each pixel's surface would get of a light of intensity 1 if nothing were in the way.
+
+    patch : LightPatch; domain : the light's, of which a few points stand for the light
+    """
+    flat = np.cross(patch.u, patch.v) if patch.kind != DIRECTIONAL else np.zeros(3)
+    length = np.linalg.norm(flat)
+    flat = flat / length if length > 0 else np.zeros(3)
+    out = np.empty(gbuffer.face.shape, np.float32)
+    ticket = new_ticket(len(out), 8)
+    args = gbuffer.position, gbuffer.normal, gbuffer.side, patch, flat, _POINTS[domain], out
+    run(_irradiance_rows, thread_count(threads), ticket, *args)
+    return out

@@ -1,0 +1,51 @@
+"""How far it is across all that a query asks about: distant lights are placed beyond that."""
+
+import numpy as np
+
+from ..jit import kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..simd import load16, maximum, minimum, ptr, splat16, store
+
+_ROWS = 16  # of three numbers: three vectors, whose lanes hold the same axis in every block of so many rows
+_BLOCK = 3 * _ROWS
+_CHUNK = 2048  # blocks
+
+
+@kernel
+def _bounds(ticket, values, parts):
+    """Worker: the lowest and the highest number at each of the 48 places of a block, for each chunk of blocks."""
+    p, out = ptr(values), ptr(parts)
+    first = take(ticket)
+    while first >= 0:
+        a, b, c = (splat16(np.float32(np.inf)), splat16(np.float32(np.inf)), splat16(np.float32(np.inf)))
+        d, e, f = (splat16(np.float32(-np.inf)), splat16(np.float32(-np.inf)), splat16(np.float32(-np.inf)))
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            x, y, z = load16(p, _BLOCK * i), load16(p, _BLOCK * i + 16), load16(p, _BLOCK * i + 32)
+            a, b, c = minimum(a, x), minimum(b, y), minimum(c, z)
+            d, e, f = maximum(d, x), maximum(e, y), maximum(f, z)
+        row = first // ticket[CHUNK] * 2 * _BLOCK
+        store(out, row, a)
+        store(out, row + 16, b)
+        store(out, row + 32, c)
+        store(out, row + 48, d)
+        store(out, row + 64, e)
+        store(out, row + 80, f)
+        first = take(ticket)
+
+
+def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner ((3,) float32 each) of (..., 3) float32 points, C-contiguous, finite; at least one."""
+    flat = points.reshape(-1)
+    n = flat.size // _BLOCK
+    parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
+    run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
+    rest = flat[n * _BLOCK :].reshape(-1, 3)
+    lower, upper = parts[:, 0].reshape(-1, 3), parts[:, 1].reshape(-1, 3)
+    return np.concatenate([lower, rest]).min(0), np.concatenate([upper, rest]).max(0)
+
+
+def reach(triangles, points: np.ndarray, threads: int | None = None) -> float:
+    """A length greater than the distance of any of the (..., 3) points to any triangle's corner."""
+    (lower, upper), (low, high) = bounds(triangles.vertices, threads), bounds(points, threads)
+    extent = np.maximum(upper, high).astype(np.float64) - np.minimum(lower, low)
+    return float(2.0 * np.linalg.norm(extent) + np.finfo(np.float32).tiny)

@@ -1,0 +1,101 @@
+"""Pieces of a scene as triangles: moved between two moments, recentred, rounded, face after face, on all cores.
+
+Kernels get addresses, not arrays: whether an array is read-only or memory-mapped, or has float32 or float64 numbers,
+makes them no other kernels, and none is compiled while a frame is timed.
+"""
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+import numpy as np
+
+from ..errors import InputError
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take
+from ..simd import f32_at, f64_at, get, i32_at, put
+from .recentre import MAX_EXTENT
+from .source import Piece
+
+_AT_A_TIME = 8192  # vertices, or faces
+_LIMIT = np.float32(MAX_EXTENT)
+
+
+@inlined
+def _recentre_rows(first, last, a, b, share, origin, out):
+    """Write (1 - share) a + share b - origin in float64, rounded once; is all of it finite and near enough?"""
+    rest, fine = 1.0 - share, True
+    for i in range(3 * first, 3 * last, 3):
+        for k in range(3):
+            world = rest * np.float64(get(a, i + k)) + share * np.float64(get(b, i + k))
+            local = np.float32(world - origin[k])
+            put(out, i + k, local)
+            fine &= abs(local) <= _LIMIT
+    return fine
+
+
+@kernel
+def _recentre(ticket, single, a, b, share, origin, out, faults):
+    """Worker: rows of vertices at the addresses a and b, which are float32 if `single`, else float64."""
+    zero, p = (origin[0], origin[1], origin[2]), f32_at(out)
+    first = take(ticket)
+    while first >= 0:
+        last = min(first + ticket[CHUNK], ticket[N])
+        if single:
+            fine = _recentre_rows(first, last, f32_at(a), f32_at(b), share, zero, p)
+        else:
+            fine = _recentre_rows(first, last, f64_at(a), f64_at(b), share, zero, p)
+        if not fine:
+            faults[0] = True
+        first = take(ticket)
+
+
+@kernel
+def _gather(ticket, local, vertices, faces, n, out):
+    """Worker: the corners of the faces of each copy; `local` and `faces` are addresses, n faces a copy."""
+    positions, indices, rows = f32_at(local), i32_at(faces), f32_at(out)
+    first = take(ticket)
+    while first >= 0:
+        copy, face = first // n, first % n
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            for corner in range(3):
+                vertex = copy * vertices + get(indices, 3 * face + corner)
+                for k in range(3):
+                    put(rows, 9 * i + 3 * corner + k, get(positions, 3 * vertex + k))
+            face += 1
+            if face == n:
+                copy, face = copy + 1, 0
+        first = take(ticket)
+
+
+def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> int:
+    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32); how many there were.
+
+    Raises
+    ------
+    InputError
+        Where vertices are not finite, or too far from `origin`.
+    """
+    copies, n_vertices = piece.vertices.shape[:2]
+    if piece.faces is None:
+        count = copies * n_vertices // 3
+        _recentred(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads)
+        return count
+    local, faces = np.empty((copies, n_vertices, 3), np.float32), np.ascontiguousarray(piece.faces, np.int32)
+    _recentred(piece, origin, local, threads)
+    count = copies * len(faces)
+    args = local.ctypes.data, n_vertices, faces.ctypes.data, len(faces), out.ctypes.data
+    run(_gather, threads, new_ticket(count, _AT_A_TIME), *args)
+    return count
+
+
+def _recentred(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
+    """The vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`."""
+    dtype = np.dtype(np.float32 if piece.vertices.dtype == np.float32 else np.float64)
+    a = np.ascontiguousarray(piece.vertices, dtype)
+    b = a if piece.towards is None else np.ascontiguousarray(piece.towards, dtype)
+    faults, ticket = np.zeros(1, np.bool_), new_ticket(out.size // 3, _AT_A_TIME)
+    addresses = a.ctypes.data, b.ctypes.data
+    run(_recentre, threads, ticket, dtype == np.float32, *addresses, piece.share, origin, out.ctypes.data, faults)
+    if faults[0]:
+        raise InputError(
+            f"{piece.where}: vertices are not finite or over {MAX_EXTENT:g} units apart; scale the scene down"
+        )
