@@ -19,7 +19,7 @@ from ..parallel import new_ticket, run, take, thread_count
 from ..simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_f32, stack_i32
 from . import cut as cutting
 from . import lbvh
-from .cut import cut
+from .cut import PART, cut
 from .nodes import MAX_DEPTH, Bvh
 from .prepare import checked, scale_of
 from .relayout import Choice, relayout
@@ -170,7 +170,7 @@ def _rounds(part, root, room, least, growth, queue, rules):
 @kernel
 def _restructure_parts(ticket, work, parts, rules):
     """Worker: treat the nodes of each part, which stand depth first."""
-    numbers = np.empty((4, np.max(parts[:, 1] - parts[:, 0])), np.int32)
+    numbers = np.empty((4, PART), np.int32)
     queue = ptr_at(numbers, 3 * numbers.shape[1])
     p = take(ticket)
     while p >= 0:
