@@ -186,11 +186,10 @@ def test_cited_works_are_in_the_bibliography():
 
 
 def test_papers_of_the_registries_are_in_the_bibliography():
-    from antumbra.bvh import BUILDERS
-    from antumbra.trace import TRACERS
+    from antumbra.plan import KINDS
 
     labels = set(_labels())
-    papers = [method.paper for method in (*BUILDERS.values(), *TRACERS.values())]
+    papers = [method.paper for _, registry in KINDS.values() for method in registry.values()]
     assert papers and not [p for p in papers if not any(p.startswith(label) for label in labels)]
 
 

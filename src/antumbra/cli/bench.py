@@ -13,6 +13,8 @@ from .options import Json, Quiet
 if TYPE_CHECKING:
     from ..bench.pre_bvh_culling import GridRow, TimeToImage
 
+_WIDTH = 150  # of the tables, in characters
+
 app = typer.Typer(help="Measure what the papers measured.", rich_markup_mode=None)
 
 
@@ -116,7 +118,7 @@ def _print_times(times: "list[TimeToImage]") -> None:
     sums, ratios = ([f"{name} {spp} spp" for spp in SAMPLES] for name in ("sum", "% of LBVH"))
     head = ("view", "method", "% left", "cull", "build", "trace 1 spp", *sums, *ratios, "BSAH even at")
     print("Time to image, ms (the paper's figures in brackets)")
-    report.print_table(head, rows, right=range(2, len(head)))
+    report.print_table(head, rows, right=range(2, len(head)), width=_WIDTH)
 
 
 def _print_grids(rows: "list[GridRow]") -> None:
@@ -138,4 +140,4 @@ def _print_grids(rows: "list[GridRow]") -> None:
         "build LBVH", "trace 1 spp", "build TL-LBVH", "trace 1 spp",
     )  # fmt: skip
     print("Grids, ms, means over the views (the paper's figures, of another scene, in brackets)")
-    report.print_table(head, table, right=(0, *range(2, len(head))))
+    report.print_table(head, table, right=(0, *range(2, len(head))), width=_WIDTH)

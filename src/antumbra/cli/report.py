@@ -23,15 +23,17 @@ def print_fields(rows: Iterable[tuple[str, str]]) -> None:
     _print_rows(grid, rows)
 
 
-def print_table(headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> None:
-    """A table with headers; columns in `right` hold numbers."""
+def print_table(
+    headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = (), width: int | None = None
+) -> None:
+    """A table with headers; columns in `right` hold numbers. `width`: at least so many characters to a line."""
     from rich import box
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for i, header in enumerate(headers):
         table.add_column(header, justify="right" if i in right else "left", overflow="fold")
-    _print_rows(table, rows)
+    _print_rows(table, rows, width)
 
 
 def duration(seconds: float) -> str:
@@ -63,13 +65,16 @@ def camera_fields(camera) -> dict:
     return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height")}
 
 
-def _print_rows(table, rows) -> None:
+def _print_rows(table, rows, width: int | None = None) -> None:
     from rich.console import Console
     from rich.text import Text
 
     for row in rows:
         table.add_row(*(Text(_encodable(cell)) for cell in row))
-    Console(highlight=False).print(table)
+    console = Console(highlight=False)
+    console.print(
+        table, width=None if width is None else max(width, console.width), crop=False, no_wrap=width is not None
+    )
 
 
 def _encodable(text: str) -> str:

@@ -18,7 +18,9 @@ from .raytile import rows_are_receivers
 from .vec import broadcasts, minus
 
 _WIDE = 0.1  # of a chunk's extents, those of a stratum from which on it is not worth a shaft
-_HUGE = 0.5  # of the scene's extents, those of a chunk from which on packets are faster
+_HUGE = 0.5  # of the scene's extents, those of a chunk from which on packets are faster ...
+_LARGE = 0.1  # ... and from which on they are with less samples than ...
+_FEW = 8  # ... these, with which tiles do not share a walk
 
 
 def _extents(query):
@@ -39,12 +41,16 @@ def is_scattered(query) -> bool:
 
 
 def is_huge(query, tree) -> bool:
-    """Do a lamp's samples, those of a chunk, span a good part of a `BlockTree`, so that frusta hold most of it?"""
+    """Do a lamp's samples, those of a chunk, span a good part of a `BlockTree`, so that frusta hold much of it?
+
+    Of few samples a shaft has so few rays that less of the tree is too much.
+    """
     if query.light.kind != FIXED:
         return False
     box = tree.nodes[0, :12].reshape(3, 2, 2)  # axis, bound, child
     scene = box[:, 1].max(1) - box[:, 0].min(1)
-    return bool(_extents(query)[1] > _HUGE * scene.sum())
+    limit = _LARGE if query.samples.shape[1] < _FEW else _HUGE
+    return bool(_extents(query)[1] > limit * scene.sum())
 
 
 @kernel
