@@ -7,7 +7,8 @@ San Miguel from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes
 there is no such folder.
 
 What is timed: for Antumbra from the (n, 3, 3) float32 vertices to the finished Bvh, once the kernels are compiled; for
-Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first.
+Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first and
+traced by two tracers: 16 shadow rays to the default light from each of the default camera's 512 x 512 pixels.
 """
 
 import json
@@ -23,9 +24,13 @@ from antumbra.bvh import BUILDERS
 from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.quality import statistics as shape_of
 from antumbra.parallel import thread_count
+from antumbra.query.sampling import light_samples
+from antumbra.renderer import Renderer, shadow_queries
+from antumbra.trace import TRACERS
 from common import SCENES, arguments, machine
 
 PEER = "embree medium"  # what ratios are taken to
+TRACED_BY = ("single", "multifrusta")
 PAUSE = 0.05  # seconds after each build of Embree's, whose threads go on spinning for a while
 REAL = ("sponza_crytek", "sanmiguel_lite")
 
@@ -69,18 +74,35 @@ def embree_seconds(device: Device, vertices, quality: str) -> float:
     return seconds
 
 
-def describe(build, vertices) -> dict:
-    """What does not depend on the machine; also compiles the kernels, and checks the tree."""
+def asked_of(vertices, threads: int):
+    """The shadow query that trees are traced with."""
+    scene = antumbra.Scene.from_arrays(vertices)
+    renderer, triangles, light = Renderer(scene, threads=threads), scene.triangles(0.0), scene.default_light()
+    gbuffer = renderer._gbuffer(triangles, scene.default_camera(512, 512), None)
+    return shadow_queries(triangles, gbuffer, [light], [light_samples(light, 16)], threads=threads)[0]
+
+
+def trace_ms(bvh, tracer, query, threads: int) -> float:
+    """The faster of two times, in which the tracer's own preparation is not."""
+    prepared = tracer.prepare(bvh, threads)
+    bits = np.zeros((*query.sides.shape, 1), np.uint64)
+    return 1e3 * min(timed(lambda: tracer.trace(prepared, query, bits, threads, None, None)) for _ in range(3))
+
+
+def describe(build, vertices, query, threads: int) -> dict:
+    """How good the tree is; also compiles the kernels, and checks the tree."""
     bvh = build()
     validate(bvh, vertices)
     shape = shape_of(bvh)
-    return {"sah": sah_cost(bvh), "bytes_per_triangle": shape.bytes_per_triangle, "depth": shape.depth}
+    facts = {"sah": sah_cost(bvh), "bytes_per_triangle": shape.bytes_per_triangle, "depth": shape.depth}
+    return facts | {f"trace_{name}_ms": trace_ms(bvh, TRACERS[name], query, threads) for name in TRACED_BY}
 
 
 def measure(name: str, vertices, threads: int, rounds: int) -> list[dict]:
     """One row for each method."""
     ours = {k: lambda b=b: b.build(vertices, threads) for k, b in BUILDERS.items()}
-    facts = {k: describe(build, vertices) for k, build in ours.items()}
+    query = asked_of(vertices, threads)
+    facts = {k: describe(build, vertices, query, threads) for k, build in ours.items()}
     seconds = {k: [] for k in (*ours, *(f"embree {q}" for q in QUALITIES))}
     with Device(threads) as device:
         for _ in range(rounds):
@@ -106,7 +128,10 @@ def measure(name: str, vertices, threads: int, rounds: int) -> list[dict]:
 
 
 def line(row: dict) -> str:
-    own = f"{row['sah']:8.2f} {row['bytes_per_triangle']:8.1f} {row['depth']:6d}" if "sah" in row else ""
+    own = ""
+    if "sah" in row:
+        traced = " ".join(f"{row[f'trace_{name}_ms']:11.1f}" for name in TRACED_BY)
+        own = f"{row['sah']:8.2f} {row['bytes_per_triangle']:8.1f} {row['depth']:6d} {traced}"
     times = f"{row['median_ms']:9.1f} {row['min_ms']:8.1f} {row['max_ms']:8.1f}"
     return f"{row['scene']:20s} {row['method']:15s} {times} {row['ratio']:7.2f} {row['ratio_of_minima']:7.2f} {own}"
 
@@ -118,7 +143,8 @@ def main() -> None:
     threads = thread_count(options.threads)
     print(
         f"{'scene':20s} {'method':15s} {'median ms':>9s} {'min':>8s} {'max':>8s} "
-        f"{'ratio':>7s} {'of mins':>7s} {'SAH':>8s} {'B/tri':>8s} {'depth':>6s}"
+        f"{'ratio':>7s} {'of mins':>7s} {'SAH':>8s} {'B/tri':>8s} {'depth':>6s} "
+        + " ".join(f"{name:>11s}" for name in TRACED_BY)
     )
     rows = []
     for name, vertices in scenes(options.scene, options.hills):
