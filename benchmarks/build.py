@@ -7,8 +7,8 @@ San Miguel from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes
 there is no such folder.
 
 What is timed: for Antumbra from the (n, 3, 3) float32 vertices to the finished Bvh, once the kernels are compiled; for
-Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first and
-traced by two tracers: 16 shadow rays to the default light from each of the default camera's 512 x 512 pixels.
+Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first,
+and traced by two tracers: 16 shadow rays to the default light from each of the default camera's 512 x 512 pixels.
 """
 
 import json

@@ -8,7 +8,7 @@ import typer
 from ..errors import InputError
 from . import arguments, report
 from .activity import Activity
-from .options import Json, Quiet
+from .options import Json, Quiet, Threads
 
 if TYPE_CHECKING:
     from ..bench.pre_bvh_culling import GridRow, TimeToImage
@@ -40,9 +40,7 @@ def pre_bvh_culling(
     size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "1366x768",
     cellar: Annotated[str, typer.Option(help="Triangles of the cellar.", metavar="N")] = "1M",
     rounds: Annotated[int, typer.Option(help="Measurements of each; the median counts.", min=1, max=1000)] = 3,
-    threads: Annotated[
-        int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, show_default=False)
-    ] = None,
+    threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:

@@ -9,7 +9,7 @@ from ..errors import InputError
 from . import arguments, lean, report
 from .activity import Activity
 from .opening import open_scene
-from .options import SCENE_HELP, Json, Quiet, UpOption
+from .options import SCENE_HELP, CameraOption, Json, Quiet, Threads, UpOption
 
 
 def culling(
@@ -19,9 +19,7 @@ def culling(
         typer.Option("--output", "-o", help="A .png file.  [default: SCENE's name-culling.png, here]", metavar="FILE"),
     ] = None,
     size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "768x768",
-    camera: Annotated[
-        str | None, typer.Option(help="An index, or POSITION:TARGET[:VFOV].", metavar="CAMERA", show_default=False)
-    ] = None,
+    camera: CameraOption = None,
     light: Annotated[
         list[str] | None,
         typer.Option(help="An index, or KIND:...; may be repeated.", metavar="LIGHT", show_default=False),
@@ -30,9 +28,7 @@ def culling(
     up: UpOption = None,
     spp: Annotated[int, typer.Option(help="Shadow rays for each pixel and light.", min=1, max=1024)] = 16,
     culler: Annotated[str, typer.Option(help="Which one; see antumbra plans.")] = "grid32",
-    threads: Annotated[
-        int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, show_default=False)
-    ] = None,
+    threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:

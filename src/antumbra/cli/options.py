@@ -22,4 +22,10 @@ UpOption = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, and nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
 
+Threads = Annotated[int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, show_default=False)]
+CameraOption = Annotated[
+    str | None,
+    typer.Option("--camera", help="An index, or POSITION:TARGET[:VFOV].", metavar="CAMERA", show_default=False),
+]
+
 SCENE_HELP = "A .glb, .gltf, .obj, .ply or .stl file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N."

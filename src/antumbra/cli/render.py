@@ -12,7 +12,7 @@ from .activity import Activity
 from .asked import Asked
 from .frames import Job, output_path, render_frames
 from .opening import open_scene
-from .options import SCENE_HELP, GBufferBy, Json, Quiet, UpOption
+from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, Threads, UpOption
 
 
 def render(
@@ -27,9 +27,7 @@ def render(
         ),
     ] = None,
     size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "1024x1024",
-    camera: Annotated[
-        str | None, typer.Option(help="An index, or POSITION:TARGET[:VFOV].", metavar="CAMERA", show_default=False)
-    ] = None,
+    camera: CameraOption = None,
     light: Annotated[
         list[str] | None,
         typer.Option(help="An index, or KIND:...[@INTENSITY]; may be repeated.", metavar="LIGHT", show_default=False),
@@ -89,9 +87,7 @@ def render(
     ] = None,
     plan: Annotated[str, typer.Option(help="Which methods answer; see antumbra plans.")] = "bsah+multifrusta",
     gbuffer: Annotated[GBufferBy, typer.Option(help="How it is found what pixels see.")] = GBufferBy.raster,
-    threads: Annotated[
-        int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, show_default=False)
-    ] = None,
+    threads: Threads = None,
     exposure: Annotated[
         float | None,
         typer.Option(help="Factor on the light of a .png.  [default: automatic]", show_default=False),
