@@ -23,6 +23,14 @@ class Grid(NamedTuple):
     n: int  # cells along an axis
 
 
+class GridPointers(NamedTuple):
+    """Pointers to the arrays of a `Grid`, which must outlive them; kernels take either."""
+
+    bounds: object  # float32 *
+    scale: object  # float32 *
+    n: object  # int64
+
+
 def grid_over(lower, upper, n: int) -> Grid:
     """The `Grid` over the box from `lower` to `upper`, (3,) float64 each, rounded outwards."""
     bounds = np.zeros((2, 4), np.float32)

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
-from .grid import PAD, cell_at
+from ..simd import get, ptr, put
+from .grid import PAD, GridPointers, cell_at
 
 
 class Hulls(NamedTuple):
@@ -39,6 +40,15 @@ def hulls_between(sources: np.ndarray, targets, grid) -> Hulls:
     )  # fmt: skip
 
 
+class _Bounds(NamedTuple):
+    """Pointers to the arrays of `Hulls`, which must outlive them: arrays cost reference counts."""
+
+    lower: object  # float64 *, 3 a pair
+    upper: object
+    grow: object
+    swell: object
+
+
 @inlined
 def _while_at_least(start, slope, limit, low, high):
     """The part of [low, high] where start + t slope >= limit, as (low, high); empty if low > high."""
@@ -49,29 +59,34 @@ def _while_at_least(start, slope, limit, low, high):
 
 
 @inlined
-def _while_within(hulls, i, axis, near, far):
-    """The t between 0 and 1 for which B(t) of pair i meets the slab from `near` to `far`, as (low, high)."""
+def _while_within(bounds, k, near, far):
+    """The t between 0 and 1 for which B(t), on the axis of element k, meets the slab from `near` to `far`."""
     low, high = np.float64(0.0), np.float64(1.0)
-    low, high = _while_at_least(hulls.upper[i, axis], hulls.swell[i, axis], near, low, high)
-    return _while_at_least(-hulls.lower[i, axis], -hulls.grow[i, axis], -far, low, high)
+    low, high = _while_at_least(get(bounds.upper, k), get(bounds.swell, k), near, low, high)
+    return _while_at_least(-get(bounds.lower, k), -get(bounds.grow, k), -far, low, high)
 
 
 @inlined
-def _cells_between(hulls, i, axis, low, high, pad, grid):
-    """First and last cell along an axis that pair i has while t is between `low` and `high`."""
-    a, b = hulls.lower[i, axis], hulls.upper[i, axis]
-    least = min(a + low * hulls.grow[i, axis], a + high * hulls.grow[i, axis]) - pad
-    most = max(b + low * hulls.swell[i, axis], b + high * hulls.swell[i, axis]) + pad
+def _cells_between(bounds, k, axis, low, high, pad, grid):
+    """First and last cell along an axis, that of element k, that B(t) has while t is between `low` and `high`."""
+    a, b = get(bounds.lower, k), get(bounds.upper, k)
+    least = min(a + low * get(bounds.grow, k), a + high * get(bounds.grow, k)) - pad
+    most = max(b + low * get(bounds.swell, k), b + high * get(bounds.swell, k)) + pad
     return cell_at(grid, axis, np.float32(least)), cell_at(grid, axis, np.float32(most))
 
 
 @inlined
-def _add_rectangle(table, first_u, last_u, first_v, last_v):
-    """Add 1 to the table whose differences these are, from one cell to the other."""
-    table[first_u, first_v] += 1
-    table[last_u + 1, first_v] -= 1
-    table[first_u, last_v + 1] -= 1
-    table[last_u + 1, last_v + 1] += 1
+def _add(table, place, x):
+    put(table, place, get(table, place) + np.int32(x))
+
+
+@inlined
+def _add_rectangle(table, side, first_u, last_u, first_v, last_v):
+    """Add 1 to the table, of so many cells a row, whose differences these are, from one cell to the other."""
+    _add(table, first_u * side + first_v, 1)
+    _add(table, (last_u + 1) * side + first_v, -1)
+    _add(table, first_u * side + last_v + 1, -1)
+    _add(table, (last_u + 1) * side + last_v + 1, 1)
 
 
 @inlined
@@ -88,6 +103,8 @@ def _mark_layers(ticket, hulls, grid, pad, marked):
     """Worker: mark the cells of layer after layer of each axis in turn."""
     n = grid.n
     table = np.zeros((n + 1, n + 1), np.int32)
+    bounds = _Bounds(ptr(hulls.lower), ptr(hulls.upper), ptr(hulls.grow), ptr(hulls.swell))
+    known = GridPointers(ptr(grid.bounds), ptr(grid.scale), np.int64(n))
     item = take(ticket)
     while item >= 0:
         axis, layer = item // n, item % n
@@ -95,11 +112,11 @@ def _mark_layers(ticket, hulls, grid, pad, marked):
         near, far = _walls(grid, axis, layer, pad)
         table[:] = 0
         for i in range(hulls.start[axis], hulls.start[axis + 1]):
-            low, high = _while_within(hulls, i, axis, near, far)
+            low, high = _while_within(bounds, i * 3 + axis, near, far)
             if low <= high:
-                u0, u1 = _cells_between(hulls, i, u, low, high, pad, grid)
-                v0, v1 = _cells_between(hulls, i, v, low, high, pad, grid)
-                _add_rectangle(table, u0, u1, v0, v1)
+                u0, u1 = _cells_between(bounds, i * 3 + u, u, low, high, pad, known)
+                v0, v1 = _cells_between(bounds, i * 3 + v, v, low, high, pad, known)
+                _add_rectangle(ptr(table), n + 1, u0, u1, v0, v1)
         _mark_sums(table, axis, layer, marked)
         item = take(ticket)
 

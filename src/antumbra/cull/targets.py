@@ -7,7 +7,7 @@ import numpy as np
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from .grid import PAD
 
-MOST = 16  # boxes of one light, at most
+MOST = 4  # boxes of one light, at most: twelve cost more than they spared
 
 
 class Targets(NamedTuple):
