@@ -78,7 +78,7 @@ def asked_of(vertices, threads: int):
     """The shadow query that trees are traced with."""
     scene = antumbra.Scene.from_arrays(vertices)
     renderer, triangles, light = Renderer(scene, threads=threads), scene.triangles(0.0), scene.default_light()
-    gbuffer = renderer._gbuffer(triangles, scene.default_camera(512, 512), None)
+    gbuffer = renderer.see(triangles, scene.default_camera(512, 512), None)
     return shadow_queries(triangles, gbuffer, [light], [light_samples(light, 16)], threads=threads)[0]
 
 

@@ -72,7 +72,7 @@ def case(path: str, size) -> Case:
     edge = np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 40
     across = (0, edge, 0) if scene.up == "z" else (0, 0, edge)
     triangles = scene.triangles(0.0)
-    gbuffer = Renderer(scene)._gbuffer(triangles, camera, None)
+    gbuffer = Renderer(scene).see(triangles, camera, None)
     bvh = BUILDERS["bsah"].build(triangles.vertices)
     shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in TRACERS.values()}}
     prepared = {name: shared[t.prepare] for name, t in TRACERS.items()}

@@ -12,7 +12,7 @@ def query_of(scene, camera, light, spp, time=0.0):
     """(triangles, ShadowQuery) of what a camera sees."""
     renderer = Renderer(scene, threads=2)
     triangles = scene.triangles(time)
-    gbuffer = renderer._gbuffer(triangles, camera, None)
+    gbuffer = renderer.see(triangles, camera, None)
     return triangles, shadow_queries(triangles, gbuffer, [light], [light_samples(light, spp)])[0]
 
 

@@ -36,8 +36,8 @@ def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0,
     """Which triangles a culler leaves; the arguments are those of `antumbra.render`, ``culler`` a name in CULLERS."""
     lights, renderer = check_lights(lights), Renderer(scene, f"{culler}+bsah+single", threads)
     warm_up(renderer.plan, renderer.gbuffer, False)
-    triangles = scene.triangles(time)
-    gbuffer = renderer._gbuffer(triangles, camera, None)
+    triangles = scene.triangles(time, threads)
+    gbuffer = renderer.see(triangles, camera, None)
     samples = [light_samples(light, spp) for light in lights]
     queries = shadow_queries(triangles, gbuffer, lights, samples, threads=renderer.threads)
     start = perf_counter()
@@ -78,7 +78,7 @@ def _through(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
     h, w = shape
     u, v = [(2, 1), (0, 2), (0, 1)][axis]  # across and down
     corners = vertices.reshape(-1, 3)
-    low, high = corners.min(0, initial=0.0), corners.max(0, initial=0.0)
+    low, high = (corners.min(0), corners.max(0)) if len(corners) else np.zeros((2, 3))
     scale = 0.94 * min(w / max(high[u] - low[u], 1e-30), h / max(high[v] - low[v], 1e-30))
     sign = 1.0 if axis == 1 else -1.0  # from above, z points down the picture; else what is up is up
 

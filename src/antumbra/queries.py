@@ -115,7 +115,7 @@ def visibility(
         origins = point_receivers(local, unit, world, points.dtype == np.float32)
     warm_up(renderer.plan, renderer.gbuffer, False)
     ready = None if renderer.plan.cull else accelerated(scene, time, threads, plan)
-    triangles = scene.triangles(time) if ready is None else ready.triangles
+    triangles = scene.triangles(time, threads) if ready is None else ready.triangles
     query = ShadowQuery(
         origins[None],
         np.full((1, len(local)), -1, np.int32),

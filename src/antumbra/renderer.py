@@ -134,7 +134,7 @@ class Renderer:
         if self.gbuffer == "rays":
             whole = self.build(triangles)
             clock.lap("build")
-        gbuffer = self._gbuffer(triangles, camera, whole)
+        gbuffer = self.see(triangles, camera, whole)
         clock.lap("gbuffer")
         job = _Job(self, triangles, lights, facing, new_counters(counters), progress, clock)
         queries = job.queries(gbuffer, samples)
@@ -198,7 +198,8 @@ class Renderer:
         """What this plan's tracer walks, made from the BVH that its builder made of the triangles."""
         return Accelerated(triangles, bvh, TRACERS[self.plan.trace].prepare(bvh, self.threads))
 
-    def _gbuffer(self, triangles, camera, accelerated: Accelerated | None) -> GBuffer:
+    def see(self, triangles, camera, accelerated: Accelerated | None = None) -> GBuffer:
+        """The G-buffer of a camera: by rasterisation, or by rays where there is a BVH of all triangles."""
         rays = camera.rays(triangles.origin)
         if accelerated is None:
             face, t = rasterise(triangles.vertices.reshape(-1, 9), rays, self.threads)

@@ -138,9 +138,11 @@ def test_all_frames_have_the_exposure_of_the_first(film, monkeypatch):
     chosen = iter((2.0, 7.0, 9.0))
     monkeypatch.setattr("antumbra.image.save.frame_exposure", lambda frame: next(chosen))
     assert [line["exposure"] for line in lines(film("--json", numbers="1:3"))] == [2.0] * 4
-    # Frame 0 is first now: the others were made with another exposure than its own.
+    # Frame 0 comes before them now, as after a failure: it is rendered as they were.
     done = film("--json")
-    assert [line["exposure"] for line in lines(done)] == [7.0] * 5 and states(done) == ["rendered"] * 4
+    assert [line["exposure"] for line in lines(done)] == [2.0] * 5
+    assert states(done) == ["rendered", *["finished"] * 3]
+    assert [line["exposure"] for line in lines(film("--json", "--overwrite"))] == [7.0] * 5
     assert states(film("--json", numbers="2:3")) == ["finished"] * 2
     assert [line["exposure"] for line in lines(film("--json", "--exposure", 3))] == [3.0] * 5
 

@@ -1,5 +1,8 @@
 """Culling never drops a triangle that a segment meets, and drops many others."""
 
+from functools import partial
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -8,12 +11,15 @@ from hypothesis import strategies as st
 import antumbra as at
 import oracle
 from antumbra.cull import CULLERS
+from antumbra.cull.cull import cull as culling
+from antumbra.cull.lines import mark_lines
 from antumbra.cull.relevance import marks_of
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery, segments
 from antumbra.renderer import reach
 from antumbra.scene.triangles import Triangles
+from asking import query_of
 from strategies import point_arrays, soups
 
 each_culler = pytest.mark.parametrize("cull", [c.cull for c in CULLERS.values()], ids=list(CULLERS))
@@ -94,18 +100,19 @@ def test_no_segment_meets_a_triangle_that_was_dropped(cull, vertices, light, dat
     _check(cull, triangles, [_query(triangles, points, light)])
 
 
-@each_culler
-@settings(max_examples=10, deadline=None)
-@given(n=st.sampled_from([16, 32, 64]), seed=st.integers(0, 10**6), axis=st.integers(0, 2))
+@pytest.mark.parametrize("options", [{}, {"mark": mark_lines, "whole": True}], ids=["hulls", "lines"])
+@settings(max_examples=30, deadline=None)
+@given(n=st.sampled_from([3, 8, 16, 32]), seed=st.integers(0, 10**6), axis=st.integers(0, 2))
 @example(n=16, seed=0, axis=0)
-def test_triangles_that_only_touch_the_face_of_a_cell(cull, n, seed, axis):
-    """Everything is on the walls between cells: integer coordinates in a grid of cells of size 1."""
+def test_triangles_that_only_touch_the_face_of_a_cell(options, n, seed, axis):
+    """Everything is on the walls between cells, but for rounding: integer coordinates in a grid of cells of size 1."""
+    cull = partial(culling, **options, n=n)
     rng = np.random.default_rng(seed)
     flat = rng.integers(0, n + 1, (300, 1, 3)) + rng.integers(0, 2, (300, 3, 3))
     flat[:, :, axis] = flat[:, :1, axis]
     triangles = _triangles(np.concatenate([flat, [[[0, 0, 0], [n, n, n], [0, n, n]]]]))
-    points = rng.integers(0, n + 1, (20, 3))
-    light = at.PointLight(rng.integers(-n, 2 * n, 3))
+    points = np.concatenate([rng.integers(0, n + 1, (20, 3)), [[0, 0, 0], [n, n, n]]])  # the grid is from 0 to n
+    light = at.PointLight(rng.integers(0, n + 1, 3))
     straight = at.DirectionalLight(np.eye(3)[rng.integers(3)], 0.0)
     _check(cull, triangles, [_query(triangles, points, light, 1), _query(triangles, points, straight, 1)])
 
@@ -149,7 +156,7 @@ def test_finer_grids_keep_less():
     triangles = _triangles(rng.uniform(0, 10, (9000, 1, 3)) + rng.normal(size=(9000, 3, 3)) * 0.02)
     query = _query(triangles, rng.uniform(0, 3, (300, 3)) * (1, 0, 1), at.QuadLight((2, 8, 2), (1, 1, 0), (0, 1, 1)))
     kept = [_check(CULLERS[f"grid{n}"].cull, triangles, [query])[1] for n in (16, 32, 64, 128, 256)]
-    assert all(finer < 1.05 * coarser for coarser, finer in zip(kept, kept[1:])) and kept[-1] < 0.85 * kept[0]
+    assert all(finer < 1.05 * coarser for coarser, finer in pairwise(kept)) and kept[-1] < 0.85 * kept[0]
     paper = _check(CULLERS["grid32:paper"].cull, triangles, [query])[1]
     assert kept[1] < paper < 9000
 
@@ -173,3 +180,17 @@ def test_sums_of_cells(n, seed):
     sums = marks_of(cells, 2).sums
     np.testing.assert_array_equal(sums[1:, 1:, 1:], cells.cumsum(0, np.int64).cumsum(1).cumsum(2))
     assert not sums[0].any() and not sums[:, 0].any() and not sums[:, :, 0].any()
+
+
+@each_culler
+@settings(max_examples=8, deadline=None)
+@given(vertices=soups(60), light=lights(), seed=st.integers(0, 2**32 - 1))
+def test_what_cameras_see(cull, vertices, light, seed):
+    """Pixels as receivers: off their surfaces, in tiles, with gaps between them."""
+    rng = np.random.default_rng(seed)
+    middle, size = vertices.reshape(-1, 3).mean(0), np.ptp(vertices.reshape(-1, 3), axis=0).max()
+    scene = at.Scene.from_arrays(vertices.astype(np.float64))
+    camera = at.Camera(middle + size * rng.normal(size=3), middle, vfov=70, width=19, height=21)
+    triangles, query = query_of(scene, camera, light, 3)
+    if np.count_nonzero(query.sides):
+        _check(cull, triangles, [query])

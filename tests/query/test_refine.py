@@ -138,7 +138,7 @@ def test_subpixels_see_what_a_finer_camera_sees(atrium, camera):
         x, y = OFFSETS[row, column]
         assert column / 4 < x < (column + 1) / 4 and row / 4 < y < (row + 1) / 4
         shifted = rays._replace(corner=rays.corner + (x - 0.5) * rays.dx + (y - 0.5) * rays.dy)
-        whole = renderer._gbuffer(triangles, _Rays(shifted), renderer.accelerate())
+        whole = renderer.see(triangles, _Rays(shifted), renderer.accelerate())
         for name in ("face", "position", "normal", "depth", "side"):
             part = getattr(g, name)[row::4, column::4].reshape(-1, *getattr(g, name).shape[2:])
             np.testing.assert_array_equal(part[:n], getattr(whole, name)[wanted], err_msg=name)

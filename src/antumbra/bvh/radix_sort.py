@@ -67,7 +67,7 @@ def radix_sort(keys, values, bits: int, threads: int):
 
     Parameters
     ----------
-    keys : (n,) int32 or int64, of `bits` bits, not negative
+    keys : (n,) int32 or int64, of `bits` bits, which are read without sign
     values : (n,) int32
         Both are overwritten; what is returned may be they, or new arrays.
     """

@@ -110,10 +110,9 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     n = len(flat)
     if n != len(bvh.prim_ids):
         raise InputError(f"vertices has {n} triangles; the BVH is of {len(bvh.prim_ids)}")
+    scene_bounds(flat, threads)  # checks the coordinates
     if n < 2:
-        scene_bounds(flat, 1)
         return tiny(flat)
-    scene_bounds(flat, threads)
     pieces = cut(bvh)
     nodes = aligned_empty(bvh.nodes.shape, "f4")
     new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, np.empty((n, 9), np.float32))
@@ -142,10 +141,12 @@ class Deforming:
 
     def update(self, vertices: np.ndarray, threads: int | None = None) -> Bvh:
         """The BVH of these triangles. Errors: as for a builder."""
-        if self.bvh is not None and len(self.bvh.prim_ids) == len(vertices):
-            self.bvh = refit(self.bvh, vertices, threads)
-            if sah_cost(self.bvh, threads=threads) <= self.limit * self.cost:
-                return self.bvh
-        self.bvh = self.build(vertices, threads)
-        self.cost = sah_cost(self.bvh, threads=threads)
-        return self.bvh
+        kept = self.bvh  # once: another thread may put another tree there
+        if kept is not None and len(kept.prim_ids) == len(vertices):
+            bvh = refit(kept, vertices, threads)
+            if sah_cost(bvh, threads=threads) <= self.limit * self.cost:
+                self.bvh = bvh
+                return bvh
+        bvh = self.build(vertices, threads)
+        self.bvh, self.cost = bvh, sah_cost(bvh, threads=threads)
+        return bvh

@@ -114,17 +114,21 @@ class Shot(NamedTuple):
 
 
 def scene_digest(spec: SceneSpec) -> str:
-    """Which scene it is, by the contents of the file or of the files in the folder that were named.
+    """Which scene it is, by the contents of the file, or of the files in the folder that are read.
 
     Files that a file refers to (textures, buffers of a .gltf) are not read.
     """
+    from ..scene.frames import FILES
+
     digest = hashlib.sha256(usedforsecurity=False)
     if spec.path is None:
         digest.update(f"{spec.name} {spec.triangles} {spec.seed}".encode())
         return digest.hexdigest()
-    for path in sorted(p for p in spec.path.iterdir() if p.is_file()) if spec.path.is_dir() else [spec.path]:
-        if spec.path.is_dir():
-            digest.update(path.name.encode("utf-8", "surrogateescape"))
+    folder = spec.path.is_dir()
+    for path in [spec.path / name for name in FILES] if folder else [spec.path]:
+        if folder and not path.exists():
+            continue
+        digest.update(path.name.encode() if folder else b"")
         digest.update(_contents(path))
     return digest.hexdigest()
 

@@ -57,9 +57,10 @@ def pre_bvh_culling(
 
     from ..output import checked_output
     from ..parallel import thread_count
-    from ..plan import parse_plan
+    from ..trace import TRACERS
 
-    parse_plan(f"bsah+{tracer}")
+    if tracer not in TRACERS:
+        raise InputError(f"tracer {tracer!r} is unknown; choose one of {', '.join(TRACERS)}")
     if plot is not None:
         checked_output(plot, (".png",))
         try:
@@ -82,8 +83,11 @@ def pre_bvh_culling(
             write_plot(times, plot)
     agree = bench.methods_agree(times)
     if json:
-        rows = [t._replace(bits=b"")._asdict() for t in times]
-        report.print_json({"time_to_image": rows, "grids": [g._asdict() for g in grids], "same_bits": agree})
+        rows = [{**t._asdict(), "bits": t.bits.hex()} for t in times]
+        asked = {"tracer": tracer, "size": width_height, "rounds": rounds, "threads": n_threads}
+        report.print_json({**asked, "time_to_image": rows, "grids": [g._asdict() for g in grids], "same_bits": agree})
+        return
+    if quiet:
         return
     _print_times(times)
     _print_grids(bench.mean_rows(grids))

@@ -40,7 +40,7 @@ def culling(
     \b
     Examples
       antumbra culling
-      antumbra culling procedural:cellar?triangles=1M -o cellar.png
+      antumbra culling "procedural:cellar?triangles=1M" -o cellar.png
       antumbra culling city.glb --light sun:1,-0.5,-1 --culler grid64 --json
     """
     spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)

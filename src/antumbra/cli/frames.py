@@ -91,6 +91,23 @@ class Animation:
         self._digest = scene_digest(job.asked.spec)
         self._renderer = job.asked.renderer(job.scene)
         self._replaces = False  # has it been said that older pictures are replaced?
+        if self.exposure is None and not job.overwrite:
+            self.exposure = self._first_exposure()
+
+    def _settings(self, path: Path, time: float) -> dict:
+        """What the picture of a time depends on."""
+        linear = path.suffix.lower() == ".exr"
+        settings = self.job.asked.settings(self.job.scene, self._digest, time)
+        return {**settings, "exposure": None if linear else self.job.asked.exposure or "automatic"}
+
+    def _first_exposure(self) -> float | None:
+        """That of the first frame that is finished: an earlier one, which failed then, must not change the others'."""
+        for number in self.sequence.numbers:
+            path = numbered(self.job.pattern, number)
+            found = _noted(path) if path.exists() else {}
+            if found.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= found.items():
+                return found["exposed"]
+        return None
 
     def add(self, number: int, activity: Activity, index: int) -> dict:
         """Render a frame if it is not finished; what ``--json`` says of it. What fails is said, and no exception."""
@@ -114,8 +131,7 @@ class Animation:
 
         asked, scene = self.job.asked, self.job.scene
         linear = path.suffix.lower() == ".exr"
-        settings = asked.settings(scene, self._digest, time)
-        settings["exposure"] = None if linear else asked.exposure or "automatic"
+        settings = self._settings(path, time)
         if not self.job.overwrite and self._is_finished(path, settings):
             return {"state": "finished", "exposure": self.exposure}
         shot = asked.shot(scene, self._renderer, time, progress)

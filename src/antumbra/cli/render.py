@@ -162,6 +162,8 @@ def render(
     sequence = None if frames is None else arguments.parse_frames(frames, time, fps)
     if sequence is None and fps is not None:
         raise InputError("--fps belongs to --frames FIRST:LAST; leave it out")
+    if sequence is None and overwrite:
+        raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
     lean.import_numba()
     path = output_path(output, spec.stem, sequence)
     asked.check()

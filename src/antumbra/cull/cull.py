@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..parallel import thread_count
+from ..query.reach import bounds
 from .grid import Grid, grid_over
-from .relevance import bounds_of_triangles, marks_of, relevant
+from .relevance import marks_of, relevant
 from .sources import FINEST, Tiles, bounds_of, sources_of, tiles_of
 from .swept import mark_hulls
 from .targets import targets_of
@@ -100,9 +101,11 @@ def _box_of(groups, corners, whole: bool, threads) -> tuple[np.ndarray, np.ndarr
         near, far = bounds_of(tiles)
         for query in queries:
             targets = targets_of(query, everywhere)
-            ends = targets.boxes[0] + ([near, far] if targets.relative and not whole else 0.0)
+            if whole and targets.relative:
+                continue
+            ends = targets.boxes[0] + ([near, far] if targets.relative else 0.0)
             low, high = np.minimum(low, np.minimum(near, ends[0])), np.maximum(high, np.maximum(far, ends[1]))
-    lower, upper = bounds_of_triangles(corners, threads)
+    lower, upper = bounds(corners.reshape(-1, 3), threads)
     if whole:
         return np.minimum(low, lower), np.maximum(high, upper)
     low, high = np.maximum(low, lower), np.minimum(high, upper)

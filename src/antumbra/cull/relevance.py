@@ -92,27 +92,6 @@ def _box(corners, i):
     return minimum(minimum(a, b), c), maximum(maximum(a, b), c)
 
 
-@kernel
-def _bound_chunks(ticket, corners, boxes):
-    """Worker: the box of each chunk of triangles."""
-    values, first = ptr(corners), take(ticket)
-    while first >= 0:
-        low, high = _box(values, first)
-        for i in range(first + 1, min(first + ticket[CHUNK], ticket[N])):
-            a, b = _box(values, i)
-            low, high = minimum(low, a), maximum(high, b)
-        store(boxes, first // ticket[CHUNK] * 8, low)
-        store(boxes, first // ticket[CHUNK] * 8 + 4, high)
-        first = take(ticket)
-
-
-def bounds_of_triangles(corners: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner, (3,) float32, of (n, 9) float32 triangles, n > 0."""
-    boxes = np.empty((-(-len(corners) // _CHUNK), 8), np.float32)
-    run(_bound_chunks, threads, new_ticket(len(corners), _CHUNK), corners, boxes)
-    return boxes[:, :3].min(0), boxes[:, 4:7].max(0)
-
-
 @inlined
 def _is_relevant(corners, i, table):
     """Does the box of triangle i overlap the grid, and a marked cell?"""

@@ -13,6 +13,7 @@ from .grid import cell_number, cells_at
 FINEST = 32  # receivers are sorted into at most so many cells along an axis; the boxes around them are exact
 TILE = 8  # receivers of a tile: 8 x 8, or 1 x 64 where there are fewer than 8 rows
 
+_PARTS = 16  # tables of cells, at most: a megabyte each
 _INF = np.float32(np.inf)
 
 
@@ -111,9 +112,10 @@ def bounds_of(tiles: Tiles) -> tuple[np.ndarray, np.ndarray] | None:
 
 def sources_of(tiles: Tiles, grid, threads: int) -> np.ndarray:
     """(m, 2, 3) float64: the box around the receivers in each cell of a grid that holds any."""
-    cells = np.empty((threads, grid.n**3, 8), np.float32)
+    parts = min(threads, _PARTS)
+    cells = np.empty((parts, grid.n**3, 8), np.float32)
     cells[:, :, :4], cells[:, :, 4:] = np.inf, -np.inf
-    run(_bound_cells, threads, new_ticket(threads, 1), tiles, grid, cells)
+    run(_bound_cells, threads, new_ticket(parts, 1), tiles, grid, cells)
     lower, upper = cells[:, :, :3].min(0), cells[:, :, 4:7].max(0)
     held = lower[:, 0] <= upper[:, 0]
     return np.stack([lower[held], upper[held]], 1).astype(np.float64)

@@ -16,6 +16,8 @@ from ..parallel import new_ticket, run, take
 from ..simd import get, ptr, put
 from .grid import PAD, GridPointers, cell_at
 
+_SOURCES = 8192  # boxes of receivers whose pairs are held at once
+
 
 class Hulls(NamedTuple):
     """Pairs of a source box S and a target box T, sorted by the axis along which they are the most cells apart."""
@@ -145,6 +147,7 @@ def mark_hulls(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: 
     A layer is one thread's, so a cell is only ever written by others in the pass for another axis, and then also to 1:
     the order does not matter, as the paper says of its cells.
     """
-    hulls = hulls_between(sources, targets, grid)
-    pad = PAD * max(np.abs(grid.bounds).max(), 0.0)
-    run(_mark_layers, threads, new_ticket(3 * grid.n, 1), hulls, grid, np.float64(pad), marked)
+    pad = np.float64(PAD * np.abs(grid.bounds).max())
+    for first in range(0, len(sources), _SOURCES):
+        hulls = hulls_between(sources[first : first + _SOURCES], targets, grid)
+        run(_mark_layers, threads, new_ticket(3 * grid.n, 1), hulls, grid, pad, marked)

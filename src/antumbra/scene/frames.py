@@ -14,6 +14,9 @@ from .files import checked_file
 from .mesh import MeshInfo, check_finite, face_colours, used_faces
 from .source import Piece
 
+FILES = ("frames.npy", "faces.npy", "face_rgba.npy", "info.json")
+"""What is read of a folder; only the first two must be there."""
+
 FRAMES_PER_SECOND = 24.0  # where info.json says nothing of time
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _SPAN = re.compile(r"\bt\s*=\s*(-?[0-9.]{1,20})\s*\.\.\s*(-?[0-9.]{1,20})")
@@ -58,7 +61,7 @@ class VertexFrames:
 def read_frames(folder: Path) -> tuple[VertexFrames, list[str]]:
     """The source of a folder with frames.npy and faces.npy, and notes."""
     name = folder.resolve().name
-    missing = [f for f in ("frames.npy", "faces.npy") if not (folder / f).exists()]
+    missing = [f for f in FILES[:2] if not (folder / f).exists()]
     if missing:
         raise InputError(f"{name}: a folder without {' and '.join(missing)}; name a scene file in it instead")
     frames = mapped_array(folder / "frames.npy", f"{name}/frames.npy")
