@@ -71,7 +71,7 @@ def _grow(boxes, i, low, high):
 
 @kernel
 def _bound_cells(ticket, tiles, grid, cells):
-    """Worker t: row t of `cells` gets the boxes of the receivers of every so-manieth tile, cell by cell."""
+    """Worker: row after row of `cells` gets the boxes of the receivers of its share of the tiles, cell by cell."""
     part = take(ticket)
     while part >= 0:
         boxes = cells[part]
