@@ -1,5 +1,7 @@
 """Every plan against the brute-force oracle: not one bit may differ."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -67,13 +69,22 @@ LIGHTS = {
 }
 
 
+@cache
+def _asked(seed, size, light, spp, scale=1.0):
+    """(triangles, query, truth, asked) of a soup: the oracle answers once, for all plans."""
+    scene = _soup(seed)
+    if scale != 1.0:
+        scene = at.Scene.from_arrays(scene.triangles().vertices.astype(np.float64) * scale)
+        light = at.QuadLight((-scale, 6 * scale, -scale), (2 * scale, 0, 0), (0, 0, 2 * scale))
+    camera = at.Camera((0, 2 * scale, 9 * scale), (0, -0.5 * scale, 0), width=size[0], height=size[1])
+    triangles, query = query_of(scene, camera, light, spp)
+    return triangles, query, *true_occlusion(triangles, query)
+
+
 @pytest.mark.parametrize("name", LIGHTS)
 @pytest.mark.parametrize("plan", LIT, ids=str)
 def test_every_light_shape(plan, name):
-    scene = _soup(7)
-    camera = at.Camera((0, 2, 9), (0, -0.5, 0), width=24, height=20)
-    triangles, query = query_of(scene, camera, LIGHTS[name], 5)
-    truth, asked = true_occlusion(triangles, query)
+    triangles, query, truth, asked = _asked(7, (24, 20), LIGHTS[name], 5)
     assert truth[asked].any() and (name == "light in the floor's plane" or not truth[asked].all())
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
@@ -81,8 +92,7 @@ def test_every_light_shape(plan, name):
 @pytest.mark.parametrize("spp", [1, 3, 64, 65, 200])
 @pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_every_number_of_samples(plan, spp):
-    triangles, query = query_of(_soup(9), at.Camera((0, 2, 9), (0, -0.5, 0), width=12, height=9), LIGHTS["quad"], spp)
-    truth, asked = true_occlusion(triangles, query)
+    triangles, query, truth, asked = _asked(9, (12, 9), LIGHTS["quad"], spp)
     assert truth[asked].any() and not truth[asked].all()
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
@@ -91,9 +101,7 @@ def test_every_number_of_samples(plan, spp):
 @pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_few_samples_of_receivers_that_lie_apart(plan, spp):
     """A chunk of at most 8 samples at silhouettes, with neighbours on all sides that hold receivers."""
-    scene, camera = _soup(), at.Camera((0, 2, 9), (0, -0.5, 0), width=24, height=20)
-    triangles, query = query_of(scene, camera, LIGHTS["quad"], spp)
-    truth, asked = true_occlusion(triangles, query)
+    triangles, query, truth, asked = _asked(3, (24, 20), LIGHTS["quad"], spp)
     assert truth[asked].any() and not truth[asked].all()
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
@@ -101,11 +109,7 @@ def test_few_samples_of_receivers_that_lie_apart(plan, spp):
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
 @pytest.mark.parametrize("plan", LIT, ids=str)
 def test_scales(plan, scale):
-    scene = at.Scene.from_arrays(_soup(11).triangles().vertices.astype(np.float64) * scale)
-    camera = at.Camera((0, 2 * scale, 9 * scale), (0, -0.5 * scale, 0), width=24, height=20)
-    light = at.QuadLight((-scale, 6 * scale, -scale), (2 * scale, 0, 0), (0, 0, 2 * scale))
-    triangles, query = query_of(scene, camera, light, 8)
-    truth, asked = true_occlusion(triangles, query)
+    triangles, query, truth, asked = _asked(11, (24, 20), None, 8, scale)
     assert truth[asked].any() and not truth[asked].all()
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
