@@ -71,10 +71,8 @@ def _print_rows(table, rows, width: int | None = None) -> None:
 
     for row in rows:
         table.add_row(*(Text(_encodable(cell)) for cell in row))
-    console = Console(highlight=False)
-    console.print(
-        table, width=None if width is None else max(width, console.width), crop=False, no_wrap=width is not None
-    )
+    terminal = Console(highlight=False)
+    Console(highlight=False, width=max(width or 0, terminal.width)).print(table)
 
 
 def _encodable(text: str) -> str:
