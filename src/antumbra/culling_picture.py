@@ -1,14 +1,12 @@
 """A picture of what pre-BVH culling leaves: as the camera sees it, and seen through from above and from the side."""
 
-from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
 from .cull import CULLERS
-from .image.tonemap import to_srgb8
-from .output import replacing
+from .cull.targets import sample_points
 from .query.receivers import NOTHING
 from .query.sampling import light_samples
 from .renderer import Renderer, check_lights, shadow_queries
@@ -62,7 +60,7 @@ def _emitter(query) -> np.ndarray:
         return np.empty((0, 3))
     if light.kind == SPHERE:
         return light.base + light.radius * np.concatenate([np.eye(3), -np.eye(3)])
-    return light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
+    return sample_points(query)
 
 
 def _seen(gbuffer, camera, kept) -> np.ndarray:
@@ -110,11 +108,3 @@ def _spread(vertices, n) -> tuple[np.ndarray, np.ndarray]:
     a, b = rng.random((2, n))
     a, b = np.where(a + b > 1, 1 - a, a), np.where(a + b > 1, 1 - b, b)
     return face, vertices[face, 0] + a[:, None] * edges[face, 0] + b[:, None] * edges[face, 1]
-
-
-def write_picture(image: np.ndarray, path: Path) -> None:
-    """Write a linear (H, W, 3) picture as PNG; whole, or not at all."""
-    from PIL import Image
-
-    with replacing(path) as temporary:
-        Image.fromarray(to_srgb8(image, 1.0)).save(temporary, format="PNG")

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..jit import kernel
 from ..parallel import new_ticket, run, take
-from ..simd import load16, ptr, store
+from ..simd import load8, load16, minimum, ptr, store
 from .nodes import Bvh, aligned_empty
 from .top import Top
 
@@ -39,6 +39,22 @@ def place(children, counts, node_at, subtree_at):
         waiting[height], waiting[height + 1] = children[child, 1], children[child, 0]
         height += 2
     return position
+
+
+@kernel
+def join_boxes(children, roots, boxes):
+    """Fill the boxes of a top's children, (t, 2, 8) float32, from those of the subtrees' roots, (s, 8) float32.
+
+    `children` as in `Top`; parents come first.
+    """
+    for t in range(len(children) - 1, -1, -1):
+        for side in range(2):
+            child = children[t, side]
+            if child < 0:
+                box = load8(roots, ~child * 8)
+            else:
+                box = minimum(load8(boxes, child * 16), load8(boxes, child * 16 + 8))
+            store(boxes, (t * 2 + side) * 8, box)
 
 
 @kernel

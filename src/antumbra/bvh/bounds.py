@@ -89,7 +89,7 @@ def write_boxes(nodes, node, left, right):
 
 
 @kernel
-def _triangle(vertices, i):
+def corners_of(vertices, i):
     """The three corners of triangle `i`; each fourth lane holds some other coordinate of the same triangle."""
     a, b, c = load4(vertices, i * 9), load4(vertices, i * 9 + 3), load4(vertices, i * 9 + 5)
     return a, b, shuffle(c, 1, 2, 3, 0)  # not read from + 6: the last triangle would be overrun
@@ -106,14 +106,14 @@ def _box(a, b, c):
 @inlined
 def triangle_box(vertices, i):
     """The box of triangle `i`."""
-    a, b, c = _triangle(vertices, i)
+    a, b, c = corners_of(vertices, i)
     return _box(a, b, c)
 
 
 @inlined
 def double_centroid_of(vertices, i):
     """lower + upper of triangle `i`."""
-    a, b, c = _triangle(vertices, i)
+    a, b, c = corners_of(vertices, i)
     return minimum(minimum(a, b), c) + maximum(maximum(a, b), c)
 
 
@@ -125,7 +125,7 @@ def bound_triangles(ticket, vertices, parts):
     while first >= 0:
         faults, box, centroids = splat4(_ZERO), splat8(INF), splat8(INF)
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            a, b, c = _triangle(v, i)
+            a, b, c = corners_of(v, i)
             faults += a * _ZERO + b * _ZERO + c * _ZERO  # NaN from then on, if something is NaN or infinite
             here = _box(a, b, c)
             box, centroids = minimum(box, here), minimum(centroids, double_centroid(here))
@@ -146,7 +146,7 @@ def write_records(ticket, vertices, records, parts):
         faults = splat4(_ZERO)
         last = min(first + ticket[CHUNK], ticket[N])
         for i in range(first, last):
-            a, b, c = _triangle(v, i)
+            a, b, c = corners_of(v, i)
             faults += a * _ZERO + b * _ZERO + c * _ZERO  # NaN from then on, if something is NaN or infinite
             store(out, i * 8, minimum(minimum(a, b), c))
             put(out_ids, i * 8 + 3, np.int32(i) | _ID_BIT)

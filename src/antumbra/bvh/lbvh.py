@@ -25,7 +25,7 @@ from ..simd import (
     stack_i64,
     store,
 )
-from .assemble import place, top_lines
+from .assemble import join_boxes, place, top_lines
 from .bounds import triangle_box, write_boxes
 from .morton import grid_of, write_codes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
@@ -196,18 +196,13 @@ def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
 
 
 @kernel
-def _refit_top(children, forest, boxes):
-    """Fill the boxes of the top, (t, 2, 8) float32, from those of the subtrees; the depth of the whole tree."""
+def _depth(children, forest):
+    """The depth of the whole tree: nodes on its longest path."""
     heights = np.zeros(len(children), np.int64)
     for t in range(len(children) - 1, -1, -1):
         for side in range(2):
             child = children[t, side]
-            if child < 0:
-                box, height = load8(forest.roots, ~child * 8), forest.heights[~child]
-            else:
-                box, height = minimum(load8(boxes, child * 16), load8(boxes, child * 16 + 8)), heights[child]
-            store(boxes, (t * 2 + side) * 8, box)
-            heights[t] = max(heights[t], height + 1)
+            heights[t] = max(heights[t], (forest.heights[~child] if child < 0 else heights[child]) + 1)
     return heights[0] if len(children) else forest.heights[0]
 
 
@@ -224,9 +219,9 @@ def _emit(flat, source: Sorted, max_leaf: int, threads: int):
     bvh = Bvh(nodes, nodes.view(np.int32), source.ids, np.empty((n, 9), np.float32))
     run(_build_subtrees, threads, new_ticket(s, 1), flat, source, max_leaf, forest, bvh)
     top = Top(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
-    depth = _refit_top(children, forest, top.boxes)
+    join_boxes(children, forest.roots, top.boxes)
     nodes[node_at] = top_lines(top, node_at, forest.links)
-    return bvh, depth
+    return bvh, _depth(children, forest)
 
 
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, bits: int = 10) -> Bvh:

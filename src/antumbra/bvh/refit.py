@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..simd import get, load8, minimum, prefetch, ptr, put, splat8, stack_f32, store
-from .assemble import top_lines
+from .assemble import join_boxes, top_lines
 from .bounds import triangle_box, write_boxes
 from .cut import children_of_top, cut
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
@@ -78,19 +78,6 @@ def _refit_parts(ticket, vertices, bvh, parts, new, boxes):
         p = take(ticket)
 
 
-@kernel
-def _refit_top(children, part_boxes, boxes):
-    """Fill the boxes of the top, (t, 2, 8) float32, from those of the parts."""
-    for t in range(len(children) - 1, -1, -1):
-        for side in range(2):
-            child = children[t, side]
-            if child < 0:
-                box = load8(part_boxes, ~child * 8)
-            else:
-                box = minimum(load8(boxes, child * 16), load8(boxes, child * 16 + 8))
-            store(boxes, (t * 2 + side) * 8, box)
-
-
 def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     """The same tree around triangles that have moved; the same, bit for bit, for any number of threads.
 
@@ -119,7 +106,7 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)
     run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, part_boxes)
     children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
-    _refit_top(children, part_boxes, boxes)
+    join_boxes(children, part_boxes, boxes)
     roots = pieces.parts[:, 0]
     nodes[pieces.numbers] = top_lines(Top(boxes, children, roots, part_boxes), pieces.numbers, roots)
     return new

@@ -49,7 +49,9 @@ def culling(
     lean.import_numba()
 
     from ..cull import CULLERS
-    from ..culling_picture import culling_picture, write_picture
+    from ..culling_picture import culling_picture
+    from ..image.save import save_png
+    from ..image.tonemap import to_srgb8
     from ..output import checked_output
 
     path = checked_output(Path(f"{spec.stem}-culling.png") if output is None else output, (".png",))
@@ -63,7 +65,7 @@ def culling(
         activity.say("preparing")
         shown = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
         activity.say("writing the picture")
-        write_picture(shown.image, path)
+        save_png(to_srgb8(shown.image, 1.0), path)
     share = shown.kept / max(1, opened.n_triangles)
     answer = {
         "output": str(path),

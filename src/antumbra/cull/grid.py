@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined
-from ..simd import extract, get, load4, maximum, minimum, to_i32
+from ..simd import extract, get, load4, maximum, minimum, ptr, to_i32
 
 PAD = 2.0**-20  # of the largest coordinate: far more than float32 samples, and float64 arithmetic, are off
 
@@ -29,6 +29,12 @@ class GridPointers(NamedTuple):
     bounds: object  # float32 *
     scale: object  # float32 *
     n: object  # int64
+
+
+@inlined
+def pointers_of(grid):
+    """The `GridPointers` of a `Grid`."""
+    return GridPointers(ptr(grid.bounds), ptr(grid.scale), np.int64(grid.n))
 
 
 def grid_over(lower, upper, n: int) -> Grid:

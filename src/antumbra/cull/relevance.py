@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..bvh.bounds import corners_of
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, shuffle, store
-from .grid import cell_number, cells_at
+from ..simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
+from .grid import GridPointers, cell_number, cells_at, pointers_of
 
 _CHUNK = 8192  # triangles
 
@@ -59,19 +60,17 @@ def marks_of(cells: np.ndarray, threads: int) -> Marks:
 
 
 class _Table(NamedTuple):
-    """Pointers to `Marks`, which must outlive them, and to the grid."""
+    """Pointers to `Marks` and to the grid, which must outlive them."""
 
     cells: object  # uint8 *
     sums: object  # int32 *
-    bounds: object  # float32 *
-    scale: object  # float32 *
-    n: object  # int64
+    grid: GridPointers
 
 
 @inlined
 def _sum(table, x, y, z):
     """How many cells below x, y and z are marked."""
-    side = table.n + 1
+    side = table.grid.n + 1
     return get(table.sums, (x * side + y) * side + z)
 
 
@@ -86,24 +85,18 @@ def _any_marked(table, low, high):
 
 
 @inlined
-def _box(corners, i):
-    """Lower and upper corner of triangle i, f32x4; the fourth lanes hold other coordinates of the triangle."""
-    a, b, c = load4(corners, i * 9), load4(corners, i * 9 + 3), shuffle(load4(corners, i * 9 + 5), 1, 2, 3, 0)
-    return minimum(minimum(a, b), c), maximum(maximum(a, b), c)
-
-
-@inlined
 def _is_relevant(corners, i, table):
     """Does the box of triangle i overlap the grid, and a marked cell?"""
-    low, high = _box(corners, i)
-    inside = (low <= load4(table.bounds, 4)) & (high >= load4(table.bounds, 0)) | mask_from_bits4(
+    a, b, c = corners_of(corners, i)
+    low, high = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
+    inside = (low <= load4(table.grid.bounds, 4)) & (high >= load4(table.grid.bounds, 0)) | mask_from_bits4(
         8
     )  # the fourth lanes play no part
     if not all_lanes(inside):
         return False
-    first, last = cells_at(table, low), cells_at(table, high)
-    number = cell_number(table, first)
-    if number == cell_number(table, last):
+    first, last = cells_at(table.grid, low), cells_at(table.grid, high)
+    number = cell_number(table.grid, first)
+    if number == cell_number(table.grid, last):
         return get(table.cells, number) != 0
     return _any_marked(table, first, last)
 
@@ -112,7 +105,7 @@ def _is_relevant(corners, i, table):
 def _find(ticket, corners, grid, marks, found, counts):
     """Worker: which triangles of each chunk are relevant, from the chunk's first place in `found` on."""
     values, out = ptr(corners), ptr(found)
-    table = _Table(ptr(marks.cells), ptr(marks.sums), ptr(grid.bounds), ptr(grid.scale), np.int64(grid.n))
+    table = _Table(ptr(marks.cells), ptr(marks.sums), pointers_of(grid))
     first = take(ticket)
     while first >= 0:
         n = first

@@ -14,7 +14,7 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
 from ..simd import get, ptr, put
-from .grid import PAD, GridPointers, cell_at
+from .grid import PAD, cell_at, pointers_of
 
 _SOURCES = 8192  # boxes of receivers whose pairs are held at once
 
@@ -106,7 +106,7 @@ def _mark_layers(ticket, hulls, grid, pad, marked):
     n = grid.n
     table = np.zeros((n + 1, n + 1), np.int32)
     bounds = _Bounds(ptr(hulls.lower), ptr(hulls.upper), ptr(hulls.grow), ptr(hulls.swell))
-    known = GridPointers(ptr(grid.bounds), ptr(grid.scale), np.int64(n))
+    known = pointers_of(grid)
     item = take(ticket)
     while item >= 0:
         axis, layer = item // n, item % n

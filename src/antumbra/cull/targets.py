@@ -32,9 +32,15 @@ def targets_of(query, cell: np.ndarray) -> Targets:
     if light.kind in (SPHERE, AMBIENT):  # tangent disks lie in the sphere
         points = light.base + light.radius * np.array([[-1.0], [1.0]])
         return Targets(_padded(points[None]), light.kind == AMBIENT)
-    points = light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
+    points = sample_points(query)
     relative = light.kind == DIRECTIONAL
     return Targets(_padded(_boxes(points, cell, 1 if relative else MOST)), relative)
+
+
+def sample_points(query) -> np.ndarray:
+    """(k, 3) float64: all samples of a flat light or a list, of a distant light relative to the receiver."""
+    light = query.light
+    return light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
 
 
 def _boxes(points: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:

@@ -52,12 +52,16 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     if exposure is not None:
         exposure = checked_exposure(exposure)
     if path.suffix.lower() == ".png":
-        rgb = to_srgb8(frame.image, frame_exposure(frame) if exposure is None else exposure)
-        with replacing(path) as temporary:
-            _write_png(rgb, temporary, note)
+        save_png(to_srgb8(frame.image, frame_exposure(frame) if exposure is None else exposure), path, note)
     else:
         with replacing(path) as temporary:
             _write_exr(exr_channels(frame), temporary, note)
+
+
+def save_png(rgb: np.ndarray, path: Path, note: str | None = None) -> None:
+    """Write (H, W, 3) uint8 sRGB; whole, or not at all."""
+    with replacing(path) as temporary:
+        _write_png(rgb, temporary, note)
 
 
 def exr_channels(frame) -> dict[str, np.ndarray]:
