@@ -11,6 +11,7 @@ from antumbra.bvh.nodes import tree_of
 from antumbra.errors import InputError
 from antumbra.jit import kernel
 from antumbra.query.pixels import pixel_ray
+from antumbra.trace.orders import CLOSEST
 from antumbra.trace.primary import trace_primary
 from antumbra.trace.traverse import walk
 from raster_scenes import FAMILIES, SHAPES, lattices, scattered, view
@@ -20,7 +21,7 @@ from raster_scenes import FAMILIES, SHAPES, lattices, scattered, view
 def _walk_all(bvh, rays, face, t):
     for y in range(rays.height):
         for x in range(rays.width):
-            slot, t[y, x] = walk(tree_of(bvh), pixel_ray(rays, x, y), np.int64(-1), 0, False, None)
+            slot, t[y, x] = walk(tree_of(bvh), pixel_ray(rays, x, y), np.int64(-1), 0, CLOSEST, None, None)
             face[y, x] = -1 if slot < 0 else bvh.prim_ids[slot]
 
 

@@ -15,6 +15,7 @@ from antumbra.predicate.exact import ray_along
 from antumbra.query.rays import HitArrays, ray_arguments
 from antumbra.trace.batch import trace_batch
 from antumbra.trace.counters import COUNTERS, new_counters
+from antumbra.trace.orders import CLOSEST
 from antumbra.trace.traverse import walk
 from strategies import soups
 
@@ -25,7 +26,7 @@ def _walk_all(bvh, origins, directions, tmin, tmax, skip, cull_faces, face, t):
     for i in range(len(origins)):
         o, d = origins[i], directions[i]
         ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], tmin, tmax)
-        slot, found = walk(tree, ray, np.int64(skip[i]), cull_faces, False, None)
+        slot, found = walk(tree, ray, np.int64(skip[i]), cull_faces, CLOSEST, None, None)
         face[i], t[i] = (-1, np.inf) if slot < 0 else (bvh.prim_ids[slot], found)
 
 

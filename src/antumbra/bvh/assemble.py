@@ -83,6 +83,8 @@ def top_lines(top: Top, node_at, subtree_links) -> np.ndarray:
     links[is_node] = node_at[top.children[is_node]]
     links[~is_node] = subtree_links[~top.children[~is_node]]
     lines.view(np.int32)[:, 12:14] = links
+    if top.orders is not None:
+        lines.view(np.int32)[:, 14] = top.orders
     return lines
 
 

@@ -9,6 +9,7 @@ from ..simd import ptr
 
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
+UNORDERED, LEFT_FIRST, FRONT_TO_BACK, BACK_TO_FRONT = range(4)  # which child an any-hit ray visits first
 EMPTY = np.int32(-2147483648)  # link of a child that is not there (only under the root of a scene of 0 or 1 triangles)
 
 
@@ -23,7 +24,8 @@ class Bvh(NamedTuple):
         8..11  z: the same
         12     link of L (int32 bits)
         13     link of R
-        14,15  not used (zero)
+        14     which child an any-hit ray visits first, as the builder chose; UNORDERED (0) if it did not
+        15     not used (zero)
 
     A link >= 0 is the index of an inner node. A link < 0 is a leaf: ``~link = first * 8 + count - 1`` where ``first``
     is a slot in ``prim_ids`` and ``corners``. A child that is not there has link ``EMPTY`` and the box

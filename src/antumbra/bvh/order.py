@@ -6,16 +6,17 @@ surface S, triangles with the area A inside it are met 2 A / S times on average;
 exp(-2 A / S) of the lines meets one. A node's own probability follows from its children's, and those are entered in
 proportion to their surfaces.
 
-Of the children of a `BlockTree`'s node that one comes first which blocks the larger share of the node's rays. Where a
-single ray chooses among the boxes that it does enter, the one with the best chance to block it for its cost comes
-first: steps down the tree, of which those that follow a child are taken only by the rays that it lets pass.
+Of the children of a `BlockTree`'s node that one comes first which blocks the larger share of the node's rays, unless
+the builder has chosen one. Where a single ray chooses among the boxes that it does enter, the one with the best chance
+to block it for its cost comes first: steps down the tree, of which those that follow a child are taken only by the rays
+that it lets pass.
 """
 
 import numpy as np
 
 from ..jit import inlined, kernel
 from ..simd import get, ptr, put
-from .nodes import parents_first
+from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, parents_first
 from .wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
 
 
@@ -82,8 +83,54 @@ def likelier_first(nodes, links, areas):
         second = right * _blocked(links[node, 13], right, areas, inner)
         if whole > 0.0:
             inner[node] = 1.0 - (1.0 - min(first / whole, 1.0)) * (1.0 - min(second / whole, 1.0))
-        if second > first:
+        if second > first and links[node, 14] != LEFT_FIRST:
             _swap(words, node)
+
+
+@inlined
+def _leaf(corners, link, surface):
+    """(share of the rays through a leaf's box that are blocked, boxes and triangles that one tests)."""
+    if link == EMPTY:
+        return 0.0, 1.0
+    first, n, area = np.int64(~link >> 3), np.int64(~link & 7) + 1, 0.0
+    for slot in range(first, first + n):
+        area += triangle_area(corners, slot)
+    return _leaf_blocks(surface, area), 1.0 + n
+
+
+@kernel
+def _order_by_cost(bvh, order):
+    """Put the child with the better chance to block a ray for its cost first, in all nodes."""
+    nodes, words, corners = ptr(bvh.nodes), ptr(bvh.links), ptr(bvh.corners)
+    blocked, cost = np.empty(len(bvh.nodes)), np.empty(len(bvh.nodes))  # of the rays through a node
+    block, price, enter = np.empty(2), np.empty(2), np.empty(2)  # of its children
+    for node in order[::-1]:
+        at = node * 16
+        whole = surface(nodes, at, at + 1)
+        for side in range(2):
+            link, size = np.int64(bvh.links[node, 12 + side]), surface(nodes, at + side, at + side)
+            enter[side] = min(size / whole, 1.0) if whole > 0.0 else 1.0
+            block[side], price[side] = (blocked[link], cost[link]) if link >= 0 else _leaf(corners, link, size)
+        right_first = block[1] * price[0] > block[0] * price[1]
+        first, second = (1, 0) if right_first else (0, 1)
+        cost[node] = 1.0 + enter[first] * price[first]
+        cost[node] += (1.0 - enter[first] * block[first]) * enter[second] * price[second]
+        blocked[node] = 1.0 - (1.0 - enter[0] * block[0]) * (1.0 - enter[1] * block[1])
+        if right_first:
+            _swap(words, node)
+
+
+def sooner_first(bvh: Bvh) -> Bvh:
+    """The same tree with its children in the order of RTSAH, from the leaves up [Ize and Hansen 2011].
+
+    A ray that enters both children's boxes is expected to do C_l + (1 - b_l) C_r if it visits the left one first, C
+    the cost of a child and b the share of its rays that it blocks; so the child with the larger b / C comes first.
+    """
+    nodes = aligned_empty(bvh.nodes.shape, "f4")
+    nodes[:] = bvh.nodes
+    ordered = bvh._replace(nodes=nodes, links=nodes.view(np.int32))
+    _order_by_cost(ordered, parents_first(ordered.links))
+    return ordered
 
 
 @inlined

@@ -61,6 +61,7 @@ def _refit_part(vertices, old, first, last, out):
         write_boxes(out.nodes, node, left_box, right_box)
         put(out.links, node * 16 + 12, left)
         put(out.links, node * 16 + 13, right)
+        put(out.links, node * 16 + 14, get(old.links, node * 16 + 14))
         store(boxes, height * 8, minimum(left_box, right_box))
         height += 1
     return load8(boxes, 0)
@@ -108,7 +109,8 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
     join_boxes(children, part_boxes, boxes)
     roots = pieces.parts[:, 0]
-    nodes[pieces.numbers] = top_lines(Top(boxes, children, roots, part_boxes), pieces.numbers, roots)
+    orders = pieces.top.view(np.int32)[:, 14]
+    nodes[pieces.numbers] = top_lines(Top(boxes, children, roots, part_boxes, orders), pieces.numbers, roots)
     return new
 
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import overload
 
 from ..jit import kernel
 from ..simd import (
@@ -40,7 +41,7 @@ class Ranges(NamedTuple):
 
 
 @kernel
-def _push(ranges, height, first, last, depth, slot, box, centroids):
+def push_range(ranges, height, first, last, depth, slot, box, centroids):
     put(ranges.numbers, height * 4, first)
     put(ranges.numbers, height * 4 + 1, last)
     put(ranges.numbers, height * 4 + 2, depth)
@@ -60,7 +61,7 @@ def _leaf_is_cheaper(n, depth, box, split, settings):
 
 
 @kernel
-def _write_leaf(records, first, last, out, slot):
+def write_leaf(records, first, last, out, slot):
     put(out.links, slot, ~(first * 8 + last - first - 1))
     for i in range(first, last):
         put(out.prim_ids, i, record_id(records, i))
@@ -77,15 +78,15 @@ def copy_corners(vertices, first, last, out):
 
 
 @kernel
-def build_subtree(vertices, source, first, last, depth, box, centroids, settings, out):
-    """Build the tree over the records from `first` to `last` - 1; the number of nodes made.
+def grow(source, first, last, depth, box, centroids, settings, out, next_node, word):
+    """Build the tree over the records from `first` to `last` - 1; the number of the next free node.
 
-    They are nodes 1, 2, ... of `out`, depth first; of n records come at most n - 1. The left link of node 0 is the
-    link to the tree, and nothing else is written there.
+    Its nodes are `next_node` and those that follow, depth first; of n records come at most n - 1. The link to the tree
+    goes to that word of `out.links`.
     """
     ranges = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES))
-    records, next_node = source.records, np.int64(1)
-    height = _push(ranges, 0, first, last, depth, 12, box, centroids)
+    records = source.records
+    height = push_range(ranges, 0, first, last, depth, word, box, centroids)
     while height > 0:
         height -= 1
         b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
@@ -96,15 +97,35 @@ def build_subtree(vertices, source, first, last, depth, box, centroids, settings
         here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
         split = find_split(source, b, e, centroids, d, settings.scale)
         if _leaf_is_cheaper(e - b, d, here, split, settings):
-            _write_leaf(records, b, e, out, slot)
+            write_leaf(records, b, e, out, slot)
             continue
         m = divide(source, b, e, centroids, split)
         left, left_centroids = range_bounds(records, b, m)
         right, right_centroids = range_bounds(records, m, e)
         put(out.links, slot, next_node)
         write_boxes(out.nodes, next_node, left, right)
-        height = _push(ranges, height, m, e, d + 1, next_node * 16 + 13, right, right_centroids)
-        height = _push(ranges, height, b, m, d + 1, next_node * 16 + 12, left, left_centroids)
+        height = push_range(ranges, height, m, e, d + 1, next_node * 16 + 13, right, right_centroids)
+        height = push_range(ranges, height, b, m, d + 1, next_node * 16 + 12, left, left_centroids)
         next_node += 1
-    copy_corners(vertices, first, last, out)
-    return next_node - 1
+    return next_node
+
+
+def build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+    """In kernels: build the tree over a range of records, number s of those that threads build alone, as its settings
+    say; the number of nodes made.
+
+    They are nodes 1, 2, ... of `out`. The left link of node 0 is the link to the tree, and nothing else is written
+    there.
+    """
+
+
+@overload(build_range)
+def _build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+    if settings.instance_class is Settings:
+
+        def build(vertices, source, first, last, depth, box, centroids, settings, s, out):
+            next_node = grow(source, first, last, depth, box, centroids, settings, out, np.int64(1), np.int64(12))
+            copy_corners(vertices, first, last, out)
+            return next_node - 1
+
+        return build

@@ -62,6 +62,7 @@ class Top(NamedTuple):
     children: np.ndarray  # (t, 2) int64: node of the top, or ~subtree
     ranges: np.ndarray  # (s, 3) int64, of the subtrees: first and last record, depth
     range_boxes: np.ndarray  # (s, 16) float32: box, centroid box
+    orders: np.ndarray | None = None  # (t,) int32: which child comes first, as in `Bvh`; None: UNORDERED
 
 
 @kernel
@@ -71,7 +72,7 @@ def _bins_of_block(level, block):
 
 
 @kernel
-def _mapping_of_range(level, r):
+def mapping_of_range(level, r):
     return make_mapping(load8(level.boxes, r * 16 + 8), level.ranges[r, 1] - level.ranges[r, 0])
 
 
@@ -81,14 +82,14 @@ def _bin_blocks(ticket, records, level):
     block = take(ticket)
     while block >= 0:
         r, first, last = level.blocks[block]
-        mapping, bins = _mapping_of_range(level, r), _bins_of_block(level, block)
+        mapping, bins = mapping_of_range(level, r), _bins_of_block(level, block)
         clear_bins(bins, mapping.n_bins)
         fill_bins(records, first, last, mapping, bins)
         block = take(ticket)
 
 
 @kernel
-def _join_bins(level, first, last, n_bins, total):
+def join_bins(level, first, last, n_bins, total):
     """The bins of all records in the blocks from `first` to `last` - 1."""
     clear_bins(total, n_bins)
     for block in range(first, last):
@@ -110,35 +111,47 @@ def _count_left(level, block, split, n_bins, middle):
 
 
 @kernel
+def blocks_of(level, r):
+    """(first, last + 1) of the blocks of range r."""
+    return level.ranges[r, 2], level.ranges[r + 1, 2] if r + 1 < len(level.ranges) else len(level.blocks)
+
+
+@kernel
+def set_split(level, r, split):
+    """Note the split of range r, and where the records of its blocks go."""
+    n_bins, middle = mapping_of_range(level, r).n_bins, (level.ranges[r, 0] + level.ranges[r, 1]) >> 1
+    block, end = blocks_of(level, r)
+    left = level.ranges[r, 0]
+    for b in range(block, end):
+        count = _count_left(level, b, split, n_bins, middle)
+        level.places[b, 0], level.places[b, 1] = left, count
+        left += count
+    right = left
+    for b in range(block, end):
+        count = level.blocks[b, 2] - level.blocks[b, 1] - level.places[b, 1]
+        level.places[b, 1] = right
+        right += count
+    level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.place, left
+
+
+@kernel
 def _choose_splits(level, depth, scale):
-    """The split of each range, and where its records go."""
+    """The split of each range."""
     total = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
     for r in range(len(level.ranges)):
-        first, last, block = level.ranges[r]
-        end = level.ranges[r + 1, 2] if r + 1 < len(level.ranges) else len(level.blocks)
-        n_bins = _mapping_of_range(level, r).n_bins
-        split = no_split()
-        if not must_halve(last - first, depth):
-            _join_bins(level, block, end, n_bins, total)
+        n_bins, split = mapping_of_range(level, r).n_bins, no_split()
+        if not must_halve(level.ranges[r, 1] - level.ranges[r, 0], depth):
+            block, end = blocks_of(level, r)
+            join_bins(level, block, end, n_bins, total)
             split = cheapest_split(total, n_bins, scale)
-        left = first
-        for b in range(block, end):
-            count = _count_left(level, b, split, n_bins, (first + last) >> 1)
-            level.places[b, 0], level.places[b, 1] = left, count
-            left += count
-        right = left
-        for b in range(block, end):
-            count = level.blocks[b, 2] - level.blocks[b, 1] - level.places[b, 1]
-            level.places[b, 1] = right
-            right += count
-        level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.place, left
+        set_split(level, r, split)
 
 
 @kernel
 def _move_block(source, target, level, block):
     r, first, last = level.blocks[block]
     axis, bin_, middle = level.splits[r]
-    mapping, limit = _mapping_of_range(level, r), np.float32(bin_)
+    mapping, limit = mapping_of_range(level, r), np.float32(bin_)
     origin, factor = extract(mapping.origin, max(axis, 0)), extract(mapping.factor, max(axis, 0))
     to_left, to_right = level.places[block]
     left_box, left_centroids, right_box, right_centroids = splat8(INF), splat8(INF), splat8(INF), splat8(INF)
@@ -191,14 +204,19 @@ def split_by_bins(method: Binned, scale, threads):
     """The `split_level` of `build_top` by which all threads bin all ranges of a level together."""
 
     def split_level(ranges, boxes, depth):
-        source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
-        level = _cut(ranges, boxes)
-        run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
-        _choose_splits(level, depth, scale)
-        run(_move_blocks, threads, new_ticket(len(level.blocks), 1), source, target, level)
-        return level.splits[:, 2], np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
+        return split_blocks(method, ranges, boxes, depth, threads, lambda level: _choose_splits(level, depth, scale))
 
     return split_level
+
+
+def split_blocks(method: Binned, ranges, boxes, depth, threads, choose):
+    """Bin the ranges of a level, let `choose` set their splits, and move their records; as `split_level`."""
+    source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
+    level = _cut(ranges, boxes)
+    run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
+    choose(level)
+    run(_move_blocks, threads, new_ticket(len(level.blocks), 1), source, target, level)
+    return level.splits[:, 2], np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
 
 
 def build_top(n, box, centroids, largest, split_level) -> Top:

@@ -12,7 +12,7 @@ from ..simd import as_i32, atomic_add, get, load8, load16, ptr, store
 from .assemble import Subtrees
 from .nodes import Bvh, Tree, aligned_empty
 from .splits import source_of
-from .subtree import build_subtree
+from .subtree import build_range
 from .top import Top
 
 _SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so that threads finish together ...
@@ -36,7 +36,7 @@ def _build_subtrees(ticket, vertices, method, words, top, order, settings, bvh, 
         first, last, depth = top.ranges[s]
         box, centroids = load8(top.range_boxes, s * 16), load8(top.range_boxes, s * 16 + 8)
         source = source_of(method, depth, ptr(scratch))
-        count = build_subtree(ptr(vertices), source, first, last, depth, box, centroids, settings, out)
+        count = build_range(ptr(vertices), source, first, last, depth, box, centroids, settings, s, out)
         at = atomic_add(next_free, 0, count)
         for i in range(count):
             store(subtrees.nodes, (at + i) * 16, load16(room, (i + 1) * 16))

@@ -50,8 +50,14 @@ def fill_pixel(y, x, i, t, corners, rays, out, at):
     """Write as pixel number `at` where the ray of pixel (y, x) meets triangle i, at t; `corners` a pointer."""
     f = np.float64
     d, o = pixel_direction(rays, x, y), rays.origin
-    dx, dy, dz = f(d[0]), f(d[1]), f(d[2])
-    _put3(out.position, at, (f(o[0]) + t * dx, f(o[1]) + t * dy, f(o[2]) + t * dz))
+    fill_point((f(o[0]), f(o[1]), f(o[2])), (f(d[0]), f(d[1]), f(d[2])), i, t, corners, out, at)
+
+
+@inlined
+def fill_point(o, d, i, t, corners, out, at):
+    """Write as pixel number `at` where the ray from o along d, float64, meets triangle i, at t."""
+    f, (dx, dy, dz) = np.float64, d
+    _put3(out.position, at, (o[0] + t * dx, o[1] + t * dy, o[2] + t * dz))
     k = 9 * i
     x0, y0, z0 = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
     px, py, pz = f(get(corners, k + 3)) - x0, f(get(corners, k + 4)) - y0, f(get(corners, k + 5)) - z0

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from ..bvh.blocks import block_tree
 from ..bvh.widen import widen
 from . import multifrusta, packet16, packet256, paperfrusta
+from .orders import BUILT, ORDERS, Ordered
 from .single import trace_shadow
 
 
@@ -27,13 +28,26 @@ def as_it_is(bvh, threads=None):
     return bvh
 
 
+def _as_built(bvh, threads=None):
+    return Ordered(bvh, BUILT)
+
+
+def _in_order(order):
+    """The `prepare` of `single` with a traversal order."""
+    return lambda bvh, threads=None: Ordered(order.prepare(bvh), order.value)
+
+
 TRACERS: dict[str, Tracer] = {
     "single": Tracer(
-        as_it_is,
+        _as_built,
         trace_shadow,
-        "one ray at a time, children nearest first, the last blocker tried first",
+        "one ray at a time, children as the builder ordered them, else nearest first; the last blocker tried first",
         "Ize 2013, Robust BVH ray traversal",
     ),
+    **{
+        f"single:{name}": Tracer(_in_order(order), trace_shadow, f"the same, {order.description}", order.paper)
+        for name, order in ORDERS.items()
+    },
     "wide": Tracer(
         widen,
         trace_shadow,

@@ -1,12 +1,15 @@
 """`single` and `wide`: one ray at a time, over the binary BVH or a wide one, by the same loop.
 
-`single` is the baseline that every other tracer must agree with, bit for bit.
+`single` is the baseline that every other tracer must agree with, bit for bit; `single:random` and the like differ in
+the order of children only (`orders`).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import overload
 
-from ..bvh.nodes import Bvh, Tree, tree_of
+from ..bvh.nodes import Tree, tree_of
 from ..bvh.wide import wide_tree_of
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
@@ -17,30 +20,48 @@ from ..query.shadow import horizon_of, is_above, patch_of
 from ..simd import get, ptr
 from .apart import any_hit_wide
 from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, private_counters
+from .orders import Ordered
 from .traverse import triangle_hit, walk
 
 TILE = 16  # pixels; neighbours are traced after each other, by one thread
 
 
+class OrderedTree(NamedTuple):
+    """Pointers to the arrays of an `Ordered`'s BVH, and its order."""
+
+    tree: Tree
+    prim_ids: object
+    corners: object
+    order: object
+
+
 def pointers(prepared):
-    """In kernels: the `Tree` of a `Bvh`, the `WideTree` of a `WideBvh`."""
+    """In kernels: the `OrderedTree` of an `Ordered`, the `WideTree` of a `WideBvh`."""
 
 
 def any_hit(tree, ray, skip, cull_faces, counters):
     """In kernels: the slot of a triangle that the ray meets, or -1; by the walk that goes with the tree."""
 
 
+@inlined
+def _ordered_tree(prepared):
+    tree = tree_of(prepared.bvh)
+    return OrderedTree(tree, tree.prim_ids, tree.corners, np.int64(prepared.order))
+
+
 @overload(pointers)
 def _pointers(prepared):
-    if prepared.instance_class is Bvh:
-        return lambda prepared: tree_of(prepared)
+    if prepared.instance_class is Ordered:
+        return lambda prepared: _ordered_tree(prepared)
     return lambda prepared: wide_tree_of(prepared)
 
 
 @overload(any_hit)
 def _any_hit(tree, ray, skip, cull_faces, counters):
-    if tree.instance_class is Tree:
-        return lambda tree, ray, skip, cull_faces, counters: walk(tree, ray, skip, cull_faces, True, counters)[0]
+    if tree.instance_class is OrderedTree:
+        return lambda tree, ray, skip, cull_faces, counters: walk(
+            tree.tree, ray, skip, cull_faces, tree.order, None, counters
+        )[0]
     return lambda tree, ray, skip, cull_faces, counters: any_hit_wide(tree, ray, skip, cull_faces, counters)
 
 
@@ -99,7 +120,7 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
 
 
 def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=None) -> None:
-    """Answer a ShadowQuery over a `Bvh` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
+    """Answer a ShadowQuery over an `Ordered` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None

@@ -29,6 +29,7 @@ from ..simd import (
     swap_halves,
 )
 from .counters import BOX_TESTS, EXACT, NODES, TRIANGLE_TESTS, UNCERTAIN, count
+from .orders import CLOSEST, left_comes_first
 
 _STACK = 2 * MAX_DEPTH
 _TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as zero
@@ -135,11 +136,36 @@ def _enter(nodes, node, box, limit):
     return bits(near <= far * _GROW) & 3, near
 
 
+class HitList(NamedTuple):
+    """Where `walk` writes all triangles that a ray meets; pointers to int32."""
+
+    prims: object
+    count: object  # one: how many there are
+    room: object  # int64: how many there can be; others are left out
+
+
 @kernel
-def walk(tree, ray, skip, cull_faces, any_hit, counters):
+def collected(hits, prim):
+    """Add a triangle to a `HitList`; False if there is none."""
+    if hits is None:
+        return False
+    n = np.int64(get(hits.count, 0))
+    if n < hits.room:
+        put(hits.prims, n, prim)
+        put(hits.count, 0, n + 1)
+    return True
+
+
+@kernel
+def walk(tree, ray, skip, cull_faces, order, hits, counters):
     """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
 
     slot is -1 on a miss; t is only computed for the nearest. `skip` is a triangle index that does not count, or -1.
+    order : CLOSEST for the nearest; else any, the children visited in an order of `orders`
+    hits : None; or a `HitList`, which gets all triangles that the ray meets, and then the answer is a miss
+
+    Both boxes of a node are tested in one instruction. For any-hit they count one by one, when the walk comes to
+    them: the second one only if the first one's subtree blocks nothing [Feltman et al. 2012, Sec. 3.1].
     """
     nodes, links = tree.nodes, tree.links
     stack, entry = stack_i32(_STACK), stack_f32(_STACK)
@@ -148,40 +174,47 @@ def walk(tree, ray, skip, cull_faces, any_hit, counters):
     d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
     best, best_id, best_t = np.int64(-1), np.int64(-1), ray.tmax
     limit = np.float32(best_t * _FAR)
+    one_by_one = order != CLOSEST and counters is not None
     height = 0
     link = np.int64(0)
     while True:
         if link >= 0:
             count(counters, NODES, 1)
-            count(counters, BOX_TESTS, 2)
+            count(counters, BOX_TESTS, 1 if one_by_one else 2)
             mask, near = _enter(nodes, link, box, splat4(limit))
-            if mask:
-                left, right = np.int64(get(links, link * 16 + 12)), np.int64(get(links, link * 16 + 13))
-                if mask == 3:
-                    a, b = extract(near, 0), extract(near, 1)
-                    first = a <= b
-                    put(stack, height, right if first else left)
-                    put(entry, height, b if first else a)
-                    height += 1
-                    link = left if first else right
-                else:
-                    link = left if mask == 1 else right
+            left, right = np.int64(get(links, link * 16 + 12)), np.int64(get(links, link * 16 + 13))
+            if one_by_one:
+                left, right = left if mask & 1 else np.int64(EMPTY), right if mask & 2 else np.int64(EMPTY)
+            if mask == 3 or one_by_one:
+                a, b = extract(near, 0), extract(near, 1)
+                left_first = left_comes_first(order, nodes, links, link, a, b, o, d)
+                put(stack, height, right if left_first else left)
+                put(entry, height, b if left_first else a)
+                height += 1
+                link = left if left_first else right
                 continue
-        elif link != EMPTY:  # (only very short directions enter a child that is not there)
+            if mask:
+                link = left if mask == 1 else right
+                continue
+        elif link != EMPTY:  # a child that is missed when tests are counted, or is not there
             code = ~link
             start = code >> 3
             for slot in range(start, start + (code & 7) + 1):
                 prim = np.int64(get(tree.prim_ids, slot))
                 if prim != skip and triangle_hit(tree.corners, slot, ray, o, d, cull_faces, counters):
-                    if any_hit:
+                    if collected(hits, prim):
+                        continue
+                    if order != CLOSEST:
                         return slot, best_t
                     t = hit_t(ray, tree.corners, slot)
                     if best < 0 or t < best_t or (t == best_t and prim < best_id):
                         best, best_id, best_t = slot, prim, t
                         limit = np.float32(best_t * _FAR)
-        while height > 0 and get(entry, height - 1) > limit:
+        while order == CLOSEST and height > 0 and get(entry, height - 1) > limit:
             height -= 1
         if height == 0:
             return best, best_t
         height -= 1
         link = np.int64(get(stack, height))
+        if one_by_one:
+            count(counters, BOX_TESTS, 1)

@@ -33,6 +33,7 @@ from .block import (
     ray_of,
 )
 from .counters import TRIANGLE_TESTS, count
+from .orders import BUILT, CLOSEST
 from .traverse import settle, walk
 
 STACK = (MAX_DEPTH + 2) * WIDTH
@@ -117,7 +118,7 @@ def keep(tree, rays, i, at, query, found):
 @kernel
 def settle_block(tree, rays, query, found, counters):
     """Decide what was put aside. Rays that lost tests are traced anew, over the binary BVH, by the exact walk."""
-    lost = np.int64(get(found.aside, 1))
+    lost, order = np.int64(get(found.aside, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
     for k in range(get(found.aside, 0)):
         i, at = np.int64(get(found.aside, 2 + 2 * k)), np.int64(get(found.aside, 3 + 2 * k))
         if lost >> i & 1 or (query.any_hit and get(found.lane, i) != NONE):
@@ -129,7 +130,7 @@ def settle_block(tree, rays, query, found, counters):
         i = lowest_bit(lost)
         lost &= lost - 1
         skip = np.int64(get(rays.skip, i))
-        slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, query.any_hit, counters)
+        slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, order, None, counters)
         put(found.lane, i, -2 - slot)
         put(found.t, i, t)
         if slot >= 0:

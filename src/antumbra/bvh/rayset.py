@@ -1,0 +1,177 @@
+"""Sets of shadow rays, with all that each of them meets, as the builder `srdh` takes them down the tree.
+
+A ray set goes to a node's children filtered: each child gets the rays that come to it, by the order in which the
+children are visited, and that enter its box; and of each ray the triangles it meets in there [Feltman et al. 2012, Sec.
+3.4]. Intersections are sparse, so they are a list per ray. Where a triangle goes is told by its centroid alone, so that
+is all that is kept of it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..simd import (
+    as_i32,
+    extract,
+    get,
+    load4,
+    load8,
+    ptr,
+    ptr_at,
+    put,
+    stack_f32,
+    store,
+)
+from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
+
+RAY = 8  # words: origin, reciprocal direction, first hit, number of hits
+HIT = 4  # words: twice the centroid, as in `bounds.double_centroid`; one not used
+_TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as this share
+_GROW = np.float32(1.0 + 2.0**-20)  # a ray that meets a triangle surely enters its box, or nearly so
+
+
+class Intersections(NamedTuple):
+    """Segments and all triangles that each meets."""
+
+    origins: np.ndarray  # (m, 3) float32
+    ends: np.ndarray  # (m, 3) float32
+    first: np.ndarray  # (m + 1,) int64: of segment i, from first[i] to first[i + 1] in `prims`
+    prims: np.ndarray  # (h,) int32, triangle indices
+
+
+class RaySet(NamedTuple):
+    """Rays and their hits."""
+
+    rays: np.ndarray  # (m, RAY) float32; its last two words are int32
+    hits: np.ndarray  # (h, HIT) float32
+
+
+class Rays(NamedTuple):
+    """Pointers to the arrays of a `RaySet`, from some ray and hit on."""
+
+    rays: object  # float32 *
+    words: object  # int32 *, the same memory
+    hits: object  # float32 *
+
+
+class Side(NamedTuple):
+    """A number of rays, and of hits: those that go to one side, or lie before some place."""
+
+    rays: int
+    hits: int
+
+
+class BoxRay(NamedTuple):
+    """A ray for slab tests; float32 scalars."""
+
+    ox: object
+    oy: object
+    oz: object
+    ix: object
+    iy: object
+    iz: object
+
+
+def ray_set(found: Intersections, flat: np.ndarray) -> RaySet:
+    """The ray set of these intersections with the triangles `flat`, (n, 9) float32."""
+    m = len(found.origins)
+    rays, hits = np.zeros((m, RAY), np.float32), np.zeros((len(found.prims), HIT), np.float32)
+    direction = found.ends - found.origins
+    limit = _TINY * np.abs(direction).max(axis=1, initial=np.float32(1e-15), keepdims=True)
+    direction = np.where(np.abs(direction) < limit, limit, direction)
+    rays[:, :3], rays[:, 3:6] = found.origins, np.float32(1.0) / direction
+    words = rays.view(np.int32)
+    words[:, 6], words[:, 7] = found.first[:-1], np.diff(found.first)
+    corners = flat[found.prims].reshape(-1, 3, 3)
+    hits[:, :3] = corners.min(axis=1) + corners.max(axis=1)
+    return RaySet(rays, hits)
+
+
+@inlined
+def rays_of(set_, start):
+    """The pointers to the arrays of a `RaySet`, which must outlive them, from a place (a `Side`) on."""
+    rays = ptr_at(ptr(set_.rays), start.rays * RAY)
+    return Rays(rays, as_i32(rays), ptr_at(ptr(set_.hits), start.hits * HIT))
+
+
+@inlined
+def ray_at(rays, i):
+    """Ray number i as a `BoxRay`."""
+    k = i * RAY
+    return BoxRay(get(rays, k), get(rays, k + 1), get(rays, k + 2), get(rays, k + 3), get(rays, k + 4), get(rays, k + 5))
+
+
+@inlined
+def _pierces(box, ray):
+    """Whether a ray enters a box that is not empty; `box` a pointer to one of `bounds`."""
+    ax, bx = (get(box, 0) - ray.ox) * ray.ix, (-get(box, 4) - ray.ox) * ray.ix
+    ay, by = (get(box, 1) - ray.oy) * ray.iy, (-get(box, 5) - ray.oy) * ray.iy
+    az, bz = (get(box, 2) - ray.oz) * ray.iz, (-get(box, 6) - ray.oz) * ray.iz
+    near = max(max(min(ax, bx), min(ay, by)), max(min(az, bz), np.float32(0.0)))
+    far = min(min(max(ax, bx), max(ay, by)), min(max(az, bz), np.float32(1.0)))
+    return near <= far * _GROW
+
+
+@inlined
+def _away(box, ray):
+    """The squared distance of twice a box's centre from twice a ray's origin."""
+    two = np.float32(2.0)
+    x, y, z = get(box, 0) - get(box, 4), get(box, 1) - get(box, 5), get(box, 2) - get(box, 6)
+    x, y, z = x - two * ray.ox, y - two * ray.oy, z - two * ray.oz
+    return x * x + y * y + z * z
+
+
+@inlined
+def _left_first(order, left, right, ray):
+    """Whether a ray visits the left child first; of constant orders, the left child is the first one."""
+    if order == FRONT_TO_BACK:
+        return _away(left, ray) <= _away(right, ray)
+    if order == BACK_TO_FRONT:
+        return not _away(left, ray) <= _away(right, ray)
+    return order == LEFT_FIRST
+
+
+@inlined
+def _copy_ray(source, i, target, side, axis, origin, factor, limit, wanted):
+    """Add ray i, with its hits on one side of a split (`wanted`: left), to a child's set; what the child then has."""
+    at, hit, n = side.rays * RAY, side.hits, np.int64(0)
+    store(target.rays, at, load8(source.rays, i * RAY))
+    first = np.int64(get(source.words, i * RAY + 6))
+    for k in range(first, first + get(source.words, i * RAY + 7)):
+        if ((get(source.hits, k * HIT + axis) - origin) * factor < limit) == wanted:
+            store(target.hits, (hit + n) * HIT, load4(source.hits, k * HIT))
+            n += 1
+    put(target.words, at + 6, hit)
+    put(target.words, at + 7, n)
+    return Side(side.rays + 1, hit + n)
+
+
+@kernel
+def divide_rays(source, n, mapping, chosen, boxes, left, right):
+    """Write the rays that come to each side of a split to `left` and `right`, with their hits there; two `Side`s.
+
+    source : Rays, n of them
+    mapping : as for `bins.partition`; left is the side of the lower centroids
+    chosen : the `srdh_cost.RaySplit`
+    boxes : pointer to those of the left and the right side
+    """
+    axis, limit, order = chosen.split.axis, np.float32(chosen.split.place), chosen.order
+    origin, factor = extract(mapping.origin, axis), extract(mapping.factor, axis)
+    low, high = stack_f32(8), stack_f32(8)
+    store(low, 0, load8(boxes, 0))
+    store(high, 0, load8(boxes, 8))
+    to_left, to_right = Side(np.int64(0), np.int64(0)), Side(np.int64(0), np.int64(0))
+    for i in range(n):
+        ray, below = ray_at(source.rays, i), np.int64(0)
+        first, count = np.int64(get(source.words, i * RAY + 6)), np.int64(get(source.words, i * RAY + 7))
+        for k in range(first, first + count):
+            below += np.int64((get(source.hits, k * HIT + axis) - origin) * factor < limit)
+        above = count - below
+        left_first = _left_first(order, low, high, ray) != chosen.swapped
+        blocked = order != UNORDERED
+        if (below > 0 or _pierces(low, ray)) and not (blocked and not left_first and above > 0):
+            to_left = _copy_ray(source, i, left, to_left, axis, origin, factor, limit, True)
+        if (above > 0 or _pierces(high, ray)) and not (blocked and left_first and below > 0):
+            to_right = _copy_ray(source, i, right, to_right, axis, origin, factor, limit, False)
+    return to_left, to_right

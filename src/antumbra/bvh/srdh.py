@@ -1,0 +1,244 @@
+"""`srdh`: a BVH, and the order of its children, for shadow rays like those it is shown [Feltman et al. 2012, Sec. 3.4].
+
+Records are split top-down as by `bsah`, with the same bins, but by the heuristic of `srdh_cost` as long as rays come to
+a range; where none do, `bsah` goes on. Of the kernels that choose the order of children, the constant ones are free:
+the child to visit first is stored as the left one. Departures from the paper: few bins for few records; leaves of more
+than one triangle; and the SAH's evenly spread rays can be added to those that are shown (`prior`), which settles ties.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import overload
+
+from ..errors import InputError
+from ..jit import inlined, kernel
+from ..parallel import thread_count
+from ..simd import get, load8, put, stack_f32, stack_i32, store
+from . import binned_sah
+from .assemble import assemble
+from .bins import BIN_WORDS, Binned, clear_bins, fill_bins, make_mapping, partition
+from .bounds import range_bounds, write_boxes
+from .nodes import MAX_DEPTH, Bvh, aligned_empty
+from .prepare import checked, make_records, power_of_two_for
+from .rayset import HIT, RAY, Intersections, Side, divide_rays, ray_set, rays_of
+from .splits import must_halve
+from .srdh_cost import CONSTANT, DISTANCE, HeuristicSettings, no_ray_split, ray_split
+from .srdh_top import RayLevels
+from .subtree import Ranges, Settings, build_range, copy_corners, grow, push_range, write_leaf
+from .top import build_top
+from .top_down import build_below, largest_subtree
+
+PRIOR = 1e-3  # only settles ties
+KERNELS = {"constant": CONSTANT, "distance": DISTANCE, "all": CONSTANT | DISTANCE}
+"""Name -> which traversal kernels the builder chooses from: left or right first, front to back or back to front, any."""
+
+_WAITING = MAX_DEPTH + 1
+_NUMBERS = 4 * _WAITING
+_BOXES = 16 * _WAITING
+
+
+class RaySettings(NamedTuple):
+    """What all ranges of a scene are built with, below the top."""
+
+    max_leaf: object  # int64
+    scale: object  # these three as in `srdh_cost.HeuristicSettings`
+    kernels: object
+    prior: object
+    rays: np.ndarray  # of the `RaySet`s of all ranges that threads build alone
+    hits: np.ndarray
+    spans: np.ndarray  # (s, 4) int64: of each of these ranges the first ray, number of rays, first hit, number of hits
+
+
+class Waiting(NamedTuple):
+    """The ray sets of ranges that wait, one on the other: those of the range that comes next are on top."""
+
+    rays: np.ndarray  # (m, RAY) float32
+    hits: np.ndarray  # (h, HIT) float32
+
+
+@kernel
+def _with_room(waiting, end):
+    """The same sets in arrays that hold so many rays and hits; `end` a `Side`."""
+    rays, hits = waiting.rays, waiting.hits
+    if len(rays) < end.rays:
+        rays = np.empty((2 * end.rays, RAY), np.float32)
+        rays[: len(waiting.rays)] = waiting.rays
+    if len(hits) < end.hits:
+        hits = np.empty((2 * end.hits, HIT), np.float32)
+        hits[: len(waiting.hits)] = waiting.hits
+    return Waiting(rays, hits)
+
+
+@kernel
+def _move_down(waiting, start, n, to):
+    """Move n rays and hits from `start` down to `to`; all three are `Side`s."""
+    for i in range(n.rays):
+        for k in range(RAY):
+            waiting.rays[to.rays + i, k] = waiting.rays[start.rays + i, k]
+    for i in range(n.hits):
+        for k in range(HIT):
+            waiting.hits[to.hits + i, k] = waiting.hits[start.hits + i, k]
+
+
+@inlined
+def _beyond(start, n, times):
+    """The place behind some sets of n rays and hits each."""
+    return Side(start.rays + times * n.rays, start.hits + times * n.hits)
+
+
+@kernel
+def _leaf_is_cheaper(n, depth, n_rays, cost, settings):
+    """Whether a range is better a leaf than split; the root never is."""
+    rays = n_rays + settings.prior
+    return n <= settings.max_leaf and depth > 0 and not (rays + cost < rays * n)
+
+
+@kernel
+def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
+    """The `RaySplit` of a range; that of axis -1 is better left to `grow`."""
+    if n_rays == 0 or must_halve(last - first, depth):
+        return no_ray_split()
+    clear_bins(source.bins, mapping.n_bins)
+    fill_bins(source.records, first, last, mapping, source.bins)
+    return ray_split(source.bins, rays, n_rays, mapping, box, settings)
+
+
+@kernel
+def _first_set(settings, s):
+    """`Waiting` with ray set s alone."""
+    first_ray, n_rays, first_hit, n_hits = settings.spans[s]
+    rays, hits = np.empty((2 * n_rays + 64, RAY), np.float32), np.empty((2 * n_hits + 64, HIT), np.float32)
+    rays[:n_rays] = settings.rays[first_ray : first_ray + n_rays]
+    hits[:n_hits] = settings.hits[first_hit : first_hit + n_hits]
+    return Waiting(rays, hits)
+
+
+@kernel
+def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out):
+    """`subtree.grow` from node 1 on, for ray set s; the number of the next free node."""
+    ranges, spans = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES)), np.empty((_WAITING, 4), np.int64)
+    plain, records, boxes = Settings(settings.max_leaf, settings.scale), source.records, stack_f32(16)
+    next_node, waiting = np.int64(1), _first_set(settings, s)
+    spans[0, 0], spans[0, 1], spans[0, 2], spans[0, 3] = 0, 0, settings.spans[s, 1], settings.spans[s, 3]
+    height = push_range(ranges, 0, first, last, depth, 12, box, centroids)
+    while height > 0:
+        height -= 1
+        b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
+        d, word = np.int64(get(ranges.numbers, height * 4 + 2)), np.int64(get(ranges.numbers, height * 4 + 3))
+        here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
+        start, n = Side(spans[height, 0], spans[height, 1]), Side(spans[height, 2], spans[height, 3])
+        mapping = make_mapping(centroids, e - b)
+        chosen = _choose(source, b, e, d, here, mapping, rays_of(waiting, start), n.rays, settings)
+        if chosen.split.axis < 0:
+            next_node = grow(source, b, e, d, here, centroids, plain, out, next_node, word)
+            continue
+        if _leaf_is_cheaper(e - b, d, n.rays, chosen.cost, settings):
+            write_leaf(records, b, e, out, word)
+            continue
+        m = partition(records, b, e, mapping, chosen.split)
+        low, low_centroids = range_bounds(records, b, m)
+        high, high_centroids = range_bounds(records, m, e)
+        store(boxes, 0, low)
+        store(boxes, 8, high)
+        near, far = _beyond(start, n, 1), _beyond(start, n, 2)
+        waiting = _with_room(waiting, _beyond(start, n, 3))
+        low_at, high_at = (near, far) if chosen.swapped else (far, near)  # the set of the second child lies first
+        n_low, n_high = divide_rays(
+            rays_of(waiting, start), n.rays, mapping, chosen, boxes, rays_of(waiting, low_at), rays_of(waiting, high_at)
+        )
+        n_second, n_first = (n_low, n_high) if chosen.swapped else (n_high, n_low)
+        then = _beyond(start, n_second, 1)
+        _move_down(waiting, near, n_second, start)
+        _move_down(waiting, far, n_first, then)
+        spans[height] = start.rays, start.hits, n_second.rays, n_second.hits
+        spans[height + 1] = then.rays, then.hits, n_first.rays, n_first.hits
+        put(out.links, word, next_node)
+        left = next_node * 16 + 12
+        if chosen.swapped:
+            write_boxes(out.nodes, next_node, high, low)
+            height = push_range(ranges, height, b, m, d + 1, left + 1, low, low_centroids)
+            height = push_range(ranges, height, m, e, d + 1, left, high, high_centroids)
+        else:
+            write_boxes(out.nodes, next_node, low, high)
+            height = push_range(ranges, height, m, e, d + 1, left + 1, high, high_centroids)
+            height = push_range(ranges, height, b, m, d + 1, left, low, low_centroids)
+        put(out.links, left + 2, chosen.order)
+        next_node += 1
+    return next_node
+
+
+@overload(build_range)
+def _build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+    if settings.instance_class is RaySettings:
+
+        def build(vertices, source, first, last, depth, box, centroids, settings, s, out):
+            next_node = _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out)
+            copy_corners(vertices, first, last, out)
+            return next_node - 1
+
+        return build
+
+
+@cache
+def _compile_top() -> None:
+    """Compile, or load, what only large scenes run too, so that the first build of a process readies all later ones."""
+    pair = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[2, 2, 2], [3, 2, 2], [2, 3, 2]]], np.float32).reshape(2, 9)
+    segment = np.float32([[-1.0, 0.0, 0.1]]), np.float32([[3.0, 3.0, 3.0]])
+    rays = ray_set(Intersections(*segment, np.array([0, 1]), np.zeros(1, np.int32)), pair)
+    method = Binned(aligned_empty((2, 8), "f4"), aligned_empty((2, 8), "f4"))
+    bounds = make_records(pair, method.records, 1)
+    settings = HeuristicSettings(np.float32(1.0), np.int64(CONSTANT), np.float64(PRIOR))
+    build_top(2, *bounds, 1, RayLevels(method, rays, settings, 1, 1).split)
+
+
+def build(
+    vertices: np.ndarray,
+    threads: int | None = None,
+    max_leaf: int = 4,
+    *,
+    rays: Intersections,
+    kernels: str = "constant",
+    prior: float = PRIOR,
+) -> Bvh:
+    """Build a BVH for shadow rays like these; the same, bit for bit, for any number of threads.
+
+    Parameters
+    ----------
+    vertices, threads, max_leaf
+        As for `binned_sah.build`.
+    rays : Intersections
+        A sparse sample of the rays that will be traced, with all triangles each of them meets; may be empty.
+    kernels : str
+        A name in `KERNELS`: which traversal kernels the builder chooses from at each node.
+    prior : float
+        So many rays that are spread evenly, as the SAH assumes, are added to those that come to a range, so that few
+        rays do not overrule what is likely. 0: as published.
+
+    Returns
+    -------
+    Bvh
+        With an order at each node that rays came to. A left child comes right behind its parent.
+
+    Raises
+    ------
+    InputError
+        As `binned_sah.build`; and on unknown kernels.
+    """
+    if kernels not in KERNELS:
+        raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")
+    flat, threads = checked(vertices, max_leaf), thread_count(threads)
+    n = len(flat)
+    if n < 2 or len(rays.origins) == 0:
+        return binned_sah.build(vertices, threads, max_leaf)
+    _compile_top()
+    method = Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
+    box, centroids = make_records(flat, method.records, threads)
+    heuristic = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior))
+    levels = RayLevels(method, ray_set(rays, flat), heuristic, largest_subtree(n), threads)
+    top = levels.arranged(build_top(n, box, centroids, largest_subtree(n), levels.split))
+    settings = RaySettings(np.int64(max_leaf), *heuristic, *levels.sets())
+    bvh, subtrees = build_below(flat, method, BIN_WORDS, top, settings, threads)
+    del method  # room for the final nodes
+    return assemble(bvh, top, subtrees, threads)
