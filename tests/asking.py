@@ -35,5 +35,5 @@ def true_occlusion(triangles, query):
 def answer(plan, triangles, query, threads=2, counters=None):
     """(h, w, spp) bool by a plan."""
     renderer = Renderer(None, plan, threads)
-    ready = renderer.build(triangles, renderer.culled(triangles, [query]))
+    ready = renderer.build(triangles, renderer.culled(triangles, [query]), renderer.show(triangles, [query]))
     return unpack(renderer.answer(ready, query, counters), query.samples.shape[1])

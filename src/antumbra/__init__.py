@@ -32,6 +32,7 @@ if typing.TYPE_CHECKING:
     from .scene.point_lights import PointLights
     from .scene.scene import Scene
     from .scene.triangles import Triangles
+    from .srdh_rays import SrdhRays
     from .virtual_lights import virtual_point_lights
 
 __version__ = "0.1.0"
@@ -53,6 +54,7 @@ __all__ = [
     "Renderer",
     "Scene",
     "SphereLight",
+    "SrdhRays",
     "Triangles",
     "Visibility",
     "load",
@@ -85,6 +87,7 @@ _HOMES = {
     "scene.point_lights": ["PointLights"],
     "scene.scene": ["Scene"],
     "scene.triangles": ["Triangles"],
+    "srdh_rays": ["SrdhRays"],
     "virtual_lights": ["virtual_point_lights"],
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

@@ -35,3 +35,16 @@ def number(value, what: str, low: float, high: float) -> float:
     if not low < x < high:
         raise InputError(f"{what} is {value!r}; it must lie between {low:g} and {high:g}")
     return x
+
+
+def points(value, what: str) -> np.ndarray:
+    """`value` as (m, 3) float64; InputError naming `what` unless it is finite points."""
+    try:
+        found = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be numbers of shape (m, 3), not {value!r}") from None
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise InputError(f"{what} must have shape (m, 3), not {found.shape}")
+    if not np.isfinite(found).all():
+        raise InputError(f"{what} hold NaN or infinity")
+    return found

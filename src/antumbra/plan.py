@@ -40,8 +40,8 @@ def parse_plan(plan: "str | Plan") -> Plan:
     Raises
     ------
     InputError
-        On a name that is in no registry, a missing builder or tracer, a second method of one kind, or a culler and an
-        updater together. Nothing is ever substituted.
+        On a name that is in no registry, a missing builder or tracer, a second method of one kind, a culler and an
+        updater together, or an optimiser and a builder that goes by rays. Nothing is ever substituted.
     """
     found: dict[str, str] = {}
     for part in str(plan).split("+"):
@@ -55,6 +55,11 @@ def parse_plan(plan: "str | Plan") -> Plan:
     for field in ("build", "trace"):
         if field not in found:
             raise InputError(f"plan {str(plan)!r} names no {KINDS[field][0]}; {_valid()}")
+    if "optimise" in found and BUILDERS[found["build"]].wants_rays:
+        raise InputError(
+            f"plan {str(plan)!r}: {found['optimise']!r} moves subtrees by the surface area heuristic, and would undo what "
+            f"{found['build']!r} does for shadow rays; leave one of them out"
+        )
     if "cull" in found and "update" in found:
         raise InputError(
             f"plan {str(plan)!r}: {found['update']!r} keeps a tree of the same triangles, of which {found['cull']!r} "
@@ -66,7 +71,7 @@ def parse_plan(plan: "str | Plan") -> Plan:
 def all_plans() -> list[Plan]:
     """Every plan that the registries allow."""
     fields = product((None, *CULLERS), BUILDERS, TRACERS, (None, *OPTIMISERS), (None, *UPDATERS))
-    return [Plan(c, b, t, o, u) for c, b, t, o, u in fields if not (c and u)]
+    return [Plan(c, b, t, o, u) for c, b, t, o, u in fields if not (c and u) and not (o and BUILDERS[b].wants_rays)]
 
 
 def covering_plans() -> list[Plan]:

@@ -68,7 +68,7 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
 
 def visibility(
     scene, points, light, normals=None, *, spp=16, plan=DEFAULT_PLAN, time=0.0, threads=None,
-    sampler="larcher-pillichshammer", cull_faces=None,
+    sampler="larcher-pillichshammer", cull_faces=None, srdh_rays=None,
 ) -> Visibility:  # fmt: skip
     """Which samples of a light do points see? Receivers that are not pixels: vertices, sensors, plots of land.
 
@@ -84,6 +84,8 @@ def visibility(
         the points float freely and are used as they are.
     spp, plan, time, threads, sampler, cull_faces
         As in `antumbra.render`. Point i uses sample set i mod 4.
+    srdh_rays : SrdhRays or None
+        Which rays the builder `srdh` is shown; None: those of 256 of the points.
 
     Returns
     -------
@@ -94,7 +96,7 @@ def visibility(
     InputError
         On wrong shapes or dtypes, NaN or infinite numbers, zero normals, or an unknown plan.
     """
-    renderer = Renderer(scene, plan, threads)
+    renderer = Renderer(scene, plan, threads, srdh_rays=srdh_rays)
     points = as_array(points, "points")
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
@@ -114,7 +116,8 @@ def visibility(
         unit = _unit_normals(normals, points.shape)
         origins = point_receivers(local, unit, world, points.dtype == np.float32)
     warm_up(renderer.plan, renderer.gbuffer, False)
-    ready = None if renderer.plan.cull else accelerated(scene, time, threads, plan)
+    by_query = renderer.plan.cull or renderer.showing
+    ready = None if by_query else accelerated(scene, time, threads, plan)
     triangles = scene.triangles(time, threads) if ready is None else ready.triangles
     query = ShadowQuery(
         origins[None],
@@ -127,7 +130,7 @@ def visibility(
         cull_value(cull_faces),
     )
     if ready is None:
-        ready = renderer.build(triangles, renderer.culled(triangles, [query]))
+        ready = renderer.build(triangles, renderer.culled(triangles, [query]), renderer.show(triangles, [query]))
     bits = renderer.answer(ready, query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
     return Visibility(bits, fraction_lit(bits, samples.shape[1]))

@@ -1,5 +1,6 @@
 """One frame, or a sequence with state kept between frames: evaluate, G-buffer, cull, build, trace, shade."""
 
+from collections.abc import Callable
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -28,7 +29,9 @@ from .query.surface import seen_by
 from .scene.camera import Camera
 from .scene.lights import AMBIENT, Light
 from .scene.triangles import Triangles
+from .srdh_rays import Showing, Shown, SrdhRays, fewer_samples, sparse_gbuffer
 from .trace import TRACERS
+from .trace.bounce import bounced
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
 from .warm import warm_up, warm_up_quality
@@ -96,15 +99,22 @@ class Renderer:
         None: all cores.
     gbuffer : "raster" or "rays"
         How primary visibility is found; both give the same bits.
+    srdh_rays : SrdhRays or None
+        Which rays a builder is shown that wants some (`srdh`); None: those of 16 x 16 pixels of each frame.
     """
 
-    def __init__(self, scene, plan=DEFAULT_PLAN, threads=None, gbuffer="raster"):
+    def __init__(self, scene, plan=DEFAULT_PLAN, threads=None, gbuffer="raster", srdh_rays: SrdhRays | None = None):
         if gbuffer not in ("raster", "rays"):
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
         self.scene, self.plan, self.gbuffer = scene, parse_plan(plan), gbuffer
         self.threads = thread_count(threads)
+        wants_rays = BUILDERS[self.plan.build].wants_rays
+        if srdh_rays is not None and not wants_rays:
+            raise InputError(f"srdh_rays is given, but no part of the plan {str(self.plan)!r} wants rays; leave it out")
+        self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if wants_rays else None
         update = self.plan.update  # what it keeps from frame to frame
         self._kept = UPDATERS[update].keep(self._new_tree) if update else None
+        self._rays: Callable | None = None  # vertices -> Intersections, for a builder that wants them
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
@@ -132,7 +142,7 @@ class Renderer:
         clock.lap("evaluate")
         whole = None
         if self.gbuffer == "rays":
-            whole = self.build(triangles)
+            whole = self.build(triangles) if self.showing is None else self._for_camera(triangles)
             clock.lap("build")
         gbuffer = self.see(triangles, camera, whole)
         clock.lap("gbuffer")
@@ -140,7 +150,8 @@ class Renderer:
         queries = job.queries(gbuffer, samples)
         clock.lap("trace")
         finer_queries = [] if finer is None else [q._replace(samples=s) for q, s in zip(queries, finer.penumbra)]
-        job.accelerate([*queries, *finer_queries], whole)
+        shown = job.show(queries, gbuffer, samples, whole)
+        job.accelerate([*queries, *finer_queries], None if shown else whole, shown)
         bits = [job.ask(query) for query in queries]
         clock.lap("trace")
         rays = camera.rays(triangles.origin)
@@ -161,7 +172,7 @@ class Renderer:
             clock.lap("gbuffer")
             queries = [as_needed(query) for query in job.queries(pixels, finer.edges)]
             clock.lap("trace")
-            job.accelerate(queries, job.accelerated)
+            job.accelerate(queries, job.accelerated, shown)
             fine = [job.ask(query) for query in queries]
             clock.lap("trace")
             shares = [fraction_lit(b, query.samples.shape[1]) for query, b in zip(queries, fine)]
@@ -178,11 +189,28 @@ class Renderer:
         """The triangles that segments of these queries can meet; None if the plan culls nothing."""
         return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
 
-    def build(self, triangles: Triangles, culled: Culled | None = None) -> Accelerated:
-        """A BVH of all triangles, or of those that culling left."""
+    def show(self, triangles: Triangles, queries) -> Shown | None:
+        """The rays that this plan's builder is shown for these queries; None if it wants none."""
+        return self.showing.show(queries, triangles) if self.showing else None
+
+    def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
+        """A BVH of all triangles, or of those that culling left; `shown` is for a builder that wants rays.
+
+        Raises
+        ------
+        InputError
+            If the builder wants rays, and none are shown.
+        """
+        if self.showing is not None:
+            if shown is None:
+                raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
+            kept = None if culled is None else culled.kept
+            self._rays = lambda vertices: shown.among(vertices, kept, self.threads)
         bvh = self._tree(triangles.vertices if culled is None else culled.vertices)
         if culled is not None:
             bvh = bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
+        if self.showing is not None:
+            self.showing.built(bvh)
         return self.prepare(triangles, bvh)
 
     def _tree(self, vertices) -> Bvh:
@@ -191,8 +219,13 @@ class Renderer:
         return self._new_tree(vertices, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
-        bvh = BUILDERS[self.plan.build].build(vertices, threads)
+        rays = {"rays": self._rays(vertices)} if self._rays else {}
+        bvh = BUILDERS[self.plan.build].build(vertices, threads, **rays)
         return OPTIMISERS[self.plan.optimise].optimise(bvh, threads) if self.plan.optimise else bvh
+
+    def _for_camera(self, triangles: Triangles) -> Accelerated:
+        """What the camera's rays are traced through where the plan's own BVH is made for shadow rays."""
+        return self.prepare(triangles, BUILDERS["bsah"].build(triangles.vertices, self.threads))
 
     def prepare(self, triangles: Triangles, bvh: Bvh) -> Accelerated:
         """What this plan's tracer walks, made from the BVH that its builder made of the triangles."""
@@ -228,14 +261,26 @@ class _Job:
         """The query of each light, with these samples of each."""
         return shadow_queries(self.triangles, gbuffer, self.lights, samples, self.facing, self.threads)
 
-    def accelerate(self, queries, whole: Accelerated | None) -> None:
-        """Make ready for these queries; `whole`: the BVH of all triangles, if there is one already."""
+    def show(self, queries, gbuffer, samples, whole: Accelerated | None) -> Shown | None:
+        """The rays that the builder is shown for this frame; None if it wants none."""
+        showing, triangles = self.renderer.showing, self.triangles
+        if showing is None:
+            return None
+
+        def bounce(bvh):
+            surfaces = bounced(sparse_gbuffer(gbuffer, showing.asked), triangles, bvh, threads=self.threads)
+            return self.queries(surfaces, [fewer_samples(sets, showing.asked.spp) for sets in samples])
+
+        return showing.show(queries, triangles, None if whole is None else whole.bvh, bounce)
+
+    def accelerate(self, queries, ready: Accelerated | None, shown: Shown | None) -> None:
+        """Make ready for these queries; `ready`: what can trace them if nothing is culled, `shown`: for the builder."""
         culled = self.renderer.culled(self.triangles, queries)
         if culled is not None:
             self.clock.lap("cull")
-        if culled is not None or whole is None:
-            whole = self.renderer.build(self.triangles, culled)
-        self.accelerated = whole
+        if culled is not None or ready is None:
+            ready = self.renderer.build(self.triangles, culled, shown)
+        self.accelerated = ready
         self.clock.lap("build")
 
     def ask(self, query: ShadowQuery) -> np.ndarray:
@@ -298,7 +343,7 @@ def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=No
 def render(
     scene, camera=None, lights=None, *, spp=16, plan=DEFAULT_PLAN, time=0.0, threads=None, counters=False,
     gbuffer="raster", sampler="larcher-pillichshammer", cull_faces=None, filter=False,
-    adaptive=None, progress=None,
+    adaptive=None, progress=None, srdh_rays=None,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
@@ -334,6 +379,8 @@ def render(
         the image then is. Lights that have their own numbers of rays keep them, in each sub-pixel too.
     progress : function of (done, total), optional
         Called about ten times a second while rays are traced.
+    srdh_rays : SrdhRays or None
+        Which rays the builder `srdh` is shown; None: those of 16 x 16 pixels. Never changes the bits.
 
     Returns
     -------
@@ -347,7 +394,7 @@ def render(
     camera = scene.default_camera() if camera is None else camera
     if lights is None:
         lights = [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
-    return Renderer(scene, plan, threads, gbuffer).render(
+    return Renderer(scene, plan, threads, gbuffer, srdh_rays).render(
         camera,
         lights,
         spp=spp,

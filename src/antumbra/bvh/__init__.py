@@ -1,17 +1,22 @@
 """Bounding volume hierarchies: their nodes, the methods that build them, and how good they are."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
-from . import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
+from . import binned_sah, lbvh, refit, reinsertion, srdh, sweep_sah, tl_lbvh
 
 
 class Builder(NamedTuple):
-    """A method that builds a BVH: ``build(vertices, threads=None, ...) -> Bvh``."""
+    """A method that builds a BVH: ``build(vertices, threads=None, ...) -> Bvh``.
+
+    Those that want rays take `rayset.Intersections` as ``rays`` too.
+    """
 
     build: Callable
     description: str
     paper: str
+    wants_rays: bool = False
 
 
 class Optimiser(NamedTuple):
@@ -33,6 +38,8 @@ class Updater(NamedTuple):
     description: str
     paper: str
 
+
+_FELTMAN = "Feltman et al. 2012, SRDH: Specializing BVH construction and traversal order"
 
 BUILDERS: dict[str, Builder] = {
     "bsah": Builder(
@@ -59,6 +66,30 @@ BUILDERS: dict[str, Builder] = {
         tl_lbvh.build,
         "lbvh with its treelets restructured: as fast as bsah, and better in most scenes",
         "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
+    ),
+    "srdh": Builder(
+        srdh.build,
+        "built, and children ordered, for shadow rays like those of a sparse sample",
+        f"{_FELTMAN}, Sec. 3.4",
+        wants_rays=True,
+    ),
+    "srdh:distance": Builder(
+        partial(srdh.build, kernels="distance"),
+        "the same, each node's children front to back or back to front",
+        f"{_FELTMAN}, Sec. 4.3",
+        wants_rays=True,
+    ),
+    "srdh:all": Builder(
+        partial(srdh.build, kernels="all"),
+        "the same, with whatever order suits each node best",
+        f"{_FELTMAN}, Sec. 4.3",
+        wants_rays=True,
+    ),
+    "srdh:paper": Builder(
+        partial(srdh.build, kernels="all", prior=0.0, max_leaf=1),
+        "as published: all orders, one triangle in a leaf, and rays alone decide where there are any",
+        _FELTMAN,
+        wants_rays=True,
     ),
 }
 """Name -> builder; every one makes a correct BVH of the same form from the same triangles."""

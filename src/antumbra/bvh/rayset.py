@@ -99,7 +99,9 @@ def rays_of(set_, start):
 def ray_at(rays, i):
     """Ray number i as a `BoxRay`."""
     k = i * RAY
-    return BoxRay(get(rays, k), get(rays, k + 1), get(rays, k + 2), get(rays, k + 3), get(rays, k + 4), get(rays, k + 5))
+    return BoxRay(
+        get(rays, k), get(rays, k + 1), get(rays, k + 2), get(rays, k + 3), get(rays, k + 4), get(rays, k + 5)
+    )
 
 
 @inlined

@@ -198,7 +198,7 @@ def build(
     threads: int | None = None,
     max_leaf: int = 4,
     *,
-    rays: Intersections,
+    rays: Intersections | None = None,
     kernels: str = "constant",
     prior: float = PRIOR,
 ) -> Bvh:
@@ -209,7 +209,8 @@ def build(
     vertices, threads, max_leaf
         As for `binned_sah.build`.
     rays : Intersections
-        A sparse sample of the rays that will be traced, with all triangles each of them meets; may be empty.
+        A sparse sample of the rays that will be traced, with all triangles each of them meets. None, or none: the
+        tree is that of `bsah`.
     kernels : str
         A name in `KERNELS`: which traversal kernels the builder chooses from at each node.
     prior : float
@@ -230,7 +231,7 @@ def build(
         raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)
-    if n < 2 or len(rays.origins) == 0:
+    if n < 2 or rays is None or len(rays.origins) == 0:
         return binned_sah.build(vertices, threads, max_leaf)
     _compile_top()
     method = Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
