@@ -57,8 +57,8 @@ def parse_plan(plan: "str | Plan") -> Plan:
             raise InputError(f"plan {str(plan)!r} names no {KINDS[field][0]}; {_valid()}")
     if "optimise" in found and BUILDERS[found["build"]].wants_rays:
         raise InputError(
-            f"plan {str(plan)!r}: {found['optimise']!r} moves subtrees by the surface area heuristic, and would undo what "
-            f"{found['build']!r} does for shadow rays; leave one of them out"
+            f"plan {str(plan)!r}: {found['optimise']!r} moves subtrees by the surface area heuristic, and would undo "
+            f"what {found['build']!r} does for shadow rays; leave one of them out"
         )
     if "cull" in found and "update" in found:
         raise InputError(

@@ -89,8 +89,10 @@ def _render_small(plan, gbuffer, counters, quality=False):
     samples = [light_samples(light, 1) for light in lights]
     finer = finer_samples(lights, 2, "hammersley") if quality else None
     made = renderer.Renderer(_small_scene(), plan, 2, gbuffer)
-    if made.showing is None:
-        made.accelerate()  # of all triangles: culling leaves too few for all of a builder, and the frame refits this tree
+    if (
+        made.showing is None
+    ):  # of all triangles: culling leaves too few for all of a builder; the frame refits this tree
+        made.accelerate()
     made.frame(camera, lights, samples, counters=counters, smooth=quality, finer=finer)
 
 

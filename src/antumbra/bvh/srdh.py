@@ -32,7 +32,7 @@ from .top_down import build_below, largest_subtree
 
 PRIOR = 1e-3  # only settles ties
 KERNELS = {"constant": CONSTANT, "distance": DISTANCE, "all": CONSTANT | DISTANCE}
-"""Name -> which traversal kernels the builder chooses from: left or right first, front to back or back to front, any."""
+"""Name -> the traversal kernels to choose from: left or right first; front to back or back to front; all four."""
 
 _WAITING = MAX_DEPTH + 1
 _NUMBERS = 4 * _WAITING

@@ -64,7 +64,7 @@ class HeuristicSettings(NamedTuple):
 
 
 class Sides(NamedTuple):
-    """Both sides of all planes; of side s (0: left) on axis a, number 2 a + s. Plane k has the bins below k on its left."""
+    """Both sides of all planes; side s (0: left) on axis a is number 2 a + s. Left of plane k are the bins below k."""
 
     boxes: object  # pointer, _BOX words a side; empty ones lower = +inf, upper = -inf
     counts: object  # pointer to float32, BINS a side: triangles

@@ -16,7 +16,7 @@ from .traverse import walk
 
 @inlined
 def _cosine_direction(normal, u, v):
-    """The direction of random numbers u, v in [0, 1) around a float32 unit normal, denser where the cosine is larger."""
+    """The direction of random numbers u, v in [0, 1) around a float32 unit normal, as dense as its cosine is large."""
     n = np.float64(normal[0]), np.float64(normal[1]), np.float64(normal[2])
     a, b = tangents64(n[0], n[1], n[2])
     r, angle, up = np.sqrt(u), 2.0 * np.pi * v, np.sqrt(1.0 - u)

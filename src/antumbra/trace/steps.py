@@ -1,4 +1,4 @@
-"""Where any-hit rays spend their steps, exactly: receiver by receiver, in the classes of [Feltman et al. 2012, Sec. 4.1].
+"""Where any-hit rays spend their steps, exactly, receiver by receiver [Feltman et al. 2012, Sec. 4.1].
 
 A step is a test of a ray against the box of a child that the walk comes to. Of a ray that is blocked, those on the path
 from the root to the leaf in which it is are one class, and those that led nowhere (faux hits) another; those of rays
