@@ -94,7 +94,7 @@ def _sparse(array: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 
 
 def fewer_samples(samples: np.ndarray, spp: int) -> np.ndarray:
-    """At most `spp` of the samples of each set, (16, n, 3): other ones of each, so that neighbours see all of a light."""
+    """At most `spp` of the samples of each set, (16, n, 3): others of each, so that neighbours see all of a light."""
     n = samples.shape[1]
     if spp >= n:
         return samples

@@ -86,8 +86,8 @@ BUILDERS: dict[str, Builder] = {
         wants_rays=True,
     ),
     "srdh:paper": Builder(
-        partial(srdh.build, kernels="all", prior=0.0, max_leaf=1),
-        "as published: all orders, one triangle in a leaf, and rays alone decide where there are any",
+        partial(srdh.build, kernels="all", prior=0.0, linear=True, max_leaf=1),
+        "as published: all orders, one triangle in a leaf, rays alone decide where there are any, linear costs",
         _FELTMAN,
         wants_rays=True,
     ),

@@ -61,6 +61,7 @@ class HeuristicSettings(NamedTuple):
     scale: object  # float32, a power of two: makes the largest coordinate about 1, so that no area overflows
     kernels: object  # int64: sets of kernels to choose from
     prior: object  # float64: how many rays that are spread evenly, as the SAH assumes, are added to those counted
+    linear: object  # bool: a subtree of n triangles is taken to cost n, as published; else n to the power of 3/4
 
 
 class Sides(NamedTuple):
@@ -248,10 +249,16 @@ def count_rays(rays, n, mapping, sides, kernels, counts):
 
 
 @inlined
-def _cheaper(best, axis, k, order, swapped, cost, sah):
+def _subtree_cost(n, linear):
+    """What a subtree of n triangles is taken to cost a ray that enters it."""
+    return n if linear else np.sqrt(n) * np.sqrt(np.sqrt(n))
+
+
+@inlined
+def _cheaper(best, axis, k, order, swapped, cost):
     """The better one of the best split so far and another one."""
     if cost < best.cost:
-        return RaySplit(Split(axis, k, sah), order, swapped, cost)
+        return RaySplit(Split(axis, k, np.float32(0.0)), order, swapped, cost)
     return best
 
 
@@ -277,19 +284,20 @@ def cheapest_ray_split(sides, counts, n_bins, n_hits, area, settings):
             comes_left += get(places, row + _COMES_LEFT * _ROW + k)
             n1, n2 = np.float64(get(sides.counts, side + k)), np.float64(get(sides.counts, side + BINS + k))
             if n1 > 0.0 and n2 > 0.0:
-                sah = get(sides.areas, side + k) * np.float32(n1) + get(sides.areas, side + BINS + k) * np.float32(n2)
-                even = prior * (np.float64(sah) / area if area > 0.0 else n1 + n2)
+                c1, c2 = _subtree_cost(n1, settings.linear), _subtree_cost(n2, settings.linear)
+                a1, a2 = np.float64(get(sides.areas, side + k)), np.float64(get(sides.areas, side + BINS + k))
+                even = prior * ((a1 * c1 + a2 * c2) / area if area > 0.0 else c1 + c2)
                 if kernels & CONSTANT or n_hits == 0:
-                    cost = enters_left * n1 + comes_right * n2 + even
-                    best = _cheaper(best, np.int64(axis), np.int64(k), constant, False, cost, sah)
-                    cost = comes_left * n1 + enters_right * n2 + even
-                    best = _cheaper(best, np.int64(axis), np.int64(k), constant, True, cost, sah)
+                    cost = enters_left * c1 + comes_right * c2 + even
+                    best = _cheaper(best, np.int64(axis), np.int64(k), constant, False, cost)
+                    cost = comes_left * c1 + enters_right * c2 + even
+                    best = _cheaper(best, np.int64(axis), np.int64(k), constant, True, cost)
                 if kernels & DISTANCE and n_hits > 0:
                     at = lane + k
-                    cost = get(lanes, at) * n1 + get(lanes, at + BINS) * n2 + even
-                    best = _cheaper(best, np.int64(axis), np.int64(k), np.int64(FRONT_TO_BACK), False, cost, sah)
-                    cost = get(lanes, at + 2 * BINS) * n1 + get(lanes, at + 3 * BINS) * n2 + even
-                    best = _cheaper(best, np.int64(axis), np.int64(k), np.int64(BACK_TO_FRONT), False, cost, sah)
+                    cost = get(lanes, at) * c1 + get(lanes, at + BINS) * c2 + even
+                    best = _cheaper(best, np.int64(axis), np.int64(k), np.int64(FRONT_TO_BACK), False, cost)
+                    cost = get(lanes, at + 2 * BINS) * c1 + get(lanes, at + 3 * BINS) * c2 + even
+                    best = _cheaper(best, np.int64(axis), np.int64(k), np.int64(BACK_TO_FRONT), False, cost)
             enters_right -= get(places, row + _ENTERS_RIGHT * _ROW + k)
             comes_right -= get(places, row + _COMES_RIGHT * _ROW + k)
     return best
