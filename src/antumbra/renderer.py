@@ -317,8 +317,8 @@ def check_lights(lights) -> list[Light]:
 def check_srdh_rays(srdh_rays: SrdhRays | None, *plans: Plan) -> None:
     """InputError if rays are chosen for builders, and none of the plans has one that wants rays."""
     if srdh_rays is not None and not any(plan.wants_rays for plan in plans):
-        names = " and ".join(map(str, plans))
-        raise InputError(f"srdh_rays is given, but {names} builds without rays; leave it out, or build by srdh")
+        names = ", ".join(map(str, plans))
+        raise InputError(f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh")
 
 
 def bounced_queries(renderer: Renderer, triangles, gbuffer, lights, samples, facing=0) -> Callable:

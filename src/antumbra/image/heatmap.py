@@ -84,10 +84,11 @@ def _write_ticks(draw, ticks: np.ndarray, x: int, y: int, length: int, letters: 
     font = _font(letters)
     texts = [f"{tick:,.6g}" for tick in ticks]
     texts[-1] += "+"
-    room = max(font.getlength(text) for text in texts) + letters
-    every = next((k for k in range(1, len(ticks)) if k * length / (len(ticks) - 1) >= room), len(ticks) - 1)
-    for i in range(len(ticks) - 1, -1, -every):
-        at = length * i / (len(ticks) - 1)
+    room = 1.5 * max(font.getlength(text) for text in texts) + letters / 2  # the first and last are moved inwards
+    last = len(ticks) - 1
+    every = next((k for k in range(1, last) if last % k == 0 and k * length / last >= room), last)
+    for i in range(0, last + 1, every):
+        at = length * i / last
         left = min(max(at - font.getlength(texts[i]) / 2, 0), length - font.getlength(texts[i]))
         draw.text((x + left, y + letters // 6), texts[i], _FAINT, font)
 
