@@ -96,7 +96,7 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     moments : list of Moment
         The last one is explained. Those before are what an animation showed last: trees that are kept from frame to
         frame, and rays of the last frame, come from there.
-    plans : list of str or Plan
+    plans : list of str or Plan, one or more
     spp, threads
         As in `antumbra.render`.
     srdh_rays : SrdhRays or None
