@@ -30,6 +30,11 @@ class Plan(NamedTuple):
     def __str__(self) -> str:
         return "+".join(name for field in KINDS if (name := getattr(self, field)))
 
+    @property
+    def wants_rays(self) -> bool:
+        """Is the builder shown some of the rays that will be traced?"""
+        return BUILDERS[self.build].wants_rays
+
 
 DEFAULT_PLAN = str(Plan())
 

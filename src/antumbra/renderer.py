@@ -15,7 +15,7 @@ from .errors import InputError
 from .image.fraction import as_needed, fraction, refine_penumbra
 from .image.shade import ambient_light, arriving, shade
 from .parallel import thread_count
-from .plan import DEFAULT_PLAN, parse_plan
+from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .query.gbuffer import GBuffer, from_hits
 from .query.raster import rasterise
 from .query.rays import cull_value
@@ -34,7 +34,7 @@ from .trace import TRACERS
 from .trace.bounce import bounced
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
-from .warm import warm_up, warm_up_quality
+from .warm import warm_up, warm_up_bounce, warm_up_quality
 
 PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 
@@ -108,10 +108,8 @@ class Renderer:
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
         self.scene, self.plan, self.gbuffer = scene, parse_plan(plan), gbuffer
         self.threads = thread_count(threads)
-        wants_rays = BUILDERS[self.plan.build].wants_rays
-        if srdh_rays is not None and not wants_rays:
-            raise InputError(f"srdh_rays is given, but no part of the plan {str(self.plan)!r} wants rays; leave it out")
-        self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if wants_rays else None
+        check_srdh_rays(srdh_rays, self.plan)
+        self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if self.plan.wants_rays else None
         update = self.plan.update  # what it keeps from frame to frame
         self._kept = UPDATERS[update].keep(self._new_tree) if update else None
         self._rays: Callable | None = None  # vertices -> Intersections, for a builder that wants them
@@ -129,6 +127,8 @@ class Renderer:
         warm_up(self.plan, self.gbuffer, counters)
         if filter or finer:
             warm_up_quality(self.plan, self.gbuffer)
+        if self.showing is not None and self.showing.asked.bounce:
+            warm_up_bounce()
         return self.frame(camera, lights, samples, facing, time, counters, progress, bool(filter), finer)
 
     def frame(
@@ -189,9 +189,11 @@ class Renderer:
         """The triangles that segments of these queries can meet; None if the plan culls nothing."""
         return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
 
-    def show(self, triangles: Triangles, queries) -> Shown | None:
-        """The rays that this plan's builder is shown for these queries; None if it wants none."""
-        return self.showing.show(queries, triangles) if self.showing else None
+    def show(
+        self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Callable | None = None
+    ) -> Shown | None:
+        """The rays that this plan's builder is shown for these queries; None if it wants none. See `Showing.show`."""
+        return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
 
     def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
         """A BVH of all triangles, or of those that culling left; `shown` is for a builder that wants rays.
@@ -263,15 +265,8 @@ class _Job:
 
     def show(self, queries, gbuffer, samples, whole: Accelerated | None) -> Shown | None:
         """The rays that the builder is shown for this frame; None if it wants none."""
-        showing, triangles = self.renderer.showing, self.triangles
-        if showing is None:
-            return None
-
-        def bounce(bvh):
-            surfaces = bounced(sparse_gbuffer(gbuffer, showing.asked), triangles, bvh, threads=self.threads)
-            return self.queries(surfaces, [fewer_samples(sets, showing.asked.spp) for sets in samples])
-
-        return showing.show(queries, triangles, None if whole is None else whole.bvh, bounce)
+        bounce = bounced_queries(self.renderer, self.triangles, gbuffer, self.lights, samples, self.facing)
+        return self.renderer.show(self.triangles, queries, None if whole is None else whole.bvh, bounce)
 
     def accelerate(self, queries, ready: Accelerated | None, shown: Shown | None) -> None:
         """Make ready for these queries; `ready`: what can trace them if nothing is culled, `shown`: for the builder."""
@@ -317,6 +312,26 @@ def check_lights(lights) -> list[Light]:
         if not isinstance(light, Light):
             raise InputError(f"a light must be a QuadLight, DiskLight, ... not {type(light).__name__}")
     return lights
+
+
+def check_srdh_rays(srdh_rays: SrdhRays | None, *plans: Plan) -> None:
+    """InputError if rays are chosen for builders, and none of the plans has one that wants rays."""
+    if srdh_rays is not None and not any(plan.wants_rays for plan in plans):
+        names = ", ".join(map(str, plans))
+        raise InputError(f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh")
+
+
+def bounced_queries(renderer: Renderer, triangles, gbuffer, lights, samples, facing=0) -> Callable:
+    """Function of a `Bvh` of all triangles -> queries of what diffuse rays meet, one from each of the pixels shown."""
+
+    def bounce(bvh):
+        assert renderer.showing is not None
+        asked, threads = renderer.showing.asked, renderer.threads
+        surfaces = bounced(sparse_gbuffer(gbuffer, asked), triangles, bvh, threads=threads)
+        fewer = [fewer_samples(sets, asked.spp) for sets in samples]
+        return shadow_queries(triangles, surfaces, lights, fewer, facing, threads)
+
+    return bounce
 
 
 def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:

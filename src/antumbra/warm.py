@@ -52,6 +52,26 @@ def warm_up_quality(plan, gbuffer: str) -> None:
 
 
 @cache
+def warm_up_bounce() -> None:
+    """The same for the diffuse rays that `SrdhRays` can ask for."""
+    _once("a diffuse bounce", lambda: _render_small("srdh+single", "raster", False, bounce=True), tell)
+
+
+@cache
+def warm_up_steps() -> None:
+    """The same for what `antumbra explain` counts."""
+
+    def work():
+        from .explanation import Moment, explain_compiled
+        from .plan import parse_plan
+
+        camera, lights = _small_view()
+        explain_compiled(_small_scene(), [Moment(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2)
+
+    _once("counted steps", work, tell)
+
+
+@cache
 def warm_up_rays() -> None:
     """The same for `Scene.occluded` and `Scene.closest_hit`."""
 
@@ -75,24 +95,28 @@ def _small_scene():
     return Scene.from_arrays(np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3), faces)
 
 
-def _render_small(plan, gbuffer, counters, quality=False):
-    from . import renderer
-    from .query.refine import finer_samples
-    from .query.sampling import light_samples
+def _small_view(quality=False):
+    """(camera, lights) for the small scene."""
     from .scene.camera import Camera
     from .scene.lights import PointLight, SphereLight
     from .scene.point_lights import PointLights
 
-    camera = Camera((0, 2, 3), (0, 0, 0), width=8, height=8)
     light = SphereLight((0, 2, 0), 0.1) if quality else PointLight((0, 2, 0))
-    lights = [light, PointLights([(0, 2, 0)], interleave=quality)]
+    return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), [light, PointLights([(0, 2, 0)], interleave=quality)]
+
+
+def _render_small(plan, gbuffer, counters, quality=False, bounce=False):
+    from . import renderer
+    from .query.refine import finer_samples
+    from .query.sampling import light_samples
+    from .srdh_rays import SrdhRays
+
+    camera, lights = _small_view(quality)
     samples = [light_samples(light, 1) for light in lights]
     finer = finer_samples(lights, 2, "hammersley") if quality else None
-    made = renderer.Renderer(_small_scene(), plan, 2, gbuffer)
-    if (
-        made.showing is None
-    ):  # of all triangles: culling leaves too few for all of a builder; the frame refits this tree
-        made.accelerate()
+    made = renderer.Renderer(_small_scene(), plan, 2, gbuffer, SrdhRays(bounce=True) if bounce else None)
+    if made.showing is None:
+        made.accelerate()  # of all triangles: culling leaves too few for all of a builder; the frame refits this tree
     made.frame(camera, lights, samples, counters=counters, smooth=quality, finer=finer)
 
 
@@ -101,6 +125,8 @@ def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
     plans = list(plans)
     work: list[tuple[str, Callable[[], None]]] = [("ray queries", warm_up_rays)]
     work += [("filter and refinement", lambda p=plan: warm_up_quality(p, "raster")) for plan in plans[:1]]
+    work += [("counted steps", warm_up_steps)]
+    work += [("a diffuse bounce", warm_up_bounce)] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:
         for gbuffer in ("raster", "rays"):
             for counters in (False, True):

@@ -92,6 +92,44 @@ def test_bad_cameras(text):
         arguments.parse_camera(text)
 
 
+@pytest.mark.parametrize(
+    "text, chosen",
+    [
+        ("16", {}),
+        ("32", {"size": 32}),
+        ("all", {"size": None}),
+        ("bounce", {"bounce": True}),
+        ("32,bounce", {"size": 32, "bounce": True}),
+        ("last-frame", {"last_frame": True}),
+        (" last-frame , all,bounce", {"size": None, "bounce": True, "last_frame": True}),
+    ],
+)
+def test_rays_for_srdh(text, chosen):
+    assert arguments.parse_srdh_rays(text) == at.SrdhRays(**chosen)
+
+
+@pytest.mark.parametrize(
+    "text, word",
+    [
+        ("", "''"),
+        ("16,", "''"),
+        ("x", "'x'"),
+        ("16x16", "'16x16'"),
+        ("-1", "'-1'"),
+        ("³", "'³'"),
+        ("0", "size is 0"),
+        ("65537", "65536"),
+        ("16,32", "'32'"),
+        ("16,all", "'all'"),
+        ("bounce,bounce", "'bounce'"),
+        ("last_frame", "'last_frame'"),
+    ],
+)
+def test_bad_rays_for_srdh(text, word):
+    with pytest.raises(at.InputError, match=f"--srdh-rays {text}: .*{word}"):
+        arguments.parse_srdh_rays(text)
+
+
 @pytest.fixture
 def floor():
     return at.Scene.from_arrays([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1]], up="y")
@@ -176,7 +214,8 @@ def test_lights_of_the_scene(floor):
 
 @given(st.text(max_size=40))
 def test_any_text_is_understood_or_refused_in_one_line(text):
-    for parse in (arguments.parse_scene, arguments.parse_size, arguments.parse_camera, arguments.parse_light):
+    kinds = "scene", "size", "camera", "light", "srdh_rays"
+    for parse in (getattr(arguments, f"parse_{kind}") for kind in kinds):
         try:
             parse(text)
         except at.InputError as error:

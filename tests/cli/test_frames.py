@@ -219,6 +219,16 @@ def test_one_renderer_and_one_scene_for_all_frames(film, monkeypatch):
     assert film("--quiet").code == 0 and len(made) == 1
 
 
+@pytest.mark.parametrize("rays", ["last-frame", "2,last-frame,bounce", "all"])
+def test_rays_that_a_builder_is_shown_change_no_bit(film, rays):
+    film("--quiet", "--plan", "bsah+single")
+    wanted = pictures()
+    *told, total = lines(film("--json", "--overwrite", "--plan", "srdh+single", "--srdh-rays", rays))
+    assert [line["state"] for line in told] == ["rendered"] * 4 and pictures() == wanted
+    assert total["srdh_rays"]["last_frame"] is ("last-frame" in rays) and len(set(wanted.values())) == 4
+    assert states(film("--json", "--plan", "srdh+single", "--srdh-rays", "3")) == ["finished"] * 4
+
+
 def test_exr_frames_are_finished_too(film):
     more = "--json", "-o", "f.##.exr"
     *told, total = lines(film(*more))
@@ -267,6 +277,8 @@ def test_what_people_are_told(film):
         (("--frames", "0:5", "--light", "9"), ["no light 9"]),
         (("-o", "f.####.png"), ["f.####.png", "--frames"]),
         (("--fps", "24"), ["--fps", "--frames"]),
+        (("--plan", "srdh+single", "--srdh-rays", "last-frame"), ["last-frame", "--frames"]),
+        (("--frames", "0:5", "--srdh-rays", "last-frame"), ["bsah+multifrusta", "wants rays"]),
     ],
 )
 def test_bad_options(render, tmp_path, arguments, words):

@@ -214,6 +214,8 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--adaptive-spp", "0"), ["--adaptive-spp"]),
         (("--plan", "magic"), ["magic", "bsah", "single"]),
         (("--plan", "bsah"), ["names no tracer"]),
+        (("--srdh-rays", "32"), ["srdh_rays", "bsah+multifrusta"]),
+        (("--srdh-rays", "32x32", "--plan", "srdh+single"), ["--srdh-rays 32x32", "16, 32 or all"]),
         (("--sampler", "dice"), ["dice", "sobol"]),
         (("--gbuffer", "guess"), ["--gbuffer", "raster"]),
         (("--threads", "0"), ["--threads"]),
@@ -286,7 +288,7 @@ def test_what_is_wrong_is_said_before_the_scene_is_read(render, monkeypatch):
     monkeypatch.setattr(command, "open_scene", lambda *_: pytest.fail("the scene was read"))
     for bad in (
         ("--spp", 0), ("--plan", "x"), ("--sampler", "x"), ("-o", "a.b"), ("-o", "none/a.png"), ("--light", "x"),
-        ("--camera", "x"), ("--exposure", -1),
+        ("--camera", "x"), ("--exposure", -1), ("--srdh-rays", "16"),
     ):  # fmt: skip
         render(*bad).refused()
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from . import bench, culling, info, plans, render, scenes, warmup
+from . import bench, culling, explain, info, plans, render, scenes, warmup
 
 app = typer.Typer(
     name="antumbra",
@@ -23,6 +23,7 @@ app.command("scenes")(scenes.scenes)
 app.command("plans")(plans.plans)
 app.command("warmup")(warmup.warmup)
 app.command("culling")(culling.culling)
+app.command("explain")(explain.explain)
 app.add_typer(bench.app, name="bench")
 
 

@@ -4,12 +4,13 @@ import math
 import re
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl
 
 import numpy as np
 
 from ..errors import InputError
+from . import lean
 
 PROCEDURAL = "procedural:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
@@ -18,6 +19,7 @@ _COUNT = re.compile(r"(\d+(?:\.\d+)?)([kKmM]?)")
 _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
+_WHOLE = re.compile(r"[0-9]{1,9}")
 _MAX_SIZE = 32768
 
 LIGHT_FORMS = {
@@ -113,6 +115,27 @@ def parse_frames(text: str, time: float | None = None, fps: float | None = None)
     if not 1e-6 <= fps <= 1e6:
         raise InputError(f"--fps is {fps:g}; it must be a number of frames a second above 0, such as 24")
     return Sequence(range(first, last + 1, step), fps)
+
+
+def parse_srdh_rays(text: str):
+    """`SrdhRays` written as their number along each side of the picture, or ``all``; ``bounce``; ``last-frame``; with
+    commas between them."""
+    chosen: dict[str, Any] = {}
+    with _named(f"--srdh-rays {text}"):
+        for part in (p.strip() for p in text.split(",")):
+            name = {"bounce": "bounce", "last-frame": "last_frame"}.get(part, "size")
+            if name == "size" and part != "all" and not _WHOLE.fullmatch(part):
+                raise InputError(
+                    f"{part!r} is unknown; write 16, 32 or all, and ,bounce or ,last-frame after it if wanted"
+                )
+            if name in chosen:
+                raise InputError(f"{part!r} comes after another one of its kind; leave one of them out")
+            chosen[name] = True if name != "size" else None if part == "all" else int(part)
+        lean.import_numba()
+
+        from ..srdh_rays import SrdhRays
+
+        return SrdhRays(**chosen)
 
 
 def parse_camera(text: str) -> int | CameraSpec:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ..scene.camera import Camera
     from ..scene.lights import Light
     from ..scene.scene import Scene
+    from ..srdh_rays import SrdhRays
 
 
 class Asked(NamedTuple):
@@ -30,6 +31,7 @@ class Asked(NamedTuple):
     filter: bool
     adaptive: int | None
     plan: str
+    srdh_rays: "SrdhRays | None"  # that the plan's builder is shown
     gbuffer: str
     threads: int | None
     exposure: float | None  # None: automatic
@@ -42,16 +44,17 @@ class Asked(NamedTuple):
         from ..image.save import checked_exposure
         from ..plan import parse_plan
         from ..query.sampling import sample_sets
+        from ..renderer import check_srdh_rays
 
         if self.exposure is not None:
             checked_exposure(self.exposure)
-        parse_plan(self.plan)
+        check_srdh_rays(self.srdh_rays, parse_plan(self.plan))
         sample_sets(self.spp, self.sampler)
 
     def renderer(self, scene: "Scene") -> "Renderer":
         from .. import Renderer
 
-        return Renderer(scene, self.plan, self.threads, self.gbuffer)
+        return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays)
 
     def view(self, scene: "Scene", time: float) -> "Camera":
         """The camera at a time."""
@@ -78,12 +81,13 @@ class Asked(NamedTuple):
     def options(self) -> dict:
         """Names and values, for ``--json``."""
         names = "spp", "sampler", "filter", "adaptive", "plan", "gbuffer", "threads"
-        return {name: getattr(self, name) for name in names}
+        rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
+        return {**{name: getattr(self, name) for name in names}, "srdh_rays": rays}
 
     def settings(self, scene: "Scene", digest: str, time: float) -> dict:
         """All that the picture of a time depends on, as JSON has it: with the same settings it has the same bits.
 
-        Not the plan, the G-buffer's method and the threads, which change nothing; nor the exposure.
+        Not the plan, its rays, the G-buffer's method and the threads, which change nothing; nor the exposure.
         """
         from .. import __version__
 

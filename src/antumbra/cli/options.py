@@ -28,4 +28,14 @@ CameraOption = Annotated[
     typer.Option("--camera", help="An index, or POSITION:TARGET[:VFOV].", metavar="CAMERA", show_default=False),
 ]
 
+SrdhRaysOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Shadow rays that the builder srdh is shown: of so many pixels across and down, or all; bounce: as many "
+        "again after a diffuse bounce; last-frame: those of the frame before.  [default: 16]",
+        metavar="N|all[,bounce][,last-frame]",
+        show_default=False,
+    ),
+]
+
 SCENE_HELP = "A .glb, .gltf, .obj, .ply or .stl file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N."

@@ -12,7 +12,7 @@ from .activity import Activity
 from .asked import Asked
 from .frames import Job, output_path, render_frames
 from .opening import open_scene
-from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, Threads, UpOption
+from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, SrdhRaysOption, Threads, UpOption
 
 
 def render(
@@ -86,6 +86,7 @@ def render(
         ),
     ] = None,
     plan: Annotated[str, typer.Option(help="Which methods answer; see antumbra plans.")] = "bsah+multifrusta",
+    srdh_rays: SrdhRaysOption = None,
     gbuffer: Annotated[GBufferBy, typer.Option(help="How it is found what pixels see.")] = GBufferBy.raster,
     threads: Threads = None,
     exposure: Annotated[
@@ -133,6 +134,7 @@ def render(
       antumbra render robot.glb --time 1.5 --filter --adaptive
       antumbra render robot.glb --time 1.5 --json
       antumbra render robot.glb --frames 0:240 -o f.####.png
+      antumbra render robot.glb --frames 0:240 --plan srdh+single --srdh-rays last-frame
       antumbra render "procedural:city?triangles=500k&seed=3"
     """
     if ao is not None and vpl is not None:
@@ -152,6 +154,7 @@ def render(
         filter=filter,
         adaptive=min(4 * spp, 1024) if adaptive and adaptive_spp is None else adaptive_spp,
         plan=plan,
+        srdh_rays=None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays),
         gbuffer=gbuffer.value,
         threads=threads,
         exposure=exposure,
@@ -164,6 +167,8 @@ def render(
         raise InputError("--fps belongs to --frames FIRST:LAST; leave it out")
     if sequence is None and overwrite:
         raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
+    if sequence is None and asked.srdh_rays is not None and asked.srdh_rays.last_frame:
+        raise InputError("--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no frame before")
     lean.import_numba()
     path = output_path(output, spec.stem, sequence)
     asked.check()

@@ -65,6 +65,11 @@ def camera_fields(camera) -> dict:
     return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height")}
 
 
+def srdh_rays_fields(rays) -> dict:
+    """`SrdhRays` that were written on the command line as names and values."""
+    return {name: getattr(rays, name) for name in ("size", "spp", "bounce", "last_frame")}
+
+
 def _print_rows(table, rows, width: int | None = None) -> None:
     from rich.console import Console
     from rich.text import Text

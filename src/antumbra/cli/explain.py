@@ -1,0 +1,209 @@
+"""``antumbra explain``: where the steps of shadow rays go, plan by plan."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import InputError
+from . import arguments, lean, report
+from .activity import Activity
+from .opening import open_scene
+from .options import SCENE_HELP, CameraOption, Json, Quiet, SrdhRaysOption, Threads, UpOption
+
+if TYPE_CHECKING:
+    from ..explanation import Explanation, PlanSteps
+
+_PLANS = "bsah+single:random", "srdh+single"
+_WIDTH = 120  # of the tables, in characters
+_CAPTION = "box tests of each pixel's rays; black: no rays"
+
+
+def explain(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="A .png file.  [default: SCENE's name-explain.png, here]", metavar="FILE"),
+    ] = None,
+    plan: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"To be compared with the first; may be repeated.  [default: {' and '.join(_PLANS)}]",
+            metavar="PLAN",
+            show_default=False,
+        ),
+    ] = None,
+    size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "512x512",
+    camera: CameraOption = None,
+    light: Annotated[
+        list[str] | None,
+        typer.Option(help="An index, or KIND:...; may be repeated.", metavar="LIGHT", show_default=False),
+    ] = None,
+    time: Annotated[float, typer.Option(help="Seconds into the animation.")] = 0.0,
+    before: Annotated[
+        float | None,
+        typer.Option(
+            help="A frame so many seconds before is built first, for plans that keep something (refit, last-frame).",
+            metavar="SECONDS",
+            show_default=False,
+        ),
+    ] = None,
+    up: UpOption = None,
+    spp: Annotated[int, typer.Option(help="Shadow rays for each pixel and light.", min=1, max=1024)] = 16,
+    srdh_rays: SrdhRaysOption = None,
+    threads: Threads = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show where plans spend the steps of SCENE's shadow rays.
+
+    A picture for each plan, side by side: the boxes tested for each pixel, in the same colours for all. The tables
+    split them into the classes of the SRDH paper (on the path to the hit, in vain beside it, for rays that nothing
+    blocks), and tell how deep in each tree the triangles lie that block half of all blocked rays.
+
+    Plans with the tracers single and single:... walk rays one by one. Others test boxes for bundles of rays: their
+    pictures show the tests in windows of 16x16 pixels, shared among the pixels, and classes are not known.
+
+    \b
+    Examples
+      antumbra explain
+      antumbra explain zdm2.glb --plan bsah+single:rtsah --plan srdh+single --srdh-rays 32
+      antumbra explain robot.glb --time 2 --before 0.04 --plan bsah+single --plan bsah+refit+single
+      antumbra explain city.glb --light sun:1,-0.5,-1 --plan bsah+single --plan bsah+multifrusta --json
+    """
+    spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
+    asked_camera = None if camera is None else arguments.parse_camera(camera)
+    asked_lights = [arguments.parse_light(text) for text in light or []]
+    if before is not None and not 0.0 < before <= 1e9:
+        raise InputError(f"--before is {before:g}; it must be a number of seconds above 0, such as 0.04")
+    asked_rays = None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays)
+    if asked_rays is not None and asked_rays.last_frame and before is None:
+        raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
+    lean.import_numba()
+
+    from ..explanation import Moment
+    from ..explanation import explain as explained
+    from ..image.save import save_png
+    from ..output import checked_output
+    from ..plan import parse_plan
+    from ..renderer import check_srdh_rays
+
+    path = checked_output(Path(f"{spec.stem}-explain.png") if output is None else output, (".png",))
+    plans = [parse_plan(text) for text in plan or _PLANS]
+    check_srdh_rays(asked_rays, *plans)
+    with Activity(quiet) as activity:
+        activity.say("reading the scene")
+        opened = open_scene(spec, None if up is None else up.value, quiet)
+
+        def moment(at: float) -> Moment:
+            view = arguments.make_camera(asked_camera, opened, at, width_height)
+            return Moment(opened.clamped(at), view, arguments.make_lights(asked_lights, opened, at))
+
+        moments = [moment(at) for at in ([time] if before is None else [time - before, time])]
+        activity.say("preparing")
+        told = explained(
+            opened, moments, plans, spp=spp, threads=threads, srdh_rays=asked_rays,
+            say=lambda plan, i: activity.say(f"walking by {plan}", i, len(plans)),
+        )  # fmt: skip
+        activity.say("writing the picture")
+        save_png(_picture(told), path)
+    if json:
+        asked = {
+            "output": str(path), "scene": scene, "triangles": opened.n_triangles, "time": moments[-1].time,
+            "before": before, "camera": report.camera_fields(moments[-1].camera),
+            "lights": [report.light_fields(light) for light in moments[-1].lights], "spp": spp,
+            "srdh_rays": None if asked_rays is None else report.srdh_rays_fields(asked_rays), "threads": threads,
+        }  # fmt: skip
+        report.print_json({**asked, **_answer(told)})
+    elif not quiet:
+        report.print_fields(
+            [("picture", str(path)), ("scene", f"{scene}, {opened.n_triangles:,} triangles"), *_fields(told)]
+        )
+        _print_tables(told)
+
+
+def _picture(told: "Explanation"):
+    """(H, W, 3) uint8: the panels of all plans."""
+    from ..image.heatmap import heat_map
+
+    labels = [(str(one.plan), _label(told, one)) for one in told.plans]
+    return heat_map([one.boxes for one in told.plans], told.asks, labels, _CAPTION)
+
+
+def _label(told: "Explanation", one: "PlanSteps") -> str:
+    each = f"{_each(one.box_tests, told.rays)} box tests a ray"
+    return each if one is told.plans[0] else f"{each}, {_ratio(told, one)} times the first"
+
+
+def _each(n: float, rays: int) -> str:
+    """So many for each ray, for people."""
+    return f"{n / rays:.4g}" if rays else "-"
+
+
+def _ratio(told: "Explanation", one: "PlanSteps") -> str:
+    first = told.plans[0].box_tests
+    return f"{one.box_tests / first:.3f}" if first else "-"
+
+
+def _answer(told: "Explanation") -> dict:
+    """What ``--json`` says of the steps; null where there is no ray, or no class is known."""
+    from ..trace.steps import CLASSES
+
+    first, rays = told.plans[0].box_tests, told.rays or float("nan")
+    plans = [
+        {
+            "plan": str(one.plan),
+            "one_by_one": one.classes is not None,
+            "box_tests": one.box_tests,
+            "box_tests_per_ray": one.box_tests / rays,
+            "ratio": one.box_tests / first if first else None,
+            "classes": None if one.classes is None else dict(zip(CLASSES, one.classes.tolist())),
+            "triangle_tests": one.triangle_tests,
+            "triangle_tests_per_ray": one.triangle_tests / rays,
+            "depths": one.depths._asdict(),
+        }
+        for one in told.plans
+    ]
+    frequent = {"triangles": len(told.frequent), "rays": told.frequent_rays}
+    return {"rays": told.rays, "blocked": told.blocked, "frequent": frequent, "plans": plans, "same_bits": True}
+
+
+def _fields(told: "Explanation") -> Iterator[tuple[str, str]]:
+    """What is the same for all plans."""
+    yield "rays", f"{told.rays:,}" + (f", {100 * told.blocked / told.rays:.3g} % of them blocked" if told.rays else "")
+    if told.blocked:
+        share = 100 * told.frequent_rays / told.blocked
+        yield "frequent", f"{len(told.frequent):,} triangles block {share:.0f} % of the blocked rays"
+    yield "bits", "the same by all plans"
+
+
+def _print_tables(told: "Explanation") -> None:
+    """What differs, for people."""
+    from ..trace.steps import CLASSES
+
+    steps = [
+        (
+            str(one.plan), _each(one.box_tests, told.rays), _ratio(told, one), *_classes(told, one),
+            _each(one.triangle_tests, told.rays),
+        )
+        for one in told.plans
+    ]  # fmt: skip
+    print("Steps for each ray")
+    report.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
+    depths = [(str(one.plan), *(_depth(d) for d in one.depths[:4])) for one in told.plans]
+    print("Boxes from the root to a leaf")
+    head = "plan", "frequent blockers", "where rays end: mean", "median", "deepest leaf"
+    report.print_table(head, depths, range(1, 5), _WIDTH)
+
+
+def _classes(told: "Explanation", one: "PlanSteps") -> list[str]:
+    """The box tests of each class for each ray, and their share."""
+    if one.classes is None or not one.box_tests:
+        return ["-"] * 3
+    return [f"{_each(n, told.rays)} ({100 * n / one.box_tests:.0f} %)" for n in one.classes.tolist()]
+
+
+def _depth(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.3g}"
