@@ -45,7 +45,7 @@ class SrdhRays:
     """
 
     size: int | None = 16
-    spp: int = 16
+    spp: int = 4
     bounce: bool = False
     last_frame: bool = False
     origins: np.ndarray | None = None
