@@ -161,17 +161,19 @@ class Shown:
         self.bvh = bvh  # of all triangles of the scene, if there is one
         self.met: Intersections | None = None
 
-    def among(self, vertices: np.ndarray, kept: np.ndarray | None, threads: int) -> Intersections:
+    def among(self, vertices: np.ndarray, kept: np.ndarray | None, threads: int, bvh: Bvh | None) -> Intersections:
         """What they meet, as the builder of these triangles counts them; `kept`: which of the scene's, None: all.
 
-        If no BVH can answer that yet, the one is made that takes the least time: it is asked little.
+        If no BVH can answer that yet, not even one of these triangles (`bvh`), the one is made that takes the least
+        time: it is asked little.
         """
         if self.met is None and self.bvh is not None:
             self.met = intersections(self.bvh, *self.segments, threads)
         if self.met is not None:
             return _counted_in(kept, self.met)
         origins, ends, skip = self.segments
-        return intersections(BUILDERS["lbvh"].build(vertices, threads), origins, ends, _among(kept, skip), threads)
+        bvh = BUILDERS["lbvh"].build(vertices, threads) if bvh is None else bvh
+        return intersections(bvh, origins, ends, _among(kept, skip), threads)
 
 
 class Showing:
