@@ -43,7 +43,7 @@ CROP, ZOOM = 96, 3  # pixels a side of a crop; times it is enlarged
 
 def opened(name: str, size: int):
     """(scene, camera, lights)"""
-    if name in ("atrium", "cellar", "city", "courtyard", "forest", "museum", "sculptures"):
+    if name in ("atrium", "blinds", "cellar", "city", "courtyard", "forest", "museum", "sculptures"):
         scene = at.procedural(name)
         return scene, scene.cameras[0].resized(size, size), scene.lights
     folder = SCENES / name if (SCENES / name).is_dir() else Path(name)

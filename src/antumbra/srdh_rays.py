@@ -45,7 +45,7 @@ class SrdhRays:
     """
 
     size: int | None = 16
-    spp: int = 4
+    spp: int = 16
     bounce: bool = False
     last_frame: bool = False
     origins: np.ndarray | None = None
@@ -94,8 +94,12 @@ def _sparse(array: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 
 
 def fewer_samples(samples: np.ndarray, spp: int) -> np.ndarray:
-    """At most `spp` of the samples of each set, (16, n, 3), spread over their order."""
-    return np.ascontiguousarray(samples[:, _spread(samples.shape[1], spp)])
+    """At most `spp` of the samples of each set, (16, n, 3): other ones of each, so that neighbours see all of a light."""
+    n = samples.shape[1]
+    if spp >= n:
+        return samples
+    sets = np.arange(len(samples))[:, None]
+    return np.ascontiguousarray(samples[sets, (_spread(n, spp) + sets) % n])
 
 
 def _sparse_query(query: ShadowQuery, asked: SrdhRays) -> ShadowQuery:

@@ -12,14 +12,18 @@ from antumbra.scene.procedural import (
     LEAST,
     MOST,
     PROCEDURAL,
+    bedding,
     city_blocks,
     city_view,
+    furniture,
     generate,
     plants,
     props,
     sculptures,
     shapes,
+    toys,
     trees,
+    window,
 )
 from antumbra.scene.procedural import architecture as build
 from antumbra.scene.procedural import buildings as houses
@@ -143,6 +147,19 @@ def _solids():
         yield f"trunk {detail}", trees.bare_tree(rng, 8.0, detail).wood
         yield f"car {detail}", houses.car(0, detail)
         yield f"lamp {detail}", houses.lamp(detail)
+        yield f"bed {detail}", bedding.bed(1.7, 2.0, detail, rng)
+        yield f"armchair {detail}", bedding.armchair(detail, rng)
+        yield f"drawers {detail}", furniture.drawers(1.2, 0.8, 0.4, 3, 2, detail)
+        yield f"table lamp {detail}", furniture.table_lamp(0.5, detail)
+        yield f"book {detail}", furniture.book(detail, 8)
+        yield f"door {detail}", furniture.door(0.9, 2.0, detail)
+        yield f"bookcase {detail}", assemble(furniture.bookcase(1.2, 2.0, 0.3, 5, detail, rng))
+        yield f"chandelier {detail}", assemble(furniture.chandelier(0.6, detail))
+        yield f"blind {detail}", assemble(window.panel(1.1, 2.3, -0.3, detail, rng))
+        yield f"curtains {detail}", assemble(window.curtains(2.6, 0, detail, rng))
+        yield f"toys {detail}", shapes.merge(*(toy(detail) for toy in (toys.blocks, toys.rings, toys.train)))
+        yield f"bear {detail}", toys.bear(0.5, detail)
+        yield f"beach ball {detail}", toys.beach_ball(0.2, detail)
     for triangles in (50, 3000):
         yield f"knot {triangles}", sculptures.knot(triangles)
         yield f"blob {triangles}", sculptures.blob(triangles, rng)
@@ -157,6 +174,7 @@ def _solids():
     yield "voussoirs", build.voussoirs(1.6, 0.3, 0.7, 9, 2)
     yield "vault", build.vault(1.75, 1.9, 2.2, 5)
     yield "wall", build.ashlar(4.0, 3.0, 0.4, 0.5, rng)
+    yield "wall with a window", window.pierced((-3.0, 0.0), (3.0, 2.8), 0.3)
     yield "stairs", build.stairs(9, 1.5, 0.2, 0.25)
     yield "crate", props.crate((1.0, 0.8, 0.7), 4)
     yield "curtain", props.cloth(2.0, 3.0, 20, 12, rng, sway=1.0)
@@ -247,7 +265,7 @@ def test_the_largest_city_can_be_streamed():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("attic",), "no procedural scene 'attic'; choose one of atrium, city, forest, cellar, museum"),
+        (("attic",), "no procedural scene 'attic'; choose one of atrium, city, forest, cellar, museum, blinds"),
         (("atrium", 10), "triangles is 10; give a whole number from 1000 to 400000000"),
         (("city", MOST + 1), "triangles is 400000001"),
         (("city", 5000.5), "triangles is 5000.5"),

@@ -30,7 +30,7 @@ from .subtree import Ranges, Settings, build_range, copy_corners, grow, push_ran
 from .top import build_top
 from .top_down import build_below, largest_subtree
 
-PRIOR = 1e-3  # only settles ties
+PRIOR = 16.0  # lowers box tests by 1 to 2 % against none, with rays of 16 x 16 pixels
 KERNELS = {"constant": CONSTANT, "distance": DISTANCE, "all": CONSTANT | DISTANCE}
 """Name -> the traversal kernels to choose from: left or right first; front to back or back to front; all four."""
 

@@ -28,7 +28,7 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
 
     Parameters
     ----------
-    name : "atrium", "city", "forest", "cellar" or "museum"
+    name : "atrium", "city", "forest", "cellar", "museum" or "blinds"
     triangles : int, optional
         About how many (within 10 %); each scene has its own default.
     seed : int

@@ -52,6 +52,18 @@ def _toss(node, d):
     return (h >> np.uint32(31)) == 0
 
 
+@kernel
+def _by_ray(order, nodes, node, a, b, o, d):
+    """`left_comes_first` of an order that depends on the ray; out of line, since few walks want it."""
+    if order == FRONT_TO_BACK:
+        return _left_is_closer(nodes, node, o)
+    if order == BACK_TO_FRONT:
+        return not _left_is_closer(nodes, node, o)
+    if order == RANDOM:
+        return _toss(node, d)
+    return a <= b
+
+
 @inlined
 def left_comes_first(order, nodes, links, node, a, b, o, d):
     """Whether an any-hit ray from o along d, or a closest-hit one, visits a node's left child first.
@@ -60,16 +72,14 @@ def left_comes_first(order, nodes, links, node, a, b, o, d):
     """
     if order == BUILT or order == SRDH:
         chosen = np.int64(get(links, node * 16 + 14))
-        order = chosen if chosen != UNORDERED else (np.int64(RANDOM) if order == SRDH else np.int64(NEAREST))
-    if order == LEFT_FIRST:
-        return True
-    if order == FRONT_TO_BACK:
-        return _left_is_closer(nodes, node, o)
-    if order == BACK_TO_FRONT:
-        return not _left_is_closer(nodes, node, o)
-    if order == RANDOM:
-        return _toss(node, d)
-    return a <= b
+        if chosen == LEFT_FIRST:
+            return True
+        if chosen == UNORDERED and order == BUILT:
+            return a <= b
+        order = chosen if chosen != UNORDERED else np.int64(RANDOM)
+    if order == CLOSEST:
+        return a <= b
+    return order == LEFT_FIRST or _by_ray(order, nodes, node, a, b, o, d)
 
 
 class Order(NamedTuple):

@@ -182,19 +182,19 @@ def walk(tree, ray, skip, cull_faces, order, hits, counters):
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, 1 if one_by_one else 2)
             mask, near = _enter(nodes, link, box, splat4(limit))
-            left, right = np.int64(get(links, link * 16 + 12)), np.int64(get(links, link * 16 + 13))
-            if one_by_one:
-                left, right = left if mask & 1 else np.int64(EMPTY), right if mask & 2 else np.int64(EMPTY)
-            if mask == 3 or one_by_one:
-                a, b = extract(near, 0), extract(near, 1)
-                left_first = left_comes_first(order, nodes, links, link, a, b, o, d)
-                put(stack, height, right if left_first else left)
-                put(entry, height, b if left_first else a)
-                height += 1
-                link = left if left_first else right
-                continue
-            if mask:
-                link = left if mask == 1 else right
+            if mask or one_by_one:
+                left, right = np.int64(get(links, link * 16 + 12)), np.int64(get(links, link * 16 + 13))
+                if one_by_one:
+                    left, right = left if mask & 1 else np.int64(EMPTY), right if mask & 2 else np.int64(EMPTY)
+                if mask == 3 or one_by_one:
+                    a, b = extract(near, 0), extract(near, 1)
+                    left_first = left_comes_first(order, nodes, links, link, a, b, o, d)
+                    put(stack, height, right if left_first else left)
+                    put(entry, height, b if left_first else a)
+                    height += 1
+                    link = left if left_first else right
+                else:
+                    link = left if mask == 1 else right
                 continue
         elif link != EMPTY:  # a child that is missed when tests are counted, or is not there
             code = ~link

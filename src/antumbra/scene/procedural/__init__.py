@@ -1,4 +1,4 @@
-"""Procedural scenes: an atrium, a city, a forest, a cellar and a museum, at any size, without a file."""
+"""Procedural scenes: atrium, city, forest, cellar, museum and a room behind blinds, at any size, without a file."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,6 +7,7 @@ import numpy as np
 
 from ...errors import InputError
 from .atrium import atrium
+from .blinds import blinds
 from .cellar import cellar
 from .city import city, city_blocks, city_view
 from .forest import forest
@@ -42,6 +43,7 @@ PROCEDURAL = {
     "forest": Recipe(forest, "a path through trees, ferns and grass", 300_000),
     "cellar": Recipe(cellar, "vaulted rooms on several levels, of which little can be seen at once", 250_000),
     "museum": Recipe(museum, "halls of sculptures, with most triangles in a few of them", 300_000),
+    "blinds": Recipe(blinds, "a bedroom into which light comes through the slats of blinds only", 300_000),
 }
 """The scenes by name."""
 

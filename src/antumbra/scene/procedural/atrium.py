@@ -7,7 +7,7 @@ from .courtyard import BAY, COARSE, HALF_X, HALF_Z, LEVEL, RADIUS, SKETCH, SPRIN
 from .parts import Part, assemble, count, fitted, put
 from .plants import agave, bush, ivy, shrub
 from .props import SINK, bench, cloth, crate, pot, vase
-from .shapes import Mesh, arc, loft, merge, revolve, steps
+from .shapes import Mesh, arc, loft, merge, raised, revolve, steps
 from .trees import palm
 
 CAMERA = {"position": (2.6, 1.7, 11.2), "target": (-0.7, 3.0, -2.0), "up": (0.0, 1.0, 0.0), "vfov": 56.0}
@@ -32,10 +32,10 @@ def _furniture(d: float, rng) -> list[Part]:
     """The fountain, pots with plants, amphorae, benches, crates, curtains and banners."""
     pots = np.array([(-2.9, 5.6), (4.3, 4.2), (-4.2, -1.4), (4.3, -6.6), (-4.1, -8.8), (3.9, 9.0)])
     leaves = palm(rng, steps(15, d, 4), steps(18, d, 3), 2.3, 1.75, d)
-    kinds = [merge(_lifted(leaves, 0.55), pot(0.65, 0.42, d))]
+    kinds = [merge(raised(leaves, 0.55), pot(0.65, 0.42, d))]
     if d > SKETCH:
         leaves = agave(rng, steps(26, d**0.5, 6), 0.95, steps(6, d, 2))
-        kinds.append(merge(_lifted(leaves, 0.5), pot(0.6, 0.45, d, p.CLAY)))
+        kinds.append(merge(raised(leaves, 0.5), pot(0.6, 0.45, d, p.CLAY)))
     parts = _fountain(d)
     for k, kind in enumerate(kinds):
         at = pots[k::2]
@@ -43,10 +43,6 @@ def _furniture(d: float, rng) -> list[Part]:
     if d > SKETCH:
         parts += _clutter(d, rng)
     return parts + _cloths(d, rng)
-
-
-def _lifted(mesh, y: float):
-    return mesh._replace(vertices=mesh.vertices + np.float32([0, y, 0]))
 
 
 def _fountain(d: float) -> list[Part]:
@@ -113,9 +109,9 @@ def _clutter(d: float, rng) -> list[Part]:
     turn = np.array([0.1, -0.2, 0.35, 0.5, 0.15, 0.9])
     parts.append(put(crate((0.8, 0.68, 0.75), round(4 * d**0.5)), stack, turn, [1, 1, 0.8, 1, 1, 0.8]))
     balls = np.array([(x, z) for x in (-1.9, 1.9) for z in (FOUNTAIN[1] - 2.1, FOUNTAIN[1] + 2.1)])
-    parts.append(put(merge(_lifted(bush(rng, 0.36, d), 0.38), pot(0.45, 0.3, d, p.MARBLE)), at_height(balls, 0.0)))
+    parts.append(put(merge(raised(bush(rng, 0.36, d), 0.38), pot(0.45, 0.3, d, p.MARBLE)), at_height(balls, 0.0)))
     green = merge(
-        _lifted(shrub(rng, steps(260, d * d, 12), 0.42, 0.8, 0.15 / max(1.0, d**0.5)), 0.42), pot(0.5, 0.34, d)
+        raised(shrub(rng, steps(260, d * d, 12), 0.42, 0.8, 0.15 / max(1.0, d**0.5)), 0.42), pot(0.5, 0.34, d)
     )
     tubs, _ = around(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
     if d > COARSE:

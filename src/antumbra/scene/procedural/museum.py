@@ -7,7 +7,7 @@ from .architecture import EMBED, doorway, tiles
 from .parts import Part, assemble, count, fitted, put
 from .props import bench, vase
 from .sculptures import ammonite, blob, knot, painting, rain, ribbon, twist, vortex
-from .shapes import Mesh, box, boxes, frame_ring, merge, revolve, steps
+from .shapes import Mesh, box, boxes, frame_ring, merge, raised, revolve, steps
 
 WIDTH, DEPTH, HEIGHT = 14.0, 17.0, 6.4  # of a hall, from wall to wall
 WALL = 0.6
@@ -113,7 +113,7 @@ def _case(treasure: Mesh) -> Mesh:
     rails = [(s * w / 2 * (axis == 0), h + 0.72, s * w / 2 * (axis == 1)) for axis in (0, 1) for s in (-1, 1)]
     sizes = [(0.035, 0.78, 0.035)] * 4 + [(0.03, 0.03, w)] * 2 + [(w, 0.03, 0.03)] * 2
     frame = boxes(sizes, posts + rails, p.BRONZE)
-    inside = treasure._replace(vertices=treasure.vertices + np.float32([0, h, 0]))
+    inside = raised(treasure, h)
     return merge(_plinth(w + 0.1, h, p.DARK_WOOD), frame, inside)
 
 
@@ -122,11 +122,11 @@ def _exhibits(at, budget: float, rng) -> list[Part]:
     each = budget / len(at)
     shares = np.array([0.2, 0.26, 0.16, 0.12, 0.1, 0.07, 0.05, 0.04]) * each
     works = [
-        (merge(_plinth(1.1, 0.5), _raised(knot(shares[1], size=0.62), 0.46)), (-4.0, -3.4)),
-        (merge(_plinth(0.8, 0.95), _raised(blob(shares[2], rng, 0.5), 0.94)), (3.9, 2.4)),
-        (merge(_plinth(0.9, 0.35, p.SLATE), _raised(twist(shares[3]), 0.33)), (4.3, -3.6)),
-        (merge(_plinth(0.9, 0.8), _raised(ammonite(shares[4], 0.62), 0.79)), (-3.9, 2.0)),
-        (merge(_plinth(1.0, 0.6, p.SLATE), _raised(ribbon(shares[5], 0.62), 0.58)), (-1.9, -7.0 + 0.4)),
+        (merge(_plinth(1.1, 0.5), raised(knot(shares[1], size=0.62), 0.46)), (-4.0, -3.4)),
+        (merge(_plinth(0.8, 0.95), raised(blob(shares[2], rng, 0.5), 0.94)), (3.9, 2.4)),
+        (merge(_plinth(0.9, 0.35, p.SLATE), raised(twist(shares[3]), 0.33)), (4.3, -3.6)),
+        (merge(_plinth(0.9, 0.8), raised(ammonite(shares[4], 0.62), 0.79)), (-3.9, 2.0)),
+        (merge(_plinth(1.0, 0.6, p.SLATE), raised(ribbon(shares[5], 0.62), 0.58)), (-1.9, -7.0 + 0.4)),
         (_case(blob(0.5 * shares[6], rng, 0.2, p.TEAL)), (-5.2, 5.4)),
         (_case(vase(0.55, float(np.sqrt(shares[7] / 900.0)), p.BLUE)), (5.5, -0.6)),
     ]
@@ -140,7 +140,3 @@ def _exhibits(at, budget: float, rng) -> list[Part]:
         for part in group:
             parts += [part._replace(offset=part.offset + place.astype(np.float32)) for place in at[chosen]]
     return [*parts, stand]
-
-
-def _raised(mesh: Mesh, y: float) -> Mesh:
-    return mesh._replace(vertices=mesh.vertices + np.float32([0.0, y, 0.0]))

@@ -51,6 +51,13 @@ def put(mesh: Mesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0)
     return Part(mesh, offset, matrix, np.broadcast_to(np.asarray(shade, np.uint8), (k,)))
 
 
+def moved(parts: Iterable[Part], at=(0.0, 0.0, 0.0), turn=0.0) -> list[Part]:
+    """The parts, turned about Y (radians) as one and then moved by `at` (3,)."""
+    around = turned(turn)[0].astype(np.float32)
+    shift = np.asarray(at, np.float32)
+    return [part._replace(offset=part.offset @ around.T + shift, matrix=around @ part.matrix) for part in parts]
+
+
 def count(parts: Iterable[Part]) -> int:
     """How many triangles the parts have, without making them."""
     return sum(part.n_triangles for part in parts)

@@ -35,6 +35,11 @@ def merge(*meshes: Mesh) -> Mesh:
     )
 
 
+def raised(mesh: Mesh, y: float) -> Mesh:
+    """The mesh, `y` metres higher."""
+    return mesh._replace(vertices=mesh.vertices + np.float32([0.0, y, 0.0]))
+
+
 def outward(mesh: Mesh) -> Mesh:
     """A closed mesh with its faces turned the right way: positive volume."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) - mesh.vertices[0] for i in range(3))
