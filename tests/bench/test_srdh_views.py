@@ -54,7 +54,7 @@ def test_a_direction_is_a_square_far_away_that_faces_the_scene(scenes):
 
 
 def test_z_up(scenes):
-    scenes(up=[0, 0, 1])
+    scenes(up=[0, 0, 1], camera={"position": [5, 0, 1], "target": [0, 0, 1], "vfov": 50})
     view = named_view("zdm2", (40, 30))
     assert view.scene.up == "z" and view.camera.up.tolist() == [0, 0, 1]
 
