@@ -159,7 +159,7 @@ def _print_pixels(rows: "list[Counted]") -> None:
     from ..bench import published_srdh as paper
     from ..bench import srdh as bench
 
-    table, beyond = [], {}
+    table, beyond = [], dict[str, list[float]]()
     for name in bench.scenes_of(rows):
         for method in (bench.PUBLISHED, bench.OURS):
             shown = [bench.of(rows, name, method, k) for k in (*bench.PIXELS, None)]
