@@ -161,8 +161,8 @@ class Shown:
         self.bvh = bvh  # of all triangles of the scene, if there is one
         self.met: Intersections | None = None
 
-    def among(self, vertices: np.ndarray, kept: np.ndarray | None, threads: int, bvh: Bvh | None) -> Intersections:
-        """What they meet, as the builder of these triangles counts them; `kept`: which of the scene's, None: all.
+    def among(self, vertices: np.ndarray, kept: np.ndarray | None, threads: int, bvh: Bvh | None = None):
+        """The `Intersections`, as the builder of these triangles counts them; `kept`: which of the scene's, None: all.
 
         If no BVH can answer that yet, not even one of these triangles (`bvh`), the one is made that takes the least
         time: it is asked little.
