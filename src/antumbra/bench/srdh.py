@@ -2,7 +2,7 @@
 
 Shadow rays start at what the camera sees and at what one diffuse ray from each of those points meets. All trees have
 one triangle in each leaf, and rays are walked one by one. The pre-render of k x k pixels takes so many of the picture's
-own, spread evenly, with all their samples and bounces of their own.
+own, spread evenly, with `PRERENDER_SPP` samples of each light or more, and bounces of their own.
 """
 
 from collections.abc import Callable, Iterable
@@ -29,6 +29,9 @@ SAH_ORDERS = (BASE, "front-to-back", "back-to-front", "rtsah")
 PUBLISHED, CONSTANT, DISTANCE, OURS = "srdh, published", "constant kernels", "distance kernels", "srdh"
 PIXELS = (8, 16, 32, 64, 128, 256)
 """Widths of the pre-renders of Fig. 4; after them come all pixels."""
+
+PRERENDER_SPP = 4
+"""Samples of a light in pre-renders, at least. With one, 16 x 16 pixels are 300 rays; the paper has up to 5,505."""
 
 _paper = BUILDERS["srdh:paper"].build
 METHODS: dict[str, tuple[Callable, int]] = {
@@ -65,26 +68,28 @@ class Workload:
         self.triangles = view.scene.triangles(0.0, self.threads)
         self.sah = binned_sah.build(self.triangles.vertices, self.threads)
         self._samples = [light_samples(light, spp) for light in view.lights]
+        self._prerendered = [light_samples(light, max(spp, PRERENDER_SPP)) for light in view.lights]
         self._gbuffer = Renderer(view.scene, threads=self.threads).see(self.triangles, view.camera)
         if not (self._gbuffer.face >= 0).any():
             raise InputError(f"{view.name}: the camera sees nothing; choose a scene whose first camera sees something")
-        self._seen = self._queries(self._gbuffer)
+        self._seen = self._queries(self._gbuffer, self._samples)
 
     def queries(self) -> list[ShadowQuery]:
         """All that is asked."""
-        return [*self._seen, *self._bounce(None, self.sah)]
+        return [*self._seen, *self._bounce(None, self._samples, self.sah)]
 
     def shown(self, pixels: int | None, bvh: Bvh | None) -> Shown:
-        """The rays of a pre-render; `bvh`: of all triangles, for their bounce and for what they meet."""
-        asked = SrdhRays(size=pixels, spp=MAX_SPP, bounce=True)
-        return Showing(asked, self.threads).show(self._seen, self.triangles, bvh, partial(self._bounce, pixels))
+        """The rays of a pre-render, or (None) all; `bvh`: of all triangles, for their bounce and for what they meet."""
+        asked, samples = SrdhRays(size=pixels, spp=MAX_SPP, bounce=True), self._prerendered if pixels else self._samples
+        seen = [query._replace(samples=sets) for query, sets in zip(self._seen, samples)]
+        return Showing(asked, self.threads).show(seen, self.triangles, bvh, partial(self._bounce, pixels, samples))
 
-    def _queries(self, gbuffer) -> list[ShadowQuery]:
-        return shadow_queries(self.triangles, gbuffer, self.view.lights, self._samples, threads=self.threads)
+    def _queries(self, gbuffer, samples) -> list[ShadowQuery]:
+        return shadow_queries(self.triangles, gbuffer, self.view.lights, samples, threads=self.threads)
 
-    def _bounce(self, pixels, bvh) -> list[ShadowQuery]:
+    def _bounce(self, pixels, samples, bvh) -> list[ShadowQuery]:
         some = sparse_gbuffer(self._gbuffer, SrdhRays(size=pixels))
-        return self._queries(bounced(some, self.triangles, bvh, threads=self.threads))
+        return self._queries(bounced(some, self.triangles, bvh, threads=self.threads), samples)
 
 
 def count_view(
