@@ -30,7 +30,8 @@ def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
     step = math.isqrt(seen.size // _ENOUGH)
     if step > 1 and seen[::step, ::step].any():
         image, seen = image[::step, ::step], seen[::step, ::step]
-    luminance = image[seen] @ LUMINANCE
+    with np.errstate(invalid="ignore"):  # pixels that are not finite do not count
+        luminance = image[seen] @ LUMINANCE
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if not len(luminance):
         return 1.0
