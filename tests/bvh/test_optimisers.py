@@ -36,7 +36,7 @@ def test_hazards(optimise, name, hazard):
 @settings(max_examples=60, deadline=None)
 @given(vertices=soups(150) | point_arrays((30, 3)), name=st.sampled_from(sorted(BUILDERS)), max_leaf=st.integers(1, 8))
 def test_any_soup(optimise, vertices, name, max_leaf):
-    better = check(optimise, BUILDERS[name].build(vertices, 1, max_leaf), vertices, 1)
+    better = check(optimise, BUILDERS[name].build(vertices, 1, max_leaf=max_leaf), vertices, 1)
     assert statistics(better).leaf_sizes[max_leaf + 1 :].sum() == 0
 
 
