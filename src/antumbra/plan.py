@@ -32,8 +32,8 @@ class Plan(NamedTuple):
 
     @property
     def wants_rays(self) -> bool:
-        """Is the builder shown some of the rays that will be traced?"""
-        return BUILDERS[self.build].wants_rays
+        """Is the builder, or the optimiser, shown some of the rays that will be traced?"""
+        return BUILDERS[self.build].wants_rays or bool(self.optimise and OPTIMISERS[self.optimise].wants_rays)
 
 
 DEFAULT_PLAN = str(Plan())
@@ -62,8 +62,8 @@ def parse_plan(plan: "str | Plan") -> Plan:
             raise InputError(f"plan {str(plan)!r} names no {KINDS[field][0]}; {_valid()}")
     if "optimise" in found and BUILDERS[found["build"]].wants_rays:
         raise InputError(
-            f"plan {str(plan)!r}: {found['optimise']!r} moves subtrees by the surface area heuristic, and would undo "
-            f"what {found['build']!r} does for shadow rays; leave one of them out"
+            f"plan {str(plan)!r}: {found['optimise']!r} would undo, or do again, what {found['build']!r} does for "
+            "shadow rays; leave one of them out"
         )
     if "cull" in found and "update" in found:
         raise InputError(

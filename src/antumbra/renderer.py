@@ -112,7 +112,7 @@ class Renderer:
         self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if self.plan.wants_rays else None
         update = self.plan.update  # what it keeps from frame to frame
         self._kept = UPDATERS[update].keep(self._new_tree) if update else None
-        self._rays: Callable | None = None  # vertices -> Intersections, for a builder that wants them
+        self._rays: Callable = None  # type: ignore[assignment]  # set before a builder that wants rays is called
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
@@ -207,7 +207,7 @@ class Renderer:
             if shown is None:
                 raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
             kept = None if culled is None else culled.kept
-            self._rays = lambda vertices: shown.among(vertices, kept, self.threads)
+            self._rays = lambda vertices, bvh: shown.among(vertices, kept, self.threads, bvh)
         bvh = self._tree(triangles.vertices if culled is None else culled.vertices)
         if culled is not None:
             bvh = bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
@@ -221,9 +221,15 @@ class Renderer:
         return self._new_tree(vertices, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
-        rays = {"rays": self._rays(vertices)} if self._rays else {}
-        bvh = BUILDERS[self.plan.build].build(vertices, threads, **rays)
-        return OPTIMISERS[self.plan.optimise].optimise(bvh, threads) if self.plan.optimise else bvh
+        builder, name = BUILDERS[self.plan.build], self.plan.optimise
+        bvh = builder.build(vertices, threads, **self._shown_to(builder, vertices))
+        if name is None:
+            return bvh
+        return OPTIMISERS[name].optimise(bvh, threads, **self._shown_to(OPTIMISERS[name], vertices, bvh))
+
+    def _shown_to(self, method, vertices, bvh: Bvh | None = None) -> dict:
+        """The arguments of a method that wants rays; `bvh`: of the triangles, if there is one."""
+        return {"rays": self._rays(vertices, bvh)} if method.wants_rays else {}
 
     def _for_camera(self, triangles: Triangles) -> Accelerated:
         """What the camera's rays are traced through where the plan's own BVH is made for shadow rays."""

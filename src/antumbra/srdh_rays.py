@@ -46,7 +46,7 @@ class SrdhRays:
     """
 
     size: int | None = 16
-    spp: int = 16
+    spp: int = 4
     bounce: bool = False
     last_frame: bool = False
     origins: np.ndarray | None = None
@@ -165,17 +165,19 @@ class Shown:
         self.bvh = bvh  # of all triangles of the scene, if there is one
         self.met: Intersections | None = None
 
-    def among(self, vertices: np.ndarray, kept: np.ndarray | None, threads: int) -> Intersections:
-        """What they meet, as the builder of these triangles counts them; `kept`: which of the scene's, None: all.
+    def among(self, vertices: np.ndarray, kept: np.ndarray | None, threads: int, bvh: Bvh | None = None):
+        """The `Intersections`, as the builder of these triangles counts them; `kept`: which of the scene's, None: all.
 
-        If no BVH can answer that yet, the one is made that takes the least time: it is asked little.
+        If no BVH can answer that yet, not even one of these triangles (`bvh`), the one is made that takes the least
+        time: it is asked little.
         """
         if self.met is None and self.bvh is not None:
             self.met = intersections(self.bvh, *self.segments, threads)
         if self.met is not None:
             return _counted_in(kept, self.met)
         origins, ends, skip = self.segments
-        return intersections(BUILDERS["lbvh"].build(vertices, threads), origins, ends, _among(kept, skip), threads)
+        bvh = BUILDERS["lbvh"].build(vertices, threads) if bvh is None else bvh
+        return intersections(bvh, origins, ends, _among(kept, skip), threads)
 
 
 class Showing:

@@ -41,7 +41,36 @@ def test_for_people_and_the_plot(culling, tmp_path):
     assert (tmp_path / "even.png").stat().st_size > 10_000
 
 
+SMALL = ("procedural:cellar?triangles=2k", "--size", "24", "--timed-size", "16", "--rounds", "1")
+
+
+def test_tables_of_srdh(cli):
+    told = cli("bench", "srdh", "--scene", *SMALL, "--json").json()
+    assert told["same_bits"] and told["size"] == [24, 24] and told["timed_size"] == [16, 16]
+    counts = {(c["method"], c["pixels"]): c for c in told["counts"]}
+    assert counts["random", None]["relative"] == 1 and counts["srdh", 16]["relative"] < 1
+    assert {c["scene"] for c in told["counts"]} == {"cellar?triangles=2k"}
+    assert [b["pixels"] for b in told["builds"]] == [16, 32]
+    assert all(b["both"] > 1 and b["instead"] > 0 and b["rays"] > 0 for b in told["builds"])
+    assert len({(r["build"], r["tracer"]) for r in told["renders"]}) == len(told["renders"]) == 8
+    assert all(r["traced"] > 0 for r in told["renders"])
+
+
+def test_srdh_for_people_and_the_plot(cli, tmp_path):
+    pytest.importorskip("matplotlib")
+    done = cli("bench", "srdh", "--scene", *SMALL, "--plot", "srdh.png")
+    assert done.code == 0 and "the same by all methods" in done.out
+    for part in ("Figure 2", "Section 4.1", "Figure 4", "Figure 5", "Table 1", "multifrusta", "(paper: BEDROOM)"):
+        assert part in done.out
+    assert (tmp_path / "srdh.png").stat().st_size > 10_000
+
+
 def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
+    cli("bench", "srdh", "--scene", "procedural:cellar?triangles=2k", "--scene", "none.glb").refused(
+        "none.glb", "cellar"
+    )
+    cli("bench", "srdh", "--timed-size", "0").refused("--timed-size", "WIDTHxHEIGHT")
+    cli("bench", "srdh", "--plot", "srdh.gif").refused(".gif", ".png")
     cli("bench", "pre-bvh-culling", "--tracer", "magic").refused("magic", "single")
     cli("bench", "pre-bvh-culling", "--sponza", "none.glb").refused("none.glb")
     cli("bench", "pre-bvh-culling", "--plot", "even.gif").refused(".gif", ".png")

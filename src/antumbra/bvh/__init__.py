@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-from . import binned_sah, lbvh, refit, reinsertion, srdh, sweep_sah, tl_lbvh
+from . import binned_sah, lbvh, rayorder, refit, reinsertion, srdh, sweep_sah, tl_lbvh
 
 
 class Builder(NamedTuple):
@@ -20,11 +20,15 @@ class Builder(NamedTuple):
 
 
 class Optimiser(NamedTuple):
-    """A method that makes a finished BVH better: ``optimise(bvh, threads=None, ...) -> Bvh``."""
+    """A method that makes a finished BVH better: ``optimise(bvh, threads=None, ...) -> Bvh``.
+
+    Those that want rays take `rayset.Intersections` as ``rays`` too.
+    """
 
     optimise: Callable
     description: str
     paper: str
+    wants_rays: bool = False
 
 
 class Updater(NamedTuple):
@@ -86,7 +90,7 @@ BUILDERS: dict[str, Builder] = {
         wants_rays=True,
     ),
     "srdh:paper": Builder(
-        partial(srdh.build, kernels="all", prior=0.0, linear=True, max_leaf=1),
+        partial(srdh.build, kernels="all", prior=0.0, linear=True, reorder=False, max_leaf=1),
         "as published: all orders, one triangle in a leaf, rays alone decide where there are any, linear costs",
         _FELTMAN,
         wants_rays=True,
@@ -100,8 +104,14 @@ OPTIMISERS: dict[str, Optimiser] = {
         "subtrees move to where they cost less: the best trees, for twice the time of bsah and more",
         "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
     ),
+    "srdh-order": Optimiser(
+        rayorder.order_by_rays,
+        "children ordered for shadow rays like those of a sparse sample, in the tree of any other builder",
+        f"{_FELTMAN}, Sec. 3.2",
+        wants_rays=True,
+    ),
 }
-"""Name -> optimiser; every one takes a BVH of any builder, and its result costs no more by SAH."""
+"""Name -> optimiser; every one takes a BVH of any builder that wants no rays; its result costs no more by SAH."""
 
 UPDATERS: dict[str, Updater] = {
     "refit": Updater(

@@ -49,7 +49,7 @@ def surface(nodes, at, other):
 
 
 @inlined
-def _swap(words, node):
+def swap_children(words, node):
     """Exchange the two children of a node."""
     for k in range(0, 14, 2):
         left, right = get(words, node * 16 + k), get(words, node * 16 + k + 1)
@@ -84,7 +84,7 @@ def likelier_first(nodes, links, areas):
         if whole > 0.0:
             inner[node] = 1.0 - (1.0 - min(first / whole, 1.0)) * (1.0 - min(second / whole, 1.0))
         if second > first and links[node, 14] != LEFT_FIRST:
-            _swap(words, node)
+            swap_children(words, node)
 
 
 @inlined
@@ -117,7 +117,7 @@ def _order_by_cost(bvh, order):
         cost[node] += (1.0 - enter[first] * block[first]) * enter[second] * price[second]
         blocked[node] = 1.0 - (1.0 - enter[0] * block[0]) * (1.0 - enter[1] * block[1])
         if right_first:
-            _swap(words, node)
+            swap_children(words, node)
 
 
 def sooner_first(bvh: Bvh) -> Bvh:

@@ -73,19 +73,24 @@ class BoxRay(NamedTuple):
     iz: object
 
 
-def ray_set(found: Intersections, flat: np.ndarray) -> RaySet:
-    """The ray set of these intersections with the triangles `flat`, (n, 9) float32."""
-    m = len(found.origins)
-    rays, hits = np.zeros((m, RAY), np.float32), np.zeros((len(found.prims), HIT), np.float32)
+def bounded_rays(found: Intersections) -> np.ndarray:
+    """The `RaySet.rays` of segments, ready for slab tests."""
+    rays = np.zeros((len(found.origins), RAY), np.float32)
     direction = found.ends - found.origins
     limit = _TINY * np.abs(direction).max(axis=1, initial=np.float32(1e-15), keepdims=True)
     direction = np.where(np.abs(direction) < limit, limit, direction)
     rays[:, :3], rays[:, 3:6] = found.origins, np.float32(1.0) / direction
     words = rays.view(np.int32)
     words[:, 6], words[:, 7] = found.first[:-1], np.diff(found.first)
+    return rays
+
+
+def ray_set(found: Intersections, flat: np.ndarray) -> RaySet:
+    """The ray set of these intersections with the triangles `flat`, (n, 9) float32."""
+    hits = np.zeros((len(found.prims), HIT), np.float32)
     corners = flat[found.prims].reshape(-1, 3, 3)
     hits[:, :3] = corners.min(axis=1) + corners.max(axis=1)
-    return RaySet(rays, hits)
+    return RaySet(bounded_rays(found), hits)
 
 
 @inlined

@@ -3,8 +3,9 @@
 Records are split top-down as by `bsah`, with the same bins, but by the heuristic of `srdh_cost` as long as rays come to
 a range; where none do, `bsah` goes on. Of the kernels that choose the order of children, the constant ones are free:
 the child to visit first is stored as the left one. Departures from the paper, which `srdh:paper` does not have: leaves
-of more than one triangle, subtrees that cost less than linearly much (`linear`), and a few rays spread evenly, as the
-SAH assumes, besides those that are shown (`prior`). Ranges of few records have few bins.
+of more than one triangle, subtrees that cost less than linearly much (`linear`), a few rays spread evenly, as the SAH
+assumes, besides those that are shown (`prior`), and orders chosen once more when the tree is done (`reorder`). Ranges
+of few records have few bins.
 """
 
 from functools import cache
@@ -23,6 +24,7 @@ from .bins import BIN_WORDS, Binned, clear_bins, fill_bins, make_mapping, partit
 from .bounds import range_bounds, write_boxes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 from .prepare import checked, make_records, power_of_two_for
+from .rayorder import order_by_rays
 from .rayset import HIT, RAY, Intersections, Side, divide_rays, ray_set, rays_of
 from .splits import must_halve
 from .srdh_cost import CONSTANT, DISTANCE, HeuristicSettings, no_ray_split, ray_split
@@ -204,6 +206,7 @@ def build(
     kernels: str = "constant",
     prior: float = PRIOR,
     linear: bool = False,
+    reorder: bool = True,
 ) -> Bvh:
     """Build a BVH for shadow rays like these; the same, bit for bit, for any number of threads.
 
@@ -222,6 +225,8 @@ def build(
     linear : bool
         Whether a subtree is taken to cost a ray as many steps as it has triangles, as published. If not, it is the
         power of 3/4 of that, which is nearer to what subtrees do cost and makes better trees.
+    reorder : bool
+        Whether constant orders are chosen once more in the end, when costs are known (`rayorder`); as published, not.
 
     Returns
     -------
@@ -233,6 +238,7 @@ def build(
     InputError
         As `binned_sah.build`; and on unknown kernels.
     """
+    reorder = reorder and kernels == "constant"
     if kernels not in KERNELS:
         raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
@@ -248,4 +254,5 @@ def build(
     settings = RaySettings(np.int64(max_leaf), *heuristic, *levels.sets())
     bvh, subtrees = build_below(flat, method, BIN_WORDS, top, settings, threads)
     del method  # room for the final nodes
-    return assemble(bvh, top, subtrees, threads)
+    bvh = assemble(bvh, top, subtrees, threads)
+    return order_by_rays(bvh, threads, rays=rays) if reorder else bvh

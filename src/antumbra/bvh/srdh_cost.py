@@ -28,7 +28,9 @@ from ..simd import (
     mask_from_bits16,
     maximum,
     minimum,
+    ptr_at,
     put,
+    reduce_min,
     select,
     splat4,
     splat8,
@@ -46,13 +48,16 @@ from .splits import Split, no_split
 
 CONSTANT, DISTANCE = 1, 2  # sets of kernels to choose from: left or right first; front to back or back to front
 
+LANES = 16
 _BOX = 6 * BINS  # words of one side's boxes on one axis: lower x, y, z, upper x, y, z, a plane to a lane
 _BOXES = 6 * _BOX
-_NUMBERS = 6 * BINS
+_COUNTS = 6 * BINS
 _ROW = BINS + 2
 _PLACES = 12 * _ROW
-_LANES = 12 * BINS
+_VISITS = 12 * BINS
+_SUMS = 4 * BINS
 _GROW = np.float32(1.0 + 2.0**-20)
+_ONE = np.float32(1.0)
 
 
 class HeuristicSettings(NamedTuple):
@@ -69,19 +74,18 @@ class Sides(NamedTuple):
 
     boxes: object  # pointer, _BOX words a side; empty ones lower = +inf, upper = -inf
     counts: object  # pointer to float32, BINS a side: triangles
-    areas: object  # pointer to float32, BINS a side
 
 
 class Counts(NamedTuple):
     """What is counted of rays."""
 
     places: object  # pointer to int32, 4 rows of _ROW an axis: histograms
-    lanes: object  # pointer to int32, 4 rows of BINS an axis: rays at each plane
+    visits: object  # pointer to float32, 4 rows of BINS an axis: rays at each plane
 
 
 # rows of `Counts.places`: planes from which on, or up to which, rays enter a side's box, or come to it
 _ENTERS_LEFT, _COMES_LEFT, _ENTERS_RIGHT, _COMES_RIGHT = range(4)
-# rows of `Counts.lanes`: rays that visit a side if the closer child comes first, or the farther one
+# rows of `Counts.visits`: rays that visit a side if the closer child comes first, or the farther one
 _LEFT_NEAR, _RIGHT_NEAR, _LEFT_FAR, _RIGHT_FAR = range(4)
 
 
@@ -91,17 +95,17 @@ class RaySplit(NamedTuple):
     split: Split
     order: object  # int64
     swapped: object  # bool
-    cost: object  # float64: the heuristic, with the prior
+    cost: object  # float32: the heuristic, with the prior
 
 
 @kernel
 def no_ray_split():
     """The split of a range that rays have no say in."""
-    return RaySplit(no_split(), np.int64(UNORDERED), False, np.float64(np.inf))
+    return RaySplit(no_split(), np.int64(UNORDERED), False, INF)
 
 
 @inlined
-def _put_box(sides, number, k, box, count, scale, one):
+def _put_side(sides, number, k, box, count, one):
     """Write one side of plane k; `one`: memory for 8 float32."""
     store(one, 0, box)
     at = number * _BOX + k
@@ -109,26 +113,26 @@ def _put_box(sides, number, k, box, count, scale, one):
         put(sides.boxes, at + axis * BINS, get(one, axis))
         put(sides.boxes, at + (3 + axis) * BINS, -get(one, 4 + axis))
     put(sides.counts, number * BINS + k, np.float32(count))
-    put(sides.areas, number * BINS + k, half_area(box, scale) if count > 0 else np.float32(0.0))
 
 
 @kernel
-def bound_sides(bins, n_bins, scale, sides):
-    """Fill `Sides` from the bins of a range."""
-    one = stack_f32(8)
+def bound_sides(bins, n_bins, sides):
+    """Fill `Sides` from the bins of a range, up to a whole number of LANES; what is beyond the bins is empty."""
+    one, end = stack_f32(8), (n_bins + LANES - 1) // LANES * LANES
     for axis in range(3):
         base, box, count = axis * n_bins, splat8(INF), np.int64(0)
-        for k in range(BINS):
-            _put_box(sides, 2 * axis, k, box if k < n_bins else splat8(INF), count, scale, one)
-            if k < n_bins:
-                box = minimum(box, load8(bins.boxes, (base + k) * 8))
-                count += get(bins.counts, base + k)
+        for k in range(n_bins):
+            _put_side(sides, 2 * axis, k, box, count, one)
+            box = minimum(box, load8(bins.boxes, (base + k) * 8))
+            count += get(bins.counts, base + k)
         box, count = splat8(INF), np.int64(0)
-        for k in range(BINS - 1, -1, -1):
-            if k < n_bins:
-                box = minimum(box, load8(bins.boxes, (base + k) * 8))
-                count += get(bins.counts, base + k)
-            _put_box(sides, 2 * axis + 1, k, box, count, scale, one)
+        for k in range(n_bins - 1, -1, -1):
+            box = minimum(box, load8(bins.boxes, (base + k) * 8))
+            count += get(bins.counts, base + k)
+            _put_side(sides, 2 * axis + 1, k, box, count, one)
+        for k in range(n_bins, end):
+            _put_side(sides, 2 * axis, k, splat8(INF), np.int64(0), one)
+            _put_side(sides, 2 * axis + 1, k, splat8(INF), np.int64(0), one)
 
 
 @inlined
@@ -146,8 +150,8 @@ def _entered16(boxes, at, ray, near, far):
 def _entered(boxes, number, ray, near, far, n_bins):
     """Bits of the planes on whose side `number` the ray enters the box."""
     found = _entered16(boxes, number * _BOX, ray, near, far)
-    if n_bins > 16:
-        found |= _entered16(boxes, number * _BOX + 16, ray, near, far) << 16
+    if n_bins > LANES:
+        found |= _entered16(boxes, number * _BOX + LANES, ray, near, far) << LANES
     return found
 
 
@@ -186,9 +190,8 @@ def _add(memory, at):
 @inlined
 def _add_lanes(memory, at, lanes):
     """Add one to each of the BINS counts whose bit is set."""
-    for half in range(0, BINS, 16):
-        chosen = mask_from_bits16((lanes >> half) & 0xFFFF)
-        more = select(chosen, splat16(np.int32(1)), splat16(np.int32(0)))
+    for half in range(0, BINS, LANES):
+        more = select(mask_from_bits16((lanes >> half) & 0xFFFF), splat16(_ONE), splat16(np.float32(0.0)))
         store(memory, at + half, load16(memory, at + half) + more)
 
 
@@ -207,15 +210,15 @@ def _count_places(places, axis, first, last, lowest, highest):
 
 
 @inlined
-def _count_lanes(lanes, axis, first, last, lowest, highest, closer):
+def _count_visits(visits, axis, first, last, lowest, highest, closer):
     """Note at which planes a ray visits each side if the closer, or the farther, child comes first."""
     at, all_ = axis * 4 * BINS, (np.int64(1) << BINS) - 1
     enters_left, enters_right = (all_ << first) & all_, all_ >> (BINS - 1 - last)
     clear_left, clear_right = all_ >> (BINS - 1 - min(lowest, BINS - 1)), (all_ << (highest + 1)) & all_
-    _add_lanes(lanes, at + _LEFT_NEAR * BINS, enters_left & (closer | clear_right))
-    _add_lanes(lanes, at + _RIGHT_NEAR * BINS, enters_right & (~closer | clear_left))
-    _add_lanes(lanes, at + _LEFT_FAR * BINS, enters_left & (~closer | clear_right))
-    _add_lanes(lanes, at + _RIGHT_FAR * BINS, enters_right & (closer | clear_left))
+    _add_lanes(visits, at + _LEFT_NEAR * BINS, enters_left & (closer | clear_right))
+    _add_lanes(visits, at + _RIGHT_NEAR * BINS, enters_right & (~closer | clear_left))
+    _add_lanes(visits, at + _LEFT_FAR * BINS, enters_left & (~closer | clear_right))
+    _add_lanes(visits, at + _RIGHT_FAR * BINS, enters_right & (closer | clear_left))
 
 
 @kernel
@@ -225,8 +228,8 @@ def count_rays(rays, n, mapping, sides, kernels, counts):
     for k in range(_PLACES):
         put(counts.places, k, 0)
     if kernels & DISTANCE:
-        for k in range(_LANES):
-            put(counts.lanes, k, 0)
+        for k in range(0, _VISITS, LANES):
+            store(counts.visits, k, splat16(np.float32(0.0)))
     for i in range(n):
         ray = ray_at(rays.rays, i)
         up = ray.ix >= 0.0, ray.iy >= 0.0, ray.iz >= 0.0
@@ -243,63 +246,97 @@ def count_rays(rays, n, mapping, sides, kernels, counts):
             _count_places(counts.places, axis, first, last, low, high)
             if kernels & DISTANCE:
                 a, b = 2 * axis * _BOX, (2 * axis + 1) * _BOX
-                closer = _closer16(sides.boxes, a, b, ray) | _closer16(sides.boxes, a + 16, b + 16, ray) << 16
-                _count_lanes(counts.lanes, axis, first, last, low, high, closer)
+                closer = _closer16(sides.boxes, a, b, ray) | _closer16(sides.boxes, a + LANES, b + LANES, ray) << LANES
+                _count_visits(counts.visits, axis, first, last, low, high, closer)
     return n_hits
 
 
 @inlined
-def _subtree_cost(n, linear):
-    """What a subtree of n triangles is taken to cost a ray that enters it."""
-    return n if linear else np.sqrt(n) * np.sqrt(np.sqrt(n))
-
-
-@inlined
-def _cheaper(best, axis, k, order, swapped, cost):
-    """The better one of the best split so far and another one."""
-    if cost < best.cost:
-        return RaySplit(Split(axis, k, np.float32(0.0)), order, swapped, cost)
-    return best
+def _side_area(boxes, number, half, scale):
+    """Half the area of one side's boxes of 16 planes, scaled; 0 where they are empty."""
+    at, none = number * _BOX + half, splat16(np.float32(0.0))
+    x = (load16(boxes, at + 3 * BINS) - load16(boxes, at)) * scale
+    y = (load16(boxes, at + 4 * BINS) - load16(boxes, at + BINS)) * scale
+    z = (load16(boxes, at + 5 * BINS) - load16(boxes, at + 2 * BINS)) * scale
+    return select(x >= none, x * (y + z) + y * z, none)
 
 
 @kernel
-def cheapest_ray_split(sides, counts, n_bins, n_hits, area, settings):
+def _subtree_costs(sides, end, linear, costs):
+    """Write what each side's subtree is taken to cost a ray that enters it, from its number of triangles."""
+    for number in range(6):
+        for k in range(end):
+            n = get(sides.counts, number * BINS + k)
+            put(costs, number * BINS + k, n if linear else np.sqrt(n) * np.sqrt(np.sqrt(n)))
+
+
+@inlined
+def _sum_places(places, axis, end, visits):
+    """Histograms of places on one axis -> rays that enter, and come to, each side at each plane, in 4 rows of BINS."""
+    row = axis * 4 * _ROW
+    enters, comes = np.int32(0), np.int32(0)
+    for k in range(end):
+        enters += get(places, row + _ENTERS_LEFT * _ROW + k)
+        comes += get(places, row + _COMES_LEFT * _ROW + k)
+        put(visits, _ENTERS_LEFT * BINS + k, np.float32(enters))
+        put(visits, _COMES_LEFT * BINS + k, np.float32(comes))
+    enters, comes = np.int32(0), np.int32(0)
+    for k in range(BINS, -1, -1):
+        enters += get(places, row + _ENTERS_RIGHT * _ROW + k)
+        comes += get(places, row + _COMES_RIGHT * _ROW + k)
+        if k < end:
+            put(visits, _ENTERS_RIGHT * BINS + k, np.float32(enters))
+            put(visits, _COMES_RIGHT * BINS + k, np.float32(comes))
+
+
+@inlined
+def _cheaper(best, cost, axis, half, order, swapped):
+    """The better one of the best split so far and the cheapest of 16 planes with an order; the first one of equals."""
+    least = reduce_min(cost)
+    if least < best.cost:
+        k = half + lowest_bit(bits(cost == splat16(least)))
+        return RaySplit(Split(axis, k, np.float32(0.0)), np.int64(order), swapped, least)
+    return best
+
+
+@inlined
+def _costs(visits, left, right, half, c1, c2, even):
+    """The heuristic of 16 planes at which so many rays visit the left and the right side (rows of `visits`)."""
+    return load16(visits, left * BINS + half) * c1 + load16(visits, right * BINS + half) * c2 + even
+
+
+@kernel
+def cheapest_ray_split(sides, counts, n_bins, n_hits, box, settings):
     """The split, and the order of its children, of the least heuristic.
 
     n_hits : of all rays; without any, all orders cost the same
-    area : half the area of the range's box, scaled as in `sides`
+    box : of the range
     """
-    best = no_ray_split()
-    constant = np.int64(LEFT_FIRST if n_hits > 0 else UNORDERED)
-    places, lanes, kernels, prior = counts.places, counts.lanes, settings.kernels, settings.prior
+    best, kernels, end = no_ray_split(), settings.kernels, (n_bins + LANES - 1) // LANES * LANES
+    constant = LEFT_FIRST if n_hits > 0 else UNORDERED
+    costs, visits = stack_f32(_COUNTS), stack_f32(_SUMS)
+    _subtree_costs(sides, end, settings.linear, costs)
+    area, prior, zero = half_area(box, settings.scale), np.float32(settings.prior), splat16(np.float32(0.0))
+    share = prior / area if area > 0.0 else np.float32(0.0)
     for axis in range(3):
-        row, side, lane = axis * 4 * _ROW, 2 * axis * BINS, axis * 4 * BINS
-        enters_right, comes_right = np.int64(0), np.int64(0)
-        for k in range(BINS + 1):
-            enters_right += get(places, row + _ENTERS_RIGHT * _ROW + k)
-            comes_right += get(places, row + _COMES_RIGHT * _ROW + k)
-        enters_left, comes_left = np.int64(0), np.int64(0)
-        for k in range(n_bins):
-            enters_left += get(places, row + _ENTERS_LEFT * _ROW + k)
-            comes_left += get(places, row + _COMES_LEFT * _ROW + k)
-            n1, n2 = np.float64(get(sides.counts, side + k)), np.float64(get(sides.counts, side + BINS + k))
-            if n1 > 0.0 and n2 > 0.0:
-                c1, c2 = _subtree_cost(n1, settings.linear), _subtree_cost(n2, settings.linear)
-                a1, a2 = np.float64(get(sides.areas, side + k)), np.float64(get(sides.areas, side + BINS + k))
-                even = prior * ((a1 * c1 + a2 * c2) / area if area > 0.0 else c1 + c2)
-                if kernels & CONSTANT or n_hits == 0:
-                    cost = enters_left * c1 + comes_right * c2 + even
-                    best = _cheaper(best, np.int64(axis), np.int64(k), constant, False, cost)
-                    cost = comes_left * c1 + enters_right * c2 + even
-                    best = _cheaper(best, np.int64(axis), np.int64(k), constant, True, cost)
-                if kernels & DISTANCE and n_hits > 0:
-                    at = lane + k
-                    cost = get(lanes, at) * c1 + get(lanes, at + BINS) * c2 + even
-                    best = _cheaper(best, np.int64(axis), np.int64(k), np.int64(FRONT_TO_BACK), False, cost)
-                    cost = get(lanes, at + 2 * BINS) * c1 + get(lanes, at + 3 * BINS) * c2 + even
-                    best = _cheaper(best, np.int64(axis), np.int64(k), np.int64(BACK_TO_FRONT), False, cost)
-            enters_right -= get(places, row + _ENTERS_RIGHT * _ROW + k)
-            comes_right -= get(places, row + _COMES_RIGHT * _ROW + k)
+        _sum_places(counts.places, axis, end, visits)
+        by_distance = ptr_at(counts.visits, axis * 4 * BINS)
+        for half in range(0, end, LANES):
+            c1, c2 = load16(costs, 2 * axis * BINS + half), load16(costs, (2 * axis + 1) * BINS + half)
+            a1 = _side_area(sides.boxes, 2 * axis, half, settings.scale)
+            a2 = _side_area(sides.boxes, 2 * axis + 1, half, settings.scale)
+            even = (a1 * c1 + a2 * c2) * share
+            even = select((c1 > zero) & (c2 > zero), even, splat16(INF))  # both sides hold something
+            if kernels & CONSTANT or n_hits == 0:
+                cost = _costs(visits, _ENTERS_LEFT, _COMES_RIGHT, half, c1, c2, even)
+                best = _cheaper(best, cost, axis, half, constant, False)
+                cost = _costs(visits, _COMES_LEFT, _ENTERS_RIGHT, half, c1, c2, even)
+                best = _cheaper(best, cost, axis, half, constant, True)
+            if kernels & DISTANCE and n_hits > 0:
+                cost = _costs(by_distance, _LEFT_NEAR, _RIGHT_NEAR, half, c1, c2, even)
+                best = _cheaper(best, cost, axis, half, FRONT_TO_BACK, False)
+                cost = _costs(by_distance, _LEFT_FAR, _RIGHT_FAR, half, c1, c2, even)
+                best = _cheaper(best, cost, axis, half, BACK_TO_FRONT, False)
     return best
 
 
@@ -309,9 +346,8 @@ def ray_split(bins, rays, n, mapping, box, settings):
 
     settings : of the fields of `HeuristicSettings`
     """
-    sides = Sides(stack_f32(_BOXES), stack_f32(_NUMBERS), stack_f32(_NUMBERS))
-    counts = Counts(stack_i32(_PLACES), stack_i32(_LANES))
-    bound_sides(bins, mapping.n_bins, settings.scale, sides)
+    sides = Sides(stack_f32(_BOXES), stack_f32(_COUNTS))
+    counts = Counts(stack_i32(_PLACES), stack_f32(_VISITS))
+    bound_sides(bins, mapping.n_bins, sides)
     n_hits = count_rays(rays, n, mapping, sides, settings.kernels, counts)
-    area = np.float64(half_area(box, settings.scale))
-    return cheapest_ray_split(sides, counts, mapping.n_bins, n_hits, area, settings)
+    return cheapest_ray_split(sides, counts, mapping.n_bins, n_hits, box, settings)

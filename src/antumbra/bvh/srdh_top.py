@@ -52,7 +52,7 @@ def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
         if split.axis >= 0 and spans[r, N_RAYS] > 0:
             store(boxes, 0, load8(ptr(sides), r * 32))
             store(boxes, 8, load8(ptr(sides), r * 32 + 16))
-            chosen = RaySplit(split, np.int64(orders[r, 0]), orders[r, 1] != 0, np.float64(0.0))
+            chosen = RaySplit(split, np.int64(orders[r, 0]), orders[r, 1] != 0, np.float32(0.0))
             low, high = divide_rays(
                 rays_of(sets, start_of(spans, r)), spans[r, N_RAYS], mapping_of_range(level, r), chosen, boxes,
                 rays_of(out, start_of(children, 2 * r)), rays_of(out, start_of(children, 2 * r + 1)),

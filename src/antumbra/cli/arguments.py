@@ -92,13 +92,24 @@ def parse_count(text: str, what: str) -> int:
     return int(value)
 
 
-def parse_size(text: str) -> tuple[int, int]:
+def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
     """Width and height of a picture, written ``1920x1080``, or ``512`` for a square."""
     match = _SIZE.fullmatch(text.strip())
     size = (int(match[1]), int(match[2] or match[1])) if match and len(text) < 20 else (0, 0)
     if not all(1 <= n <= _MAX_SIZE for n in size):
-        raise InputError(f"--size is {text!r}; write WIDTHxHEIGHT such as 1024x768, each from 1 to {_MAX_SIZE}")
+        raise InputError(f"{what} is {text!r}; write WIDTHxHEIGHT such as 1024x768, each from 1 to {_MAX_SIZE}")
     return size
+
+
+def check_plot(path: Path) -> None:
+    """InputError unless ``--plot`` can be drawn and written to this file."""
+    from ..output import checked_output
+
+    checked_output(path, (".png",))
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        raise InputError("--plot needs matplotlib: pip install 'antumbra[plot]'") from None
 
 
 def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> Sequence:

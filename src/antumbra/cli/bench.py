@@ -1,145 +1,14 @@
 """``antumbra bench``: what the papers measured, measured on this machine, with their figures beside ours."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
 import typer
 
-from ..errors import InputError
-from . import arguments, report
-from .activity import Activity
-from .options import Json, Quiet, Threads
-
-if TYPE_CHECKING:
-    from ..bench.pre_bvh_culling import GridRow, TimeToImage
-
-_WIDTH = 150  # of the tables, in characters
+from . import bench_culling, bench_srdh
 
 app = typer.Typer(help="Measure what the papers measured.", rich_markup_mode=None)
+app.command("pre-bvh-culling")(bench_culling.pre_bvh_culling)
+app.command("srdh")(bench_srdh.srdh)
 
 
 @app.callback()
 def _bench() -> None:
     """Tables and plots of the papers, measured here, with the papers' figures beside."""
-
-
-@app.command("pre-bvh-culling")
-def pre_bvh_culling(
-    sponza: Annotated[
-        Path | None,
-        typer.Option(
-            help="Crytek's Sponza.  [default: sponza_crytek/scene.glb in $ANTUMBRA_SCENES, or an atrium]",
-            metavar="FILE",
-            show_default=False,
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Write the break-even plot to a .png file.", metavar="FILE", show_default=False)
-    ] = None,
-    tracer: Annotated[str, typer.Option(help="How rays are traced; see antumbra plans.")] = "multifrusta",
-    size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "1366x768",
-    cellar: Annotated[str, typer.Option(help="Triangles of the cellar.", metavar="N")] = "1M",
-    rounds: Annotated[int, typer.Option(help="Measurements of each; the median counts.", min=1, max=1000)] = 3,
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Time to image with pre-BVH culling and without [Selgrad et al. 2015, Tables 1 to 4, Figure 7].
-
-    \b
-    Examples
-      antumbra bench pre-bvh-culling
-      antumbra bench pre-bvh-culling --sponza sponza.glb --rounds 5 --plot break_even.png
-      antumbra bench pre-bvh-culling --tracer single --size 683x384 --cellar 250k
-    """
-    width_height = arguments.parse_size(size)
-    triangles = arguments.parse_count(cellar, "--cellar")
-
-    from ..output import checked_output
-    from ..parallel import thread_count
-    from ..trace import TRACERS
-
-    if tracer not in TRACERS:
-        raise InputError(f"tracer {tracer!r} is unknown; choose one of {', '.join(TRACERS)}")
-    if plot is not None:
-        checked_output(plot, (".png",))
-        try:
-            import matplotlib  # noqa: F401
-        except ImportError:
-            raise InputError("--plot needs matplotlib: pip install 'antumbra[plot]'") from None
-
-    from ..bench import pre_bvh_culling as bench
-    from ..bench.culling_views import culling_views
-
-    n_threads = thread_count(threads)
-    with Activity(quiet) as activity:
-        activity.say("making the scenes")
-        views = culling_views(sponza, width_height, triangles)
-        times = [t for v in views for t in bench.times_to_image(v, tracer, n_threads, rounds, activity.say)]
-        grids = [r for v in views for r in bench.grid_rows(v, tracer, n_threads, rounds, activity.say)]
-        if plot is not None:
-            from ..bench.culling_plot import write_plot
-
-            write_plot(times, plot)
-    agree = bench.methods_agree(times)
-    if json:
-        rows = [{**t._asdict(), "bits": t.bits.hex()} for t in times]
-        asked = {"tracer": tracer, "size": width_height, "rounds": rounds, "threads": n_threads}
-        report.print_json({**asked, "time_to_image": rows, "grids": [g._asdict() for g in grids], "same_bits": agree})
-        return
-    if quiet:
-        return
-    _print_times(times)
-    _print_grids(bench.mean_rows(grids))
-    report.print_fields([("bits", "the same by all methods" if agree else "DIFFER: please report this")])
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.1f}"
-
-
-def _print_times(times: "list[TimeToImage]") -> None:
-    """Table 3, the paper's ratios to LBVH in brackets, and Figure 7's break-even points."""
-    from ..bench.pre_bvh_culling import SAMPLES, break_even
-    from ..bench.published_culling import REMAINING, TIME_TO_IMAGE
-
-    rows = []
-    for t in times:
-        first, last = (next(o for o in times if (o.figure, o.method) == (t.figure, m)) for m in ("LBVH", "BSAH"))
-        theirs = TIME_TO_IMAGE.get(t.figure)
-        ratios = []
-        for k, spp in enumerate(SAMPLES):
-            paper = f" ({100 * theirs[t.method][3 + k] / theirs['LBVH'][3 + k]:.0f})" if theirs else ""
-            ratios.append(f"{100 * t.total(spp) / first.total(spp):.0f}{paper}")
-        share = f"{100 * t.remaining:.0f}" + (
-            f" ({100 * REMAINING[t.figure]:.0f})" if t.remaining < 1 and theirs else ""
-        )
-        caught = "" if t is last else f"{break_even(last, t):.0f}"
-        seconds = t.cull, t.build, t.trace[1], *(t.total(spp) for spp in SAMPLES)
-        rows.append((t.figure, t.method, share, *map(_ms, seconds), *ratios, caught))
-    sums, ratios = ([f"{name} {spp} spp" for spp in SAMPLES] for name in ("sum", "% of LBVH"))
-    head = ("view", "method", "% left", "cull", "build", "trace 1 spp", *sums, *ratios, "BSAH even at")
-    print("Time to image, ms (the paper's figures in brackets)")
-    report.print_table(head, rows, right=range(2, len(head)), width=_WIDTH)
-
-
-def _print_grids(rows: "list[GridRow]") -> None:
-    """Table 4, with the paper's share of the triangles and its time to mark cells in brackets."""
-    from ..bench.published_culling import GRIDS
-
-    table = []
-    for r in rows:
-        theirs = GRIDS[r.grid]
-        mark = f"{_ms(r.steps['mark'])} ({theirs[2]:.1f})"
-        names = "lbvh", "tl-lbvh"
-        times = [_ms(part[b]) if b in part else "" for b in names for part in (r.build, r.trace)]
-        share = f"{100 * r.remaining:.0f} ({100 * theirs[0]:.0f})"
-        how = "as published" if r.published else "hulls"
-        total = _ms(sum(r.steps.values()))
-        table.append((str(r.grid), how, share, _ms(r.steps["sources"]), mark, _ms(r.steps["triangles"]), total, *times))
-    head = (
-        "grid", "marked by", "% left", "sources", "mark", "triangles", "all culling",
-        "build LBVH", "trace 1 spp", "build TL-LBVH", "trace 1 spp",
-    )  # fmt: skip
-    print("Grids, ms, means over the views (the paper's figures, of another scene, in brackets)")
-    report.print_table(head, table, right=(0, *range(2, len(head))), width=_WIDTH)

@@ -1,0 +1,167 @@
+"""The order of children that suits some rays best, in a tree that is there: by the cost metric of [Feltman et al. 2012,
+Sec. 3.2], of which a builder has only estimates.
+
+With C the cost of a subtree for a ray and H whether the ray meets something in there, visiting the left child A first
+costs C(A) + (1 - H(A)) C(B), so that the right child B should be first if the sum of H(B) C(A) is larger than that of
+H(A) C(B), over the rays that come to the node. C and H of all subtrees that a ray enters follow from the leaves up; a
+node's own order does not change those of its children, so one pass finds the best order at each node for the rays that
+come there by the orders as they were. Boxes and triangles cost 1 each, so all sums are whole numbers.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..simd import atomic_add, bits, load4, maximum, minimum, ptr, splat4, swap_halves
+from .nodes import EMPTY, LEFT_FIRST, MAX_DEPTH, Bvh, aligned_empty, parents_first
+from .order import swap_children
+from .rayset import Intersections, bounded_rays, ray_at
+
+_CHUNK = 64  # rays
+_GROW = np.float32(1.0 + 2.0**-20)
+
+
+class _Frames(NamedTuple):
+    """The nodes from the root to the one that a ray is at, (MAX_DEPTH + 1,) int64 each."""
+
+    node: np.ndarray
+    entered: np.ndarray  # bits of the children whose boxes the ray enters
+    side: np.ndarray  # the child that is due; 2: both are done
+    comes: np.ndarray  # 1 if the ray would come here, by the orders as they are
+    cost: np.ndarray  # of the left child
+    hits: np.ndarray  # 1 if the ray meets something in it
+
+
+class _Sets(NamedTuple):
+    """The rays and, by triangle, what they meet."""
+
+    rays: np.ndarray  # as in `rayset.RaySet`
+    first: np.ndarray  # these two as in `rayset.Intersections`
+    prims: np.ndarray
+
+
+@inlined
+def _children_entered(nodes, node, ray):
+    """Bits of the children whose boxes a ray enters."""
+    b = node * 16
+    x, y, z = (
+        (load4(nodes, b) - ray.ox) * ray.ix,
+        (load4(nodes, b + 4) - ray.oy) * ray.iy,
+        (load4(nodes, b + 8) - ray.oz) * ray.iz,
+    )
+    u, v, w = swap_halves(x), swap_halves(y), swap_halves(z)
+    near = maximum(maximum(minimum(x, u), minimum(y, v)), maximum(minimum(z, w), splat4(np.float32(0.0))))
+    far = minimum(minimum(maximum(x, u), maximum(y, v)), minimum(maximum(z, w), splat4(np.float32(1.0))))
+    return bits(near <= far * _GROW) & 3
+
+
+@inlined
+def _leaf(bvh, link, met, ray):
+    """(triangles of a leaf, 1 if the ray meets one); `met` has the number of the last ray that met a triangle."""
+    if link == EMPTY:
+        return np.int64(0), np.int64(0)
+    first, count, hit = ~link >> 3, (~link & 7) + 1, np.int64(0)
+    for slot in range(first, first + count):
+        hit |= np.int64(met[bvh.prim_ids[slot]] == ray)
+    return count, hit
+
+
+@kernel
+def _weigh(bvh, box_ray, i, met, frames, gains):
+    """Add to each node's gain what ray i would save by visiting the right child first."""
+    nodes = ptr(bvh.nodes)
+    frames.node[0], frames.side[0], frames.comes[0] = 0, 0, 1
+    frames.entered[0] = _children_entered(nodes, 0, box_ray)
+    depth, cost, hit = 0, np.int64(0), np.int64(0)  # the last two: of the child that was done last
+    while depth >= 0:
+        node, side = frames.node[depth], frames.side[depth]
+        if side == 1:
+            frames.cost[depth], frames.hits[depth] = cost, hit
+        if side == 2:
+            left, right, met_left = frames.cost[depth], cost, frames.hits[depth]
+            if frames.comes[depth] and met_left | hit:
+                atomic_add(gains, node, hit * left - met_left * right)
+            cost, hit = left + (1 - met_left) * right, hit | met_left
+            cost += 1  # this node's own box
+            depth -= 1
+            continue
+        frames.side[depth] += 1
+        cost, hit = np.int64(1), np.int64(0)
+        if not frames.entered[depth] >> side & 1:
+            continue
+        link = np.int64(bvh.links[node, 12 + side])
+        if link < 0:
+            count, hit = _leaf(bvh, link, met, i)
+            cost += count
+            continue
+        comes = frames.comes[depth] if side == 0 or frames.hits[depth] == 0 else 0
+        depth += 1
+        frames.node[depth], frames.side[depth], frames.comes[depth] = link, 0, comes
+        frames.entered[depth] = _children_entered(nodes, link, box_ray)
+
+
+@kernel
+def _weigh_rays(ticket, bvh, sets, gains):
+    """Worker: the gains by each ray."""
+    room = MAX_DEPTH + 2
+    frames = _Frames(
+        np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64),
+        np.empty(room, np.int64), np.empty(room, np.int64),
+    )  # fmt: skip
+    met = np.full(len(bvh.prim_ids), -1, np.int32)
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            for k in range(sets.first[i], sets.first[i + 1]):
+                met[sets.prims[k]] = i
+            _weigh(bvh, ray_at(ptr(sets.rays), i), i, met, frames, gains)
+        first = take(ticket)
+
+
+@kernel
+def _arrange(bvh, gains, new_nodes, new_links):
+    """Copy the nodes, their children in the better order, depth first."""
+    words = ptr(bvh.links)
+    for node in range(len(bvh.nodes)):
+        if gains[node] != 0:
+            bvh.links[node, 14] = LEFT_FIRST
+        if gains[node] > 0:
+            swap_children(words, node)
+    order, numbers = parents_first(bvh.links), np.empty(len(bvh.nodes), np.int32)
+    for i in range(len(order)):
+        numbers[order[i]] = i
+    for i in range(len(order)):
+        new_nodes[i] = bvh.nodes[order[i]]
+        for side in range(2):
+            link = bvh.links[order[i], 12 + side]
+            new_links[i, 12 + side] = numbers[link] if link >= 0 else link
+
+
+def order_by_rays(bvh: Bvh, threads: int | None = None, *, rays: Intersections | None = None) -> Bvh:
+    """The same tree, the child that comes first chosen for these rays at each node that they tell something about.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        It is left alone. Orders by distance that a builder has chosen become constant where rays tell something.
+    rays : Intersections
+        A sparse sample of the rays that will be traced, with all triangles each of them meets. None, or none: `bvh`
+        itself is the answer.
+
+    Returns
+    -------
+    Bvh
+        With the same bits for any number of threads; a left child comes right behind its parent.
+    """
+    if rays is None or len(rays.origins) == 0 or len(bvh.nodes) < 2:
+        return bvh
+    m, threads = len(rays.origins), thread_count(threads)
+    sets = _Sets(bounded_rays(rays), rays.first, rays.prims)
+    gains = np.zeros(len(bvh.nodes), np.int64)
+    run(_weigh_rays, threads, new_ticket(m, _CHUNK), bvh, sets, gains)
+    old, new = aligned_empty(bvh.nodes.shape, "f4"), aligned_empty(bvh.nodes.shape, "f4")
+    old[:] = bvh.nodes
+    _arrange(bvh._replace(nodes=old, links=old.view(np.int32)), gains, new, new.view(np.int32))
+    return bvh._replace(nodes=new, links=new.view(np.int32))
