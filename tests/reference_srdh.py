@@ -88,7 +88,7 @@ def srdh(scene, ids, others, rays, kernels, prior=0.0, linear=True, slack=1e-5):
     boxes, size = [box_of(scene, s) for s in (ids, others)], [_size(len(s), linear) for s in (ids, others)]
     h1, h2 = (scene.hits[np.ix_(rays, s)].any(1) for s in (ids, others))
     area = half_area(box_of(scene, np.concatenate([ids, others])))
-    shares = [half_area(box) / area if area > 0 else 1.0 for box in boxes]
+    shares = [half_area(box) / area if area > 0 else 0.0 for box in boxes]
     even = prior * (shares[0] * size[0] + shares[1] * size[1])
     enters = [
         [pierces(boxes[0], origins, ends, s) | h1, pierces(boxes[1], origins, ends, s) | h2] for s in (-slack, slack)

@@ -27,7 +27,7 @@ ORDERS |= {FAR: (BACK_TO_FRONT, False), None: (UNORDERED, False)}
 def _divide(set_, n, centroids, split, order, swapped, boxes, left, right):
     none = Side(np.int64(0), np.int64(0))
     mapping = make_mapping(load8(ptr(centroids), 0), n)
-    chosen = RaySplit(split, order, swapped, np.float64(0.0))
+    chosen = RaySplit(split, order, swapped, np.float32(0.0))
     return divide_rays(
         rays_of(set_, none), len(set_.rays), mapping, chosen, ptr(boxes), rays_of(left, none), rays_of(right, none)
     )

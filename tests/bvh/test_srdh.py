@@ -45,12 +45,14 @@ def words(bvh):
     kernels=st.sampled_from(sorted(KERNELS)),
     prior=st.sampled_from([0.0, 16.0]),
     linear=st.booleans(),
+    reorder=st.booleans(),
     m=st.integers(1, 80),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_any_soup_and_rays(vertices, max_leaf, kernels, prior, linear, m, seed):
+def test_any_soup_and_rays(vertices, max_leaf, kernels, prior, linear, reorder, m, seed):
     rays = met_in(vertices, m, seed)
-    bvh = srdh.build(vertices, 1, max_leaf, rays=rays, kernels=kernels, prior=prior, linear=linear)
+    options = dict(kernels=kernels, prior=prior, linear=linear, reorder=reorder)
+    bvh = srdh.build(vertices, 1, max_leaf, rays=rays, **options)
     validate(bvh, vertices)
     assert statistics(bvh).leaf_sizes[max_leaf + 1 :].sum() == 0
     assert words(bvh) <= WORDS[kernels] | {UNORDERED}
@@ -198,7 +200,8 @@ def test_every_node_is_split_as_the_paper_says(kernels, prior, linear, small, mo
     monkeypatch.setattr(top_down, "_SMALL", small)
     vertices = scattered(260, 5)
     origins, ends = segments_in(vertices, 40, 6)
-    bvh = srdh.build(vertices, 2, 1, rays=met(vertices, origins, ends), kernels=kernels, prior=prior, linear=linear)
+    options = dict(kernels=kernels, prior=prior, linear=linear, reorder=False)
+    bvh = srdh.build(vertices, 2, 1, rays=met(vertices, origins, ends), **options)
     scene, checked = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends)), []
 
     def ids_of(tree):
