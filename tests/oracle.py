@@ -135,6 +135,15 @@ def occluded(vertices, origins, directions=None, ends=None, tmin=0.0, tmax=np.in
     return out
 
 
+def all_hits(vertices, origins, ends, skip=None):
+    """(m, n) bool: which triangles does each segment meet?"""
+    o, d, ends, tmin, tmax = _prepare(origins, None, ends, 0.0, 1.0)
+    out = np.zeros((len(o), len(vertices)), bool)
+    for ray, tri in _hits(vertices, o, d, ends, tmin, tmax, skip):
+        out[ray, tri] = True
+    return out
+
+
 def closest_hit(vertices, origins, directions, tmin=0.0, tmax=np.inf, skip=None):
     """(t, face) per ray: the smallest exact t as float64, inf and -1 on a miss; ties go to the lowest face."""
     o, d, _, tmin, tmax = _prepare(origins, directions, None, tmin, tmax)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .bvh import BUILDERS
+from .bvh.bounds import MAX_COORDINATE
 from .bvh.nodes import Bvh
 from .bvh.rayset import Intersections
 from .checks import points, whole_number
@@ -41,7 +42,7 @@ class SrdhRays:
     Raises
     ------
     InputError
-        On a value out of range, or origins and ends of different shapes.
+        On a value out of range, a coordinate as large as no triangle's may be, or origins and ends of different shapes.
     """
 
     size: int | None = 16
@@ -61,6 +62,9 @@ class SrdhRays:
             origins, ends = points(self.origins, "origins"), points(self.ends, "ends")
             if origins.shape != ends.shape:
                 raise InputError(f"origins {origins.shape} and ends {ends.shape} must have the same shape")
+            for array, name in ((origins, "origins"), (ends, "ends")):
+                if not (np.abs(array) < MAX_COORDINATE).all():
+                    raise InputError(f"{name} have a coordinate that is not below {MAX_COORDINATE:.1e}")
             if self.bounce or self.last_frame:
                 raise InputError("origins and ends are given, so bounce and last_frame say nothing; leave them out")
             object.__setattr__(self, "origins", origins)
@@ -182,6 +186,7 @@ class Showing:
     def __init__(self, asked: SrdhRays, threads: int):
         self.asked, self.threads = asked, threads
         self.last: Shown | None = None  # of the frame before, if that is asked for
+        self.n_triangles = 0  # of that frame
 
     def show(self, queries, triangles, bvh: Bvh | None = None, bounce: Callable | None = None) -> Shown:
         """The rays of these queries, or instead.
@@ -200,10 +205,11 @@ class Showing:
         shown = Shown(segments_of(queries), bvh)
         if not self.asked.last_frame:
             return shown
-        last, self.last = self.last, shown
-        return last if last is not None and last.met is not None else shown
+        last, n, self.last, self.n_triangles = self.last, self.n_triangles, shown, len(triangles.vertices)
+        same = last is not None and last.met is not None and n == self.n_triangles  # what it met is there still
+        return last if same else shown
 
     def built(self, bvh: Bvh) -> None:
-        """Note, for the next frame, what the rays of this one meet in the BVH that was built."""
-        if self.last is not None:
+        """Note, for the next frame, what the rays of this one meet in the BVH that was built first."""
+        if self.last is not None and self.last.met is None:  # of edges, a culled BVH is built again: of less
             self.last.met = intersections(bvh, *self.last.segments, self.threads)

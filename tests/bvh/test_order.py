@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 
-from antumbra.bvh import BUILDERS
+from antumbra.bvh import BUILDERS, binned_sah, srdh
+from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.nodes import LEFT_FIRST
+from antumbra.bvh.order import sooner_first
+from antumbra.bvh.quality import validate
 from antumbra.bvh.wide import LINKS, NO_CHILD, WIDTH
 from antumbra.bvh.widen import widen
-from bvh_scenes import HAZARDS
+from bvh_scenes import HAZARDS, scattered, terrain
+from shadow_rays import met_in, nested
 
 
 def _half_surface(low, high):
@@ -47,3 +52,73 @@ def test_wide_nodes_end_with_the_child_that_blocks_a_ray_soonest(name):
     assert len(found) == len(wide.nodes)
     for shares in found:
         assert (np.diff(shares) >= -1e-9 * np.array(shares[1:])).all()
+
+
+def _areas(vertices):
+    corners = vertices.astype(float)
+    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
+
+
+def _rtsah(vertices, areas, tree, found):
+    """(low, high, share of the rays through the box that are blocked, tests of one such ray) of a `nested` tree."""
+    if isinstance(tree, list):
+        low, high = vertices[tree].min((0, 1)), vertices[tree].max((0, 1))
+        surface = _half_surface(low, high)
+        return low, high, 1 - np.exp(-areas[tree].sum() / surface) if surface > 0 else 0.0, 1.0 + len(tree)
+    sides = [_rtsah(vertices, areas, side, found) for side in tree[:2]]
+    low, high = np.minimum(sides[0][0], sides[1][0]), np.maximum(sides[0][1], sides[1][1])
+    whole = _half_surface(low, high)
+    enter = [_half_surface(*side[:2]) / whole for side in sides]
+    (_, _, b1, c1), (_, _, b2, c2) = sides
+    found.append((b1 / c1, b2 / c2))
+    cost = 1 + enter[0] * c1 + (1 - enter[0] * b1) * enter[1] * c2
+    return low, high, 1 - (1 - enter[0] * b1) * (1 - enter[1] * b2), cost
+
+
+@pytest.mark.parametrize("vertices", [terrain(1500), scattered(900)], ids=["terrain", "scattered"])
+def test_rtsah_puts_the_child_first_that_blocks_more_rays_for_its_cost(vertices):
+    bvh, found = binned_sah.build(vertices, 1), []
+    before = bvh.nodes.tobytes()
+    ordered = sooner_first(bvh)
+    validate(ordered, vertices)
+    assert bvh.nodes.tobytes() == before and not np.shares_memory(ordered.nodes, bvh.nodes)
+    _rtsah(vertices, _areas(vertices), nested(ordered), found)
+    first, second = np.array(found).T
+    assert len(found) == len(bvh.nodes) and (first >= second * (1 - 1e-6)).all() and (first > second).any()
+    assert (ordered.links[:, 12] != bvh.links[:, 12]).mean() > 0.2
+
+
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_rtsah_puts_the_denser_child_first(mirror):
+    """Two cubes of the same size, of many and of few triangles of the same size."""
+    rng = np.random.default_rng(0)
+    cube = lambda n: rng.uniform(-1, 1, (n, 1, 3)) + rng.uniform(-0.2, 0.2, (n, 3, 3))
+    vertices = np.concatenate([cube(200) + [10 * mirror, 0, 0], cube(20) - [10 * mirror, 0, 0]]).astype(np.float32)
+    root = sooner_first(binned_sah.build(vertices, 1)).nodes[0]
+    assert (root[[0, 2]] * mirror > 0).all() and (root[[1, 3]] * mirror < 0).all()
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_rtsah_of_few_triangles(n):
+    validate(sooner_first(binned_sah.build(scattered(n), 1)), scattered(n))
+
+
+def test_rtsah_of_hazards():
+    for name, soup in HAZARDS.items():
+        vertices = np.ascontiguousarray(soup, np.float32)
+        if len(vertices) < 10_000:
+            validate(sooner_first(binned_sah.build(vertices, 1)), vertices), name
+
+
+def test_a_tree_of_blocks_keeps_the_order_that_a_builder_chose():
+    vertices = terrain(6000)
+    bvh = srdh.build(vertices, 1, rays=met_in(vertices, 600))
+    free = bvh._replace(nodes=bvh.nodes.copy())
+    free = free._replace(links=free.nodes.view(np.int32))
+    free.links[:, 14] = 0
+    kept, sorted_ = block_tree(bvh), block_tree(free)
+    chosen = kept.links[:, 14] == LEFT_FIRST
+    assert 0.1 < chosen.mean() < 1
+    boxes = {n.tobytes() for n in bvh.nodes[:, :12]}
+    assert all(n.tobytes() in boxes for n in kept.nodes[chosen, :12])
+    assert not all(n.tobytes() in boxes for n in sorted_.nodes[:, :12])

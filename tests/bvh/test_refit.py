@@ -25,7 +25,7 @@ def moved(vertices, seed=0, by=0.3):
 )
 @settings(max_examples=60, deadline=None)
 def test_any_soup_that_moves(soup, name, max_leaf, seed):
-    bvh, after = BUILDERS[name].build(soup, 1, max_leaf), moved(soup, seed)
+    bvh, after = BUILDERS[name].build(soup, 1, max_leaf=max_leaf), moved(soup, seed)
     validate(refit(bvh, after, 1), after)
     validate(bvh, soup)  # it is left alone
 

@@ -28,7 +28,7 @@ def relaid(bvh, max_leaf=4, threads=1, largest=PART):
 def test_any_tree_and_cut(soup, max_leaf, largest, name):
     if len(soup) < 2:
         return
-    bvh = BUILDERS[name].build(soup, 1, 1)
+    bvh = BUILDERS[name].build(soup, 1, max_leaf=1)
     new = relaid(bvh, max_leaf, 2, largest)
     validate(new, soup)
     assert statistics(new).leaf_sizes[max_leaf + 1 :].sum() == 0
