@@ -112,7 +112,7 @@ class Renderer:
         self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if self.plan.wants_rays else None
         update = self.plan.update  # what it keeps from frame to frame
         self._kept = UPDATERS[update].keep(self._new_tree) if update else None
-        self._rays: Callable = None  # type: ignore[assignment]  # set before a builder that wants rays is called
+        self._rays: Callable | None = None  # vertices, BVH of them -> Intersections; while a builder may want them
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
@@ -208,7 +208,10 @@ class Renderer:
                 raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
             kept = None if culled is None else culled.kept
             self._rays = lambda vertices, bvh: shown.among(vertices, kept, self.threads, bvh)
-        bvh = self._tree(triangles.vertices if culled is None else culled.vertices)
+        try:
+            bvh = self._tree(triangles.vertices if culled is None else culled.vertices)
+        finally:
+            self._rays = None
         if culled is not None:
             bvh = bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
         if self.showing is not None:
@@ -229,7 +232,7 @@ class Renderer:
 
     def _shown_to(self, method, vertices, bvh: Bvh | None = None) -> dict:
         """The arguments of a method that wants rays; `bvh`: of the triangles, if there is one."""
-        return {"rays": self._rays(vertices, bvh)} if method.wants_rays else {}
+        return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
 
     def _for_camera(self, triangles: Triangles) -> Accelerated:
         """What the camera's rays are traced through where the plan's own BVH is made for shadow rays."""

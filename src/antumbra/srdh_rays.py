@@ -21,14 +21,14 @@ from .query.shadow import ShadowQuery, segments
 from .trace.intersections import intersections
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SrdhRays:
     """Which shadow rays the builder `srdh` is shown.
 
     Parameters
     ----------
     size : int or None
-        Of a picture, size x size pixels spread evenly; of a list of points, as many of them. None: all.
+        Of a picture, size x size pixels spread evenly; of a single row of points, as many of them. None: all.
     spp : int
         Samples of each light from each of them, 1 or more; at most those that are asked.
     bounce : bool
@@ -77,6 +77,11 @@ class Segments(NamedTuple):
     origins: np.ndarray  # (m, 3) float32
     ends: np.ndarray  # (m, 3) float32
     skip: np.ndarray  # (m,) int32: the triangle that each starts on, which does not count; -1: none
+    cull_faces: int  # a value of CULL_FACES
+
+    def in_bvh(self, bvh: Bvh, skip: np.ndarray, threads: int) -> Intersections:
+        """What they meet in a BVH; `skip` as it counts its triangles."""
+        return intersections(bvh, self.origins, self.ends, skip, threads, self.cull_faces)
 
 
 def _spread(n: int, k: int | None) -> np.ndarray:
@@ -130,13 +135,14 @@ def segments_of(queries) -> Segments:
         origins = np.broadcast_to(query.origins[:, :, None], ends.shape)
         faces = np.broadcast_to(query.faces[:, :, None], above.shape)
         parts.append((origins[above], ends[above], faces[above]))
-    return Segments(*(np.ascontiguousarray(np.concatenate(arrays)) for arrays in zip(*parts)))
+    arrays = (np.ascontiguousarray(np.concatenate(arrays)) for arrays in zip(*parts))
+    return Segments(*arrays, queries[0].cull_faces)
 
 
-def _given(asked: SrdhRays, origin: np.ndarray) -> Segments:
+def _given(asked: SrdhRays, origin: np.ndarray, cull_faces: int) -> Segments:
     """The user's, in a scene with this origin."""
     local = [(points - origin).astype(np.float32) for points in (asked.origins, asked.ends)]
-    return Segments(*local, np.full(len(local[0]), -1, np.int32))
+    return Segments(*local, np.full(len(local[0]), -1, np.int32), cull_faces)
 
 
 def _among(kept: np.ndarray | None, faces: np.ndarray) -> np.ndarray:
@@ -172,12 +178,11 @@ class Shown:
         time: it is asked little.
         """
         if self.met is None and self.bvh is not None:
-            self.met = intersections(self.bvh, *self.segments, threads)
+            self.met = self.segments.in_bvh(self.bvh, self.segments.skip, threads)
         if self.met is not None:
             return _counted_in(kept, self.met)
-        origins, ends, skip = self.segments
         bvh = BUILDERS["lbvh"].build(vertices, threads) if bvh is None else bvh
-        return intersections(bvh, origins, ends, _among(kept, skip), threads)
+        return self.segments.in_bvh(bvh, _among(kept, self.segments.skip), threads)
 
 
 class Showing:
@@ -195,7 +200,7 @@ class Showing:
         bounce : function of a `Bvh` of all triangles -> queries of the surfaces that diffuse rays meet, for a picture
         """
         if self.asked.origins is not None:
-            return Shown(_given(self.asked, triangles.origin), bvh)
+            return Shown(_given(self.asked, triangles.origin, queries[0].cull_faces), bvh)
         queries = [_sparse_query(query, self.asked) for query in queries]
         if self.asked.bounce:
             if bounce is None:
@@ -212,4 +217,4 @@ class Showing:
     def built(self, bvh: Bvh) -> None:
         """Note, for the next frame, what the rays of this one meet in the BVH that was built first."""
         if self.last is not None and self.last.met is None:  # of edges, a culled BVH is built again: of less
-            self.last.met = intersections(bvh, *self.last.segments, self.threads)
+            self.last.met = self.last.segments.in_bvh(bvh, self.last.segments.skip, self.threads)

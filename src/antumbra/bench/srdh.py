@@ -21,7 +21,7 @@ from ..renderer import Renderer, shadow_queries
 from ..srdh_rays import Showing, Shown, SrdhRays, sparse_gbuffer
 from ..trace.bounce import bounced
 from ..trace.orders import BUILT, ORDERS, SRDH, Ordered
-from ..trace.steps import FREE, count_steps
+from ..trace.steps import UNOCCLUDED, count_steps
 from .srdh_views import SrdhView
 
 BASE = "random"  # everything is measured by this order
@@ -147,8 +147,8 @@ def saved(rows: Iterable[Counted], row: Counted, than: str = BASE) -> float:
 
 def saved_unoccluded(rows: Iterable[Counted], row: Counted) -> float:
     """The same for rays that nothing blocks, of which all orders of one tree test as many; 0 if there are none."""
-    before = of(rows, row.scene, BASE).boxes[FREE]
-    return 1.0 - row.boxes[FREE] / before if before else 0.0
+    before = of(rows, row.scene, BASE).boxes[UNOCCLUDED]
+    return 1.0 - row.boxes[UNOCCLUDED] / before if before else 0.0
 
 
 def beyond_all(rows: Iterable[Counted], row: Counted) -> float:

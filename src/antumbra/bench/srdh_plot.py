@@ -5,12 +5,16 @@ from pathlib import Path
 import numpy as np
 
 from ..output import replacing
-from ..trace.steps import FALSE, FREE, PATH
+from ..trace.steps import FALSE, PATH, UNOCCLUDED
 from .srdh import OURS, PIXELS, PUBLISHED, SAH_ORDERS, Counted, of, relative, scenes_of
 
 _BARS = (*SAH_ORDERS, PUBLISHED, OURS)
 _COLOURS = ("0.55", "tab:blue", "tab:cyan", "tab:green", "tab:red", "tab:orange")
-_CLASSES = ((FREE, "unoccluded rays", 1.0), (FALSE, "faux hits of occluded rays", 0.6), (PATH, "path to the hit", 0.3))
+_CLASSES = (
+    (UNOCCLUDED, "unoccluded rays", 1.0),
+    (FALSE, "false hits of occluded rays", 0.6),
+    (PATH, "path to the hit", 0.3),
+)
 """From below, as in the paper: class, label, and how opaque its part of a bar is."""
 
 

@@ -82,7 +82,7 @@ def range_bounds(records, first, last):
 
 @inlined
 def write_boxes(nodes, node, left, right):
-    """The boxes of both children into a node; the links and the unused words become 0."""
+    """The boxes of both children into a node; words 12 to 15 become 0."""
     line = shuffle(join(left, right), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
     line = select(mask_from_bits16(0x0CCC), -line, line)  # the upper corners
     store(nodes, node * 16, select(mask_from_bits16(0x0FFF), line, _ZERO))

@@ -17,14 +17,13 @@ from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..simd import atomic_add, bits, load4, maximum, minimum, ptr, splat4, swap_halves
 from .nodes import EMPTY, LEFT_FIRST, MAX_DEPTH, Bvh, aligned_empty, parents_first
 from .order import swap_children
-from .rayset import Intersections, bounded_rays, ray_at
+from .rayset import GROW, Intersections, bounded_rays, check_intersections, ray_at
 
 _CHUNK = 64  # rays
-_GROW = np.float32(1.0 + 2.0**-20)
 
 
 class _Frames(NamedTuple):
-    """The nodes from the root to the one that a ray is at, (MAX_DEPTH + 1,) int64 each."""
+    """The nodes from the root to the one that a ray is at, (MAX_DEPTH + 2,) int64 each."""
 
     node: np.ndarray
     entered: np.ndarray  # bits of the children whose boxes the ray enters
@@ -54,7 +53,7 @@ def _children_entered(nodes, node, ray):
     u, v, w = swap_halves(x), swap_halves(y), swap_halves(z)
     near = maximum(maximum(minimum(x, u), minimum(y, v)), maximum(minimum(z, w), splat4(np.float32(0.0))))
     far = minimum(minimum(maximum(x, u), maximum(y, v)), minimum(maximum(z, w), splat4(np.float32(1.0))))
-    return bits(near <= far * _GROW) & 3
+    return bits(near <= far * GROW) & 3
 
 
 @inlined
@@ -154,9 +153,15 @@ def order_by_rays(bvh: Bvh, threads: int | None = None, *, rays: Intersections |
     -------
     Bvh
         With the same bits for any number of threads; a left child comes right behind its parent.
+
+    Raises
+    ------
+    InputError
+        If a ray meets a triangle that is not there.
     """
-    if rays is None or len(rays.origins) == 0 or len(bvh.nodes) < 2:
+    if rays is None or len(rays.origins) == 0 or len(bvh.prim_ids) < 2:
         return bvh
+    check_intersections(rays, len(bvh.prim_ids))
     m, threads = len(rays.origins), thread_count(threads)
     sets = _Sets(bounded_rays(rays), rays.first, rays.prims)
     gains = np.zeros(len(bvh.nodes), np.int64)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import InputError
 from ..jit import inlined, kernel
 from ..simd import (
     as_i32,
@@ -28,7 +29,7 @@ from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
 RAY = 8  # words: origin, reciprocal direction, first hit, number of hits
 HIT = 4  # words: twice the centroid, as in `bounds.double_centroid`; one not used
 _TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as this share
-_GROW = np.float32(1.0 + 2.0**-20)  # a ray that meets a triangle surely enters its box, or nearly so
+GROW = np.float32(1.0 + 2.0**-20)  # a ray that meets a triangle surely enters its box, or nearly so
 
 
 class Intersections(NamedTuple):
@@ -62,7 +63,7 @@ class Side(NamedTuple):
     hits: int
 
 
-class BoxRay(NamedTuple):
+class ShownRay(NamedTuple):
     """A ray for slab tests; float32 scalars."""
 
     ox: object
@@ -73,8 +74,14 @@ class BoxRay(NamedTuple):
     iz: object
 
 
+def check_intersections(found: Intersections, n: int) -> None:
+    """InputError if a segment meets a triangle that is not one of n."""
+    if len(found.prims) and not (found.prims.min() >= 0 and found.prims.max() < n):
+        raise InputError(f"rays meet triangles {found.prims.min()} to {found.prims.max()}; there are {n}")
+
+
 def bounded_rays(found: Intersections) -> np.ndarray:
-    """The `RaySet.rays` of segments, ready for slab tests."""
+    """(m, RAY) float32: the rays of a `RaySet` of all these segments, ready for slab tests."""
     rays = np.zeros((len(found.origins), RAY), np.float32)
     direction = found.ends - found.origins
     limit = _TINY * np.abs(direction).max(axis=1, initial=np.float32(1e-15), keepdims=True)
@@ -102,9 +109,9 @@ def rays_of(set_, start):
 
 @inlined
 def ray_at(rays, i):
-    """Ray number i as a `BoxRay`."""
+    """Ray number i as a `ShownRay`."""
     k = i * RAY
-    return BoxRay(
+    return ShownRay(
         get(rays, k), get(rays, k + 1), get(rays, k + 2), get(rays, k + 3), get(rays, k + 4), get(rays, k + 5)
     )
 
@@ -117,7 +124,7 @@ def _pierces(box, ray):
     az, bz = (get(box, 2) - ray.oz) * ray.iz, (-get(box, 6) - ray.oz) * ray.iz
     near = max(max(min(ax, bx), min(ay, by)), max(min(az, bz), np.float32(0.0)))
     far = min(min(max(ax, bx), max(ay, by)), min(max(az, bz), np.float32(1.0)))
-    return near <= far * _GROW
+    return near <= far * GROW
 
 
 @inlined

@@ -25,7 +25,7 @@ from .bounds import range_bounds, write_boxes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 from .prepare import checked, make_records, power_of_two_for
 from .rayorder import order_by_rays
-from .rayset import HIT, RAY, Intersections, Side, divide_rays, ray_set, rays_of
+from .rayset import HIT, RAY, Intersections, Side, check_intersections, divide_rays, ray_set, rays_of
 from .splits import must_halve
 from .srdh_cost import CONSTANT, DISTANCE, HeuristicSettings, no_ray_split, ray_split
 from .srdh_top import RayLevels
@@ -227,6 +227,7 @@ def build(
         power of 3/4 of that, which is nearer to what subtrees do cost and makes better trees.
     reorder : bool
         Whether constant orders are chosen once more in the end, when costs are known (`rayorder`); as published, not.
+        Only where `kernels` are constant.
 
     Returns
     -------
@@ -236,15 +237,17 @@ def build(
     Raises
     ------
     InputError
-        As `binned_sah.build`; and on unknown kernels.
+        As `binned_sah.build`; and on unknown kernels, another prior, or rays that meet triangles that are not there.
     """
-    reorder = reorder and kernels == "constant"
     if kernels not in KERNELS:
         raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")
+    if not 0.0 <= prior < np.inf:
+        raise InputError(f"prior is {prior!r}; it must be a number of rays, 0 or more")
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)
     if n < 2 or rays is None or len(rays.origins) == 0:
         return binned_sah.build(vertices, threads, max_leaf)
+    check_intersections(rays, n)
     _compile_top()
     method = Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
     box, centroids = make_records(flat, method.records, threads)
@@ -255,4 +258,4 @@ def build(
     bvh, subtrees = build_below(flat, method, BIN_WORDS, top, settings, threads)
     del method  # room for the final nodes
     bvh = assemble(bvh, top, subtrees, threads)
-    return order_by_rays(bvh, threads, rays=rays) if reorder else bvh
+    return order_by_rays(bvh, threads, rays=rays) if reorder and kernels == "constant" else bvh

@@ -43,7 +43,7 @@ from ..simd import (
 from .bins import BINS
 from .bounds import INF, half_area
 from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
-from .rayset import HIT, RAY, ray_at
+from .rayset import GROW, HIT, RAY, ray_at
 from .splits import Split, no_split
 
 CONSTANT, DISTANCE = 1, 2  # sets of kernels to choose from: left or right first; front to back or back to front
@@ -56,7 +56,6 @@ _ROW = BINS + 2
 _PLACES = 12 * _ROW
 _VISITS = 12 * BINS
 _SUMS = 4 * BINS
-_GROW = np.float32(1.0 + 2.0**-20)
 _ONE = np.float32(1.0)
 
 
@@ -143,7 +142,7 @@ def _entered16(boxes, at, ray, near, far):
     z0, z1 = load16(boxes, at + near[2]) - ray.oz, load16(boxes, at + far[2]) - ray.oz
     entry = maximum(maximum(x0 * ray.ix, y0 * ray.iy), maximum(z0 * ray.iz, splat16(np.float32(0.0))))
     leave = minimum(minimum(x1 * ray.ix, y1 * ray.iy), minimum(z1 * ray.iz, splat16(np.float32(1.0))))
-    return bits(entry <= leave * _GROW)
+    return bits(entry <= leave * GROW)
 
 
 @inlined
@@ -317,7 +316,8 @@ def cheapest_ray_split(sides, counts, n_bins, n_hits, box, settings):
     costs, visits = stack_f32(_COUNTS), stack_f32(_SUMS)
     _subtree_costs(sides, end, settings.linear, costs)
     area, prior, zero = half_area(box, settings.scale), np.float32(settings.prior), splat16(np.float32(0.0))
-    share = prior / area if area > 0.0 else np.float32(0.0)
+    share = prior / area  # infinite, or NaN, where the box has next to no area: then there is no prior
+    share = share if share < INF else np.float32(0.0)
     for axis in range(3):
         _sum_places(counts.places, axis, end, visits)
         by_distance = ptr_at(counts.visits, axis * 4 * BINS)

@@ -1,4 +1,7 @@
-"""The first levels of an `srdh` build, by all threads together: those of `top`, with a ray set for each range."""
+"""The first levels of an `srdh` build: those of `top`, with a ray set for each range.
+
+All threads share the records of a range; its rays are one thread's work.
+"""
 
 import numpy as np
 

@@ -22,7 +22,8 @@ COUNTERS = (
 )
 """Names, in the order of the array: rays asked; those that their own surface settled; inner nodes visited; boxes
 tested; triangles tested; tests that float32 left to float64; tests that float64 left to exact arithmetic; rays blocked
-by the triangle that blocked the ray before. Tracers of many rays at once count a test of up to 16 lanes against one box
+by the triangle that blocked the ray before. Any-hit of `single` counts a node's boxes one by one, when it comes to
+them; others both of a node, or all eight. Tracers of many rays at once count a test of up to 16 lanes against one box
 or triangle once, and besides: triangles fetched; those left when whole bundles had been culled; lanes that one triangle
 blocked whole; frusta shrunk to the rays that are left; tiles traced in sheaves."""
 

@@ -19,7 +19,7 @@ _A_RAY = 16  # hits of a segment that there is room for at first
 
 
 @kernel
-def _collect(ticket, bvh, origins, ends, skip, next_free, prims, spans):
+def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spans):
     """Worker: write the triangles that each segment meets to `prims`, where there is room, and where that is."""
     tree, found, n = tree_of(bvh), np.empty(MOST_HITS, np.int32), np.zeros(1, np.int32)
     hits = HitList(ptr(found), ptr(n), np.int64(len(found)))
@@ -30,7 +30,7 @@ def _collect(ticket, bvh, origins, ends, skip, next_free, prims, spans):
             o, e = origins[i], ends[i]
             ray = segment(o[0], o[1], o[2], e[0], e[1], e[2])
             if ray.dx != 0.0 or ray.dy != 0.0 or ray.dz != 0.0:
-                walk(tree, ray, np.int64(skip[i]), 0, np.int64(LEFT_FIRST), hits, None)
+                walk(tree, ray, np.int64(skip[i]), cull_faces, np.int64(LEFT_FIRST), hits, None)
             start, count = np.int64(0), np.int64(n[0])
             if count > 0:
                 start = atomic_add(next_free, 0, count)
@@ -40,18 +40,19 @@ def _collect(ticket, bvh, origins, ends, skip, next_free, prims, spans):
         first = take(ticket)
 
 
-def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None) -> Intersections:
+def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cull_faces: int = 0) -> Intersections:
     """All triangles that segments meet, by exact tests.
 
     origins, ends : (m, 3) float32
     skip : (m,) int32, a triangle that does not count for each segment, or -1
+    cull_faces : a value of `query.shadow.CULL_FACES`
     """
     m, room = len(origins), _A_RAY * len(origins)
     spans = np.empty((m, 2), np.int64)
     while True:
         next_free, prims = np.zeros(1, np.int64), np.empty(room, np.int32)
         ticket = new_ticket(m, _CHUNK)
-        run(_collect, thread_count(threads), ticket, bvh, origins, ends, skip, next_free, prims, spans)
+        run(_collect, thread_count(threads), ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spans)
         if next_free[0] <= room:
             break
         room = int(next_free[0])

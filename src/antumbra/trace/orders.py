@@ -38,14 +38,14 @@ def _left_is_closer(nodes, node, o):
 
 
 @kernel
-def _toss(node, d):
+def _toss(node, o, d):
     """A coin that falls the same way whenever the same ray comes to the same node."""
-    words = stack_f32(4)
-    put(words, 0, d[0])
-    put(words, 1, d[1])
-    put(words, 2, d[2])
-    h = np.uint32(node) * np.uint32(0x9E3779B1)
+    words = stack_f32(6)
     for k in range(3):
+        put(words, k, o[k])
+        put(words, 3 + k, d[k])
+    h = np.uint32(node) * np.uint32(0x9E3779B1)
+    for k in range(6):
         h = np.uint32((h ^ np.uint32(get(as_i32(words), k))) * np.uint32(0x85EBCA6B))
         h ^= h >> np.uint32(15)
     h = np.uint32(h * np.uint32(0xC2B2AE35))
@@ -60,7 +60,7 @@ def _by_ray(order, nodes, node, a, b, o, d):
     if order == BACK_TO_FRONT:
         return not _left_is_closer(nodes, node, o)
     if order == RANDOM:
-        return _toss(node, d)
+        return _toss(node, o, d)
     return a <= b
 
 
@@ -102,6 +102,9 @@ ORDERS: dict[str, Order] = {
     "left-first": Order(LEFT_FIRST, _as_it_is, "the children as they are stored", _FELTMAN),
     "front-to-back": Order(FRONT_TO_BACK, _as_it_is, "the child whose centre is closer to the ray's origin", _FELTMAN),
     "back-to-front": Order(BACK_TO_FRONT, _as_it_is, "the child whose centre is farther from it", _FELTMAN),
+    "nearest": Order(
+        NEAREST, _as_it_is, "the child whose box the ray enters first", "Ize 2013, Robust BVH ray traversal"
+    ),
     "rtsah": Order(
         LEFT_FIRST,
         sooner_first,

@@ -1,8 +1,9 @@
 """Where any-hit rays spend their steps, exactly, receiver by receiver [Feltman et al. 2012, Sec. 4.1].
 
-A step is a test of a ray against the box of a child that the walk comes to. Of a ray that is blocked, those on the path
-from the root to the leaf in which it is are one class, and those that led nowhere (faux hits) another; those of rays
-that nothing blocks are the third. Rays are walked one by one, without trying the last blocker first.
+A step is a test of a ray against the box of a child that the walk comes to; the root's box is not tested. Of a ray that
+is blocked, those on the path from the root to the leaf in which it is are one class, and those that led nowhere (false,
+or faux, hits) another; those of rays that nothing blocks are the third. Rays are walked one by one, without trying the
+last blocker first.
 """
 
 from typing import NamedTuple
@@ -22,7 +23,7 @@ from .orders import Ordered
 from .traverse import walk
 
 CLASSES = ("path to the hit", "false hits", "unoccluded")
-PATH, FALSE, FREE = range(3)
+PATH, FALSE, UNOCCLUDED = range(3)
 
 
 class Steps(NamedTuple):
@@ -70,7 +71,7 @@ def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
         steps.rays[y, x] += 1
         steps.triangles[y, x] += counters[TRIANGLE_TESTS]
         if slot < 0:
-            steps.boxes[y, x, FREE] += tested
+            steps.boxes[y, x, UNOCCLUDED] += tested
         else:
             steps.blocked[y, x] += 1
             steps.boxes[y, x, PATH] += depths[slot]
