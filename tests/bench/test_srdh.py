@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from antumbra.bench import published_srdh, srdh, srdh_times
-from antumbra.bench.srdh import CONSTANT, METHODS, OURS, PUBLISHED, SAH_ORDERS, Counted, Workload, of
+from antumbra.bench.srdh import CONSTANT, METHODS, OURS, PRERENDER_SPP, PUBLISHED, SAH_ORDERS, Counted, Workload, of
 from antumbra.bench.srdh_times import BuildTimes, RenderTimes
 from antumbra.bench.srdh_views import SrdhView, own_view
 from antumbra.errors import InputError
 from antumbra.scene.camera import Camera
 from antumbra.scene.generated import procedural
 from antumbra.srdh_rays import segments_of
-from antumbra.trace.steps import FALSE, FREE, PATH
+from antumbra.trace.steps import FALSE, PATH, UNOCCLUDED
 
 SIZE = 24
 
@@ -23,7 +23,7 @@ def view() -> SrdhView:
 
 @pytest.fixture(scope="module")
 def rows(view):
-    return srdh.count_view(view, 2, None, lambda text: None, (8, SIZE))
+    return srdh.count_view(view, PRERENDER_SPP, None, lambda text: None, (8, SIZE))
 
 
 def test_all_methods_find_the_same_rays_blocked(rows):
@@ -37,7 +37,7 @@ def test_all_methods_find_the_same_rays_blocked(rows):
 
 
 def test_order_makes_no_difference_to_rays_that_nothing_blocks(rows):
-    assert len({of(rows, "cellar", order).boxes[FREE] for order in SAH_ORDERS}) == 1
+    assert len({of(rows, "cellar", order).boxes[UNOCCLUDED] for order in SAH_ORDERS}) == 1
     assert len({of(rows, "cellar", order).total for order in SAH_ORDERS}) > 1
 
 
@@ -52,12 +52,12 @@ def test_trees_for_shadow_rays_are_cheaper(rows):
 
 
 def test_rays_start_at_what_is_seen_and_at_what_bounces_meet(view, rows):
-    work = Workload(view, 2, None)
+    work = Workload(view, PRERENDER_SPP, None)
     queries = work.queries()
     assert len(queries) == 2 * len(view.lights)
     all_, some = segments_of(queries), work.shown(8, work.sah).segments
     assert len(all_.origins) == rows[0].rays
-    assert 0 < len(some.origins) <= 2 * 8 * 8 * 2  # surfaces, pixels, samples
+    assert 0 < len(some.origins) <= 2 * 8 * 8 * PRERENDER_SPP  # surfaces, pixels, samples
     seen = {row.tobytes() for row in queries[0].origins.reshape(-1, 3)}
     from_seen = [row.tobytes() in seen for row in some.origins]
     assert any(from_seen) and not all(from_seen)

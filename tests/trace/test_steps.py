@@ -7,7 +7,7 @@ import antumbra as at
 from antumbra.bvh import BUILDERS, binned_sah
 from antumbra.query.shadow import segments
 from antumbra.trace.orders import BUILT, RANDOM, Ordered
-from antumbra.trace.steps import FALSE, FREE, PATH, add_steps, count_steps, hit_depths, leaf_depths
+from antumbra.trace.steps import FALSE, PATH, UNOCCLUDED, add_steps, count_steps, hit_depths, leaf_depths
 from asking import query_of, true_occlusion
 from bvh_scenes import HAZARDS
 from shadow_rays import nested, walked
@@ -56,7 +56,7 @@ def test_steps_are_those_of_each_ray(asked, order):
     depths = np.zeros(n, int)
     depths[bvh.prim_ids] = leaf_depths(bvh)
     wanted = np.zeros((*query.sides.shape, 3), int)
-    np.add.at(wanted, (y, x, np.where(truth, PATH, FREE)), np.where(truth, depths[prim], tests))
+    np.add.at(wanted, (y, x, np.where(truth, PATH, UNOCCLUDED)), np.where(truth, depths[prim], tests))
     np.add.at(wanted, (y[truth], x[truth], FALSE), (tests - depths[prim])[truth])
     np.testing.assert_array_equal(steps.boxes, wanted)
     np.testing.assert_array_equal(steps.rays, above.sum(-1))
