@@ -105,7 +105,7 @@ def test_bad_cameras(text):
     ],
 )
 def test_rays_for_srdh(text, chosen):
-    assert arguments.parse_srdh_rays(text) == at.SrdhRays(**chosen)
+    assert vars(arguments.parse_srdh_rays(text)) == vars(at.SrdhRays(**chosen))
 
 
 @pytest.mark.parametrize(
