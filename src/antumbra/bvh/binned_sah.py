@@ -10,9 +10,9 @@ import numpy as np
 
 from ..parallel import thread_count
 from .assemble import assemble
-from .bins import BIN_WORDS, Binned
-from .nodes import Bvh, aligned_empty
-from .prepare import checked, make_records, power_of_two_for, tiny
+from .bins import BIN_WORDS, binned
+from .nodes import Bvh
+from .prepare import PAIR, checked, make_records, power_of_two_for, tiny
 from .subtree import Settings
 from .top import build_top, split_by_bins
 from .top_down import build_below, largest_subtree
@@ -21,9 +21,8 @@ from .top_down import build_below, largest_subtree
 @cache
 def _compile_top() -> None:
     """Compile, or load, what only large scenes run too, so that the first build of a process readies all later ones."""
-    pair = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[2, 2, 2], [3, 2, 2], [2, 3, 2]]], np.float32).reshape(2, 9)
-    method = Binned(aligned_empty((2, 8), "f4"), aligned_empty((2, 8), "f4"))
-    build_top(2, *make_records(pair, method.records, 1), 1, split_by_bins(method, np.float32(1.0), 1))
+    method = binned(2)
+    build_top(2, *make_records(PAIR, method.records, 1), 1, split_by_bins(method, np.float32(1.0), 1))
 
 
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
@@ -59,7 +58,7 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -
     if n < 2:
         make_records(flat, np.empty((n, 8), np.float32), 1)
         return tiny(flat)
-    method = Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
+    method = binned(n)
     box, centroids = make_records(flat, method.records, threads)
     settings = Settings(np.int64(max_leaf), power_of_two_for(box))
     top = build_top(n, box, centroids, largest_subtree(n), split_by_bins(method, settings.scale, threads))

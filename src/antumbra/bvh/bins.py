@@ -25,6 +25,7 @@ from ..simd import (
     to_i32,
 )
 from .bounds import INF, half_area
+from .nodes import aligned_empty
 from .splits import Split, divide, find_split, must_halve, no_split, source_of
 
 BINS = 32  # on each axis, at most
@@ -56,6 +57,11 @@ class Binned(NamedTuple):
 
     records: np.ndarray  # (n, 8) float32
     spare: np.ndarray  # (n, 8) float32
+
+
+def binned(n: int) -> Binned:
+    """Memory for n records."""
+    return Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
 
 
 class BinnedSource(NamedTuple):

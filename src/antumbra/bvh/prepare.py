@@ -10,6 +10,9 @@ from .bounds import MAX_COORDINATE, MAX_TRIANGLES, PART, bound_triangles, write_
 from .nodes import EMPTY, MAX_LEAF, Bvh, aligned_empty
 
 CHUNK = 4096  # triangles that a thread bounds at a time
+PAIR = np.array([[0, 0, 0, 1, 0, 0, 0, 1, 0], [2, 2, 2, 3, 2, 2, 2, 3, 2]], np.float32)
+"""Two triangles, the least that can be split: what builders compile their kernels for large scenes with."""
+
 _CORNERS = [0, 1, 2, 4, 5, 6]  # the words of a box that are coordinates
 
 

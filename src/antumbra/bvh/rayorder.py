@@ -33,14 +33,6 @@ class _Frames(NamedTuple):
     hits: np.ndarray  # 1 if the ray meets something in it
 
 
-class _Sets(NamedTuple):
-    """The rays and, by triangle, what they meet."""
-
-    rays: np.ndarray  # as in `rayset.RaySet`
-    first: np.ndarray  # these two as in `rayset.Intersections`
-    prims: np.ndarray
-
-
 @inlined
 def _children_entered(nodes, node, ray):
     """Bits of the children whose boxes a ray enters."""
@@ -102,7 +94,7 @@ def _weigh(bvh, box_ray, i, met, frames, gains):
 
 
 @kernel
-def _weigh_rays(ticket, bvh, sets, gains):
+def _weigh_rays(ticket, bvh, rays, found, gains):
     """Worker: the gains by each ray."""
     room = MAX_DEPTH + 2
     frames = _Frames(
@@ -113,9 +105,9 @@ def _weigh_rays(ticket, bvh, sets, gains):
     first = take(ticket)
     while first >= 0:
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            for k in range(sets.first[i], sets.first[i + 1]):
-                met[sets.prims[k]] = i
-            _weigh(bvh, ray_at(ptr(sets.rays), i), i, met, frames, gains)
+            for k in range(found.first[i], found.first[i + 1]):
+                met[found.prims[k]] = i
+            _weigh(bvh, ray_at(ptr(rays), i), i, met, frames, gains)
         first = take(ticket)
 
 
@@ -163,9 +155,8 @@ def order_by_rays(bvh: Bvh, threads: int | None = None, *, rays: Intersections |
         return bvh
     check_intersections(rays, len(bvh.prim_ids))
     m, threads = len(rays.origins), thread_count(threads)
-    sets = _Sets(bounded_rays(rays), rays.first, rays.prims)
     gains = np.zeros(len(bvh.nodes), np.int64)
-    run(_weigh_rays, threads, new_ticket(m, _CHUNK), bvh, sets, gains)
+    run(_weigh_rays, threads, new_ticket(m, _CHUNK), bvh, bounded_rays(rays), rays, gains)
     old, new = aligned_empty(bvh.nodes.shape, "f4"), aligned_empty(bvh.nodes.shape, "f4")
     old[:] = bvh.nodes
     _arrange(bvh._replace(nodes=old, links=old.view(np.int32)), gains, new, new.view(np.int32))

@@ -21,7 +21,6 @@ from ..simd import (
     ptr,
     ptr_at,
     put,
-    stack_f32,
     store,
 )
 from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
@@ -172,9 +171,7 @@ def divide_rays(source, n, mapping, chosen, boxes, left, right):
     """
     axis, limit, order = chosen.split.axis, np.float32(chosen.split.place), chosen.order
     origin, factor = extract(mapping.origin, axis), extract(mapping.factor, axis)
-    low, high = stack_f32(8), stack_f32(8)
-    store(low, 0, load8(boxes, 0))
-    store(high, 0, load8(boxes, 8))
+    low, high = boxes, ptr_at(boxes, 8)
     to_left, to_right = Side(np.int64(0), np.int64(0)), Side(np.int64(0), np.int64(0))
     for i in range(n):
         ray, below = ray_at(source.rays, i), np.int64(0)

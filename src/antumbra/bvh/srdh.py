@@ -20,10 +20,10 @@ from ..parallel import thread_count
 from ..simd import get, load8, put, stack_f32, stack_i32, store
 from . import binned_sah
 from .assemble import assemble
-from .bins import BIN_WORDS, Binned, clear_bins, fill_bins, make_mapping, partition
+from .bins import BIN_WORDS, binned, clear_bins, fill_bins, make_mapping, partition
 from .bounds import range_bounds, write_boxes
-from .nodes import MAX_DEPTH, Bvh, aligned_empty
-from .prepare import checked, make_records, power_of_two_for
+from .nodes import MAX_DEPTH, Bvh
+from .prepare import PAIR, checked, make_records, power_of_two_for
 from .rayorder import order_by_rays
 from .rayset import HIT, RAY, Intersections, Side, check_intersections, divide_rays, ray_set, rays_of
 from .splits import must_halve
@@ -188,11 +188,10 @@ def _build_range(vertices, source, first, last, depth, box, centroids, settings,
 @cache
 def _compile_top() -> None:
     """Compile, or load, what only large scenes run too, so that the first build of a process readies all later ones."""
-    pair = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[2, 2, 2], [3, 2, 2], [2, 3, 2]]], np.float32).reshape(2, 9)
     segment = np.float32([[-1.0, 0.0, 0.1]]), np.float32([[3.0, 3.0, 3.0]])
-    rays = ray_set(Intersections(*segment, np.array([0, 1]), np.zeros(1, np.int32)), pair)
-    method = Binned(aligned_empty((2, 8), "f4"), aligned_empty((2, 8), "f4"))
-    bounds = make_records(pair, method.records, 1)
+    rays = ray_set(Intersections(*segment, np.array([0, 1]), np.zeros(1, np.int32)), PAIR)
+    method = binned(2)
+    bounds = make_records(PAIR, method.records, 1)
     settings = HeuristicSettings(np.float32(1.0), np.int64(CONSTANT), np.float64(PRIOR), False)
     build_top(2, *bounds, 1, RayLevels(method, rays, settings, 1, 1).split)
 
@@ -249,7 +248,7 @@ def build(
         return binned_sah.build(vertices, threads, max_leaf)
     check_intersections(rays, n)
     _compile_top()
-    method = Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
+    method = binned(n)
     box, centroids = make_records(flat, method.records, threads)
     heuristic = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
     levels = RayLevels(method, ray_set(rays, flat), heuristic, largest_subtree(n), threads)
