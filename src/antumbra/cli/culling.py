@@ -9,7 +9,7 @@ from ..errors import InputError
 from . import arguments, lean, report
 from .activity import Activity
 from .opening import open_scene
-from .options import SCENE_HELP, CameraOption, Json, Quiet, Threads, UpOption
+from .options import SCENE_HELP, CameraOption, Json, LightOption, Quiet, SppOption, Threads, TimeOption, UpOption
 
 
 def culling(
@@ -20,13 +20,10 @@ def culling(
     ] = None,
     size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "768x768",
     camera: CameraOption = None,
-    light: Annotated[
-        list[str] | None,
-        typer.Option(help="An index, or KIND:...; may be repeated.", metavar="LIGHT", show_default=False),
-    ] = None,
-    time: Annotated[float, typer.Option(help="Seconds into the animation.")] = 0.0,
+    light: LightOption = None,
+    time: TimeOption = 0.0,
     up: UpOption = None,
-    spp: Annotated[int, typer.Option(help="Shadow rays for each pixel and light.", min=1, max=1024)] = 16,
+    spp: SppOption = 16,
     culler: Annotated[str, typer.Option(help="Which one; see antumbra plans.")] = "grid32",
     threads: Threads = None,
     json: Json = False,

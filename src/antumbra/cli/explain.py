@@ -11,7 +11,18 @@ from ..errors import InputError
 from . import arguments, lean, report
 from .activity import Activity
 from .opening import open_scene
-from .options import SCENE_HELP, CameraOption, Json, Quiet, SrdhRaysOption, Threads, UpOption
+from .options import (
+    SCENE_HELP,
+    CameraOption,
+    Json,
+    LightOption,
+    Quiet,
+    SppOption,
+    SrdhRaysOption,
+    Threads,
+    TimeOption,
+    UpOption,
+)
 
 if TYPE_CHECKING:
     from ..explanation import Explanation, PlanSteps
@@ -37,11 +48,8 @@ def explain(
     ] = None,
     size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "512x512",
     camera: CameraOption = None,
-    light: Annotated[
-        list[str] | None,
-        typer.Option(help="An index, or KIND:...; may be repeated.", metavar="LIGHT", show_default=False),
-    ] = None,
-    time: Annotated[float, typer.Option(help="Seconds into the animation.")] = 0.0,
+    light: LightOption = None,
+    time: TimeOption = 0.0,
     before: Annotated[
         float | None,
         typer.Option(
@@ -51,7 +59,7 @@ def explain(
         ),
     ] = None,
     up: UpOption = None,
-    spp: Annotated[int, typer.Option(help="Shadow rays for each pixel and light.", min=1, max=1024)] = 16,
+    spp: SppOption = 16,
     srdh_rays: SrdhRaysOption = None,
     threads: Threads = None,
     json: Json = False,

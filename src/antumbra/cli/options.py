@@ -28,6 +28,13 @@ CameraOption = Annotated[
     typer.Option("--camera", help="An index, or POSITION:TARGET[:VFOV].", metavar="CAMERA", show_default=False),
 ]
 
+LightOption = Annotated[
+    list[str] | None,
+    typer.Option("--light", help="An index, or KIND:...; may be repeated.", metavar="LIGHT", show_default=False),
+]
+TimeOption = Annotated[float, typer.Option("--time", help="Seconds into the animation.")]
+SppOption = Annotated[int, typer.Option("--spp", help="Shadow rays for each pixel and light.", min=1, max=1024)]
+
 SrdhRaysOption = Annotated[
     str | None,
     typer.Option(

@@ -12,7 +12,7 @@ from .activity import Activity
 from .asked import Asked
 from .frames import Job, output_path, render_frames
 from .opening import open_scene
-from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, SrdhRaysOption, Threads, UpOption
+from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, SppOption, SrdhRaysOption, Threads, UpOption
 
 
 def render(
@@ -68,7 +68,7 @@ def render(
         bool, typer.Option("--overwrite", help="Render frames again that are finished already.")
     ] = False,
     up: UpOption = None,
-    spp: Annotated[int, typer.Option(help="Shadow rays for each pixel and light.", min=1, max=1024)] = 16,
+    spp: SppOption = 16,
     sampler: Annotated[
         str, typer.Option(help="Points on the light: larcher-pillichshammer, hammersley or sobol.", metavar="NAME")
     ] = "larcher-pillichshammer",
