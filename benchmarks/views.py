@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra
+from antumbra.bench.srdh_views import square
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.sampling import light_samples
 from antumbra.renderer import shadow_queries
 from antumbra.scene.camera import Camera
-from antumbra.scene.lights import Light, QuadLight, tangents
+from antumbra.scene.lights import Light, QuadLight
 from antumbra.scene.triangles import Triangles
 from common import SCENES
 
@@ -21,10 +22,6 @@ FOREST = "forest"
 VIEWS = ("sponza_crytek", "sanmiguel_lite", "bart_robots", FOREST)
 
 MOVING = ("bart_robots", "synthetic_garden_foxes")
-
-EDGES = {"bart_robots": 10.0}
-"""Edge of the small light where 1/40 of the scene's diagonal makes no sense: the robots' city has a sky, twenty times
-as wide as the street in which they and the lamp are. This is 1/40 of the diagonal of what the camera sees."""
 
 
 class View(NamedTuple):
@@ -103,22 +100,7 @@ def _camera_and_light(name: str, scene, info: dict, size) -> tuple[Camera, QuadL
         camera = Camera(own["position"], own["target"], up, own["vfov"], *size)
     else:
         camera = scene.default_camera(*size)
-    return camera, _square(name, scene.bounds, info["light"], up) if "light" in info else scene.default_light()
-
-
-def _square(name, bounds, light, up) -> QuadLight:
-    """The small light: a square with the middle and direction of info.json, its edge 1/40 of the scene's diagonal.
-
-    A point (three numbers) becomes a level square; a direction towards the light (a fourth, 0) a square that faces the
-    scene, one diagonal away from its middle.
-    """
-    diagonal = float(np.linalg.norm(bounds[1] - bounds[0]))
-    middle, facing = np.array(light[:3], float), up
-    if len(light) == 4:
-        facing = middle / np.linalg.norm(middle)
-        middle = bounds.mean(0) + diagonal * facing
-    u, v = (EDGES.get(name, diagonal / 40) * axis for axis in tangents(facing))
-    return QuadLight(middle - (u + v) / 2, u, v)
+    return camera, square(name, scene.bounds, info["light"], up, 40) if "light" in info else scene.default_light()
 
 
 def _two_sizes(light: QuadLight) -> dict[str, Light]:

@@ -22,9 +22,9 @@ REAL = ("sponza_crytek", "zdm2", "godot_room", "bart_robots", "sanmiguel_lite")
 MADE = tuple(name for name in ("blinds", "cellar", "atrium") if name in PROCEDURAL)
 """Of the procedural scenes the first is always looked at, the others where there is no real one."""
 
-_EDGES = {"bart_robots": 40.0}
-"""Edge of the light where 1/10 of the scene's diagonal makes no sense: the robots' city has a sky, twenty times as wide
-as the street in which they and the lamp are. This is 1/10 of the diagonal of what the camera sees."""
+_DIAGONALS = {"bart_robots": 400.0}
+"""What stands for the scene's diagonal where that makes no sense: the robots' city has a sky, twenty times as wide as
+the street in which they and the lamp are. This is the diagonal of what the camera sees."""
 
 
 class SrdhView(NamedTuple):
@@ -60,7 +60,7 @@ def named_view(name: str, size: tuple[int, int]) -> SrdhView:
     if "camera" in info:
         own = info["camera"]
         view = view._replace(camera=Camera(own["position"], own["target"], up, own["vfov"], *size))
-    return view._replace(lights=[_square(name, scene.bounds, info["light"], up)]) if "light" in info else view
+    return view._replace(lights=[square(name, scene.bounds, info["light"], up, 10)]) if "light" in info else view
 
 
 def own_view(name: str, scene: Scene, size: tuple[int, int]) -> SrdhView:
@@ -78,8 +78,8 @@ def _file(name: str) -> Path | None:
     return Path(name) if name not in PROCEDURAL and Path(name).is_file() else None
 
 
-def _square(name: str, bounds: np.ndarray, light: list[float], up: np.ndarray) -> QuadLight:
-    """A square with the middle and direction of an info.json, its edge 1/10 of the scene's diagonal.
+def square(name: str, bounds: np.ndarray, light: list[float], up: np.ndarray, parts: int) -> QuadLight:
+    """A square with the middle and direction of an info.json, its edge one of so many parts of the scene's diagonal.
 
     A point (three numbers) becomes a level square; a direction towards the light (a fourth, 0) a square that faces the
     scene, one diagonal away from its middle.
@@ -89,5 +89,5 @@ def _square(name: str, bounds: np.ndarray, light: list[float], up: np.ndarray) -
     if len(light) == 4:
         facing = middle / np.linalg.norm(middle)
         middle = bounds.mean(0) + diagonal * facing
-    u, v = (_EDGES.get(name, diagonal / 10) * axis for axis in tangents(facing))
+    u, v = (_DIAGONALS.get(name, diagonal) / parts * axis for axis in tangents(facing))
     return QuadLight(middle - (u + v) / 2, u, v)
