@@ -24,8 +24,9 @@ from antumbra.bvh import BUILDERS
 from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.quality import statistics as shape_of
 from antumbra.parallel import thread_count
+from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
-from antumbra.renderer import Renderer, shadow_queries
+from antumbra.renderer import Renderer
 from antumbra.trace import TRACERS
 from common import SCENES, arguments, machine
 

@@ -26,8 +26,9 @@ import numpy as np
 
 import antumbra
 from antumbra.bvh import BUILDERS
+from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
-from antumbra.renderer import Renderer, shadow_queries
+from antumbra.renderer import Renderer
 from antumbra.scene.camera import Camera
 from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace import TRACERS

@@ -10,9 +10,9 @@ import numpy as np
 import antumbra
 from antumbra.bench.srdh_views import square
 from antumbra.query.gbuffer import from_hits
+from antumbra.query.picture import shadow_queries
 from antumbra.query.raster import rasterise
 from antumbra.query.sampling import light_samples
-from antumbra.renderer import shadow_queries
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import Light, QuadLight
 from antumbra.scene.triangles import Triangles

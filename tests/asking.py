@@ -3,9 +3,10 @@
 import numpy as np
 
 import oracle
+from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
-from antumbra.renderer import Renderer, shadow_queries
+from antumbra.renderer import Renderer
 
 
 def query_of(scene, camera, light, spp, time=0.0):

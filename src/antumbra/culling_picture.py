@@ -7,10 +7,11 @@ import numpy as np
 
 from .cull import CULLERS
 from .cull.targets import sample_points
+from .query.picture import shadow_queries
 from .query.receivers import NOTHING
 from .query.sampling import light_samples
-from .renderer import Renderer, check_lights, shadow_queries
-from .scene.lights import FIXED, LIST, SPHERE
+from .renderer import Renderer
+from .scene.lights import FIXED, LIST, SPHERE, check_lights
 from .warm import warm_up
 
 KEPT, DROPPED = np.array([1.0, 0.33, 0.03], np.float32), np.array([0.04, 0.16, 0.6], np.float32)

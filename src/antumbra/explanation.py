@@ -11,14 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .job import bounced_queries
 from .parallel import thread_count
 from .plan import Plan, parse_plan
 from .query.gbuffer import GBuffer
+from .query.picture import shadow_queries
 from .query.sampling import light_samples
 from .query.shadow import ShadowQuery
-from .renderer import Accelerated, Renderer, bounced_queries, check_lights, check_srdh_rays, shadow_queries
+from .renderer import Accelerated, Renderer
 from .scene.camera import Camera
+from .scene.lights import check_lights
 from .scene.triangles import Triangles
+from .srdh_rays import check_srdh_rays
 from .trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
 from .trace.orders import BUILT, Ordered
 from .trace.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths

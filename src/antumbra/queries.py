@@ -13,7 +13,8 @@ from .query.reach import reach
 from .query.receivers import FREE, point_receivers
 from .query.sampling import light_samples
 from .query.shadow import ShadowQuery, fraction_lit
-from .renderer import Accelerated, Renderer, check_lights
+from .renderer import Accelerated, Renderer
+from .scene.lights import check_lights
 from .scene.point_lights import PointLights
 from .trace.batch import trace_batch
 from .warm import warm_up, warm_up_rays

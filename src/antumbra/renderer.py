@@ -12,26 +12,24 @@ from .bvh.nodes import Bvh
 from .cull import CULLERS
 from .cull.cull import Culled
 from .errors import InputError
-from .image.fraction import as_needed, fraction, refine_penumbra
-from .image.shade import ambient_light, arriving, shade
+from .image.fraction import as_needed, fraction
+from .image.shade import ambient_light
+from .job import Job
 from .parallel import thread_count
-from .plan import DEFAULT_PLAN, Plan, parse_plan
+from .plan import DEFAULT_PLAN, parse_plan
 from .query.gbuffer import GBuffer, from_hits
 from .query.raster import rasterise
 from .query.rays import cull_value
-from .query.reach import reach
-from .query.receivers import NOTHING, surface_receivers
 from .query.refine import FinerSamples, edges, finer_samples
 from .query.sampling import light_samples
-from .query.shadow import ShadowQuery, fraction_lit
+from .query.shadow import fraction_lit
 from .query.subpixels import block_means, subpixel_gbuffer
 from .query.surface import seen_by
 from .scene.camera import Camera
-from .scene.lights import AMBIENT, Light
+from .scene.lights import check_lights
 from .scene.triangles import Triangles
-from .srdh_rays import Showing, Shown, SrdhRays, fewer_samples, sparse_gbuffer
+from .srdh_rays import Showing, Shown, SrdhRays, check_srdh_rays
 from .trace import TRACERS
-from .trace.bounce import bounced
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
 from .warm import warm_up, warm_up_bounce, warm_up_quality
@@ -146,7 +144,7 @@ class Renderer:
             clock.lap("build")
         gbuffer = self.see(triangles, camera, whole)
         clock.lap("gbuffer")
-        job = _Job(self, triangles, lights, facing, new_counters(counters), progress, clock)
+        job = Job(self, triangles, lights, facing, new_counters(counters), progress, clock)
         queries = job.queries(gbuffer, samples)
         clock.lap("trace")
         finer_queries = [] if finer is None else [q._replace(samples=s) for q, s in zip(queries, finer.penumbra)]
@@ -258,110 +256,6 @@ class Renderer:
         bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
         TRACERS[self.plan.trace].trace(accelerated.prepared, query, bits, self.threads, tally, progress)
         return bits
-
-
-class _Job:
-    """One frame: asks about, and shades, what its camera or sub-pixels of it see."""
-
-    def __init__(self, renderer: Renderer, triangles, lights, facing, tally, progress, clock):
-        self.renderer, self.triangles, self.lights, self.facing = renderer, triangles, lights, facing
-        self.tally, self.progress, self.clock, self.threads = tally, progress, clock, renderer.threads
-        self.rays = 0  # asked so far
-
-    def queries(self, gbuffer, samples) -> list[ShadowQuery]:
-        """The query of each light, with these samples of each."""
-        return shadow_queries(self.triangles, gbuffer, self.lights, samples, self.facing, self.threads)
-
-    def show(self, queries, gbuffer, samples, whole: Accelerated | None) -> Shown | None:
-        """The rays that the builder is shown for this frame; None if it wants none."""
-        bounce = bounced_queries(self.renderer, self.triangles, gbuffer, self.lights, samples, self.facing)
-        return self.renderer.show(self.triangles, queries, None if whole is None else whole.bvh, bounce)
-
-    def accelerate(self, queries, ready: Accelerated | None, shown: Shown | None) -> None:
-        """Make ready for these queries; `ready`: what can trace them if nothing is culled, `shown`: for the builder."""
-        culled = self.renderer.culled(self.triangles, queries)
-        if culled is not None:
-            self.clock.lap("cull")
-        if culled is not None or ready is None:
-            ready = self.renderer.build(self.triangles, culled, shown)
-        self.accelerated = ready
-        self.clock.lap("build")
-
-    def ask(self, query: ShadowQuery) -> np.ndarray:
-        self.rays += int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
-        return self.renderer.answer(self.accelerated, query, self.tally, self.progress)
-
-    def refine(self, seen, queries, bits, visibility, samples, smooth) -> np.ndarray:
-        """Ask again in penumbrae and replace their visibility; (H, W) bool, where any light's was."""
-        refined = np.zeros(seen.side.shape, np.bool_)
-        for i, sets in enumerate(samples):
-            finer, better = refine_penumbra(seen, queries[i], bits[i], sets, self.ask, smooth, self.threads)
-            chosen = finer.sides != NOTHING
-            visibility[i] = np.where(chosen, better, visibility[i])
-            refined |= chosen
-        return refined
-
-    def arriving(self, gbuffer, queries, bits, seen=None) -> list[np.ndarray]:
-        """What each light gives to each pixel's surface; see `image.shade.arriving`."""
-        lqb = zip(self.lights, queries, bits)
-        return [arriving(gbuffer, light, query, b, seen, self.threads) for light, query, b in lqb]
-
-    def shade(self, gbuffer, arrived, visibility, ambient) -> np.ndarray:
-        """The image."""
-        colour, up = self.triangles.colour, self.renderer.scene.up
-        return shade(gbuffer, colour, self.lights, arrived, visibility, ambient, up, self.threads)
-
-
-def check_lights(lights) -> list[Light]:
-    """The lights as a list; InputError unless they are lights."""
-    lights = [lights] if isinstance(lights, Light) else list(lights)
-    if not lights:
-        raise InputError("no lights; give at least one, for example scene.default_light()")
-    for light in lights:
-        if not isinstance(light, Light):
-            raise InputError(f"a light must be a QuadLight, DiskLight, ... not {type(light).__name__}")
-    return lights
-
-
-def check_srdh_rays(srdh_rays: SrdhRays | None, *plans: Plan) -> None:
-    """InputError if rays are chosen for builders, and none of the plans has one that wants rays."""
-    if srdh_rays is not None and not any(plan.wants_rays for plan in plans):
-        names = ", ".join(map(str, plans))
-        raise InputError(f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh")
-
-
-def bounced_queries(renderer: Renderer, triangles, gbuffer, lights, samples, facing=0) -> Callable:
-    """Function of a `Bvh` of all triangles -> queries of what diffuse rays meet, one from each of the pixels shown."""
-
-    def bounce(bvh):
-        assert renderer.showing is not None
-        asked, threads = renderer.showing.asked, renderer.threads
-        surfaces = bounced(sparse_gbuffer(gbuffer, asked), triangles, bvh, threads=threads)
-        fewer = [fewer_samples(sets, asked.spp) for sets in samples]
-        return shadow_queries(triangles, surfaces, lights, fewer, facing, threads)
-
-    return bounce
-
-
-def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
-    """The query of each light for the surfaces in a G-buffer; ``samples``: of each light from `light_samples`."""
-    shape = gbuffer.face.shape
-    corners = triangles.vertices.reshape(-1, 9)
-    flat = (
-        gbuffer.position.reshape(-1, 3),
-        gbuffer.normal.reshape(-1, 3),
-        gbuffer.face.reshape(-1),
-        gbuffer.side.reshape(-1),
-    )
-    origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
-    far = reach(triangles, gbuffer.position, threads) if triangles.vertices.size else 1.0
-    patches = [light.patch(triangles.origin, far) for light in lights]
-    ambient = any(p.kind == AMBIENT for p in patches)
-    normals = gbuffer.normal.astype(np.float64) if ambient else np.empty((0, 0, 3))
-    return [
-        ShadowQuery(origins, gbuffer.face, gbuffer.side, normals, corners, patch, sets, cull_faces)
-        for patch, sets in zip(patches, samples)
-    ]
 
 
 def render(

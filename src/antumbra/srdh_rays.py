@@ -16,6 +16,7 @@ from .bvh.nodes import Bvh
 from .bvh.rayset import Intersections
 from .checks import points, whole_number
 from .errors import InputError
+from .plan import Plan
 from .query.gbuffer import GBuffer
 from .query.shadow import ShadowQuery, segments
 from .trace.intersections import intersections
@@ -218,3 +219,10 @@ class Showing:
         """Note, for the next frame, what the rays of this one meet in the BVH that was built first."""
         if self.last is not None and self.last.met is None:  # of edges, a culled BVH is built again: of less
             self.last.met = self.last.segments.in_bvh(bvh, self.last.segments.skip, self.threads)
+
+
+def check_srdh_rays(srdh_rays: SrdhRays | None, *plans: Plan) -> None:
+    """InputError if rays are chosen for builders, and none of the plans has one that wants rays."""
+    if srdh_rays is not None and not any(plan.wants_rays for plan in plans):
+        names = ", ".join(map(str, plans))
+        raise InputError(f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh")

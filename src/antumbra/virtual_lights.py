@@ -5,8 +5,7 @@ import numpy as np
 from .checks import whole_number
 from .errors import InputError
 from .query.receivers import surface_receivers
-from .renderer import check_lights
-from .scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight, tangents
+from .scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight, check_lights, tangents
 from .scene.point_lights import PointLights
 
 

@@ -14,10 +14,10 @@ from antumbra.cull import CULLERS
 from antumbra.cull.cull import cull as culling
 from antumbra.cull.lines import mark_lines
 from antumbra.cull.relevance import marks_of
+from antumbra.query.reach import reach
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery, segments
-from antumbra.renderer import reach
 from antumbra.scene.triangles import Triangles
 from asking import query_of
 from strategies import point_arrays, soups

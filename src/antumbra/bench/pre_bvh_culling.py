@@ -15,8 +15,9 @@ import numpy as np
 from ..cull.cull import STEPS, cull
 from ..cull.lines import mark_lines
 from ..errors import InputError
+from ..query.picture import shadow_queries
 from ..query.sampling import light_samples
-from ..renderer import Renderer, shadow_queries
+from ..renderer import Renderer
 from .culling_views import CullingView
 from .published_culling import METHODS
 

@@ -15,9 +15,10 @@ from ..bvh import BUILDERS, binned_sah
 from ..bvh.nodes import Bvh
 from ..errors import InputError
 from ..parallel import thread_count
+from ..query.picture import shadow_queries
 from ..query.sampling import MAX_SPP, light_samples
 from ..query.shadow import ShadowQuery
-from ..renderer import Renderer, shadow_queries
+from ..renderer import Renderer
 from ..srdh_rays import Showing, Shown, SrdhRays, sparse_gbuffer
 from ..trace.bounce import bounced
 from ..trace.orders import BUILT, ORDERS, SRDH, Ordered

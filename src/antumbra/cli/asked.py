@@ -44,7 +44,7 @@ class Asked(NamedTuple):
         from ..image.save import checked_exposure
         from ..plan import parse_plan
         from ..query.sampling import sample_sets
-        from ..renderer import check_srdh_rays
+        from ..srdh_rays import check_srdh_rays
 
         if self.exposure is not None:
             checked_exposure(self.exposure)

@@ -96,7 +96,7 @@ def explain(
     from ..image.save import save_png
     from ..output import checked_output
     from ..plan import parse_plan
-    from ..renderer import check_srdh_rays
+    from ..srdh_rays import check_srdh_rays
 
     path = checked_output(Path(f"{spec.stem}-explain.png") if output is None else output, (".png",))
     plans = [parse_plan(text) for text in plan or _PLANS]

@@ -246,3 +246,14 @@ def _unit(value, what):
 def _check_radius(light):
     if not (np.isfinite(light.radius) and light.radius > 0.0):
         raise InputError(f"{type(light).__name__} radius is {light.radius!r}; it must be finite and positive")
+
+
+def check_lights(lights) -> list[Light]:
+    """The lights as a list; InputError unless they are lights."""
+    lights = [lights] if isinstance(lights, Light) else list(lights)
+    if not lights:
+        raise InputError("no lights; give at least one, for example scene.default_light()")
+    for light in lights:
+        if not isinstance(light, Light):
+            raise InputError(f"a light must be a QuadLight, DiskLight, ... not {type(light).__name__}")
+    return lights
