@@ -4,7 +4,8 @@ import pytest
 
 from antumbra.bvh import BUILDERS, OPTIMISERS
 from antumbra.errors import InputError
-from antumbra.plan import KINDS, Plan, all_plans, covering_plans, parse_plan
+from antumbra.plan import KINDS, TREE, Plan, all_plans, covering_plans, parse_plan
+from antumbra.trace import TRACERS
 from antumbra.trace.orders import ORDERS
 
 
@@ -17,6 +18,42 @@ def test_every_plan_reads_as_it_is_written():
 
 def test_order_does_not_matter():
     assert parse_plan("single+bsah") == Plan(None, "bsah", "single")
+    assert parse_plan("cones+grid32") == Plan(cull="grid32", trace="cones")
+
+
+def test_a_builder_is_there_unless_the_tracer_walks_no_bvh():
+    assert str(Plan()) == "bsah+multifrusta" and Plan(trace="cones").build is None
+    assert str(Plan(trace="cones")) == "cones" and str(Plan("grid32", trace="cones")) == "grid32+cones"
+    plans = all_plans()
+    assert {plan.tracer.builds for plan in plans} == {True, False}
+    for plan in plans:
+        assert (plan.build is not None) == plan.tracer.builds == TRACERS[plan.trace].builds
+        assert plan.tracer.builds or plan.optimise is plan.update is None
+
+
+@pytest.mark.parametrize("field", TREE)
+def test_nothing_that_makes_a_bvh_goes_with_a_tracer_that_walks_none(field):
+    kind, names = KINDS[field]
+    for name in names:
+        says = f"plan '{name}\\+cones': 'cones' needs no {kind}; leave '{name}' out"
+        with pytest.raises(InputError, match=says):
+            parse_plan(f"{name}+cones")
+    with pytest.raises(InputError, match="needs no builder"):
+        parse_plan(Plan(build="bsah", trace="cones:spheres:sorted"))
+
+
+def test_options_of_cones_combine_in_any_order():
+    for text in ("cones:spheres:sorted", "cones:sorted:spheres"):
+        assert parse_plan(text) == Plan(trace="cones:spheres:sorted")
+    every = [name.removeprefix("cones:") for name in TRACERS if name.startswith("cones:") and name.islower()]
+    every.remove("spheres")
+    assert str(parse_plan(":".join(["cones", *reversed(every)]))) == ":".join(["cones", *every])
+    assert len(every) > 3 and "cones:precise:sorted" not in {plan.trace for plan in all_plans()}
+
+
+def test_options_that_exclude_each_other():
+    with pytest.raises(InputError, match=r"'spheres' and 'precise' exclude each other"):
+        parse_plan("cones:spheres:sorted:precise")
 
 
 def test_a_few_plans_have_every_method():
@@ -32,7 +69,11 @@ def test_a_tree_is_not_kept_of_triangles_that_change():
         parse_plan("grid32+bsah+refit+single")
 
 
-@pytest.mark.parametrize("text", ["", "+", "bsah+", "bsah+singel", "bsah", "single", "bsah+single+single", "auto"])
+@pytest.mark.parametrize(
+    "text",
+    ["", "+", "bsah+", "bsah+singel", "bsah", "single", "bsah+single+single", "auto", "grid32", "cones+cones", "cones:",
+     "cones:magic", "cones:sorted:sorted", "cones+single", "spheres"],
+)  # fmt: skip
 def test_what_is_not_a_plan_is_refused_with_the_valid_names(text):
     with pytest.raises(InputError, match=r"builders: .*bsah.*tracers: .*single"):
         parse_plan(text)
@@ -48,7 +89,7 @@ def test_no_optimiser_comes_after_a_builder_that_wants_rays(build, optimise):
 
 def test_which_plans_want_rays():
     for plan in all_plans():
-        assert plan.wants_rays == (plan.build.startswith("srdh") or plan.optimise == "srdh-order")
+        assert plan.wants_rays == ((plan.build or "").startswith("srdh") or plan.optimise == "srdh-order")
 
 
 def test_orders_have_a_part_each():

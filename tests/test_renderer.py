@@ -133,6 +133,7 @@ def test_culling_by_facing_only_removes_shadows(atrium):
         (dict(plan="bsah"), "no tracer"),
         (dict(plan="single"), "no builder"),
         (dict(plan="bsah+bsah+single"), "two builders"),
+        (dict(plan="bsah+cones"), "needs no builder"),
         (dict(gbuffer="guess"), "raster"),
         (dict(sampler="dice"), "hammersley"),
         (dict(lights=[]), "lights"),
@@ -159,6 +160,17 @@ def test_plans_of_one_builder_share_what_it_built(atrium):
     assert accelerated(atrium, 0.0, 1, "bsah+single") is one
 
 
+def test_a_plan_without_a_builder_has_no_bvh(atrium):
+    one, other, walked = (
+        accelerated(atrium, 0.0, 1, plan) for plan in ("cones", "cones:sorted:spheres", "bsah+single")
+    )
+    assert one.bvh is other.bvh is None and one.triangles is other.triangles and walked.bvh is not None
+    assert np.shares_memory(one.prepared.corners, one.triangles.vertices)
+    np.testing.assert_array_equal(one.prepared.ids, np.arange(atrium.n_triangles))
+    assert one.prepared.corners.shape == (atrium.n_triangles, 9) and one.prepared.ids.dtype == np.int32
+    assert accelerated(atrium, 0.0, 1, "cones:spheres:sorted") is other
+
+
 @pytest.mark.parametrize("plan", ["bsah+single", "bsah+wide"])
 def test_samples_where_their_receiver_is_are_seen_at_once(atrium, plan):
     """Nothing lies between two equal points. Float32 decides nothing about them, so tests would all be exact."""
@@ -179,14 +191,19 @@ CULLED = [
 ]
 
 
+def _lit(scene, options):
+    """The arguments of `render` for one of CULLED, with lights of all kinds."""
+    sun, lamp = at.DirectionalLight((0.3, -1, 0.2), intensity=2.0), at.PointLight(scene.cameras[0].position + (0, 1, 0))
+    lists = at.PointLights(scene.lights[0].corner + np.random.default_rng(1).normal(size=(40, 3)), interleave=True)
+    lights = [*scene.lights, sun, lamp] if "lights" not in options else [lists, at.AmbientOcclusion(0.5), lamp]
+    return dict(spp=5) | options | dict(lights=lights)
+
+
 @pytest.mark.parametrize("options", CULLED, ids=str)
 @pytest.mark.parametrize("kind", ["cellar", "city"])
 def test_frames_of_a_culled_scene_are_the_same(kind, options):
     scene = at.procedural(kind, triangles=8000)
-    sun, lamp = at.DirectionalLight((0.3, -1, 0.2), intensity=2.0), at.PointLight(scene.cameras[0].position + (0, 1, 0))
-    lists = at.PointLights(scene.lights[0].corner + np.random.default_rng(1).normal(size=(40, 3)), interleave=True)
-    lights = [*scene.lights, sun, lamp] if "lights" not in options else [lists, at.AmbientOcclusion(0.5), lamp]
-    options = dict(spp=5) | options | dict(lights=lights)
+    options = _lit(scene, options)
     whole = at.render(scene, _small(scene), plan="bsah+multifrusta", **options)
     for plan in ("grid32+bsah+multifrusta", "grid64+bsah+single"):
         culled = at.render(scene, _small(scene), plan=plan, **options)
@@ -197,11 +214,26 @@ def test_frames_of_a_culled_scene_are_the_same(kind, options):
     assert whole.image.any()
 
 
-def test_points_ask_a_culled_scene(atrium):
+@pytest.mark.parametrize("options", CULLED, ids=str)
+def test_frames_without_a_bvh_are_the_same(options):
+    scene = at.procedural("cellar", triangles=4000)
+    options = _lit(scene, options)
+    plain = at.render(scene, _small(scene), plan="bsah+single", **options)
+    for plan in ("cones", "grid32+cones"):
+        frame = at.render(scene, _small(scene), plan=plan, **options)
+        np.testing.assert_array_equal(frame.image, plain.image)
+        for a, b in zip(frame.bits, plain.bits):
+            np.testing.assert_array_equal(a, b)
+        assert (frame.timings["cull"] > 0.0) == plan.startswith("grid32")
+    assert plain.image.any()
+
+
+@pytest.mark.parametrize("plan", ["grid32+bsah+single", "cones", "grid32+cones"])
+def test_points_ask_by_every_kind_of_plan(atrium, plan):
     rng = np.random.default_rng(3)
     points, light = rng.uniform(*atrium.bounds, (300, 3)), at.SphereLight(atrium.bounds.mean(0), 0.5)
-    whole, culled = (at.visibility(atrium, points, light, plan=p).bits for p in ("bsah+single", "grid32+bsah+single"))
-    np.testing.assert_array_equal(culled, whole)
+    whole, other = (at.visibility(atrium, points, light, plan=p).bits for p in ("bsah+single", plan))
+    np.testing.assert_array_equal(other, whole)
     assert 0 < np.bitwise_count(whole).sum() < 300 * 16
 
 

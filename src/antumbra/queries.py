@@ -30,7 +30,7 @@ class Visibility(NamedTuple):
 def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated:
     """The scene's triangles and BVH at a time; those of all plans for the last time asked are kept with the scene.
 
-    Plans that differ only in their tracer share triangles and BVH.
+    Plans that differ only in their tracer share triangles and BVH, or the triangles if they have none.
     """
     renderer, time = Renderer(scene, plan, threads), scene.clamped(time)
     kept = scene.__dict__.get("_accelerated")
@@ -38,7 +38,7 @@ def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated
         kept = scene.__dict__["_accelerated"] = (time, {})
     plan, plans = renderer.plan, kept[1]
     if plan not in plans:
-        built = next((made for other, made in list(plans.items()) if other._replace(trace=plan.trace) == plan), None)
+        built = next((made for other, made in list(plans.items()) if other.tree == plan.tree), None)
         plans[plan] = renderer.prepare(built.triangles, built.bvh) if built else renderer.accelerate(time)
     return plans[plan]
 

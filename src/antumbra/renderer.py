@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .bvh import BUILDERS, OPTIMISERS, UPDATERS
-from .bvh.blocks import BlockTree
+from .bvh.blocks import BlockTree, block_tree
 from .bvh.nodes import Bvh
 from .cull import CULLERS
 from .cull.cull import Culled
@@ -25,11 +25,11 @@ from .query.sampling import light_samples
 from .query.shadow import fraction_lit
 from .query.subpixels import block_means, subpixel_gbuffer
 from .query.surface import seen_by
+from .rayhierarchy.soup import soup_of
 from .scene.camera import Camera
 from .scene.lights import check_lights
 from .scene.triangles import Triangles
 from .srdh_rays import Showing, Shown, SrdhRays, check_srdh_rays
-from .trace import TRACERS
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
 from .warm import warm_up, warm_up_bounce, warm_up_quality
@@ -63,11 +63,11 @@ class Frame(NamedTuple):
 
 
 class Accelerated(NamedTuple):
-    """A scene at one moment with its BVH."""
+    """A scene at one moment with its BVH, if the plan has one."""
 
     triangles: Triangles  # all of them, whatever has been culled
-    bvh: Bvh  # of those that are left; prim_ids counts in all
-    prepared: Any  # what the plan's tracer walks: the BVH, or something made from it
+    bvh: Bvh | None  # of those that are left; prim_ids counts in all; None: the tracer walks none
+    prepared: Any  # what the plan's tracer takes: the BVH, something made from it, or a `Soup` of those left
 
 
 class _Clock:
@@ -108,6 +108,7 @@ class Renderer:
         self.threads = thread_count(threads)
         check_srdh_rays(srdh_rays, self.plan)
         self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if self.plan.wants_rays else None
+        self._one_tree = self.plan.build is not None and self.showing is None  # for shadow rays and the camera's
         update = self.plan.update  # what it keeps from frame to frame
         self._kept = UPDATERS[update].keep(self._new_tree) if update else None
         self._rays: Callable | None = None  # vertices, BVH of them -> Intersections; while a builder may want them
@@ -140,7 +141,7 @@ class Renderer:
         clock.lap("evaluate")
         whole = None
         if self.gbuffer == "rays":
-            whole = self.build(triangles) if self.showing is None else self._for_camera(triangles)
+            whole = self.build(triangles) if self._one_tree else self._for_camera(triangles)
             clock.lap("build")
         gbuffer = self.see(triangles, camera, whole)
         clock.lap("gbuffer")
@@ -149,7 +150,7 @@ class Renderer:
         clock.lap("trace")
         finer_queries = [] if finer is None else [q._replace(samples=s) for q, s in zip(queries, finer.penumbra)]
         shown = job.show(queries, gbuffer, samples, whole)
-        job.accelerate([*queries, *finer_queries], None if shown else whole, shown)
+        job.accelerate([*queries, *finer_queries], whole if self._one_tree else None, shown)
         bits = [job.ask(query) for query in queries]
         clock.lap("trace")
         rays = camera.rays(triangles.origin)
@@ -180,7 +181,7 @@ class Renderer:
         return Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), refined)
 
     def accelerate(self, time=0.0) -> Accelerated:
-        """The scene's triangles at a time, with their BVH."""
+        """The scene's triangles at a time, with their BVH if the plan has one."""
         return self.build(self.scene.triangles(time, self.threads))
 
     def culled(self, triangles: Triangles, queries) -> Culled | None:
@@ -194,13 +195,17 @@ class Renderer:
         return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
 
     def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
-        """A BVH of all triangles, or of those that culling left; `shown` is for a builder that wants rays.
+        """All triangles, or those that culling left, ready to be traced: with a BVH, unless the tracer walks none.
+
+        `shown` is for a builder that wants rays.
 
         Raises
         ------
         InputError
             If the builder wants rays, and none are shown.
         """
+        if self.plan.build is None:
+            return self.prepare(triangles, None, culled)
         if self.showing is not None:
             if shown is None:
                 raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
@@ -214,7 +219,7 @@ class Renderer:
             bvh = bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
         if self.showing is not None:
             self.showing.built(bvh)
-        return self.prepare(triangles, bvh)
+        return self.prepare(triangles, bvh, culled)
 
     def _tree(self, vertices) -> Bvh:
         if self._kept is not None:
@@ -222,6 +227,7 @@ class Renderer:
         return self._new_tree(vertices, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
+        assert self.plan.build is not None
         builder, name = BUILDERS[self.plan.build], self.plan.optimise
         bvh = builder.build(vertices, threads, **self._shown_to(builder, vertices))
         if name is None:
@@ -233,12 +239,17 @@ class Renderer:
         return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
 
     def _for_camera(self, triangles: Triangles) -> Accelerated:
-        """What the camera's rays are traced through where the plan's own BVH is made for shadow rays."""
-        return self.prepare(triangles, BUILDERS["bsah"].build(triangles.vertices, self.threads))
+        """What the camera's rays are traced through where the plan has no BVH, or one that is made for shadow rays."""
+        bvh = BUILDERS["bsah"].build(triangles.vertices, self.threads)
+        return Accelerated(triangles, bvh, block_tree(bvh, self.threads))
 
-    def prepare(self, triangles: Triangles, bvh: Bvh) -> Accelerated:
-        """What this plan's tracer walks, made from the BVH that its builder made of the triangles."""
-        return Accelerated(triangles, bvh, TRACERS[self.plan.trace].prepare(bvh, self.threads))
+    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
+        """What this plan's tracer takes: made from the BVH that its builder made, if it walks one; else the triangles.
+
+        `culled`: the triangles that are left; None: all.
+        """
+        made = soup_of(triangles, culled) if bvh is None else bvh
+        return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads))
 
     def see(self, triangles, camera, accelerated: Accelerated | None = None) -> GBuffer:
         """The G-buffer of a camera: by rasterisation, or by rays where there is a BVH of all triangles."""
@@ -254,7 +265,7 @@ class Renderer:
     def answer(self, accelerated: Accelerated, query, tally=None, progress=None) -> np.ndarray:
         """The bits of a ShadowQuery by this plan's tracer, (h, w, ceil(spp / 64)) uint64."""
         bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
-        TRACERS[self.plan.trace].trace(accelerated.prepared, query, bits, self.threads, tally, progress)
+        self.plan.tracer.trace(accelerated.prepared, query, bits, self.threads, tally, progress)
         return bits
 
 

@@ -1,10 +1,12 @@
-"""Tracers: they answer a ShadowQuery over a BVH, all with the same bits."""
+"""Tracers: they answer a ShadowQuery, over a BVH or from the triangles themselves, all with the same bits."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
+from .. import rayhierarchy
 from ..bvh.blocks import block_tree
 from ..bvh.widen import widen
+from ..rayhierarchy.options import CONES, combination
 from . import multifrusta, packet16, packet256, paperfrusta
 from .orders import BUILT, ORDERS, Ordered
 from .single import trace_shadow
@@ -14,18 +16,19 @@ class Tracer(NamedTuple):
     """A way to answer a shadow query.
 
     ``prepare(bvh, threads)`` makes what it traces, once a tree; ``trace(prepared, query, bits, threads, counters,
-    progress)`` answers.
+    progress)`` answers. Those that walk no BVH prepare a `rayhierarchy.soup.Soup` instead.
     """
 
     prepare: Callable
     trace: Callable
     description: str
     paper: str
+    builds: bool = True  # does it walk a BVH?
 
 
-def as_it_is(bvh, threads=None):
-    """What tracers prepare that walk the builder's own tree."""
-    return bvh
+def as_it_is(made, threads=None):
+    """What tracers prepare that walk the builder's own tree, or take the triangles as they are."""
+    return made
 
 
 def _as_built(bvh, threads=None):
@@ -36,6 +39,17 @@ def _in_order(order):
     """The `prepare` of `single` with a traversal order."""
     return lambda bvh, threads=None: Ordered(order.prepare(bvh), order.value)
 
+
+def _by_cones(options, description):
+    """A tracer of the family `cones`."""
+
+    def trace(*arguments):  # looked up late: kernels of the ray hierarchy use parts of this package
+        rayhierarchy.trace_shadow(*arguments, options)
+
+    return Tracer(as_it_is, trace, description, _OLSSON, builds=False)
+
+
+_OLSSON = "Olsson and Assarsson 2011, Improved ray hierarchy alias free shadows"
 
 TRACERS: dict[str, Tracer] = {
     "single": Tracer(
@@ -102,4 +116,26 @@ TRACERS: dict[str, Tracer] = {
         "16 packets of 16 rays together, all rays tested at every node",
         "Benthin and Wald 2009, Sec. 5.2",
     ),
+    **{name: _by_cones(*method) for name, method in CONES.items()},
 }
+"""Name -> tracer; besides, options of `cones` can be combined at will (`find_tracer`)."""
+
+
+def find_tracer(text: str) -> tuple[str, Tracer] | None:
+    """A tracer and what it is called: as in TRACERS, or options of `cones` in the order they have there.
+
+    None if there is no such tracer.
+
+    Raises
+    ------
+    InputError
+        On options that exclude each other.
+    """
+    if text in TRACERS:
+        return text, TRACERS[text]
+    options = combination(text)
+    if options is None:
+        return None
+    family, *words = text.split(":")
+    words.sort(key=lambda word: list(CONES).index(f"{family}:{word}"))
+    return ":".join((family, *words)), _by_cones(options, "a combination of options")
