@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .errors import InputError
 from .job import bounced_queries
 from .parallel import thread_count
 from .plan import Plan, parse_plan
@@ -111,11 +112,11 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     Raises
     ------
     InputError
-        On a value out of range or an unknown plan, or if srdh_rays is given and no plan wants rays.
+        On a value out of range, an unknown plan or one without a BVH, or if srdh_rays is given and no plan wants rays.
     RuntimeError
         If plans differ in a bit, which would be a bug.
     """
-    plans = [parse_plan(plan) for plan in plans]
+    plans = explained_plans(plans)
     check_srdh_rays(srdh_rays, *plans)
     moments = [moment._replace(lights=check_lights(moment.lights)) for moment in moments]
     for plan in plans:
@@ -124,6 +125,15 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     if srdh_rays is not None and srdh_rays.bounce:
         warm_up_bounce()
     return explain_compiled(scene, moments, plans, spp, thread_count(threads), srdh_rays, say)
+
+
+def explained_plans(plans) -> list[Plan]:
+    """The plans; InputError if one is unknown, or has no BVH through which rays take steps."""
+    plans = [parse_plan(plan) for plan in plans]
+    for plan in plans:
+        if plan.build is None:
+            raise InputError(f"plan {str(plan)!r} has no BVH, so its rays take no steps; leave it out")
+    return plans
 
 
 def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=None) -> Explanation:

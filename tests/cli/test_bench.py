@@ -72,6 +72,7 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "srdh", "--timed-size", "0").refused("--timed-size", "WIDTHxHEIGHT")
     cli("bench", "srdh", "--plot", "srdh.gif").refused(".gif", ".png")
     cli("bench", "pre-bvh-culling", "--tracer", "magic").refused("magic", "single")
+    cli("bench", "pre-bvh-culling", "--tracer", "cones").refused("'cones' walks no BVH", "single")
     cli("bench", "pre-bvh-culling", "--sponza", "none.glb").refused("none.glb")
     cli("bench", "pre-bvh-culling", "--plot", "even.gif").refused(".gif", ".png")
     assert list(tmp_path.iterdir()) == []

@@ -21,7 +21,7 @@ def test_plans_for_people(cli):
     for _, registry in KINDS.values():
         for name, method in registry.items():
             assert name in shown and method.description.split()[0] in shown and method.paper.split()[0] in shown
-    assert "culler+builder" in shown and "updater+tracer" in shown and str(Plan()) in shown
+    assert "culler+builder" in shown and "updater+tracer" in shown and str(Plan()) in shown and "no builder" in shown
 
 
 @pytest.fixture

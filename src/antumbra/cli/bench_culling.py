@@ -50,8 +50,11 @@ def pre_bvh_culling(
     from ..parallel import thread_count
     from ..trace import TRACERS
 
+    walking = ", ".join(name for name, method in TRACERS.items() if method.builds)
     if tracer not in TRACERS:
-        raise InputError(f"tracer {tracer!r} is unknown; choose one of {', '.join(TRACERS)}")
+        raise InputError(f"tracer {tracer!r} is unknown; choose one of {walking}")
+    if not TRACERS[tracer].builds:
+        raise InputError(f"tracer {tracer!r} walks no BVH, whose building is measured here; choose one of {walking}")
     if plot is not None:
         arguments.check_plot(plot)
 

@@ -72,7 +72,8 @@ def explain(
     blocks), and tell how deep in each tree the triangles lie that block half of all blocked rays.
 
     Plans with the tracers single and single:... walk rays one by one. Others test boxes for bundles of rays: their
-    pictures show the tests in windows of 16x16 pixels, shared among the pixels, and classes are not known.
+    pictures show the tests in windows of 16x16 pixels, shared among the pixels, and classes are not known. Plans
+    without a builder have no tree, and no steps.
 
     \b
     Examples
@@ -91,15 +92,14 @@ def explain(
         raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
     lean.import_numba()
 
-    from ..explanation import Moment
+    from ..explanation import Moment, explained_plans
     from ..explanation import explain as explained
     from ..image.save import save_png
     from ..output import checked_output
-    from ..plan import parse_plan
     from ..srdh_rays import check_srdh_rays
 
     path = checked_output(Path(f"{spec.stem}-explain.png") if output is None else output, (".png",))
-    plans = [parse_plan(text) for text in plan or _PLANS]
+    plans = explained_plans(plan or _PLANS)
     check_srdh_rays(asked_rays, *plans)
     with Activity(quiet) as activity:
         activity.say("reading the scene")
