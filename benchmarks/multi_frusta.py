@@ -75,8 +75,9 @@ def case(path: str, size) -> Case:
     triangles = scene.triangles(0.0)
     gbuffer = Renderer(scene).see(triangles, camera, None)
     bvh = BUILDERS["bsah"].build(triangles.vertices)
-    shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in TRACERS.values()}}
-    prepared = {name: shared[t.prepare] for name, t in TRACERS.items()}
+    walking = {name: t for name, t in TRACERS.items() if t.builds}
+    shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in walking.values()}}
+    prepared = {name: shared[t.prepare] for name, t in walking.items()}
     return Case(name, triangles, gbuffer, prepared, centre, (np.array((edge, 0, 0)), np.array(across)))
 
 

@@ -26,6 +26,7 @@ from antumbra.bench.ray_sets import ORDERS, shadow_rays
 from antumbra.bvh import BUILDERS
 from antumbra.parallel import thread_count
 from antumbra.plan import Plan, parse_plan
+from antumbra.rayhierarchy.soup import soup_of
 from antumbra.trace import TRACERS
 from antumbra.warm import warm_up
 from comparison import compare, options_of, start
@@ -34,16 +35,18 @@ from peers import embree_contenders, embree_scenes, other_peers
 from views import query_of
 
 
-def our_scenes(plans: list[Plan], vertices) -> dict[Plan, object]:
-    """What each plan's tracer walks; says how long it takes to make."""
+def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
+    """What each plan's tracer takes; says how long it takes to make."""
     made, trees = {}, {}
     for plan in plans:
         start = time.perf_counter()
         if plan.build not in trees:
-            trees[plan.build] = BUILDERS[plan.build].build(vertices, None)
-            print(f"  {plan.build}: built in {1e3 * (time.perf_counter() - start):.0f} ms", end="")
+            trees[plan.build] = (
+                BUILDERS[plan.build].build(triangles.vertices, None) if plan.build else soup_of(triangles)
+            )
+            print(f"  {plan.build or 'triangles'}: built in {1e3 * (time.perf_counter() - start):.0f} ms", end="")
             start = time.perf_counter()
-        made[plan] = TRACERS[plan.trace].prepare(trees[plan.build], thread_count(None))
+        made[plan] = plan.tracer.prepare(trees[plan.build], thread_count(None))
         print(f"; {plan.trace}: prepared in {1e3 * (time.perf_counter() - start):.0f} ms")
     return made
 
@@ -54,7 +57,7 @@ def our_contenders(prepared: dict, query, threads: int) -> list[Contender]:
 
     def run(_, plan, scene):
         bits = np.zeros((h, w, -(-spp // 64)), np.uint64)
-        TRACERS[plan.trace].trace(scene, query, bits, threads, None, None)
+        plan.tracer.trace(scene, query, bits, threads, None, None)
         return bits
 
     def answer(bits):
@@ -91,7 +94,7 @@ def measure(view, options) -> list[dict]:
     """Rows of both lights and all thread counts."""
     vertices = view.triangles.vertices
     print(f"\n{view.name}: {len(vertices)} triangles")
-    prepared = our_scenes(options.plans, vertices)
+    prepared = our_scenes(options.plans, view.triangles)
     with embree_scenes(vertices, options.isa) as built:
         others = [] if options.isa else other_peers(vertices)  # these cannot be told which instructions to use
         times = [f"Embree {q}{' robust' * bool(f)} {1e3 * s.build_seconds:.0f} ms" for (q, f), s in built[0].items()]
@@ -102,7 +105,7 @@ def measure(view, options) -> list[dict]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--plans", nargs="+", default=[f"bsah+{t}" for t in TRACERS], help="default: every tracer")
+    parser.add_argument("--plans", nargs="+", default=[Plan(trace=t) for t in TRACERS], help="default: every tracer")
     parser.add_argument("--lights", nargs="+", choices=("small", "large"), default=("small", "large"))
     parser.add_argument("--spp", type=int, default=16)
     options = options_of(parser)
