@@ -241,18 +241,24 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, b
     """
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)
-    centroids = scene_bounds(flat, threads)[1]
     if n < 2:
         return tiny(flat)
-    codes, ids = np.empty(n, np.int32 if bits == 10 else np.int64), np.empty(n, np.int32)
-    run(write_codes, threads, new_ticket(n, CHUNK), flat, grid_of(centroids, bits), codes, ids)
     max_leaf = np.int64(min(max_leaf, n - 1))  # the root is never a leaf
-    codes, ids = radix_sort(codes, ids, 3 * bits, threads)
+    codes, ids = by_codes(flat, bits, threads)
     bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(0)), max_leaf, threads)
     if depth > MAX_DEPTH:
         safe = MAX_DEPTH - (n - 1).bit_length()  # equal codes need as many levels as a place has bits
         bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
     return bvh
+
+
+def by_codes(flat, bits: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """(codes, ids), (n,) each: triangles, (n, 9) float32, in the order of their Morton codes; `bits` for each axis."""
+    n = len(flat)
+    codes, ids = np.empty(n, np.int32 if bits == 10 else np.int64), np.empty(n, np.int32)
+    centroids = scene_bounds(flat, threads)[1]
+    run(write_codes, threads, new_ticket(n, CHUNK), flat, grid_of(centroids, bits), codes, ids)
+    return radix_sort(codes, ids, 3 * bits, threads)
 
 
 def build63(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:

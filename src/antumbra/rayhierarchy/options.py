@@ -1,51 +1,72 @@
-"""Placeholder: the names of the tracer `cones`, until its kernels are there."""
+"""The names of the tracer `cones`, and what they stand for."""
 
 from typing import NamedTuple
 
 from ..errors import InputError
 
 
-class Cones(NamedTuple):
-    """What a ray hierarchy does."""
+class Options(NamedTuple):
+    """Parts of a ray hierarchy that can be chosen; the words of a name, in their order there."""
 
-    spheres: bool = False
-    precise: bool = False
-    sorted: bool = False
-    early_accept: bool = False
-    two_pass: bool = False
-    backface: bool = False
-    clustered: bool = False
+    spheres: bool = False  # cones are tested against spheres around triangles [Roger et al. 2007]
+    precise: bool = False  # or against the triangles (Sec. 3.2); without either word too
+    boxes: bool = False  # nodes are boxes in the light's projection, see `boxes`
+    wide: bool = False  # sixteen children, not four
+    sorted: bool = False  # rays are sorted by direction (Sec. 3.5), not in the order of the screen
+    early_accept: bool = False  # nodes that a triangle covers are done (Sec. 3.3)
+    two_pass: bool = False  # good occluders first, then all others for the rays that are left (Sec. 3.4)
+    backface: bool = False  # triangles that the query's `cull_faces` lets through are dropped at once (Sec. 3.6)
+    shared: bool = False  # one traversal for all samples of a light, not one for each
+    clustered: bool = False  # triangles in Morton order, so that those of a batch meet the same nodes
 
 
-CONES: dict[str, tuple[Cones, str]] = {
-    "cones": (Cones(), "no hierarchy over the scene, but cones around shadow rays"),
-    "cones:spheres": (Cones(spheres=True), "the same, cones tested against bounding spheres of triangles"),
-    "cones:precise": (Cones(precise=True), "the same, cones tested against triangles"),
-    "cones:sorted": (Cones(sorted=True), "the same, rays sorted by direction"),
-    "cones:early-accept": (Cones(early_accept=True), "the same, cones that a triangle covers are done"),
-    "cones:two-pass": (Cones(two_pass=True), "the same, large triangles first"),
-    "cones:backface": (Cones(backface=True), "the same, triangles that face away are culled"),
-    "cones:clustered": (Cones(clustered=True), "the same, triangles in clusters"),
-    "cones:Precise": (Cones(precise=True), "Table 1, Precise"),
-    "cones:PreciseSorted": (Cones(precise=True, sorted=True), "Table 1, PreciseSorted"),
-    "cones:Spheres": (Cones(spheres=True), "Table 1, Spheres"),
-    "cones:SpheresSorted": (Cones(spheres=True, sorted=True), "Table 1, SpheresSorted"),
-    "cones:PreciseSEA": (Cones(precise=True, sorted=True, early_accept=True), "Table 1, PreciseSEA"),
-    "cones:PreciseEATP": (Cones(precise=True, early_accept=True, two_pass=True), "Table 1, PreciseEATP"),
-    "cones:PreciseSEATP": (
-        Cones(precise=True, sorted=True, early_accept=True, two_pass=True),
-        "Table 1, PreciseSEATP",
-    ),
+FASTEST = Options(boxes=True, wide=True, sorted=True, early_accept=True, backface=True, shared=True)
+_EXCLUDE = ("spheres", "precise"), ("spheres", "boxes"), ("precise", "boxes"), ("spheres", "early-accept")
+
+TABLE_1 = {
+    "Precise": Options(precise=True),
+    "PreciseSorted": Options(precise=True, sorted=True),
+    "Spheres": Options(spheres=True),
+    "SpheresSorted": Options(spheres=True, sorted=True),
+    "PreciseSEA": Options(precise=True, sorted=True, early_accept=True),
+    "PreciseEATP": Options(precise=True, early_accept=True, two_pass=True),
+    "PreciseSEATP": Options(precise=True, sorted=True, early_accept=True, two_pass=True),
+}
+"""The variants that the paper evaluates, by their names there."""
+
+_WORDS = {
+    "spheres": "four-way cones in the order of the screen, tested against bounding spheres of triangles",
+    "precise": "four-way cones in the order of the screen, tested against triangles",
+    "boxes": "the same, boxes in the light's projection instead of cones",
+    "wide": "the same, sixteen children to a node",
+    "sorted": "the same, rays sorted by direction",
+    "early-accept": "the same, cones that a triangle covers are done",
+    "two-pass": "the same, good occluders first",
+    "backface": "the same, triangles that face culling lets through are dropped at once",
+    "shared": "the same, one traversal for all samples of a light",
+    "clustered": "the same, triangles in Morton order",
+}
+
+CONES: dict[str, tuple[Options, str]] = {
+    "cones": (FASTEST, "no hierarchy over the scene, but one over the shadow rays, by which triangles find them"),
+    **{f"cones:{word}": (Options(**{word.replace("-", "_"): True}), text) for word, text in _WORDS.items()},
+    **{f"cones:{name}": (options, f"the report's variant {name}") for name, options in TABLE_1.items()},
 }
 """Name -> (options, description)."""
 
 
-def combination(name: str) -> Cones | None:
-    """The options of a name such as ``cones:spheres:sorted``, each once, in any order; None: it is no such name."""
+def combination(name: str) -> Options | None:
+    """The options of a name such as ``cones:spheres:sorted``, each once, in any order; None: it is no such name.
+
+    Raises
+    ------
+    InputError
+        On options that exclude each other.
+    """
     family, *words = name.split(":")
-    fields = [word.replace("-", "_") for word in words]
-    if family != "cones" or not words or len(set(words)) < len(words) or not set(fields) <= set(Cones._fields):
+    if family != "cones" or not words or len(set(words)) < len(words) or not set(words) <= set(_WORDS):
         return None
-    if "spheres" in words and "precise" in words:
-        raise InputError(f"tracer {name!r}: 'spheres' and 'precise' exclude each other; leave one of them out")
-    return Cones(**dict.fromkeys(fields, True))
+    for one, other in _EXCLUDE:
+        if one in words and other in words:
+            raise InputError(f"tracer {name!r}: {one!r} and {other!r} exclude each other; leave one of them out")
+    return Options(**{word.replace("-", "_"): True for word in words})

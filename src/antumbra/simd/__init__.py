@@ -32,13 +32,13 @@ Make
     `splat4` (a scalar), `iota4` (0, 1, 2, ...), `mask_from_bits4`, `load4` and `broadcast4` (from memory);
     8 and 16 alike.
 Lanes
-    `minimum`, `maximum`, `fma`, `absolute`, `flip_sign`, `select`, `to_f32`, `to_i32`; `swap_halves`,
+    `minimum`, `maximum`, `fma`, `absolute`, `square_root`, `flip_sign`, `select`, `to_f32`, `to_i32`; `swap_halves`,
     `shuffle`, `join`, `compress`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; of masks `bits`, `any_lane`,
     `all_lanes`.
 Memory
     `load4`, `broadcast4`, `store`, `get`, `put` on arrays and pointers; `ptr`, `ptr_at`, `as_f32`, `as_i32`
     make pointers, `f32_at`, `f64_at`, `i32_at` from an address; `stack_f32`, `stack_f64`, `stack_i32`,
-    `stack_i64` give scratch memory; `prefetch`; `atomic_add`.
+    `stack_i64` give scratch memory; `prefetch`; `atomic_add`, `atomic_and`, `atomic_or`.
 Bits of an int64
     `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to walk the lanes of ``bits(mask)``.
 
@@ -103,6 +103,7 @@ from antumbra.simd.lanes import (
     splat4,
     splat8,
     splat16,
+    square_root,
     swap_halves,
     to_f32,
     to_i32,
@@ -111,6 +112,8 @@ from antumbra.simd.memory import (
     as_f32,
     as_i32,
     atomic_add,
+    atomic_and,
+    atomic_or,
     broadcast4,
     broadcast8,
     broadcast16,
@@ -141,6 +144,8 @@ __all__ = [
     "as_f32",
     "as_i32",
     "atomic_add",
+    "atomic_and",
+    "atomic_or",
     "bits",
     "broadcast4",
     "broadcast8",
@@ -189,6 +194,7 @@ __all__ = [
     "splat4",
     "splat8",
     "splat16",
+    "square_root",
     "stack_f32",
     "stack_f64",
     "stack_i32",

@@ -160,6 +160,17 @@ def absolute(typingctx, a):
 
 
 @intrinsic
+def square_root(typingctx, a):
+    """Correctly rounded, as IEEE 754 says; NaN of what is negative."""
+    _check_vector("square_root", a, types.float32)
+
+    def codegen(context, builder, sig, values):
+        return call_llvm(builder, f"llvm.sqrt.{a.suffix}", values[0].type, values)
+
+    return a(a), codegen
+
+
+@intrinsic
 def flip_sign(typingctx, a, s):
     """`a`, negated in the lanes where the sign bit of `s` is set (so -0.0 flips); both f32."""
     vector = _check_common("flip_sign", (a, s), types.float32)

@@ -216,18 +216,27 @@ def prefetch(typingctx, p, i):
     return types.void(p, i), codegen
 
 
-@intrinsic
-def atomic_add(typingctx, a, i, x):
-    """Add `x` to element i of an int64 array, undivided among threads; the element's old value.
+def _make_atomic(name, operation, element):
+    @intrinsic
+    def atomic(typingctx, a, i, x):
+        _check(name, a, i, writes=True)
+        if a.dtype != element or not isinstance(x, types.Integer):
+            reject(name, a, i, x, cure=f"needs an {element} array or pointer, an index and an integer")
 
-    Orders nothing else: other memory written before it may be seen late by the other threads.
-    """
-    _check("atomic_add", a, i, writes=True)
-    if a.dtype != types.int64 or not isinstance(x, types.Integer):
-        reject("atomic_add", a, i, x, cure="needs an int64 array or pointer, an index and an integer")
+        def codegen(context, builder, sig, values):
+            amount = context.cast(builder, values[2], x, element)
+            return builder.atomic_rmw(operation, _address(context, builder, sig, values), amount, "monotonic")
 
-    def codegen(context, builder, sig, values):
-        amount = context.cast(builder, values[2], x, types.int64)
-        return builder.atomic_rmw("add", _address(context, builder, sig, values), amount, "monotonic")
+        return element(a, i, x), codegen
 
-    return types.int64(a, i, x), codegen
+    return atomic
+
+
+atomic_add = _make_atomic("atomic_add", "add", types.int64)
+atomic_or = _make_atomic("atomic_or", "or", types.int32)
+atomic_and = _make_atomic("atomic_and", "and", types.int32)
+"""Add `x` to element i of an int64 array, or combine it with that of an int32 array, undivided among threads; the
+element's old value.
+
+Orders nothing else: other memory written before it may be seen late by the other threads.
+"""

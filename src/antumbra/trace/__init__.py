@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from .. import rayhierarchy
 from ..bvh.blocks import block_tree
 from ..bvh.widen import widen
 from ..rayhierarchy.options import CONES, combination
@@ -44,7 +43,9 @@ def _by_cones(options, description):
     """A tracer of the family `cones`."""
 
     def trace(*arguments):  # looked up late: kernels of the ray hierarchy use parts of this package
-        rayhierarchy.trace_shadow(*arguments, options)
+        from ..rayhierarchy.trace import trace_shadow
+
+        trace_shadow(*arguments, options)
 
     return Tracer(as_it_is, trace, description, _OLSSON, builds=False)
 

@@ -1,0 +1,100 @@
+"""Beams: segments of a query that share one cone hierarchy and one traversal of the triangles.
+
+All segments of a point light meet in it, so it is the common apex of their cones [Olsson and Assarsson 2011, Sec. 4.3].
+What is not a point has an apex that is blurred: the samples of a quad lie in a ball, the directions to the sun in a
+cone, the ends of ambient segments in a ball around each receiver. The triangle's planes are tilted, or moved, by as
+much (`planes`), so that one traversal serves all samples; or each sample is a point light with a beam of its own.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..query.reach import bounds
+from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, tangents
+from ..scene.point_lights import N_SETS
+
+PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
+"""Kinds of `Beam`: from a point, or a ball; from far away; from all around each receiver."""
+
+_MORE = 1.0 + 2.0**-18  # covers what the rounding of samples to float32, and of planes, can cost
+
+
+class Beam(NamedTuple):
+    """Which samples, of which receivers, and from where they are lit."""
+
+    kind: int  # PERSPECTIVE, PARALLEL or AROUND
+    first: int  # sample
+    count: int  # samples
+    set: int  # sample set whose receivers ask; -1: all sets
+    common: bool  # all these receivers have the same ends
+    apex: np.ndarray  # (3,) float64, recentred frame; PERSPECTIVE: the centre of all ends, exact if there is one only
+    axes: np.ndarray  # (3, 3) float64: rows u, v and, PARALLEL, towards the light
+    radius: float  # PERSPECTIVE: no end is farther from the apex; PARALLEL: sine of the angle of all directions to the
+    # third axis; AROUND: no end is farther from its receiver
+    lower: np.ndarray  # (3,) float64: of the receivers, along the axes, where the beam is not PERSPECTIVE
+    upper: np.ndarray
+    scale: float  # no coordinate of them is larger
+
+
+def fixed_points(query) -> np.ndarray:
+    """(16, n, 3) float32: the ends of a light that does not move with the receiver, as `sample_point` makes them."""
+    light, a = query.light, query.samples
+    ends = ((light.base + a[..., :1] * light.u) + a[..., 1:2] * light.v) + a[..., 2:] * light.w
+    return ends.astype(np.float32)
+
+
+def beams_of(query, apart: bool = False) -> list[Beam]:
+    """The beams of a ShadowQuery; ``apart``: each sample of a light that does not move has one of its own.
+
+    So have the lights of a list always: they may be far from each other.
+    """
+    light, n = query.light, query.samples.shape[1]
+    if light.kind == SPHERE:
+        return [_ball(0, n, -1, light.base, light.radius)]
+    if light.kind == DIRECTIONAL:
+        return [_distant(light, n, *bounds(query.origins))]
+    if light.kind == AMBIENT:
+        return [_along(AROUND, n, np.eye(3), light.radius * _MORE, *bounds(query.origins))]
+    ends = fixed_points(query)
+    if light.kind == FIXED and not apart:
+        return [_around(ends, 0, n, -1)]
+    same = (ends == ends[:1]).all((0, 2))
+    return [
+        _around(ends[:, s : s + 1] if which < 0 else ends[which : which + 1, s : s + 1], s, 1, which)
+        for s in range(n)
+        for which in ([-1] if same[s] else range(N_SETS))
+    ]
+
+
+def _around(ends: np.ndarray, first: int, count: int, which: int) -> Beam:
+    """The beam of these ends."""
+    points = ends.reshape(-1, 3).astype(np.float64)
+    if (points == points[0]).all():
+        return _ball(first, count, which, points[0], 0.0)._replace(common=True, radius=0.0)
+    centre = (points.min(0) + points.max(0)) / 2.0
+    common = bool((ends == ends[:1]).all())
+    beam = _ball(first, count, which, centre, float(np.linalg.norm(points - centre, axis=1).max()))
+    return beam._replace(common=common)
+
+
+def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float) -> Beam:
+    radius = radius * _MORE + 2.0**-22 * float(np.abs(centre).max() + radius)
+    return Beam(PERSPECTIVE, first, count, which, False, centre, np.eye(3), radius, np.zeros(3), np.zeros(3), 0.0)
+
+
+def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:
+    """The beam of receivers in a box, (3,) each, that has no apex."""
+    low, high = low.astype(np.float64), high.astype(np.float64)
+    corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, high, low) @ axes.T
+    scale = float(np.abs(corners).max()) * _MORE
+    return Beam(kind, 0, n, -1, False, np.zeros(3), axes, radius, corners.min(0), corners.max(0), scale)
+
+
+def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
+    """The directions to the samples of a distant disk; rounding makes some of a light without extent, too."""
+    distance = float(np.linalg.norm(light.base))
+    towards = light.base / distance
+    tangent = max(np.linalg.norm(light.u), np.linalg.norm(light.v)) / distance
+    sine = float(np.sin(np.arctan(tangent * _MORE))) + 2.0**-20
+    return _along(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)

@@ -1,0 +1,56 @@
+"""Sorting keys of rays: the face of the cube, and the place on a Hilbert curve over it, 16 receivers side by side.
+
+The number of a place on the discrete Hilbert curve has two bits for each level of quarters [Olsson and Assarsson 2011,
+Sec. 3.5]. Float32 does: a ray that lands on the wrong side of a face's edge is as good there.
+"""
+
+import numpy as np
+
+from ..jit import inlined
+from ..simd import absolute, maximum, minimum, select, splat16, to_i32
+
+BITS = 10  # of each coordinate: with three for the face, a key takes three passes of the radix sort
+KEY_BITS = 2 * BITS + 3
+_SIDE = np.float32(1 << BITS)
+_LAST = np.int32((1 << BITS) - 1)
+_F = np.float32
+
+
+@inlined
+def hilbert(x, y):
+    """i32x16: places on the curve of the cells (x, y), i32x16 of BITS bits each."""
+    key = splat16(np.int32(0))
+    for i in range(BITS - 1, -1, -1):
+        a, b = (x >> i) & 1, (y >> i) & 1
+        key = (key << 2) | ((a + a + a) ^ b)
+        flip = -(a & (b ^ 1))  # all bits where the quarter is turned the other way round
+        x, y = x ^ flip, y ^ flip
+        swap = (x ^ y) & (b - 1)  # and its axes change places
+        x, y = x ^ swap, y ^ swap
+    return key
+
+
+@inlined
+def _cells(u):
+    """i32x16: cells of u in [0, 1)."""
+    return minimum(maximum(to_i32(minimum(maximum(u, _F(0.0)), _F(1.0)) * _SIDE), np.int32(0)), _LAST)
+
+
+@inlined
+def cube_keys(d):
+    """Keys of directions from an apex, a `Vec`; none of them is zero."""
+    x, y, z = absolute(d.x), absolute(d.y), absolute(d.z)
+    by_x = (x >= y) & (x >= z)
+    by_y = ~by_x & (y >= z)
+    depth = select(by_x, d.x, select(by_y, d.y, d.z))
+    u, v = select(by_x, d.y, select(by_y, d.z, d.x)), select(by_x, d.z, select(by_y, d.x, d.y))
+    face = select(by_x, np.int32(0), select(by_y, splat16(np.int32(2)), splat16(np.int32(4))))
+    face = face + select(depth < _F(0.0), splat16(np.int32(1)), splat16(np.int32(0)))
+    half = _F(0.5) / absolute(depth)
+    return (face << (2 * BITS)) | hilbert(_cells(u * half + _F(0.5)), _cells(v * half + _F(0.5)))
+
+
+@inlined
+def flat_keys(u, v, scale):
+    """Keys of places beside each other; scale maps them to [0, 1]."""
+    return hilbert(_cells((u - scale.u) * scale.factor), _cells((v - scale.v) * scale.factor))

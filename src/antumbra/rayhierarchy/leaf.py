@@ -1,0 +1,75 @@
+"""A triangle against the rays of a leaf, 16 side by side: float32 decides beyond its error bounds, else exact code."""
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..predicate.exact import segment
+from ..simd import atomic_or, bits, get, load16, lowest_bit, maximum, ptr_at
+from ..trace.counters import TRIANGLE_TESTS, count
+from ..trace.raytest import decide, length1, seen_from, triangle_in
+from ..trace.traverse import settle
+from ..trace.vec import Vec, minus
+
+
+@inlined
+def _rows(p, at, ways):
+    return Vec(load16(p, at), load16(p, at + ways), load16(p, at + 2 * ways))
+
+
+@kernel
+def _settled(leaves, leaf, ends, corners, slot, facing, unsure, counters):
+    """Bits of those lanes that the triangle blocks, of those that float32 could not decide."""
+    blocked, o = np.int64(0), ptr_at(leaves.origins, 3 * leaf * leaves.ways)
+    while unsure != 0:
+        lane = lowest_bit(unsure)
+        unsure &= unsure - 1
+        ray = segment(
+            get(o, lane), get(o, leaves.ways + lane), get(o, 2 * leaves.ways + lane),
+            get(ends, lane), get(ends, leaves.ways + lane), get(ends, 2 * leaves.ways + lane),
+        )  # fmt: skip
+        side = settle(ray, corners, slot, counters)
+        if side != 0 and side != facing:
+            blocked |= np.int64(1) << lane
+    return blocked
+
+
+@inlined
+def _span(leaves, ends, origins):
+    """At least the sum of the components of each lane's segments."""
+    span = length1(minus(_rows(ends, 0, leaves.ways), origins))
+    for s in range(1, leaves.count):
+        span = maximum(span, length1(minus(_rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
+    return span
+
+
+@kernel
+def block_rays(leaves, leaf, corners, slot, prim, facing, counters):
+    """Mark the segments of a leaf that the triangle in `slot` blocks as dead; are all of them dead now?
+
+    prim : which triangle it is, which does not block the receivers on it
+    """
+    ways = leaves.ways
+    everyone = (np.int64(1) << ways) - 1
+    own = bits(load16(leaves.faces, leaf * ways) == np.int32(prim)) if prim >= 0 else np.int64(0)
+    origins = _rows(leaves.origins, 3 * leaf * ways, ways)
+    ends = ptr_at(leaves.ends, leaf * leaves.end_step)
+    lanes = seen_from(origins, _span(leaves, ends, origins), triangle_in(corners, slot))
+    finished = True
+    for s in range(leaves.count):
+        dead = np.int64(get(leaves.dead, leaf * leaves.count + s))
+        asks = everyone & ~dead
+        if asks == 0:
+            continue
+        finished = False
+        if asks & ~own == 0:
+            continue
+        count(counters, TRIANGLE_TESTS, 1)
+        points = ptr_at(ends, 3 * s * ways)
+        hit, unsure = decide(minus(_rows(points, 0, ways), origins), lanes, facing)
+        hit &= asks & ~own
+        unsure &= asks & ~own
+        if unsure != 0:
+            hit |= _settled(leaves, leaf, points, corners, slot, facing, unsure, counters)
+        if hit != 0:
+            atomic_or(leaves.dead, leaf * leaves.count + s, hit)
+    return finished

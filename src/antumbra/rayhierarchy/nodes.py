@@ -1,0 +1,29 @@
+"""What `boxes` and `cones` have in common: the functions that go by the class of a hierarchy's nodes."""
+
+
+def pointed(nodes):
+    """In kernels: the same with a pointer instead of the array."""
+
+
+def rows_of(nodes):
+    """In kernels: numbers of a node."""
+
+
+def bound_leaf(nodes, view, face, leaves, leaf, group, lane):
+    """In kernels: write the node of a leaf to a lane of its group; is there a ray in it?"""
+
+
+def bound_node(nodes, children, alive, ways, group, lane):
+    """In kernels: write the node that holds a group of `alive` children (bits)."""
+
+
+def write_row(nodes, view, face, ways, shape, row):
+    """In kernels: write what the tests want to know of a triangle's `Shape`; False if it blocks nothing there."""
+
+
+def possible(nodes, group, row, ways, spheres):
+    """In kernels: bits of the nodes of a group with rays that the triangle may block."""
+
+
+def covered(nodes, group, row, ways):
+    """In kernels: bits of the nodes of a group whose rays the triangle blocks, all of them."""

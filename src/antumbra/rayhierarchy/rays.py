@@ -1,0 +1,169 @@
+"""The rays of a beam: the leaves of its hierarchy, side by side in memory as they are tested side by side."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import CHUNK, N, new_ticket, run, take
+from ..simd import get, ptr, ptr_at, put
+from .asking import asking_of, end_of, patch_for
+from .beams import Beam
+from .order import Order, leaf_starts_of
+
+PAD = 16  # numbers after the last: 16 are read where there may be four
+
+
+class Rays(NamedTuple):
+    """Receivers in leaves of `ways`, with the ends of their segments.
+
+    A leaf's dead segments are those that nothing has to be asked about: its receiver or sample does not exist, or is
+    blocked. Lanes from `ways` on are not in `dead`.
+    """
+
+    ways: int  # rays to a leaf, nodes to a node: 4 or 16
+    origins: np.ndarray  # (3 leaves ways + PAD,) float32: leaf, axis, lane
+    faces: np.ndarray  # (leaves ways + PAD,) int32: each receiver's own triangle, -1: none
+    ids: np.ndarray  # (leaves ways + PAD,) int32: which receiver; -1: none
+    ends: np.ndarray  # (3 count ways [leaves] + PAD,) float32: [leaf,] sample, axis, lane
+    end_step: int  # float32 from a leaf's ends to the next one's; 0: all have the same
+    dead: np.ndarray  # (leaves, count) int32: bits of lanes
+    first: int  # sample
+    count: int  # samples
+
+
+class Leaves(NamedTuple):
+    """`Rays` in kernels: pointers instead of arrays."""
+
+    ways: int
+    origins: object
+    faces: object
+    ids: object
+    ends: object
+    end_step: int
+    dead: object
+    first: int
+    count: int
+
+
+@inlined
+def leaves_of(rays):
+    """The `Leaves` of `Rays`."""
+    return Leaves(
+        rays.ways, ptr(rays.origins), ptr(rays.faces), ptr(rays.ids), ptr(rays.ends), rays.end_step, ptr(rays.dead),
+        rays.first, rays.count,
+    )  # fmt: skip
+
+
+@inlined
+def _fill_ends(asking, i, leaves, ends, lane):
+    """Write the ends of one receiver's segments to its lane."""
+    patch = patch_for(asking, i)
+    for s in range(leaves.count):
+        l = end_of(asking, patch, i, leaves.first + s)
+        for k in range(3):
+            put(ends, (3 * s + k) * leaves.ways + lane, l[k])
+
+
+@inlined
+def _dead_bits(bits, words, i, leaves, dead, lane):
+    """Mark the samples of a receiver that are known to be blocked."""
+    for s in range(leaves.count):
+        n = leaves.first + s
+        if get(bits, i * words + (n >> 6)) >> np.uint64(n & 63) & np.uint64(1):
+            put(dead, s, get(dead, s) | np.int32(1) << lane)
+
+
+@inlined
+def _fill_lane(asking, i, leaves, leaf, lane):
+    """A receiver's numbers."""
+    for k in range(3):
+        put(leaves.origins, (3 * leaf + k) * leaves.ways + lane, get(asking.origins, 3 * i + k))
+    if leaves.end_step != 0:
+        _fill_ends(asking, i, leaves, ptr_at(leaves.ends, leaf * leaves.end_step), lane)
+
+
+@kernel
+def _fill_leaf(asking, ids, n, bits, words, leaves, leaf):
+    """A leaf's n receivers; its other lanes repeat the last of them, and are dead."""
+    dead, ways, i = ptr_at(leaves.dead, leaf * leaves.count), leaves.ways, np.int64(0)
+    for lane in range(ways):
+        here = np.int64(get(ids, lane)) if lane < n else np.int64(-1)
+        put(leaves.ids, leaf * ways + lane, here)
+        if here >= 0:
+            i = here
+            put(leaves.faces, leaf * ways + lane, get(asking.faces, i))
+            _dead_bits(bits, words, i, leaves, dead, lane)
+        else:
+            put(leaves.faces, leaf * ways + lane, -1)
+            for s in range(leaves.count):
+                put(dead, s, get(dead, s) | np.int32(1) << lane)
+        _fill_lane(asking, i, leaves, leaf, lane)
+
+
+@kernel
+def _fill(ticket, query, order, leaf_starts, bits, rays):
+    """Worker: leaves with the receivers that their places in the order say."""
+    asking, leaves, part = asking_of(query), leaves_of(rays), np.int64(0)
+    first = take(ticket)
+    while first >= 0:
+        for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
+            part = part if leaf_starts[part] <= leaf else np.int64(0)
+            while leaf_starts[part + 1] <= leaf:
+                part += 1
+            at = order.starts[part] + (leaf - leaf_starts[part]) * leaves.ways
+            n = order.starts[part + 1] - at
+            _fill_leaf(asking, ptr_at(order.ids, at), n, ptr(bits), bits.shape[2], leaves, leaf)
+        first = take(ticket)
+
+
+@kernel
+def _fill_common(query, i, rays):
+    """The ends that all receivers have, taken from receiver i."""
+    asking, leaves = asking_of(query), leaves_of(rays)
+    for lane in range(rays.ways):
+        _fill_ends(asking, i, leaves, leaves.ends, lane)
+
+
+def rays_of(query, beam: Beam, order: Order, ways: int, bits: np.ndarray, threads: int) -> Rays:
+    """The `Rays` of the receivers in an order."""
+    starts = leaf_starts_of(order, ways)
+    n, count = int(starts[-1]), beam.count
+    step = 0 if beam.common else 3 * count * ways
+    rays = Rays(
+        ways,
+        np.zeros(3 * n * ways + PAD, np.float32),
+        np.full(n * ways + PAD, -1, np.int32),
+        np.full(n * ways + PAD, -1, np.int32),
+        np.zeros((n * step if step else 3 * count * ways) + PAD, np.float32),
+        step,
+        np.zeros((n, count), np.int32),
+        beam.first,
+        count,
+    )
+    run(_fill, threads, new_ticket(n, 256), query, order, starts, bits, rays)
+    if not step and len(order.ids):
+        _fill_common(query, np.int64(max(order.ids.max(), 0)), rays)
+    return rays
+
+
+@kernel
+def _write_bits(ticket, rays, bits):
+    """Worker: set the bits of the segments that have been found blocked."""
+    leaves, out, words = leaves_of(rays), ptr(bits), bits.shape[2]
+    first = take(ticket)
+    while first >= 0:
+        for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
+            for s in range(leaves.count):
+                dead, n = np.int64(get(leaves.dead, leaf * leaves.count + s)), leaves.first + s
+                for lane in range(leaves.ways):
+                    i = np.int64(get(leaves.ids, leaf * leaves.ways + lane))
+                    if i >= 0 and dead >> lane & 1:
+                        at = i * words + (n >> 6)
+                        put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
+        first = take(ticket)
+
+
+def write_bits(rays: Rays, bits: np.ndarray, threads: int) -> None:
+    """Set the bits of blocked segments in (h, w, words) uint64."""
+    run(_write_bits, threads, new_ticket(len(rays.dead), 256), rays, bits)

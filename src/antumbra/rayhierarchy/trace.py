@@ -1,0 +1,91 @@
+"""A shadow query through hierarchies of its rays [Olsson and Assarsson 2011, Sec. 3.1].
+
+Receivers and lights make beams (`beams`), a beam's receivers are put in an order (`order`) and become leaves (`rays`)
+of a hierarchy (`tree`), which the triangles traverse (`traverse`). What they block comes back as bits.
+"""
+
+import numpy as np
+
+from ..bvh.lbvh import by_codes
+from ..parallel import new_ticket, run, thread_count
+from ..scene.lights import FIXED, LIST
+from .beams import AROUND, PERSPECTIVE, Beam, beams_of
+from .boxes import Boxes
+from .cones import Cones
+from .occluders import occluders_first
+from .options import Options
+from .order import Order, left_of, order_of
+from .rays import Rays, rays_of, write_bits
+from .soup import Soup
+from .traverse import BATCH, PAIRS, How, trace_triangles
+from .tree import tree_of
+
+SEGMENTS = 1 << 22
+"""So many segments, with ends of their own, are in memory at once."""
+
+
+def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: Options) -> None:
+    """Answer a ShadowQuery by the triangles of a soup: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    progress : function of (triangles handed out, triangles), or None; the last part of a query counts only
+    """
+    threads = thread_count(threads)
+    for part, of_part in _parts(query, bits):
+        for beam in beams_of(part, apart=not options.shared):
+            _trace_beam(soup, part, beam, of_part, threads, counters, progress, options)
+
+
+def _parts(query, bits):
+    """The query cut into rows of receivers, or a single row into pieces, whose segments fit in memory."""
+    (h, w), spp = query.sides.shape, query.samples.shape[1]
+    most = max(SEGMENTS // spp, 1)
+    if (query.light.kind in (FIXED, LIST) and spp == 1) or h * w <= most:
+        return [(query, bits)]
+    if h == 1:
+        step = -(-most // 4) * 4  # the sample sets of a row take turns by four
+        cuts = [(slice(None), slice(i, i + step)) for i in range(0, w, step)]
+    else:
+        step = max(most // (4 * w), 1) * 4
+        cuts = [(slice(i, i + step), slice(None)) for i in range(0, h, step)]
+    return [(_part(query, cut), bits[cut]) for cut in cuts]
+
+
+def _part(query, cut):
+    normals = query.normals[cut] if query.normals.size else query.normals
+    return query._replace(origins=query.origins[cut], faces=query.faces[cut], sides=query.sides[cut], normals=normals)
+
+
+def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, options: Options) -> None:
+    """Trace the segments of one beam."""
+    # Boxes have a hierarchy for each face; receivers that ask all around are near those beside them on the screen.
+    sort = (options.sorted and beam.kind != AROUND) or (options.boxes and beam.kind == PERSPECTIVE)
+    order = order_of(query, beam, bits, sort, threads, counters)
+    passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
+    rays = None
+    for picks in passes:
+        if rays is not None:
+            order = left_of(order, rays)
+        if not len(order.ids):
+            return
+        rays = _trace_pass(soup, query, beam, order, picks, bits, threads, counters, progress, options)
+
+
+def _picks(soup: Soup, threads: int, options: Options) -> np.ndarray:
+    """All triangles, in the order in which they are traced."""
+    if options.clustered and len(soup.corners):
+        return by_codes(soup.corners, 10, threads)[1]
+    return np.arange(len(soup.corners), dtype=np.int32)
+
+
+def _trace_pass(soup, query, beam, order: Order, picks, bits, threads, counters, progress, options: Options) -> Rays:
+    """Trace some of the triangles."""
+    rays = rays_of(query, beam, order, 16 if options.wide else 4, bits, threads)
+    kind = Boxes if options.boxes or beam.kind != PERSPECTIVE else Cones
+    tree = tree_of(kind, beam, order, rays, threads)
+    how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
+    ticket = new_ticket(len(picks), BATCH)
+    run(trace_triangles, threads, ticket, soup, picks, beam, tree, rays, how, counters, progress=progress)
+    write_bits(rays, bits, threads)
+    return rays

@@ -1,0 +1,67 @@
+"""Where a beam sees points: in the directions of a cube's six faces, or side by side from far away."""
+
+from typing import NamedTuple
+
+from ..jit import inlined
+from .beams import PERSPECTIVE
+
+FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
+
+
+class View(NamedTuple):
+    """A `Beam` in kernels; float64 scalars but the kind."""
+
+    kind: int
+    x: float  # the apex
+    y: float
+    z: float
+    u: tuple  # three axes, where the beam is not PERSPECTIVE
+    v: tuple
+    w: tuple
+    radius: float
+    scale: float  # no coordinate of a receiver is larger in the beam's frame, where it is not PERSPECTIVE
+    lowest: float  # nor smaller its last one
+
+
+@inlined
+def view_of(beam):
+    """The `View` of a `Beam`."""
+    p, a = beam.apex, beam.axes
+    u, v, w = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
+    return View(beam.kind, p[0], p[1], p[2], u, v, w, beam.radius, beam.scale, beam.lower[2])
+
+
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def relative(view, p):
+    """A point, float64, in the beam's frame: seen from its apex, or along its axes."""
+    if view.kind == PERSPECTIVE:
+        return p[0] - view.x, p[1] - view.y, p[2] - view.z
+    return _dot(view.u, p), _dot(view.v, p), _dot(view.w, p)
+
+
+@inlined
+def turned(d, face):
+    """(u, v, depth) of a direction, so that depth counts along the face's axis; linear, so planes turn alike."""
+    if face < 2:
+        return d[1], d[2], (d[0] if face == 0 else -d[0])
+    if face < 4:
+        return d[2], d[0], (d[1] if face == 2 else -d[1])
+    return d[0], d[1], (d[2] if face == 4 else -d[2])
+
+
+@inlined
+def projected(view, d, face):
+    """(u, v, q) of a point in the beam's frame, float64: planes are linear in them.
+
+    PERSPECTIVE: the point's place on the face, which its depth divides, and q = 1 / depth. Else the frame's axes.
+    """
+    if view.kind == PERSPECTIVE:
+        u, v, depth = turned(d, face)
+        q = 1.0 / depth
+        return u * q, v * q, q
+    return d
