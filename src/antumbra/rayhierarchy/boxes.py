@@ -15,6 +15,7 @@ from ..jit import inlined, kernel
 from ..simd import as_i32, bits, broadcast16, fma, get, load16, ptr, put
 from . import nodes as names
 from .beams import AROUND, PERSPECTIVE
+from .planes import nothing, sphere_of
 from .view import projected, relative, turned
 
 ROWS = 6  # of a node: u, v, q, each lowest and highest
@@ -125,7 +126,7 @@ def _bound_node(nodes, children, alive, ways, group, lane):
 
 
 @inlined
-def _put_plane(row, at, plane, view, face, scale, sign):
+def _put_plane(row, at, plane, view, face, sign):
     """Write a plane as (a, b, c, d), for f = a u + b v + c + d q, made a little larger (sign 1) or smaller (-1)."""
     size = abs(plane.x) + abs(plane.y) + abs(plane.z)
     s = 1.0 / size if size > 0.0 else np.float64(0.0)
@@ -136,7 +137,7 @@ def _put_plane(row, at, plane, view, face, scale, sign):
         c += sign * _E if s > 0.0 else np.float64(0.0)
     else:
         a, b, d = x, y, z
-        c = m + sign * _E * (abs(m) + scale) if s > 0.0 else np.float64(0.0)
+        c = m + sign * _E * (abs(m) + view.scale) if s > 0.0 else np.float64(0.0)
     put(row, at, a)
     put(row, at + 1, b)
     put(row, at + 2, c)
@@ -162,7 +163,7 @@ def _shadow(x, z, r, low, high):
 
 @inlined
 def _misses_face(corners, r):
-    """Is the triangle, in a face's (u, v, depth), outside one of the planes between it and its neighbours, or behind?"""
+    """Is a triangle, in a face's (u, v, depth), beyond one of the planes that bound the face, or behind the apex?"""
     a, b, c, d, behind = True, True, True, True, True
     for u, v, z in corners:
         far = -_SLANT * (abs(u) + abs(v) + abs(z)) - 2.001 * r
@@ -189,17 +190,15 @@ def _perspective_box(view, face, corners):
 
 
 @inlined
-def _parallel_box(view, corners):
-    """The same for a light that is far away, or all around."""
-    a, b, c = corners
-    low, high = _lower(_lower(a, b), c), _upper(_upper(a, b), c)
+def _parallel_box(view, low, high):
+    """The same for a light that is far away, or all around, from the box of what blocks it."""
     if view.kind == AROUND:
         r = view.radius
-        return (low[0] - r, low[1] - r, low[2] - r), (high[0] + r, high[1] + r, high[2] + r), True
+        return (low[0] - r, low[1] - r, low[2] - r), (high[0] + r, high[1] + r, high[2] + r)
     if not view.radius < 0.999:
-        return (-_INFINITE, -_INFINITE, -_INFINITE), (_INFINITE, _INFINITE, high[2]), True
+        return (-_INFINITE, -_INFINITE, -_INFINITE), (_INFINITE, _INFINITE, high[2])
     r = view.radius / np.sqrt(1.0 - view.radius * view.radius) * _most(high[2] - view.lowest, 0.0) * 1.000001
-    return (low[0] - r, low[1] - r, -_INFINITE), (high[0] + r, high[1] + r, high[2]), True
+    return (low[0] - r, low[1] - r, -_INFINITE), (high[0] + r, high[1] + r, high[2])
 
 
 @inlined
@@ -210,26 +209,31 @@ def _put_bounds(row, low, high, scale):
 
 
 @kernel
-def _write_box_row(view, face, ways, shape, row):
-    scale = view.scale
-    corners = shape.a, shape.b, shape.c
+def _write_box_row(view, face, ways, shape, spheres, row):
+    low, high = _lower(_lower(shape.a, shape.b), shape.c), _upper(_upper(shape.a, shape.b), shape.c)
+    if spheres:  # the box of the sphere, and no planes
+        centre, r = sphere_of(shape)
+        low, high = (centre[0] - r, centre[1] - r, centre[2] - r), (centre[0] + r, centre[1] + r, centre[2] + r)
     if view.kind == PERSPECTIVE:
-        low, high, there = _perspective_box(view, face, corners)
+        low, high, there = _perspective_box(view, face, (shape.a, shape.b, shape.c))
         if not there:
             return False
     else:
-        low, high, there = _parallel_box(view, corners)
-    for k in range(3):
-        edge = np.int64(k)
-        _put_plane(row, OUTER + 4 * edge, shape.outer[k], view, face, scale, np.float64(1.0))
-        _put_plane(row, INNER + 4 * edge, shape.inner[k], view, face, scale, np.float64(-1.0))
-    _put_plane(row, OUTER + 12, shape.outer[3], view, face, scale, np.float64(1.0))
-    _put_plane(row, INNER + 12, shape.inner[3], view, face, scale, np.float64(-1.0))
+        low, high = _parallel_box(view, low, high)
     for k in range(4):
+        _put_plane(row, OUTER + 4 * k, nothing() if spheres else shape.outer[k], view, face, np.float64(1.0))
+        _put_plane(row, INNER + 4 * k, shape.inner[k], view, face, np.float64(-1.0))
         _corner(row, CORNERS + 3 * k, OUTER + 4 * k, ways)
-    _put_bounds(row, low, high, np.float64(1.0) if view.kind == PERSPECTIVE else scale)
+    _put_bounds(row, low, high, np.float64(1.0) if view.kind == PERSPECTIVE else view.scale)
     put(as_i32(row), COVERS, 1 if shape.covers else 0)
     return True
+
+
+@inlined
+def _height(row, at, u, v, q):
+    """f32x16: the plane at a place of a row, at the points (u, v, q)."""
+    f = fma(u, broadcast16(row, at), broadcast16(row, at + 2))
+    return fma(q, broadcast16(row, at + 3), fma(v, broadcast16(row, at + 1), f))
 
 
 @inlined
@@ -285,9 +289,11 @@ def _covered_boxes(group, row, ways):
 
 
 @overload(names.write_row)
-def _write_row(nodes, view, face, ways, shape, row):
+def _write_row(nodes, view, face, ways, shape, spheres, row):
     if nodes.instance_class is Boxes:
-        return lambda nodes, view, face, ways, shape, row: _write_box_row(view, face, ways, shape, row)
+        return lambda nodes, view, face, ways, shape, spheres, row: _write_box_row(
+            view, face, ways, shape, spheres, row
+        )
 
 
 @overload(names.possible)

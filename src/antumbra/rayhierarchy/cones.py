@@ -28,9 +28,10 @@ from ..simd import (
     splat16,
     square_root,
 )
-from ..trace.vec import Vec, dot
+from ..trace.vec import Vec, dot, rows
 from . import nodes as names
 from .boxes import COVERS, INNER, OUTER
+from .planes import sphere_of
 
 ROWS = 7  # of a node: the axis, cos a, sin a, the shortest and the longest ray
 SPHERE, DIRECTIONS, EXACT = 32, 37, 46
@@ -167,29 +168,6 @@ def _put_plane(row, at, plane):
     put(row, at + 3, plane.m / length if length > _TINY else 0.0)
 
 
-@inlined
-def _minus(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@inlined
-def _length(a):
-    return np.sqrt(_dot(a, a))
-
-
-@inlined
-def _put_sphere(row, a, b, c, radius):
-    """Write the sphere around the middle of the longest edge, larger by the radius of where rays end."""
-    ab, bc, ca = _length(_minus(a, b)), _length(_minus(b, c)), _length(_minus(c, a))
-    p, q, r = (a, b, c) if ab >= bc and ab >= ca else ((b, c, a) if bc >= ca else (c, a, b))
-    middle = 0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])
-    size = max(_length(_minus(p, middle)), max(_length(_minus(q, middle)), _length(_minus(r, middle))))
-    for k in range(3):
-        put(row, SPHERE + k, middle[k])
-    put(row, SPHERE + 3, size * _MORE + radius)
-    put(row, SPHERE + 4, _length(middle))
-
-
 @kernel
 def _write_cone_row(view, shape, row):
     corners = shape.a, shape.b, shape.c
@@ -201,7 +179,11 @@ def _write_cone_row(view, shape, row):
         put(row, DIRECTIONS + 3 * k, d[0])
         put(row, DIRECTIONS + 3 * k + 1, d[1])
         put(row, DIRECTIONS + 3 * k + 2, d[2])
-    _put_sphere(row, shape.a, shape.b, shape.c, view.radius)
+    centre, radius = sphere_of(shape)
+    for k in range(3):
+        put(row, SPHERE + k, centre[k])
+    put(row, SPHERE + 3, radius + view.radius)
+    put(row, SPHERE + 4, np.sqrt(_dot(centre, centre)))
     put(as_i32(row), EXACT, 1 if view.radius == 0.0 else 0)
     put(as_i32(row), COVERS, 1 if shape.covers else 0)
     return True
@@ -263,11 +245,7 @@ def _in_shadow(group, ways, row):
     The distances from the edges alone cannot tell cones in the "triangle shadow", near a corner. Cones wider than a
     half-space are the complement of one that is convex, and miss what has all corners in it.
     """
-    w, cos, sin = (
-        Vec(load16(group, 0), load16(group, ways), load16(group, 2 * ways)),
-        load16(group, 3 * ways),
-        load16(group, 4 * ways),
-    )
+    w, cos, sin = rows(group, 0, ways), load16(group, 3 * ways), load16(group, 4 * ways)
     at = DIRECTIONS
     z = _along(group, ways, row, at), _along(group, ways, row, at + 3), _along(group, ways, row, at + 6)
     p = _across(row, at, w, z[0]), _across(row, at + 3, w, z[1]), _across(row, at + 6, w, z[2])
@@ -339,9 +317,9 @@ def _bound_node(nodes, children, alive, ways, group, lane):
 
 
 @overload(names.write_row)
-def _write_row(nodes, view, face, ways, shape, row):
+def _write_row(nodes, view, face, ways, shape, spheres, row):
     if nodes.instance_class is Cones:
-        return lambda nodes, view, face, ways, shape, row: _write_cone_row(view, shape, row)
+        return lambda nodes, view, face, ways, shape, spheres, row: _write_cone_row(view, shape, row)
 
 
 @overload(names.possible)

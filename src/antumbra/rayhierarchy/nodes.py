@@ -17,7 +17,7 @@ def bound_node(nodes, children, alive, ways, group, lane):
     """In kernels: write the node that holds a group of `alive` children (bits)."""
 
 
-def write_row(nodes, view, face, ways, shape, row):
+def write_row(nodes, view, face, ways, shape, spheres, row):
     """In kernels: write what the tests want to know of a triangle's `Shape`; False if it blocks nothing there."""
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from ..jit import inlined, kernel
 from .beams import AROUND, PERSPECTIVE
 
+_MORE = np.float64(1.0 + 2.0**-20)
 _U = np.float64(2.0**-44)  # above the rounding of a plane's float64 numbers, in units of the products that they sum
 
 
@@ -47,7 +48,8 @@ class Shape(NamedTuple):
 
 
 @inlined
-def _nothing():
+def nothing():
+    """The plane that says nothing."""
     z = np.float64(0.0)
     return Plane(z, z, z, z)
 
@@ -81,7 +83,7 @@ def _through_apex(t, w, r):
     size = abs(t[0]) + abs(t[1]) + abs(t[2])
     far = (abs(w[0]) + abs(w[1]) + abs(w[2])) * (abs(r[0]) + abs(r[1]) + abs(r[2]))
     if not abs(side) > _U * size * far:
-        return _nothing(), False
+        return nothing(), False
     s = np.float64(1.0) if side > 0.0 else np.float64(-1.0)
     return Plane(s * n[0], s * n[1], s * n[2], np.float64(0.0)), True
 
@@ -93,13 +95,13 @@ def _tangent(t, w, p, r, radius):
     zero = np.float64(0.0)
     length = np.sqrt(_dot(t, t))
     if not length > zero:
-        return _nothing(), False
+        return nothing(), False
     t = t[0] / length, t[1] / length, t[2] / length
     along = _dot(w, t)
     foot = w[0] - along * t[0], w[1] - along * t[1], w[2] - along * t[2]
     h = np.sqrt(_dot(foot, foot))
     if not h > abs(radius) * 1.000001 + _U * np.sqrt(_dot(w, w)):
-        return _nothing(), False
+        return nothing(), False
     k = radius / (h * h)
     b = _cross(t, foot)
     c = np.sqrt(np.float64(1.0) - (radius / h) * (radius / h)) / h
@@ -110,12 +112,12 @@ def _tangent(t, w, p, r, radius):
         other = k * foot[0] - sign * c * b[0], k * foot[1] - sign * c * b[1], k * foot[2] - sign * c * b[2]
         if _dot(n, to) > _U * size and (not _dot(other, to) > _U * size or _dot(n, to) > _dot(other, to)):
             return _plane_at(n, p), True
-    return _nothing(), False
+    return nothing(), False
 
 
 @inlined
 def _own_plane(view, a, b, c):
-    """(plane, normal's sign): the triangle's own, negative where the light is; sign 0: it is not known where that is."""
+    """(plane, facing): the triangle's own, negative where the light is; facing 0: it is not known where that is."""
     n = _cross(_minus(b, a), _minus(c, a))
     p = abs(b[0] - a[0]) + abs(b[1] - a[1]) + abs(b[2] - a[2])
     q = abs(c[0] - a[0]) + abs(c[1] - a[1]) + abs(c[2] - a[2])
@@ -128,7 +130,7 @@ def _own_plane(view, a, b, c):
         return Plane(n[0], n[1], n[2], -_dot(n, a)), -1
     if -d > slack:
         return Plane(-n[0], -n[1], -n[2], _dot(n, a)), 1
-    return _nothing(), 0
+    return nothing(), 0
 
 
 @inlined
@@ -149,8 +151,8 @@ def _edge(view, p, q, r):
 @inlined
 def shape_of(view, a, b, c):
     """The `Shape` of the triangle with these corners, float64, in the beam's frame."""
-    if view.kind == AROUND:  # segments go everywhere, and planes tell nothing
-        none = _nothing(), _nothing(), _nothing(), _nothing()
+    if view.kind == AROUND:  # segments go everywhere, so planes tell nothing
+        none = nothing(), nothing(), nothing(), nothing()
         return Shape(a, b, c, none, none, False, np.int64(0))
     own, facing = _own_plane(view, a, b, c)
     outer0, inner0, known0 = _edge(view, a, b, c)
@@ -158,3 +160,19 @@ def shape_of(view, a, b, c):
     outer2, inner2, known2 = _edge(view, c, a, b)
     outer, inner = (outer0, outer1, outer2, own), (inner0, inner1, inner2, own)
     return Shape(a, b, c, outer, inner, known0 and known1 and known2 and facing != 0, np.int64(facing))
+
+
+@inlined
+def _distance(a, b):
+    d = _minus(a, b)
+    return np.sqrt(_dot(d, d))
+
+
+@inlined
+def sphere_of(shape):
+    """(centre, radius) of a sphere around the triangle: at the middle of its longest edge."""
+    a, b, c = shape.a, shape.b, shape.c
+    ab, bc, ca = _distance(a, b), _distance(b, c), _distance(c, a)
+    p, q, r = (a, b, c) if ab >= bc and ab >= ca else ((b, c, a) if bc >= ca else (c, a, b))
+    middle = 0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])
+    return middle, max(_distance(p, middle), max(_distance(q, middle), _distance(r, middle))) * _MORE

@@ -168,7 +168,7 @@ def _write_rows(tree, parts, view, soup, slot, how, rows, counts):
         return
     for part in range(parts):
         row = ptr_at(rows, (part * BATCH + np.int64(get(counts, part))) * ROW)
-        if write_row(tree.nodes, view, get(tree.faces, part), tree.ways, shape, row):
+        if write_row(tree.nodes, view, get(tree.faces, part), tree.ways, shape, how.spheres, row):
             put(as_i32(row), TRIANGLE, slot)
             if how.facing != 0 and shape.facing != -how.facing:
                 put(as_i32(row), COVERS, 0)
