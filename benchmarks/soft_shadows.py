@@ -4,7 +4,7 @@
 
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (generated), or a file that
 `antumbra.load` reads. Each has a small and a large square light: the small one's edge is 1/40 of the scene's diagonal
-(`antumbra.bench.srdh_views` has the exception; the forest's is its own light's), the large one's four times that.
+(`antumbra.bench.views` has the exception; the forest's is its own light's), the large one's four times that.
 
 What is timed. Ours: from a ShadowQuery to its bits, as a frame is rendered; the bits' array is made inside. Peers: the
 tracing of rays that were made before, in Morton order of 4 x 4 pixels, and in packets of one light sample of 16 pixels

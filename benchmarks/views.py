@@ -1,14 +1,11 @@
 """What benchmarks look at: the real scenes with the camera and light of their info.json, and the generated forest."""
 
-import json
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 import antumbra
-from antumbra.bench.srdh_views import square
+from antumbra.bench.views import square, told_view
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.picture import shadow_queries
 from antumbra.query.raster import rasterise
@@ -71,36 +68,14 @@ def moving_views(named, size: tuple[int, int]):
         if name in missing:
             sys.exit(f"{name} is not in {SCENES}: set ANTUMBRA_SCENES")
         path = SCENES / name if name in MOVING else Path(name)
-        info = _info(path / "info.json")
-        scene = antumbra.load(path, up=_up(info))
-        yield Moving(path.stem, scene, *_camera_and_light(path.stem, scene, info, size))
-
-
-def _info(path: Path) -> dict:
-    return json.loads(path.read_text()) if path.exists() else {}
-
-
-def _up(info: dict) -> str:
-    return "z" if info.get("up", [0, 1, 0])[2] else "y"
+        told = told_view(path.stem, path, size, square(40))
+        yield Moving(told.name, told.scene, told.camera, told.lights[0])
 
 
 def _real(path: Path, size) -> View:
-    info = _info(path.with_name("info.json"))
-    scene = antumbra.load(path, up=_up(info))
-    name = path.parent.name if path.stem == "scene" else path.stem
-    camera, light = _camera_and_light(name, scene, info, size)
-    return View(name, scene.triangles(0.0), camera, _two_sizes(light))
-
-
-def _camera_and_light(name: str, scene, info: dict, size) -> tuple[Camera, QuadLight]:
-    """Those of info.json, or the scene's own defaults."""
-    up = np.array(info.get("up", [0, 1, 0]), float)
-    if "camera" in info:
-        own = info["camera"]
-        camera = Camera(own["position"], own["target"], up, own["vfov"], *size)
-    else:
-        camera = scene.default_camera(*size)
-    return camera, square(name, scene.bounds, info["light"], up, 40) if "light" in info else scene.default_light()
+    told = told_view(path.parent.name if path.stem == "scene" else path.stem, path, size, square(40))
+    light = told.lights[0] if isinstance(told.lights[0], QuadLight) else told.scene.default_light()
+    return View(told.name, told.scene.triangles(0.0), told.camera, _two_sizes(light))
 
 
 def _two_sizes(light: QuadLight) -> dict[str, Light]:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from antumbra.bench import published_srdh, srdh, srdh_times
+from antumbra.bench import published_srdh, srdh
 from antumbra.bench.srdh import CONSTANT, METHODS, OURS, PRERENDER_SPP, PUBLISHED, SAH_ORDERS, Counted, Workload, of
-from antumbra.bench.srdh_times import BuildTimes, RenderTimes
-from antumbra.bench.srdh_views import SrdhView, own_view
+from antumbra.bench.srdh_times import BuildTimes
+from antumbra.bench.views import View, own_view
 from antumbra.errors import InputError
 from antumbra.scene.camera import Camera
 from antumbra.scene.generated import procedural
@@ -17,7 +17,7 @@ SIZE = 24
 
 
 @pytest.fixture(scope="module")
-def view() -> SrdhView:
+def view() -> View:
     return own_view("cellar", procedural("cellar", triangles=3000), (SIZE, SIZE))
 
 
@@ -107,9 +107,3 @@ def test_ratios_of_build_times():
 def test_the_papers_mean_is_what_its_text_says():
     assert round(published_srdh.both_over_sah(16), 1) == 2.4
     assert published_srdh.both_over_sah(32) > published_srdh.both_over_sah(16)
-
-
-def test_digests_are_compared_scene_by_scene():
-    rows = [RenderTimes(s, b, "single", 1, 0.1, 0.1, d) for s, b, d in [("a", "bsah", b"1"), ("b", "bsah", b"2")]]
-    assert srdh_times.methods_agree([*rows, rows[0]._replace(build="srdh")])
-    assert not srdh_times.methods_agree([*rows, rows[0]._replace(build="srdh", bits=b"2")])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from antumbra.bench import srdh_views
+from antumbra.bench import views
 from antumbra.bench.srdh_views import MADE, default_names, named_view
 from antumbra.errors import InputError
 
@@ -67,8 +67,8 @@ def test_files_without_notes_have_default_lights(scenes, tmp_path):
 
 
 def test_procedural_scenes_have_their_own(monkeypatch):
-    whole = srdh_views.procedural
-    monkeypatch.setattr(srdh_views, "procedural", lambda name: whole(name, triangles=2000))
+    whole = views.procedural
+    monkeypatch.setattr(views, "procedural", lambda name: whole(name, triangles=2000))
     view = named_view("cellar", (40, 30))
     assert view.scene.name == "cellar" and (view.camera.width, view.camera.height) == (40, 30)
 

@@ -1,6 +1,5 @@
 """The four views of the paper on pre-BVH culling, as near as can be told from its pictures."""
 
-import os
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +11,7 @@ from ..scene.generated import procedural
 from ..scene.lights import Light, QuadLight
 from ..scene.load import load
 from ..scene.scene import Scene
+from .views import real_path
 
 _SPONZA = {
     "Figure 3": ((-1150.0, 120.0, -180.0), (200.0, 420.0, 60.0)),
@@ -38,7 +38,7 @@ def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: 
     """
     cellar = procedural("cellar", triangles=cellar_triangles)
     last = CullingView("Figure 6", cellar, cellar.cameras[0].resized(*size), list(cellar.lights))
-    path = _default_sponza() if sponza is None else sponza
+    path = real_path("sponza_crytek") if sponza is None else sponza
     if path is None:
         atrium = procedural("atrium", triangles=262_267)
         return [CullingView("atrium", atrium, atrium.cameras[0].resized(*size), list(atrium.lights)), last]
@@ -46,12 +46,6 @@ def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: 
         raise InputError(f"{path}: there is no such file; name Crytek's Sponza, or leave --sponza out")
     scene = load(path)
     return [_in_sponza(figure, scene, size) for figure in _SPONZA] + [last]
-
-
-def _default_sponza() -> Path | None:
-    folder = os.environ.get("ANTUMBRA_SCENES")
-    path = Path(folder or ".") / "sponza_crytek" / "scene.glb"
-    return path if folder and path.exists() else None
 
 
 def _in_sponza(figure: str, scene: Scene, size) -> CullingView:

@@ -5,7 +5,6 @@ methods trace with the same tracer, take their turns within each round, and the 
 """
 
 from collections.abc import Callable, Iterable
-from hashlib import sha256
 from statistics import median
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -18,6 +17,7 @@ from ..errors import InputError
 from ..query.picture import shadow_queries
 from ..query.sampling import light_samples
 from ..renderer import Renderer
+from .answers import digest
 from .culling_views import CullingView
 from .published_culling import METHODS
 
@@ -71,7 +71,7 @@ def times_to_image(
                     for phase in ("cull", "build"):
                         seconds[method].setdefault(phase, []).append(frame.timings[phase])
                     seconds[method].setdefault(spp, []).append(frame.timings["trace"])
-                bits[method] = sha256(b"".join(b.tobytes() for b in frame.bits)).digest()
+                bits[method] = digest(frame.bits)
     left = _remaining(view, renderers["LBVH culled"])
     found = []
     for method, times in seconds.items():
@@ -169,8 +169,3 @@ def mean_rows(rows: Iterable[GridRow]) -> list[GridRow]:
                 ]
                 found.append(GridRow("mean", n, published, mean(r.remaining for r in same), *parts))
     return found
-
-
-def methods_agree(times: list[TimeToImage]) -> bool:
-    """Do all methods give the same bits in each view?"""
-    return all(len({t.bits for t in times if t.figure == figure}) == 1 for figure in {t.figure for t in times})

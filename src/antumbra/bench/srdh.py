@@ -23,7 +23,7 @@ from ..srdh_rays import Showing, Shown, SrdhRays, sparse_gbuffer
 from ..trace.bounce import bounced
 from ..trace.orders import BUILT, ORDERS, SRDH, Ordered
 from ..trace.steps import UNOCCLUDED, count_steps
-from .srdh_views import SrdhView
+from .views import View
 
 BASE = "random"  # everything is measured by this order
 SAH_ORDERS = (BASE, "front-to-back", "back-to-front", "rtsah")
@@ -64,7 +64,7 @@ class Counted(NamedTuple):
 class Workload:
     """The shadow rays of a view, and the rays of its pre-renders."""
 
-    def __init__(self, view: SrdhView, spp: int, threads: int | None):
+    def __init__(self, view: View, spp: int, threads: int | None):
         self.view, self.threads = view, thread_count(threads)
         self.triangles = view.scene.triangles(0.0, self.threads)
         self.sah = binned_sah.build(self.triangles.vertices, self.threads)
@@ -94,7 +94,7 @@ class Workload:
 
 
 def count_view(
-    view: SrdhView, spp: int, threads: int | None, say: Callable[[str], None], pixels: Iterable[int] = PIXELS
+    view: View, spp: int, threads: int | None, say: Callable[[str], None], pixels: Iterable[int] = PIXELS
 ) -> list[Counted]:
     """All counts of one view; InputError if its camera sees nothing."""
     say(f"{view.name}, what camera and bounces see")

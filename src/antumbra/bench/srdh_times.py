@@ -4,15 +4,15 @@ Methods take their turns within each round, and the median of the rounds counts.
 """
 
 from collections.abc import Callable
-from hashlib import sha256
 from statistics import median
 from time import perf_counter
 from typing import Any, NamedTuple
 
 from ..bvh import BUILDERS, binned_sah
 from ..renderer import Renderer
+from .answers import digest
 from .srdh import Workload
-from .srdh_views import SrdhView
+from .views import View
 
 PIXELS = (16, 32)  # widths of the pre-renders of Table 1
 TRACERS = ("single", "multifrusta", "packet16", "wide")
@@ -58,9 +58,7 @@ class RenderTimes(NamedTuple):
     bits: bytes  # a digest of the answer
 
 
-def build_times(
-    view: SrdhView, spp: int, threads: int | None, rounds: int, say: Callable[[str], None]
-) -> list[BuildTimes]:
+def build_times(view: View, spp: int, threads: int | None, rounds: int, say: Callable[[str], None]) -> list[BuildTimes]:
     """Table 1 of one view; InputError if its camera sees nothing."""
     work = Workload(view, spp, threads)
     laps: dict[int, list[dict[str, float]]] = {k: [] for k in PIXELS}
@@ -94,7 +92,7 @@ def _build_once(work: Workload, pixels: int) -> tuple[dict[str, float], tuple[in
     return seconds, (len(met.origins), len(met.prims))
 
 
-def render_times(view: SrdhView, threads: int | None, rounds: int, say: Callable[[str], None]) -> list[RenderTimes]:
+def render_times(view: View, threads: int | None, rounds: int, say: Callable[[str], None]) -> list[RenderTimes]:
     """Each of BUILDS with each of TRACERS, shown the rays that a `Renderer` shows by default."""
     plans = [(build, tracer) for tracer in TRACERS for build in BUILDS]
     renderers = {plan: Renderer(view.scene, "+".join(plan), threads) for plan in plans}
@@ -106,15 +104,10 @@ def render_times(view: SrdhView, threads: int | None, rounds: int, say: Callable
             frame = renderer.render(view.camera, view.lights, spp=SPP if turn >= 0 else 1)
             if turn >= 0:
                 seconds[plan].append((frame.timings["build"], frame.timings["trace"]))
-            found[plan] = frame.rays, sha256(b"".join(b.tobytes() for b in frame.bits)).digest()
+            found[plan] = frame.rays, digest(frame.bits)
     rows = []
     for plan in plans:
         rays, bits = found[plan]
         built, traced = (median(column) for column in zip(*seconds[plan]))
         rows.append(RenderTimes(view.name, *plan, rays, built, traced, bits))
     return rows
-
-
-def methods_agree(times: list[RenderTimes]) -> bool:
-    """Do all plans give the same bits in each view?"""
-    return all(len({t.bits for t in times if t.scene == scene}) == 1 for scene in {t.scene for t in times})

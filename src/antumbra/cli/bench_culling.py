@@ -59,6 +59,7 @@ def pre_bvh_culling(
         arguments.check_plot(plot)
 
     from ..bench import pre_bvh_culling as bench
+    from ..bench.answers import agree
     from ..bench.culling_views import culling_views
 
     n_threads = thread_count(threads)
@@ -71,17 +72,17 @@ def pre_bvh_culling(
             from ..bench.culling_plot import write_plot
 
             write_plot(times, plot)
-    agree = bench.methods_agree(times)
+    same = agree((t.figure, t.bits) for t in times)
     if json:
         rows = [{**t._asdict(), "bits": t.bits.hex()} for t in times]
         asked = {"tracer": tracer, "size": width_height, "rounds": rounds, "threads": n_threads}
-        report.print_json({**asked, "time_to_image": rows, "grids": [g._asdict() for g in grids], "same_bits": agree})
+        report.print_json({**asked, "time_to_image": rows, "grids": [g._asdict() for g in grids], "same_bits": same})
         return
     if quiet:
         return
     _print_times(times)
     _print_grids(bench.mean_rows(grids))
-    report.print_fields([("bits", "the same by all methods" if agree else "DIFFER: please report this")])
+    report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
 
 
 def _ms(seconds: float) -> str:

@@ -7,13 +7,12 @@ import typer
 
 from . import arguments, report
 from .activity import Activity
-from .opening import open_scene
+from .opening import open_view
 from .options import Json, Quiet, Threads
 
 if TYPE_CHECKING:
     from ..bench.srdh import Counted
     from ..bench.srdh_times import BuildTimes, RenderTimes
-    from ..bench.srdh_views import SrdhView
 
 _WIDTH = 150  # of the tables, in characters
 
@@ -61,6 +60,7 @@ def srdh(
 
     from ..bench import srdh as counts
     from ..bench import srdh_times, srdh_views
+    from ..bench.answers import agree
     from ..parallel import thread_count
 
     if plot is not None:
@@ -71,7 +71,8 @@ def srdh(
     renders: list[RenderTimes] = []
     with Activity(quiet) as activity:
         activity.say("opening the scenes")
-        for view in [_view(name, width_height) for name in dict.fromkeys(scene or srdh_views.default_names())]:
+        names = dict.fromkeys(scene or srdh_views.default_names())
+        for view in [open_view(name, width_height, srdh_views.named_view) for name in names]:
             rows += counts.count_view(view, spp, n_threads, activity.say)
             builds += srdh_times.build_times(view, spp, n_threads, rounds, activity.say)
             smaller = view._replace(camera=view.camera.resized(*timed))
@@ -80,7 +81,7 @@ def srdh(
             from ..bench.srdh_plot import write_plot
 
             write_plot(rows, plot)
-    agree = srdh_times.methods_agree(renders)
+    same = agree((r.scene, r.bits) for r in renders)
     if json:
         asked = {"size": width_height, "spp": spp, "timed_size": timed, "rounds": rounds, "threads": n_threads}
         tables = {
@@ -88,7 +89,7 @@ def srdh(
             "builds": [{**b._asdict(), "both": b.both, "instead": b.instead} for b in builds],
             "renders": [{**r._asdict(), "bits": r.bits.hex()} for r in renders],
         }
-        report.print_json({**asked, **tables, "same_bits": agree})
+        report.print_json({**asked, **tables, "same_bits": same})
         return
     if quiet:
         return
@@ -98,16 +99,7 @@ def srdh(
     _print_kernels(rows)
     _print_builds(builds)
     _print_renders(renders)
-    report.print_fields([("bits", "the same by all methods" if agree else "DIFFER: please report this")])
-
-
-def _view(name: str, size: tuple[int, int]) -> "SrdhView":
-    from ..bench.srdh_views import named_view, own_view
-
-    spec = arguments.parse_scene(name)
-    if spec.path is not None:
-        return named_view(name, size)
-    return own_view(name.removeprefix(arguments.PROCEDURAL), open_scene(spec), size)
+    report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
 
 
 def _percent(share: float) -> str:

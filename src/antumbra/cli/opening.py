@@ -1,13 +1,15 @@
 """Scenes and their notes, as every command opens them."""
 
 import warnings
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from .arguments import SceneSpec
+from .arguments import PROCEDURAL, SceneSpec, parse_scene
 from .failures import say
 
 if TYPE_CHECKING:
+    from ..bench.views import View
     from ..scene.scene import Scene
 
 _MOST_NOTES = 5
@@ -32,3 +34,13 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
         if len(scene.notes) > _MOST_NOTES:
             say(f"note: and {len(scene.notes) - _MOST_NOTES} more; antumbra info shows all of them")
     return scene
+
+
+def open_view(name: str, size: tuple[int, int], named_view: "Callable[[str, tuple[int, int]], View]") -> "View":
+    """What a benchmark looks at: ``procedural:...`` as `open_scene` makes it, every other name by `named_view`."""
+    from ..bench.views import own_view
+
+    spec = parse_scene(name)
+    if spec.path is not None:
+        return named_view(name, size)
+    return own_view(name.removeprefix(PROCEDURAL), open_scene(spec), size)
