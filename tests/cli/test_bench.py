@@ -1,5 +1,6 @@
 """`antumbra bench`: that the tables come, not what is in them."""
 
+import numpy as np
 import pytest
 
 TINY = ("--size", "40x24", "--cellar", "5k", "--rounds", "1", "--tracer", "single")
@@ -65,6 +66,45 @@ def test_srdh_for_people_and_the_plot(cli, tmp_path):
     assert (tmp_path / "srdh.png").stat().st_size > 10_000
 
 
+@pytest.fixture
+def hierarchy(cli, tmp_path, monkeypatch):
+    """Runs the benchmark of ray hierarchies with a small moving scene, and generated ones."""
+    from antumbra import procedural
+
+    vertices = procedural("blinds", triangles=2000).triangles().vertices.reshape(-1, 3)
+    (tmp_path / "bart_robots").mkdir()
+    np.save(tmp_path / "bart_robots" / "frames.npy", np.stack([vertices, 1.1 * vertices]))
+    np.save(tmp_path / "bart_robots" / "faces.npy", np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
+    monkeypatch.setenv("ANTUMBRA_SCENES", str(tmp_path))
+    small = "--size", "24", "--frames", "3", "--rounds", "1"
+    return lambda *more: cli("bench", "ray-hierarchy", *small, *more)
+
+
+def test_tables_of_ray_hierarchies(hierarchy):
+    told = hierarchy("--scene", "procedural:cellar?triangles=2k", "--triangles", "7k", "--json").json()
+    assert told["same_bits"] and told["size"] == [24, 24] and told["spreads"] == []
+    ((shown),) = told["pictures"]
+    assert shown["picture"] == "cellar?triangles=2k" and 0 < shown["blocked"] < shown["rays"]
+    assert {c["variant"] for c in told["costs"]} >= {"cones", "Spheres", "PreciseSEATP"}
+    assert all(c["tests"] > 0 and c["seconds"] > 0 for c in told["costs"])
+    assert {r["scene"] for r in told["rebuilt"]} == {"cellar?triangles=2k", "atrium, 7,000", "city, 7,000"}
+    assert {r["method"] for r in told["rebuilt"]} >= {"cones", "lbvh+single"}
+
+
+def test_ray_hierarchies_for_people_and_the_plot(hierarchy, tmp_path):
+    pytest.importorskip("matplotlib")
+    done = hierarchy("--triangles", "7k,12k", "--plot", "cones.png")
+    assert done.code == 0 and "the same by all methods" in done.out, done.err
+    for part in ("Figures 6 and 7", "bart_robots, 0.02 s", "Figure 6b", "steadiest in bart_robots", "city, 12,000"):
+        assert part in done.out
+    assert (tmp_path / "cones.png").stat().st_size > 10_000
+
+
+def test_variants_that_take_long_are_left_out(hierarchy):
+    done = hierarchy("--scene", "procedural:cellar?triangles=2k", "--triangles", "7k", "--limit", "0")
+    assert done.code == 0 and "skipped: about" in done.out and "No scene moves here" in done.out
+
+
 def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "srdh", "--scene", "procedural:cellar?triangles=2k", "--scene", "none.glb").refused(
         "none.glb", "cellar"
@@ -75,4 +115,8 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "pre-bvh-culling", "--tracer", "cones").refused("'cones' walks no BVH", "single")
     cli("bench", "pre-bvh-culling", "--sponza", "none.glb").refused("none.glb")
     cli("bench", "pre-bvh-culling", "--plot", "even.gif").refused(".gif", ".png")
+    cli("bench", "ray-hierarchy", "--scene", "none.glb").refused("none.glb", "atrium")
+    cli("bench", "ray-hierarchy", "--triangles", "10k,many").refused("--triangles", "many")
+    cli("bench", "ray-hierarchy", "--triangles", "10").refused("--triangles", "10", "1000")
+    cli("bench", "ray-hierarchy", "--plot", "cones.gif").refused(".gif", ".png")
     assert list(tmp_path.iterdir()) == []

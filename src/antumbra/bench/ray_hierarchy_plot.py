@@ -1,0 +1,68 @@
+"""Figures 6 and 7 of the report on ray hierarchies, as measured here, and where cones beat building."""
+
+from pathlib import Path
+
+from ..output import replacing
+from . import ray_hierarchy_rebuild as rebuild
+from .ray_hierarchy import PLANS, Cost, Seen, of
+from .ray_hierarchy_rebuild import Rebuilt
+
+_WIDTH, _STYLES, _MARKERS = 7.0, ("-", "--", ":", "-."), "osD^vP*X"
+
+
+def write_plot(seen: list[Seen], costs: list[Cost], rows: list[Rebuilt], path: Path) -> None:
+    """Nodes and time of each picture by variant; below, seconds of shadows over the number of triangles."""
+    from matplotlib.figure import Figure
+
+    sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(seen)), 11.0), layout="constrained")
+    panels = sheet.subplot_mosaic([["nodes", "time"], ["rebuild", "rebuild"]])
+    _draw_pictures(panels["nodes"], seen, costs, "nodes", "nodes visited", 1.0)
+    _draw_pictures(panels["time"], seen, costs, "seconds", "trace, ms", 1e3)
+    panels["nodes"].legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    _draw_rebuild(panels["rebuild"], rows)
+    with replacing(path) as temporary:
+        sheet.savefig(temporary, format="png", dpi=110)
+
+
+def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], field: str, label: str, scale: float) -> None:
+    """A colour for each variant; frames of one animation are joined, and what was left out is missing."""
+    for k, variant in enumerate(PLANS):
+        for start, end in _runs(seen):
+            values = [getattr(of(costs, s.picture, variant), field) for s in seen[start:end]]
+            heights = [float("nan") if v is None else scale * v for v in values]
+            name = variant if start == 0 else None
+            panel.plot(range(start, end), heights, color=f"C{k}", marker=_MARKERS[k % 8], markersize=4, label=name)
+    panel.set_xticks(range(len(seen)), [s.picture for s in seen], rotation=60, ha="right", fontsize=8)
+    panel.set_yscale("log")
+    panel.set_ylabel(label)
+    panel.grid(alpha=0.3)
+
+
+def _runs(seen: list[Seen]) -> list[tuple[int, int]]:
+    """(first, end) of pictures that are frames of the same animation, and of every other one by itself."""
+    starts = [k for k, s in enumerate(seen) if k == 0 or s.frame is None or s.of != seen[k - 1].of]
+    return list(zip(starts, [*starts[1:], len(seen)]))
+
+
+def _draw_rebuild(panel, rows: list[Rebuilt]) -> None:
+    """A colour a method, a line a procedural scene, a mark for each other one; rings where curves cross."""
+    ours, *others = dict.fromkeys(r.method for r in rows)
+    made = [name for name in dict.fromkeys(r.made for r in rows) if name]
+    for k, method in enumerate((ours, *others)):
+        for name, style in zip(made, _STYLES):
+            sizes, seconds = rebuild.curve(rows, name, method)
+            panel.plot(sizes, [1e3 * s for s in seconds], style, marker=".", color=f"C{k}")
+            if method != ours:
+                for n, at in rebuild.crossings(sizes, rebuild.curve(rows, name, ours)[1], seconds):
+                    panel.plot(n, 1e3 * at, "o", markersize=12, fillstyle="none", color=f"C{k}")
+        panel.plot([], [], color=f"C{k}", label=method)
+    for name, style in zip(made, _STYLES):
+        panel.plot([], [], style, color="black", label=name)
+    for mark, name in zip(_MARKERS, dict.fromkeys(r.scene for r in rows if not r.made)):
+        for r in (r for r in rows if r.scene == name):
+            panel.plot(r.triangles, 1e3 * r.shadows, mark, color=f"C{[ours, *others].index(r.method)}")
+        panel.plot([], [], mark, color="black", label=name)
+    panel.plot([], [], "o", markersize=12, fillstyle="none", color="black", label=f"{ours} is overtaken, or overtakes")
+    panel.set(xscale="log", yscale="log", xlabel="triangles, all new in each frame", ylabel="build and trace, ms")
+    panel.legend(fontsize=8, ncols=3)
+    panel.grid(alpha=0.3, which="both")
