@@ -33,7 +33,8 @@ def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], field: str, label
             name = variant if start == 0 else None
             panel.plot(range(start, end), heights, color=f"C{k}", marker=_MARKERS[k % 8], markersize=4, label=name)
     panel.set_xticks(range(len(seen)), [s.picture for s in seen], rotation=60, ha="right", fontsize=8)
-    panel.set_yscale("log")
+    if panel.dataLim.y1 > 0.0:  # something was measured
+        panel.set_yscale("log")
     panel.set_ylabel(label)
     panel.grid(alpha=0.3)
 
