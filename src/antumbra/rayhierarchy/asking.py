@@ -4,13 +4,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..predicate.filters import plane
-from ..query.receivers import FREE
+from ..jit import inlined, kernel
+from ..predicate.filters import plane, widest
+from ..query.receivers import FREE, NOTHING
 from ..query.samples import patch_at, sample_point
-from ..query.shadow import Horizon
+from ..query.shadow import Horizon, is_above
 from ..scene.lights import AMBIENT, LightPatch
-from ..simd import get, ptr
+from ..simd import bits, fma, gather, get, load16, lowest_bit, popcount, ptr, put
+from ..trace.counters import BELOW_HORIZON, RAYS, count
+from ..trace.vec import Vec
+from .beams import AROUND, PERSPECTIVE
+
+_SLANT = np.float64(2.0**-16)
+_MORE = np.float64(1.000001)
+
+
+class Samples(NamedTuple):
+    """Those of a `Beam`."""
+
+    first: int
+    count: int
+    set: int
 
 
 class Asking(NamedTuple):
@@ -25,6 +39,8 @@ class Asking(NamedTuple):
     light: LightPatch  # with tuples of three numbers
     w: int  # receivers in a row
     spp: int
+    bits: object  # uint64: the answer
+    words: int  # uint64 of a receiver
 
 
 @inlined
@@ -33,13 +49,13 @@ def _three(a):
 
 
 @inlined
-def asking_of(query):
-    """The `Asking` of a ShadowQuery."""
+def asking_of(query, bits):
+    """The `Asking` of a ShadowQuery, and the array of its answer."""
     p = query.light
     light = LightPatch(p.kind, _three(p.base), _three(p.u), _three(p.v), _three(p.w), p.radius)
     return Asking(
         ptr(query.origins), ptr(query.faces), ptr(query.sides), ptr(query.normals), ptr(query.corners),
-        ptr(query.samples), light, query.sides.shape[1], query.samples.shape[1],
+        ptr(query.samples), light, query.sides.shape[1], query.samples.shape[1], ptr(bits), bits.shape[2],
     )  # fmt: skip
 
 
@@ -47,6 +63,11 @@ def asking_of(query):
 def three_at(p, i):
     """Three numbers, in float64."""
     return np.float64(get(p, 3 * i)), np.float64(get(p, 3 * i + 1)), np.float64(get(p, 3 * i + 2))
+
+
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
@@ -81,3 +102,114 @@ def horizon_at(asking, i):
     p = three_at(asking.origins, i)
     n = (z, z, z) if side == FREE else three_at(asking.normals, i)
     return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], z)
+
+
+@inlined
+def set_bit(asking, i, s):
+    """Say that sample s of receiver i is blocked."""
+    at = i * asking.words + (s >> 6)
+    put(asking.bits, at, get(asking.bits, at) | np.uint64(1) << np.uint64(s & 63))
+
+
+@inlined
+def bit_at(asking, i, s):
+    """Is sample s of receiver i known to be blocked?"""
+    return get(asking.bits, i * asking.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) != 0
+
+
+@kernel
+def _light_side(asking, view, face):
+    """The side of a triangle's plane on which all ends of segments from receivers on that side are; 0: not known."""
+    z = np.float64(0.0)
+    if view.kind == AROUND:
+        return np.int64(0)
+    at = (view.x, view.y, view.z) if view.kind == PERSPECTIVE else (z, z, z)
+    p, n, error = plane(asking.corners, face, z, z, z)
+    length = np.sqrt(_dot(n, n)) * _MORE
+    if view.kind == PERSPECTIVE:
+        to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
+        h, slack = _dot(n, to), view.radius * length + error * widest(to)
+    else:
+        h, slack = _dot(n, view.w), (view.radius + _SLANT) * length + error
+    if not abs(h) > slack:
+        return np.int64(0)
+    return np.int64(1) if h > z else np.int64(-1)
+
+
+@kernel
+def _asks(asking, samples, i, counters):
+    """Does a sample of a beam lie above the receiver's own surface? Sets the bits of those that do not."""
+    patch, horizon, asks = patch_for(asking, i), horizon_at(asking, i), False
+    for s in range(samples.first, samples.first + samples.count):
+        l = end_of(asking, patch, i, s)
+        if is_above(horizon, l[0], l[1], l[2], asking.corners):
+            asks = True
+        else:
+            count(counters, BELOW_HORIZON, 1)
+            set_bit(asking, i, s)
+    return asks
+
+
+@kernel
+def _below(asking, samples, ids, lanes, counters):
+    """Set the bits of all samples of a beam for some lanes."""
+    count(counters, BELOW_HORIZON, samples.count * popcount(lanes))
+    while lanes != 0:
+        i = np.int64(get(ids, lowest_bit(lanes)))
+        lanes &= lanes - 1
+        for s in range(samples.first, samples.first + samples.count):
+            set_bit(asking, i, s)
+
+
+@kernel
+def who_asks(asking, view, samples, ids, lanes, counters):
+    """Bits of those of 16 receivers that have a sample of a beam above their surface; others' bits are set.
+
+    ids : pointer to 16 int32, which receivers; lanes: bits of those that there are
+    """
+    some, valid = lanes, np.int64(0)
+    while some != 0:
+        lane = lowest_bit(some)
+        some &= some - 1
+        i = np.int64(get(ids, lane))
+        if get(asking.sides, i) != NOTHING and (samples.set < 0 or sets_at(asking, i) == samples.set):
+            valid |= np.int64(1) << lane
+    count(counters, RAYS, samples.count * popcount(valid))
+    faces, asks = gather(asking.faces, load16(ids, 0)), np.int64(0)
+    while valid != 0:  # those on one triangle together
+        i = np.int64(get(ids, lowest_bit(valid)))
+        face, lane = np.int64(get(asking.faces, i)), valid & -valid
+        known = np.int64(0)
+        if face >= 0:
+            known = _light_side(asking, view, face)
+        same = valid & bits(faces == np.int32(face)) if known != 0 else lane
+        if known == 0:
+            asks |= lane if _asks(asking, samples, i, counters) else np.int64(0)
+        else:
+            above, some = np.int64(0), same
+            while some != 0:
+                j = lowest_bit(some)
+                some &= some - 1
+                if np.int64(get(asking.sides, np.int64(get(ids, j)))) == known:
+                    above |= np.int64(1) << j
+            asks |= above
+            if same != above:
+                _below(asking, samples, ids, same & ~above, counters)
+        valid &= ~same
+    return asks
+
+
+@inlined
+def places_of(asking, view, ids):
+    """`Vec`: where 16 receivers are in the beam's frame, in float32."""
+    at = load16(ids, 0) * 3
+    o = Vec(gather(asking.origins, at), gather(asking.origins, at + 1), gather(asking.origins, at + 2))
+    if view.kind == PERSPECTIVE:
+        return Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z))
+    return Vec(_along(o, view.u), _along(o, view.v), _along(o, view.w))
+
+
+@inlined
+def _along(o, axis):
+    f = np.float32
+    return fma(o.x, f(axis[0]), fma(o.y, f(axis[1]), o.z * f(axis[2])))

@@ -7,7 +7,7 @@ Sec. 3.5]. Float32 does: a ray that lands on the wrong side of a face's edge is 
 import numpy as np
 
 from ..jit import inlined
-from ..simd import absolute, maximum, minimum, select, splat16, to_i32
+from ..simd import absolute, fma, maximum, minimum, select, splat16, to_i32
 
 BITS = 10  # of each coordinate: with three for the face, a key takes three passes of the radix sort
 KEY_BITS = 2 * BITS + 3
@@ -37,8 +37,8 @@ def _cells(u):
 
 
 @inlined
-def cube_keys(d):
-    """Keys of directions from an apex, a `Vec`; none of them is zero."""
+def on_cube(d):
+    """(face, u, v) of directions from an apex, a `Vec`, none of them zero: i32x16, and f32x16 from -1 to 1."""
     x, y, z = absolute(d.x), absolute(d.y), absolute(d.z)
     by_x = (x >= y) & (x >= z)
     by_y = ~by_x & (y >= z)
@@ -46,8 +46,15 @@ def cube_keys(d):
     u, v = select(by_x, d.y, select(by_y, d.z, d.x)), select(by_x, d.z, select(by_y, d.x, d.y))
     face = select(by_x, np.int32(0), select(by_y, splat16(np.int32(2)), splat16(np.int32(4))))
     face = face + select(depth < _F(0.0), splat16(np.int32(1)), splat16(np.int32(0)))
-    half = _F(0.5) / absolute(depth)
-    return (face << (2 * BITS)) | hilbert(_cells(u * half + _F(0.5)), _cells(v * half + _F(0.5)))
+    s = _F(1.0) / absolute(depth)
+    return face, u * s, v * s
+
+
+@inlined
+def cube_keys(face, u, v):
+    """Keys of places on the cube."""
+    half = _F(0.5)
+    return (face << (2 * BITS)) | hilbert(_cells(fma(u, half, half)), _cells(fma(v, half, half)))
 
 
 @inlined

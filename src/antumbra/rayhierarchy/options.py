@@ -13,6 +13,7 @@ class Options(NamedTuple):
     boxes: bool = False  # nodes are boxes in the light's projection, see `boxes`
     wide: bool = False  # sixteen children, not four
     sorted: bool = False  # rays are sorted by direction (Sec. 3.5), not in the order of the screen
+    blocks: bool = False  # blocks of 4 x 4 pixels are sorted, see `blocks`; they are leaves of 16 rays
     early_accept: bool = False  # nodes that a triangle covers are done (Sec. 3.3)
     two_pass: bool = False  # good occluders first, then all others for the rays that are left (Sec. 3.4)
     backface: bool = False  # triangles that the query's `cull_faces` lets through are dropped at once (Sec. 3.6)
@@ -20,7 +21,7 @@ class Options(NamedTuple):
     clustered: bool = False  # triangles in Morton order, so that those of a batch meet the same nodes
 
 
-FASTEST = Options(boxes=True, wide=True, sorted=True, early_accept=True, backface=True, shared=True)
+FASTEST = Options(boxes=True, wide=True, blocks=True, early_accept=True, backface=True, shared=True)
 _EXCLUDE = ("spheres", "precise"), ("spheres", "boxes"), ("precise", "boxes"), ("spheres", "early-accept")
 
 TABLE_1 = {
@@ -40,6 +41,7 @@ _WORDS = {
     "boxes": "the same, boxes in the light's projection instead of cones",
     "wide": "the same, sixteen children to a node",
     "sorted": "the same, rays sorted by direction",
+    "blocks": "the same, blocks of 4 x 4 pixels sorted, sixteen children to a node",
     "early-accept": "the same, cones that a triangle covers are done",
     "two-pass": "the same, good occluders first",
     "backface": "the same, triangles that face culling lets through are dropped at once",

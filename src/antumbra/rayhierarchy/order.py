@@ -12,16 +12,13 @@ import numpy as np
 from ..bvh.radix_sort import radix_sort
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take
-from ..predicate.filters import widest
-from ..query.receivers import NOTHING
-from ..query.shadow import is_above
-from ..simd import get, mask_from_bits16, popcount, ptr, put, select, splat16, stack_f32, store
-from ..trace.counters import BELOW_HORIZON, RAYS, add_counters, count, private_counters
-from ..trace.vec import rows
-from .asking import asking_of, end_of, horizon_at, patch_for, sets_at, three_at
+from ..simd import bits as bits_of
+from ..simd import get, iota16, mask_from_bits16, minimum, popcount, ptr, put, select, stack_i32, store
+from ..trace.counters import add_counters, private_counters
+from .asking import Samples, asking_of, places_of, who_asks
 from .beams import PERSPECTIVE, Beam
-from .keys import BITS, KEY_BITS, cube_keys, flat_keys
-from .view import FACES, relative, view_of
+from .keys import BITS, KEY_BITS, cube_keys, flat_keys, on_cube
+from .view import FACES, view_of
 
 _PART = 8192  # receivers, a multiple of 16
 _TILE = 64  # pixels a side: within, Z order; a power of two
@@ -33,15 +30,7 @@ class Order(NamedTuple):
     ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: none
     starts: np.ndarray  # (k + 1,) int64: where each face's begin; two if all are taken together
     faces: np.ndarray  # (k,) int64: which these are
-    on_screen: bool
-
-
-class Samples(NamedTuple):
-    """Those of a beam; see there."""
-
-    first: int
-    count: int
-    set: int
+    placed: bool  # receivers keep their places, some of which are empty
 
 
 class Scale(NamedTuple):
@@ -53,51 +42,35 @@ class Scale(NamedTuple):
 
 
 @inlined
-def _asks(asking, beam, i, bits, words, counters):
-    """Does a sample of the beam lie above the receiver's own surface? Sets the bits of those that do not."""
-    patch, horizon, asks = patch_for(asking, i), horizon_at(asking, i), False
-    for s in range(beam.first, beam.first + beam.count):
-        l = end_of(asking, patch, i, s)
-        if is_above(horizon, l[0], l[1], l[2], asking.corners):
-            asks = True
-        else:
-            count(counters, BELOW_HORIZON, 1)
-            at = i * words + (s >> 6)
-            put(bits, at, get(bits, at) | np.uint64(1) << np.uint64(s & 63))
-    return asks
+def at_apex(view, d):
+    """Bits of the lanes whose receivers are where all segments end, so that nothing is between."""
+    zero = np.float32(0.0)
+    exact = view.kind == PERSPECTIVE and view.radius == 0.0
+    return bits_of((d.x == zero) & (d.y == zero) & (d.z == zero)) if exact else np.int64(0)
 
 
-@kernel
-def _block(asking, view, samples, first, n, bits, words, places, counters):
-    """16 receivers from the first on, of which n exist: bits of those that ask, and where they are, float32 rows."""
-    asks, exact = np.int64(0), view.kind == PERSPECTIVE and view.radius == 0.0
-    for lane in range(n):
-        i, d = first + lane, (np.float64(1.0), np.float64(0.0), np.float64(0.0))
-        if get(asking.sides, i) != NOTHING and (samples.set < 0 or sets_at(asking, i) == samples.set):
-            d = relative(view, three_at(asking.origins, i))
-            count(counters, RAYS, samples.count)
-            if not (exact and widest(d) == 0.0) and _asks(asking, samples, i, bits, words, counters):
-                asks |= np.int64(1) << lane
-        for k in range(3):
-            put(places, 16 * k + lane, d[k])
-    return asks
+@inlined
+def _keys(view, scale, d):
+    if view.kind == PERSPECTIVE:
+        face, u, v = on_cube(d)
+        return cube_keys(face, u, v)
+    return flat_keys(d.x, d.y, scale)
 
 
 @kernel
 def _write_keys(ticket, query, beam, scale, bits, keys, counts, tally):
     """Worker: each receiver's key, -1 if it asks nothing; how many of a part ask."""
-    asking, view, samples = asking_of(query), view_of(beam), Samples(beam.first, beam.count, beam.set)
-    words, out_bits, out, places = bits.shape[2], ptr(bits), ptr(keys), stack_f32(48)
-    mine = private_counters(tally)
-    for k in range(3):
-        store(places, 16 * k, splat16(np.float32(1.0)))
+    asking, view, samples = asking_of(query, bits), view_of(beam), Samples(beam.first, beam.count, beam.set)
+    ids, out, mine = stack_i32(16), ptr(keys), private_counters(tally)
     first = take(ticket)
     while first >= 0:
         n = 0
         for i in range(first, min(first + ticket[CHUNK], ticket[N]), 16):
-            asks = _block(asking, view, samples, i, min(16, ticket[N] - i), out_bits, words, places, mine)
-            d = rows(places, 0, 16)
-            key = cube_keys(d) if view.kind == PERSPECTIVE else flat_keys(d.x, d.y, scale)
+            store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
+            lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
+            d = places_of(asking, view, ids)
+            asks = who_asks(asking, view, samples, ids, lanes & ~at_apex(view, d), mine)
+            key = _keys(view, scale, d)
             store(out, i, select(mask_from_bits16(asks), key, np.int32(-1)))
             n += popcount(asks)
         counts[first // ticket[CHUNK]] = n
@@ -138,6 +111,25 @@ def _on_screen(ticket, keys, w, h, ids):
         tile = take(ticket)
 
 
+def sort_keys(packed: np.ndarray, ids: np.ndarray, threads: int) -> Order:
+    """The `Order` of ids by their keys; both are overwritten."""
+    packed, ids = radix_sort(packed, ids, KEY_BITS, threads)
+    starts = np.searchsorted(packed, np.arange(FACES + 1) << 2 * BITS).astype(np.int64)
+    faces = np.flatnonzero(np.diff(starts))
+    return Order(ids, np.append(starts[faces], len(ids)), faces, False)
+
+
+def pack(keys: np.ndarray, n: int, part: int, counts: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """(keys, ids) without the keys that are -1.
+
+    counts : (parts + 1,) int64: 0, then how many keys of each part, of so many of all n, are not
+    """
+    starts = np.cumsum(counts)
+    packed, ids = np.empty(int(starts[-1]), np.int32), np.empty(int(starts[-1]), np.int32)
+    run(_pack, threads, new_ticket(n, part), keys, starts, packed, ids)
+    return packed, ids
+
+
 def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tally=None) -> Order:
     """The `Order` of the receivers that ask a beam.
 
@@ -149,34 +141,26 @@ def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tall
     parts = -(-h * w // _PART)
     keys, counts = np.empty(h * w + 16, np.int32), np.zeros(parts + 1, np.int64)
     ticket = new_ticket(h * w, _PART)
-    run(_write_keys, threads, ticket, query, beam, _scale(beam), bits, keys, counts[1:], tally)
+    run(_write_keys, threads, ticket, query, beam, scale_of(beam), bits, keys, counts[1:], tally)
     if not sort and h > 1:
         tiles = -(-w // _TILE) * -(-h // _TILE)
         ids = np.empty(tiles * _TILE * _TILE, np.int32)
         run(_on_screen, threads, new_ticket(tiles, 1), keys, w, h, ids)
         return _together(ids, True)
-    starts = np.cumsum(counts)
-    n = int(starts[-1])
-    packed, ids = np.empty(n, np.int32), np.empty(n, np.int32)
-    run(_pack, threads, new_ticket(h * w, _PART), keys, starts, packed, ids)
-    if not (sort and n):
-        return _together(ids, False)
-    packed, ids = radix_sort(packed, ids, KEY_BITS, threads)
-    starts = np.searchsorted(packed, np.arange(FACES + 1) << 2 * BITS).astype(np.int64)
-    faces = np.flatnonzero(np.diff(starts))
-    return Order(ids, np.append(starts[faces], n), faces, False)
+    packed, ids = pack(keys, h * w, _PART, counts, threads)
+    return sort_keys(packed, ids, threads) if sort and len(ids) else _together(ids, False)
 
 
 def left_of(order: Order, rays) -> Order:
     """The receivers of which something is still asked after a traversal (Sec. 3.4); `rays`: the `Rays` in this order.
 
-    On the screen they keep their places, and the others' are empty.
+    Where receivers are `placed` the others' places are left empty.
     """
     lanes = np.arange(rays.ways)
     dead = np.bitwise_and.reduce(rays.dead, 1)[:, None] >> lanes & 1
     ids = rays.ids[: dead.size].reshape(dead.shape)
     left = (dead == 0) & (ids >= 0)
-    if order.on_screen:
+    if order.placed:
         return order._replace(ids=np.where(left, ids, -1).reshape(-1))
     first = leaf_starts_of(order, rays.ways)
     counts = np.add.reduceat(left.sum(1), first[:-1]) if len(left) else np.zeros(0, np.int64)
@@ -190,11 +174,11 @@ def leaf_starts_of(order: Order, ways: int) -> np.ndarray:
     return np.append(0, np.cumsum(-(-np.diff(order.starts) // ways)))
 
 
-def _together(ids: np.ndarray, on_screen: bool) -> Order:
-    return Order(ids, np.array([0, len(ids)], np.int64), np.zeros(1, np.int64), on_screen)
+def _together(ids: np.ndarray, placed: bool) -> Order:
+    return Order(ids, np.array([0, len(ids)], np.int64), np.zeros(1, np.int64), placed)
 
 
-def _scale(beam: Beam) -> Scale:
+def scale_of(beam: Beam) -> Scale:
     """What maps the receivers' (u, v) to [0, 1], where the beam is not PERSPECTIVE."""
     extent = float((beam.upper - beam.lower)[:2].max())
     return Scale(beam.lower[0], beam.lower[1], 1.0 / extent if extent > 0.0 else 0.0)

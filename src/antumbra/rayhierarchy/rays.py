@@ -6,7 +6,22 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import get, ptr, ptr_at, put
+from ..simd import (
+    as_i32,
+    gather,
+    get,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    ptr,
+    ptr_at,
+    put,
+    select,
+    stack_f32,
+    stack_i32,
+    store,
+)
+from ..simd import bits as bits_of
 from .asking import asking_of, end_of, patch_for
 from .beams import Beam
 from .order import Order, leaf_starts_of
@@ -66,61 +81,66 @@ def _fill_ends(asking, i, leaves, ends, lane):
 
 
 @inlined
-def _dead_bits(bits, words, i, leaves, dead, lane):
-    """Mark the samples of a receiver that are known to be blocked."""
-    for s in range(leaves.count):
-        n = leaves.first + s
-        if get(bits, i * words + (n >> 6)) >> np.uint64(n & 63) & np.uint64(1):
-            put(dead, s, get(dead, s) | np.int32(1) << lane)
+def _dead(asking, there, lanes, ids, s):
+    """Bits of the lanes whose sample s nothing is asked about; there: the lanes' receivers, of which `lanes` exist."""
+    word = gather(as_i32(asking.bits), there * np.int32(2 * asking.words) + np.int32(s >> 5))
+    return bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0)) | ~lanes
 
 
 @inlined
-def _fill_lane(asking, i, leaves, leaf, lane):
-    """A receiver's numbers."""
-    for k in range(3):
-        put(leaves.origins, (3 * leaf + k) * leaves.ways + lane, get(asking.origins, 3 * i + k))
-    if leaves.end_step != 0:
-        _fill_ends(asking, i, leaves, ptr_at(leaves.ends, leaf * leaves.end_step), lane)
+def _put_lanes(p, at, ways, v, scratch):
+    """Write as many lanes as a leaf has."""
+    if ways == 16:
+        store(p, at, v)
+        return
+    store(scratch, 0, v)
+    for lane in range(ways):
+        put(p, at + lane, get(scratch, lane))
 
 
 @kernel
-def _fill_leaf(asking, ids, n, bits, words, leaves, leaf):
-    """A leaf's n receivers; its other lanes repeat the last of them, and are dead."""
-    dead, ways, i = ptr_at(leaves.dead, leaf * leaves.count), leaves.ways, np.int64(0)
-    for lane in range(ways):
-        here = np.int64(get(ids, lane)) if lane < n else np.int64(-1)
-        put(leaves.ids, leaf * ways + lane, here)
-        if here >= 0:
-            i = here
-            put(leaves.faces, leaf * ways + lane, get(asking.faces, i))
-            _dead_bits(bits, words, i, leaves, dead, lane)
-        else:
-            put(leaves.faces, leaf * ways + lane, -1)
-            for s in range(leaves.count):
-                put(dead, s, get(dead, s) | np.int32(1) << lane)
-        _fill_lane(asking, i, leaves, leaf, lane)
+def _fill_leaf(asking, ids, lanes, leaves, leaf):
+    """A leaf's receivers, of which some `lanes` (bits) exist; the other lanes repeat one of them, and are dead."""
+    ways, at, everyone = leaves.ways, leaf * leaves.ways, (np.int64(1) << leaves.ways) - 1
+    whole, floats = stack_i32(16), stack_f32(16)
+    mask, anyone = mask_from_bits16(lanes), np.int64(get(ids, lowest_bit(lanes))) if lanes != 0 else np.int64(0)
+    there = select(mask, load16(ids, 0), np.int32(anyone))
+    _put_lanes(leaves.ids, at, ways, select(mask, there, np.int32(-1)), whole)
+    _put_lanes(leaves.faces, at, ways, select(mask, gather(asking.faces, there), np.int32(-1)), whole)
+    for k in range(3):
+        _put_lanes(leaves.origins, (3 * leaf + k) * ways, ways, gather(asking.origins, there * 3 + np.int32(k)), floats)
+    for s in range(leaves.count):
+        put(leaves.dead, leaf * leaves.count + s, _dead(asking, there, lanes, ids, leaves.first + s) & everyone)
+    if leaves.end_step != 0:
+        ends = ptr_at(leaves.ends, leaf * leaves.end_step)
+        for lane in range(ways):
+            i = np.int64(get(leaves.ids, at + lane))
+            _fill_ends(asking, i if i >= 0 else anyone, leaves, ends, lane)
 
 
 @kernel
 def _fill(ticket, query, order, leaf_starts, bits, rays):
     """Worker: leaves with the receivers that their places in the order say."""
-    asking, leaves, part = asking_of(query), leaves_of(rays), np.int64(0)
+    asking, leaves, part, places = asking_of(query, bits), leaves_of(rays), np.int64(0), stack_i32(16)
     first = take(ticket)
     while first >= 0:
         for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
             part = part if leaf_starts[part] <= leaf else np.int64(0)
             while leaf_starts[part + 1] <= leaf:
                 part += 1
-            at = order.starts[part] + (leaf - leaf_starts[part]) * leaves.ways
-            n = order.starts[part + 1] - at
-            _fill_leaf(asking, ptr_at(order.ids, at), n, ptr(bits), bits.shape[2], leaves, leaf)
+            at, lanes = order.starts[part] + (leaf - leaf_starts[part]) * leaves.ways, np.int64(0)
+            for lane in range(min(leaves.ways, order.starts[part + 1] - at)):
+                i = order.ids[at + lane]
+                put(places, lane, i)
+                lanes |= np.int64(i >= 0) << lane
+            _fill_leaf(asking, places, lanes, leaves, leaf)
         first = take(ticket)
 
 
 @kernel
-def _fill_common(query, i, rays):
+def _fill_common(query, i, bits, rays):
     """The ends that all receivers have, taken from receiver i."""
-    asking, leaves = asking_of(query), leaves_of(rays)
+    asking, leaves = asking_of(query, bits), leaves_of(rays)
     for lane in range(rays.ways):
         _fill_ends(asking, i, leaves, leaves.ends, lane)
 
@@ -143,7 +163,7 @@ def rays_of(query, beam: Beam, order: Order, ways: int, bits: np.ndarray, thread
     )
     run(_fill, threads, new_ticket(n, 256), query, order, starts, bits, rays)
     if not step and len(order.ids):
-        _fill_common(query, np.int64(max(order.ids.max(), 0)), rays)
+        _fill_common(query, np.int64(max(order.ids.max(), 0)), bits, rays)
     return rays
 
 

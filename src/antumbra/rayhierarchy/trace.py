@@ -10,6 +10,7 @@ from ..bvh.lbvh import by_codes
 from ..parallel import new_ticket, run, thread_count
 from ..scene.lights import FIXED, LIST
 from .beams import AROUND, PERSPECTIVE, Beam, beams_of
+from .blocks import order_by_blocks
 from .boxes import Boxes
 from .cones import Cones
 from .occluders import occluders_first
@@ -61,7 +62,10 @@ def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, opti
     """Trace the segments of one beam."""
     # Boxes have a hierarchy for each face; receivers that ask all around are near those beside them on the screen.
     sort = (options.sorted and beam.kind != AROUND) or (options.boxes and beam.kind == PERSPECTIVE)
-    order = order_of(query, beam, bits, sort, threads, counters)
+    if options.blocks and query.sides.shape[0] > 1:
+        order = order_by_blocks(query, beam, bits, threads, counters)
+    else:
+        order = order_of(query, beam, bits, sort, threads, counters)
     passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
     rays = None
     for picks in passes:
@@ -81,7 +85,7 @@ def _picks(soup: Soup, threads: int, options: Options) -> np.ndarray:
 
 def _trace_pass(soup, query, beam, order: Order, picks, bits, threads, counters, progress, options: Options) -> Rays:
     """Trace some of the triangles."""
-    rays = rays_of(query, beam, order, 16 if options.wide else 4, bits, threads)
+    rays = rays_of(query, beam, order, 16 if options.wide or options.blocks else 4, bits, threads)
     kind = Boxes if options.boxes or beam.kind != PERSPECTIVE else Cones
     tree = tree_of(kind, beam, order, rays, threads)
     how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)

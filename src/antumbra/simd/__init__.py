@@ -36,7 +36,7 @@ Lanes
     `shuffle`, `join`, `compress`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; of masks `bits`, `any_lane`,
     `all_lanes`.
 Memory
-    `load4`, `broadcast4`, `store`, `get`, `put` on arrays and pointers; `ptr`, `ptr_at`, `as_f32`, `as_i32`
+    `load4`, `broadcast4`, `gather`, `store`, `get`, `put` on arrays and pointers; `ptr`, `ptr_at`, `as_f32`, `as_i32`
     make pointers, `f32_at`, `f64_at`, `i32_at` from an address; `stack_f32`, `stack_f64`, `stack_i32`,
     `stack_i64` give scratch memory; `prefetch`; `atomic_add`, `atomic_and`, `atomic_or`.
 Bits of an int64
@@ -119,6 +119,7 @@ from antumbra.simd.memory import (
     broadcast16,
     f32_at,
     f64_at,
+    gather,
     get,
     i32_at,
     load4,
@@ -159,6 +160,7 @@ __all__ = [
     "f64_at",
     "flip_sign",
     "fma",
+    "gather",
     "get",
     "highest_bit",
     "i32_at",

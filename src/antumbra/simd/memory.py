@@ -81,6 +81,29 @@ broadcast4, broadcast8, broadcast16 = (_make_broadcast(lanes) for lanes in (4, 8
 
 
 @intrinsic
+def gather(typingctx, a, i):
+    """Elements of `a`, one for each lane of the indices `i`, i32; no lane is left out."""
+    _check("gather", a)
+    if not (isinstance(i, Vector) and i.element == types.int32):
+        reject("gather", a, i, cure="the indices must be a vector of int32")
+    vector = _vector_of("gather", a, i.lanes)
+
+    def codegen(context, builder, sig, values):
+        element = context.get_data_type(a.dtype)
+        wide = ir.VectorType(ir.IntType(64), i.lanes)
+        base = builder.ptrtoint(_first(context, builder, a, values[0]), ir.IntType(64))
+        step = builder.mul(builder.sext(values[1], wide), ir.Constant(wide, [4] * i.lanes))
+        pointers = builder.inttoptr(
+            builder.add(repeat(builder, base, i.lanes), step), ir.VectorType(element.as_pointer(), i.lanes)
+        )
+        everyone = ir.Constant(ir.VectorType(ir.IntType(1), i.lanes), [1] * i.lanes)
+        args = [pointers, I32(4), everyone, ir.Constant(llvm_type(vector), ir.Undefined)]
+        return call_llvm(builder, f"llvm.masked.gather.{vector.suffix}.v{i.lanes}p0", llvm_type(vector), args)
+
+    return vector(a, i), codegen
+
+
+@intrinsic
 def store(typingctx, a, i, v):
     """Write the lanes of `v` to elements i, i + 1, ... of `a`; any alignment."""
     _check("store", a, i, writes=True)
