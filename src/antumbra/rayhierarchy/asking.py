@@ -10,10 +10,11 @@ from ..query.receivers import FREE, NOTHING
 from ..query.samples import patch_at, sample_point
 from ..query.shadow import Horizon, is_above
 from ..scene.lights import AMBIENT, LightPatch
-from ..simd import bits, fma, gather, get, load16, lowest_bit, popcount, ptr, put
+from ..simd import bits, gather, get, load16, lowest_bit, popcount, ptr, put
 from ..trace.counters import BELOW_HORIZON, RAYS, count
 from ..trace.vec import Vec
 from .beams import AROUND, PERSPECTIVE
+from .view import relative16
 
 _SLANT = np.float64(2.0**-16)
 _MORE = np.float64(1.000001)
@@ -204,12 +205,4 @@ def places_of(asking, view, ids):
     """`Vec`: where 16 receivers are in the beam's frame, in float32."""
     at = load16(ids, 0) * 3
     o = Vec(gather(asking.origins, at), gather(asking.origins, at + 1), gather(asking.origins, at + 2))
-    if view.kind == PERSPECTIVE:
-        return Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z))
-    return Vec(_along(o, view.u), _along(o, view.v), _along(o, view.w))
-
-
-@inlined
-def _along(o, axis):
-    f = np.float32
-    return fma(o.x, f(axis[0]), fma(o.y, f(axis[1]), o.z * f(axis[2])))
+    return relative16(view, o)

@@ -28,7 +28,7 @@ class Beam(NamedTuple):
     count: int  # samples
     set: int  # sample set whose receivers ask; -1: all sets
     common: bool  # all these receivers have the same ends
-    apex: np.ndarray  # (3,) float64, recentred frame; PERSPECTIVE: the centre of all ends, exact if there is one only
+    apex: np.ndarray  # (3,) float64, recentred frame; PERSPECTIVE: the middle of all ends, a float32 point
     axes: np.ndarray  # (3, 3) float64: rows u, v and, PARALLEL, towards the light
     radius: float  # PERSPECTIVE: no end is farther from the apex; PARALLEL: sine of the angle of all directions to the
     # third axis; AROUND: no end is farther from its receiver
@@ -79,8 +79,10 @@ def _around(ends: np.ndarray, first: int, count: int, which: int) -> Beam:
 
 
 def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float) -> Beam:
-    radius = radius * _MORE + 2.0**-22 * float(np.abs(centre).max() + radius)
-    return Beam(PERSPECTIVE, first, count, which, False, centre, np.eye(3), radius, np.zeros(3), np.zeros(3), 0.0)
+    """The beam of ends in a ball; its apex is a float32 point, so that differences to it are rounded once."""
+    apex, none = centre.astype(np.float32).astype(np.float64), np.zeros(3)
+    radius = (radius + float(np.linalg.norm(centre - apex))) * _MORE + 2.0**-22 * float(np.abs(apex).max() + radius)
+    return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), radius, none, none, 0.0)
 
 
 def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:

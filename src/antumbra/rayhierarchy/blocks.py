@@ -32,9 +32,9 @@ from ..simd import (
 )
 from ..trace.counters import add_counters, private_counters
 from .asking import Samples, asking_of, places_of, who_asks
-from .beams import PERSPECTIVE, Beam
-from .keys import cube_keys, flat_keys, on_cube
-from .order import Order, at_apex, pack, scale_of, sort_keys
+from .beams import Beam
+from .keys import cells_of
+from .order import Order, at_apex, pack, places_on, scale_of, sort_cells
 from .view import view_of
 
 GROUPS = 8  # of a block, at most; there are six faces
@@ -52,10 +52,9 @@ def _extent(x, lanes):
 
 
 @kernel
-def _beyond_gap(p, lanes):
+def _beyond_gap(p, lanes, extent):
     """Bits of the lanes above the widest gap between the numbers of `lanes` at p; 0 if it is not wide."""
     x, mask = load16(p, 0), mask_from_bits16(lanes)
-    low, high = _extent(x, lanes)
     following, some = splat16(_INF), lanes
     while some != 0:
         other = broadcast16(p, lowest_bit(some))
@@ -63,42 +62,49 @@ def _beyond_gap(p, lanes):
         following = select(other > x, minimum(following, other), following)
     gap = select(mask & (following < _INF), following - x, _F(0.0))
     widest = reduce_max(gap)
-    if not widest > (high - low) * _GAP:
+    if not widest > (extent[1] - extent[0]) * _GAP:
         return np.int64(0)
     edge = broadcast16(p, lowest_bit(bits_of(gap == widest)))
     return bits_of(x > edge) & lanes
 
 
-@inlined
-def _cut(face, places, lanes, full):
-    """Bits of the lanes that should part from the others of a group; 0: none. full: only faces may part them."""
-    faces = load16(face, 0)
-    others = lanes & ~bits_of(faces == np.int32(get(face, lowest_bit(lanes))))
-    if others != 0 or full or lanes & (lanes - 1) == 0:
+@kernel
+def _cut(face, places, lanes, full, centre):
+    """Bits of the lanes that should part from the others of a group; 0: none, and then its centre (u, v) is written.
+
+    full : only faces may part them
+    """
+    others = lanes & ~bits_of(load16(face, 0) == np.int32(get(face, lowest_bit(lanes))))
+    if others != 0:
         return others
     u, v = _extent(load16(places, 0), lanes), _extent(load16(places, 16), lanes)
-    return _beyond_gap(places if u[1] - u[0] > v[1] - v[0] else ptr_at(places, 16), lanes)
+    if not full and lanes & (lanes - 1) != 0:
+        along_u = u[1] - u[0] > v[1] - v[0]
+        others = _beyond_gap(places if along_u else ptr_at(places, 16), lanes, u if along_u else v)
+    if others == 0:
+        put(centre, 0, (u[0] + u[1]) * _F(0.5))
+        put(centre, 16, (v[0] + v[1]) * _F(0.5))
+    return others
 
 
 @kernel
-def _groups(face, places, lanes, groups):
-    """Write bits of each group of a block's lanes; how many there are.
+def _groups(face, places, lanes, groups, centres):
+    """Write bits of each group of a block's lanes, its face, and u and v of its centre; how many there are.
 
-    face : pointer to 16 int32; places: to 32 float32, u and v
+    face : pointer to 16 int32; places: to 32 float32, u and v; groups: to 32 int32, bits and faces
     """
-    n = np.int64(0)
+    n, i = np.int64(lanes != 0), np.int64(0)
     put(groups, 0, lanes)
-    if lanes != 0:
-        n, i = np.int64(1), np.int64(0)
-        while i < n:
-            group = np.int64(get(groups, i))
-            apart = _cut(face, places, group, n >= GROUPS - 5)
-            if apart != 0:
-                put(groups, i, group & ~apart)
-                put(groups, n, apart)
-                n += 1
-            else:
-                i += 1
+    while i < n:
+        group = np.int64(get(groups, i))
+        apart = _cut(face, places, group, n > GROUPS - 6, ptr_at(centres, i))
+        if apart != 0:
+            put(groups, i, group & ~apart)
+            put(groups, n, apart)
+            n += 1
+        else:
+            put(groups, 16 + i, get(face, lowest_bit(group)))
+            i += 1
     return n
 
 
@@ -111,35 +117,13 @@ def _block_ids(block, w, h, ids):
     return bits_of((x < np.int32(w)) & (y < np.int32(h)))
 
 
-@inlined
-def _centres(view, scale, face, places, groups, n):
-    """i32x16: the key of each of n groups."""
-    centre = stack_f32(32)
-    faces = stack_i32(16)
-    for i in range(n):
-        lanes = np.int64(get(groups, i))
-        u, v = _extent(load16(places, 0), lanes), _extent(load16(places, 16), lanes)
-        put(centre, i, (u[0] + u[1]) * _F(0.5))
-        put(centre, 16 + i, (v[0] + v[1]) * _F(0.5))
-        put(faces, i, get(face, lowest_bit(lanes)))
-    if view.kind == PERSPECTIVE:
-        return cube_keys(load16(faces, 0), load16(centre, 0), load16(centre, 16))
-    return flat_keys(load16(centre, 0), load16(centre, 16), scale)
-
-
 @kernel
-def _write_groups(ticket, query, beam, scale, bits, keys, lanes_of, counts, tally):
-    """Worker: the key and the lanes of each group of each block; keys are -1 where there is none."""
+def _write_groups(ticket, query, beam, scale, bits, cells, lanes_of, counts, tally):
+    """Worker: the cell and the lanes of each group of each block; cells are -1 where there is none."""
     asking, view, samples = asking_of(query, bits), view_of(beam), Samples(beam.first, beam.count, beam.set)
     h, w = query.sides.shape
-    ids, face, groups, places, mine = (
-        stack_i32(16),
-        stack_i32(16),
-        stack_i32(16),
-        stack_f32(32),
-        private_counters(tally),
-    )
-    out, out_lanes = ptr(keys), ptr(lanes_of)
+    ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
+    out, out_lanes, mine = ptr(cells), ptr(lanes_of), private_counters(tally)
     first = take(ticket)
     while first >= 0:
         total = 0
@@ -147,19 +131,16 @@ def _write_groups(ticket, query, beam, scale, bits, keys, lanes_of, counts, tall
             there = _block_ids(np.int32(block), w, h, ids)
             d = places_of(asking, view, ids)
             asks = who_asks(asking, view, samples, ids, there & ~at_apex(view, d), mine)
-            faces, u, v = splat16(np.int32(0)), d.x, d.y
-            if view.kind == PERSPECTIVE:
-                faces, u, v = on_cube(d)
+            faces, u, v = places_on(view, scale, d)
             store(face, 0, faces)
             store(places, 0, u)
             store(places, 16, v)
-            n = _groups(face, places, asks, groups)
-            key = select(iota16() < np.int32(n), _centres(view, scale, face, places, groups, n), np.int32(-1))
-            for i in range(GROUPS):
-                put(out_lanes, block * GROUPS + i, get(groups, i) if i < n else 0)
-            store(face, 0, key)
+            n = _groups(face, places, asks, groups, centres)
+            cell = cells_of(load16(groups, 16), load16(centres, 0), load16(centres, 16))
+            store(face, 0, select(iota16() < np.int32(n), cell, np.int32(-1)))
             for i in range(GROUPS):
                 put(out, block * GROUPS + i, get(face, i))
+                put(out_lanes, block * GROUPS + i, get(groups, i))
             total += n
         counts[first // ticket[CHUNK]] = total
         first = take(ticket)
@@ -183,11 +164,11 @@ def order_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=Non
     """The `Order` of the receivers that ask a beam, as `order_of`; for leaves of 16 of a picture's pixels."""
     h, w = query.sides.shape
     blocks = -(-h // 4) * -(-w // 4)
-    keys, lanes_of = np.empty(blocks * GROUPS, np.int32), np.empty(blocks * GROUPS, np.int32)
+    cells, lanes_of = np.empty(blocks * GROUPS, np.int32), np.empty(blocks * GROUPS, np.int32)
     counts = np.zeros(-(-blocks // _PART) + 1, np.int64)
     ticket = new_ticket(blocks, _PART)
-    run(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, keys, lanes_of, counts[1:], tally)
-    order = sort_keys(*pack(keys, len(keys), _PART * GROUPS, counts, threads), threads)
+    run(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, cells, lanes_of, counts[1:], tally)
+    order = sort_cells(*pack(cells, len(cells), _PART * GROUPS, counts, threads), threads)
     ids = np.empty(16 * len(order.ids), np.int32)
     run(_expand, threads, new_ticket(len(order.ids), 1024), order.ids, lanes_of, w, h, ids)
     return Order(ids, 16 * order.starts, order.faces, True)

@@ -12,22 +12,28 @@ import numpy as np
 from numba.extending import overload
 
 from ..jit import inlined, kernel
-from ..simd import as_i32, bits, broadcast16, fma, get, load16, ptr, put
+from ..simd import (
+    any_lane,
+    bits,
+    fma,
+    get,
+    load16,
+    mask_from_bits16,
+    ptr,
+    put,
+    reduce_max,
+    reduce_min,
+    select,
+)
+from ..trace.vec import rows
 from . import nodes as names
-from .beams import AROUND, PERSPECTIVE
-from .planes import nothing, sphere_of
-from .view import projected, relative, turned
+from .boxrows import BOX, CORNERS, lower, upper, write_box_row
+from .rows import COVERS, INNER, LANES, OUTER, number, number16, whole
+from .view import projected16
 
 ROWS = 6  # of a node: u, v, q, each lowest and highest
-OUTER, INNER, BOX, CORNERS, TRIANGLE, COVERS = 0, 16, 32, 38, 50, 51
-"""Where a row has: four outer planes, four inner ones, the triangle's box, which rows of a node the farthest corners
-of the outer planes are in, the triangle's number, and whether the inner planes hold."""
-
 _F = np.float32
-_E = np.float64(2.0**-20)  # above the rounding of a plane's numbers, a box's, and of their products, for sums up to 1
-_INFINITE = np.float64(np.inf)
-_HUGE = np.float64(1e30)
-_SLANT = np.float64(1e-6)  # more than a receiver on a face can be beyond its edges, in units of its distance
+_HUGE = np.float32(1e30)
 
 
 class Boxes(NamedTuple):
@@ -44,6 +50,38 @@ def _pointed(nodes):
         return lambda nodes: Boxes(ptr(nodes.numbers))
 
 
+@kernel
+def _union_of_boxes(block, lanes, union):
+    """Write the box around those of some of 16 triangles."""
+    mask, inf = mask_from_bits16(lanes), _F(np.inf)
+    for k in range(0, 6, 2):
+        put(union, k, reduce_min(select(mask, load16(block, LANES * (BOX + k)), inf)))
+        put(union, k + 1, reduce_max(select(mask, load16(block, LANES * (BOX + k + 1)), -inf)))
+    return True
+
+
+@inlined
+def _meet_box(group, union, ways):
+    """Bits of the nodes that a box meets."""
+    found = mask_from_bits16(0xFFFF)
+    for k in range(0, 6, 2):
+        found = found & (load16(group, k * ways) <= get(union, k + 1))
+        found = found & (load16(group, (k + 1) * ways) >= get(union, k))
+    return bits(found)
+
+
+@overload(names.union_of)
+def _union_of(nodes, block, lanes, union):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, block, lanes, union: _union_of_boxes(block, lanes, union)
+
+
+@overload(names.meet_union)
+def _meet_union(nodes, group, union, ways):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, group, union, ways: _meet_box(group, union, ways)
+
+
 @overload(names.rows_of)
 def _rows_of(nodes):
     if nodes.instance_class is Boxes:
@@ -57,48 +95,27 @@ def _put_box(group, ways, lane, low, high):
         put(group, (2 * k + 1) * ways + lane, high[k])
 
 
-@inlined
-def _least(a, b):
-    return a if a < b else b
-
-
-@inlined
-def _most(a, b):
-    return a if a > b else b
-
-
-@inlined
-def _lower(a, b):
-    return _least(a[0], b[0]), _least(a[1], b[1]), _least(a[2], b[2])
-
-
-@inlined
-def _upper(a, b):
-    return _most(a[0], b[0]), _most(a[1], b[1]), _most(a[2], b[2])
-
-
 @kernel
 def _box_of_leaf(view, face, leaves, leaf, group, lane):
-    """The box around the receivers of a leaf."""
-    found = False
-    low = _INFINITE, _INFINITE, _INFINITE
-    high = -_INFINITE, -_INFINITE, -_INFINITE
-    for i in range(leaves.ways):
-        if get(leaves.ids, leaf * leaves.ways + i) >= 0:
-            at = 3 * leaf * leaves.ways + i
-            p = (
-                get(leaves.origins, at),
-                get(leaves.origins, at + leaves.ways),
-                get(leaves.origins, at + 2 * leaves.ways),
-            )
-            d = relative(view, (np.float64(p[0]), np.float64(p[1]), np.float64(p[2])))
-            u, v, q = projected(view, d, face)
-            if not (u > -_INFINITE and q < _HUGE):  # at the apex: nothing is known
-                u, v, q = np.float64(0.0), np.float64(0.0), _HUGE
-            low, high, found = _lower(low, (u, v, q)), _upper(high, (u, v, q)), True
-    if found:
-        _put_box(group, leaves.ways, lane, low, high)
-    return found
+    """The box around the receivers of a leaf; the lanes without one repeat others."""
+    ways = leaves.ways
+    there = mask_from_bits16(bits(load16(leaves.ids, leaf * ways) >= np.int32(0)) & (np.int64(1) << ways) - 1)
+    if not any_lane(there):
+        return False
+    x, y, z = projected16(view, rows(leaves.origins, 3 * leaf * ways, ways), face)
+    known = ~(z > _HUGE)  # else it is at the apex, or NaN, and nothing is known of its direction
+    _put_range(group, 0, ways, lane, there, select(known, x, _F(0.0)))
+    _put_range(group, 2, ways, lane, there, select(known, y, _F(0.0)))
+    _put_range(group, 4, ways, lane, there, select(known, z, _HUGE))
+    return True
+
+
+@inlined
+def _put_range(group, k, ways, lane, there, x):
+    """Write the least and the largest of some lanes as numbers k and k + 1 of a node."""
+    inf = _F(np.inf)
+    put(group, k * ways + lane, reduce_min(select(there, x, inf)))
+    put(group, (k + 1) * ways + lane, reduce_max(select(there, x, -inf)))
 
 
 @kernel
@@ -108,8 +125,8 @@ def _box_of_nodes(children, alive, ways, group, lane):
     low, high = (inf, inf, inf), (-inf, -inf, -inf)
     for i in range(ways):
         if alive >> i & 1:
-            low = _lower(low, (get(children, i), get(children, 2 * ways + i), get(children, 4 * ways + i)))
-            high = _upper(high, (get(children, ways + i), get(children, 3 * ways + i), get(children, 5 * ways + i)))
+            low = lower(low, (get(children, i), get(children, 2 * ways + i), get(children, 4 * ways + i)))
+            high = upper(high, (get(children, ways + i), get(children, 3 * ways + i), get(children, 5 * ways + i)))
     _put_box(group, ways, lane, low, high)
 
 
@@ -126,163 +143,51 @@ def _bound_node(nodes, children, alive, ways, group, lane):
 
 
 @inlined
-def _put_plane(row, at, plane, view, face, sign):
-    """Write a plane as (a, b, c, d), for f = a u + b v + c + d q, made a little larger (sign 1) or smaller (-1)."""
-    size = abs(plane.x) + abs(plane.y) + abs(plane.z)
-    s = 1.0 / size if size > 0.0 else np.float64(0.0)
-    x, y, z, m = plane.x * s, plane.y * s, plane.z * s, plane.m * s
-    if view.kind == PERSPECTIVE:
-        a, b, c = turned((x, y, z), face)
-        d = m + sign * _E * abs(m)
-        c += sign * _E if s > 0.0 else np.float64(0.0)
-    else:
-        a, b, d = x, y, z
-        c = m + sign * _E * (abs(m) + view.scale) if s > 0.0 else np.float64(0.0)
-    put(row, at, a)
-    put(row, at + 1, b)
-    put(row, at + 2, c)
-    put(row, at + 3, d)
-
-
-@inlined
-def _corner(row, at, plane, ways):
-    """Which rows of a node the corner is in that is farthest along a plane's normal."""
-    whole = as_i32(row)
-    put(whole, at, (1 if get(row, plane) > 0 else 0) * ways)
-    put(whole, at + 1, (3 if get(row, plane + 1) > 0 else 2) * ways)
-    put(whole, at + 2, (5 if get(row, plane + 3) > 0 else 4) * ways)
-
-
-@inlined
-def _shadow(x, z, r, low, high):
-    """Lowest and highest place of what a corner's shadow can meet: of (x - k y) / (z - k w), |y|, |w| <= r, k <= 1."""
-    near, far = 1.0 / (z - r), 1.0 / (z + r)
-    low = _least(low, (x - r) * (near if x - r < 0.0 else far))
-    return low, _most(high, (x + r) * (near if x + r > 0.0 else far))
-
-
-@inlined
-def _misses_face(corners, r):
-    """Is a triangle, in a face's (u, v, depth), beyond one of the planes that bound the face, or behind the apex?"""
-    a, b, c, d, behind = True, True, True, True, True
-    for u, v, z in corners:
-        far = -_SLANT * (abs(u) + abs(v) + abs(z)) - 2.001 * r
-        a, b, c, d = a and z - u < far, b and z + u < far, c and z - v < far, d and z + v < far
-        behind = behind and z < far
-    return a or b or c or d or behind
-
-
-@inlined
-def _perspective_box(view, face, corners):
-    """((u, v, q) lower, upper, is there anything?) of where the triangle's shadow is on a face."""
-    inf, r = _INFINITE, view.radius
-    corners = turned(corners[0], face), turned(corners[1], face), turned(corners[2], face)
-    if _misses_face(corners, r):
-        return (inf, inf, inf), (-inf, -inf, -inf), False
-    nearest = _least(_least(corners[0][2], corners[1][2]), corners[2][2])
-    if not nearest > r * 1.000001 + 1e-30:
-        return (-inf, -inf, -inf), (inf, inf, inf), True
-    u0, u1, v0, v1 = inf, -inf, inf, -inf
-    for u, v, z in corners:
-        u0, u1 = _shadow(u, z, r, u0, u1)
-        v0, v1 = _shadow(v, z, r, v0, v1)
-    return (u0, v0, -inf), (u1, v1, 1.0 / (nearest - r)), True
-
-
-@inlined
-def _parallel_box(view, low, high):
-    """The same for a light that is far away, or all around, from the box of what blocks it."""
-    if view.kind == AROUND:
-        r = view.radius
-        return (low[0] - r, low[1] - r, low[2] - r), (high[0] + r, high[1] + r, high[2] + r)
-    if not view.radius < 0.999:
-        return (-_INFINITE, -_INFINITE, -_INFINITE), (_INFINITE, _INFINITE, high[2])
-    r = view.radius / np.sqrt(1.0 - view.radius * view.radius) * _most(high[2] - view.lowest, 0.0) * 1.000001
-    return (low[0] - r, low[1] - r, -_INFINITE), (high[0] + r, high[1] + r, high[2])
-
-
-@inlined
-def _put_bounds(row, low, high, scale):
-    for k in range(3):
-        put(row, BOX + 2 * k, low[k] - _E * (abs(low[k]) + scale))
-        put(row, BOX + 2 * k + 1, high[k] + _E * (abs(high[k]) + scale))
-
-
-@kernel
-def _write_box_row(view, face, ways, shape, spheres, row):
-    low, high = _lower(_lower(shape.a, shape.b), shape.c), _upper(_upper(shape.a, shape.b), shape.c)
-    if spheres:  # the box of the sphere, and no planes
-        centre, r = sphere_of(shape)
-        low, high = (centre[0] - r, centre[1] - r, centre[2] - r), (centre[0] + r, centre[1] + r, centre[2] + r)
-    if view.kind == PERSPECTIVE:
-        low, high, there = _perspective_box(view, face, (shape.a, shape.b, shape.c))
-        if not there:
-            return False
-    else:
-        low, high = _parallel_box(view, low, high)
-    for k in range(4):
-        _put_plane(row, OUTER + 4 * k, nothing() if spheres else shape.outer[k], view, face, np.float64(1.0))
-        _put_plane(row, INNER + 4 * k, shape.inner[k], view, face, np.float64(-1.0))
-        _corner(row, CORNERS + 3 * k, OUTER + 4 * k, ways)
-    _put_bounds(row, low, high, np.float64(1.0) if view.kind == PERSPECTIVE else view.scale)
-    put(as_i32(row), COVERS, 1 if shape.covers else 0)
-    return True
-
-
-@inlined
 def _height(row, at, u, v, q):
     """f32x16: the plane at a place of a row, at the points (u, v, q)."""
-    f = fma(u, broadcast16(row, at), broadcast16(row, at + 2))
-    return fma(q, broadcast16(row, at + 3), fma(v, broadcast16(row, at + 1), f))
+    f = fma(u, number16(row, at), number16(row, at + 2))
+    return fma(q, number16(row, at + 3), fma(v, number16(row, at + 1), f))
 
 
 @inlined
 def _not_outside(group, row, at, corner):
     """mask16 of the nodes whose farthest corner is not on the negative side of an outer plane."""
-    u, v = load16(group, get(as_i32(row), corner)), load16(group, get(as_i32(row), corner + 1))
-    q = load16(group, get(as_i32(row), corner + 2))
-    f = fma(
-        q,
-        broadcast16(row, at + 3),
-        fma(v, broadcast16(row, at + 1), fma(u, broadcast16(row, at), broadcast16(row, at + 2))),
-    )
-    return ~(f < _F(0.0))
+    u, v = load16(group, whole(row, corner)), load16(group, whole(row, corner + 1))
+    q = load16(group, whole(row, corner + 2))
+    return ~(_height(row, at, u, v, q) < _F(0.0))
 
 
 @inlined
 def _overlaps(group, row, ways):
     """mask16 of the nodes that overlap the box of the triangle's shadow."""
-    u = (load16(group, 0) <= broadcast16(row, BOX + 1)) & (load16(group, ways) >= broadcast16(row, BOX))
-    v = (load16(group, 2 * ways) <= broadcast16(row, BOX + 3)) & (load16(group, 3 * ways) >= broadcast16(row, BOX + 2))
-    q = (load16(group, 4 * ways) <= broadcast16(row, BOX + 5)) & (load16(group, 5 * ways) >= broadcast16(row, BOX + 4))
+    u = (load16(group, 0) <= number16(row, BOX + 1)) & (load16(group, ways) >= number16(row, BOX))
+    v = (load16(group, 2 * ways) <= number16(row, BOX + 3)) & (load16(group, 3 * ways) >= number16(row, BOX + 2))
+    q = (load16(group, 4 * ways) <= number16(row, BOX + 5)) & (load16(group, 5 * ways) >= number16(row, BOX + 4))
     return u & v & q
 
 
 @inlined
-def _possible_boxes(group, row, ways):
-    found = _overlaps(group, row, ways)
-    for k in range(4):
-        found = found & _not_outside(group, row, OUTER + 4 * k, CORNERS + 3 * k)
-    return bits(found)
+def _possible_boxes(group, row, ways, alive):
+    found = bits(_overlaps(group, row, ways)) & alive
+    if found == 0:
+        return found
+    own = _not_outside(group, row, OUTER + 12, CORNERS + 9)
+    ab, bc = _not_outside(group, row, OUTER, CORNERS), _not_outside(group, row, OUTER + 4, CORNERS + 3)
+    return found & bits(own & ab & bc & _not_outside(group, row, OUTER + 8, CORNERS + 6))
 
 
 @inlined
 def _inside(group, row, at, ways):
     """mask16 of the nodes whose nearest corner is on the positive side of an inner plane."""
-    u = load16(group, (0 if get(row, at) > 0 else 1) * ways)
-    v = load16(group, (2 if get(row, at + 1) > 0 else 3) * ways)
-    q = load16(group, (4 if get(row, at + 3) > 0 else 5) * ways)
-    f = fma(
-        q,
-        broadcast16(row, at + 3),
-        fma(v, broadcast16(row, at + 1), fma(u, broadcast16(row, at), broadcast16(row, at + 2))),
-    )
-    return f > _F(0.0)
+    u = load16(group, (0 if number(row, at) > 0 else 1) * ways)
+    v = load16(group, (2 if number(row, at + 1) > 0 else 3) * ways)
+    q = load16(group, (4 if number(row, at + 3) > 0 else 5) * ways)
+    return _height(row, at, u, v, q) > _F(0.0)
 
 
 @inlined
 def _covered_boxes(group, row, ways):
-    if get(as_i32(row), COVERS) == 0:
+    if whole(row, COVERS) == 0:
         return np.int64(0)
     found = _inside(group, row, INNER, ways) & _inside(group, row, INNER + 4, ways)
     return bits(found & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways))
@@ -291,15 +196,19 @@ def _covered_boxes(group, row, ways):
 @overload(names.write_row)
 def _write_row(nodes, view, face, ways, shape, spheres, row):
     if nodes.instance_class is Boxes:
-        return lambda nodes, view, face, ways, shape, spheres, row: _write_box_row(
-            view, face, ways, shape, spheres, row
-        )
+        return lambda nodes, view, face, ways, shape, spheres, row: write_box_row(view, face, ways, shape, spheres, row)
+
+
+@overload(names.writes_sixteen)
+def _writes_sixteen(nodes):
+    if nodes.instance_class is Boxes:
+        return lambda nodes: True
 
 
 @overload(names.possible)
-def _possible(nodes, group, row, ways, spheres):
+def _possible(nodes, group, row, ways, alive, spheres):
     if nodes.instance_class is Boxes:
-        return lambda nodes, group, row, ways, spheres: _possible_boxes(group, row, ways)
+        return lambda nodes, group, row, ways, alive, spheres: _possible_boxes(group, row, ways, alive)
 
 
 @overload(names.covered)

@@ -15,9 +15,7 @@ from numba.extending import overload
 from ..jit import inlined, kernel
 from ..simd import (
     absolute,
-    as_i32,
     bits,
-    broadcast16,
     fma,
     get,
     load16,
@@ -30,13 +28,13 @@ from ..simd import (
 )
 from ..trace.vec import Vec, dot, rows
 from . import nodes as names
-from .boxes import COVERS, INNER, OUTER
 from .planes import sphere_of
+from .rows import COVERS, INNER, OUTER, number16, put_number, put_whole, whole
 
 ROWS = 7  # of a node: the axis, cos a, sin a, the shortest and the longest ray
 SPHERE, DIRECTIONS, EXACT = 32, 37, 46
 """Where a row has the sphere around a triangle (centre, radius, the centre's distance), the unit vectors to its
-corners, and whether all rays end in the apex. Its other places are those of `boxes`."""
+corners, and whether all rays end in the apex."""
 
 _F = np.float32
 _E = _F(2.0**-20)  # above the rounding of products of unit vectors
@@ -162,10 +160,10 @@ def _cone_of_nodes(children, alive, ways, group, lane):
 def _put_plane(row, at, plane):
     """Write a plane with a unit normal."""
     n, length = _unit((plane.x, plane.y, plane.z))
-    put(row, at, n[0])
-    put(row, at + 1, n[1])
-    put(row, at + 2, n[2])
-    put(row, at + 3, plane.m / length if length > _TINY else 0.0)
+    put_number(row, at, n[0])
+    put_number(row, at + 1, n[1])
+    put_number(row, at + 2, n[2])
+    put_number(row, at + 3, plane.m / length if length > _TINY else 0.0)
 
 
 @kernel
@@ -176,24 +174,24 @@ def _write_cone_row(view, shape, row):
         _put_plane(row, INNER + 4 * k, shape.inner[k])
     for k in range(3):
         d = _unit(corners[k])[0]
-        put(row, DIRECTIONS + 3 * k, d[0])
-        put(row, DIRECTIONS + 3 * k + 1, d[1])
-        put(row, DIRECTIONS + 3 * k + 2, d[2])
+        put_number(row, DIRECTIONS + 3 * k, d[0])
+        put_number(row, DIRECTIONS + 3 * k + 1, d[1])
+        put_number(row, DIRECTIONS + 3 * k + 2, d[2])
     centre, radius = sphere_of(shape)
     for k in range(3):
-        put(row, SPHERE + k, centre[k])
-    put(row, SPHERE + 3, radius + view.radius)
-    put(row, SPHERE + 4, np.sqrt(_dot(centre, centre)))
-    put(as_i32(row), EXACT, 1 if view.radius == 0.0 else 0)
-    put(as_i32(row), COVERS, 1 if shape.covers else 0)
+        put_number(row, SPHERE + k, centre[k])
+    put_number(row, SPHERE + 3, radius + view.radius)
+    put_number(row, SPHERE + 4, np.sqrt(_dot(centre, centre)))
+    put_whole(row, EXACT, 1 if view.radius == 0.0 else 0)
+    put_whole(row, COVERS, 1 if shape.covers else 0)
     return True
 
 
 @inlined
 def _along(group, ways, row, at):
     """f32x16: n . w of the vector at a place of a row."""
-    y = fma(load16(group, ways), broadcast16(row, at + 1), load16(group, 2 * ways) * broadcast16(row, at + 2))
-    return fma(load16(group, 0), broadcast16(row, at), y)
+    y = fma(load16(group, ways), number16(row, at + 1), load16(group, 2 * ways) * number16(row, at + 2))
+    return fma(load16(group, 0), number16(row, at), y)
 
 
 @inlined
@@ -207,7 +205,7 @@ def _may_reach(group, ways, row, at):
     """mask16 of the cones that have a ray end where the outer plane at a place of a row is not negative."""
     c, cos, sin = _along(group, ways, row, at), load16(group, 3 * ways), load16(group, 4 * ways)
     k = select(c >= cos - _E, splat16(_F(1.0)), fma(c, cos, _sine(c) * sin)) + _E
-    m = broadcast16(row, at + 3)
+    m = number16(row, at + 3)
     length = select(k > _F(0.0), load16(group, 6 * ways), load16(group, 5 * ways))
     return ~(fma(k, length, fma(absolute(m), _E, m)) < _F(0.0))
 
@@ -216,10 +214,10 @@ def _may_reach(group, ways, row, at):
 def _meets_sphere(group, ways, row):
     """mask16 of the cones that the sphere may meet [Roger et al. 2007]."""
     z = _along(group, ways, row, SPHERE)
-    x = broadcast16(row, SPHERE) - z * load16(group, 0)
-    y = broadcast16(row, SPHERE + 1) - z * load16(group, ways)
-    p = Vec(x, y, broadcast16(row, SPHERE + 2) - z * load16(group, 2 * ways))
-    r, far = broadcast16(row, SPHERE + 3), broadcast16(row, SPHERE + 4)
+    x = number16(row, SPHERE) - z * load16(group, 0)
+    y = number16(row, SPHERE + 1) - z * load16(group, ways)
+    p = Vec(x, y, number16(row, SPHERE + 2) - z * load16(group, 2 * ways))
+    r, far = number16(row, SPHERE + 3), number16(row, SPHERE + 4)
     slack = fma(far, _E, r)
     away = square_root(dot(p, p)) * load16(group, 3 * ways) - z * load16(group, 4 * ways)
     return (away <= slack) & (far - slack <= load16(group, 6 * ways))
@@ -259,17 +257,18 @@ def _in_shadow(group, ways, row):
 @inlined
 def _across(row, at, w, z):
     """`Vec`: the part of a corner's direction that is at right angles to the axes."""
-    x, y = broadcast16(row, at) - z * w.x, broadcast16(row, at + 1) - z * w.y
-    return Vec(x, y, broadcast16(row, at + 2) - z * w.z)
+    x, y = number16(row, at) - z * w.x, number16(row, at + 1) - z * w.y
+    return Vec(x, y, number16(row, at + 2) - z * w.z)
 
 
 @inlined
-def _possible_cones(group, row, ways, spheres):
+def _possible_cones(group, row, ways, alive, spheres):
     if spheres:
-        return bits(_meets_sphere(group, ways, row))
+        return bits(_meets_sphere(group, ways, row)) & alive
     found = _may_reach(group, ways, row, OUTER) & _may_reach(group, ways, row, OUTER + 4)
     found = bits(found & _may_reach(group, ways, row, OUTER + 8) & _may_reach(group, ways, row, OUTER + 12))
-    if found != 0 and get(as_i32(row), EXACT) != 0:
+    found &= alive
+    if found != 0 and whole(row, EXACT) != 0:
         found &= ~bits(_in_shadow(group, ways, row))
     return found
 
@@ -280,13 +279,13 @@ def _all_beyond(group, ways, row, at):
     c, cos, sin = _along(group, ways, row, at), load16(group, 3 * ways), load16(group, 4 * ways)
     k = fma(c, cos, -(_sine(c) * sin)) - _E
     narrow = (c > _F(0.0)) & (cos > _F(0.0)) & (k > _F(0.0))
-    m = broadcast16(row, at + 3)
+    m = number16(row, at + 3)
     return narrow & (fma(k, load16(group, 5 * ways), fma(absolute(m), -_E, m)) > _F(0.0))
 
 
 @inlined
 def _covered_cones(group, row, ways):
-    if get(as_i32(row), COVERS) == 0:
+    if whole(row, COVERS) == 0:
         return np.int64(0)
     found = _all_beyond(group, ways, row, INNER) & _all_beyond(group, ways, row, INNER + 4)
     return bits(found & _all_beyond(group, ways, row, INNER + 8) & _all_beyond(group, ways, row, INNER + 12))
@@ -296,6 +295,18 @@ def _covered_cones(group, row, ways):
 def _pointed(nodes):
     if nodes.instance_class is Cones:
         return lambda nodes: Cones(ptr(nodes.numbers))
+
+
+@overload(names.union_of)
+def _union_of(nodes, block, lanes, union):
+    if nodes.instance_class is Cones:
+        return lambda nodes, block, lanes, union: False
+
+
+@overload(names.meet_union)
+def _meet_union(nodes, group, union, ways):
+    if nodes.instance_class is Cones:
+        return lambda nodes, group, union, ways: np.int64(0)
 
 
 @overload(names.rows_of)
@@ -322,10 +333,16 @@ def _write_row(nodes, view, face, ways, shape, spheres, row):
         return lambda nodes, view, face, ways, shape, spheres, row: _write_cone_row(view, shape, row)
 
 
-@overload(names.possible)
-def _possible(nodes, group, row, ways, spheres):
+@overload(names.writes_sixteen)
+def _writes_sixteen(nodes):
     if nodes.instance_class is Cones:
-        return lambda nodes, group, row, ways, spheres: _possible_cones(group, row, ways, spheres)
+        return lambda nodes: False
+
+
+@overload(names.possible)
+def _possible(nodes, group, row, ways, alive, spheres):
+    if nodes.instance_class is Cones:
+        return lambda nodes, group, row, ways, alive, spheres: _possible_cones(group, row, ways, alive, spheres)
 
 
 @overload(names.covered)

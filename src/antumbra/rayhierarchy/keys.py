@@ -38,7 +38,7 @@ def _cells(u):
 
 @inlined
 def on_cube(d):
-    """(face, u, v) of directions from an apex, a `Vec`, none of them zero: i32x16, and f32x16 from -1 to 1."""
+    """(face, u, v) of directions from an apex, a `Vec`, none of them zero: i32x16, and f32x16 from 0 to 1."""
     x, y, z = absolute(d.x), absolute(d.y), absolute(d.z)
     by_x = (x >= y) & (x >= z)
     by_y = ~by_x & (y >= z)
@@ -46,18 +46,24 @@ def on_cube(d):
     u, v = select(by_x, d.y, select(by_y, d.z, d.x)), select(by_x, d.z, select(by_y, d.x, d.y))
     face = select(by_x, np.int32(0), select(by_y, splat16(np.int32(2)), splat16(np.int32(4))))
     face = face + select(depth < _F(0.0), splat16(np.int32(1)), splat16(np.int32(0)))
-    s = _F(1.0) / absolute(depth)
-    return face, u * s, v * s
-
-
-@inlined
-def cube_keys(face, u, v):
-    """Keys of places on the cube."""
     half = _F(0.5)
-    return (face << (2 * BITS)) | hilbert(_cells(fma(u, half, half)), _cells(fma(v, half, half)))
+    s = half / absolute(depth)
+    return face, fma(u, s, half), fma(v, s, half)
 
 
 @inlined
-def flat_keys(u, v, scale):
-    """Keys of places beside each other; scale maps them to [0, 1]."""
-    return hilbert(_cells((u - scale.u) * scale.factor), _cells((v - scale.v) * scale.factor))
+def cells_of(face, u, v):
+    """i32x16: the cell of places on a face, u and v from 0 to 1, as one number."""
+    return (((face << BITS) | _cells(u)) << BITS) | _cells(v)
+
+
+@inlined
+def keys_of(cells):
+    """The keys of cells."""
+    return (cells >> (2 * BITS) << (2 * BITS)) | hilbert((cells >> BITS) & _LAST, cells & _LAST)
+
+
+@inlined
+def on_ground(d, scale):
+    """The same for places beside each other; scale maps them to 0 to 1."""
+    return splat16(np.int32(0)), (d.x - scale.u) * scale.factor, (d.y - scale.v) * scale.factor

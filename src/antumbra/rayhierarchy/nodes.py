@@ -21,8 +21,20 @@ def write_row(nodes, view, face, ways, shape, spheres, row):
     """In kernels: write what the tests want to know of a triangle's `Shape`; False if it blocks nothing there."""
 
 
-def possible(nodes, group, row, ways, spheres):
-    """In kernels: bits of the nodes of a group with rays that the triangle may block."""
+def writes_sixteen(nodes):
+    """In kernels: are rows as `pointrows` writes them?"""
+
+
+def union_of(nodes, block, lanes, union):
+    """In kernels: write what holds the shadows of some of 16 triangles, 6 float32; False: the class knows none."""
+
+
+def meet_union(nodes, group, union, ways):
+    """In kernels: bits of the nodes of a group that a union meets."""
+
+
+def possible(nodes, group, row, ways, alive, spheres):
+    """In kernels: those of the `alive` nodes of a group (bits) with rays that the triangle may block."""
 
 
 def covered(nodes, group, row, ways):

@@ -13,13 +13,14 @@ from ..bvh.radix_sort import radix_sort
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take
 from ..simd import bits as bits_of
-from ..simd import get, iota16, mask_from_bits16, minimum, popcount, ptr, put, select, stack_i32, store
+from ..simd import get, iota16, load16, mask_from_bits16, minimum, popcount, ptr, put, select, stack_i32, store
 from ..trace.counters import add_counters, private_counters
 from .asking import Samples, asking_of, places_of, who_asks
 from .beams import PERSPECTIVE, Beam
-from .keys import BITS, KEY_BITS, cube_keys, flat_keys, on_cube
+from .keys import BITS, KEY_BITS, cells_of, keys_of, on_cube, on_ground
 from .view import FACES, view_of
 
+PAD = 16  # numbers after the last: 16 are read where there are fewer
 _PART = 8192  # receivers, a multiple of 16
 _TILE = 64  # pixels a side: within, Z order; a power of two
 
@@ -50,16 +51,16 @@ def at_apex(view, d):
 
 
 @inlined
-def _keys(view, scale, d):
+def places_on(view, scale, d):
+    """(face, u, v) of 16 receivers, u and v from 0 to 1."""
     if view.kind == PERSPECTIVE:
-        face, u, v = on_cube(d)
-        return cube_keys(face, u, v)
-    return flat_keys(d.x, d.y, scale)
+        return on_cube(d)
+    return on_ground(d, scale)
 
 
 @kernel
-def _write_keys(ticket, query, beam, scale, bits, keys, counts, tally):
-    """Worker: each receiver's key, -1 if it asks nothing; how many of a part ask."""
+def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
+    """Worker: each receiver's cell, -1 if it asks nothing; how many of a part ask."""
     asking, view, samples = asking_of(query, bits), view_of(beam), Samples(beam.first, beam.count, beam.set)
     ids, out, mine = stack_i32(16), ptr(keys), private_counters(tally)
     first = take(ticket)
@@ -70,8 +71,8 @@ def _write_keys(ticket, query, beam, scale, bits, keys, counts, tally):
             lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
             d = places_of(asking, view, ids)
             asks = who_asks(asking, view, samples, ids, lanes & ~at_apex(view, d), mine)
-            key = _keys(view, scale, d)
-            store(out, i, select(mask_from_bits16(asks), key, np.int32(-1)))
+            face, u, v = places_on(view, scale, d)
+            store(out, i, select(mask_from_bits16(asks), cells_of(face, u, v), np.int32(-1)))
             n += popcount(asks)
         counts[first // ticket[CHUNK]] = n
         first = take(ticket)
@@ -111,21 +112,30 @@ def _on_screen(ticket, keys, w, h, ids):
         tile = take(ticket)
 
 
-def sort_keys(packed: np.ndarray, ids: np.ndarray, threads: int) -> Order:
-    """The `Order` of ids by their keys; both are overwritten."""
-    packed, ids = radix_sort(packed, ids, KEY_BITS, threads)
+@kernel
+def _to_keys(cells):
+    """Turn cells, a multiple of 16, into keys."""
+    p = ptr(cells)
+    for i in range(0, len(cells), 16):
+        store(p, i, keys_of(load16(p, i)))
+
+
+def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
+    """The `Order` of ids by the keys of their cells; both are overwritten. There are more cells, up to PAD."""
+    _to_keys(cells[: -(-len(ids) // 16) * 16])
+    packed, ids = radix_sort(cells[: len(ids)], ids, KEY_BITS, threads)
     starts = np.searchsorted(packed, np.arange(FACES + 1) << 2 * BITS).astype(np.int64)
     faces = np.flatnonzero(np.diff(starts))
     return Order(ids, np.append(starts[faces], len(ids)), faces, False)
 
 
 def pack(keys: np.ndarray, n: int, part: int, counts: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """(keys, ids) without the keys that are -1.
+    """(keys, and PAD more; ids) without the keys that are -1.
 
     counts : (parts + 1,) int64: 0, then how many keys of each part, of so many of all n, are not
     """
     starts = np.cumsum(counts)
-    packed, ids = np.empty(int(starts[-1]), np.int32), np.empty(int(starts[-1]), np.int32)
+    packed, ids = np.zeros(int(starts[-1]) + PAD, np.int32), np.empty(int(starts[-1]), np.int32)
     run(_pack, threads, new_ticket(n, part), keys, starts, packed, ids)
     return packed, ids
 
@@ -141,14 +151,14 @@ def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tall
     parts = -(-h * w // _PART)
     keys, counts = np.empty(h * w + 16, np.int32), np.zeros(parts + 1, np.int64)
     ticket = new_ticket(h * w, _PART)
-    run(_write_keys, threads, ticket, query, beam, scale_of(beam), bits, keys, counts[1:], tally)
+    run(_write_cells, threads, ticket, query, beam, scale_of(beam), bits, keys, counts[1:], tally)
     if not sort and h > 1:
         tiles = -(-w // _TILE) * -(-h // _TILE)
         ids = np.empty(tiles * _TILE * _TILE, np.int32)
         run(_on_screen, threads, new_ticket(tiles, 1), keys, w, h, ids)
         return _together(ids, True)
     packed, ids = pack(keys, h * w, _PART, counts, threads)
-    return sort_keys(packed, ids, threads) if sort and len(ids) else _together(ids, False)
+    return sort_cells(packed, ids, threads) if sort and len(ids) else _together(ids, False)
 
 
 def left_of(order: Order, rays) -> Order:

@@ -24,9 +24,7 @@ from ..simd import (
 from ..simd import bits as bits_of
 from .asking import asking_of, end_of, patch_for
 from .beams import Beam
-from .order import Order, leaf_starts_of
-
-PAD = 16  # numbers after the last: 16 are read where there may be four
+from .order import PAD, Order, leaf_starts_of
 
 
 class Rays(NamedTuple):
@@ -128,12 +126,14 @@ def _fill(ticket, query, order, leaf_starts, bits, rays):
             part = part if leaf_starts[part] <= leaf else np.int64(0)
             while leaf_starts[part + 1] <= leaf:
                 part += 1
-            at, lanes = order.starts[part] + (leaf - leaf_starts[part]) * leaves.ways, np.int64(0)
-            for lane in range(min(leaves.ways, order.starts[part + 1] - at)):
-                i = order.ids[at + lane]
-                put(places, lane, i)
-                lanes |= np.int64(i >= 0) << lane
-            _fill_leaf(asking, places, lanes, leaves, leaf)
+            at = order.starts[part] + (leaf - leaf_starts[part]) * leaves.ways
+            n, ids = min(leaves.ways, order.starts[part + 1] - at), ptr_at(order.ids, at)
+            if at + 16 > len(order.ids):  # no more is read than there is
+                for lane in range(n):
+                    put(places, lane, get(ids, lane))
+                ids = places
+            lanes = bits_of(load16(ids, 0) >= np.int32(0)) & (np.int64(1) << n) - 1
+            _fill_leaf(asking, ids, lanes, leaves, leaf)
         first = take(ticket)
 
 
@@ -152,15 +152,17 @@ def rays_of(query, beam: Beam, order: Order, ways: int, bits: np.ndarray, thread
     step = 0 if beam.common else 3 * count * ways
     rays = Rays(
         ways,
-        np.zeros(3 * n * ways + PAD, np.float32),
-        np.full(n * ways + PAD, -1, np.int32),
-        np.full(n * ways + PAD, -1, np.int32),
-        np.zeros((n * step if step else 3 * count * ways) + PAD, np.float32),
+        np.empty(3 * n * ways + PAD, np.float32),
+        np.empty(n * ways + PAD, np.int32),
+        np.empty(n * ways + PAD, np.int32),
+        np.empty((n * step if step else 3 * count * ways) + PAD, np.float32),
         step,
-        np.zeros((n, count), np.int32),
+        np.empty((n, count), np.int32),
         beam.first,
         count,
     )
+    for padded in rays.origins, rays.faces, rays.ids, rays.ends:
+        padded[-PAD:] = 0
     run(_fill, threads, new_ticket(n, 256), query, order, starts, bits, rays)
     if not step and len(order.ids):
         _fill_common(query, np.int64(max(order.ids.max(), 0)), bits, rays)

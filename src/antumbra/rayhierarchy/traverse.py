@@ -13,7 +13,6 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, take
 from ..simd import (
-    as_i32,
     atomic_and,
     compress,
     get,
@@ -25,23 +24,25 @@ from ..simd import (
     ptr_at,
     put,
     splat16,
+    stack_f32,
     store,
 )
 from ..trace.counters import COVERED, NODES, add_counters, count, private_counters
-from .boxes import COVERS, TRIANGLE
+from .beams import PERSPECTIVE
 from .leaf import block_rays
-from .nodes import covered, possible, write_row
+from .nodes import covered, meet_union, possible, union_of, write_row, writes_sixteen
 from .planes import shape_of
+from .pointrows import write_point_rows
 from .rays import leaves_of
+from .rows import BLOCK, COVERS, LANES, NUMBERS, TRIANGLE, put_whole, whole
 from .soup import Soup
 from .tree import LEVELS, group_at, groups_of, size_of, tree_pointers
 from .view import relative, view_of
 
 BATCH = 128
-"""Triangles that are traversed together."""
+"""Triangles that are traversed together; a multiple of 16."""
 
-ROW = 64
-"""Numbers of a triangle's row, see `boxes` and `cones`."""
+BLOCKS = BATCH // LANES
 
 PAIRS = 2048
 """Pairs a level holds, at most; at least BATCH and 16."""
@@ -64,6 +65,13 @@ class _Queues(NamedTuple):
     groups: object
     counts: object  # LEVELS
     step: int
+    union: object  # 6 float32, scratch memory
+
+
+@inlined
+def row_at(rows, row):
+    """Pointer to the numbers of a batch's triangle."""
+    return ptr_at(rows, (row >> 4) * BLOCK + (row & 15))
 
 
 @inlined
@@ -96,6 +104,15 @@ def _kill(tree, part, level, node, leaves):
         level += 1
 
 
+@kernel
+def _kill_all(tree, part, level, first, full, leaves, counters):
+    """Mark the nodes, from the first on, that a triangle covers as finished."""
+    count(counters, COVERED, popcount(full))
+    while full != 0:
+        _kill(tree, part, level, first + lowest_bit(full), leaves)
+        full &= full - 1
+
+
 @inlined
 def _push(queues, level, row, first, found):
     """Queue a triangle for the children of those nodes of a group that it may block."""
@@ -106,47 +123,46 @@ def _push(queues, level, row, first, found):
 
 
 @kernel
-def _visit(tree, part, leaves, soup, rows, queues, level, how, counters):
-    """Test the last pair of a level's queue."""
-    n = np.int64(get(queues.counts, level)) - 1
-    put(queues.counts, level, n)
-    row, g = np.int64(get(queues.rows, level * queues.step + n)), np.int64(get(queues.groups, level * queues.step + n))
-    numbers, group = ptr_at(rows, row * ROW), groups_of(tree, part, level) + g
-    alive = np.int64(get(tree.alive, group))
-    if alive == 0:
-        return
-    count(counters, NODES, popcount(alive))
-    nodes = group_at(tree, group)
-    found = possible(tree.nodes, nodes, numbers, tree.ways, how.spheres) & alive
-    if how.early_accept and found != 0:
-        full = covered(tree.nodes, nodes, numbers, tree.ways) & found
-        found &= ~full
-        count(counters, COVERED, popcount(full))
-        while full != 0:
-            _kill(tree, part, level, g * tree.ways + lowest_bit(full), leaves)
-            full &= full - 1
-    if level > 0:
-        _push(queues, level - 1, row, g * tree.ways, found)
-        return
-    slot = np.int64(get(as_i32(numbers), TRIANGLE))
+def _test_leaves(tree, part, leaves, soup, slot, first, found, how, counters):
+    """A triangle against the rays of those leaves, from the first on, that it may block."""
     prim = np.int64(get(soup.ids, slot))
     while found != 0:
-        node = g * tree.ways + lowest_bit(found)
+        node = first + lowest_bit(found)
         found &= found - 1
         finished = block_rays(leaves, get(tree.leaves, part) + node, soup.corners, slot, prim, how.facing, counters)
         if finished and how.early_accept:
             _kill(tree, part, np.int64(0), node, leaves)
 
 
+@inlined
+def _visit(tree, part, leaves, soup, rows, queues, level, how, counters):
+    """Test the last pair of a level's queue."""
+    n = np.int64(get(queues.counts, level)) - 1
+    put(queues.counts, level, n)
+    row, g = np.int64(get(queues.rows, level * queues.step + n)), np.int64(get(queues.groups, level * queues.step + n))
+    numbers, group = row_at(rows, row), groups_of(tree, part, level) + g
+    alive = np.int64(get(tree.alive, group))
+    if alive == 0:
+        return
+    count(counters, NODES, popcount(alive))
+    nodes = group_at(tree, group)
+    found = possible(tree.nodes, nodes, numbers, tree.ways, alive, how.spheres)
+    if how.early_accept and found != 0:
+        full = covered(tree.nodes, nodes, numbers, tree.ways) & found
+        if full != 0:
+            found &= ~full
+            _kill_all(tree, part, level, g * tree.ways, full, leaves, counters)
+    if level > 0:
+        _push(queues, level - 1, row, g * tree.ways, found)
+        return
+    if found != 0:
+        _test_leaves(tree, part, leaves, soup, whole(numbers, TRIANGLE), g * tree.ways, found, how, counters)
+
+
 @kernel
-def _traverse(tree, part, leaves, soup, rows, n_rows, queues, how, counters):
-    """All triangles of a batch through the hierarchy of one face."""
-    top = get(tree.heights, part) - 1
-    for row in range(n_rows):
-        put(queues.rows, top * queues.step + row, row)
-        put(queues.groups, top * queues.step + row, 0)
-    put(queues.counts, top, n_rows)
-    level = top
+def _traverse(tree, part, leaves, soup, rows, queues, how, counters):
+    """The triangles that are queued for the hierarchy of one face, down to its rays."""
+    top, level = get(tree.heights, part) - 1, np.int64(0)
     while level <= top:
         while get(queues.counts, level) > 0 and (level == 0 or get(queues.counts, level - 1) <= how.pairs - tree.ways):
             _visit(tree, part, leaves, soup, rows, queues, level, how, counters)
@@ -160,40 +176,89 @@ def _corner(view, corners, at):
 
 
 @kernel
-def _write_rows(tree, parts, view, soup, slot, how, rows, counts):
-    """The rows of a triangle for all faces in which it may block something."""
+def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
+    """The row of one triangle for each face, if it may block something there: then bit `lane` of `found` is set."""
     corners = ptr_at(soup.corners, 9 * slot)
     shape = shape_of(view, _corner(view, corners, 0), _corner(view, corners, 3), _corner(view, corners, 6))
     if how.backface and how.facing != 0 and shape.facing == how.facing:
         return
     for part in range(parts):
-        row = ptr_at(rows, (part * BATCH + np.int64(get(counts, part))) * ROW)
-        if write_row(tree.nodes, view, get(tree.faces, part), tree.ways, shape, how.spheres, row):
-            put(as_i32(row), TRIANGLE, slot)
+        numbers = ptr_at(row, part * BATCH * NUMBERS)
+        if write_row(tree.nodes, view, get(tree.faces, part), tree.ways, shape, how.spheres, numbers):
+            put_whole(numbers, TRIANGLE, slot)
             if how.facing != 0 and shape.facing != -how.facing:
-                put(as_i32(row), COVERS, 0)
-            put(counts, part, get(counts, part) + 1)
+                put_whole(numbers, COVERS, 0)
+            put(found, part, np.int64(get(found, part)) | np.int64(1) << lane)
+
+
+@kernel
+def _write_rows(tree, parts, view, soup, slots, n, how, rows, found):
+    """The rows of n <= 16 triangles for each face; `found`: bits of those that may block something there."""
+    if view.kind == PERSPECTIVE and view.radius == 0.0 and writes_sixteen(tree.nodes):
+        lanes = (np.int64(1) << n) - 1
+        step = BATCH * NUMBERS
+        write_point_rows(view, tree.faces, parts, tree.ways, slots, soup.corners, lanes, how, rows, step, found)
+        return
+    for part in range(parts):
+        put(found, part, 0)
+    for lane in range(n):
+        slot = np.int64(get(slots, lane))
+        _write_row(tree, parts, view, soup, slot, how, ptr_at(rows, lane), lane, found)
+
+
+@kernel
+def _start(tree, part, block, found, union):
+    """(level, group) from which triangles of a block go down: below, they meet more than one node; group -1: none."""
+    level, g = get(tree.heights, part) - 1, np.int64(0)
+    if not union_of(tree.nodes, block, found, union):
+        return level, g
+    while True:
+        group = groups_of(tree, part, level) + g
+        met = meet_union(tree.nodes, group_at(tree, group), union, tree.ways) & np.int64(get(tree.alive, group))
+        if met == 0:
+            return level, np.int64(-1)
+        if level == 0 or met & (met - 1) != 0:
+            return level, g
+        level, g = level - 1, g * tree.ways + lowest_bit(met)
+
+
+@inlined
+def _queue_block(tree, part, block, rows, found, queues):
+    """Queue those of a block of triangles that a face's hierarchy may be blocked by; they lie near each other."""
+    if found == 0:
+        return
+    level, g = _start(tree, part, ptr_at(rows, block * BLOCK), found, queues.union)
+    if g < 0:
+        return
+    at = level * queues.step + np.int64(get(queues.counts, level))
+    store(queues.rows, at, compress(mask_from_bits16(found), iota16() + np.int32(block * LANES)))
+    store(queues.groups, at, splat16(np.int32(g)))
+    put(queues.counts, level, get(queues.counts, level) + popcount(found))
 
 
 @kernel
 def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters):
     """Worker: batches of the picked triangles through the hierarchies of all faces."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
-    soup = Soup(ptr(triangles.corners), ptr(triangles.ids))
-    mine, step = private_counters(counters), how.pairs + 16
-    memory, marks = np.empty(parts * BATCH * ROW, np.float32), np.zeros(LEVELS + parts, np.int32)
+    soup, mine, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), private_counters(counters), how.pairs + LANES
+    memory, marks = np.empty(parts * BATCH * NUMBERS, np.float32), np.zeros(LEVELS + parts * BLOCKS + LANES, np.int32)
     pairs = np.empty(2 * LEVELS * step, np.int32)
-    queues = _Queues(ptr(pairs), ptr_at(pairs, LEVELS * step), ptr(marks), step)
-    rows, counts = ptr(memory), ptr_at(marks, LEVELS)
+    queues = _Queues(ptr(pairs), ptr_at(pairs, LEVELS * step), ptr(marks), step, stack_f32(LANES))
+    rows, found, slots = ptr(memory), ptr_at(marks, LEVELS), ptr_at(marks, LEVELS + parts * BLOCKS)
     first = take(ticket)
     while first >= 0:
+        last = min(first + ticket[CHUNK], ticket[N])
+        for i in range(first, last, LANES):
+            for lane in range(LANES):
+                put(slots, lane, picks[min(i + lane, last - 1)])
+            block, n = (i - first) // LANES, min(last - i, LANES)
+            numbers, to = ptr_at(rows, block * BLOCK), ptr_at(found, block * parts)
+            _write_rows(tree, parts, view, soup, slots, n, how, numbers, to)
         for part in range(parts):
-            put(counts, part, 0)
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            _write_rows(tree, parts, view, soup, np.int64(picks[i]), how, rows, counts)
-        for part in range(parts):
-            of_part = ptr_at(rows, part * BATCH * ROW)
-            _traverse(tree, part, leaves, soup, of_part, np.int64(get(counts, part)), queues, how, mine)
+            of_part = ptr_at(rows, part * BATCH * NUMBERS)
+            for block in range((last - first + LANES - 1) // LANES):
+                _queue_block(tree, part, block, of_part, np.int64(get(found, block * parts + part)), queues)
+            _traverse(tree, part, leaves, soup, of_part, queues, how, mine)
         first = take(ticket)
     add_counters(counters, mine)
     pairs[0] = marks[0] = 0  # they live until here

@@ -14,8 +14,8 @@ from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take
 from ..simd import get, ptr, ptr_at, put
 from .nodes import bound_leaf, bound_node, pointed, rows_of
-from .order import Order, leaf_starts_of
-from .rays import PAD, Rays, leaves_of
+from .order import PAD, Order, leaf_starts_of
+from .rays import Rays, leaves_of
 from .view import view_of
 
 LEVELS = 16

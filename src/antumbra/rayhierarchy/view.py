@@ -2,7 +2,11 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ..jit import inlined
+from ..simd import fma
+from ..trace.vec import Vec
 from .beams import PERSPECTIVE
 
 FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
@@ -55,13 +59,28 @@ def turned(d, face):
 
 
 @inlined
-def projected(view, d, face):
-    """(u, v, q) of a point in the beam's frame, float64: planes are linear in them.
-
-    PERSPECTIVE: the point's place on the face, which its depth divides, and q = 1 / depth. Else the frame's axes.
-    """
+def relative16(view, o):
+    """16 points, a `Vec` of f32x16, in the beam's frame; off by no more than its rounding, as apexes are float32."""
     if view.kind == PERSPECTIVE:
-        u, v, depth = turned(d, face)
-        q = 1.0 / depth
+        return Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z))
+    return Vec(_along(o, view.u), _along(o, view.v), _along(o, view.w))
+
+
+@inlined
+def _along(o, axis):
+    f = np.float32
+    return fma(o.x, f(axis[0]), fma(o.y, f(axis[1]), o.z * f(axis[2])))
+
+
+@inlined
+def projected16(view, o, face):
+    """(u, v, q) of 16 points: planes are linear in them.
+
+    PERSPECTIVE: their places on the face, which their depths divide, and q = 1 / depth. Else the frame's axes.
+    """
+    d = relative16(view, o)
+    if view.kind == PERSPECTIVE:
+        u, v, depth = turned((d.x, d.y, d.z), face)
+        q = np.float32(1.0) / depth
         return u * q, v * q, q
-    return d
+    return d.x, d.y, d.z

@@ -1,0 +1,143 @@
+"""The rows of triangles that `boxes` are tested against, one triangle at a time, in float64: for every kind of beam."""
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from .beams import AROUND, PERSPECTIVE
+from .planes import nothing, sphere_of
+from .rows import COVERS, INNER, OUTER, number, put_number, put_whole
+from .view import turned
+
+BOX, CORNERS = 32, 38
+"""Where a triangle has the box of its shadow, and which rows of a node the farthest corners of its outer planes are in.
+"""
+
+_E = np.float64(2.0**-19)  # above the rounding of a plane's numbers, a box's, and of their products, for sums up to 1
+_INFINITE = np.float64(np.inf)
+_SLANT = np.float64(1e-6)  # more than a receiver on a face can be beyond its edges, in units of its distance
+
+
+@inlined
+def _least(a, b):
+    return a if a < b else b
+
+
+@inlined
+def _most(a, b):
+    return a if a > b else b
+
+
+@inlined
+def lower(a, b):
+    """The lower of two points on each axis."""
+    return _least(a[0], b[0]), _least(a[1], b[1]), _least(a[2], b[2])
+
+
+@inlined
+def upper(a, b):
+    """The higher."""
+    return _most(a[0], b[0]), _most(a[1], b[1]), _most(a[2], b[2])
+
+
+@inlined
+def _put_plane(row, at, plane, view, face, sign):
+    """Write a plane as (a, b, c, d), for f = a u + b v + c + d q, made a little larger (sign 1) or smaller (-1)."""
+    size = abs(plane.x) + abs(plane.y) + abs(plane.z)
+    s = 1.0 / size if size > 0.0 else np.float64(0.0)
+    x, y, z, m = plane.x * s, plane.y * s, plane.z * s, plane.m * s
+    if view.kind == PERSPECTIVE:
+        a, b, c = turned((x, y, z), face)
+        d = m + sign * _E * abs(m)
+        c += sign * _E if s > 0.0 else np.float64(0.0)
+    else:
+        a, b, d = x, y, z
+        c = m + sign * _E * (abs(m) + view.scale) if s > 0.0 else np.float64(0.0)
+    put_number(row, at, a)
+    put_number(row, at + 1, b)
+    put_number(row, at + 2, c)
+    put_number(row, at + 3, d)
+
+
+@inlined
+def _corner(row, at, plane, ways):
+    """Which rows of a node the corner is in that is farthest along a plane's normal."""
+    put_whole(row, at, (1 if number(row, plane) > 0 else 0) * ways)
+    put_whole(row, at + 1, (3 if number(row, plane + 1) > 0 else 2) * ways)
+    put_whole(row, at + 2, (5 if number(row, plane + 3) > 0 else 4) * ways)
+
+
+@inlined
+def _shadow(x, z, r, low, high):
+    """Lowest and highest place of what a corner's shadow can meet: of (x - k y) / (z - k w), |y|, |w| <= r, k <= 1."""
+    near, far = 1.0 / (z - r), 1.0 / (z + r)
+    low = _least(low, (x - r) * (near if x - r < 0.0 else far))
+    return low, _most(high, (x + r) * (near if x + r > 0.0 else far))
+
+
+@inlined
+def _misses_face(corners, r):
+    """Is a triangle, in a face's (u, v, depth), beyond one of the planes that bound the face, or behind the apex?"""
+    a, b, c, d, behind = True, True, True, True, True
+    for u, v, z in corners:
+        far = -_SLANT * (abs(u) + abs(v) + abs(z)) - 2.001 * r
+        a, b, c, d = a and z - u < far, b and z + u < far, c and z - v < far, d and z + v < far
+        behind = behind and z < far
+    return a or b or c or d or behind
+
+
+@inlined
+def _perspective_box(view, face, corners):
+    """((u, v, q) lower, upper, is there anything?) of where the triangle's shadow is on a face."""
+    inf, r = _INFINITE, view.radius
+    corners = turned(corners[0], face), turned(corners[1], face), turned(corners[2], face)
+    if _misses_face(corners, r):
+        return (inf, inf, inf), (-inf, -inf, -inf), False
+    nearest = _least(_least(corners[0][2], corners[1][2]), corners[2][2])
+    if not nearest > r * 1.000001 + 1e-30:
+        return (-inf, -inf, -inf), (inf, inf, inf), True
+    u0, u1, v0, v1 = inf, -inf, inf, -inf
+    for u, v, z in corners:
+        u0, u1 = _shadow(u, z, r, u0, u1)
+        v0, v1 = _shadow(v, z, r, v0, v1)
+    return (u0, v0, -inf), (u1, v1, 1.0 / (nearest - r)), True
+
+
+@inlined
+def _parallel_box(view, low, high):
+    """The same for a light that is far away, or all around, from the box of what blocks it."""
+    if view.kind == AROUND:
+        r = view.radius
+        return (low[0] - r, low[1] - r, low[2] - r), (high[0] + r, high[1] + r, high[2] + r)
+    if not view.radius < 0.999:
+        return (-_INFINITE, -_INFINITE, -_INFINITE), (_INFINITE, _INFINITE, high[2])
+    r = view.radius / np.sqrt(1.0 - view.radius * view.radius) * _most(high[2] - view.lowest, 0.0) * 1.000001
+    return (low[0] - r, low[1] - r, -_INFINITE), (high[0] + r, high[1] + r, high[2])
+
+
+@inlined
+def _put_bounds(row, low, high, scale):
+    for k in range(3):
+        put_number(row, BOX + 2 * k, low[k] - _E * (abs(low[k]) + scale))
+        put_number(row, BOX + 2 * k + 1, high[k] + _E * (abs(high[k]) + scale))
+
+
+@kernel
+def write_box_row(view, face, ways, shape, spheres, row):
+    """Write the row of a triangle's `Shape` for a face; False if its shadow is not there."""
+    low, high = lower(lower(shape.a, shape.b), shape.c), upper(upper(shape.a, shape.b), shape.c)
+    if spheres:  # the box of the sphere, and no planes
+        centre, r = sphere_of(shape)
+        low, high = (centre[0] - r, centre[1] - r, centre[2] - r), (centre[0] + r, centre[1] + r, centre[2] + r)
+    if view.kind == PERSPECTIVE:
+        low, high, there = _perspective_box(view, face, (shape.a, shape.b, shape.c))
+        if not there:
+            return False
+    else:
+        low, high = _parallel_box(view, low, high)
+    for k in range(4):
+        _put_plane(row, OUTER + 4 * k, nothing() if spheres else shape.outer[k], view, face, np.float64(1.0))
+        _put_plane(row, INNER + 4 * k, shape.inner[k], view, face, np.float64(-1.0))
+        _corner(row, CORNERS + 3 * k, OUTER + 4 * k, ways)
+    _put_bounds(row, low, high, np.float64(1.0) if view.kind == PERSPECTIVE else view.scale)
+    put_whole(row, COVERS, 1 if shape.covers else 0)
+    return True

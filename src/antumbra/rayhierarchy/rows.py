@@ -1,0 +1,50 @@
+"""What the tests of nodes want to know of triangles: 16 side by side, a row of 16 numbers for each thing.
+
+A triangle's numbers are 16 apart, so that 16 triangles can be written at once, and each of them read for itself.
+"""
+
+import numpy as np
+
+from ..jit import inlined
+from ..simd import as_i32, broadcast16, get, put
+
+LANES = 16
+NUMBERS = 56
+"""Of a triangle; the first four planes of four numbers each are those that tests reject by."""
+
+OUTER, INNER, TRIANGLE, COVERS = 0, 16, 54, 55
+"""Outer planes and inner ones (see `planes`), the triangle's place in the soup, and whether the inner planes hold.
+The others are named in `boxes` and `cones`."""
+
+BLOCK = NUMBERS * LANES
+"""Numbers of 16 triangles."""
+
+
+@inlined
+def number(row, k):
+    """Number k of a triangle; row: pointer to its first."""
+    return get(row, LANES * k)
+
+
+@inlined
+def number16(row, k):
+    """Number k of a triangle, in all lanes."""
+    return broadcast16(row, LANES * k)
+
+
+@inlined
+def put_number(row, k, x):
+    """Write number k of a triangle."""
+    put(row, LANES * k, x)
+
+
+@inlined
+def whole(row, k):
+    """Number k of a triangle, an int32."""
+    return np.int64(get(as_i32(row), LANES * k))
+
+
+@inlined
+def put_whole(row, k, x):
+    """Write number k of a triangle, an int32."""
+    put(as_i32(row), LANES * k, x)
