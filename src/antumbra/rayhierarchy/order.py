@@ -76,7 +76,8 @@ def _block(asking, view, samples, first, n, bits, words, places, counters):
         if get(asking.sides, i) != NOTHING and (samples.set < 0 or sets_at(asking, i) == samples.set):
             d = relative(view, three_at(asking.origins, i))
             count(counters, RAYS, samples.count)
-            if not (exact and widest(d) == 0.0) and _asks(asking, samples, i, bits, words, counters):
+            asked = _asks(asking, samples, i, bits, words, counters)
+            if asked and not (exact and widest(d) == 0.0):  # nothing is between a receiver and itself
                 asks |= np.int64(1) << lane
         for k in range(3):
             put(places, 16 * k + lane, d[k])

@@ -12,6 +12,7 @@ class View(NamedTuple):
     """A `Beam` in kernels; float64 scalars but the kind."""
 
     kind: int
+    unit: float  # by which lengths are multiplied
     x: float  # the apex
     y: float
     z: float
@@ -28,7 +29,7 @@ def view_of(beam):
     """The `View` of a `Beam`."""
     p, a = beam.apex, beam.axes
     u, v, w = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
-    return View(beam.kind, p[0], p[1], p[2], u, v, w, beam.radius, beam.scale, beam.lower[2])
+    return View(beam.kind, beam.unit, p[0], p[1], p[2], u, v, w, beam.radius, beam.scale, beam.lower[2])
 
 
 @inlined
@@ -39,9 +40,10 @@ def _dot(a, b):
 @inlined
 def relative(view, p):
     """A point, float64, in the beam's frame: seen from its apex, or along its axes."""
+    s = view.unit
     if view.kind == PERSPECTIVE:
-        return p[0] - view.x, p[1] - view.y, p[2] - view.z
-    return _dot(view.u, p), _dot(view.v, p), _dot(view.w, p)
+        return (p[0] - view.x) * s, (p[1] - view.y) * s, (p[2] - view.z) * s
+    return _dot(view.u, p) * s, _dot(view.v, p) * s, _dot(view.w, p) * s
 
 
 @inlined
