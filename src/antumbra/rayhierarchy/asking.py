@@ -124,12 +124,11 @@ def _light_side(asking, view, face):
     z = np.float64(0.0)
     if view.kind == AROUND:
         return np.int64(0)
-    at = (view.x, view.y, view.z) if view.kind == PERSPECTIVE else (z, z, z)
     p, n, error = plane(asking.corners, face, z, z, z)
     length = np.sqrt(_dot(n, n)) * _MORE
     if view.kind == PERSPECTIVE:
-        to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
-        h, slack = _dot(n, to), view.radius * length + error * widest(to)
+        to = view.x - p[0], view.y - p[1], view.z - p[2]
+        h, slack = _dot(n, to), view.radius / view.unit * length + error * widest(to)
     else:
         h, slack = _dot(n, view.w), (view.radius + _SLANT) * length + error
     if not abs(h) > slack:

@@ -27,6 +27,7 @@ from ..simd import (
 )
 from ..trace.vec import rows
 from . import nodes as names
+from .beams import PERSPECTIVE
 from .boxrows import BOX, CORNERS, lower, upper, write_box_row
 from .rows import COVERS, INNER, LANES, OUTER, number, number16, whole
 from .view import projected16
@@ -102,20 +103,22 @@ def _box_of_leaf(view, face, leaves, leaf, group, lane):
     there = mask_from_bits16(bits(load16(leaves.ids, leaf * ways) >= np.int32(0)) & (np.int64(1) << ways) - 1)
     if not any_lane(there):
         return False
-    x, y, z = projected16(view, rows(leaves.origins, 3 * leaf * ways, ways), face)
-    known = ~(z > _HUGE)  # else it is at the apex, or NaN, and nothing is known of its direction
-    _put_range(group, 0, ways, lane, there, select(known, x, _F(0.0)))
-    _put_range(group, 2, ways, lane, there, select(known, y, _F(0.0)))
-    _put_range(group, 4, ways, lane, there, select(known, z, _HUGE))
+    u, v, q = projected16(view, rows(leaves.origins, 3 * leaf * ways, ways), face)
+    everywhere = mask_from_bits16(0)
+    if view.kind == PERSPECTIVE:
+        everywhere = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex, where nothing is known
+    _put_range(group, 0, ways, lane, there, u, everywhere)
+    _put_range(group, 2, ways, lane, there, v, everywhere)
+    _put_range(group, 4, ways, lane, there, q, everywhere)
     return True
 
 
 @inlined
-def _put_range(group, k, ways, lane, there, x):
+def _put_range(group, k, ways, lane, there, x, everywhere):
     """Write the least and the largest of some lanes as numbers k and k + 1 of a node."""
     inf = _F(np.inf)
-    put(group, k * ways + lane, reduce_min(select(there, x, inf)))
-    put(group, (k + 1) * ways + lane, reduce_max(select(there, x, -inf)))
+    put(group, k * ways + lane, reduce_min(select(everywhere, -inf, select(there, x, inf))))
+    put(group, (k + 1) * ways + lane, reduce_max(select(everywhere, inf, select(there, x, -inf))))
 
 
 @kernel

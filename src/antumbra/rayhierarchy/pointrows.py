@@ -29,7 +29,7 @@ from ..simd import (
 from ..trace.vec import Vec, cross, dot, largest, minus, times
 from .boxrows import BOX, CORNERS
 from .rows import COVERS, INNER, LANES, OUTER, TRIANGLE
-from .view import turned
+from .view import relative16, turned
 
 _F = np.float32
 _MARGIN = _F(64 * 2.0**-24)
@@ -46,7 +46,7 @@ def _corner(corners, at, k, view):
     """(corner k of 16 triangles, the same seen from the apex); at: i32x16, their first numbers."""
     at = at + np.int32(3 * k)
     v = Vec(gather(corners, at), gather(corners, at + 1), gather(corners, at + 2))
-    return v, Vec(v.x - _F(view.x), v.y - _F(view.y), v.z - _F(view.z))
+    return v, relative16(view, v)
 
 
 @inlined
@@ -131,7 +131,8 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
     at, one = load16(slots, 0), _F(1.0)
     (v0, a), (v1, b) = _corner(corners, at * 9, 0, view), _corner(corners, at * 9, 1, view)
     v2, c = _corner(corners, at * 9, 2, view)
-    e, f, g = minus(v1, v0), minus(v2, v1), minus(v0, v2)
+    unit = _F(view.unit)
+    e, f, g = times(minus(v1, v0), unit), times(minus(v2, v1), unit), times(minus(v0, v2), unit)
     n, le, lf, lg = cross(e, f), largest(e), largest(f), largest(g)
     size, reach = maximum(maximum(le, lf), lg), maximum(maximum(largest(a), largest(b)), largest(c))
     volume, square = dot(n, a), size * size
