@@ -13,7 +13,6 @@ from numba.extending import overload
 
 from ..jit import inlined, kernel
 from ..simd import (
-    any_lane,
     bits,
     fma,
     get,
@@ -25,10 +24,10 @@ from ..simd import (
     reduce_min,
     select,
 )
-from ..trace.vec import rows
 from . import nodes as names
 from .beams import PERSPECTIVE
 from .boxrows import BOX, CORNERS, lower, upper, write_box_row
+from .rays import origins_of, receivers_of
 from .rows import COVERS, INNER, LANES, OUTER, number, number16, whole
 from .view import projected16
 
@@ -98,12 +97,12 @@ def _put_box(group, ways, lane, low, high):
 
 @kernel
 def _box_of_leaf(view, face, leaves, leaf, group, lane):
-    """The box around the receivers of a leaf; the lanes without one repeat others."""
-    ways = leaves.ways
-    there = mask_from_bits16(bits(load16(leaves.ids, leaf * ways) >= np.int32(0)) & (np.int64(1) << ways) - 1)
-    if not any_lane(there):
+    """The box around the receivers of a leaf."""
+    ids, lanes = receivers_of(leaves, leaf)
+    if lanes == 0:
         return False
-    u, v, q = projected16(view, rows(leaves.origins, 3 * leaf * ways, ways), face)
+    ways, there = leaves.ways, mask_from_bits16(lanes)
+    u, v, q = projected16(view, origins_of(leaves, ids), face)
     everywhere = mask_from_bits16(0)
     if view.kind == PERSPECTIVE:
         everywhere = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex, where nothing is known
@@ -171,9 +170,7 @@ def _overlaps(group, row, ways):
 
 @inlined
 def _possible_boxes(group, row, ways, alive):
-    found = bits(_overlaps(group, row, ways)) & alive
-    if found == 0:
-        return found
+    found = bits(_overlaps(group, row, ways)) & alive  # no branch: which triangles are left cannot be foreseen
     own = _not_outside(group, row, OUTER + 12, CORNERS + 9)
     ab, bc = _not_outside(group, row, OUTER, CORNERS), _not_outside(group, row, OUTER + 4, CORNERS + 3)
     return found & bits(own & ab & bc & _not_outside(group, row, OUTER + 8, CORNERS + 6))
@@ -189,11 +186,13 @@ def _inside(group, row, at, ways):
 
 
 @inlined
-def _covered_boxes(group, row, ways):
-    if whole(row, COVERS) == 0:
+def _covered_boxes(group, row, ways, among):
+    u = (load16(group, 0) >= number16(row, BOX)) & (load16(group, ways) <= number16(row, BOX + 1))
+    v = (load16(group, 2 * ways) >= number16(row, BOX + 2)) & (load16(group, 3 * ways) <= number16(row, BOX + 3))
+    if bits(u & v) & among == 0 or whole(row, COVERS) == 0:  # few nodes lie in a triangle's box
         return np.int64(0)
     found = _inside(group, row, INNER, ways) & _inside(group, row, INNER + 4, ways)
-    return bits(found & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways))
+    return bits(found & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways)) & among
 
 
 @overload(names.write_row)
@@ -215,6 +214,6 @@ def _possible(nodes, group, row, ways, alive, spheres):
 
 
 @overload(names.covered)
-def _covered(nodes, group, row, ways):
+def _covered(nodes, group, row, ways, among):
     if nodes.instance_class is Boxes:
-        return lambda nodes, group, row, ways: _covered_boxes(group, row, ways)
+        return lambda nodes, group, row, ways, among: _covered_boxes(group, row, ways, among)

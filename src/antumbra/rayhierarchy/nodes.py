@@ -37,5 +37,5 @@ def possible(nodes, group, row, ways, alive, spheres):
     """In kernels: those of the `alive` nodes of a group (bits) with rays that the triangle may block."""
 
 
-def covered(nodes, group, row, ways):
-    """In kernels: bits of the nodes of a group whose rays the triangle blocks, all of them."""
+def covered(nodes, group, row, ways, among):
+    """In kernels: those `among` the nodes of a group (bits) whose rays the triangle blocks, all of them."""

@@ -113,15 +113,6 @@ def _kill_all(tree, part, level, first, full, leaves, counters):
         full &= full - 1
 
 
-@inlined
-def _push(queues, level, row, first, found):
-    """Queue a triangle for the children of those nodes of a group that it may block."""
-    at = level * queues.step + np.int64(get(queues.counts, level))
-    store(queues.rows, at, splat16(np.int32(row)))
-    store(queues.groups, at, compress(mask_from_bits16(found), iota16() + np.int32(first)))
-    put(queues.counts, level, get(queues.counts, level) + popcount(found))
-
-
 @kernel
 def _test_leaves(tree, part, leaves, soup, slot, first, found, how, counters):
     """A triangle against the rays of those leaves, from the first on, that it may block."""
@@ -135,28 +126,56 @@ def _test_leaves(tree, part, leaves, soup, slot, first, found, how, counters):
 
 
 @inlined
-def _visit(tree, part, leaves, soup, rows, queues, level, how, counters):
-    """Test the last pair of a level's queue."""
-    n = np.int64(get(queues.counts, level)) - 1
-    put(queues.counts, level, n)
-    row, g = np.int64(get(queues.rows, level * queues.step + n)), np.int64(get(queues.groups, level * queues.step + n))
-    numbers, group = row_at(rows, row), groups_of(tree, part, level) + g
+def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
+    """Bits of the nodes of a group, the first of which is number `first`, that a triangle may block but does not cover.
+
+    Those that it covers are finished.
+    """
     alive = np.int64(get(tree.alive, group))
-    if alive == 0:
-        return
     count(counters, NODES, popcount(alive))
-    nodes = group_at(tree, group)
-    found = possible(tree.nodes, nodes, numbers, tree.ways, alive, how.spheres)
-    if how.early_accept and found != 0:
-        full = covered(tree.nodes, nodes, numbers, tree.ways) & found
+    found = possible(tree.nodes, group_at(tree, group), numbers, tree.ways, alive, how.spheres)
+    if how.early_accept:
+        full = covered(tree.nodes, group_at(tree, group), numbers, tree.ways, found)
         if full != 0:
             found &= ~full
-            _kill_all(tree, part, level, g * tree.ways, full, leaves, counters)
-    if level > 0:
-        _push(queues, level - 1, row, g * tree.ways, found)
-        return
-    if found != 0:
-        _test_leaves(tree, part, leaves, soup, whole(numbers, TRIANGLE), g * tree.ways, found, how, counters)
+            _kill_all(tree, part, level, first, full, leaves, counters)
+    return found
+
+
+@kernel
+def _work_off(tree, part, level, leaves, rows, queues, how, counters):
+    """Test a level's pairs, the last first, until there are none, or no room is left for those of the next level.
+
+    How many there are is kept in registers, so that one pair need not wait for the other.
+    """
+    n, below = np.int64(get(queues.counts, level)), np.int64(get(queues.counts, level - 1))
+    from_rows, from_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
+    to_rows, to_groups = ptr_at(from_rows, -queues.step), ptr_at(from_groups, -queues.step)
+    start, room = groups_of(tree, part, level), how.pairs - tree.ways
+    while n > 0 and below <= room:
+        n -= 1
+        row, g = np.int64(get(from_rows, n)), np.int64(get(from_groups, n))
+        first = g * tree.ways
+        found = _visit(tree, part, leaves, level, start + g, first, row_at(rows, row), how, counters)
+        store(to_rows, below, splat16(np.int32(row)))
+        store(to_groups, below, compress(mask_from_bits16(found), iota16() + np.int32(first)))
+        below += popcount(found)
+    put(queues.counts, level, n)
+    put(queues.counts, level - 1, below)
+
+
+@kernel
+def _work_off_leaves(tree, part, leaves, soup, rows, queues, how, counters):
+    """Test the pairs of the last level, and their rays."""
+    n, start = np.int64(get(queues.counts, 0)), groups_of(tree, part, 0)
+    while n > 0:
+        n -= 1
+        g, numbers = np.int64(get(queues.groups, n)), row_at(rows, np.int64(get(queues.rows, n)))
+        first = g * tree.ways
+        found = _visit(tree, part, leaves, np.int64(0), start + g, first, numbers, how, counters)
+        if found != 0:
+            _test_leaves(tree, part, leaves, soup, whole(numbers, TRIANGLE), first, found, how, counters)
+    put(queues.counts, 0, 0)
 
 
 @kernel
@@ -164,9 +183,12 @@ def _traverse(tree, part, leaves, soup, rows, queues, how, counters):
     """The triangles that are queued for the hierarchy of one face, down to its rays."""
     top, level = get(tree.heights, part) - 1, np.int64(0)
     while level <= top:
-        while get(queues.counts, level) > 0 and (level == 0 or get(queues.counts, level - 1) <= how.pairs - tree.ways):
-            _visit(tree, part, leaves, soup, rows, queues, level, how, counters)
-        level += -1 if level > 0 and get(queues.counts, level - 1) > 0 else 1
+        if level == 0:
+            _work_off_leaves(tree, part, leaves, soup, rows, queues, how, counters)
+            level += 1
+        else:
+            _work_off(tree, part, level, leaves, rows, queues, how, counters)
+            level += -1 if get(queues.counts, level - 1) > 0 else 1
 
 
 @inlined
