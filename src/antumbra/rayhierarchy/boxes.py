@@ -13,6 +13,7 @@ from numba.extending import overload
 
 from ..jit import inlined, kernel
 from ..simd import (
+    any_lane,
     bits,
     fma,
     get,
@@ -24,10 +25,10 @@ from ..simd import (
     reduce_min,
     select,
 )
+from ..trace.vec import rows
 from . import nodes as names
 from .beams import PERSPECTIVE
 from .boxrows import BOX, CORNERS, lower, upper, write_box_row
-from .rays import origins_of, receivers_of
 from .rows import COVERS, INNER, LANES, OUTER, number, number16, whole
 from .view import projected16
 
@@ -97,12 +98,12 @@ def _put_box(group, ways, lane, low, high):
 
 @kernel
 def _box_of_leaf(view, face, leaves, leaf, group, lane):
-    """The box around the receivers of a leaf."""
-    ids, lanes = receivers_of(leaves, leaf)
-    if lanes == 0:
+    """The box around the receivers of a leaf; the lanes without one repeat others."""
+    ways = leaves.ways
+    there = mask_from_bits16(bits(load16(leaves.ids, leaf * ways) >= np.int32(0)) & (np.int64(1) << ways) - 1)
+    if not any_lane(there):
         return False
-    ways, there = leaves.ways, mask_from_bits16(lanes)
-    u, v, q = projected16(view, origins_of(leaves, ids), face)
+    u, v, q = projected16(view, rows(leaves.origins, 3 * leaf * ways, ways), face)
     everywhere = mask_from_bits16(0)
     if view.kind == PERSPECTIVE:
         everywhere = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex, where nothing is known
@@ -170,7 +171,9 @@ def _overlaps(group, row, ways):
 
 @inlined
 def _possible_boxes(group, row, ways, alive):
-    found = bits(_overlaps(group, row, ways)) & alive  # no branch: which triangles are left cannot be foreseen
+    found = bits(_overlaps(group, row, ways)) & alive
+    if found == 0:
+        return found
     own = _not_outside(group, row, OUTER + 12, CORNERS + 9)
     ab, bc = _not_outside(group, row, OUTER, CORNERS), _not_outside(group, row, OUTER + 4, CORNERS + 3)
     return found & bits(own & ab & bc & _not_outside(group, row, OUTER + 8, CORNERS + 6))

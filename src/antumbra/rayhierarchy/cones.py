@@ -99,8 +99,9 @@ def _put_cone(group, ways, lane, w, c, s, shortest, longest):
 
 @inlined
 def _ray_of(view, leaves, at):
-    """(direction from the apex, length) of the ray whose receiver's numbers are at a place."""
-    x, y, z = get(leaves.origins, at), get(leaves.origins, at + 1), get(leaves.origins, at + 2)
+    """(direction from the apex, length) of the ray whose receiver is at a place of a leaf."""
+    p = leaves.origins
+    x, y, z = get(p, at), get(p, at + leaves.ways), get(p, at + 2 * leaves.ways)
     return _unit(relative(view, (np.float64(x), np.float64(y), np.float64(z))))
 
 
@@ -110,18 +111,16 @@ def _cone_of_leaf(view, leaves, leaf, group, lane):
     ways, z = leaves.ways, np.float64(0.0)
     w, found = (z, z, z), False
     for i in range(ways):
-        at = 3 * np.int64(get(leaves.ids, leaf * ways + i))
-        if at >= 0:
-            d, length = _ray_of(view, leaves, at)
+        if get(leaves.ids, leaf * ways + i) >= 0:
+            d, length = _ray_of(view, leaves, 3 * leaf * ways + i)
             w, found = _plus(w, d), True
     w = _unit(w)[0]
     if _dot(w, w) == 0.0:
         w = (np.float64(0.0), np.float64(0.0), np.float64(1.0))
     c, s, shortest, longest = np.float64(2.0), z, np.float64(np.inf), z
     for i in range(ways):
-        at = 3 * np.int64(get(leaves.ids, leaf * ways + i))
-        if at >= 0:
-            d, length = _ray_of(view, leaves, at)
+        if get(leaves.ids, leaf * ways + i) >= 0:
+            d, length = _ray_of(view, leaves, 3 * leaf * ways + i)
             if length > _TINY:
                 c, s = _wider(w, d, c, s, np.float64(1.0), z)
             else:

@@ -6,13 +6,25 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import as_i32, gather, get, load16, maximum, ptr, ptr_at, put
+from ..simd import (
+    as_i32,
+    gather,
+    get,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    ptr,
+    ptr_at,
+    put,
+    select,
+    stack_f32,
+    stack_i32,
+    store,
+)
 from ..simd import bits as bits_of
-from ..trace.vec import Vec
 from .asking import asking_of, end_of, patch_for
 from .beams import Beam
 from .order import PAD, Order, leaf_starts_of
-from .rows import LANES
 
 
 class Rays(NamedTuple):
@@ -23,9 +35,9 @@ class Rays(NamedTuple):
     """
 
     ways: int  # rays to a leaf, nodes to a node: 4 or 16
-    origins: np.ndarray  # (h, w, 3) float32: all receivers
-    faces: np.ndarray  # (h, w) int32: each one's own triangle, -1: none
-    ids: np.ndarray  # (leaves ways,) int32: which receivers; -1: none; and PAD more where 16 are read for four
+    origins: np.ndarray  # (3 leaves ways + PAD,) float32: leaf, axis, lane
+    faces: np.ndarray  # (leaves ways + PAD,) int32: each receiver's own triangle, -1: none
+    ids: np.ndarray  # (leaves ways + PAD,) int32: which receiver; -1: none
     ends: np.ndarray  # (3 count ways [leaves] + PAD,) float32: [leaf,] sample, axis, lane
     end_step: int  # float32 from a leaf's ends to the next one's; 0: all have the same
     dead: np.ndarray  # (leaves, count) int32: bits of lanes
@@ -57,26 +69,6 @@ def leaves_of(rays):
 
 
 @inlined
-def everyone(leaves):
-    """Bits of all lanes of a leaf."""
-    return (np.int64(1) << leaves.ways) - 1
-
-
-@inlined
-def receivers_of(leaves, leaf):
-    """(i32x16: the receivers of a leaf, receiver 0 where there is none; bits of the lanes that have one)."""
-    ids = load16(leaves.ids, leaf * leaves.ways)
-    return maximum(ids, np.int32(0)), bits_of(ids >= np.int32(0)) & everyone(leaves)
-
-
-@inlined
-def origins_of(leaves, there):
-    """`Vec` of f32x16: where receivers are."""
-    at = there * 3
-    return Vec(gather(leaves.origins, at), gather(leaves.origins, at + 1), gather(leaves.origins, at + 2))
-
-
-@inlined
 def _fill_ends(asking, i, leaves, ends, lane):
     """Write the ends of one receiver's segments to its lane."""
     patch = patch_for(asking, i)
@@ -87,45 +79,62 @@ def _fill_ends(asking, i, leaves, ends, lane):
 
 
 @inlined
-def _dead(asking, there, s):
-    """Bits of the lanes whose receivers, `there`, have sample s below their horizon."""
+def _dead(asking, there, lanes, ids, s):
+    """Bits of the lanes whose sample s nothing is asked about; there: the lanes' receivers, of which `lanes` exist."""
     word = gather(as_i32(asking.bits), there * np.int32(2 * asking.words) + np.int32(s >> 5))
-    return bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0))
+    return bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0)) | ~lanes
 
 
 @inlined
-def _fill_leaf(asking, leaves, leaf):
-    """What is not asked of a leaf's receivers, and the ends of their segments."""
-    there, lanes = receivers_of(leaves, leaf)
-    for s in range(leaves.count):
-        dead = ~lanes
-        if leaves.count > 1:  # else those below the horizon are not here
-            dead |= _dead(asking, there, leaves.first + s)
-        put(leaves.dead, leaf * leaves.count + s, dead & everyone(leaves))
-    if leaves.end_step != 0:
-        ends = ptr_at(leaves.ends, leaf * leaves.end_step)
-        for lane in range(leaves.ways):
-            _fill_ends(asking, max(np.int64(get(leaves.ids, leaf * leaves.ways + lane)), 0), leaves, ends, lane)
+def _put_lanes(p, at, ways, v, scratch):
+    """Write as many lanes as a leaf has."""
+    if ways == 16:
+        store(p, at, v)
+        return
+    store(scratch, 0, v)
+    for lane in range(ways):
+        put(p, at + lane, get(scratch, lane))
 
 
 @kernel
-def _fill(ticket, query, bits, rays):
-    """Worker: fill leaves."""
-    asking, leaves = asking_of(query, bits), leaves_of(rays)
+def _fill_leaf(asking, ids, lanes, leaves, leaf):
+    """A leaf's receivers, of which some `lanes` (bits) exist; the other lanes repeat one of them, and are dead."""
+    ways, at, everyone = leaves.ways, leaf * leaves.ways, (np.int64(1) << leaves.ways) - 1
+    whole, floats = stack_i32(16), stack_f32(16)
+    mask, anyone = mask_from_bits16(lanes), np.int64(get(ids, lowest_bit(lanes))) if lanes != 0 else np.int64(0)
+    there = select(mask, load16(ids, 0), np.int32(anyone))
+    _put_lanes(leaves.ids, at, ways, select(mask, there, np.int32(-1)), whole)
+    _put_lanes(leaves.faces, at, ways, select(mask, gather(asking.faces, there), np.int32(-1)), whole)
+    for k in range(3):
+        _put_lanes(leaves.origins, (3 * leaf + k) * ways, ways, gather(asking.origins, there * 3 + np.int32(k)), floats)
+    for s in range(leaves.count):
+        put(leaves.dead, leaf * leaves.count + s, _dead(asking, there, lanes, ids, leaves.first + s) & everyone)
+    if leaves.end_step != 0:
+        ends = ptr_at(leaves.ends, leaf * leaves.end_step)
+        for lane in range(ways):
+            i = np.int64(get(leaves.ids, at + lane))
+            _fill_ends(asking, i if i >= 0 else anyone, leaves, ends, lane)
+
+
+@kernel
+def _fill(ticket, query, order, leaf_starts, bits, rays):
+    """Worker: leaves with the receivers that their places in the order say."""
+    asking, leaves, part, places = asking_of(query, bits), leaves_of(rays), np.int64(0), stack_i32(16)
     first = take(ticket)
     while first >= 0:
         for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
-            _fill_leaf(asking, leaves, leaf)
+            part = part if leaf_starts[part] <= leaf else np.int64(0)
+            while leaf_starts[part + 1] <= leaf:
+                part += 1
+            at = order.starts[part] + (leaf - leaf_starts[part]) * leaves.ways
+            n, ids = min(leaves.ways, order.starts[part + 1] - at), ptr_at(order.ids, at)
+            if at + 16 > len(order.ids):  # no more is read than there is
+                for lane in range(n):
+                    put(places, lane, get(ids, lane))
+                ids = places
+            lanes = bits_of(load16(ids, 0) >= np.int32(0)) & (np.int64(1) << n) - 1
+            _fill_leaf(asking, ids, lanes, leaves, leaf)
         first = take(ticket)
-
-
-@kernel
-def _spread(order, leaf_starts, ways, ids):
-    """Write the receivers of leaves, none of which has those of two faces."""
-    for part in range(len(order.faces)):
-        to = leaf_starts[part] * ways - order.starts[part]
-        for i in range(order.starts[part], order.starts[part + 1]):
-            ids[i + to] = order.ids[i]
 
 
 @kernel
@@ -141,15 +150,20 @@ def rays_of(query, beam: Beam, order: Order, ways: int, bits: np.ndarray, thread
     starts = leaf_starts_of(order, ways)
     n, count = int(starts[-1]), beam.count
     step = 0 if beam.common else 3 * count * ways
-    ends = np.empty((n * step if step else 3 * count * ways) + PAD, np.float32)
-    ends[-PAD:] = 0.0
-    ids = order.ids
-    if ways < LANES or not order.placed:
-        ids = np.full(n * ways + PAD, -1, np.int32)
-        _spread(order, starts, ways, ids)
-    dead = np.empty((n, count), np.int32)
-    rays = Rays(ways, query.origins, query.faces, ids, ends, step, dead, beam.first, count)
-    run(_fill, threads, new_ticket(n, 256), query, bits, rays)
+    rays = Rays(
+        ways,
+        np.empty(3 * n * ways + PAD, np.float32),
+        np.empty(n * ways + PAD, np.int32),
+        np.empty(n * ways + PAD, np.int32),
+        np.empty((n * step if step else 3 * count * ways) + PAD, np.float32),
+        step,
+        np.empty((n, count), np.int32),
+        beam.first,
+        count,
+    )
+    for padded in rays.origins, rays.faces, rays.ids, rays.ends:
+        padded[-PAD:] = 0
+    run(_fill, threads, new_ticket(n, 256), query, order, starts, bits, rays)
     if not step and len(order.ids):
         _fill_common(query, np.int64(max(order.ids.max(), 0)), bits, rays)
     return rays

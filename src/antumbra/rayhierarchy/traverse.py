@@ -134,7 +134,7 @@ def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
     alive = np.int64(get(tree.alive, group))
     count(counters, NODES, popcount(alive))
     found = possible(tree.nodes, group_at(tree, group), numbers, tree.ways, alive, how.spheres)
-    if how.early_accept:
+    if how.early_accept and found != 0:
         full = covered(tree.nodes, group_at(tree, group), numbers, tree.ways, found)
         if full != 0:
             found &= ~full
