@@ -20,8 +20,6 @@ PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
 _MORE = 1.0 + 2.0**-18  # covers what the rounding of samples to float32, and of planes, can cost
 _WIDE = 1e5  # tangent of an angle at whose directions rounding of the samples leaves nothing of the distant disk
 
-_POWER = 100
-
 
 class Beam(NamedTuple):
     """Which samples, of which receivers, and from where they are lit.
@@ -91,7 +89,7 @@ def _around(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarra
 
 
 def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
-    """The beam of ends in a ball, and receivers in the box from `low` to `high`, (3,) float64 each.
+    """The beam of ends in a ball, and of receivers in the box from `low` to `high`, (3,) float64 each.
 
     Its apex is a float32 point, so that differences to it are rounded once.
     """
@@ -124,5 +122,5 @@ def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
 
 
 def _unit(distance: float) -> float:
-    """The power of two that takes this distance to between 1 / 2 and 1; or as near to it as float32 products bear."""
-    return float(np.ldexp(1.0, min(max(-int(np.frexp(distance)[1]), -_POWER), _POWER)))
+    """The power of two, of those that leave float32 room, that takes this distance to between 1 / 2 and 1."""
+    return 2.0 ** -min(max(int(np.frexp(distance)[1]), -100), 100)

@@ -13,9 +13,9 @@ BOX, CORNERS = 32, 38
 """
 
 _E = np.float64(2.0**-19)  # above the rounding of a plane's numbers, a box's, and of their products, for sums up to 1
-_INFINITE = np.float64(np.inf)
-_TINY = np.float64(1e-30)  # above the rounding of numbers that float32 does not hold
 _FAR = np.float64(2.0**-12)  # times _E: above the rounding of planes far from their corners, in units of these
+_TINY = np.float64(1e-30)  # above the rounding of numbers that float32 hardly holds
+_INFINITE = np.float64(np.inf)
 _SLANT = np.float64(1e-6)  # more than a receiver on a face can be beyond its edges, in units of its distance
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..jit import inlined
 from ..simd import fma
-from ..trace.vec import Vec
+from ..trace.vec import Vec, times
 from .beams import PERSPECTIVE
 
 FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
@@ -65,8 +65,9 @@ def relative16(view, o):
     """16 points, a `Vec` of f32x16, in the beam's frame; off by no more than its rounding, as apexes are float32."""
     s = np.float32(view.unit)
     if view.kind == PERSPECTIVE:
-        return Vec((o.x - np.float32(view.x)) * s, (o.y - np.float32(view.y)) * s, (o.z - np.float32(view.z)) * s)
-    return Vec(_along(o, view.u) * s, _along(o, view.v) * s, _along(o, view.w) * s)
+        return times(Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
+    o = times(o, s)
+    return Vec(_along(o, view.u), _along(o, view.v), _along(o, view.w))
 
 
 @inlined
