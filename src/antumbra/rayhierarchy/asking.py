@@ -16,7 +16,8 @@ from ..trace.vec import Vec
 from .beams import AROUND, PERSPECTIVE
 from .view import relative16
 
-_SLANT = np.float64(2.0**-16)
+_SLANT = np.float64(2.0**-16)  # sine of the angle at which all of a distant light must be above a plane
+_SHALLOW = np.float64(2.0**-18)  # in units of its distance: no receiver near a plane is farther from it
 _MORE = np.float64(1.000001)
 
 
@@ -120,7 +121,7 @@ def bit_at(asking, i, s):
 
 @kernel
 def _light_side(asking, view, face):
-    """The side of a triangle's plane on which all ends of segments from receivers on that side are; 0: not known."""
+    """The side of a triangle's plane on which all ends of segments from receivers near it are; 0: not known."""
     z = np.float64(0.0)
     if view.kind == AROUND:
         return np.int64(0)
@@ -129,12 +130,33 @@ def _light_side(asking, view, face):
     length = np.sqrt(_dot(n, n)) * _MORE
     if view.kind == PERSPECTIVE:
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
-        h, slack = _dot(n, to), view.radius * length + error * widest(to)
+        h, slack = _dot(n, to), view.radius / view.unit * length + error * widest(to)
+    elif view.scale > 64.0 * view.unit * _distance(asking):  # so that rounding of ends matters
+        return np.int64(0)
     else:
         h, slack = _dot(n, view.w), (view.radius + _SLANT) * length + error
     if not abs(h) > slack:
         return np.int64(0)
     return np.int64(1) if h > z else np.int64(-1)
+
+
+@inlined
+def _distance(asking):
+    """Of a distant light."""
+    base = asking.light.base
+    return np.sqrt(_dot(base, base))
+
+
+@kernel
+def _is_near(asking, view, i):
+    """Is a receiver so near to its triangle's plane that, beyond it, it has no end of a segment on its own side?"""
+    if view.kind == PERSPECTIVE:  # they all have the same ends
+        return True
+    z = np.float64(0.0)
+    p, n, error = plane(asking.corners, np.int64(get(asking.faces, i)), z, z, z)
+    o = three_at(asking.origins, i)
+    to = o[0] - p[0], o[1] - p[1], o[2] - p[2]
+    return abs(_dot(n, to)) + error * widest(to) < _SHALLOW * _distance(asking) * np.sqrt(_dot(n, n))
 
 
 @kernel
@@ -187,15 +209,20 @@ def who_asks(asking, view, samples, ids, lanes, counters):
         if known == 0:
             asks |= lane if _asks(asking, samples, i, counters) else np.int64(0)
         else:
-            above, some = np.int64(0), same
+            above, below, some = np.int64(0), np.int64(0), same
             while some != 0:
                 j = lowest_bit(some)
                 some &= some - 1
-                if np.int64(get(asking.sides, np.int64(get(ids, j)))) == known:
+                i = np.int64(get(ids, j))
+                if np.int64(get(asking.sides, i)) == known:
+                    above |= np.int64(1) << j
+                elif _is_near(asking, view, i):
+                    below |= np.int64(1) << j
+                elif _asks(asking, samples, i, counters):
                     above |= np.int64(1) << j
             asks |= above
-            if same != above:
-                _below(asking, samples, ids, same & ~above, counters)
+            if below != 0:
+                _below(asking, samples, ids, below, counters)
         valid &= ~same
     return asks
 

@@ -18,10 +18,15 @@ PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
 """Kinds of `Beam`: from a point, or a ball; from far away; from all around each receiver."""
 
 _MORE = 1.0 + 2.0**-18  # covers what the rounding of samples to float32, and of planes, can cost
+_WIDE = 1e5  # tangent of an angle at whose directions rounding of the samples leaves nothing of the distant disk
 
 
 class Beam(NamedTuple):
-    """Which samples, of which receivers, and from where they are lit."""
+    """Which samples, of which receivers, and from where they are lit.
+
+    A beam has a frame of its own, in which no receiver is farther than 1 away (and most not much nearer), so that its
+    numbers fit into float32 whatever the scene's unit is.
+    """
 
     kind: int  # PERSPECTIVE, PARALLEL or AROUND
     first: int  # sample
@@ -30,6 +35,8 @@ class Beam(NamedTuple):
     common: bool  # all these receivers have the same ends
     apex: np.ndarray  # (3,) float64, recentred frame; PERSPECTIVE: the middle of all ends, a float32 point
     axes: np.ndarray  # (3, 3) float64: rows u, v and, PARALLEL, towards the light
+    unit: float  # a power of two: lengths in the beam's frame are those of the scene times this
+    # In the beam's frame:
     radius: float  # PERSPECTIVE: no end is farther from the apex; PARALLEL: sine of the angle of all directions to the
     # third axis; AROUND: no end is farther from its receiver
     lower: np.ndarray  # (3,) float64: of the receivers, along the axes, where the beam is not PERSPECTIVE
@@ -44,59 +51,76 @@ def fixed_points(query) -> np.ndarray:
     return ends.astype(np.float32)
 
 
-def beams_of(query, apart: bool = False) -> list[Beam]:
+def beams_of(query, apart: bool = False, threads: int | None = None) -> list[Beam]:
     """The beams of a ShadowQuery; ``apart``: each sample of a light that does not move has one of its own.
 
     So have the lights of a list always: they may be far from each other.
     """
     light, n = query.light, query.samples.shape[1]
+    if not query.sides.size:
+        return []
+    low, high = (corner.astype(np.float64) for corner in bounds(query.origins, threads))
     if light.kind == SPHERE:
-        return [_ball(0, n, -1, light.base, light.radius)]
+        return [_ball(0, n, -1, light.base, light.radius, low, high)]
     if light.kind == DIRECTIONAL:
-        return [_distant(light, n, *bounds(query.origins))]
+        return [_distant(light, n, low, high)]
     if light.kind == AMBIENT:
-        return [_along(AROUND, n, np.eye(3), light.radius * _MORE, *bounds(query.origins))]
+        return [_along(AROUND, n, np.eye(3), light.radius * _MORE, low, high)]
     ends = fixed_points(query)
     if light.kind == FIXED and not apart:
-        return [_around(ends, 0, n, -1)]
+        return [_around(ends, 0, n, -1, low, high)]
     same = (ends == ends[:1]).all((0, 2))
     return [
-        _around(ends[:, s : s + 1] if which < 0 else ends[which : which + 1, s : s + 1], s, 1, which)
+        _around(ends[:, s : s + 1] if which < 0 else ends[which : which + 1, s : s + 1], s, 1, which, low, high)
         for s in range(n)
         for which in ([-1] if same[s] else range(N_SETS))
     ]
 
 
-def _around(ends: np.ndarray, first: int, count: int, which: int) -> Beam:
+def _around(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarray, high: np.ndarray) -> Beam:
     """The beam of these ends."""
     points = ends.reshape(-1, 3).astype(np.float64)
     if (points == points[0]).all():
-        return _ball(first, count, which, points[0], 0.0)._replace(common=True, radius=0.0)
+        return _ball(first, count, which, points[0], 0.0, low, high)._replace(common=True, radius=0.0)
     centre = (points.min(0) + points.max(0)) / 2.0
     common = bool((ends == ends[:1]).all())
-    beam = _ball(first, count, which, centre, float(np.linalg.norm(points - centre, axis=1).max()))
+    beam = _ball(first, count, which, centre, float(np.linalg.norm(points - centre, axis=1).max()), low, high)
     return beam._replace(common=common)
 
 
-def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float) -> Beam:
-    """The beam of ends in a ball; its apex is a float32 point, so that differences to it are rounded once."""
+def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
+    """The beam of ends in a ball, and of receivers in the box from `low` to `high`, (3,) float64 each.
+
+    Its apex is a float32 point, so that differences to it are rounded once.
+    """
     apex, none = centre.astype(np.float32).astype(np.float64), np.zeros(3)
     radius = (radius + float(np.linalg.norm(centre - apex))) * _MORE + 2.0**-22 * float(np.abs(apex).max() + radius)
-    return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), radius, none, none, 0.0)
+    unit = _unit(np.linalg.norm(np.maximum(np.abs(low - apex), np.abs(high - apex))))
+    return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), unit, radius * unit, none, none, 0.0)
 
 
 def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:
-    """The beam of receivers in a box, (3,) each, that has no apex."""
-    low, high = low.astype(np.float64), high.astype(np.float64)
+    """The beam of such receivers that has no apex."""
     corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, high, low) @ axes.T
+    unit = _unit(np.abs(corners).max() * _MORE)
+    corners *= unit
     scale = float(np.abs(corners).max()) * _MORE
-    return Beam(kind, 0, n, -1, False, np.zeros(3), axes, radius, corners.min(0), corners.max(0), scale)
+    if kind == AROUND:
+        radius *= unit
+    return Beam(kind, 0, n, -1, False, np.zeros(3), axes, unit, radius, corners.min(0), corners.max(0), scale)
 
 
 def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
     """The directions to the samples of a distant disk; rounding makes some of a light without extent, too."""
     distance = float(np.linalg.norm(light.base))
     towards = light.base / distance
-    tangent = max(np.linalg.norm(light.u), np.linalg.norm(light.v)) / distance
-    sine = float(np.sin(np.arctan(tangent * _MORE))) + 2.0**-20
+    length = float(max(np.linalg.norm(light.u), np.linalg.norm(light.v)))
+    if length > _WIDE * distance:
+        return _along(AROUND, n, np.eye(3), (distance + length) * _MORE, low, high)
+    sine = float(np.sin(np.arctan(length / distance * _MORE))) + 2.0**-20
     return _along(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
+
+
+def _unit(distance: float) -> float:
+    """The power of two, of those that leave float32 room, that takes this distance to between 1 / 2 and 1."""
+    return 2.0 ** -min(max(int(np.frexp(distance)[1]), -100), 100)

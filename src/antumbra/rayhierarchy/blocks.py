@@ -130,7 +130,7 @@ def _write_groups(ticket, query, beam, scale, bits, cells, lanes_of, counts, tal
         for block in range(first, min(first + ticket[CHUNK], ticket[N])):
             there = _block_ids(np.int32(block), w, h, ids)
             d = places_of(asking, view, ids)
-            asks = who_asks(asking, view, samples, ids, there & ~at_apex(view, d), mine)
+            asks = who_asks(asking, view, samples, ids, there, mine) & ~at_apex(view, d)
             faces, u, v = places_on(view, scale, d)
             store(face, 0, faces)
             store(places, 0, u)

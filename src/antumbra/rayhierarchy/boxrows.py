@@ -13,6 +13,8 @@ BOX, CORNERS = 32, 38
 """
 
 _E = np.float64(2.0**-19)  # above the rounding of a plane's numbers, a box's, and of their products, for sums up to 1
+_FAR = np.float64(2.0**-12)  # times _E: above the rounding of planes far from their corners, in units of these
+_TINY = np.float64(1e-30)  # above the rounding of numbers that float32 hardly holds
 _INFINITE = np.float64(np.inf)
 _SLANT = np.float64(1e-6)  # more than a receiver on a face can be beyond its edges, in units of its distance
 
@@ -40,7 +42,7 @@ def upper(a, b):
 
 
 @inlined
-def _put_plane(row, at, plane, view, face, sign):
+def _put_plane(row, at, plane, view, face, scale, sign):
     """Write a plane as (a, b, c, d), for f = a u + b v + c + d q, made a little larger (sign 1) or smaller (-1)."""
     size = abs(plane.x) + abs(plane.y) + abs(plane.z)
     s = 1.0 / size if size > 0.0 else np.float64(0.0)
@@ -51,7 +53,7 @@ def _put_plane(row, at, plane, view, face, sign):
         c += sign * _E if s > 0.0 else np.float64(0.0)
     else:
         a, b, d = x, y, z
-        c = m + sign * _E * (abs(m) + view.scale) if s > 0.0 else np.float64(0.0)
+        c = m + sign * (_E * (abs(m) + scale) + _TINY) if s > 0.0 else np.float64(0.0)
     put_number(row, at, a)
     put_number(row, at + 1, b)
     put_number(row, at + 2, c)
@@ -115,10 +117,15 @@ def _parallel_box(view, low, high):
 
 
 @inlined
+def _size(v):
+    return abs(v[0]) + abs(v[1]) + abs(v[2])
+
+
+@inlined
 def _put_bounds(row, low, high, scale):
     for k in range(3):
-        put_number(row, BOX + 2 * k, low[k] - _E * (abs(low[k]) + scale))
-        put_number(row, BOX + 2 * k + 1, high[k] + _E * (abs(high[k]) + scale))
+        put_number(row, BOX + 2 * k, low[k] - (_E * (abs(low[k]) + scale) + _TINY))
+        put_number(row, BOX + 2 * k + 1, high[k] + (_E * (abs(high[k]) + scale) + _TINY))
 
 
 @kernel
@@ -128,16 +135,19 @@ def write_box_row(view, face, ways, shape, spheres, row):
     if spheres:  # the box of the sphere, and no planes
         centre, r = sphere_of(shape)
         low, high = (centre[0] - r, centre[1] - r, centre[2] - r), (centre[0] + r, centre[1] + r, centre[2] + r)
+    scale = np.float64(1.0)
     if view.kind == PERSPECTIVE:
         low, high, there = _perspective_box(view, face, (shape.a, shape.b, shape.c))
         if not there:
             return False
     else:
+        scale = view.scale + _FAR * _most(_size(low), _size(high))
         low, high = _parallel_box(view, low, high)
     for k in range(4):
-        _put_plane(row, OUTER + 4 * k, nothing() if spheres else shape.outer[k], view, face, np.float64(1.0))
-        _put_plane(row, INNER + 4 * k, shape.inner[k], view, face, np.float64(-1.0))
+        outer = nothing() if spheres else shape.outer[k]
+        _put_plane(row, OUTER + 4 * k, outer, view, face, scale, np.float64(1.0))
+        _put_plane(row, INNER + 4 * k, shape.inner[k], view, face, scale, np.float64(-1.0))
         _corner(row, CORNERS + 3 * k, OUTER + 4 * k, ways)
-    _put_bounds(row, low, high, np.float64(1.0) if view.kind == PERSPECTIVE else view.scale)
+    _put_bounds(row, low, high, scale)
     put_whole(row, COVERS, 1 if shape.covers else 0)
     return True

@@ -30,11 +30,12 @@ from ..trace.vec import Vec, dot, rows
 from . import nodes as names
 from .planes import sphere_of
 from .rows import COVERS, INNER, OUTER, number16, put_number, put_whole, whole
+from .view import relative
 
 ROWS = 7  # of a node: the axis, cos a, sin a, the shortest and the longest ray
 SPHERE, DIRECTIONS, EXACT = 32, 37, 46
-"""Where a row has the sphere around a triangle (centre, radius, the centre's distance), the unit vectors to its
-corners, and whether all rays end in the apex."""
+"""Where a row has the sphere around a triangle (unit vector to its centre, radius in units of the centre's distance,
+distance of what is nearest in it), the unit vectors to the corners, and whether all rays end in the apex."""
 
 _F = np.float32
 _E = _F(2.0**-20)  # above the rounding of products of unit vectors
@@ -101,7 +102,7 @@ def _ray_of(view, leaves, at):
     """(direction from the apex, length) of the ray whose receiver is at a place of a leaf."""
     p = leaves.origins
     x, y, z = get(p, at), get(p, at + leaves.ways), get(p, at + 2 * leaves.ways)
-    return _unit((np.float64(x) - view.x, np.float64(y) - view.y, np.float64(z) - view.z))
+    return _unit(relative(view, (np.float64(x), np.float64(y), np.float64(z))))
 
 
 @kernel
@@ -178,10 +179,11 @@ def _write_cone_row(view, shape, row):
         put_number(row, DIRECTIONS + 3 * k + 1, d[1])
         put_number(row, DIRECTIONS + 3 * k + 2, d[2])
     centre, radius = sphere_of(shape)
+    towards, far = _unit(centre)
     for k in range(3):
-        put_number(row, SPHERE + k, centre[k])
-    put_number(row, SPHERE + 3, radius + view.radius)
-    put_number(row, SPHERE + 4, np.sqrt(_dot(centre, centre)))
+        put_number(row, SPHERE + k, towards[k])
+    put_number(row, SPHERE + 3, (radius + view.radius) / max(far, _TINY))
+    put_number(row, SPHERE + 4, far - (radius + view.radius) - _E * far)
     put_whole(row, EXACT, 1 if view.radius == 0.0 else 0)
     put_whole(row, COVERS, 1 if shape.covers else 0)
     return True
@@ -217,10 +219,9 @@ def _meets_sphere(group, ways, row):
     x = number16(row, SPHERE) - z * load16(group, 0)
     y = number16(row, SPHERE + 1) - z * load16(group, ways)
     p = Vec(x, y, number16(row, SPHERE + 2) - z * load16(group, 2 * ways))
-    r, far = number16(row, SPHERE + 3), number16(row, SPHERE + 4)
-    slack = fma(far, _E, r)
+    r, nearest = number16(row, SPHERE + 3), number16(row, SPHERE + 4)
     away = square_root(dot(p, p)) * load16(group, 3 * ways) - z * load16(group, 4 * ways)
-    return (away <= slack) & (far - slack <= load16(group, 6 * ways))
+    return (away <= r + _E) & (nearest <= load16(group, 6 * ways))
 
 
 @inlined

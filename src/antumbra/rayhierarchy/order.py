@@ -70,7 +70,7 @@ def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
             store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
             lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
             d = places_of(asking, view, ids)
-            asks = who_asks(asking, view, samples, ids, lanes & ~at_apex(view, d), mine)
+            asks = who_asks(asking, view, samples, ids, lanes, mine) & ~at_apex(view, d)
             face, u, v = places_on(view, scale, d)
             store(out, i, select(mask_from_bits16(asks), cells_of(face, u, v), np.int32(-1)))
             n += popcount(asks)

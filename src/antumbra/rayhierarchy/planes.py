@@ -23,7 +23,9 @@ from ..jit import inlined, kernel
 from .beams import AROUND, PERSPECTIVE
 
 _MORE = np.float64(1.0 + 2.0**-20)
-_U = np.float64(2.0**-44)  # above the rounding of a plane's float64 numbers, in units of the products that they sum
+_U = np.float64(2.0**-28)  # what is less, in units of the products that it sums, says nothing: rounding turns its plane
+_THIN = np.float64(2.0**-22)  # of a triangle in units of its length: no side of a plane at h = _U has less for sure
+_COORDINATES = np.float64(2.0**-22)  # 2^-50 / _U: above the rounding of coordinates, in units of them
 
 
 class Plane(NamedTuple):
@@ -76,8 +78,8 @@ def _plane_at(n, p):
 
 @inlined
 def _through_apex(t, w, r):
-    """The plane through an edge along t and the apex, of which w is a point of the edge (or the direction away from a
-    light that is far away), with the point r (or direction) where it is positive: (plane, known)."""
+    """The plane through an edge along t with the point w and the apex, with the point r where it is positive:
+    (plane, known)."""
     n = _cross(t, w)
     side = _dot(n, r)
     size = abs(t[0]) + abs(t[1]) + abs(t[2])
@@ -110,7 +112,7 @@ def _tangent(t, w, p, r, radius):
     for sign in (np.float64(1.0), np.float64(-1.0)):
         n = k * foot[0] + sign * c * b[0], k * foot[1] + sign * c * b[1], k * foot[2] + sign * c * b[2]
         other = k * foot[0] - sign * c * b[0], k * foot[1] - sign * c * b[1], k * foot[2] - sign * c * b[2]
-        if _dot(n, to) > _U * size and (not _dot(other, to) > _U * size or _dot(n, to) > _dot(other, to)):
+        if _dot(n, to) > _THIN * size and (not _dot(other, to) > _THIN * size or _dot(n, to) > _dot(other, to)):
             return _plane_at(n, p), True
     return nothing(), False
 
@@ -121,11 +123,12 @@ def _own_plane(view, a, b, c):
     n = _cross(_minus(b, a), _minus(c, a))
     p = abs(b[0] - a[0]) + abs(b[1] - a[1]) + abs(b[2] - a[2])
     q = abs(c[0] - a[0]) + abs(c[1] - a[1]) + abs(c[2] - a[2])
+    far = abs(a[0]) + abs(a[1]) + abs(a[2])
     if view.kind == PERSPECTIVE:
-        d, size = _dot(n, a), abs(a[0]) + abs(a[1]) + abs(a[2])
+        d, size = _dot(n, a), far
     else:
         d, size = -n[2], np.float64(1.0)
-    slack = view.radius * np.sqrt(_dot(n, n)) * 1.000001 + _U * p * q * size
+    slack = view.radius * np.sqrt(_dot(n, n)) * 1.000001 + _U * size * (p * q + _COORDINATES * far * (p + q))
     if d > slack:
         return Plane(n[0], n[1], n[2], -_dot(n, a)), -1
     if -d > slack:
@@ -136,13 +139,14 @@ def _own_plane(view, a, b, c):
 @inlined
 def _edge(view, p, q, r):
     """(outer plane, inner plane, are both known?) of the edge from p to q; r is the third corner."""
-    t = _minus(q, p)
-    w = p
+    if _dot(q, q) < _dot(p, p):  # what rounding costs grows with the distance of the end that the plane is drawn from
+        p, q = q, p
+    t, w = _minus(q, p), p
+    if view.radius == 0.0:  # of a point; other beams have some
+        plane, known = _through_apex(t, p, r)
+        return plane, plane, known
     if view.kind != PERSPECTIVE:
         w = np.float64(0.0), np.float64(0.0), np.float64(-1.0)
-    if view.radius == 0.0:
-        plane, known = _through_apex(t, w, r if view.kind == PERSPECTIVE else _minus(r, p))
-        return plane, plane, known
     outer, met = _tangent(t, w, p, r, view.radius)
     inner, known = _tangent(t, w, p, r, -view.radius)
     return outer, inner, met and known

@@ -29,7 +29,7 @@ from ..simd import (
 from ..trace.vec import Vec, cross, dot, largest, minus, times
 from .boxrows import BOX, CORNERS
 from .rows import COVERS, INNER, LANES, OUTER, TRIANGLE
-from .view import turned
+from .view import relative16, turned
 
 _F = np.float32
 _MARGIN = _F(64 * 2.0**-24)
@@ -38,6 +38,7 @@ _E = _F(2.0**-20)
 _SLANT = _F(1e-6)
 _INF = _F(np.inf)
 _FLOOR = _F(1e-30)  # volumes below it may have underflowed
+_HUGE = _F(1e37)  # what is less has not overflowed
 _LARGE = _F(2.0**40)  # lengths below it cannot overflow in a product of three
 
 
@@ -46,7 +47,7 @@ def _corner(corners, at, k, view):
     """(corner k of 16 triangles, the same seen from the apex); at: i32x16, their first numbers."""
     at = at + np.int32(3 * k)
     v = Vec(gather(corners, at), gather(corners, at + 1), gather(corners, at + 2))
-    return v, Vec(v.x - _F(view.x), v.y - _F(view.y), v.z - _F(view.z))
+    return v, relative16(view, v)
 
 
 @inlined
@@ -102,9 +103,9 @@ def _range(x, s, near):
 
 
 @inlined
-def _put_box(rows, u, v, z):
-    """Write the boxes of the shadows of 16 triangles, from the coordinates of their corners."""
-    near, one = minimum(minimum(z[0], z[1]), z[2]) > _FLOOR, _F(1.0)
+def _put_box(rows, u, v, z, reach):
+    """Write the boxes of the shadows of 16 triangles, from the coordinates of their corners, none above `reach`."""
+    near, one = (minimum(minimum(z[0], z[1]), z[2]) > _FLOOR) & (reach < _HUGE), _F(1.0)
     s = one / select(near, z[0], one), one / select(near, z[1], one), one / select(near, z[2], one)
     u, v, q = _range(u, s, near), _range(v, s, near), maximum(maximum(s[0], s[1]), s[2])
     _put(rows, BOX, u[0])
@@ -131,7 +132,8 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
     at, one = load16(slots, 0), _F(1.0)
     (v0, a), (v1, b) = _corner(corners, at * 9, 0, view), _corner(corners, at * 9, 1, view)
     v2, c = _corner(corners, at * 9, 2, view)
-    e, f, g = minus(v1, v0), minus(v2, v1), minus(v0, v2)
+    unit = _F(view.unit)
+    e, f, g = times(minus(v1, v0), unit), times(minus(v2, v1), unit), times(minus(v0, v2), unit)
     n, le, lf, lg = cross(e, f), largest(e), largest(f), largest(g)
     size, reach = maximum(maximum(le, lf), lg), maximum(maximum(largest(a), largest(b)), largest(c))
     volume, square = dot(n, a), size * size
@@ -163,6 +165,6 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
         _put_planes(block, 1, bc, face, wide * lf, none, none, ways)
         _put_planes(block, 2, ca, face, wide * lg, none, none, ways)
         _put_planes(block, 3, n, face, square * _MARGIN, near, far, ways)
-        _put_box(block, u, v, z)
+        _put_box(block, u, v, z, reach)
         _put(as_i32(block), TRIANGLE, at)
         _put(as_i32(block), COVERS, select(covers, splat16(np.int32(1)), splat16(np.int32(0))))

@@ -34,7 +34,7 @@ def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: 
     """
     threads = thread_count(threads)
     for part, of_part in _parts(query, bits):
-        for beam in beams_of(part, apart=not options.shared):
+        for beam in beams_of(part, not options.shared, threads):
             _trace_beam(soup, part, beam, of_part, threads, counters, progress, options)
 
 

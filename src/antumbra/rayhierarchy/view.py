@@ -6,7 +6,7 @@ import numpy as np
 
 from ..jit import inlined
 from ..simd import fma
-from ..trace.vec import Vec
+from ..trace.vec import Vec, times
 from .beams import PERSPECTIVE
 
 FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
@@ -16,6 +16,7 @@ class View(NamedTuple):
     """A `Beam` in kernels; float64 scalars but the kind."""
 
     kind: int
+    unit: float  # by which lengths are multiplied
     x: float  # the apex
     y: float
     z: float
@@ -32,7 +33,7 @@ def view_of(beam):
     """The `View` of a `Beam`."""
     p, a = beam.apex, beam.axes
     u, v, w = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
-    return View(beam.kind, p[0], p[1], p[2], u, v, w, beam.radius, beam.scale, beam.lower[2])
+    return View(beam.kind, beam.unit, p[0], p[1], p[2], u, v, w, beam.radius, beam.scale, beam.lower[2])
 
 
 @inlined
@@ -43,9 +44,10 @@ def _dot(a, b):
 @inlined
 def relative(view, p):
     """A point, float64, in the beam's frame: seen from its apex, or along its axes."""
+    s = view.unit
     if view.kind == PERSPECTIVE:
-        return p[0] - view.x, p[1] - view.y, p[2] - view.z
-    return _dot(view.u, p), _dot(view.v, p), _dot(view.w, p)
+        return (p[0] - view.x) * s, (p[1] - view.y) * s, (p[2] - view.z) * s
+    return _dot(view.u, p) * s, _dot(view.v, p) * s, _dot(view.w, p) * s
 
 
 @inlined
@@ -61,8 +63,10 @@ def turned(d, face):
 @inlined
 def relative16(view, o):
     """16 points, a `Vec` of f32x16, in the beam's frame; off by no more than its rounding, as apexes are float32."""
+    s = np.float32(view.unit)
     if view.kind == PERSPECTIVE:
-        return Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z))
+        return times(Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
+    o = times(o, s)
     return Vec(_along(o, view.u), _along(o, view.v), _along(o, view.w))
 
 
