@@ -33,12 +33,14 @@ def test_all_variants_answer_the_same(picture):
     assert [c.variant for c in costs] == list(PLANS) == [bench.OURS, *paper.VARIANTS]
     assert 0 < seen.blocked < seen.rays == SIZE * SIZE
     assert len(bench.answers([seen], costs)) == 1 + len(PLANS) and agree(bench.answers([seen], costs))
-    assert all(c.nodes is not None and c.tests > 0 and c.seconds > 0 and c.predicted > 0 for c in costs)
+    assert all(c.nodes > 0 and c.tests > 0 and c.seconds > 0 for c in costs)
+    assert all(c.predicted_nodes > 0 and c.predicted > 0 for c in costs)
 
 
 def test_what_would_take_too_long_is_left_out(picture):
     seen, costs = bench.measure(picture, 2, 1, 0.0, silent)
-    assert all((c.nodes, c.tests, c.seconds, c.bits) == (None,) * 4 and c.predicted > 0 for c in costs)
+    assert all((c.nodes, c.tests, c.seconds, c.bits) == (None,) * 4 for c in costs)
+    assert all(c.predicted > 0 and c.predicted_nodes > 0 for c in costs)
     assert bench.answers([seen], costs) == [("cellar", seen.bits)]
 
 
@@ -56,7 +58,7 @@ def made_costs(picture: str, **nodes: int | None) -> list[Cost]:
     """Costs of all variants: nodes as given, or 9; a second for each of them; None: left out."""
     found = {name: nodes.get(name, 9) for name in PLANS}
     return [
-        Cost(picture, name, 1.0) if n is None else Cost(picture, name, 1.0, n, 5, float(n), b"1")
+        Cost(picture, name, 1.0, 9.0) if n is None else Cost(picture, name, 1.0, 9.0, n, 5, float(n), b"1")
         for name, n in found.items()
     ]
 

@@ -24,9 +24,9 @@ PLANS = {OURS: "cones", **{name: f"cones:{name}" for name in VARIANTS}}
 REFERENCE = "lbvh+single"
 """The plan whose bits all variants must have."""
 
-SHRINK = 4
-"""By which part of the width and the height it is found out how long a picture will take. More rays visit at most in
-proportion more nodes, so the prediction is rather too long."""
+SHRINK = (8, 4)
+"""Parts of the width and the height at which each variant is tried before. Nodes, and with them seconds, are expected
+to grow from one doubling to the next as they do between the two, but not faster than the rays."""
 
 
 class Seen(NamedTuple):
@@ -46,7 +46,8 @@ class Cost(NamedTuple):
 
     picture: str
     variant: str  # a key of PLANS
-    predicted: float  # seconds, from the smaller picture
+    predicted: float  # seconds, by smaller pictures
+    predicted_nodes: float
     nodes: int | None = None  # cones visited
     tests: int | None = None  # ray tests, of up to 16 rays each
     seconds: float | None = None  # of the phase `trace`
@@ -71,10 +72,9 @@ def measure(
 ) -> tuple[Seen, list[Cost]]:
     """All variants in one picture; InputError if its camera sees nothing. limit: seconds a variant may take."""
     renderers = {name: Renderer(picture.scene, plan, threads) for name, plan in PLANS.items()}
-    smaller = picture.camera.resized(*(max(n // SHRINK, 1) for n in (picture.camera.width, picture.camera.height)))
-    larger = picture.camera.width * picture.camera.height / (smaller.width * smaller.height)
 
-    def trace(name: str, renderer: Renderer, camera=picture.camera, counters=False) -> Frame:
+    def trace(name: str, renderer: Renderer, shrink=1, counters=False) -> Frame:
+        camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
         say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
         return renderer.render(camera, [picture.light], spp=1, time=picture.time, counters=counters)
 
@@ -82,8 +82,8 @@ def measure(
     if not frame.rays:
         raise InputError(f"{picture.name}: the camera sees nothing; choose a scene whose camera sees something")
     seen = _seen(picture, frame)
-    predicted = {n: larger * trace(n, r, smaller).timings["trace"] for n, r in renderers.items()}
-    counted = {n: trace(n, r, counters=True) for n, r in renderers.items() if predicted[n] <= limit}
+    predicted = {n: _predicted(*(trace(n, r, part, True) for part in SHRINK)) for n, r in renderers.items()}
+    counted = {n: trace(n, r, counters=True) for n, r in renderers.items() if predicted[n][0] <= limit}
     laps: dict[str, list[float]] = {name: [] for name in counted}
     for turn in range(rounds):
         for name, first in counted.items():
@@ -91,13 +91,27 @@ def measure(
                 laps[name].append(trace(name, renderers[name]).timings["trace"])
     costs = []
     for name in PLANS:
-        cost = Cost(picture.name, name, predicted[name])
+        cost = Cost(picture.name, name, *predicted[name])
         if name in counted:
-            counters = counted[name].counters or {}
-            cost = cost._replace(nodes=counters["nodes"], tests=counters["triangle_tests"])
+            nodes, tests = _counts(counted[name])
+            cost = cost._replace(nodes=nodes, tests=tests)
             cost = cost._replace(seconds=median(laps[name]), bits=digest(counted[name].bits))
         costs.append(cost)
     return seen, costs
+
+
+def _counts(frame: Frame) -> tuple[int, int]:
+    """(nodes, tests) that a frame counted."""
+    assert frame.counters is not None
+    return frame.counters["nodes"], frame.counters["triangle_tests"]
+
+
+def _predicted(smallest: Frame, small: Frame) -> tuple[float, float]:
+    """(seconds, nodes) of the whole picture."""
+    nodes = _counts(small)[0]
+    doublings = np.log2(SHRINK[1]) / np.log2(SHRINK[0] / SHRINK[1])
+    growth = min((nodes / max(_counts(smallest)[0], 1)) ** doublings, SHRINK[1] ** 2)
+    return float(growth * small.timings["trace"]), float(growth * nodes)
 
 
 def _seen(picture: Picture, frame: Frame) -> Seen:

@@ -116,7 +116,7 @@ def ray_hierarchy(
     report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
 
 
-def _millions(count: int | None) -> str:
+def _millions(count: float | None) -> str:
     return "" if count is None else f"{count / 1e6:,.3f}"
 
 
@@ -131,17 +131,20 @@ def _print_pictures(seen: "list[Seen]", costs: "list[Cost]") -> None:
     asked = [(s.picture, f"{s.triangles:,}", f"{s.rays:,}", f"{100 * s.blocked / s.rays:.0f}") for s in seen]
     print("Pictures, one point light, one shadow ray for each pixel that sees something")
     report.print_table(("picture", "triangles", "rays", "% blocked"), asked, right=range(1, 4), width=_WIDTH)
+    left_out = "skipped: about "
     tables = (
-        ("Nodes visited, millions (Figures 6 and 7)", lambda c: _millions(c.nodes)),
-        ("Ray tests, of up to 16 rays each, millions", lambda c: _millions(c.tests)),
-        ("Shadows, ms (Figures 6 and 7)", lambda c: "" if c.seconds is None else _ms(c.seconds)),
+        (
+            "Nodes visited, millions (Figures 6 and 7)",
+            lambda c: _millions(c.nodes) or left_out + _millions(c.predicted_nodes),
+        ),
+        ("Ray tests, of up to 16 rays each, millions", lambda c: _millions(c.tests) or "skipped"),
+        (
+            "Shadows, ms (Figures 6 and 7)",
+            lambda c: left_out + report.duration(c.predicted) if c.seconds is None else _ms(c.seconds),
+        ),
     )
     for title, cell in tables:
-        table = []
-        for s in seen:
-            found = [of(costs, s.picture, variant) for variant in PLANS]
-            skipped = [f"skipped: about {report.duration(c.predicted)}" if c.nodes is None else "" for c in found]
-            table.append((s.picture, *(skip or cell(c) for skip, c in zip(skipped, found))))
+        table = [(s.picture, *(cell(of(costs, s.picture, variant)) for variant in PLANS)) for s in seen]
         print(title)
         report.print_table(("picture", *PLANS), table, right=range(1, 1 + len(PLANS)), width=_WIDTH)
 
