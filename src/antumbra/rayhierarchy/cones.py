@@ -136,6 +136,15 @@ def _axis(children, ways, i):
     return _unit((np.float64(w[0]), np.float64(w[1]), np.float64(w[2])))[0]
 
 
+@inlined
+def _angle(children, ways, i):
+    """(cosine, sine) of the half-angle of a cone: from the smaller of the two, the other says little in float32."""
+    cos, sin = np.float64(get(children, 3 * ways + i)), np.float64(get(children, 4 * ways + i))
+    if cos > sin:
+        return np.sqrt(1.0 - sin * sin), sin
+    return cos, np.sqrt(max(1.0 - cos * cos, 0.0))
+
+
 @kernel
 def _cone_of_nodes(children, alive, ways, group, lane):
     """The cone around a group."""
@@ -150,7 +159,7 @@ def _cone_of_nodes(children, alive, ways, group, lane):
     c, s, shortest, longest = np.float64(2.0), z, np.float64(np.inf), z
     for i in range(ways):
         if alive >> i & 1:
-            cos, sin = np.float64(get(children, 3 * ways + i)), np.float64(get(children, 4 * ways + i))
+            cos, sin = _angle(children, ways, i)
             c, s = _wider(w, _axis(children, ways, i), c, s, cos, sin)
             shortest = min(shortest, np.float64(get(children, 5 * ways + i)))
             longest = max(longest, np.float64(get(children, 6 * ways + i)))

@@ -214,7 +214,7 @@ def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
 
 
 @kernel
-def _write_rows(tree, parts, view, soup, slots, n, how, rows, found):
+def write_rows(tree, parts, view, soup, slots, n, how, rows, found):
     """The rows of n <= 16 triangles for each face; `found`: bits of those that may block something there."""
     if view.kind == PERSPECTIVE and view.radius == 0.0 and writes_sixteen(tree.nodes):
         lanes = (np.int64(1) << n) - 1
@@ -275,7 +275,7 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters)
                 put(slots, lane, picks[min(i + lane, last - 1)])
             block, n = (i - first) // LANES, min(last - i, LANES)
             numbers, to = ptr_at(rows, block * BLOCK), ptr_at(found, block * parts)
-            _write_rows(tree, parts, view, soup, slots, n, how, numbers, to)
+            write_rows(tree, parts, view, soup, slots, n, how, numbers, to)
         for part in range(parts):
             of_part = ptr_at(rows, part * BATCH * NUMBERS)
             for block in range((last - first + LANES - 1) // LANES):
