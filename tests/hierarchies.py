@@ -1,0 +1,153 @@
+"""Helpers for tests of ray hierarchies: queries of points, the hierarchies over their rays, and what these say."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from antumbra.jit import kernel
+from antumbra.predicate.exact import segment
+from antumbra.predicate.filters import meets
+from antumbra.query.reach import reach
+from antumbra.query.receivers import FREE
+from antumbra.query.sampling import light_samples
+from antumbra.query.shadow import ShadowQuery, segments
+from antumbra.rayhierarchy.beams import Beam
+from antumbra.rayhierarchy.nodes import covered, possible
+from antumbra.rayhierarchy.order import PAD, Order, order_of
+from antumbra.rayhierarchy.rays import Rays, rays_of
+from antumbra.rayhierarchy.rows import LANES, NUMBERS
+from antumbra.rayhierarchy.soup import Soup
+from antumbra.rayhierarchy.traverse import BATCH, PAIRS, How, row_at, write_rows
+from antumbra.rayhierarchy.tree import Tree, group_at, groups_of, tree_of, tree_pointers
+from antumbra.rayhierarchy.view import view_of
+from antumbra.scene.triangles import Triangles
+from antumbra.simd import get, ptr, ptr_at
+
+
+def triangles_of(vertices) -> Triangles:
+    """The `Triangles` of a soup, (n, 3, 3), in a frame that is the world's."""
+    vertices = np.ascontiguousarray(vertices, np.float32).reshape(-1, 3, 3)
+    n = len(vertices)
+    return Triangles(vertices, np.zeros(3), np.arange(n, dtype=np.int32), np.ones((n, 3), np.float32))
+
+
+def points_query(triangles, points, light, spp, normals=None) -> ShadowQuery:
+    """What points ask, (m, 3), where they are: they float freely, or lie on surfaces with unit normals."""
+    points = np.ascontiguousarray(points, np.float32)
+    m = len(points)
+    return ShadowQuery(
+        points[None],
+        np.full((1, m), -1, np.int32),
+        np.full((1, m), FREE if normals is None else 1, np.int8),
+        np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals, np.float64)[None],
+        triangles.vertices.reshape(-1, 9),
+        light.patch(triangles.origin, reach(triangles, points)),
+        light_samples(light, spp),
+        0,
+    )
+
+
+class Hierarchy(NamedTuple):
+    """Over the rays of one beam, with all that it is made from."""
+
+    query: ShadowQuery
+    beam: Beam
+    bits: np.ndarray
+    order: Order
+    rays: Rays
+    tree: Tree
+
+
+def hierarchy(kind, query, beam, ways=16, sort=True, threads=1) -> Hierarchy | None:
+    """The hierarchy of `kind` (`Boxes` or `Cones`) over a beam's rays; None if nothing asks."""
+    bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+    order = order_of(query, beam, bits, sort, threads)
+    if not len(order.ids):
+        return None
+    rays = rays_of(query, beam, order, ways, bits, threads)
+    return Hierarchy(query, beam, bits, order, rays, tree_of(kind, beam, order, rays, threads))
+
+
+@kernel
+def _say(arrays, beam, triangles, how, may, full):
+    """What each node says of each triangle: may it block a ray of it, does it block all?"""
+    tree, parts, view, ways = tree_pointers(arrays), len(arrays.faces), view_of(beam), np.int64(arrays.ways)
+    soup = Soup(ptr(triangles.corners), ptr(triangles.ids))
+    memory, found = np.zeros(parts * BATCH * NUMBERS, np.float32), np.zeros(parts, np.int32)
+    slots, n = np.zeros(LANES, np.int32), len(triangles.corners)
+    for first in range(0, n, LANES):
+        for lane in range(LANES):
+            slots[lane] = min(first + lane, n - 1)
+        write_rows(tree, parts, view, soup, ptr(slots), min(n - first, LANES), how, ptr(memory), ptr(found))
+        for part in range(parts):
+            start, last = groups_of(tree, part, 0), groups_of(tree, part, get(tree.heights, part) - 1)
+            for lane in range(min(n - first, LANES)):
+                row = row_at(ptr_at(memory, part * BATCH * NUMBERS), lane)
+                for g in range(start, last + 1):
+                    if found[part] >> lane & 1 == 0:
+                        continue
+                    alive, group = np.int64(get(tree.alive, g)), group_at(tree, g)
+                    some = possible(tree.nodes, group, row, ways, alive, how.spheres)
+                    all_of = covered(tree.nodes, group, row, ways) & some
+                    for k in range(ways):
+                        may[first + lane, g * ways + k], full[first + lane, g * ways + k] = (
+                            some >> k & 1,
+                            all_of >> k & 1,
+                        )
+    memory[0] = slots[0] = 0  # they live until here
+
+
+@kernel
+def _meet(origins, ends, corners, out):
+    for k in range(len(corners)):
+        for i in range(len(origins)):
+            for s in range(ends.shape[1]):
+                o, l = origins[i], ends[i, s]
+                out[k, i, s] = meets(segment(o[0], o[1], o[2], l[0], l[1], l[2]), corners, k) != 0
+
+
+def met_by(query, corners) -> np.ndarray:
+    """(n, m, spp) bool: which triangles meet the segments of the m receivers of a query, exactly."""
+    ends, _ = segments(query)
+    origins = query.origins.reshape(-1, 3)
+    out = np.zeros((len(corners), len(origins), ends.shape[2]), bool)
+    _meet(origins, ends.reshape(len(origins), -1, 3), corners, out)
+    return out
+
+
+class Node(NamedTuple):
+    part: int
+    level: int
+    index: int
+    receivers: np.ndarray  # whose rays are in it
+
+
+def nodes_in(made: Hierarchy):
+    """All nodes of a hierarchy that hold rays: level by level, leaves first."""
+    tree, ways = made.tree, made.rays.ways
+    ids = made.rays.ids[: len(made.rays.dead) * ways].reshape(-1, ways)
+    for part in range(len(tree.faces)):
+        leaves = ids[tree.leaves[part] : tree.leaves[part + 1]]
+        for level in range(tree.heights[part]):
+            for index in range(tree.sizes[part, level]):
+                below = leaves[index * ways**level : (index + 1) * ways**level].ravel()
+                yield Node(part, level, index, below[below >= 0])
+
+
+class Said(NamedTuple):
+    """Of each triangle, (n,) bool."""
+
+    may: np.ndarray  # may it block a ray of the node?
+    full: np.ndarray  # does it block all of them?
+
+
+def said(made: Hierarchy, soup: Soup, spheres=False):
+    """(Node, `Said`) of all nodes that hold rays, as the traversal hears it."""
+    tree, ways = made.tree, made.rays.ways
+    shape = len(soup.corners), (len(tree.alive) - PAD) * ways
+    may, full = np.zeros(shape, bool), np.zeros(shape, bool)
+    _say(tree, made.beam, soup, How(spheres, True, 0, False, PAIRS), may, full)
+    for node in nodes_in(made):
+        if len(node.receivers):
+            k = tree.groups[node.part, node.level] * ways + node.index
+            yield node, Said(may[:, k], full[:, k])
