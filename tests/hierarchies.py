@@ -88,7 +88,7 @@ def _say(arrays, beam, triangles, how, may, full):
                         continue
                     alive, group = np.int64(get(tree.alive, g)), group_at(tree, g)
                     some = possible(tree.nodes, group, row, ways, alive, how.spheres)
-                    all_of = covered(tree.nodes, group, row, ways) & some
+                    all_of = covered(tree.nodes, group, row, ways, some)
                     for k in range(ways):
                         may[first + lane, g * ways + k], full[first + lane, g * ways + k] = (
                             some >> k & 1,
