@@ -75,20 +75,22 @@ def widest(v):
 
 
 @inlined
-def _cross(a, b):
+def cross(a, b):
+    """a x b of tuples of three numbers."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
-def _dot(a, b):
+def dot(a, b):
+    """a . b of tuples of three numbers."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
 def _volumes(d, a, p, q, limits):
-    r, n = _cross(d, a), _cross(p, q)
-    e2, e1 = _dot(p, r), -_dot(q, r)
-    det, volume = _dot(d, n), _dot(a, n)
+    r, n = cross(d, a), cross(p, q)
+    e2, e1 = dot(p, r), -dot(q, r)
+    det, volume = dot(d, n), dot(a, n)
     d1 = abs(d[0]) + abs(d[1]) + abs(d[2])
     m, s = widest(a), _larger(widest(p), widest(q))
     wide, uss = _larger(m, s), limits.u * s * s
@@ -192,7 +194,7 @@ def plane(corners, i, x, y, z):
     """
     a, p, q = _edges64(corners, i, x, y, z)
     s = _larger(widest(p), widest(q))
-    return a, _cross(p, q), _LIMITS64.three * _LIMITS64.u * s * s + _LIMITS64.tiny
+    return a, cross(p, q), _LIMITS64.three * _LIMITS64.u * s * s + _LIMITS64.tiny
 
 
 @inlined
@@ -200,7 +202,7 @@ def side_of(v0, n, error, x, y, z, corners, i):
     """`plane_side` where the `plane` of triangle i relative to (0, 0, 0) is known: (v0, n, error)."""
     f = np.float64
     a = (v0[0] - f(x), v0[1] - f(y), v0[2] - f(z))
-    volume = -_dot(a, n)
+    volume = -dot(a, n)
     if abs(volume) > error * widest(a):
         return 1 if volume > 0.0 else -1
     return exact_plane_side(f(x), f(y), f(z), corners, i)

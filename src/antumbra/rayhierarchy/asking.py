@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined, kernel
-from ..predicate.filters import plane, widest
+from ..predicate.filters import dot, plane, widest
 from ..query.receivers import FREE, NOTHING
 from ..query.samples import patch_at, sample_point
 from ..query.shadow import Horizon, is_above
@@ -68,11 +68,6 @@ def three_at(p, i):
 
 
 @inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
 def sets_at(asking, i):
     """The sample set of receiver i."""
     return (i % asking.w & 3) + 4 * (i // asking.w & 3)
@@ -127,14 +122,14 @@ def _light_side(asking, view, face):
         return np.int64(0)
     at = (view.x, view.y, view.z) if view.kind == PERSPECTIVE else (z, z, z)
     p, n, error = plane(asking.corners, face, z, z, z)
-    length = np.sqrt(_dot(n, n)) * _MORE
+    length = np.sqrt(dot(n, n)) * _MORE
     if view.kind == PERSPECTIVE:
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
-        h, slack = _dot(n, to), view.radius / view.unit * length + error * widest(to)
+        h, slack = dot(n, to), view.radius / view.unit * length + error * widest(to)
     elif view.scale > 64.0 * view.unit * _distance(asking):  # so that rounding of ends matters
         return np.int64(0)
     else:
-        h, slack = _dot(n, view.w), (view.radius + _SLANT) * length + error
+        h, slack = dot(n, view.w), (view.radius + _SLANT) * length + error
     if not abs(h) > slack:
         return np.int64(0)
     return np.int64(1) if h > z else np.int64(-1)
@@ -144,7 +139,7 @@ def _light_side(asking, view, face):
 def _distance(asking):
     """Of a distant light."""
     base = asking.light.base
-    return np.sqrt(_dot(base, base))
+    return np.sqrt(dot(base, base))
 
 
 @kernel
@@ -156,7 +151,7 @@ def _is_near(asking, view, i):
     p, n, error = plane(asking.corners, np.int64(get(asking.faces, i)), z, z, z)
     o = three_at(asking.origins, i)
     to = o[0] - p[0], o[1] - p[1], o[2] - p[2]
-    return abs(_dot(n, to)) + error * widest(to) < _SHALLOW * _distance(asking) * np.sqrt(_dot(n, n))
+    return abs(dot(n, to)) + error * widest(to) < _SHALLOW * _distance(asking) * np.sqrt(dot(n, n))
 
 
 @kernel

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined, kernel
+from ..predicate.filters import cross, dot
 from .beams import AROUND, PERSPECTIVE
 
 _MORE = np.float64(1.0 + 2.0**-20)
@@ -57,31 +58,22 @@ def nothing():
 
 
 @inlined
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def _minus(a, b):
+def minus(a, b):
+    """a - b of tuples of three numbers."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inlined
 def _plane_at(n, p):
-    return Plane(n[0], n[1], n[2], -_dot(n, p))
+    return Plane(n[0], n[1], n[2], -dot(n, p))
 
 
 @inlined
 def _through_apex(t, w, r):
     """The plane through an edge along t with the point w and the apex, with the point r where it is positive:
     (plane, known)."""
-    n = _cross(t, w)
-    side = _dot(n, r)
+    n = cross(t, w)
+    side = dot(n, r)
     size = abs(t[0]) + abs(t[1]) + abs(t[2])
     far = (abs(w[0]) + abs(w[1]) + abs(w[2])) * (abs(r[0]) + abs(r[1]) + abs(r[2]))
     if not abs(side) > _U * size * far:
@@ -95,24 +87,24 @@ def _tangent(t, w, p, r, radius):
     """The plane through the edge p + s t, with n . (foot of w) = radius and the point r where it is positive:
     (plane, known). radius > 0: an outer plane, < 0: an inner one."""
     zero = np.float64(0.0)
-    length = np.sqrt(_dot(t, t))
+    length = np.sqrt(dot(t, t))
     if not length > zero:
         return nothing(), False
     t = t[0] / length, t[1] / length, t[2] / length
-    along = _dot(w, t)
+    along = dot(w, t)
     foot = w[0] - along * t[0], w[1] - along * t[1], w[2] - along * t[2]
-    h = np.sqrt(_dot(foot, foot))
-    if not h > abs(radius) * 1.000001 + _U * np.sqrt(_dot(w, w)):
+    h = np.sqrt(dot(foot, foot))
+    if not h > abs(radius) * 1.000001 + _U * np.sqrt(dot(w, w)):
         return nothing(), False
     k = radius / (h * h)
-    b = _cross(t, foot)
+    b = cross(t, foot)
     c = np.sqrt(np.float64(1.0) - (radius / h) * (radius / h)) / h
-    to = _minus(r, p)
+    to = minus(r, p)
     size = abs(to[0]) + abs(to[1]) + abs(to[2])
     for sign in (np.float64(1.0), np.float64(-1.0)):
         n = k * foot[0] + sign * c * b[0], k * foot[1] + sign * c * b[1], k * foot[2] + sign * c * b[2]
         other = k * foot[0] - sign * c * b[0], k * foot[1] - sign * c * b[1], k * foot[2] - sign * c * b[2]
-        if _dot(n, to) > _THIN * size and (not _dot(other, to) > _THIN * size or _dot(n, to) > _dot(other, to)):
+        if dot(n, to) > _THIN * size and (not dot(other, to) > _THIN * size or dot(n, to) > dot(other, to)):
             return _plane_at(n, p), True
     return nothing(), False
 
@@ -120,28 +112,28 @@ def _tangent(t, w, p, r, radius):
 @inlined
 def _own_plane(view, a, b, c):
     """(plane, facing): the triangle's own, negative where the light is; facing 0: it is not known where that is."""
-    n = _cross(_minus(b, a), _minus(c, a))
+    n = cross(minus(b, a), minus(c, a))
     p = abs(b[0] - a[0]) + abs(b[1] - a[1]) + abs(b[2] - a[2])
     q = abs(c[0] - a[0]) + abs(c[1] - a[1]) + abs(c[2] - a[2])
     far = abs(a[0]) + abs(a[1]) + abs(a[2])
     if view.kind == PERSPECTIVE:
-        d, size = _dot(n, a), far
+        d, size = dot(n, a), far
     else:
         d, size = -n[2], np.float64(1.0)
-    slack = view.radius * np.sqrt(_dot(n, n)) * 1.000001 + _U * size * (p * q + _COORDINATES * far * (p + q))
+    slack = view.radius * np.sqrt(dot(n, n)) * 1.000001 + _U * size * (p * q + _COORDINATES * far * (p + q))
     if d > slack:
-        return Plane(n[0], n[1], n[2], -_dot(n, a)), -1
+        return Plane(n[0], n[1], n[2], -dot(n, a)), -1
     if -d > slack:
-        return Plane(-n[0], -n[1], -n[2], _dot(n, a)), 1
+        return Plane(-n[0], -n[1], -n[2], dot(n, a)), 1
     return nothing(), 0
 
 
 @inlined
 def _edge(view, p, q, r):
     """(outer plane, inner plane, are both known?) of the edge from p to q; r is the third corner."""
-    if _dot(q, q) < _dot(p, p):  # what rounding costs grows with the distance of the end that the plane is drawn from
+    if dot(q, q) < dot(p, p):  # what rounding costs grows with the distance of the end that the plane is drawn from
         p, q = q, p
-    t, w = _minus(q, p), p
+    t, w = minus(q, p), p
     if view.radius == 0.0:  # of a point; other beams have some
         plane, known = _through_apex(t, p, r)
         return plane, plane, known
@@ -168,8 +160,8 @@ def shape_of(view, a, b, c):
 
 @inlined
 def _distance(a, b):
-    d = _minus(a, b)
-    return np.sqrt(_dot(d, d))
+    d = minus(a, b)
+    return np.sqrt(dot(d, d))
 
 
 @inlined

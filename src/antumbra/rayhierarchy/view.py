@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined
+from ..predicate.filters import dot
 from ..simd import fma
 from ..trace.vec import Vec, times
 from .beams import PERSPECTIVE
@@ -37,17 +38,12 @@ def view_of(beam):
 
 
 @inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
 def relative(view, p):
     """A point, float64, in the beam's frame: seen from its apex, or along its axes."""
     s = view.unit
     if view.kind == PERSPECTIVE:
         return (p[0] - view.x) * s, (p[1] - view.y) * s, (p[2] - view.z) * s
-    return _dot(view.u, p) * s, _dot(view.v, p) * s, _dot(view.w, p) * s
+    return dot(view.u, p) * s, dot(view.v, p) * s, dot(view.w, p) * s
 
 
 @inlined
