@@ -70,9 +70,10 @@ def seen_in(picture: str, frame: int | None = None, of: str = "film") -> Seen:
 def test_what_sorting_cuts():
     costs = made_costs("a", Spheres=40, SpheresSorted=4) + made_costs("b", Spheres=30, SpheresSorted=2)
     costs += made_costs("c", Spheres=None) + made_costs("d", SpheresSorted=None) + made_costs("e", SpheresSorted=0)
-    assert bench.cut(costs, "Spheres", "SpheresSorted") == (15.0, "b")
-    times, picture = bench.cut(made_costs("a", Precise=None), "Precise", "PreciseSorted")
-    assert math.isnan(times) and picture == ""
+    assert bench.cut(costs, "Spheres", "SpheresSorted") == (15.0, "b", True)
+    assert bench.cut(made_costs("a", Spheres=None, SpheresSorted=3), "Spheres", "SpheresSorted") == (3.0, "a", False)
+    times, picture, measured = bench.cut(made_costs("a", PreciseSorted=None), "Precise", "PreciseSorted")
+    assert math.isnan(times) and picture == "" and not measured
 
 
 def test_fewest_nodes():

@@ -102,7 +102,7 @@ def test_ray_hierarchies_for_people_and_the_plot(hierarchy, tmp_path):
 
 def test_variants_that_take_long_are_left_out(hierarchy):
     done = hierarchy("--scene", "procedural:cellar?triangles=2k", "--triangles", "7k", "--limit", "0")
-    assert done.code == 0 and "skipped: about" in done.out and "No scene moves here" in done.out
+    assert done.code == 0 and "skipped: about" in done.out and "No animation is looked at" in done.out
 
 
 def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):

@@ -137,15 +137,16 @@ def fewest(costs: Iterable[Cost], picture: str, among: Iterable[str]) -> str:
     return min(found, key=lambda c: c.nodes or 0).variant if found else ""
 
 
-def cut(costs: Iterable[Cost], unsorted: str, sorted_: str) -> tuple[float, str]:
-    """How many times as many nodes are visited without sorting, and the picture where that is most; (nan, "")
-    if it was measured nowhere."""
+def cut(costs: Iterable[Cost], unsorted: str, sorted_: str) -> tuple[float, str, bool]:
+    """How many times as many nodes are visited without sorting, and the picture where that is most; is it measured, or
+    predicted of a variant that was left out? (nan, "", False) if no node was visited by the sorted one."""
     costs, found = list(costs), []
-    for a in (c for c in costs if c.variant == unsorted and c.nodes is not None):
+    for a in (c for c in costs if c.variant == unsorted):
         b = of(costs, a.picture, sorted_)
         if b.nodes:
-            found.append((a.nodes / b.nodes, a.picture))
-    return max(found, default=(np.nan, ""))
+            nodes = a.predicted_nodes if a.nodes is None else a.nodes
+            found.append((nodes / b.nodes, a.picture, a.nodes is not None))
+    return max(found, default=(np.nan, "", False))
 
 
 def spreads(seen: Iterable[Seen], costs: Iterable[Cost]) -> list[Spread]:

@@ -16,25 +16,30 @@ def write_plot(seen: list[Seen], costs: list[Cost], rows: list[Rebuilt], path: P
 
     sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(seen)), 11.0), layout="constrained")
     panels = sheet.subplot_mosaic([["nodes", "time"], ["rebuild", "rebuild"]])
-    _draw_pictures(panels["nodes"], seen, costs, "nodes", "nodes visited", 1.0)
-    _draw_pictures(panels["time"], seen, costs, "seconds", "trace, ms", 1e3)
+    _draw_pictures(panels["nodes"], seen, costs, ("nodes", "predicted_nodes"), "nodes visited", 1.0)
+    _draw_pictures(panels["time"], seen, costs, ("seconds", "predicted"), "trace, ms", 1e3)
     panels["nodes"].legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     _draw_rebuild(panels["rebuild"], rows)
     with replacing(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 
-def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], field: str, label: str, scale: float) -> None:
-    """A colour for each variant; frames of one animation are joined, and what was left out is missing."""
+def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], fields, label: str, scale: float) -> None:
+    """A colour for each variant; frames of one animation are joined. What was left out is a hollow mark where it was
+    predicted."""
+    field, predicted = fields
     for k, variant in enumerate(PLANS):
+        style = {"color": f"C{k}", "marker": _MARKERS[k % 8], "markersize": 4}
+        for x, cost in enumerate(of(costs, s.picture, variant) for s in seen):
+            if cost.nodes is None:
+                panel.plot(x, scale * getattr(cost, predicted), fillstyle="none", **style)
         for start, end in _runs(seen):
             values = [getattr(of(costs, s.picture, variant), field) for s in seen[start:end]]
             heights = [float("nan") if v is None else scale * v for v in values]
             name = variant if start == 0 else None
-            panel.plot(range(start, end), heights, color=f"C{k}", marker=_MARKERS[k % 8], markersize=4, label=name)
+            panel.plot(range(start, end), heights, label=name, **style)
     panel.set_xticks(range(len(seen)), [s.picture for s in seen], rotation=60, ha="right", fontsize=8)
-    if panel.dataLim.y1 > 0.0:  # something was measured
-        panel.set_yscale("log")
+    panel.set_yscale("log")
     panel.set_ylabel(label)
     panel.grid(alpha=0.3)
 

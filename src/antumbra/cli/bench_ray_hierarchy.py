@@ -177,10 +177,11 @@ def _print_claims(seen: "list[Seen]", costs: "list[Cost]", spreads: "list[Spread
 
     rows = []
     for kind in ("Spheres", "Precise"):
-        times, picture = bench.cut(costs, kind, f"{kind}Sorted")
+        times, picture, measured = bench.cut(costs, kind, f"{kind}Sorted")
         if picture:
             theirs = f"the report's {paper.cut(kind, f'{kind}Sorted'):,.0f}"
-            rows.append((f"sorting, {kind}", f"cuts nodes {times:,.1f} times in {picture} ({theirs})"))
+            told = f"cuts nodes {'' if measured else 'about '}{times:,.1f} times in {picture} ({theirs})"
+            rows.append((f"sorting, {kind}", told))
     for title, among in (
         ("of Figure 6", paper.MEASURED),
         ("of Table 1", paper.VARIANTS),
@@ -199,7 +200,7 @@ def _print_claims(seen: "list[Seen]", costs: "list[Cost]", spreads: "list[Spread
 def _print_spreads(spreads: "list[Spread]") -> None:
     """How much the times of Figure 6(b) vary."""
     if not spreads:
-        print("No scene moves here, so nothing is said about how times vary (Figure 6b)\n")
+        print("No animation is looked at, so nothing is said about how times vary (Figure 6b)\n")
         return
     table = []
     for s in spreads:
