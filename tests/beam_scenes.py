@@ -5,6 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra as at
+from antumbra.query.reach import reach
+from antumbra.query.receivers import NOTHING, surface_receivers
+from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery, segments
 from antumbra.scene.triangles import Triangles
 from hierarchies import points_query, triangles_of
@@ -55,6 +58,7 @@ LIGHTS = {
     "quad": lambda rng, at_, r: at.QuadLight(at_ - r / 2, _unit(rng) * r, _unit(rng) * r),
     "sphere": lambda rng, at_, r: at.SphereLight(at_, r),
     "list": lambda rng, at_, r: at.PointLights(at_ + rng.normal(size=(4, 3)) * r),
+    "interleaved list": lambda rng, at_, r: at.PointLights(at_ + rng.normal(size=(37, 3)) * r, interleave=True),
     "sun": lambda rng, at_, r: at.DirectionalLight(
         _unit(rng) if rng.random() < 0.5 else np.eye(3)[1], rng.choice([0, 0.53, 10, 60, 120, 170, 179.99, 179.9999999])
     ),
@@ -181,3 +185,38 @@ def beside_a_small_light(seed, m=64, n=20) -> tuple[Triangles, ShadowQuery]:
     points = from_ + (on - from_) * (1 + 10.0 ** rng.uniform(-5, 3, (m, 1)))
     triangles = triangles_of(corners)
     return triangles, points_query(triangles, points, LIGHTS[kind](rng, place, r), 4)
+
+
+def on_surfaces(seed, light, shape=(13, 18), n=40, offset=0.0, spp=5, cull_faces=0) -> tuple[Triangles, ShadowQuery]:
+    """Receivers on both sides of triangles of a soup, as pixels see them, some of which see nothing."""
+    rng = np.random.default_rng(seed)
+    size = rng.choice([0.1, 0.5, 3.0])
+    soup = rng.normal(size=(n, 1, 3)) + rng.normal(size=(n, 3, 3)) * size
+    if rng.random() < 0.5:
+        soup = np.round(soup * 4) / 4
+    soup[n // 2 :: 5, 2] = soup[n // 2 :: 5, 1]  # no area
+    triangles = triangles_of(soup + offset)
+    corners, m = triangles.vertices.astype(np.float64), shape[0] * shape[1]
+    faces = rng.integers(0, n // 2, m).astype(np.int32)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[faces]
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    sides = np.where(rng.random(m) < 0.1, NOTHING, rng.choice([-1, 1], m)).astype(np.int8)
+    sides[length[:, 0] == 0.0] = NOTHING
+    normals = (normals * sides[:, None] / np.maximum(length, 1e-300)).astype(np.float32)
+    weights = rng.dirichlet([1, 1, 1], m)
+    weights[::4] = np.round(weights[::4])  # on corners, and where edges are shared
+    positions = np.einsum("mk,mki->mi", weights / np.maximum(weights.sum(1, keepdims=True), 0.5), corners[faces])
+    flat = triangles.vertices.reshape(-1, 9)
+    origins = surface_receivers(positions.astype(np.float32), normals, faces, sides, flat, 1)
+    made = LIGHTS[light](rng, offset + rng.normal(size=3), 10.0 ** rng.uniform(-3, 0.5))
+    query = ShadowQuery(
+        origins.reshape(*shape, 3),
+        faces.reshape(shape),
+        sides.reshape(shape),
+        normals.astype(np.float64).reshape(*shape, 3),
+        flat,
+        made.patch(triangles.origin, reach(triangles, origins)),
+        light_samples(made, spp),
+        cull_faces,
+    )
+    return triangles, query

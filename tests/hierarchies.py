@@ -115,6 +115,11 @@ def met_by(query, corners) -> np.ndarray:
     return out
 
 
+def receivers_in(rays: Rays) -> np.ndarray:
+    """(leaves, ways) int32: the receivers of each leaf, -1: none."""
+    return rays.ids[: len(rays.dead) * rays.ways].reshape(-1, rays.ways)
+
+
 class Node(NamedTuple):
     part: int
     level: int
@@ -125,7 +130,7 @@ class Node(NamedTuple):
 def nodes_in(made: Hierarchy):
     """All nodes of a hierarchy that hold rays: level by level, leaves first."""
     tree, ways = made.tree, made.rays.ways
-    ids = made.rays.ids[: len(made.rays.dead) * ways].reshape(-1, ways)
+    ids = receivers_in(made.rays)
     for part in range(len(tree.faces)):
         leaves = ids[tree.leaves[part] : tree.leaves[part + 1]]
         for level in range(tree.heights[part]):

@@ -14,7 +14,7 @@ from hierarchies import hierarchy, met_by, said
 
 SCALES = [1.0, 1e-6, 1e-3, 1e3, 1e6]
 EXTREMES = [1e-36, 1e-30, 1e-20, 1e20, 1e30, 3e33]
-FEW = list(LIGHTS)[:4]  # lights that a cone around a point serves
+FEW = list(LIGHTS)[:5]  # lights that a cone around a point serves
 
 
 def check(kind, triangles, query, ways=16, sort=True, spheres=False, apart=False):
