@@ -72,7 +72,9 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step):
                 slots[lane] = min(i + lane, last - 1)
             block = (i - first) // LANES
             to = ptr_at(found, block * parts)
-            write_rows(tree, parts, view, soup, ptr(slots), min(last - i, LANES), how, ptr_at(memory, block * BLOCK), to)
+            write_rows(
+                tree, parts, view, soup, ptr(slots), min(last - i, LANES), how, ptr_at(memory, block * BLOCK), to
+            )
         for part in range(parts):
             rows = ptr_at(memory, part * BATCH * NUMBERS)
             for block in range((last - first + LANES - 1) // LANES):

@@ -11,7 +11,11 @@ from antumbra.scene.procedural import PROCEDURAL
 from asking import answer, query_of, true_occlusion
 
 PLANS = covering_plans()
-TRACING = [p for p in PLANS if p == Plan(trace=p.trace) and not p.trace.startswith("single:")]  # over the default tree
+FAMILIES = "single:", "cones:"  # orders and options; their own tests, and those of other plans below, have them all
+FOR_ALL = "cones:SpheresSorted", "cones:PreciseSEATP"
+TRACING = [
+    p for p in PLANS if p == Plan(trace=p.trace) and (p.trace in FOR_ALL or not p.trace.startswith(FAMILIES))
+]  # over the default tree
 LIT = TRACING + [p for p in PLANS if p.cull == "grid32"]  # what looks at lights; tests/cull does so for all cullers
 TRIANGLES = 3000
 SIZE = (96, 68)  # pixels: with 16 samples more than 100 000 rays
