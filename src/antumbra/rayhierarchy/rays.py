@@ -169,6 +169,14 @@ def rays_of(query, beam: Beam, order: Order, ways: int, bits: np.ndarray, thread
     return rays
 
 
+def finished(rays: Rays) -> float:
+    """The share of the segments of which nothing is asked any more."""
+    asked = int(np.count_nonzero(rays.ids[: len(rays.dead) * rays.ways] >= 0)) * rays.count
+    empty = rays.dead.size * rays.ways - asked
+    dead = sum(int(np.count_nonzero(rays.dead >> lane & 1)) for lane in range(rays.ways))
+    return (dead - empty) / max(asked, 1)
+
+
 @kernel
 def _write_bits(ticket, rays, bits):
     """Worker: set the bits of the segments that have been found blocked."""

@@ -13,13 +13,13 @@ from .beams import AROUND, PERSPECTIVE, Beam, beams_of
 from .blocks import order_by_blocks
 from .boxes import Boxes
 from .cones import Cones
-from .occluders import occluders_first
+from .occluders import FINISHED, occluders_first
 from .options import Options
 from .order import Order, left_of, order_of
-from .rays import Rays, rays_of, write_bits
+from .rays import Rays, finished, rays_of, write_bits
 from .soup import Soup
 from .traverse import BATCH, PAIRS, How, trace_triangles
-from .tree import tree_of
+from .tree import Tree, tree_of
 
 SEGMENTS = 1 << 22
 """So many segments, with ends of their own, are in memory at once."""
@@ -60,20 +60,32 @@ def _part(query, cut):
 
 def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, options: Options) -> None:
     """Trace the segments of one beam."""
-    # Boxes have a hierarchy for each face; receivers that ask all around are near those beside them on the screen.
-    sort = (options.sorted and beam.kind != AROUND) or (options.boxes and beam.kind == PERSPECTIVE)
-    if options.blocks and query.sides.shape[0] > 1:
+    # Boxes have a hierarchy for each face. Receivers that ask all around are near those beside them on the screen.
+    coherent = beam.kind != AROUND
+    sort = ((options.sorted or options.blocks) and coherent) or (options.boxes and beam.kind == PERSPECTIVE)
+    if options.blocks and coherent and query.sides.shape[0] > 1:
         order = order_by_blocks(query, beam, bits, threads, counters)
     else:
         order = order_of(query, beam, bits, sort, threads, counters)
     passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
-    rays = None
+    how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
+    rays = tree = None
     for picks in passes:
-        if rays is not None:
-            order = left_of(order, rays)
-        if not len(order.ids):
-            return
-        rays = _trace_pass(soup, query, beam, order, picks, bits, threads, counters, progress, options)
+        if rays is None or finished(rays) >= FINISHED:
+            order = order if rays is None else left_of(order, rays)
+            if not len(order.ids):
+                return
+            rays, tree = _hierarchy(query, beam, order, bits, threads, options)
+        ticket = new_ticket(len(picks), BATCH)
+        run(trace_triangles, threads, ticket, soup, picks, beam, tree, rays, how, counters, progress=progress)
+        write_bits(rays, bits, threads)
+
+
+def _hierarchy(query, beam: Beam, order: Order, bits, threads: int, options: Options) -> tuple[Rays, Tree]:
+    """The leaves of an order, and the hierarchy over them."""
+    rays = rays_of(query, beam, order, 16 if options.wide or options.blocks else 4, bits, threads)
+    kind = Boxes if options.boxes or beam.kind != PERSPECTIVE else Cones
+    return rays, tree_of(kind, beam, order, rays, threads)
 
 
 def _picks(soup: Soup, threads: int, options: Options) -> np.ndarray:
@@ -81,15 +93,3 @@ def _picks(soup: Soup, threads: int, options: Options) -> np.ndarray:
     if options.clustered and len(soup.corners):
         return by_codes(soup.corners, 10, threads)[1]
     return np.arange(len(soup.corners), dtype=np.int32)
-
-
-def _trace_pass(soup, query, beam, order: Order, picks, bits, threads, counters, progress, options: Options) -> Rays:
-    """Trace some of the triangles."""
-    rays = rays_of(query, beam, order, 16 if options.wide or options.blocks else 4, bits, threads)
-    kind = Boxes if options.boxes or beam.kind != PERSPECTIVE else Cones
-    tree = tree_of(kind, beam, order, rays, threads)
-    how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
-    ticket = new_ticket(len(picks), BATCH)
-    run(trace_triangles, threads, ticket, soup, picks, beam, tree, rays, how, counters, progress=progress)
-    write_bits(rays, bits, threads)
-    return rays
