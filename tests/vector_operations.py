@@ -25,6 +25,7 @@ from antumbra.simd import (
     reduce_min,
     select,
     shuffle,
+    square_root,
     store,
     swap_halves,
     to_f32,
@@ -139,6 +140,7 @@ def make_f32_kernel(lanes):
             store(out, 18 * n + i, reverse(x))
             store(out, 19 * n + i, broadcast(a, i + 1))
             store(out, 20 * n + i, splat(c[i]))
+            store(out, 21 * n + i, square_root(x))
             k = i // lanes
             masks[0, k] = bits(x < y)
             masks[1, k] = bits(x <= y)
@@ -305,6 +307,7 @@ def expect_f32(lanes):
             "select_scalar": np.where(a < b, c, f(9)),
             **_permutations(a, lanes),
             "splat": np.repeat(c[::lanes], lanes),
+            "square_root": np.sqrt(a),
         }
         masks = _comparisons(a, b) | {"scalar": f(0.5) < c}
     return vectors, masks, _scalars(c, a, lanes)

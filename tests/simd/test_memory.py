@@ -1,4 +1,4 @@
-"""Loads, stores, pointers, memory on the stack, the atomic counter."""
+"""Loads, stores, pointers, memory on the stack, atomic operations."""
 
 import threading
 from typing import NamedTuple
@@ -15,6 +15,8 @@ from antumbra.simd import (
     as_f32,
     as_i32,
     atomic_add,
+    atomic_and,
+    atomic_or,
     bits,
     broadcast4,
     compress,
@@ -22,6 +24,7 @@ from antumbra.simd import (
     f32_at,
     f32x8,
     f64_at,
+    gather,
     get,
     i32_at,
     load4,
@@ -151,6 +154,23 @@ def test_overlapping_stores_happen_in_order():
     assert np.array_equal(a, expected)
 
 
+@pytest.mark.parametrize("lanes", [4, 8, 16])
+@pytest.mark.parametrize("dtype", [np.float32, np.int32])
+def test_gather_takes_each_lane_from_its_own_place(lanes, dtype):
+    load = getattr(simd, f"load{lanes}")
+
+    @compiled
+    def take(a, indices, out):
+        store(out, 0, gather(a, load(indices, 0)))
+        store(out, lanes, gather(ptr_at(a, 50), load(indices, 0) - 50))
+
+    values = np.random.default_rng(3).integers(-1000, 1000, 100).astype(dtype)
+    indices = np.array([99, 0, 7, 7, 50, 49, 3, 98, 1, 2, 99, 0, 60, 61, 62, 63], np.int32)
+    out = np.zeros(2 * lanes, dtype)
+    take(values, indices, out)
+    np.testing.assert_array_equal(out, np.tile(values[indices[:lanes]], 2))
+
+
 SIZE = 24
 
 
@@ -241,6 +261,36 @@ def test_atomic_add_loses_nothing_between_threads():
     assert counter[0] == 200_000 and np.all(seen == 1)
 
 
+def test_atomic_or_and_and_return_the_old_value():
+    @compiled
+    def combine(a):
+        return atomic_or(a, 1, 5), atomic_and(ptr(a), 1, np.int64(~1)), atomic_or(a, 1, 0), atomic_and(a, 2, 0)
+
+    a = np.array([1, 8, -1], np.int32)
+    assert combine(a) == (8, 13, 12, -1)
+    assert a.tolist() == [1, 12, 0]
+
+
+def test_atomic_or_and_and_lose_nothing_between_threads():
+    """Each thread sets, and clears, bits of its own in words that all share."""
+
+    @compiled
+    def work(up, down, bit):
+        for i in range(up.size):
+            atomic_or(up, i, np.int32(1) << bit)
+            atomic_and(down, i, ~(np.int32(1) << bit))
+
+    up, down = np.zeros(50_000, np.int32), np.full(50_000, -1, np.int32)
+    work(up[:0], down, 0)  # compile
+    threads = [threading.Thread(target=work, args=(up, down, bit)) for bit in (0, 7, 8, 30)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    mask = 1 | 1 << 7 | 1 << 8 | 1 << 30
+    assert (up == mask).all() and (down == ~mask).all()
+
+
 class Interval(NamedTuple):
     lower: object
     upper: object
@@ -279,7 +329,7 @@ def test_types_name_signatures():
 
 def test_addresses_and_float64_scratch():
     @compiled
-    def gather(a, b, c, out):
+    def read_all(a, b, c, out):
         scratch = stack_f64(3)
         put(scratch, 0, get(f32_at(a), 1))
         put(scratch, 1, get(f64_at(b), 1))
@@ -289,7 +339,7 @@ def test_addresses_and_float64_scratch():
 
     a, b, c = np.float32([1, 0.1]), np.array([1, 0.1]), np.int32([1, -7])
     out = np.zeros(3)
-    gather(a.ctypes.data, b.ctypes.data, c.ctypes.data, out)
+    read_all(a.ctypes.data, b.ctypes.data, c.ctypes.data, out)
     np.testing.assert_array_equal(out, [np.float32(0.1), 0.1, -7])
 
 
