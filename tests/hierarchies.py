@@ -13,8 +13,9 @@ from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery, segments
 from antumbra.rayhierarchy.beams import Beam
 from antumbra.rayhierarchy.nodes import covered, possible
-from antumbra.rayhierarchy.order import PAD, Order, order_of
-from antumbra.rayhierarchy.rays import Rays, rays_of
+from antumbra.rayhierarchy.order import Order, order_of
+from antumbra.rayhierarchy.packed import rays_of
+from antumbra.rayhierarchy.rays import PAD, Rays
 from antumbra.rayhierarchy.rows import LANES, NUMBERS
 from antumbra.rayhierarchy.soup import Soup
 from antumbra.rayhierarchy.traverse import BATCH, PAIRS, How, row_at, write_rows
@@ -65,7 +66,7 @@ def hierarchy(kind, query, beam, ways=16, sort=True, threads=1) -> Hierarchy | N
     if not len(order.ids):
         return None
     rays = rays_of(query, beam, order, ways, bits, threads)
-    return Hierarchy(query, beam, bits, order, rays, tree_of(kind, beam, order, rays, threads))
+    return Hierarchy(query, beam, bits, order, rays, tree_of(kind, beam, rays, threads))
 
 
 @kernel
@@ -117,7 +118,8 @@ def met_by(query, corners) -> np.ndarray:
 
 def receivers_in(rays: Rays) -> np.ndarray:
     """(leaves, ways) int32: the receivers of each leaf, -1: none."""
-    return rays.ids[: len(rays.dead) * rays.ways].reshape(-1, rays.ways)
+    ids = rays.ids[:-PAD].reshape(-1, rays.ways)[rays.blocks]
+    return np.where(rays.lanes[:, None] >> np.arange(rays.ways) & 1, ids, -1)
 
 
 class Node(NamedTuple):

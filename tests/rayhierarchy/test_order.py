@@ -6,13 +6,14 @@ import pytest
 from hypothesis import given, settings
 
 from antumbra.jit import kernel
-from antumbra.query.receivers import NOTHING
+from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.shadow import segments
 from antumbra.rayhierarchy.beams import PERSPECTIVE, beams_of
-from antumbra.rayhierarchy.blocks import order_by_blocks
+from antumbra.rayhierarchy.blocks import rays_by_blocks
 from antumbra.rayhierarchy.keys import BITS, cells_of, hilbert, keys_of, on_cube
-from antumbra.rayhierarchy.order import leaf_starts_of, left_of, order_of
-from antumbra.rayhierarchy.rays import rays_of
+from antumbra.rayhierarchy.order import order_of
+from antumbra.rayhierarchy.packed import left_of, rays_of
+from antumbra.rayhierarchy.rays import finished, write_bits
 from antumbra.simd import load16, store
 from antumbra.trace.counters import as_dict, new_counters
 from antumbra.trace.vec import rows
@@ -60,12 +61,15 @@ def test_faces_go_by_the_major_axis_and_come_first_in_keys():
 
 
 def _orders(query, beam, bits, threads):
-    """(name, Order) of all ways to put the receivers of a beam in order."""
-    picture = query.sides.shape[0] > 1
-    yield "sorted", order_of(query, beam, bits, True, threads)
-    yield "on the screen", order_of(query, beam, bits, False, threads)
-    if picture:
-        yield "by blocks", order_by_blocks(query, beam, bits, threads)
+    """(name, Rays, receivers in their order) of all ways to put the receivers of a beam in order."""
+    for name, sort, ways in ("sorted", True, 16), ("on the screen", False, 4):
+        order = order_of(query, beam, bits, sort, threads)
+        assert order.starts[0] == 0 and order.starts[-1] == len(order.ids)
+        assert (np.diff(order.starts) > 0).all() or not len(order.ids)
+        yield name, rays_of(query, beam, order, ways, bits, threads), order.ids[order.ids >= 0]
+    if query.sides.shape[0] > 1:
+        rays = rays_by_blocks(query, beam, bits, threads)
+        yield "by blocks", rays, np.sort(receivers_in(rays)[receivers_in(rays) >= 0])
 
 
 def _asking(query, beam):
@@ -87,11 +91,12 @@ def _check(query, apart=False, threads=2):
     for beam in beams_of(query, apart):
         asks = np.flatnonzero(_asking(query, beam))
         blank = lambda: np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
-        for name, order in _orders(query, beam, bits := blank(), threads):
-            ids = order.ids[order.ids >= 0]
+        for name, rays, order in _orders(query, beam, bits := blank(), threads):
+            ids = receivers_in(rays)[receivers_in(rays) >= 0]
             np.testing.assert_array_equal(np.sort(ids), asks, err_msg=f"{name}, {beam}")
-            assert order.starts[0] == 0 and order.starts[-1] == len(order.ids)
-            assert (np.diff(order.starts) > 0).all() or not len(ids)
+            np.testing.assert_array_equal(np.sort(order), asks)
+            assert rays.starts[0] == 0 and rays.starts[-1] == len(rays.blocks)
+            assert (np.diff(rays.starts) > 0).all() or not len(ids)
             told.setdefault(name, blank())[:] |= bits
     for name, bits in told.items():
         np.testing.assert_array_equal(unpack(bits, above.shape[2]), expected, err_msg=name)
@@ -163,11 +168,11 @@ def test_on_the_screen_sixteen_places_are_a_block_of_pixels():
 def test_blocks_make_leaves_of_pixels_beside_each_other_on_one_face(light):
     _, query = on_surfaces(7, light, (41, 38), spp=1)
     (beam,) = beams_of(query)
-    order = order_by_blocks(query, beam, np.zeros((41, 38, 1), np.uint64), 2)
-    assert (order.starts % 16 == 0).all() and order.placed
+    rays = rays_by_blocks(query, beam, np.zeros((41, 38, 1), np.uint64), 2)
+    assert rays.placed
     several = 0
-    for part, face in enumerate(order.faces):
-        leaves = order.ids[order.starts[part] : order.starts[part + 1]].reshape(-1, 16)
+    for part, face in enumerate(rays.faces):
+        leaves = receivers_in(rays)[rays.starts[part] : rays.starts[part + 1]]
         assert (leaves >= 0).any(1).all()
         for leaf in leaves:
             ids = leaf[leaf >= 0]
@@ -180,33 +185,48 @@ def test_blocks_make_leaves_of_pixels_beside_each_other_on_one_face(light):
     assert several > 50
 
 
+def test_wide_gaps_part_the_pixels_of_a_block():
+    """Two walls, one behind the other: each block on their edge has a leaf for either."""
+    _, query = on_surfaces(7, "point", (4, 4), spp=1)
+    (beam,) = beams_of(query)
+    x, y = np.meshgrid(np.arange(4), np.arange(4))
+    near = np.stack([0.5 + x / 100, y / 100, np.full((4, 4), 2.0)], -1)
+    for far, expected in ((0.0, [16]), (0.1, [8, 8]), (-1.3, [8, 8]), (0.005, [16])):
+        points = near + np.where(x < 2, 0, far)[..., None] * [1, 0, 0]
+        here = query._replace(
+            origins=(points + beam.apex).astype(np.float32),
+            faces=np.full((4, 4), -1, np.int32),
+            sides=np.full((4, 4), FREE, np.int8),
+        )
+        rays = rays_by_blocks(here, beam, np.zeros((4, 4, 1), np.uint64), 1)
+        assert sorted(np.bitwise_count(rays.lanes)) == expected and set(rays.blocks) == {0}
+        assert np.bitwise_or.reduce(rays.lanes) == 0xFFFF
+
+
 @pytest.mark.parametrize("how", ["sorted", "on the screen", "by blocks"])
 def test_what_is_left_after_a_traversal(how):
     rng = np.random.default_rng(8)
     _, query = on_surfaces(8, "quad", (41, 38), spp=3)
     (beam,) = beams_of(query)
     bits = np.zeros((41, 38, 1), np.uint64)
-    order = dict(_orders(query, beam, bits, 1))[how]
-    for ways in (16,) if how == "by blocks" else (4, 16):
-        rays = rays_of(query, beam, order, ways, bits, 1)
-        some = rng.random(rays.dead.shape[0]) < 0.3
-        rays.dead[:] |= np.where(some[:, None], -1, rng.integers(0, 1 << ways, rays.dead.shape))
-        rays.dead[:] &= (1 << ways) - 1
-        left = left_of(order, rays)
-        open_ = ~rays.dead & (1 << ways) - 1
-        alive = np.bitwise_or.reduce(open_, 1)[:, None] >> np.arange(ways) & 1
-        expected = receivers_in(rays)[alive == 1]
-        ids = left.ids[left.ids >= 0]
-        np.testing.assert_array_equal(ids, expected[expected >= 0])
-        assert 0 < len(ids) < (order.ids >= 0).sum()
-        assert left.starts[-1] == len(left.ids) and len(left.faces) == len(left.starts) - 1
-        if left.placed:
-            assert len(left.ids) >= len(order.ids)
-        again = receivers_in(rays_of(query, beam, left, ways, bits, 1))
-        np.testing.assert_array_equal(np.sort(again[again >= 0]), np.sort(ids))
-        rays.dead[:] = -1
-        none = left_of(order, rays)
-        assert not (none.ids >= 0).any()
+    (rays,) = (rays for name, rays, _ in _orders(query, beam, bits, 1) if name == how)
+    before, everyone = receivers_in(rays), (1 << rays.ways) - 1
+    some = rng.random(len(rays.dead)) < 0.3
+    rays.dead[:] |= np.where(some[:, None], -1, rng.integers(0, 1 << rays.ways, rays.dead.shape))
+    rays.dead[:] &= everyone
+    write_bits(rays, bits, 1)
+    left = left_of(query, beam, rays, bits, 1)
+    alive = np.bitwise_or.reduce(~rays.dead & everyone, 1)[:, None] >> np.arange(rays.ways) & 1
+    expected, ids = before[(alive == 1) & (before >= 0)], receivers_in(left)
+    np.testing.assert_array_equal(np.sort(ids[ids >= 0]), np.sort(expected))
+    assert 0 < len(expected) < (before >= 0).sum()
+    assert left.starts[-1] == len(left.blocks) and len(left.faces) == len(left.starts) - 1
+    assert left.placed == (how != "sorted") and (len(left.blocks) < len(rays.blocks)) != left.placed
+    share = finished(rays)
+    asked = np.concatenate([rays.dead >> lane & rays.lanes[:, None] >> lane & 1 for lane in range(rays.ways)])
+    assert share == pytest.approx(asked.sum() / (3 * (before >= 0).sum()))
+    left.dead[:] = -1
+    assert not (receivers_in(left_of(query, beam, left, bits, 1)) >= 0).any()
 
 
 def test_no_leaf_has_receivers_of_two_faces():
@@ -215,11 +235,11 @@ def test_no_leaf_has_receivers_of_two_faces():
     bits = np.zeros((1, 300, 1), np.uint64)
     order = order_of(query, beam, bits, True, 1)
     for ways in (4, 16):
-        rays, starts = rays_of(query, beam, order, ways, bits, 1), leaf_starts_of(order, ways)
-        assert starts[-1] == len(rays.dead) and len(order.faces) == 6
+        rays = rays_of(query, beam, order, ways, bits, 1)
+        assert rays.starts[-1] == len(rays.dead) and len(rays.faces) == 6
         ids = receivers_in(rays)
-        for part, face in enumerate(order.faces):
-            mine = ids[starts[part] : starts[part + 1]]
+        for part, face in enumerate(rays.faces):
+            mine = ids[rays.starts[part] : rays.starts[part + 1]]
             np.testing.assert_array_equal(mine[mine >= 0], order.ids[order.starts[part] : order.starts[part + 1]])
             d = query.origins[0, mine[mine >= 0]].astype(np.float64) - beam.apex
             assert (np.abs(d).argmax(1) == face // 2).all()

@@ -16,6 +16,7 @@ from antumbra.rayhierarchy.rays import leaves_of
 from antumbra.rayhierarchy.rows import BLOCK, LANES, NUMBERS
 from antumbra.rayhierarchy.soup import Soup, soup_of
 from antumbra.rayhierarchy.traverse import (
+    _QUEUES,
     BATCH,
     PAIRS,
     How,
@@ -25,7 +26,7 @@ from antumbra.rayhierarchy.traverse import (
     trace_triangles,
     write_rows,
 )
-from antumbra.rayhierarchy.tree import LEVELS, tree_pointers
+from antumbra.rayhierarchy.tree import tree_pointers
 from antumbra.rayhierarchy.view import view_of
 from antumbra.simd import ptr, ptr_at, stack_f32
 from antumbra.trace.counters import as_dict, new_counters
@@ -61,10 +62,10 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step):
     """As `trace_triangles`, one batch after the other, in memory that the test can look at."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, n = Soup(ptr(triangles.corners), ptr(triangles.ids)), len(triangles.corners)
-    memory, marks = np.zeros(parts * BATCH * NUMBERS, np.float32), np.zeros(LEVELS, np.int32)
+    memory, marks = np.zeros(parts * BATCH * NUMBERS, np.float32), np.zeros(_QUEUES, np.int32)
     found, slots = np.zeros(BATCH // LANES * parts, np.int32), np.zeros(LANES, np.int32)
     flat = pairs.reshape(-1)
-    queues = _Queues(ptr(flat), ptr_at(flat, LEVELS * step), ptr(marks), step, stack_f32(LANES))
+    queues = _Queues(ptr(flat), ptr_at(flat, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
     for first in range(0, n, BATCH):
         last = min(first + BATCH, n)
         for i in range(first, last, LANES):
@@ -115,7 +116,7 @@ def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
     for pairs in (BATCH, PAIRS):
         made = hierarchy(kind, query, beam, ways, True)
         step = pairs + LANES + MARGIN
-        queues = np.full((2, LEVELS, step), GUARD, np.int32)
+        queues = np.full((2, _QUEUES, step), GUARD, np.int32)
         how = HOW._replace(early_accept=early_accept, pairs=pairs)
         _trace_guarded(soup_of(triangles), beam, made.tree, made.rays, how, queues, step)
         np.testing.assert_array_equal(_dead(made), truth)

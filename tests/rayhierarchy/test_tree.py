@@ -6,7 +6,6 @@ import pytest
 from antumbra.rayhierarchy.beams import PERSPECTIVE, beams_of
 from antumbra.rayhierarchy.boxes import Boxes
 from antumbra.rayhierarchy.cones import Cones
-from antumbra.rayhierarchy.order import leaf_starts_of
 from antumbra.rayhierarchy.tree import tree_of
 from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
 from hierarchies import hierarchy, nodes_in, receivers_in
@@ -36,7 +35,7 @@ def test_levels_are_full_from_the_left_and_parents_alive_where_their_children_ar
     (beam,) = beams_of(query)
     for sort in (True, False):
         made = hierarchy(Cones, query, beam, ways, sort)
-        tree, leaves = made.tree, np.diff(leaf_starts_of(made.order, ways))
+        tree, leaves = made.tree, np.diff(made.rays.starts)
         assert tree.ways == ways == 1 << tree.shift and sum(leaves) == len(made.rays.dead)
         taken = 0
         for part, n in enumerate(leaves):
@@ -113,7 +112,7 @@ def test_threads_make_the_same_tree():
     (beam,) = beams_of(query)
     for kind in (Boxes, Cones):
         one = hierarchy(kind, query, beam, 4, True)
-        three = tree_of(kind, beam, one.order, one.rays, 3)
+        three = tree_of(kind, beam, one.rays, 3)
         np.testing.assert_array_equal(one.tree.nodes.numbers, three.nodes.numbers)
         np.testing.assert_array_equal(one.tree.alive, three.alive)
         other = hierarchy(kind, query, beam, 4, True, 3)

@@ -10,11 +10,23 @@ from ..query.receivers import FREE, NOTHING
 from ..query.samples import patch_at, sample_point
 from ..query.shadow import Horizon, is_above
 from ..scene.lights import AMBIENT, LightPatch
-from ..simd import bits, gather, get, load16, lowest_bit, popcount, ptr, put
+from ..simd import (
+    bits,
+    gather,
+    get,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    popcount,
+    ptr,
+    put,
+    select,
+    stack_i32,
+    store,
+)
 from ..trace.counters import BELOW_HORIZON, RAYS, count
 from ..trace.vec import Vec
 from .beams import AROUND, PERSPECTIVE
-from .view import relative16
 
 _SLANT = np.float64(2.0**-16)  # sine of the angle at which all of a distant light must be above a plane
 _SHALLOW = np.float64(2.0**-18)  # in units of its distance: no receiver near a plane is farther from it
@@ -136,6 +148,15 @@ def _light_side(asking, view, face):
 
 
 @inlined
+def _light_side_again(asking, view, face, last):
+    """`_light_side`, which is kept with its triangle in `last`: pixels beside each other mostly see the same one."""
+    if get(last, 0) != face:
+        put(last, 0, face)
+        put(last, 1, _light_side(asking, view, face))
+    return get(last, 1)
+
+
+@inlined
 def _distance(asking):
     """Of a distant light."""
     base = asking.light.base
@@ -180,51 +201,63 @@ def _below(asking, samples, ids, lanes, counters):
 
 
 @kernel
-def who_asks(asking, view, samples, ids, lanes, counters):
+def _sides_of(asking, samples, ids, lanes, sides):
+    """Write the sides of 16 receivers, NOTHING for those that are not in `lanes` or have another sample set."""
+    for lane in range(16):
+        i = np.int64(get(ids, lane))
+        others = samples.set >= 0 and sets_at(asking, i) != samples.set
+        put(sides, lane, NOTHING if others else np.int64(get(asking.sides, i)))
+    store(sides, 0, select(mask_from_bits16(lanes), load16(sides, 0), np.int32(NOTHING)))
+
+
+@kernel
+def _some_ask(asking, view, samples, ids, lanes, counters):
+    """`who_asks` of receivers below their triangle's plane, as far as is known from one point of it; one by one."""
+    asks, below = np.int64(0), np.int64(0)
+    while lanes != 0:
+        lane, i = lanes & -lanes, np.int64(get(ids, lowest_bit(lanes)))
+        lanes ^= lane
+        if _is_near(asking, view, i):
+            below |= lane
+        elif _asks(asking, samples, i, counters):
+            asks |= lane
+    _below(asking, samples, ids, below, counters)
+    return asks
+
+
+@kernel
+def who_asks(asking, view, samples, ids, lanes, last, counters):
     """Bits of those of 16 receivers that have a sample of a beam above their surface; others' bits are set.
 
     ids : pointer to 16 int32, which receivers; lanes: bits of those that there are
+    last : pointer to 2 int64, which belong to this function; -1 at first
     """
-    some, valid = lanes, np.int64(0)
-    while some != 0:
-        lane = lowest_bit(some)
-        some &= some - 1
-        i = np.int64(get(ids, lane))
-        if get(asking.sides, i) != NOTHING and (samples.set < 0 or sets_at(asking, i) == samples.set):
-            valid |= np.int64(1) << lane
+    scratch = stack_i32(16)
+    _sides_of(asking, samples, ids, lanes, scratch)
+    sides = load16(scratch, 0)
+    valid, asks = bits(sides != np.int32(NOTHING)), np.int64(0)
     count(counters, RAYS, samples.count * popcount(valid))
-    faces, asks = gather(asking.faces, load16(ids, 0)), np.int64(0)
+    faces = gather(asking.faces, load16(ids, 0))
+    store(scratch, 0, faces)
     while valid != 0:  # those on one triangle together
-        i = np.int64(get(ids, lowest_bit(valid)))
-        face, lane = np.int64(get(asking.faces, i)), valid & -valid
-        known = np.int64(0)
+        face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, np.int64(0)
         if face >= 0:
-            known = _light_side(asking, view, face)
-        same = valid & bits(faces == np.int32(face)) if known != 0 else lane
+            known = _light_side_again(asking, view, face, last)
         if known == 0:
-            asks |= lane if _asks(asking, samples, i, counters) else np.int64(0)
+            valid ^= lane
+            asks |= lane if _asks(asking, samples, np.int64(get(ids, lowest_bit(lane))), counters) else np.int64(0)
         else:
-            above, below, some = np.int64(0), np.int64(0), same
-            while some != 0:
-                j = lowest_bit(some)
-                some &= some - 1
-                i = np.int64(get(ids, j))
-                if np.int64(get(asking.sides, i)) == known:
-                    above |= np.int64(1) << j
-                elif _is_near(asking, view, i):
-                    below |= np.int64(1) << j
-                elif _asks(asking, samples, i, counters):
-                    above |= np.int64(1) << j
+            same = valid & bits(faces == np.int32(face))
+            valid ^= same
+            above = same & bits(sides == np.int32(known))
             asks |= above
-            if below != 0:
-                _below(asking, samples, ids, below, counters)
-        valid &= ~same
+            if same != above:
+                asks |= _some_ask(asking, view, samples, ids, same & ~above, counters)
     return asks
 
 
 @inlined
-def places_of(asking, view, ids):
-    """`Vec`: where 16 receivers are in the beam's frame, in float32."""
-    at = load16(ids, 0) * 3
-    o = Vec(gather(asking.origins, at), gather(asking.origins, at + 1), gather(asking.origins, at + 2))
-    return relative16(view, o)
+def origins_of(asking, ids):
+    """`Vec` of f32x16: where 16 receivers are."""
+    at = ids * 3
+    return Vec(gather(asking.origins, at), gather(asking.origins, at + 1), gather(asking.origins, at + 2))

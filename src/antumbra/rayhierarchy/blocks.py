@@ -2,17 +2,21 @@
 
 Neighbours on the screen nearly always are neighbours on a surface, so most blocks make leaves as tight as sorting each
 ray does, and only a sixteenth of the keys is left to sort. Blocks that see several surfaces are cut into groups: by the
-face of the cube around the apex, then where the rays, sorted by u or v, leave a gap of more than half of their extent.
-A leaf is a group, so some of its lanes are empty.
+face of the cube around the apex, then where the rays, by u or v, leave a gap of more than half of their
+extent; those from a flat surface leave a third. A leaf is a group, so some of its lanes are empty.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from ..jit import inlined, kernel
+from ..memory import Empty
 from ..parallel import CHUNK, N, new_ticket, run, take
 from ..simd import bits as bits_of
 from ..simd import (
     broadcast16,
+    gather,
     get,
     iota16,
     load16,
@@ -28,20 +32,30 @@ from ..simd import (
     splat16,
     stack_f32,
     stack_i32,
+    stack_i64,
     store,
 )
 from ..trace.counters import add_counters, private_counters
-from .asking import Samples, asking_of, places_of, who_asks
+from .asking import Samples, asking_of, origins_of, who_asks
 from .beams import Beam
 from .keys import cells_of
-from .order import Order, at_apex, pack, places_on, scale_of, sort_cells
-from .view import view_of
+from .order import at_apex, places_on, scale_of, sort_cells
+from .rays import PAD, Cut, Rays, block_pointers, new_blocks, rays_in
+from .view import relative16, view_of
 
 GROUPS = 8  # of a block, at most; there are six faces
 _PART = 256  # blocks
-_F = np.float32
+_ROOM = _PART * GROUPS + PAD
 _INF = np.float32(np.inf)
-_GAP = np.float32(0.5)  # of the extent; rays from a flat surface have a third
+_HALF = np.float32(0.5)
+
+
+class Found(NamedTuple):
+    """Groups of lanes, (parts _ROOM,) int32: those of each part of the blocks from a multiple of _ROOM on."""
+
+    cells: np.ndarray  # where each is
+    lanes: np.ndarray  # its bits
+    blocks: np.ndarray  # whose lanes these are
 
 
 @inlined
@@ -51,21 +65,12 @@ def _extent(x, lanes):
     return reduce_min(select(mask, x, _INF)), reduce_max(select(mask, x, -_INF))
 
 
-@kernel
-def _beyond_gap(p, lanes, extent):
-    """Bits of the lanes above the widest gap between the numbers of `lanes` at p; 0 if it is not wide."""
-    x, mask = load16(p, 0), mask_from_bits16(lanes)
-    following, some = splat16(_INF), lanes
-    while some != 0:
-        other = broadcast16(p, lowest_bit(some))
-        some &= some - 1
-        following = select(other > x, minimum(following, other), following)
-    gap = select(mask & (following < _INF), following - x, _F(0.0))
-    widest = reduce_max(gap)
-    if not widest > (extent[1] - extent[0]) * _GAP:
-        return np.int64(0)
-    edge = broadcast16(p, lowest_bit(bits_of(gap == widest)))
-    return bits_of(x > edge) & lanes
+@inlined
+def _beyond_gap(x, lanes, extent):
+    """Bits of the lanes beyond a gap of more than half of their extent, which must be around its middle; 0: none."""
+    beyond = bits_of(x > (extent[0] + extent[1]) * _HALF) & lanes
+    gap = _extent(x, beyond)[0] - _extent(x, lanes & ~beyond)[1]
+    return beyond if gap > (extent[1] - extent[0]) * _HALF else np.int64(0)
 
 
 @kernel
@@ -80,10 +85,10 @@ def _cut(face, places, lanes, full, centre):
     u, v = _extent(load16(places, 0), lanes), _extent(load16(places, 16), lanes)
     if not full and lanes & (lanes - 1) != 0:
         along_u = u[1] - u[0] > v[1] - v[0]
-        others = _beyond_gap(places if along_u else ptr_at(places, 16), lanes, u if along_u else v)
+        others = _beyond_gap(load16(places, 0 if along_u else 16), lanes, u if along_u else v)
     if others == 0:
-        put(centre, 0, (u[0] + u[1]) * _F(0.5))
-        put(centre, 16, (v[0] + v[1]) * _F(0.5))
+        put(centre, 0, (u[0] + u[1]) * _HALF)
+        put(centre, 16, (v[0] + v[1]) * _HALF)
     return others
 
 
@@ -117,58 +122,63 @@ def _block_ids(block, w, h, ids):
     return bits_of((x < np.int32(w)) & (y < np.int32(h)))
 
 
+@inlined
+def _keep(asking, blocks, block, ids, o, asks):
+    """Write those of a block's receivers that ask; their places are given to the others too."""
+    there, one, of = mask_from_bits16(asks), lowest_bit(asks) & 15, load16(ids, 0)
+    store(blocks.ids, 16 * block, select(there, of, np.int32(-1)))
+    store(blocks.own, 16 * block, gather(asking.faces, of))
+    for k in range(3):
+        at = 16 * (3 * block + k)
+        store(blocks.origins, at, o[k])
+        store(blocks.origins, at, select(there, o[k], broadcast16(blocks.origins, at + one)))
+
+
 @kernel
-def _write_groups(ticket, query, beam, scale, bits, cells, lanes_of, counts, tally):
-    """Worker: the cell and the lanes of each group of each block; cells are -1 where there is none."""
+def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally):
+    """Worker: each block, and what is `Found` in it."""
     asking, view, samples = asking_of(query, bits), view_of(beam), Samples(beam.first, beam.count, beam.set)
     h, w = query.sides.shape
     ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
-    out, out_lanes, mine = ptr(cells), ptr(lanes_of), private_counters(tally)
+    last, blocks = stack_i64(2), block_pointers(arrays)
+    out, mine = Found(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), private_counters(tally)
+    for k in range(0, 32, 16):  # lanes without a group are computed with as well: denormal numbers there are slow
+        store(centres, k, splat16(_HALF))
+    put(last, 0, -1)
     first = take(ticket)
     while first >= 0:
-        total = 0
+        part, total = first // ticket[CHUNK], 0
         for block in range(first, min(first + ticket[CHUNK], ticket[N])):
             there = _block_ids(np.int32(block), w, h, ids)
-            d = places_of(asking, view, ids)
-            asks = who_asks(asking, view, samples, ids, there, mine) & ~at_apex(view, d)
+            o = origins_of(asking, load16(ids, 0))
+            d = relative16(view, o)
+            asks = who_asks(asking, view, samples, ids, there, last, mine) & ~at_apex(view, d)
+            _keep(asking, blocks, block, ids, o, asks)
             faces, u, v = places_on(view, scale, d)
             store(face, 0, faces)
             store(places, 0, u)
             store(places, 16, v)
             n = _groups(face, places, asks, groups, centres)
-            cell = cells_of(load16(groups, 16), load16(centres, 0), load16(centres, 16))
-            store(face, 0, select(iota16() < np.int32(n), cell, np.int32(-1)))
-            for i in range(GROUPS):
-                put(out, block * GROUPS + i, get(face, i))
-                put(out_lanes, block * GROUPS + i, get(groups, i))
+            at = part * _ROOM + total
+            store(out.cells, at, cells_of(load16(groups, 16), load16(centres, 0), load16(centres, 16)))
+            store(out.lanes, at, load16(groups, 0))
+            store(out.blocks, at, splat16(np.int32(block)))
             total += n
-        counts[first // ticket[CHUNK]] = total
+        counts[part] = total
         first = take(ticket)
     add_counters(tally, mine)
 
 
-@kernel
-def _expand(ticket, groups, lanes_of, w, h, ids):
-    """Worker: the receivers of each leaf, -1 for lanes without one."""
-    scratch, out = stack_i32(16), ptr(ids)
-    first = take(ticket)
-    while first >= 0:
-        for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
-            group = np.int64(groups[leaf])
-            _block_ids(np.int32(group // GROUPS), w, h, scratch)
-            store(out, 16 * leaf, select(mask_from_bits16(np.int64(lanes_of[group])), load16(scratch, 0), np.int32(-1)))
-        first = take(ticket)
-
-
-def order_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=None) -> Order:
-    """The `Order` of the receivers that ask a beam, as `order_of`; for leaves of 16 of a picture's pixels."""
+def rays_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=None, empty: Empty = np.empty) -> Rays:
+    """The `Rays` of those of a picture's receivers that ask a beam, as `order_of` says it."""
     h, w = query.sides.shape
-    blocks = -(-h // 4) * -(-w // 4)
-    cells, lanes_of = np.empty(blocks * GROUPS, np.int32), np.empty(blocks * GROUPS, np.int32)
-    counts = np.zeros(-(-blocks // _PART) + 1, np.int64)
-    ticket = new_ticket(blocks, _PART)
-    run(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, cells, lanes_of, counts[1:], tally)
-    order = sort_cells(*pack(cells, len(cells), _PART * GROUPS, counts, threads), threads)
-    ids = np.empty(16 * len(order.ids), np.int32)
-    run(_expand, threads, new_ticket(len(order.ids), 1024), order.ids, lanes_of, w, h, ids)
-    return Order(ids, 16 * order.starts, order.faces, True)
+    n = -(-h // 4) * -(-w // 4)
+    blocks = new_blocks(n, 16, empty)
+    parts, ticket = -(-n // _PART), new_ticket(n, _PART)
+    found, counts = Found(*(empty(parts * _ROOM, np.int32) for _ in range(3))), np.zeros(parts, np.int64)
+    run(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, blocks, found, counts, tally)
+    gaps = np.arange(parts) * _ROOM - (np.cumsum(counts) - counts)
+    at = np.arange(counts.sum()) + np.repeat(gaps, counts)
+    order = sort_cells(np.append(found.cells[at], np.zeros(PAD, np.int32)), at.astype(np.int32), threads)
+    cut = Cut(found.blocks[order.ids], found.lanes[order.ids], order.starts, order.faces, True)
+    return rays_in(query, beam, blocks, cut, bits, threads, empty)

@@ -13,7 +13,6 @@ from numba.extending import overload
 
 from ..jit import inlined, kernel
 from ..simd import (
-    any_lane,
     bits,
     fma,
     get,
@@ -25,10 +24,10 @@ from ..simd import (
     reduce_min,
     select,
 )
-from ..trace.vec import rows
 from . import nodes as names
 from .beams import PERSPECTIVE
 from .boxrows import BOX, CORNERS, lower, upper, write_box_row
+from .rays import block_of, origins_in
 from .rows import COVERS, INNER, LANES, OUTER, number, number16, whole
 from .view import projected16
 
@@ -99,11 +98,11 @@ def _put_box(group, ways, lane, low, high):
 @kernel
 def _box_of_leaf(view, face, leaves, leaf, group, lane):
     """The box around the receivers of a leaf; the lanes without one repeat others."""
-    ways = leaves.ways
-    there = mask_from_bits16(bits(load16(leaves.ids, leaf * ways) >= np.int32(0)) & (np.int64(1) << ways) - 1)
-    if not any_lane(there):
+    ways, lanes = leaves.ways, np.int64(get(leaves.lanes, leaf))
+    if lanes == 0:
         return False
-    u, v, q = projected16(view, rows(leaves.origins, 3 * leaf * ways, ways), face)
+    there = mask_from_bits16(lanes)
+    u, v, q = projected16(view, origins_in(leaves, block_of(leaves, leaf)), face)
     everywhere = mask_from_bits16(0)
     if view.kind == PERSPECTIVE:
         everywhere = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex, where nothing is known

@@ -13,6 +13,7 @@ from ..predicate.filters import cross, dot
 from ..simd import get, ptr, put
 from . import nodes as names
 from .cone_triangle import TINY, covered_cones, possible_cones, unit_of, write_cone_row
+from .rays import block_of
 from .view import relative
 
 ROWS = 7  # of a node: the axis, cos a, sin a, the shortest and the longest ray
@@ -65,26 +66,26 @@ def _ray_of(view, leaves, at):
 @kernel
 def _cone_of_leaf(view, leaves, leaf, group, lane):
     """The cone around the rays of a leaf."""
-    ways, z = leaves.ways, np.float64(0.0)
-    w, found = (z, z, z), False
+    ways, z, lanes = leaves.ways, np.float64(0.0), np.int64(get(leaves.lanes, leaf))
+    w, first = (z, z, z), 3 * block_of(leaves, leaf) * ways
     for i in range(ways):
-        if get(leaves.ids, leaf * ways + i) >= 0:
-            d, length = _ray_of(view, leaves, 3 * leaf * ways + i)
-            w, found = _plus(w, d), True
+        if lanes >> i & 1:
+            d, length = _ray_of(view, leaves, first + i)
+            w = _plus(w, d)
     w = unit_of(w)[0]
     if dot(w, w) == 0.0:
         w = (np.float64(0.0), np.float64(0.0), np.float64(1.0))
     c, s, shortest, longest = np.float64(2.0), z, np.float64(np.inf), z
     for i in range(ways):
-        if get(leaves.ids, leaf * ways + i) >= 0:
-            d, length = _ray_of(view, leaves, 3 * leaf * ways + i)
+        if lanes >> i & 1:
+            d, length = _ray_of(view, leaves, first + i)
             if length > TINY:
                 c, s = _wider(w, d, c, s, np.float64(1.0), z)
             else:
                 c, s = np.float64(-1.0), z
             shortest, longest = min(shortest, length), max(longest, length)
     _put_cone(group, ways, lane, w, c, s, shortest, longest)
-    return found
+    return lanes != 0
 
 
 @inlined

@@ -9,6 +9,7 @@ from ..trace.counters import TRIANGLE_TESTS, count
 from ..trace.raytest import decide, length1, seen_from, triangle_in
 from ..trace.traverse import settle
 from ..trace.vec import Vec, minus
+from .rays import block_of, origins_in
 
 
 @inlined
@@ -17,9 +18,9 @@ def _rows(p, at, ways):
 
 
 @kernel
-def _settled(leaves, leaf, ends, corners, slot, facing, unsure, counters):
+def _settled(leaves, block, ends, corners, slot, facing, unsure, counters):
     """Bits of those lanes that the triangle blocks, of those that float32 could not decide."""
-    blocked, o = np.int64(0), ptr_at(leaves.origins, 3 * leaf * leaves.ways)
+    blocked, o = np.int64(0), ptr_at(leaves.origins, 3 * block * leaves.ways)
     while unsure != 0:
         lane = lowest_bit(unsure)
         unsure &= unsure - 1
@@ -48,28 +49,25 @@ def block_rays(leaves, leaf, corners, slot, prim, facing, counters):
 
     prim : which triangle it is, which does not block the receivers on it
     """
-    ways = leaves.ways
+    ways, block = leaves.ways, block_of(leaves, leaf)
     everyone = (np.int64(1) << ways) - 1
-    own = bits(load16(leaves.faces, leaf * ways) == np.int32(prim)) if prim >= 0 else np.int64(0)
-    origins = _rows(leaves.origins, 3 * leaf * ways, ways)
-    ends = ptr_at(leaves.ends, leaf * leaves.end_step)
+    origins, ends = origins_in(leaves, block), ptr_at(leaves.ends, block * leaves.end_step)
     lanes = seen_from(origins, _span(leaves, ends, origins), triangle_in(corners, slot))
     finished = True
     for s in range(leaves.count):
-        dead = np.int64(get(leaves.dead, leaf * leaves.count + s))
-        asks = everyone & ~dead
+        asks = everyone & ~np.int64(get(leaves.dead, leaf * leaves.count + s))
         if asks == 0:
             continue
         finished = False
-        if asks & ~own == 0:
-            continue
         count(counters, TRIANGLE_TESTS, 1)
         points = ptr_at(ends, 3 * s * ways)
         hit, unsure = decide(minus(_rows(points, 0, ways), origins), lanes, facing)
-        hit &= asks & ~own
-        unsure &= asks & ~own
+        if (hit | unsure) & asks == 0:
+            continue
+        asks &= ~bits(load16(leaves.own, block * ways) == np.int32(prim))
+        hit, unsure = hit & asks, unsure & asks
         if unsure != 0:
-            hit |= _settled(leaves, leaf, points, corners, slot, facing, unsure, counters)
+            hit |= _settled(leaves, block, points, corners, slot, facing, unsure, counters)
         if hit != 0:
             atomic_or(leaves.dead, leaf * leaves.count + s, hit)
     return finished

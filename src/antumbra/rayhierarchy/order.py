@@ -13,14 +13,27 @@ from ..bvh.radix_sort import radix_sort
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, new_ticket, run, take
 from ..simd import bits as bits_of
-from ..simd import get, iota16, load16, mask_from_bits16, minimum, popcount, ptr, put, select, stack_i32, store
+from ..simd import (
+    get,
+    iota16,
+    load16,
+    mask_from_bits16,
+    minimum,
+    popcount,
+    ptr,
+    put,
+    select,
+    stack_i32,
+    stack_i64,
+    store,
+)
 from ..trace.counters import add_counters, private_counters
-from .asking import Samples, asking_of, places_of, who_asks
+from .asking import Samples, asking_of, origins_of, who_asks
 from .beams import PERSPECTIVE, Beam
 from .keys import BITS, KEY_BITS, cells_of, keys_of, on_cube, on_ground
-from .view import FACES, view_of
+from .rays import PAD
+from .view import FACES, relative16, view_of
 
-PAD = 16  # numbers after the last: 16 are read where there are fewer
 _PART = 8192  # receivers, a multiple of 16
 _TILE = 64  # pixels a side: within, Z order; a power of two
 
@@ -31,7 +44,7 @@ class Order(NamedTuple):
     ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: none
     starts: np.ndarray  # (k + 1,) int64: where each face's begin; two if all are taken together
     faces: np.ndarray  # (k,) int64: which these are
-    placed: bool  # receivers keep their places, some of which are empty
+    placed: bool  # receivers have places, some of which are empty
 
 
 class Scale(NamedTuple):
@@ -62,15 +75,16 @@ def places_on(view, scale, d):
 def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
     """Worker: each receiver's cell, -1 if it asks nothing; how many of a part ask."""
     asking, view, samples = asking_of(query, bits), view_of(beam), Samples(beam.first, beam.count, beam.set)
-    ids, out, mine = stack_i32(16), ptr(keys), private_counters(tally)
+    ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), private_counters(tally)
+    put(last, 0, -1)
     first = take(ticket)
     while first >= 0:
         n = 0
         for i in range(first, min(first + ticket[CHUNK], ticket[N]), 16):
             store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
             lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
-            d = places_of(asking, view, ids)
-            asks = who_asks(asking, view, samples, ids, lanes, mine) & ~at_apex(view, d)
+            d = relative16(view, origins_of(asking, load16(ids, 0)))
+            asks = who_asks(asking, view, samples, ids, lanes, last, mine) & ~at_apex(view, d)
             face, u, v = places_on(view, scale, d)
             store(out, i, select(mask_from_bits16(asks), cells_of(face, u, v), np.int32(-1)))
             n += popcount(asks)
@@ -159,29 +173,6 @@ def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tall
         return _together(ids, True)
     packed, ids = pack(keys, h * w, _PART, counts, threads)
     return sort_cells(packed, ids, threads) if sort and len(ids) else _together(ids, False)
-
-
-def left_of(order: Order, rays) -> Order:
-    """The receivers of which something is still asked after a traversal (Sec. 3.4); `rays`: the `Rays` in this order.
-
-    Where receivers are `placed` the others' places are left empty.
-    """
-    lanes = np.arange(rays.ways)
-    dead = np.bitwise_and.reduce(rays.dead, 1)[:, None] >> lanes & 1
-    ids = rays.ids[: dead.size].reshape(dead.shape)
-    left = (dead == 0) & (ids >= 0)
-    if order.placed:
-        return order._replace(ids=np.where(left, ids, -1).reshape(-1))
-    first = leaf_starts_of(order, rays.ways)
-    counts = np.add.reduceat(left.sum(1), first[:-1]) if len(left) else np.zeros(0, np.int64)
-    starts = np.append(0, np.cumsum(counts)).astype(np.int64)
-    some = np.flatnonzero(counts)
-    return order._replace(ids=ids[left], starts=np.append(starts[some], starts[-1]), faces=order.faces[some])
-
-
-def leaf_starts_of(order: Order, ways: int) -> np.ndarray:
-    """(k + 1,) int64: where the leaves of each face begin; no leaf has receivers of two."""
-    return np.append(0, np.cumsum(-(-np.diff(order.starts) // ways)))
 
 
 def _together(ids: np.ndarray, placed: bool) -> Order:

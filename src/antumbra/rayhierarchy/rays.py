@@ -1,10 +1,15 @@
-"""The rays of a beam: the leaves of its hierarchy, side by side in memory as they are tested side by side."""
+"""The rays of a beam: the leaves of its hierarchy, side by side in memory as they are tested side by side.
+
+Receivers are in *blocks* of as many as a leaf has. A leaf has some lanes of a block: the others are another leaf's, or
+nobody's. Ends of segments are the same for all receivers, or lie as the receivers do.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from ..jit import inlined, kernel
+from ..memory import Empty
 from ..parallel import CHUNK, N, new_ticket, run, take
 from ..simd import (
     as_i32,
@@ -12,19 +17,18 @@ from ..simd import (
     get,
     load16,
     lowest_bit,
-    mask_from_bits16,
+    maximum,
+    prefetch,
     ptr,
     ptr_at,
     put,
-    select,
-    stack_f32,
-    stack_i32,
-    store,
 )
 from ..simd import bits as bits_of
+from ..trace.vec import Vec
 from .asking import asking_of, end_of, patch_for
 from .beams import Beam
-from .order import PAD, Order, leaf_starts_of
+
+PAD = 16  # numbers after the last: 16 are read where there are fewer
 
 
 class Rays(NamedTuple):
@@ -35,14 +39,38 @@ class Rays(NamedTuple):
     """
 
     ways: int  # rays to a leaf, nodes to a node: 4 or 16
-    origins: np.ndarray  # (3 leaves ways + PAD,) float32: leaf, axis, lane
-    faces: np.ndarray  # (leaves ways + PAD,) int32: each receiver's own triangle, -1: none
-    ids: np.ndarray  # (leaves ways + PAD,) int32: which receiver; -1: none
-    ends: np.ndarray  # (3 count ways [leaves] + PAD,) float32: [leaf,] sample, axis, lane
-    end_step: int  # float32 from a leaf's ends to the next one's; 0: all have the same
+    origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane
+    ids: np.ndarray  # (blocks ways + PAD,) int32: which receiver; -1: none
+    own: np.ndarray  # like ids: each receiver's own triangle; -1: none
+    ends: np.ndarray  # (3 count ways [blocks] + PAD,) float32: [block,] sample, axis, lane
+    end_step: int  # float32 from a block's ends to the next one's; 0: all have the same
+    blocks: np.ndarray  # (leaves,) int32: the block of each leaf
+    lanes: np.ndarray  # (leaves,) int32: bits of those of its lanes that the leaf has
     dead: np.ndarray  # (leaves, count) int32: bits of lanes
     first: int  # sample
     count: int  # samples
+    starts: np.ndarray  # (k + 1,) int64: where the leaves of each face begin
+    faces: np.ndarray  # (k,) int64: which these are
+    placed: bool  # leaves keep their places, whatever is dead
+
+
+class Blocks(NamedTuple):
+    """Receivers, `ways` side by side, as in `Rays`."""
+
+    ways: int
+    origins: np.ndarray
+    ids: np.ndarray
+    own: np.ndarray
+
+
+class Cut(NamedTuple):
+    """What leaves are made of blocks, as in `Rays`."""
+
+    blocks: np.ndarray
+    lanes: np.ndarray
+    starts: np.ndarray
+    faces: np.ndarray
+    placed: bool
 
 
 class Leaves(NamedTuple):
@@ -50,10 +78,12 @@ class Leaves(NamedTuple):
 
     ways: int
     origins: object
-    faces: object
     ids: object
+    own: object
     ends: object
     end_step: int
+    blocks: object
+    lanes: object
     dead: object
     first: int
     count: int
@@ -63,118 +93,135 @@ class Leaves(NamedTuple):
 def leaves_of(rays):
     """The `Leaves` of `Rays`."""
     return Leaves(
-        rays.ways, ptr(rays.origins), ptr(rays.faces), ptr(rays.ids), ptr(rays.ends), rays.end_step, ptr(rays.dead),
-        rays.first, rays.count,
+        rays.ways, ptr(rays.origins), ptr(rays.ids), ptr(rays.own), ptr(rays.ends), rays.end_step, ptr(rays.blocks),
+        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.count,
     )  # fmt: skip
 
 
 @inlined
-def _fill_ends(asking, i, leaves, ends, lane):
-    """Write the ends of one receiver's segments to its lane."""
-    patch = patch_for(asking, i)
+def block_of(leaves, leaf):
+    """The block of a leaf."""
+    return np.int64(get(leaves.blocks, leaf))
+
+
+@inlined
+def origins_in(leaves, block):
+    """`Vec`: where the receivers of a block are."""
+    p, at, ways = leaves.origins, 3 * block * leaves.ways, leaves.ways
+    return Vec(load16(p, at), load16(p, at + ways), load16(p, at + 2 * ways))
+
+
+@inlined
+def fetch_leaf(leaves, leaf):
+    """Have a leaf's receivers brought to where they can be read at once."""
+    block = block_of(leaves, leaf)
+    for k in range(3):
+        prefetch(leaves.origins, (3 * block + k) * leaves.ways)
+    prefetch(leaves.own, block * leaves.ways)
+
+
+@kernel
+def _fill_ends(ticket, query, bits, rays):
+    """Worker: the ends of the segments of each block's receivers; lanes without one repeat others."""
+    asking, leaves, ways = asking_of(query, bits), leaves_of(rays), np.int64(rays.ways)
+    first = take(ticket)
+    while first >= 0:
+        for block in range(first, min(first + ticket[CHUNK], ticket[N])):
+            anyone = np.int64(-1)
+            for lane in range(ways):
+                anyone = max(anyone, np.int64(get(leaves.ids, block * ways + lane)))
+            for lane in range(ways if anyone >= 0 else 0):
+                i = np.int64(get(leaves.ids, block * ways + lane))
+                _fill_lane(asking, i if i >= 0 else anyone, leaves, block, lane)
+        first = take(ticket)
+
+
+@inlined
+def _fill_lane(asking, i, leaves, block, lane):
+    """Write the ends of the segments of receiver i to a lane."""
+    patch, ends = patch_for(asking, i), ptr_at(leaves.ends, block * leaves.end_step)
     for s in range(leaves.count):
         l = end_of(asking, patch, i, leaves.first + s)
         for k in range(3):
             put(ends, (3 * s + k) * leaves.ways + lane, l[k])
 
 
-@inlined
-def _dead(asking, there, lanes, ids, s):
-    """Bits of the lanes whose sample s nothing is asked about; there: the lanes' receivers, of which `lanes` exist."""
-    word = gather(as_i32(asking.bits), there * np.int32(2 * asking.words) + np.int32(s >> 5))
-    return bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0)) | ~lanes
+@kernel
+def _fill_common(query, leaf, bits, rays):
+    """The ends that all receivers have, taken from one of a leaf."""
+    asking, leaves = asking_of(query, bits), leaves_of(rays)
+    lane = lowest_bit(np.int64(get(leaves.lanes, leaf)) | 1 << 15) & leaves.ways - 1
+    i = max(np.int64(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane)), np.int64(0))
+    for lane in range(rays.ways):
+        _fill_lane(asking, i, leaves, np.int64(0), lane)
 
 
 @inlined
-def _put_lanes(p, at, ways, v, scratch):
-    """Write as many lanes as a leaf has."""
-    if ways == 16:
-        store(p, at, v)
+def _fill_leaf(asking, leaves, leaf):
+    """Write which segments of a leaf are dead before anything is traced."""
+    lanes = np.int64(get(leaves.lanes, leaf))
+    others = ~lanes & (np.int64(1) << leaves.ways) - 1
+    if leaves.count == 1:  # a receiver with one sample asks about it
+        put(leaves.dead, leaf, others)
         return
-    store(scratch, 0, v)
-    for lane in range(ways):
-        put(p, at + lane, get(scratch, lane))
+    ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
+    there = ids * np.int32(2 * asking.words)
+    for n in range(leaves.count):
+        s = leaves.first + n
+        word = gather(as_i32(asking.bits), there + np.int32(s >> 5))
+        known = bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0)) & lanes
+        put(leaves.dead, leaf * leaves.count + n, known | others)
 
 
 @kernel
-def _fill_leaf(asking, ids, lanes, leaves, leaf):
-    """A leaf's receivers, of which some `lanes` (bits) exist; the other lanes repeat one of them, and are dead."""
-    ways, at, everyone = leaves.ways, leaf * leaves.ways, (np.int64(1) << leaves.ways) - 1
-    whole, floats = stack_i32(16), stack_f32(16)
-    mask, anyone = mask_from_bits16(lanes), np.int64(get(ids, lowest_bit(lanes))) if lanes != 0 else np.int64(0)
-    there = select(mask, load16(ids, 0), np.int32(anyone))
-    _put_lanes(leaves.ids, at, ways, select(mask, there, np.int32(-1)), whole)
-    _put_lanes(leaves.faces, at, ways, select(mask, gather(asking.faces, there), np.int32(-1)), whole)
-    for k in range(3):
-        _put_lanes(leaves.origins, (3 * leaf + k) * ways, ways, gather(asking.origins, there * 3 + np.int32(k)), floats)
-    for s in range(leaves.count):
-        put(leaves.dead, leaf * leaves.count + s, _dead(asking, there, lanes, ids, leaves.first + s) & everyone)
-    if leaves.end_step != 0:
-        ends = ptr_at(leaves.ends, leaf * leaves.end_step)
-        for lane in range(ways):
-            i = np.int64(get(leaves.ids, at + lane))
-            _fill_ends(asking, i if i >= 0 else anyone, leaves, ends, lane)
-
-
-@kernel
-def _fill(ticket, query, order, leaf_starts, bits, rays):
-    """Worker: leaves with the receivers that their places in the order say."""
-    asking, leaves, part, places = asking_of(query, bits), leaves_of(rays), np.int64(0), stack_i32(16)
+def _fill_dead(ticket, query, bits, rays):
+    """Worker: which segments of the leaves are dead before anything is traced."""
+    asking, leaves = asking_of(query, bits), leaves_of(rays)
     first = take(ticket)
     while first >= 0:
         for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
-            part = part if leaf_starts[part] <= leaf else np.int64(0)
-            while leaf_starts[part + 1] <= leaf:
-                part += 1
-            at = order.starts[part] + (leaf - leaf_starts[part]) * leaves.ways
-            n, ids = min(leaves.ways, order.starts[part + 1] - at), ptr_at(order.ids, at)
-            if at + 16 > len(order.ids):  # no more is read than there is
-                for lane in range(n):
-                    put(places, lane, get(ids, lane))
-                ids = places
-            lanes = bits_of(load16(ids, 0) >= np.int32(0)) & (np.int64(1) << n) - 1
-            _fill_leaf(asking, ids, lanes, leaves, leaf)
+            _fill_leaf(asking, leaves, leaf)
         first = take(ticket)
 
 
-@kernel
-def _fill_common(query, i, bits, rays):
-    """The ends that all receivers have, taken from receiver i."""
-    asking, leaves = asking_of(query, bits), leaves_of(rays)
-    for lane in range(rays.ways):
-        _fill_ends(asking, i, leaves, leaves.ends, lane)
-
-
-def rays_of(query, beam: Beam, order: Order, ways: int, bits: np.ndarray, threads: int) -> Rays:
-    """The `Rays` of the receivers in an order."""
-    starts = leaf_starts_of(order, ways)
-    n, count = int(starts[-1]), beam.count
-    step = 0 if beam.common else 3 * count * ways
-    rays = Rays(
-        ways,
-        np.empty(3 * n * ways + PAD, np.float32),
-        np.empty(n * ways + PAD, np.int32),
-        np.empty(n * ways + PAD, np.int32),
-        np.empty((n * step if step else 3 * count * ways) + PAD, np.float32),
-        step,
-        np.empty((n, count), np.int32),
-        beam.first,
-        count,
-    )
-    for padded in rays.origins, rays.faces, rays.ids, rays.ends:
+def new_blocks(n: int, ways: int, empty: Empty) -> Blocks:
+    """Memory for n blocks."""
+    numbers = [empty(n * ways + PAD, np.int32) for _ in range(2)]
+    blocks = Blocks(ways, empty(3 * n * ways + PAD, np.float32), numbers[0], numbers[1])
+    for padded in blocks[1:]:
         padded[-PAD:] = 0
-    run(_fill, threads, new_ticket(n, 256), query, order, starts, bits, rays)
-    if not step and len(order.ids):
-        _fill_common(query, np.int64(max(order.ids.max(), 0)), bits, rays)
+    return blocks
+
+
+@inlined
+def block_pointers(blocks):
+    """The same `Blocks` with pointers."""
+    return Blocks(blocks.ways, ptr(blocks.origins), ptr(blocks.ids), ptr(blocks.own))
+
+
+def rays_in(query, beam: Beam, blocks: Blocks, cut: Cut, bits: np.ndarray, threads: int, empty: Empty) -> Rays:
+    """The `Rays` of the receivers in blocks, cut into leaves."""
+    n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.count
+    step = 0 if beam.common else 3 * count * blocks.ways
+    ends = empty((n * step if step else 3 * count * blocks.ways) + PAD, np.float32)
+    ends[-PAD:] = 0
+    dead = np.empty((len(cut.blocks), count), np.int32)
+    rays = Rays(
+        blocks.ways, blocks.origins, blocks.ids, blocks.own, ends, step, cut.blocks, cut.lanes, dead,
+        beam.first, count, cut.starts, cut.faces, cut.placed,
+    )  # fmt: skip
+    run(_fill_dead, threads, new_ticket(len(dead), 1024), query, bits, rays)
+    if step:
+        run(_fill_ends, threads, new_ticket(n, 64), query, bits, rays)
+    elif len(dead):
+        _fill_common(query, int(np.argmax(cut.lanes != 0)), bits, rays)
     return rays
 
 
 def finished(rays: Rays) -> float:
     """The share of the segments of which nothing is asked any more."""
-    asked = int(np.count_nonzero(rays.ids[: len(rays.dead) * rays.ways] >= 0)) * rays.count
-    empty = rays.dead.size * rays.ways - asked
-    dead = sum(int(np.count_nonzero(rays.dead >> lane & 1)) for lane in range(rays.ways))
-    return (dead - empty) / max(asked, 1)
+    asked = int(np.bitwise_count(rays.lanes).sum()) * rays.count
+    return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(asked, 1)
 
 
 @kernel
@@ -185,12 +232,13 @@ def _write_bits(ticket, rays, bits):
     while first >= 0:
         for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
             for s in range(leaves.count):
-                dead, n = np.int64(get(leaves.dead, leaf * leaves.count + s)), leaves.first + s
-                for lane in range(leaves.ways):
-                    i = np.int64(get(leaves.ids, leaf * leaves.ways + lane))
-                    if i >= 0 and dead >> lane & 1:
-                        at = i * words + (n >> 6)
-                        put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
+                blocked = np.int64(get(leaves.dead, leaf * leaves.count + s)) & np.int64(get(leaves.lanes, leaf))
+                block, n = block_of(leaves, leaf) * leaves.ways, leaves.first + s
+                while blocked != 0:
+                    i = np.int64(get(leaves.ids, block + lowest_bit(blocked)))
+                    blocked &= blocked - 1
+                    at = i * words + (n >> 6)
+                    put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
         first = take(ticket)
 
 

@@ -7,19 +7,21 @@ of a hierarchy (`tree`), which the triangles traverse (`traverse`). What they bl
 import numpy as np
 
 from ..bvh.lbvh import by_codes
+from ..memory import Empty, borrowed
 from ..parallel import new_ticket, run, thread_count
 from ..scene.lights import FIXED, LIST
 from .beams import AROUND, PERSPECTIVE, Beam, beams_of
-from .blocks import order_by_blocks
+from .blocks import rays_by_blocks
 from .boxes import Boxes
 from .cones import Cones
 from .occluders import FINISHED, occluders_first
 from .options import Options
-from .order import Order, left_of, order_of
-from .rays import Rays, finished, rays_of, write_bits
+from .order import order_of
+from .packed import left_of, rays_of
+from .rays import finished, write_bits
 from .soup import Soup
 from .traverse import BATCH, PAIRS, How, trace_triangles
-from .tree import Tree, tree_of
+from .tree import tree_of
 
 SEGMENTS = 1 << 22
 """So many segments, with ends of their own, are in memory at once."""
@@ -35,7 +37,8 @@ def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: 
     threads = thread_count(threads)
     for part, of_part in _parts(query, bits):
         for beam in beams_of(part, not options.shared, threads):
-            _trace_beam(soup, part, beam, of_part, threads, counters, progress, options)
+            with borrowed() as empty:
+                _trace_beam(soup, part, beam, of_part, threads, counters, progress, options, empty)
 
 
 def _parts(query, bits):
@@ -58,34 +61,29 @@ def _part(query, cut):
     return query._replace(origins=query.origins[cut], faces=query.faces[cut], sides=query.sides[cut], normals=normals)
 
 
-def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, options: Options) -> None:
+def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, options: Options, empty: Empty) -> None:
     """Trace the segments of one beam."""
     # Boxes have a hierarchy for each face. Receivers that ask all around are near those beside them on the screen.
     coherent = beam.kind != AROUND
     sort = ((options.sorted or options.blocks) and coherent) or (options.boxes and beam.kind == PERSPECTIVE)
     if options.blocks and coherent and query.sides.shape[0] > 1:
-        order = order_by_blocks(query, beam, bits, threads, counters)
+        rays = rays_by_blocks(query, beam, bits, threads, counters, empty)
     else:
         order = order_of(query, beam, bits, sort, threads, counters)
-    passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
+        rays = rays_of(query, beam, order, 16 if options.wide or options.blocks else 4, bits, threads, empty)
+    kind = Boxes if options.boxes or beam.kind != PERSPECTIVE else Cones
     how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
-    rays = tree = None
-    for picks in passes:
-        if rays is None or finished(rays) >= FINISHED:
-            order = order if rays is None else left_of(order, rays)
-            if not len(order.ids):
-                return
-            rays, tree = _hierarchy(query, beam, order, bits, threads, options)
+    passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
+    if not len(rays.blocks):
+        return
+    tree = tree_of(kind, beam, rays, threads, empty)
+    for k, picks in enumerate(passes):
+        if k > 0 and finished(rays) >= FINISHED:
+            rays = left_of(query, beam, rays, bits, threads, empty)
+            tree = tree_of(kind, beam, rays, threads, empty)
         ticket = new_ticket(len(picks), BATCH)
         run(trace_triangles, threads, ticket, soup, picks, beam, tree, rays, how, counters, progress=progress)
         write_bits(rays, bits, threads)
-
-
-def _hierarchy(query, beam: Beam, order: Order, bits, threads: int, options: Options) -> tuple[Rays, Tree]:
-    """The leaves of an order, and the hierarchy over them."""
-    rays = rays_of(query, beam, order, 16 if options.wide or options.blocks else 4, bits, threads)
-    kind = Boxes if options.boxes or beam.kind != PERSPECTIVE else Cones
-    return rays, tree_of(kind, beam, order, rays, threads)
 
 
 def _picks(soup: Soup, threads: int, options: Options) -> np.ndarray:

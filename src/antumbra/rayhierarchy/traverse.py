@@ -33,7 +33,7 @@ from .leaf import block_rays
 from .nodes import covered, meet_union, possible, union_of, write_row, writes_sixteen
 from .planes import shape_of
 from .pointrows import write_point_rows
-from .rays import leaves_of
+from .rays import fetch_leaf, leaves_of
 from .rows import BLOCK, COVERS, LANES, NUMBERS, TRIANGLE, put_whole, whole
 from .soup import Soup
 from .tree import LEVELS, group_at, groups_of, size_of, tree_pointers
@@ -45,7 +45,10 @@ BATCH = 128
 BLOCKS = BATCH // LANES
 
 PAIRS = 2048
-"""Pairs a level holds, at most; at least BATCH and 16."""
+"""Pairs a queue holds, at most; at least BATCH and 16."""
+
+_QUEUES = LEVELS + 1
+_AHEAD = 4  # leaves that are fetched in advance
 
 
 class How(NamedTuple):
@@ -55,15 +58,15 @@ class How(NamedTuple):
     early_accept: bool  # mark nodes that a triangle covers
     facing: int  # triangles with this sign of d . n do not block, a value of CULL_FACES
     backface: bool  # and are dropped before they are traversed
-    pairs: int  # that a level holds
+    pairs: int  # that a queue holds
 
 
 class _Queues(NamedTuple):
-    """A thread's pairs: pointers to int32."""
+    """A thread's pairs: pointers to int32. Queue 0 is of triangles and leaves, queue k + 1 of them and level k."""
 
-    rows: object  # which row of the batch, LEVELS x (pairs + 16)
-    groups: object
-    counts: object  # LEVELS
+    rows: object  # which row of the batch, _QUEUES x (pairs + 16)
+    groups: object  # or leaves
+    counts: object  # _QUEUES
     step: int
     union: object  # 6 float32, scratch memory
 
@@ -113,18 +116,6 @@ def _kill_all(tree, part, level, first, full, leaves, counters):
         full &= full - 1
 
 
-@kernel
-def _test_leaves(tree, part, leaves, soup, slot, first, found, how, counters):
-    """A triangle against the rays of those leaves, from the first on, that it may block."""
-    prim = np.int64(get(soup.ids, slot))
-    while found != 0:
-        node = first + lowest_bit(found)
-        found &= found - 1
-        finished = block_rays(leaves, get(tree.leaves, part) + node, soup.corners, slot, prim, how.facing, counters)
-        if finished and how.early_accept:
-            _kill(tree, part, np.int64(0), node, leaves)
-
-
 @inlined
 def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
     """Bits of the nodes of a group, the first of which is number `first`, that a triangle may block but does not cover.
@@ -144,13 +135,13 @@ def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
 
 @kernel
 def _work_off(tree, part, level, leaves, rows, queues, how, counters):
-    """Test a level's pairs, the last first, until there are none, or no room is left for those of the next level.
+    """Test a level's pairs, the last first, until there are none, or no room is left for those of the next queue.
 
     How many there are is kept in registers, so that one pair need not wait for the other.
     """
-    n, below = np.int64(get(queues.counts, level)), np.int64(get(queues.counts, level - 1))
-    from_rows, from_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
-    to_rows, to_groups = ptr_at(from_rows, -queues.step), ptr_at(from_groups, -queues.step)
+    n, below = np.int64(get(queues.counts, level + 1)), np.int64(get(queues.counts, level))
+    to_rows, to_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
+    from_rows, from_groups = ptr_at(to_rows, queues.step), ptr_at(to_groups, queues.step)
     start, room = groups_of(tree, part, level), how.pairs - tree.ways
     while n > 0 and below <= room:
         n -= 1
@@ -160,35 +151,34 @@ def _work_off(tree, part, level, leaves, rows, queues, how, counters):
         store(to_rows, below, splat16(np.int32(row)))
         store(to_groups, below, compress(mask_from_bits16(found), iota16() + np.int32(first)))
         below += popcount(found)
-    put(queues.counts, level, n)
-    put(queues.counts, level - 1, below)
+    put(queues.counts, level + 1, n)
+    put(queues.counts, level, below)
 
 
 @kernel
-def _work_off_leaves(tree, part, leaves, soup, rows, queues, how, counters):
-    """Test the pairs of the last level, and their rays."""
-    n, start = np.int64(get(queues.counts, 0)), groups_of(tree, part, 0)
-    while n > 0:
-        n -= 1
-        g, numbers = np.int64(get(queues.groups, n)), row_at(rows, np.int64(get(queues.rows, n)))
-        first = g * tree.ways
-        found = _visit(tree, part, leaves, np.int64(0), start + g, first, numbers, how, counters)
-        if found != 0:
-            _test_leaves(tree, part, leaves, soup, whole(numbers, TRIANGLE), first, found, how, counters)
+def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
+    """Test the rays of the leaves that are queued; those of later ones are on their way meanwhile."""
+    first = get(tree.leaves, part)
+    for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
+        fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
+        node, slot = np.int64(get(queues.groups, i)), whole(row_at(rows, np.int64(get(queues.rows, i))), TRIANGLE)
+        prim = np.int64(get(soup.ids, slot))
+        finished = block_rays(leaves, first + node, soup.corners, slot, prim, how.facing, counters)
+        if finished and how.early_accept:
+            _kill(tree, part, np.int64(0), node, leaves)
     put(queues.counts, 0, 0)
 
 
 @kernel
 def _traverse(tree, part, leaves, soup, rows, queues, how, counters):
     """The triangles that are queued for the hierarchy of one face, down to its rays."""
-    top, level = get(tree.heights, part) - 1, np.int64(0)
-    while level <= top:
-        if level == 0:
-            _work_off_leaves(tree, part, leaves, soup, rows, queues, how, counters)
-            level += 1
+    queue, last = np.int64(0), get(tree.heights, part)
+    while queue <= last:
+        if queue > 0:
+            _work_off(tree, part, queue - 1, leaves, rows, queues, how, counters)
         else:
-            _work_off(tree, part, level, leaves, rows, queues, how, counters)
-            level += -1 if get(queues.counts, level - 1) > 0 else 1
+            _test_rays(tree, part, leaves, soup, rows, queues, how, counters)
+        queue += -1 if queue > 0 and get(queues.counts, queue - 1) > 0 else 1
 
 
 @inlined
@@ -252,10 +242,11 @@ def _queue_block(tree, part, block, rows, found, queues):
     level, g = _start(tree, part, ptr_at(rows, block * BLOCK), found, queues.union)
     if g < 0:
         return
-    at = level * queues.step + np.int64(get(queues.counts, level))
+    queue = level + 1
+    at = queue * queues.step + np.int64(get(queues.counts, queue))
     store(queues.rows, at, compress(mask_from_bits16(found), iota16() + np.int32(block * LANES)))
     store(queues.groups, at, splat16(np.int32(g)))
-    put(queues.counts, level, get(queues.counts, level) + popcount(found))
+    put(queues.counts, queue, get(queues.counts, queue) + popcount(found))
 
 
 @kernel
@@ -263,10 +254,10 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters)
     """Worker: batches of the picked triangles through the hierarchies of all faces."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, mine, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), private_counters(counters), how.pairs + LANES
-    memory, marks = np.empty(parts * BATCH * NUMBERS, np.float32), np.zeros(LEVELS + parts * BLOCKS + LANES, np.int32)
-    pairs = np.empty(2 * LEVELS * step, np.int32)
-    queues = _Queues(ptr(pairs), ptr_at(pairs, LEVELS * step), ptr(marks), step, stack_f32(LANES))
-    rows, found, slots = ptr(memory), ptr_at(marks, LEVELS), ptr_at(marks, LEVELS + parts * BLOCKS)
+    memory, marks = np.empty(parts * BATCH * NUMBERS, np.float32), np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32)
+    pairs = np.empty(2 * _QUEUES * step, np.int32)
+    queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
+    rows, found, slots = ptr(memory), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
     first = take(ticket)
     while first >= 0:
         last = min(first + ticket[CHUNK], ticket[N])

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..jit import inlined, kernel
+from ..memory import Empty
 from ..parallel import CHUNK, N, new_ticket, run, take
 from ..simd import get, ptr, ptr_at, put
 from .nodes import bound_leaf, bound_node, pointed, rows_of
-from .order import PAD, Order, leaf_starts_of
-from .rays import Rays, leaves_of
+from .rays import PAD, Rays, leaves_of
 from .view import view_of
 
 LEVELS = 16
@@ -89,14 +89,13 @@ def _bound(ticket, arrays, beam, rays, part, level):
         first = take(ticket)
 
 
-def tree_of(kind: Any, beam, order: Order, rays: Rays, threads: int) -> Tree:
+def tree_of(kind: Any, beam, rays: Rays, threads: int, empty: Empty = np.empty) -> Tree:
     """The `Tree` over a beam's rays; ``kind``: `Boxes` or `Cones`."""
-    ways, k = rays.ways, len(order.faces)
+    ways, k = rays.ways, len(rays.faces)
     shift = ways.bit_length() - 1
-    leaves = leaf_starts_of(order, ways)
     heights, sizes, groups = np.zeros(k, np.int64), np.zeros((k, LEVELS), np.int64), np.zeros((k, LEVELS), np.int64)
     total = 0
-    for part, n in enumerate(np.diff(leaves).tolist()):
+    for part, n in enumerate(np.diff(rays.starts).tolist()):
         while True:
             level = heights[part]
             sizes[part, level], groups[part, level] = n, total
@@ -105,9 +104,10 @@ def tree_of(kind: Any, beam, order: Order, rays: Rays, threads: int) -> Tree:
             heights[part] += 1
             if n <= 1:
                 break
-    numbers = np.zeros(total * kind.ROWS * ways + PAD, np.float32)
+    numbers = empty(total * kind.ROWS * ways + PAD, np.float32)
+    numbers[:] = 0
     tree = Tree(
-        ways, shift, kind(numbers), np.zeros(total + PAD, np.int32), heights, sizes, groups, leaves, order.faces
+        ways, shift, kind(numbers), np.zeros(total + PAD, np.int32), heights, sizes, groups, rays.starts, rays.faces
     )
     for part in range(k):
         for level in range(int(heights[part])):

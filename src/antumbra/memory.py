@@ -1,0 +1,58 @@
+"""Memory that lives no longer than a call, and is handed out again to the next one.
+
+A page that is new to a process is cleared by the system first, which takes longer than most kernels work on it; and
+memory that is given back between frames is new each time.
+"""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+KEPT = 64 << 20
+"""Bytes that are kept for later calls, at most."""
+
+_spare: list[np.ndarray] = []  # the last used first
+_lock = threading.Lock()
+
+Empty = Callable[[int, Any], np.ndarray]
+"""Function of a number of elements and their dtype, such as ``numpy.empty``."""
+
+
+def _take(size: int) -> np.ndarray:
+    """A buffer of at least so many bytes, the smallest spare one that is not far too large."""
+    with _lock:
+        fit = [i for i, spare in enumerate(_spare) if size <= len(spare) <= 2 * size]
+        if fit:
+            return _spare.pop(min(fit, key=lambda i: len(_spare[i])))
+    return np.empty(size, np.uint8)
+
+
+def _give_back(buffers: list[np.ndarray]) -> None:
+    with _lock:
+        kept = 0
+        for i, buffer in enumerate(all_ := buffers + _spare):
+            kept += len(buffer)
+            if kept > KEPT:
+                del all_[i:]
+                break
+        _spare[:] = all_
+
+
+@contextmanager
+def borrowed() -> Iterator[Empty]:
+    """A function that makes arrays as ``numpy.empty`` does, which nobody may use after the ``with``."""
+    taken: list[np.ndarray] = []
+
+    def empty(n: int, dtype: Any) -> np.ndarray:
+        size = n * np.dtype(dtype).itemsize
+        buffer = _take(size)
+        taken.append(buffer)
+        return buffer[:size].view(dtype)
+
+    try:
+        yield empty
+    finally:
+        _give_back(taken)
