@@ -6,7 +6,7 @@ from ..jit import inlined, kernel
 from ..predicate.exact import segment
 from ..simd import atomic_or, bits, get, load16, lowest_bit, maximum, ptr_at
 from ..trace.counters import TRIANGLE_TESTS, count
-from ..trace.raytest import decide, length1, seen_from, triangle_in
+from ..trace.raytest import decide, length1, seen_from
 from ..trace.traverse import settle
 from ..trace.vec import Vec, minus
 from .rays import block_of, origins_in
@@ -44,30 +44,33 @@ def _span(leaves, ends, origins):
 
 
 @kernel
-def block_rays(leaves, leaf, corners, slot, prim, facing, counters):
+def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
     """Mark the segments of a leaf that the triangle in `slot` blocks as dead; are all of them dead now?
 
-    prim : which triangle it is, which does not block the receivers on it
+    triangle : what `triangle_in` says of it; prim: which it is, which does not block the receivers on it
     """
-    ways, block = leaves.ways, block_of(leaves, leaf)
-    everyone = (np.int64(1) << ways) - 1
+    ways, block, everyone = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
+    marks, first = ptr_at(leaves.dead, leaf * leaves.count), np.int64(0)
+    while first < leaves.count and np.int64(get(marks, first)) == everyone:
+        first += 1
+    if first == leaves.count:
+        return True
     origins, ends = origins_in(leaves, block), ptr_at(leaves.ends, block * leaves.end_step)
-    lanes = seen_from(origins, _span(leaves, ends, origins), triangle_in(corners, slot))
-    finished = True
-    for s in range(leaves.count):
-        asks = everyone & ~np.int64(get(leaves.dead, leaf * leaves.count + s))
+    lanes, finished = seen_from(origins, _span(leaves, ends, origins), triangle), True
+    for s in range(first, leaves.count):
+        asks = everyone & ~np.int64(get(marks, s))
         if asks == 0:
             continue
-        finished = False
         count(counters, TRIANGLE_TESTS, 1)
         points = ptr_at(ends, 3 * s * ways)
         hit, unsure = decide(minus(_rows(points, 0, ways), origins), lanes, facing)
-        if (hit | unsure) & asks == 0:
-            continue
-        asks &= ~bits(load16(leaves.own, block * ways) == np.int32(prim))
-        hit, unsure = hit & asks, unsure & asks
-        if unsure != 0:
-            hit |= _settled(leaves, block, points, corners, slot, facing, unsure, counters)
-        if hit != 0:
-            atomic_or(leaves.dead, leaf * leaves.count + s, hit)
+        if (hit | unsure) & asks != 0:
+            others = ~bits(load16(leaves.own, block * ways) == np.int32(prim))
+            hit, unsure = hit & asks & others, unsure & asks & others
+            if unsure != 0:
+                hit |= _settled(leaves, block, points, corners, slot, facing, unsure, counters)
+            if hit != 0:
+                atomic_or(leaves.dead, leaf * leaves.count + s, hit)
+                asks &= ~hit
+        finished = finished and asks == 0
     return finished

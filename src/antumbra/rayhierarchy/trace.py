@@ -10,6 +10,7 @@ from ..bvh.lbvh import by_codes
 from ..memory import Empty, borrowed
 from ..parallel import new_ticket, run, thread_count
 from ..scene.lights import FIXED, LIST
+from ..trace.counters import new_counters
 from .beams import AROUND, PERSPECTIVE, Beam, beams_of
 from .blocks import rays_by_blocks
 from .boxes import Boxes
@@ -35,6 +36,7 @@ def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: 
     progress : function of (triangles handed out, triangles), or None; the last part of a query counts only
     """
     threads = thread_count(threads)
+    counters = new_counters(True) if counters is None else counters  # costs nothing, and kernels are compiled once
     for part, of_part in _parts(query, bits):
         for beam in beams_of(part, not options.shared, threads):
             with borrowed() as empty:

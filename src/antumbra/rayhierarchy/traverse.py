@@ -27,7 +27,8 @@ from ..simd import (
     stack_f32,
     store,
 )
-from ..trace.counters import COVERED, NODES, add_counters, count, private_counters
+from ..trace.counters import COVERED, NODES, add_counters, count, pointer_to, private_counters
+from ..trace.raytest import triangle_in
 from .beams import PERSPECTIVE
 from .leaf import block_rays
 from .nodes import covered, meet_union, possible, union_of, write_row, writes_sixteen
@@ -158,12 +159,15 @@ def _work_off(tree, part, level, leaves, rows, queues, how, counters):
 @kernel
 def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
     """Test the rays of the leaves that are queued; those of later ones are on their way meanwhile."""
-    first = get(tree.leaves, part)
+    first, slot, triangle = get(tree.leaves, part), np.int64(-1), triangle_in(soup.corners, 0)
     for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
         fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
-        node, slot = np.int64(get(queues.groups, i)), whole(row_at(rows, np.int64(get(queues.rows, i))), TRIANGLE)
+        node, last = np.int64(get(queues.groups, i)), slot
+        slot = whole(row_at(rows, np.int64(get(queues.rows, i))), TRIANGLE)
+        if slot != last:
+            triangle = triangle_in(soup.corners, slot)
         prim = np.int64(get(soup.ids, slot))
-        finished = block_rays(leaves, first + node, soup.corners, slot, prim, how.facing, counters)
+        finished = block_rays(leaves, first + node, soup.corners, slot, triangle, prim, how.facing, counters)
         if finished and how.early_accept:
             _kill(tree, part, np.int64(0), node, leaves)
     put(queues.counts, 0, 0)
@@ -256,6 +260,7 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters)
     soup, mine, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), private_counters(counters), how.pairs + LANES
     memory, marks = np.empty(parts * BATCH * NUMBERS, np.float32), np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32)
     pairs = np.empty(2 * _QUEUES * step, np.int32)
+    tally = pointer_to(mine)
     queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
     rows, found, slots = ptr(memory), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
     first = take(ticket)
@@ -271,7 +276,7 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters)
             of_part = ptr_at(rows, part * BATCH * NUMBERS)
             for block in range((last - first + LANES - 1) // LANES):
                 _queue_block(tree, part, block, of_part, np.int64(get(found, block * parts + part)), queues)
-            _traverse(tree, part, leaves, soup, of_part, queues, how, mine)
+            _traverse(tree, part, leaves, soup, of_part, queues, how, tally)
         first = take(ticket)
     add_counters(counters, mine)
     pairs[0] = marks[0] = 0  # they live until here

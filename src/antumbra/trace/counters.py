@@ -1,9 +1,11 @@
 """What tracing counts. Counting is compiled away when nobody asked for it."""
 
 import numpy as np
+from numba.core import types
+from numba.extending import overload
 
 from ..jit import kernel
-from ..simd import atomic_add
+from ..simd import atomic_add, get, ptr, put
 
 COUNTERS = (
     "rays",
@@ -41,10 +43,28 @@ def as_dict(counters: np.ndarray | None) -> dict[str, int] | None:
     return None if counters is None else dict(zip(COUNTERS, counters.tolist()))
 
 
-@kernel
 def private_counters(counters):
-    """A thread's own zeros (None when nothing is counted), so that threads do not share cache lines."""
-    return None if counters is None else np.zeros_like(counters)
+    """In kernels: a thread's own zeros (None when nothing is counted), so that threads do not share cache lines."""
+    raise NotImplementedError
+
+
+def pointer_to(mine):
+    """In kernels: private counters for those called often: an array that is passed on costs a reference count."""
+    raise NotImplementedError
+
+
+@overload(private_counters)
+def _private_counters(counters):
+    if isinstance(counters, types.NoneType):  # told apart here: what might be None is tested for it each time
+        return lambda counters: None
+    return lambda counters: np.zeros_like(counters)
+
+
+@overload(pointer_to)
+def _pointer_to(mine):
+    if isinstance(mine, types.NoneType):
+        return lambda mine: None
+    return lambda mine: ptr(mine)
 
 
 @kernel
@@ -59,4 +79,4 @@ def add_counters(counters, mine):
 def count(counters, which, n):
     """Add n to one counter of this thread."""
     if counters is not None:
-        counters[which] += n
+        put(counters, which, get(counters, which) + n)
