@@ -3,8 +3,9 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 
+import antumbra as at
 from antumbra.rayhierarchy.beams import beams_of
 from antumbra.rayhierarchy.boxes import Boxes
 from antumbra.rayhierarchy.cones import Cones
@@ -66,7 +67,11 @@ def test_both_answers_are_frequent_and_right(light, kind):
     apart=st.booleans(),
 )
 def test_any_rays_and_triangles(seed, light, receivers, scale, ways, sort, spheres, apart):
-    triangles, query = lit(seed, light, receivers, scale)
+    try:
+        triangles, query = lit(seed, light, receivers, scale)
+    except at.InputError:  # a sun too wide for a scene so large
+        assert light == "sun" and scale > 1e20
+        reject()
     for kind in _kinds(light):
         check(kind, triangles, query, ways, sort, spheres and kind is Cones, apart)
 

@@ -56,6 +56,11 @@ def test_bad_cameras(change, says):
         (lambda: at.PointLight("lamp"), "position"),
         (lambda: at.DirectionalLight((0, 0, 0)), "direction"),
         (lambda: at.DirectionalLight((0, -1, 0), 180.0), "angular_diameter"),
+        (
+            lambda: at.DirectionalLight((0, -1, 0), 179.9999).patch(np.zeros(3), 1e34),
+            "angular_diameter .179.9999. smaller",
+        ),
+        (lambda: at.DirectionalLight((0, -1, 0)).patch(np.zeros(3), 1e38), "make the scene"),
         (lambda: at.PointLight((0, 0, 0), intensity=-1.0), "intensity"),
         (lambda: at.PointLight((0, 0, 0), colour=(1, 2)), "colour"),
         (lambda: at.AmbientOcclusion(0.0), "radius"),

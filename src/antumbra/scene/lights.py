@@ -162,6 +162,9 @@ class SphereLight(Light):
         return _fixed(self.center, origin=origin)._replace(kind=SPHERE, radius=float(self.radius))
 
 
+_FARTHEST = 2.0**125  # as for coordinates: sums of two, and differences of sums, are finite
+
+
 @dataclass(frozen=True, eq=False)
 class DirectionalLight(Light):
     """A distant disk such as the sun.
@@ -187,6 +190,11 @@ class DirectionalLight(Light):
     def patch(self, origin, reach):
         u, v = tangents(self.direction)
         radius = reach * np.tan(np.radians(self.angular_diameter) / 2.0)
+        if not np.hypot(reach, radius) < _FARTHEST:
+            raise InputError(
+                f"DirectionalLight would be {np.hypot(reach, radius):.1e} away, which float32 does not hold; make the "
+                f"scene or angular_diameter ({self.angular_diameter!r}) smaller"
+            )
         return LightPatch(DIRECTIONAL, -self.direction * reach, u * radius, v * radius, FLAT, 0.0)
 
 
