@@ -58,7 +58,7 @@ def test_bad_cameras(change, says):
         (lambda: at.DirectionalLight((0, -1, 0), 180.0), "angular_diameter"),
         (
             lambda: at.DirectionalLight((0, -1, 0), 179.9999).patch(np.zeros(3), 1e34),
-            "angular_diameter .179.9999. smaller",
+            "179.9999. smaller",
         ),
         (lambda: at.DirectionalLight((0, -1, 0)).patch(np.zeros(3), 1e38), "make the scene"),
         (lambda: at.PointLight((0, 0, 0), intensity=-1.0), "intensity"),
