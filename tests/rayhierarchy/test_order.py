@@ -21,7 +21,7 @@ from asking import unpack
 from beam_scenes import LIGHTS, lit, on_surfaces
 from hierarchies import receivers_in
 
-SIDE = 1 << BITS
+SIDE = 1 << 10  # of the part of the grid that is looked at: its first corner, as the curve comes there first
 
 
 @kernel

@@ -9,7 +9,7 @@ import numpy as np
 from ..jit import inlined
 from ..simd import absolute, fma, maximum, minimum, select, splat16, to_i32
 
-BITS = 10  # of each coordinate: with three for the face, a key takes three passes of the radix sort
+BITS = 14  # of each coordinate: with three for the face they fill an int32 that is not negative
 KEY_BITS = 2 * BITS + 3
 _SIDE = np.float32(1 << BITS)
 _LAST = np.int32((1 << BITS) - 1)
