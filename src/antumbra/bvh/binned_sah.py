@@ -56,7 +56,6 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -
     n = len(flat)
     _compile_top()
     if n < 2:
-        make_records(flat, np.empty((n, 8), np.float32), 1)
         return tiny(flat)
     method = binned(n)
     box, centroids = make_records(flat, method.records, threads)

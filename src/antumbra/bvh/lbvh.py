@@ -242,7 +242,6 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, b
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)
     if n < 2:
-        scene_bounds(flat, threads)  # for its checks
         return tiny(flat)
     max_leaf = np.int64(min(max_leaf, n - 1))  # the root is never a leaf
     codes, ids = by_codes(flat, bits, threads)

@@ -62,7 +62,8 @@ def scale_of(bvh: Bvh) -> np.float32:
 
 
 def tiny(flat) -> Bvh:
-    """The BVH of no triangle or one."""
+    """The BVH of no triangle or one, (n, 9) float32, whose coordinates are checked as those of many are."""
+    scene_bounds(flat, 1)
     n = len(flat)
     nodes = aligned_empty((1, 16), "f4")
     nodes[0, :12] = [np.inf, np.inf, -np.inf, -np.inf] * 3

@@ -2,8 +2,8 @@
 
 Neighbours on the screen nearly always are neighbours on a surface, so most blocks make leaves as tight as sorting each
 ray does, and only a sixteenth of the keys is left to sort. Blocks that see several surfaces are cut into groups: by the
-face of the cube around the apex, then where the rays, by u or v, leave a gap of more than half of their
-extent; those from a flat surface leave a third. A leaf is a group, so some of its lanes are empty.
+face of the cube around the apex, then where the rays, by u or v, leave a gap of more than half of their extent; those
+from a flat surface leave a third. A leaf is a group, so some of its lanes are empty.
 """
 
 from typing import NamedTuple

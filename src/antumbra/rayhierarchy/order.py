@@ -95,7 +95,7 @@ def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
 
 @kernel
 def _pack(ticket, keys, starts, to_keys, to_ids):
-    """Worker: the keys of receivers that ask, and these, without gaps."""
+    """Worker: the keys of receivers that ask, and these, without gaps; starts: where those of each part belong."""
     k, out_keys, out_ids = ptr(keys), ptr(to_keys), ptr(to_ids)
     first = take(ticket)
     while first >= 0:
@@ -143,17 +143,6 @@ def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
     return Order(ids, np.append(starts[faces], len(ids)), faces, False)
 
 
-def pack(keys: np.ndarray, n: int, part: int, counts: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """(keys, and PAD more; ids) without the keys that are -1.
-
-    counts : (parts + 1,) int64: 0, then how many keys of each part, of so many of all n, are not
-    """
-    starts = np.cumsum(counts)
-    packed, ids = np.zeros(int(starts[-1]) + PAD, np.int32), np.empty(int(starts[-1]), np.int32)
-    run(_pack, threads, new_ticket(n, part), keys, starts, packed, ids)
-    return packed, ids
-
-
 def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tally=None) -> Order:
     """The `Order` of the receivers that ask a beam.
 
@@ -171,7 +160,9 @@ def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tall
         ids = np.empty(tiles * _TILE * _TILE, np.int32)
         run(_on_screen, threads, new_ticket(tiles, 1), keys, w, h, ids)
         return _together(ids, True)
-    packed, ids = pack(keys, h * w, _PART, counts, threads)
+    starts = np.cumsum(counts)
+    packed, ids = np.zeros(int(starts[-1]) + PAD, np.int32), np.empty(int(starts[-1]), np.int32)
+    run(_pack, threads, new_ticket(h * w, _PART), keys, starts, packed, ids)
     return sort_cells(packed, ids, threads) if sort and len(ids) else _together(ids, False)
 
 

@@ -73,11 +73,11 @@ def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, opti
     else:
         order = order_of(query, beam, bits, sort, threads, counters)
         rays = rays_of(query, beam, order, 16 if options.wide or options.blocks else 4, bits, threads, empty)
+    if not len(rays.blocks):
+        return
     kind = Boxes if options.boxes or beam.kind != PERSPECTIVE else Cones
     how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
     passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
-    if not len(rays.blocks):
-        return
     tree = tree_of(kind, beam, rays, threads, empty)
     for k, picks in enumerate(passes):
         if k > 0 and finished(rays) >= FINISHED:

@@ -13,7 +13,7 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..memory import Empty
 from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import get, prefetch, ptr, ptr_at, put
+from ..simd import get, ptr, ptr_at, put
 from .nodes import bound_leaf, bound_node, pointed, rows_of
 from .rays import PAD, Rays, leaves_of
 from .view import view_of
@@ -61,14 +61,6 @@ def groups_of(tree, part, level):
 def group_at(tree, group):
     """Pointer to the numbers of a group."""
     return ptr_at(tree.nodes.numbers, group * rows_of(tree.nodes) * tree.ways)
-
-
-@inlined
-def fetch_group(tree, group):
-    """Have the numbers of a group brought to where they can be read at once."""
-    at = group * rows_of(tree.nodes) * tree.ways
-    for k in range(rows_of(tree.nodes)):
-        prefetch(tree.nodes.numbers, at + k * tree.ways)
 
 
 @kernel
