@@ -218,5 +218,6 @@ def on_surfaces(seed, light, shape=(13, 18), n=40, offset=0.0, spp=5, cull_faces
         made.patch(triangles.origin, reach(triangles, origins)),
         light_samples(made, spp),
         cull_faces,
+        faces.reshape(shape),
     )
     return triangles, query

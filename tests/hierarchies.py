@@ -36,15 +36,17 @@ def points_query(triangles, points, light, spp, normals=None) -> ShadowQuery:
     """What points ask, (m, 3), where they are: they float freely, or lie on surfaces with unit normals."""
     points = np.ascontiguousarray(points, np.float32)
     m = len(points)
+    no_faces = np.full((1, m), -1, np.int32)
     return ShadowQuery(
         points[None],
-        np.full((1, m), -1, np.int32),
+        no_faces,
         np.full((1, m), FREE if normals is None else 1, np.int8),
         np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals, np.float64)[None],
         triangles.vertices.reshape(-1, 9),
         light.patch(triangles.origin, reach(triangles, points)),
         light_samples(light, spp),
         0,
+        no_faces,
     )
 
 

@@ -208,7 +208,7 @@ def trace_windows(renderer: Renderer, accelerated: Accelerated, query: ShadowQue
 
 def _part(query: ShadowQuery, part: tuple[slice, slice]) -> ShadowQuery:
     """The query of some of the receivers."""
-    fields = "origins", "faces", "sides", *(["normals"] if query.normals.size else [])
+    fields = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
     return query._replace(**{name: np.ascontiguousarray(getattr(query, name)[part]) for name in fields})
 
 

@@ -120,15 +120,17 @@ def visibility(
     by_query = renderer.plan.cull or renderer.showing
     ready = None if by_query else accelerated(scene, time, threads, plan)
     triangles = scene.triangles(time, threads) if ready is None else ready.triangles
+    no_faces = np.full((1, len(local)), -1, np.int32)
     query = ShadowQuery(
         origins[None],
-        np.full((1, len(local)), -1, np.int32),
+        no_faces,
         np.full((1, len(local)), FREE if normals is None else 1, np.int8),
         unit if normals is None else unit[None],
         triangles.vertices.reshape(-1, 9),
         light.patch(triangles.origin, reach(triangles, origins, threads) if len(origins) else 1.0),
         samples,
         cull_value(cull_faces),
+        no_faces,
     )
     if ready is None:
         ready = renderer.build(triangles, renderer.culled(triangles, [query]), renderer.show(triangles, [query]))

@@ -118,7 +118,7 @@ def _sparse_query(query: ShadowQuery, asked: SrdhRays) -> ShadowQuery:
     normals = query.normals if query.normals.size == 0 else _sparse(query.normals, at)
     return query._replace(
         origins=_sparse(query.origins, at), faces=_sparse(query.faces, at), sides=_sparse(query.sides, at),
-        normals=normals, samples=fewer_samples(query.samples, asked.spp),
+        normals=normals, samples=fewer_samples(query.samples, asked.spp), ids=_sparse(query.ids, at),
     )  # fmt: skip
 
 

@@ -39,10 +39,8 @@ def _query(triangles, points, light, spp=4):
     normals = np.tile([0.0, 1.0, 0.0], (1, m, 1)) if ambient else np.empty((0, 0, 3))
     sides = np.full((1, m), 1 if ambient else FREE, np.int8)
     patch = light.patch(triangles.origin, reach(triangles, origins))
-    corners = triangles.vertices.reshape(-1, 9)
-    return ShadowQuery(
-        origins, np.full((1, m), -1, np.int32), sides, normals, corners, patch, light_samples(light, spp), 0
-    )
+    corners, no_faces = triangles.vertices.reshape(-1, 9), np.full((1, m), -1, np.int32)
+    return ShadowQuery(origins, no_faces, sides, normals, corners, patch, light_samples(light, spp), 0, no_faces)
 
 
 def _dropped(triangles, culled):

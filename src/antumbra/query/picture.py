@@ -24,6 +24,6 @@ def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=No
     ambient = any(p.kind == AMBIENT for p in patches)
     normals = gbuffer.normal.astype(np.float64) if ambient else np.empty((0, 0, 3))
     return [
-        ShadowQuery(origins, gbuffer.face, gbuffer.side, normals, corners, patch, sets, cull_faces)
+        ShadowQuery(origins, gbuffer.face, gbuffer.side, normals, corners, patch, sets, cull_faces, gbuffer.face)
         for patch, sets in zip(patches, samples)
     ]

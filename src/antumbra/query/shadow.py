@@ -24,13 +24,14 @@ class ShadowQuery(NamedTuple):
     """
 
     origins: np.ndarray  # (h, w, 3) float32, receivers moved off their surface, recentred frame
-    faces: np.ndarray  # (h, w) int32, the receiver's own triangle, -1 if it has none
+    faces: np.ndarray  # (h, w) int32, the receiver's own triangle in `corners`, -1 if it has none
     sides: np.ndarray  # (h, w) int8: +-1 the side of its surface it sees, FREE without surface, NOTHING: no receiver
     normals: np.ndarray  # (h, w, 3) float64 unit, to the seen side; (0, 0, 3) if no face is -1 and no light AMBIENT
     corners: np.ndarray  # (n, 9) float32, triangles that `faces` counts in
     light: LightPatch
     samples: np.ndarray  # (16, spp, 3) float64, (a, b, c) in the light's domain
     cull_faces: int  # a value of CULL_FACES
+    ids: np.ndarray  # (h, w) int32: what trees call the own triangles; `faces`, unless `corners` has not all triangles
 
 
 class Horizon(NamedTuple):

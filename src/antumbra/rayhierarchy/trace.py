@@ -60,7 +60,8 @@ def _parts(query, bits):
 
 def _part(query, cut):
     normals = query.normals[cut] if query.normals.size else query.normals
-    return query._replace(origins=query.origins[cut], faces=query.faces[cut], sides=query.sides[cut], normals=normals)
+    cuts = {name: getattr(query, name)[cut] for name in ("origins", "faces", "sides", "ids")}
+    return query._replace(**cuts, normals=normals)
 
 
 def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, options: Options, empty: Empty) -> None:

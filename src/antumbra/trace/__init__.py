@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from ..bvh.blocks import block_tree
 from ..bvh.widen import widen
+from ..chcrt.options import CHCRT
 from ..rayhierarchy.options import CONES, combination
 from . import multifrusta, packet16, packet256, paperfrusta
 from .orders import BUILT, ORDERS, Ordered
@@ -23,6 +24,8 @@ class Tracer(NamedTuple):
     description: str
     paper: str
     builds: bool = True  # does it walk a BVH?
+    keeps: bool = False  # does what it prepares remember what was visible? Then it has `begin()`, for each frame
+    exact: bool = True  # does it give the same bits as all others?
 
 
 def as_it_is(made, threads=None):
@@ -50,6 +53,23 @@ def _by_cones(options, description):
     return Tracer(as_it_is, trace, description, _OLSSON, builds=False)
 
 
+def _by_culling(options, description):
+    """A tracer of the family `chcrt`."""
+
+    def prepare(bvh, threads=None):  # looked up late: it uses parts of this package
+        from ..chcrt.trace import prepare
+
+        return prepare(bvh, options, threads)
+
+    def trace(*arguments):
+        from ..chcrt.trace import trace_shadow
+
+        trace_shadow(*arguments)
+
+    return Tracer(prepare, trace, description, _MATTAUSCH, keeps=True, exact=options.threshold == 0)
+
+
+_MATTAUSCH = "Mattausch et al. 2015, CHC+RT: coherent hierarchical culling for ray tracing"
 _OLSSON = "Olsson and Assarsson 2011, Improved ray hierarchy alias free shadows"
 
 TRACERS: dict[str, Tracer] = {
@@ -118,8 +138,10 @@ TRACERS: dict[str, Tracer] = {
         "Benthin and Wald 2009, Sec. 5.2",
     ),
     **{name: _by_cones(*method) for name, method in CONES.items()},
+    "chcrt": _by_culling(*CHCRT["chcrt"]),
 }
-"""Name -> tracer; besides, options of `cones` can be combined at will (`find_tracer`)."""
+"""Name -> tracer; besides, options of `cones` can be combined at will, and `chcrt` can be told to neglect what few rays
+see, as `chcrt:20` (`find_tracer`)."""
 
 
 def find_tracer(text: str) -> tuple[str, Tracer] | None:
@@ -134,6 +156,8 @@ def find_tracer(text: str) -> tuple[str, Tracer] | None:
     """
     if text in TRACERS:
         return text, TRACERS[text]
+    if text in CHCRT:
+        return text, _by_culling(*CHCRT[text])
     options = combination(text)
     if options is None:
         return None

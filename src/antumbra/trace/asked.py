@@ -39,6 +39,7 @@ class Asked(NamedTuple):
 
     origins: object  # float32
     faces: object  # int32
+    ids: object  # int32
     sides: object  # int8
     normals: object  # float64
     corners: object  # float32
@@ -66,7 +67,8 @@ def asked_of(query, table, shape, chunk, n_samples):
             light += get(groups, (3 + k) * ALL_GROUPS + 1) - get(groups, k * ALL_GROUPS + 1)
     h, w = query.sides.shape
     return Asked(
-        ptr(query.origins), ptr(query.faces), ptr(query.sides), ptr(query.normals), ptr(query.corners),
+        ptr(query.origins), ptr(query.faces), ptr(query.ids), ptr(query.sides), ptr(query.normals),
+        ptr(query.corners),
         ptr_at(ptr(table.points), chunk * POINTS), groups, ptr_at(ptr(table.targets), chunk * TARGETS),
         ptr_at(ptr(table.by_lane), chunk * POINTS), fixed, h, w, shape, chunk * STRATA, n_samples,
         query.cull_faces, (query.samples.shape[1] + 63) >> 6, light * _LIGHT,

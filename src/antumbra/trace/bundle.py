@@ -19,7 +19,8 @@ LANES = 12 * 16
 STACK = 4 * MAX_DEPTH
 PLACES = 2 * MAX_TILES
 WAITING = 4
-AT = WAITING + 2
+TREE = WAITING + 2
+AT = TREE + 1
 ASIDE_INTS = aside_ints(MAX_TILES)
 
 
@@ -45,7 +46,7 @@ class Scratch(NamedTuple):
     left: object  # int32: bits of the receivers of the region's tiles that are not traced yet
     places: object  # int32: y and x of each tile's first pixel
     planes: object  # float32, for `ownsurface`
-    at: object  # int32: where a walk goes on; from WAITING on, the leaf that waits and its lanes
+    at: object  # int32: where a walk goes on; from WAITING on, the leaf that waits, its lanes, the tree
     aside: object  # int32, see `aside`
 
 

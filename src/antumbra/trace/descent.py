@@ -19,6 +19,8 @@ from .slabs import (
     way_of,
 )
 
+NOWHERE = -2  # place of a walk that has not begun
+
 
 class Slabs(NamedTuple):
     """16 shafts prepared for slab tests; the `Uniform` axes hold only if all lanes that count go the same ways."""
@@ -69,6 +71,12 @@ def slabs_of(s, alive):
 def root(alive):
     """Where a walk of the lanes in `alive` begins."""
     return At(np.int64(0), np.int64(-1), alive, np.int64(0))
+
+
+@inlined
+def nowhere():
+    """Where a walk is that has not begun."""
+    return At(np.int64(0), np.int64(NOWHERE), np.int64(0), np.int64(0))
 
 
 @inlined

@@ -5,7 +5,7 @@ Multi-frusta tracing [Benthin and Wald 2009] for area lights.
 
 import numpy as np
 
-from ..bvh.blocks import ROWS, block_pointers
+from ..bvh.blocks import ROWS
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..scene.lights import LIST
@@ -21,6 +21,7 @@ from .bundle import (
     PLACES,
     STACK,
     TILES,
+    TREE,
     WAITING,
     Bundle,
     Scratch,
@@ -33,16 +34,17 @@ from .bundle import (
     tiles_to_fill,
 )
 from .counters import SHEAF_TILES, add_counters, count, private_counters
-from .descent import left, next_leaf, root, save, saved, slabs_of
+from .descent import NOWHERE, left, next_leaf, nowhere, save, saved, slabs_of
+from .forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
 from .lighttable import STRATA, light_table, turn_points
 from .ownsurface import PLANES, apply_horizon
 from .packet16 import over_pixels, over_samples
 from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
-from .scattered import is_huge, is_scattered
+from .scattered import extents_of, is_huge, is_scattered
 from .shaftleaf import WORK, trace_block
 from .shafts import make_shafts
 from .sheaf import SHEAF_FLOATS, close, finished, make_sheaf, tile_in, tiles_by_beams, trace_sheaf
-from .tile import bound_receivers, finished_strata, first_pixel, move_light, tile_at, write_bits
+from .tile import bound_receivers, finished_strata, first_pixel, move_light, read_bits, tile_at, write_bits
 
 _APART = 4  # tiles of a bundle that is no sheaf, as long as they fill its lanes
 _FEW_TILES = 12  # of a sheaf, at least; fewer do not pay for its wider shafts
@@ -102,13 +104,13 @@ def _fetch(tree, code):
     prefetch(tree.slots, block * 16)
 
 
-@kernel
-def _walk(tree, alive, asked, bundle, scratch, counters):
-    """Trace the lanes in `alive` through the tree; those left when the memory for what is put aside runs low.
+@inlined
+def _walk_tree(tree, slabs, at, alive, asked, bundle, scratch, counters):
+    """Trace lanes through a tree from `at`: (where they are, 0 lanes if they are done; those in `alive` that are left).
 
-    A block is fetched when it is found, and tested when the next one is.
+    They stop early when the memory for what is put aside runs low. A block is fetched when it is found, and tested
+    when the next one is.
     """
-    slabs, at = slabs_of(shafts_of(scratch.lanes), alive), saved(scratch.at, alive)
     code, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
     while True:
         at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
@@ -116,35 +118,63 @@ def _walk(tree, alive, asked, bundle, scratch, counters):
             _fetch(tree, ~at.link)
         if mask & alive != 0:
             if np.int64(get(scratch.aside, 0)) > ASIDE:
-                save(scratch.at, at)
                 put(scratch.at, WAITING, code)
                 put(scratch.at, WAITING + 1, mask)
-                return alive
+                return at, True, alive
             alive &= ~_leaf(tree, code, mask & alive, asked, bundle, scratch, counters)
         if at.mask == 0:
-            return np.int64(0)
+            put(scratch.at, WAITING + 1, 0)
+            return at, False, alive
         code, mask = ~at.link, at.mask if ~at.link & 31 != 0 else np.int64(0)
         at = left(at)
 
 
+@kernel
+def _walk(forest, i, end, alive, asked, bundle, scratch, counters):
+    """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
+
+    What is put aside must be settled before they go on.
+    """
+    slabs, at = slabs_of(shafts_of(scratch.lanes), alive), saved(scratch.at, alive)
+    while i < end and alive != 0:
+        k = item(forest, i)
+        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
+            break
+        put(scratch.at, TREE, k)
+        if at.place == NOWHERE:
+            at = start_in(forest, k, slabs, alive)
+        at, early, alive = _walk_tree(tree_in(forest, k), slabs, at, alive, asked, bundle, scratch, counters)
+        if early:
+            break
+        at = nowhere()
+        i += 1
+    save(scratch.at, at)
+    return i, alive
+
+
 @inlined
-def _trace_lanes(tree, alive, query, asked, bundle, scratch, counters):
-    """Trace the lanes in `alive`, and settle what is put aside whenever the memory for it runs low, and at the end."""
-    save(scratch.at, root(alive))
-    put(scratch.at, WAITING, 0)
+def _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters):
+    """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
+
+    What is put aside is settled whenever the memory for it runs low, before other memory is entered, and at the end.
+    """
+    i, end = list_of(forest, y, x, np.int64(0))
+    save(scratch.at, nowhere())
     put(scratch.at, WAITING + 1, 0)
+    put(scratch.at, TREE, 0)
     while True:
-        if alive != 0:
-            alive = _walk(tree, alive, asked, bundle, scratch, counters)
+        if i < end and alive != 0:
+            i, alive = _walk(forest, i, end, alive, asked, bundle, scratch, counters)
         if np.int64(get(scratch.aside, 0)) != 0:
-            settle_aside(tree.corners, query, asked, scratch.tiles, scratch.places, scratch.aside, counters)
-        if alive == 0:
+            corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
+            settle_aside(corners, query, asked, scratch.tiles, scratch.places, scratch.aside, counters)
+        if i >= end or alive == 0:
             return
 
 
 @inlined
-def _start_tile(query, asked, g, scratch, counters):
-    """Prepare tile g, whose receivers are loaded."""
+def _start_tile(query, asked, g, scratch, fresh, known, counters):
+    """Prepare tile g, whose receivers are loaded; unless all is `fresh`, the bits at `known` tell what is blocked."""
     tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)
@@ -152,7 +182,10 @@ def _start_tile(query, asked, g, scratch, counters):
         move_light(query, asked, y0, x0, valid, tile)
         turn_points(tile.points, tile.by_lane, asked.count)
     make_beams(tile)
-    apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+    if fresh:
+        apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+    else:
+        read_bits(asked, y0, x0, valid, tile, known)
 
 
 @inlined
@@ -200,10 +233,11 @@ def _sheaf_among(numbers, asked, scratch):
 
 
 @inlined
-def _trace_parts(tree, n, query, asked, scratch, counters):
+def _trace_parts(forest, n, query, asked, scratch, known, counters):
     """Trace n tiles whose receivers are loaded: the sheaf among them first, if there is one."""
+    y, x = first_pixel(scratch.places, 0)
     for g in range(n):
-        _start_tile(query, asked, g, scratch, counters)
+        _start_tile(query, asked, g, scratch, forest.fresh, known, counters)
     members = _sheaf_among((np.int64(1) << n) - 1, asked, scratch)
     apart = ((np.int64(1) << n) - 1) & ~members
     while members | apart != 0:
@@ -212,7 +246,7 @@ def _trace_parts(tree, n, query, asked, scratch, counters):
             members = np.int64(0)
         else:
             bundle, alive, apart = _bundle_apart(apart, asked, scratch)
-        _trace_lanes(tree, alive, query, asked, bundle, scratch, counters)
+        _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters)
 
 
 @kernel
@@ -223,17 +257,18 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples
         stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PLACES), stack_f32(PLANES),
         stack_i32(AT), stack_i32(ASIDE_INTS),
     )  # fmt: skip
-    tree, mine = block_pointers(arrays), private_counters(counters)
+    forest, mine = forest_pointers(arrays), private_counters(counters)
     asked, places = asked_of(query, table, shape, chunk, n_samples), ptr(out)
     put(scratch.aside, 0, 0)
     at = take(ticket)
     while at >= 0:
         y, x = corner_of(layout, at)
+        idle = is_idle(forest, y * shape.height, x * shape.width)
         for g in range(MAX_TILES):
-            put(scratch.left, g, np.int32(0xFFFF))
+            put(scratch.left, g, np.int32(0 if idle else 0xFFFF))
         n = next_parts(asked, layout, y, x, scratch)
         while n > 0:
-            _trace_parts(tree, n, query, asked, scratch, mine)
+            _trace_parts(forest, n, query, asked, scratch, places, mine)
             for g in range(n):
                 y0, x0 = first_pixel(scratch.places, g)
                 write_bits(asked, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, asked), places)
@@ -251,14 +286,23 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    if is_scattered(query) or is_huge(query, tree):
+    if is_scattered(query) or is_huge(query, extents_of(tree)):
         by_packets = over_samples if query.light.kind == LIST else over_pixels
         by_packets(tree, query, bits, threads, counters, progress)
         return
+    trace_forest(whole(tree), query, bits, threads, counters, progress)
+
+
+def trace_forest(forest: Forest, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
+    """Trace shafts through the trees of a `Forest`; arguments as for `trace_shadow`.
+
+    bits : zeros, or, unless the forest is fresh, what is known
+    chunks : range of the chunks of 16 samples to trace; None: all
+    """
     shape, spp = tile_shape(query), query.samples.shape[1]
     table, layout = light_table(query, sets_of(shape)), layout_of(shape)
-    for chunk in range(-(-spp // STRATA)):
+    for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
         count = min(STRATA, spp - chunk * STRATA)
         ticket = new_ticket(runs(layout) * RUN, 1)
-        arrays = tree, query, table, shape, layout, chunk, count, bits, counters
+        arrays = forest, query, table, shape, layout, chunk, count, bits, counters
         run(_trace_regions, thread_count(threads), ticket, *arrays, progress=progress)

@@ -69,16 +69,17 @@ def _put_everywhere(planes, p):
 @kernel
 def _gather_planes(asked, y0, x0, valid, tile, planes):
     """Rows of `planes`: a point of each receiver's plane (3), a normal (3), the side seen, what scales its error."""
-    first = np.int64(get(tile.faces, lowest_bit(valid)))
-    together = first >= 0 and bits(load16(tile.faces, 0) == np.int32(first)) & valid == valid
+    first = get(tile.faces, lowest_bit(valid))
+    together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
     if together:
-        _put_everywhere(planes, _plane_of_face(asked.corners, first))
+        face = np.int64(get(asked.faces, place_of(asked, y0, x0, lowest_bit(valid))))
+        _put_everywhere(planes, _plane_of_face(asked.corners, face))
     lanes = valid
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
         at = place_of(asked, y0, x0, lane)
-        side, face = np.int64(get(asked.sides, at)), np.int64(get(tile.faces, lane))
+        side, face = np.int64(get(asked.sides, at)), np.int64(get(asked.faces, at))
         put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
         if not together:
             plane = _plane_of_face(asked.corners, face) if face >= 0 else _plane_at(asked, at, side == FREE)

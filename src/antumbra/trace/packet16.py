@@ -13,16 +13,18 @@ from functools import partial
 import numpy as np
 from numba.extending import overload
 
-from ..bvh.blocks import block_pointers
+from ..bvh.blocks import BlockTree
 from ..bvh.nodes import EMPTY, Bvh, Tree, tree_of
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, take
 from ..simd import bits, get, load16, lowest_bit, ptr, put
 from .aside import ASIDE, put_aside
 from .counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, add_counters, count, private_counters
-from .descent import left, next_leaf, rays_as_shafts, root, save, saved, slabs_of
+from .descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of
+from .forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
 from .raytest import decide, length1, seen_from, triangle_in
 from .raytile import (
+    TREE,
     asked_in,
     directions_of,
     finish_tile,
@@ -38,7 +40,31 @@ from .scattered import trace_block
 
 
 def pointers(prepared):
-    """In kernels: the `Tree` of a `Bvh`, the `BlockPointers` of a `BlockTree`."""
+    """In kernels: the `Tree` of a `Bvh`, the `ForestPointers` of a `Forest`."""
+
+
+def trees_for(trees, y, x, stratum):
+    """In kernels: (begin, end) of the trees that a stratum of the receivers near pixel (y, x) goes through."""
+
+
+def nothing_for(trees, y, x):
+    """In kernels: need nothing be done about the receivers near pixel (y, x)?"""
+
+
+def number_at(trees, i):
+    """In kernels: the number of the i-th of them."""
+
+
+def tree_number(trees, k):
+    """In kernels: tree k."""
+
+
+def begin_in(trees, k, slabs, alive):
+    """In kernels: where the walk of the lanes in `alive` through tree k begins."""
+
+
+def differ(trees, j, k):
+    """In kernels: do slots of tree j mean nothing in tree k?"""
 
 
 def trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
@@ -47,9 +73,44 @@ def trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
 
 @overload(pointers)
 def _pointers(prepared):
-    if prepared.instance_class is Bvh:
-        return lambda prepared: tree_of(prepared)
-    return lambda prepared: block_pointers(prepared)
+    return _chosen(prepared, Bvh, lambda prepared: tree_of(prepared), lambda prepared: forest_pointers(prepared))
+
+
+@overload(trees_for)
+def _trees_for(trees, y, x, stratum):
+    one = lambda trees, y, x, stratum: (np.int64(0), np.int64(1))
+    return _chosen(trees, Tree, one, lambda trees, y, x, stratum: list_of(trees, y, x, stratum))
+
+
+@overload(nothing_for)
+def _nothing_for(trees, y, x):
+    return _chosen(trees, Tree, lambda trees, y, x: False, lambda trees, y, x: is_idle(trees, y, x))
+
+
+@overload(number_at)
+def _number_at(trees, i):
+    return _chosen(trees, Tree, lambda trees, i: np.int64(0), lambda trees, i: item(trees, i))
+
+
+@overload(tree_number)
+def _tree_number(trees, k):
+    return _chosen(trees, Tree, lambda trees, k: trees, lambda trees, k: tree_in(trees, k))
+
+
+@overload(begin_in)
+def _begin_in(trees, k, slabs, alive):
+    several = lambda trees, k, slabs, alive: start_in(trees, k, slabs, alive)
+    return _chosen(trees, Tree, lambda trees, k, slabs, alive: root(alive), several)
+
+
+@overload(differ)
+def _differ(trees, j, k):
+    return _chosen(trees, Tree, lambda trees, j, k: False, lambda trees, j, k: are_apart(trees, j, k))
+
+
+def _chosen(argument, kind, one, other):
+    """What an overload takes: one for arguments of a kind, the other for all others."""
+    return one if argument.instance_class is kind else other
 
 
 @overload(trace_leaf)
@@ -97,51 +158,75 @@ def _trace_triangles(tree, rays, r, code, mask, facing, aside, counters):
 
 
 @kernel
-def _walk(tree, rays, r, facing, scratch, counters):
-    """Trace row r from where it is; whether it must go on when what is put aside has been settled."""
+def _walk(trees, rays, r, i, end, facing, scratch, counters):
+    """Trace row r through the trees from the i-th on; the one to go on with when what is put aside has been settled."""
     alive = open_rays(rays, r)
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
-    at = next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
-    while at.mask != 0:
-        if np.int64(get(scratch.aside, 0)) > ASIDE:
-            save(scratch.at, at)
+    at = saved(scratch.at, alive)
+    while i < end and alive != 0:
+        k = number_at(trees, i)
+        if np.int64(get(scratch.aside, 0)) != 0 and differ(trees, np.int64(get(scratch.at, TREE)), k):
             break
-        alive &= ~trace_leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)
-        at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
+        put(scratch.at, TREE, k)
+        tree = tree_number(trees, k)
+        if at.place == NOWHERE:
+            at = begin_in(trees, k, slabs, alive)
+        at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
+        while at.mask != 0 and np.int64(get(scratch.aside, 0)) <= ASIDE:
+            alive &= ~trace_leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)
+            at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
+        if at.mask != 0:
+            break
+        at = nowhere()
+        i += 1
+    save(scratch.at, at)
     put(rays.dead, r, np.int64(get(rays.dead, r)) | (rays.lanes & ~alive))
-    return at.mask != 0
+    return i if alive != 0 else end
 
 
 @kernel
 def _trace_packets(ticket, prepared, query, samples, job, out, counters):
     """Worker: tiles, packet by packet."""
-    scratch, tree, mine = new_scratch(), pointers(prepared), private_counters(counters)
+    scratch, trees, mine = new_scratch(), pointers(prepared), private_counters(counters)
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(query, samples, job, asked, n, scratch, mine)
+            y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
+            if nothing_for(trees, y, x):
+                continue
+            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
+            put(scratch.at, TREE, 0)
             left_rows = rays.rows
             while left_rows != 0:
                 r = lowest_bit(left_rows)
                 left_rows &= left_rows - 1
-                save(scratch.at, root(open_rays(rays, r)))
-                while _walk(tree, rays, r, asked.facing, scratch, mine):
-                    settle(tree, query, asked, rays, scratch, mine)
-            settle(tree, query, asked, rays, scratch, mine)
+                i, end = trees_for(trees, y, x, r)
+                save(scratch.at, nowhere())
+                while i < end:
+                    i = _walk(trees, rays, r, i, end, asked.facing, scratch, mine)
+                    if i < end:
+                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), query, asked, rays, scratch, mine)
+            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), query, asked, rays, scratch, mine)
             finish_tile(asked, rays, places)
         first = take(ticket)
     add_counters(counters, mine)
 
 
-def trace_shadow(by_sample, prepared, query, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(
+    by_sample, prepared, query, bits, threads=None, counters=None, progress=None, chunks: range | None = None
+) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     by_sample : whether a packet is one receiver's samples, not the samples of 16 receivers
-    prepared : Bvh or BlockTree
-    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    prepared : Bvh, BlockTree or Forest
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry, or what a forest that is not fresh has found so far
     counters : from `new_counters`, or None
+    chunks : of 16 samples; None: all
     """
-    trace_tiles(_trace_packets, prepared, query, by_sample, bits, threads, counters, progress)
+    trees = whole(prepared) if isinstance(prepared, BlockTree) else prepared
+    fresh = trees.fresh if isinstance(trees, Forest) else True
+    arguments = _trace_packets, trees, query, by_sample, bits, threads, counters, progress
+    trace_tiles(*arguments, fresh=fresh, chunks=chunks)
 
 
 over_pixels = partial(trace_shadow, False)

@@ -140,7 +140,7 @@ def _trace_packets(ticket, arrays, query, samples, job, out, counters):
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(query, samples, job, asked, n, scratch, mine)
+            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
             frusta, alive = make_frusta(query, samples, job, rays, own), open_frusta(rays)
             _prepare(rays, alive, packets, ways)
             save(scratch.at, root(alive))

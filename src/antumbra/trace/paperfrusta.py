@@ -109,7 +109,7 @@ def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking)
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(query, samples, job, asked, n, scratch, mine)
+            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
             frusta = make_frusta(query, samples, job, rays, own)
             save(scratch.at, root(open_frusta(rays)))
             while _walk(tree, rays, frusta, shrinking, asked.facing, work, scratch, mine):

@@ -22,6 +22,7 @@ from .tile import (
     first_pixel,
     load_receivers,
     move_light,
+    read_bits,
     tile_at,
     turn_bits,
     write_bits,
@@ -29,6 +30,8 @@ from .tile import (
 from .vec import minus, rows
 
 STACK = 4 * MAX_DEPTH
+TREE = 4
+_AT = TREE + 1
 _ASIDE = aside_ints(1)
 
 
@@ -46,6 +49,7 @@ class Job(NamedTuple):
     chunk: int
     count: int  # samples of the chunk
     by_sample: bool  # whether a row's lanes are one receiver's samples, not 16 receivers
+    fresh: bool  # nothing is known of the rays; else the bits tell which ones are blocked
 
 
 class Scratch(NamedTuple):
@@ -56,7 +60,7 @@ class Scratch(NamedTuple):
     origins: object  # float32, each receiver's origin in all 16 lanes
     planes: object  # float32, for `ownsurface`
     stack: object  # int32
-    at: object  # int32, see `descent.save`
+    at: object  # int32, see `descent.save`; then the number of the tree
     dead: object  # int32, one a receiver: bits of its blocked samples
     aside: object  # int32, see `aside`
 
@@ -80,8 +84,8 @@ class Rays(NamedTuple):
 def new_scratch():
     """`Scratch` on the stack of the kernel that calls."""
     return Scratch(
-        stack_f32(TILE_FLOATS), stack_i32(2), stack_f32(POINTS), stack_f32(PLANES), stack_i32(STACK), stack_i32(4),
-        stack_i32(16), stack_i32(_ASIDE),
+        stack_f32(TILE_FLOATS), stack_i32(2), stack_f32(POINTS), stack_f32(PLANES), stack_i32(STACK),
+        stack_i32(_AT), stack_i32(16), stack_i32(_ASIDE),
     )  # fmt: skip
 
 
@@ -104,8 +108,11 @@ def _by_receiver(asked, tile, scratch):
 
 
 @kernel
-def start_tile(query, samples, job, asked, n, scratch, counters):
-    """The `Rays` of tile n, those that the receivers' own surfaces surely block dead already."""
+def start_tile(query, samples, job, asked, n, scratch, known, counters):
+    """The `Rays` of tile n, those that the receivers' own surfaces surely block dead already.
+
+    known : pointer to the bits of all receivers, which are read unless the job is fresh
+    """
     y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
     tile = tile_at(scratch.tile, 0, asked)
     put(scratch.pixel, 0, y0)
@@ -117,7 +124,10 @@ def start_tile(query, samples, job, asked, n, scratch, counters):
         bound_receivers(tile, valid)
         if not asked.fixed:
             move_light(query, asked, y0, x0, valid, tile)
-        apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+        if job.fresh:
+            apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+        else:
+            read_bits(asked, y0, x0, valid, tile, known)
         if job.by_sample:
             points = _by_receiver(asked, tile, scratch)
             return Rays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
@@ -179,16 +189,20 @@ def _samples(query, sets) -> Samples:
     return Samples(table, np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)))
 
 
-def trace_tiles(worker, tree, query, by_sample, bits, threads, counters, progress, *options) -> None:
+def trace_tiles(
+    worker, tree, query, by_sample, bits, threads, counters, progress, *options, fresh=True, chunks=None
+) -> None:
     """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk.
 
     by_sample : whether rows are receivers, not strata
+    fresh : whether nothing is known of the rays; else `bits` tell which ones are blocked
+    chunks : range of the chunks of samples; None: all
     """
     shape, spp = tile_shape(query), query.samples.shape[1]
     samples = _samples(query, sets_of(shape))
-    for chunk in range(-(-spp // STRATA)):
+    for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
         count = min(STRATA, spp - chunk * STRATA)
-        job = Job(shape, chunk, count, by_sample)
+        job = Job(shape, chunk, count, by_sample, fresh)
         ticket = new_ticket(shape.columns * shape.rows, 4)
         arrays = tree, query, samples, job, bits, counters
         run(worker, thread_count(threads), ticket, *arrays, *options, progress=progress)

@@ -40,17 +40,21 @@ def is_scattered(query) -> bool:
     return bool(stratum > _WIDE * whole)
 
 
-def is_huge(query, tree) -> bool:
-    """Do a lamp's samples, those of a chunk, span a good part of a `BlockTree`, so that frusta hold much of it?
+def extents_of(tree) -> np.ndarray:
+    """(3,) float32: the extents of a `BlockTree`."""
+    box = tree.nodes[0, :12].reshape(3, 2, 2)  # axis, bound, child
+    return box[:, 1].max(1) - box[:, 0].min(1)
+
+
+def is_huge(query, extents) -> bool:
+    """Do a lamp's samples, those of a chunk, span a good part of a tree's `extents`, so that frusta hold much of it?
 
     Of few samples a shaft has so few rays that less of the tree is too much.
     """
     if query.light.kind != FIXED:
         return False
-    box = tree.nodes[0, :12].reshape(3, 2, 2)  # axis, bound, child
-    scene = box[:, 1].max(1) - box[:, 0].min(1)
     limit = _LARGE if query.samples.shape[1] < _FEW else _HUGE
-    return bool(_extents(query)[1] > limit * scene.sum())
+    return bool(_extents(query)[1] > limit * extents.sum())
 
 
 @kernel

@@ -82,7 +82,7 @@ def _shadow_pixel(tree, query, y, x, bits, last, counters):
     """All samples of one receiver; the slot that blocked the last blocked one."""
     ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
     corners = ptr(query.corners)
-    skip, sample_set, spp = np.int64(query.faces[y, x]), (x & 3) + 4 * (y & 3), query.samples.shape[1]
+    skip, sample_set, spp = np.int64(query.ids[y, x]), (x & 3) + 4 * (y & 3), query.samples.shape[1]
     samples, patch, horizon = query.samples, patch_of(query, y, x), horizon_of(query, y, x)
     count(counters, RAYS, spp)
     for s in range(spp):

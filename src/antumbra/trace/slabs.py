@@ -131,8 +131,8 @@ def _at(bound, plane):
 
 
 @inlined
-def meets_uniform(nodes, at, x, y, z):
-    """mask16 of the lanes whose shaft meets the box whose lower x is element `at` of `nodes`."""
+def span_uniform(nodes, at, x, y, z):
+    """(entry, exit) f32x16 of the shafts, in [0, 1], of the box whose lower x is element `at` of `nodes`."""
     near = maximum(
         maximum(
             _at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))
@@ -143,7 +143,7 @@ def meets_uniform(nodes, at, x, y, z):
         minimum(_at(x.far, broadcast16(nodes, at + x.far_plane)), _at(y.far, broadcast16(nodes, at + 4 + y.far_plane))),
         minimum(_at(z.far, broadcast16(nodes, at + 8 + z.far_plane)), splat16(_ONE)),
     )
-    return near <= far
+    return near, far
 
 
 @inlined
@@ -154,12 +154,25 @@ def _narrow(axis, low, high, near, far):
 
 
 @inlined
-def meets_mixed(nodes, at, x, y, z):
+def span_mixed(nodes, at, x, y, z):
     """The same for lanes of any direction."""
     near, far = splat16(_ZERO), splat16(_ONE)
     near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), near, far)
     near, far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), near, far)
-    near, far = _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), near, far)
+    return _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), near, far)
+
+
+@inlined
+def meets_uniform(nodes, at, x, y, z):
+    """mask16 of the lanes whose shaft meets the box whose lower x is element `at` of `nodes`."""
+    near, far = span_uniform(nodes, at, x, y, z)
+    return near <= far
+
+
+@inlined
+def meets_mixed(nodes, at, x, y, z):
+    """The same for lanes of any direction."""
+    near, far = span_mixed(nodes, at, x, y, z)
     return near <= far
 
 

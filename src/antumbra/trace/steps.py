@@ -57,7 +57,7 @@ def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
     """All samples of one receiver."""
     tree, corners = tree_of(bvh), ptr(query.corners)
     ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
-    skip, sample_set = np.int64(query.faces[y, x]), (x & 3) + 4 * (y & 3)
+    skip, sample_set = np.int64(query.ids[y, x]), (x & 3) + 4 * (y & 3)
     patch, horizon = patch_of(query, y, x), horizon_of(query, y, x)
     for s in range(query.samples.shape[1]):
         a, b, c = query.samples[sample_set, s, 0], query.samples[sample_set, s, 1], query.samples[sample_set, s, 2]

@@ -48,7 +48,7 @@ class Tile(NamedTuple):
     number: int  # in its bundle
     origins: object  # x, y, z of 16 receivers; lanes without one repeat another
     info: object  # 0..2 centre, 3..5 half extents of the receivers' box, 6..8 its lower, 9..11 upper corner
-    faces: object  # int32: the receivers' own triangles
+    faces: object  # int32: the receivers' own triangles, as trees call them
     dead: object  # int32, one a stratum: bits of the receivers whose segment is blocked, all where there is none
     shafts: object  # see `shafts`
     beams: object  # see `beams`
@@ -90,7 +90,7 @@ def load_receivers(asked, y0, x0, tile):
                 put(tile.origins, lane, get(asked.origins, at * 3))
                 put(tile.origins, 16 + lane, get(asked.origins, at * 3 + 1))
                 put(tile.origins, 32 + lane, get(asked.origins, at * 3 + 2))
-                put(tile.faces, lane, get(asked.faces, at))
+                put(tile.faces, lane, get(asked.ids, at))
             lane += 1
     return valid
 
@@ -181,6 +181,22 @@ def turn_bits(source, target):
         there = mask_from_bits16(np.int64(get(source, r)))
         words = words | select(there, splat16(np.int32(1 << r)), splat16(np.int32(0)))
     store(target, 0, words)
+
+
+@kernel
+def read_bits(asked, y0, x0, valid, tile, known):
+    """Start `dead` from what is known of a chunk's segments already: receivers -> strata; the inverse of `write_bits`.
+
+    known : pointer to the bits of all receivers
+    """
+    shift, word, absent = np.uint64(asked.first & 63), asked.first >> 6, ~((np.int64(1) << asked.count) - 1)
+    store(tile.dead, 0, splat16(np.int32(-1)))
+    while valid != 0:
+        lane = lowest_bit(valid)
+        valid &= valid - 1
+        at = place_of(asked, y0, x0, lane) * asked.words + word
+        put(tile.dead, lane, np.int64(get(known, at) >> shift) & 0xFFFF | absent)
+    turn_bits(tile.dead, tile.dead)
 
 
 @kernel

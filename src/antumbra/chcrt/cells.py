@@ -1,0 +1,238 @@
+"""What occlusion queries look at: the rays of a screen, 16 cells of 4 x 4 receivers side by side.
+
+A *cell*'s rays run in one shaft (`trace.slabs`), from the box of its receivers to the box of where they end. How far along
+it any of them still looks for a blocker, or a nearer hit, is the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1];
+it counts in the whole length of the rays, and is negative once no ray of the cell looks any more.
+"""
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inlined, kernel
+from ..parallel import new_ticket, run, take
+from ..query.receivers import NOTHING
+from ..query.samples import sample_point
+from ..query.shadow import ShadowQuery, patch_of
+from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
+from ..simd import get, load16, popcount, ptr, ptr_at, put
+from ..trace.asked import TileShape
+from ..trace.region import Layout, layout_of
+from ..trace.slabs import Shafts
+
+_F = np.float32
+FAR, COUNT, ALL = 12, 13, 14  # rows after those of `Shafts`: how far, how many rays look, how many there are
+ROWS = 15
+NONE, BLOCKED = (
+    np.float32(-1.0),
+    np.float32(-0.5),
+)  # instead of how far: a cell without rays, one with blocked rays only
+WORDS = ROWS * 16  # float32 of a region
+_MORE = np.float32(2.0**-20)  # of the largest coordinate: more than rounding a box of light samples loses
+
+
+class Ends(NamedTuple):
+    """Where the rays of all receivers end: in this box, or the box moved along with the receiver."""
+
+    low: np.ndarray  # (3,) float32
+    high: np.ndarray  # (3,) float32
+    moves: bool
+
+
+class Picture(NamedTuple):
+    """How receivers are cut into cells and regions."""
+
+    shape: TileShape
+    layout: Layout
+    h: int
+    w: int
+
+
+def picture_of(shape: TileShape, h: int, w: int) -> Picture:
+    """Of (h, w) receivers."""
+    return Picture(shape, layout_of(shape), h, w)
+
+
+def new_cells(picture: Picture, sets: int) -> np.ndarray:
+    """(sets, regions, ROWS, 16) float32: room for the cells of some ray sets."""
+    return np.empty((sets, picture.layout.rows * picture.layout.columns, ROWS, 16), np.float32)
+
+
+def ends_of(query: ShadowQuery, first: int, count: int) -> Ends:
+    """Where the segments of a query to `count` of its samples, from the `first` on, end."""
+    light = query.light
+    if light.kind == SPHERE:
+        low, high = light.base - light.radius, light.base + light.radius
+    elif light.kind == AMBIENT:
+        low, high = np.full(3, -light.radius), np.full(3, light.radius)
+    else:
+        points = light.base + query.samples[:, first : first + count] @ np.stack([light.u, light.v, light.w])
+        low, high = points.min((0, 1)), points.max((0, 1))
+    pad = _MORE * np.maximum(np.abs(low), np.abs(high)).max() + 1e-30
+    return Ends((low - pad).astype(_F), (high + pad).astype(_F), light.kind in (DIRECTIONAL, AMBIENT))
+
+
+@inlined
+def first_receiver(picture, region, g):
+    """(y, x) of the first receiver of cell g of a region."""
+    layout, shape = picture.layout, picture.shape
+    y = region // layout.columns * layout.down + g // layout.across
+    x = region % layout.columns * layout.across + g % layout.across
+    return y * shape.height, x * shape.width
+
+
+@inlined
+def shafts_in(cells):
+    """The `Shafts` of a region's cells; `cells`: pointer to them."""
+    c = cells
+    return Shafts(
+        load16(c, 0), load16(c, 16), load16(c, 32), load16(c, 48), load16(c, 64), load16(c, 80),
+        load16(c, 96), load16(c, 112), load16(c, 128), load16(c, 144), load16(c, 160), load16(c, 176),
+    )  # fmt: skip
+
+
+@inlined
+def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
+    """Write cell g: the box of its rays' origins, what leads from its corners to those of the box of their ends, how far
+    they look, and how many do."""
+    for k in range(3):
+        put(cells, 16 * k + g, o_low[k])
+        put(cells, 48 + 16 * k + g, o_high[k])
+        put(cells, 96 + 16 * k + g, d_low[k])
+        put(cells, 144 + 16 * k + g, d_high[k])
+    put(cells, FAR * 16 + g, far)
+    put(cells, COUNT * 16 + g, n)
+    put(cells, ALL * 16 + g, n)
+
+
+@inlined
+def no_cell(cells, g):
+    """Write a cell g that has no rays."""
+    zero, one = (_F(0.0), _F(0.0), _F(0.0)), (_F(1.0), _F(1.0), _F(1.0))
+    put_cell(cells, g, zero, zero, one, one, NONE, _F(0.0))
+
+
+@inlined
+def wider(low, high, p):
+    """A box widened by a point."""
+    return (
+        (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2])),
+        (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2])),
+    )
+
+
+@inlined
+def nothing_yet():
+    """The box of no points."""
+    inf = _F(np.inf)
+    return (inf, inf, inf), (-inf, -inf, -inf)
+
+
+@kernel
+def _bound_receivers(query, picture, y0, x0):
+    """Box of the receivers of a cell, and how many there are."""
+    (low, high), n = nothing_yet(), np.int64(0)
+    for y in range(y0, min(y0 + picture.shape.height, picture.h)):
+        for x in range(x0, min(x0 + picture.shape.width, picture.w)):
+            if query.sides[y, x] != NOTHING:
+                o = query.origins[y, x]
+                low, high = wider(low, high, (o[0], o[1], o[2]))
+                n += 1
+    return low, high, n
+
+
+@kernel
+def _bound_ends(query, picture, y0, x0, s):
+    """Box of where the receivers of a cell look to sample s."""
+    low, high = nothing_yet()
+    for y in range(y0, min(y0 + picture.shape.height, picture.h)):
+        for x in range(x0, min(x0 + picture.shape.width, picture.w)):
+            if query.sides[y, x] != NOTHING:
+                abc = query.samples[(x & 3) + 4 * (y & 3), s]
+                low, high = wider(low, high, sample_point(patch_of(query, y, x), abc[0], abc[1], abc[2]))
+    return low, high
+
+
+@kernel
+def _bound(ticket, query, picture, ends, first, spp, cells):
+    """Worker: the cells of regions, for each of the sets that `cells` has room for."""
+    sets, regions = cells.shape[0], cells.shape[1]
+    low, high = (ends.low[0], ends.low[1], ends.low[2]), (ends.high[0], ends.high[1], ends.high[2])
+    region = take(ticket)
+    while region >= 0:
+        for g in range(16):
+            y, x = first_receiver(picture, region, g)
+            o_low, o_high, n = _bound_receivers(query, picture, y, x)
+            for s in range(sets):
+                out = ptr_at(ptr(cells), (s * regions + region) * WORDS)
+                if n == 0:
+                    no_cell(out, g)
+                    continue
+                d_low, d_high = low, high
+                if not ends.moves or sets > 1:
+                    if sets > 1:
+                        d_low, d_high = _bound_ends(query, picture, y, x, first + s)
+                    d_low = d_low[0] - o_low[0], d_low[1] - o_low[1], d_low[2] - o_low[2]
+                    d_high = d_high[0] - o_high[0], d_high[1] - o_high[1], d_high[2] - o_high[2]
+                put_cell(out, g, o_low, o_high, d_low, d_high, _F(1.0), _F(n if sets > 1 else n * spp))
+        region = take(ticket)
+
+
+def bound_cells(query: ShadowQuery, picture: Picture, first: int, count: int, sets: int, threads: int) -> np.ndarray:
+    """The cells of a query's segments to `count` samples from the `first` on: one set, or one for each sample."""
+    cells, ends = new_cells(picture, sets), ends_of(query, first, count)
+    if ends.moves:  # sums with receivers are rounded
+        pad = _MORE * np.abs(query.origins).max(initial=0.0)
+        ends = Ends(ends.low - _F(pad), ends.high + _F(pad), True)
+    run(_bound, threads, new_ticket(cells.shape[1], 1), query, picture, ends, first, count, cells)
+    return cells
+
+
+@inlined
+def _blocked(bits, at, words, first, count):
+    """How many of `count` bits from the `first` on are set of receiver number `at`."""
+    n = np.int64(0)
+    while count > 0:
+        here = min(count, 64 - (first & 63))
+        word = get(bits, at * words + (first >> 6)) >> np.uint64(first & 63)
+        n += popcount(word & (~np.uint64(0) >> np.uint64(64 - here)))
+        first, count = first + here, count - here
+    return n
+
+
+@kernel
+def _shorten(ticket, spans, tiles, columns, query, picture, first, spp, bits, cells):
+    """Worker: of all regions of some tiles, which cells still have rays that nothing blocks."""
+    sets, regions, p, words = cells.shape[0], cells.shape[1], ptr(bits), bits.shape[2]
+    t = take(ticket)
+    while t >= 0:
+        x0, x1, y0, y1 = spans[tiles[t]]
+        for k in range((x1 - x0) * (y1 - y0)):
+            region = (y0 + k // (x1 - x0)) * columns + x0 + k % (x1 - x0)
+            for s in range(sets):
+                out = ptr_at(ptr(cells), (s * regions + region) * WORDS)
+                begin, count = (first + s, 1) if sets > 1 else (first, spp)
+                for g in range(16):
+                    if get(out, FAR * 16 + g) < _F(0.0):
+                        continue
+                    y, x = first_receiver(picture, region, g)
+                    n = np.int64(0)
+                    for v in range(y, min(y + picture.shape.height, picture.h)):
+                        for u in range(x, min(x + picture.shape.width, picture.w)):
+                            if query.sides[v, u] != NOTHING:
+                                n += count - _blocked(p, v * picture.w + u, words, begin, count)
+                    put(out, COUNT * 16 + g, _F(n))
+                    if n == 0:
+                        put(out, FAR * 16 + g, BLOCKED)
+        t = take(ticket)
+
+
+def shorten(cells, spans, tiles, query: ShadowQuery, picture: Picture, first, count, bits, threads: int) -> None:
+    """Bring the cells of some tiles up to date: what is blocked, `bits`, looks no further.
+
+    first, count : the samples, as for `bound_cells`
+    """
+    ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
+    run(_shorten, threads, ticket, spans, tiles, columns, query, picture, first, count, bits, cells)

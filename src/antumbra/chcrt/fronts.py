@@ -1,0 +1,103 @@
+"""The query-pair hierarchy: pairs of a screen tile and a node, and which of them were visible.
+
+Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that need not be; inner pairs say
+how they came about, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1]. There is one
+hierarchy for each ray set: one for all rays to a light, one for each direction of ambient occlusion or diffuse rays
+(Sec. 5.3). All are kept in the same arrays, since all are asked about together.
+"""
+
+import numpy as np
+
+from .options import Options
+from .parts import Parts
+from .tiles import Tiles
+
+INNER, INVISIBLE, VISIBLE = range(3)
+
+
+class Fronts:
+    """The pairs of all sets, n of them, as arrays.
+
+    tile, set, row : (n,) int32
+        A tile of `Tiles`, a ray set, a row of `Parts`.
+    parent : (n,) int32
+        The pair that was split; -1 for the first of each set.
+    state : (n,) int8
+        INNER, INVISIBLE or VISIBLE.
+    due : (n,) int64
+        In which frame a visible pair is asked about again.
+    key : (n,) float32
+        Where along the rays its box was last entered.
+    """
+
+    def __init__(self, tiles: Tiles, parts: Parts, sets: int, options: Options):
+        self.tiles, self.parts, self.sets, self.options = tiles, parts, sets, options
+        self.frame = 0
+        self._random = np.random.default_rng(0)
+        self.tile = np.full(sets, len(tiles.spans) - 1, np.int32)
+        self.set = np.arange(sets, dtype=np.int32)
+        self.row = np.zeros(sets, np.int32)
+        self.parent = np.full(sets, -1, np.int32)
+        self.state = np.full(sets, INVISIBLE, np.int8)
+        self.due = np.zeros(sets, np.int64)
+        self.key = np.zeros(sets, np.float32)
+
+    def __len__(self) -> int:
+        return len(self.tile)
+
+    def of(self, state: int) -> np.ndarray:
+        """Which pairs are in a state, (k,) int64."""
+        return np.flatnonzero(self.state == state)
+
+    def is_final(self, pairs: np.ndarray) -> np.ndarray:
+        """(k,) bool: which pairs are not split any more: of the smallest tiles, and of parts."""
+        return (self.tile[pairs] < self.tiles.smallest) & (self.row[pairs] >= self.parts.inner)
+
+    def split(self, pairs: np.ndarray) -> np.ndarray:
+        """Split pairs that are not final; their children, which are asked about next.
+
+        In object space where the node's share of the scene is larger than t_q times the tile's share of the screen, else
+        in screen space (Sec. 4.4).
+        """
+        tile, row = self.tile[pairs], self.row[pairs]
+        smallest, part = tile < self.tiles.smallest, row >= self.parts.inner
+        larger = self.parts.share[row] > self.options.weight * self.tiles.share[tile]
+        in_object = ~part & (larger | smallest)
+        nodes, tiles = self.parts.children[row], self.tiles.children[tile]
+        tile2 = np.where(in_object[:, None], np.stack([tile, tile, -1 - 0 * tile, -1 - 0 * tile], 1), tiles)
+        row2 = np.where(in_object[:, None], np.pad(nodes, ((0, 0), (0, 2)), constant_values=-1), row[:, None])
+        there = (tile2 >= 0) & (row2 >= 0)
+        self.state[pairs] = INNER
+        return self._add(tile2[there], row2[there], np.repeat(pairs, there.sum(1)))
+
+    def _add(self, tile, row, parent) -> np.ndarray:
+        first, n = len(self), len(tile)
+        self.tile, self.row = np.append(self.tile, tile), np.append(self.row, row)
+        self.set = np.append(self.set, self.set[parent])
+        self.parent = np.append(self.parent, parent.astype(np.int32))
+        self.state = np.append(self.state, np.full(n, INVISIBLE, np.int8))
+        self.due = np.append(self.due, np.zeros(n, np.int64))
+        self.key = np.append(self.key, np.ones(n, np.float32))
+        return np.arange(first, first + n)
+
+    def show(self, pairs: np.ndarray) -> None:
+        """Make pairs visible; when they are asked about first is spread over the next frames, at random (Sec. 5.1)."""
+        self.state[pairs] = VISIBLE
+        self.due[pairs] = self.frame + self._random.integers(1, self.options.every + 1, len(pairs))
+
+    def end_frame(self) -> None:
+        """Pull invisibility up by one level at most (Sec. 5.1), and forget the children of what became invisible."""
+        n = len(self)
+        has_parent = self.parent >= 0
+        children = np.bincount(self.parent[has_parent], minlength=n)
+        hidden = np.bincount(self.parent[has_parent & (self.state == INVISIBLE)], minlength=n)
+        pulled = (children > 0) & (children == hidden)
+        self.frame += 1
+        if not pulled.any():
+            return
+        self.state[pulled] = INVISIBLE
+        kept = ~(has_parent & pulled[self.parent])
+        new = np.cumsum(kept, dtype=np.int32) - 1
+        self.parent = np.where(has_parent, new[self.parent], -1)[kept].astype(np.int32)
+        self.tile, self.set, self.row = self.tile[kept], self.set[kept], self.row[kept]
+        self.state, self.due, self.key = self.state[kept], self.due[kept], self.key[kept]

@@ -1,0 +1,336 @@
+"""The nearest hits of one ray a pixel, through lists of parts: primary and diffuse rays [Mattausch et al. 2015, Sec. 5.2].
+
+Packets of 4 x 4 neighbours go down each part together, the nearer child first, each ray as far as its nearest hit so far; at a
+block each ray is tested against all triangles, side by side. Among what a ray surely meets and what float32 cannot
+tell, float64 decides which is nearest, as everywhere (`trace.traverse.walk`): ties go to the lowest triangle index.
+"""
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.blocks import ROWS as BLOCK_ROWS
+from ..bvh.nodes import MAX_DEPTH
+from ..jit import inlined, kernel
+from ..parallel import new_ticket, run, take
+from ..predicate.exact import ray_along
+from ..predicate.filters import hit_t, meets
+from ..simd import (
+    absolute,
+    bits,
+    get,
+    load16,
+    lowest_bit,
+    maximum,
+    minimum,
+    popcount,
+    prefetch,
+    ptr,
+    ptr_at,
+    put,
+    stack_f32,
+    stack_f64,
+    stack_i32,
+    store,
+)
+from ..trace.descent import rays_as_shafts, slabs_of
+from ..trace.forest import forest_pointers, item, list_of, root_in, tree_in
+from ..trace.raytest import decide_signs, error_bounds
+from ..trace.slabs import span_mixed, span_uniform
+from ..trace.vec import broadcasts, cross, dot, largest, minus, rows, total
+from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, nothing_yet, put_cell, wider
+
+_F = np.float32
+_BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
+_STACK = 2 * MAX_DEPTH
+_ENTRIES = 16 * MAX_DEPTH
+
+
+class RayPass(NamedTuple):
+    """One ray for each pixel, to infinity; (h, w) pixels."""
+
+    origins: np.ndarray  # (h, w, 3) float32
+    directions: np.ndarray  # (h, w, 3) float32, any length but 0
+    ids: np.ndarray  # (h, w) int32: triangles that do not count, -1 for none
+    asks: np.ndarray  # (h, w) bool: is there a ray?
+
+
+class Hits(NamedTuple):
+    """What the rays of a pass have met so far. A ray's *length* is the power of two times its direction that leaves the
+    scene behind it; `limits` count in it."""
+
+    face: np.ndarray  # (h, w) int32: index of the triangle, -1 on a miss
+    t: np.ndarray  # (h, w) float64: in directions; inf on a miss
+    part: np.ndarray  # (h, w) int32
+    slot: np.ndarray  # (h, w) int32: in the part's tree
+    lengths: np.ndarray  # (h, w) float32
+    limits: np.ndarray  # (h, w) float32: how far the ray still looks; -1 where there is no ray
+
+
+class Cell(NamedTuple):
+    """The 16 rays of a cell: pointers to scratch memory."""
+
+    rays: object  # float32: rows ox oy oz, and the whole length of the rays along x, y and z
+    limits: object  # float32
+    t: object  # float64
+    face: object  # int32
+    part: object
+    slot: object
+    own: object
+
+
+def hits_of(rays: RayPass, reach: float) -> Hits:
+    """No hits yet; `reach`: no ray is longer inside the scene."""
+    size = np.abs(rays.directions).max(-1).astype(np.float64)
+    with np.errstate(divide="ignore"):
+        power = np.ceil(np.log2(2.0 * reach / np.where(rays.asks, size, 1.0)))
+    shape = rays.asks.shape
+    return Hits(
+        np.full(shape, -1, np.int32), np.full(shape, np.inf), np.full(shape, -1, np.int32), np.full(shape, -1, np.int32),
+        np.exp2(power).astype(_F), np.where(rays.asks, _F(1.0), _F(-1.0)),
+    )  # fmt: skip
+
+
+@inlined
+def _load(picture, rays, hits, y0, x0, cell):
+    """Fill a cell; bits of its rays."""
+    valid = np.int64(0)
+    for lane in range(16):
+        y, x = y0 + lane // picture.shape.width, x0 + lane % picture.shape.width
+        inside = y < picture.h and x < picture.w
+        y, x = (y, x) if inside else (y0, x0)
+        length = hits.lengths[y, x]
+        for k in range(3):
+            put(cell.rays, 16 * k + lane, rays.origins[y, x, k])
+            put(cell.rays, 48 + 16 * k + lane, rays.directions[y, x, k] * length)
+        limit = hits.limits[y, x]
+        there = inside and limit >= _F(0.0)
+        put(cell.limits, lane, limit if there else _F(-1.0))
+        put(cell.t, lane, hits.t[y, x])
+        put(cell.face, lane, hits.face[y, x])
+        put(cell.part, lane, hits.part[y, x])
+        put(cell.slot, lane, hits.slot[y, x])
+        put(cell.own, lane, rays.ids[y, x])
+        if there:
+            valid |= np.int64(1) << lane
+    return valid
+
+
+@inlined
+def _write(picture, hits, y0, x0, valid, cell):
+    while valid != 0:
+        lane = lowest_bit(valid)
+        valid &= valid - 1
+        y, x = y0 + lane // picture.shape.width, x0 + lane % picture.shape.width
+        hits.limits[y, x], hits.t[y, x] = get(cell.limits, lane), get(cell.t, lane)
+        hits.face[y, x], hits.part[y, x], hits.slot[y, x] = (
+            get(cell.face, lane), get(cell.part, lane), get(cell.slot, lane)
+        )  # fmt: skip
+
+
+@inlined
+def _enter(lines, at, slabs, limits):
+    """(bits of the rays that may enter a box within their limits, where)."""
+    if slabs.uniform:
+        near, far = span_uniform(lines, at, slabs.ux, slabs.uy, slabs.uz)
+    else:
+        near, far = span_mixed(lines, at, slabs.mx, slabs.my, slabs.mz)
+    return bits(near <= minimum(far, limits)), near
+
+
+@inlined
+def _candidates(numbers, o, d, limit):
+    """(bits of the triangles of a block that a ray surely meets, of those float32 cannot say), none surely beyond a limit.
+
+    o, d : the ray's origin and whole length in all lanes; limit: scalar
+    """
+    a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    n, r = cross(p, q), cross(d, a)
+    e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
+    e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))
+    hit, unsure = decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, np.int64(0))
+    beyond = bits(absolute(t) - te > (absolute(dn) + te + te) * limit)
+    return hit & ~beyond, unsure & ~beyond
+
+
+@kernel
+def _meets(cell, lane, length, corners, slot):
+    """Whether a ray meets a triangle, exactly."""
+    return meets(_ray(cell, lane, length), corners, slot) != 0
+
+
+@inlined
+def _ray(cell, lane, length):
+    f = np.float64
+    c, s = cell.rays, 1.0 / f(length)
+    return ray_along(
+        get(c, lane), get(c, 16 + lane), get(c, 32 + lane),
+        f(get(c, 48 + lane)) * s, f(get(c, 64 + lane)) * s, f(get(c, 80 + lane)) * s, 0.0, np.inf,
+    )  # fmt: skip
+
+
+@kernel
+def _keep(cell, lane, length, tree, k, slot):
+    """A ray meets a triangle: is it the nearest so far?"""
+    prim = get(tree.prim_ids, slot)
+    if prim == get(cell.own, lane):
+        return
+    t, best = hit_t(_ray(cell, lane, length), tree.corners, slot), get(cell.t, lane)
+    if t < best or (t == best and prim < get(cell.face, lane)):
+        put(cell.t, lane, t)
+        put(cell.face, lane, prim)
+        put(cell.part, lane, k)
+        put(cell.slot, lane, slot)
+        limit = _F(t / np.float64(length) * _BEYOND)
+        if limit < get(cell.limits, lane):
+            put(cell.limits, lane, limit)
+
+
+@kernel
+def _trace_block(tree, k, code, mask, cell, lengths):
+    """The rays in `mask` against a block."""
+    numbers, base, present = ptr_at(tree.blocks, (code >> 5) * (BLOCK_ROWS * 16)), (code >> 5) * 16, code & 31
+    present = (np.int64(1) << present) - 1
+    while mask != 0:
+        lane = lowest_bit(mask)
+        mask &= mask - 1
+        o, d = broadcasts(cell.rays, lane, 16), broadcasts(cell.rays, 48 + lane, 16)
+        hit, unsure = _candidates(numbers, o, d, get(cell.limits, lane))
+        hit, unsure = hit & present, unsure & present
+        while hit | unsure != 0:
+            i = lowest_bit(hit | unsure)
+            slot, length = np.int64(get(tree.slots, base + i)), get(lengths, lane)
+            if hit >> i & 1 != 0 or _meets(cell, lane, length, tree.corners, slot):
+                _keep(cell, lane, length, tree, k, slot)
+            hit, unsure = hit & ~(np.int64(1) << i), unsure & ~(np.int64(1) << i)
+
+
+@inlined
+def _fetch(tree, link):
+    """Ask for the node or the block behind a link."""
+    if link >= 0:
+        prefetch(tree.nodes, link * 16)
+    else:
+        for row in range(BLOCK_ROWS):
+            prefetch(tree.blocks, ((~link >> 5) * BLOCK_ROWS + row) * 16)
+
+
+@kernel
+def _walk(tree, k, link, mask, slabs, cell, lengths, stack, entries):
+    """The rays in `mask` through a tree, from a link on."""
+    height = np.int64(0)
+    while True:
+        if link >= 0:
+            limits = load16(cell.limits, 0)
+            left, a = _enter(tree.nodes, link * 16, slabs, limits)
+            right, b = _enter(tree.nodes, link * 16 + 1, slabs, limits)
+            left, right = left & mask, right & mask
+            if left | right != 0:
+                first, second = np.int64(get(tree.links, link * 16 + 12)), np.int64(get(tree.links, link * 16 + 13))
+                if left != 0 and right != 0:
+                    both = left & right
+                    swap = 2 * popcount(bits(b < a) & both) > popcount(both)
+                    put(stack, 2 * height, first if swap else second)
+                    put(stack, 2 * height + 1, left if swap else right)
+                    store(entries, 16 * height, a if swap else b)
+                    height += 1
+                    link, mask = (second, right) if swap else (first, left)
+                else:
+                    link, mask = (first, left) if left != 0 else (second, right)
+                _fetch(tree, link)
+                continue
+        elif ~link & 31 != 0:
+            _trace_block(tree, k, ~link, mask, cell, lengths)
+        mask = np.int64(0)
+        while mask == 0:
+            if height == 0:
+                return
+            height -= 1
+            mask = np.int64(get(stack, 2 * height + 1))
+            mask &= bits(load16(entries, 16 * height) <= load16(cell.limits, 0))
+            link = np.int64(get(stack, 2 * height))
+
+
+@inlined
+def _trace_cell(forest, begin, end, valid, cell, lengths, stack, entries):
+    """The rays of a cell through the parts of a list."""
+    d = rows(cell.rays, 48, 16)
+    slabs = slabs_of(rays_as_shafts(rows(cell.rays, 0, 16), d), valid)
+    for i in range(begin, end):
+        k = item(forest, i)
+        mask = _enter(forest.heads, k * 16, slabs, load16(cell.limits, 0))[0] & valid
+        if mask != 0:
+            _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, cell, lengths, stack, entries)
+
+
+@inlined
+def _lengths_of(picture, hits, y0, x0, lengths):
+    for lane in range(16):
+        y, x = y0 + lane // picture.shape.width, x0 + lane % picture.shape.width
+        put(lengths, lane, hits.lengths[y, x] if y < picture.h and x < picture.w else _F(1.0))
+
+
+@kernel
+def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, cells):
+    """Worker: all cells of some screen tiles; what they see, and how far they look then."""
+    cell = Cell(stack_f32(96), stack_f32(16), stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16))
+    lengths, stack, entries, forest = stack_f32(16), stack_i32(_STACK), stack_f32(_ENTRIES), forest_pointers(arrays)
+    t = take(ticket)
+    while t >= 0:
+        x0, x1, y0, y1 = spans[tiles[t]]
+        for j in range((x1 - x0) * (y1 - y0)):
+            region = (y0 + j // (x1 - x0)) * columns + x0 + j % (x1 - x0)
+            out = ptr_at(ptr(cells), region * WORDS)
+            for g in range(16):
+                y, x = first_receiver(picture, region, g)
+                if y >= picture.h or x >= picture.w:
+                    continue
+                valid = _load(picture, rays, hits, y, x, cell)
+                if valid != 0:
+                    _lengths_of(picture, hits, y, x, lengths)
+                    begin, end = list_of(forest, y, x, np.int64(0))
+                    _trace_cell(forest, begin, end, valid, cell, lengths, stack, entries)
+                    _write(picture, hits, y, x, valid, cell)
+                    far = _F(-1.0)
+                    for lane in range(16):
+                        far = max(far, get(cell.limits, lane))
+                    put(out, FAR * 16 + g, far)
+        t = take(ticket)
+
+
+def trace_nearest(forest, spans, tiles, picture: Picture, rays: RayPass, hits: Hits, cells, threads: int) -> None:
+    """Trace the rays of some tiles through their lists; `hits` and `cells` are brought up to date."""
+    ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
+    run(_trace, threads, ticket, forest, spans, tiles, columns, picture, rays, hits, cells)
+
+
+@kernel
+def _bound(ticket, picture, rays, hits, cells):
+    """Worker: the cells of regions."""
+    region = take(ticket)
+    while region >= 0:
+        out = ptr_at(ptr(cells), region * WORDS)
+        for g in range(16):
+            y0, x0 = first_receiver(picture, region, g)
+            (low, high), (d_low, d_high), n = nothing_yet(), nothing_yet(), 0
+            for y in range(y0, min(y0 + picture.shape.height, picture.h)):
+                for x in range(x0, min(x0 + picture.shape.width, picture.w)):
+                    if rays.asks[y, x]:
+                        o, d, s = rays.origins[y, x], rays.directions[y, x], hits.lengths[y, x]
+                        low, high = wider(low, high, (o[0], o[1], o[2]))
+                        d_low, d_high = wider(d_low, d_high, (d[0] * s, d[1] * s, d[2] * s))
+                        n += 1
+            if n == 0:
+                no_cell(out, g)
+            else:
+                put_cell(out, g, low, high, d_low, d_high, _F(1.0), _F(n))
+        region = take(ticket)
+
+
+def bound_rays(picture: Picture, rays: RayPass, hits: Hits, threads: int) -> np.ndarray:
+    """The cells of a pass, (1, regions, ROWS, 16)."""
+    cells = new_cells(picture, 1)
+    run(_bound, threads, new_ticket(cells.shape[1], 1), picture, rays, hits, cells)
+    return cells

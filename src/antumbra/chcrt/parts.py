@@ -1,0 +1,129 @@
+"""The hierarchy over the triangles, cut for CHC+RT: a small top, and below it *parts*, subtrees that are traced whole.
+
+Parts end the traversal of query pairs: they have at most so many triangles, and so many levels [Mattausch et al. 2015,
+Sec. 5.2]. In core they are subtrees of one `BlockTree`; out of core they are the chunks of a store.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..bvh.blocks import BlockTree
+from ..bvh.nodes import MAX_DEPTH, parents_first
+from ..jit import kernel
+from ..trace.forest import addresses, head
+from .options import Options
+
+
+class Memory(Protocol):
+    """Where the trees of parts are, if not all of them are in memory all the time."""
+
+    def groups(self, parts: np.ndarray) -> "Iterator[np.ndarray]":
+        """Groups of these parts, those that are in memory first; a group's trees stay until the next is asked for."""
+        ...
+
+
+class Parts(NamedTuple):
+    """The top tree, r rows: its m inner nodes, the root first, then the k parts; row m + i is part i."""
+
+    lines: np.ndarray  # (r, 16) float32: a node's line; of a part that of its root, so queries test children's boxes
+    children: np.ndarray  # (r, 2) int32: rows, -1 where there is none, and for parts
+    share: np.ndarray  # (r,) float64: surface area, as a share of the root's
+    inner: int  # m
+    trees: np.ndarray  # (k, ADDRESSES) int64, see `trace.forest`; out of core, only of those in memory
+    heads: np.ndarray  # (k, 16) float32, see `trace.forest`
+    extents: np.ndarray  # (3,) float32 of the scene
+    memory: Memory | None  # None: everything is in memory
+    keeps: object  # what holds the memory behind the addresses
+
+    @property
+    def boxes(self) -> np.ndarray:
+        """(r, 2, 3) float32: lower and upper corner of each row."""
+        return boxes_of(self.lines)
+
+
+def boxes_of(lines: np.ndarray) -> np.ndarray:
+    """(r, 2, 3) float32: lower and upper corners that hold both children of nodes' lines, (r, 16)."""
+    planes = lines[:, :12].reshape(-1, 3, 2, 2)  # axis, bound, child
+    return np.stack([planes[:, :, 0].min(2), planes[:, :, 1].max(2)], 1)
+
+
+def shares(lines: np.ndarray) -> np.ndarray:
+    """(r,) float64: the surface area of each row's box, as a share of the first one's."""
+    boxes = boxes_of(lines).astype(np.float64)
+    x, y, z = np.maximum(boxes[:, 1] - boxes[:, 0], 0.0).T
+    area = x * y + y * z + z * x
+    return area / max(area[0], 1e-300)
+
+
+@kernel
+def _measure(links, triangles, heights):
+    """Triangles, and levels of inner nodes, at and below each inner node of a `BlockTree`."""
+    order = parents_first(links)
+    for i in range(len(order) - 1, -1, -1):
+        node, n, height = order[i], 0, 0
+        for side in range(2):
+            link = np.int64(links[node, 12 + side])
+            n += triangles[link] if link >= 0 else ~link & 31
+            if link >= 0 and heights[link] > height:
+                height = heights[link]
+        triangles[node], heights[node] = n, height + 1
+
+
+@kernel
+def _cut(links, triangles, heights, most, highest, top, roots):
+    """Nodes of the top (parents first) and links to the parts' roots, in place: (how many nodes, parts)."""
+    waiting = np.empty(MAX_DEPTH + 2, np.int64)
+    waiting[0] = 0
+    height, m, k = 1, 0, 0
+    while height > 0:
+        height -= 1
+        link = waiting[height]
+        if link < 0 or (triangles[link] <= most and heights[link] <= highest):
+            if link >= 0 or ~link & 31 > 0:
+                roots[k] = link
+                k += 1
+            continue
+        top[m] = link
+        m += 1
+        for side in (1, 0):
+            waiting[height] = links[link, 12 + side]
+            height += 1
+    return m, k
+
+
+def _lines(tree: BlockTree, links: np.ndarray, parents: dict[int, tuple[int, int]]) -> np.ndarray:
+    """Lines of links: nodes' own; of a block, its box as both children."""
+    lines = np.empty((len(links), 16), np.float32)
+    inner = links >= 0
+    lines[inner] = tree.nodes[links[inner]]
+    for i in np.flatnonzero(~inner):
+        node, side = parents[int(links[i])]
+        lines[i] = tree.nodes[node]
+        lines[i, 0:12:2] = lines[i, 1:12:2] = tree.nodes[node, side:12:2]
+    return lines
+
+
+def parts_of(tree: BlockTree, options: Options) -> Parts:
+    """A `BlockTree` cut into parts."""
+    n = len(tree.nodes)
+    triangles, heights = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    _measure(tree.links, triangles, heights)
+    top, roots = np.empty(n, np.int64), np.empty(n + 1, np.int64)
+    m, k = _cut(tree.links, triangles, heights, options.triangles, options.height, top, roots)
+    top, roots = top[:m], roots[:k]
+    rows = {int(link): row for row, link in enumerate([*top, *roots])}
+    above = np.repeat(top, 2), np.tile([0, 1], m)
+    below = tree.links[above[0], 12 + above[1]]
+    parents = {int(link): (int(node), int(side)) for link, node, side in zip(below, *above)}
+    parents.setdefault(~0, (0, 0))
+    lines = _lines(tree, np.concatenate([top, roots]), parents)
+    children = np.full((m + k, 2), -1, np.int32)
+    children[:m] = np.array([rows.get(int(link), -1) for link in below], np.int32).reshape(m, 2)
+    boxes = boxes_of(lines)
+    trees = np.array([addresses(tree, int(root)) for root in roots], np.int64).reshape(k, -1)
+    return Parts(
+        lines, children, shares(lines), m, trees, head(*boxes[m:].swapaxes(0, 1)), boxes[0, 1] - boxes[0, 0], None,
+        tree,
+    )  # fmt: skip

@@ -1,0 +1,143 @@
+"""One frame of CHC+RT: the three phases of Algorithm 1 [Mattausch et al. 2015, Sec. 5.1]."""
+
+from time import perf_counter
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from .fronts import INVISIBLE, VISIBLE, Fronts
+from .queries import Answers
+
+_FIRST_BATCH = 4  # newly visible parts of a tile that are traced first; then twice as many, up to `Options.batch`
+
+
+class RaySet(Protocol):
+    """The rays of a picture, as the schedule sees them."""
+
+    def ask(self, fronts: Fronts, pairs: np.ndarray, again: bool) -> Answers:
+        """Occlusion queries for pairs; `again`: for those that have just been traced.
+
+        A part that blocks a ray is wanted in the next frame, too, though nothing looks for a blocker any more.
+        """
+        ...
+
+    def trace(self, lists: "Lists") -> None:
+        """Trace the rays of each tile and set through lists of parts, and bring the cells of these tiles up to date."""
+        ...
+
+
+class Lists(NamedTuple):
+    """Which parts the rays of each of the smallest tiles, and each set, go through, front to back."""
+
+    starts: np.ndarray  # (tiles * sets + 1,) int32: list number tile * sets + set
+    items: np.ndarray  # (n,) int32: parts
+    tiles: np.ndarray  # (k,) int32: the tiles whose lists are not empty
+
+
+class Statistics:
+    """What a frame took; the phases are those of Fig. 8."""
+
+    def __init__(self):
+        self.seconds = dict.fromkeys(("phase 1", "phase 2", "phase 3"), 0.0)
+        self.queries = self.multi_queries = self.traced = 0
+        self._last = perf_counter()
+
+    def lap(self, phase: str) -> None:
+        now = perf_counter()
+        self.seconds[phase] += now - self._last
+        self._last = now
+
+    def as_dict(self, fronts: Fronts) -> dict:
+        """For people and benchmarks."""
+        visible = int(np.count_nonzero(fronts.state == VISIBLE))
+        hidden = int(np.count_nonzero(fronts.state == INVISIBLE))
+        return {
+            **self.seconds, "queries": self.queries, "multi_queries": self.multi_queries, "traced pairs": self.traced,
+            "visible": visible, "invisible": hidden, "pairs": len(fronts),
+        }  # fmt: skip
+
+
+def lists_of(fronts: Fronts, pairs: np.ndarray) -> Lists:
+    """The lists of final pairs, by their keys."""
+    number = fronts.tile[pairs].astype(np.int64) * fronts.sets + fronts.set[pairs]
+    order = np.lexsort((fronts.key[pairs], number))
+    counts = np.bincount(number, minlength=fronts.tiles.smallest * fronts.sets)
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    items = (fronts.row[pairs][order] - fronts.parts.inner).astype(np.int32)
+    return Lists(starts, items, np.unique(fronts.tile[pairs]).astype(np.int32))
+
+
+def trace_frame(fronts: Fronts, rays: RaySet) -> Statistics:
+    """Trace the rays of a frame, and keep in `fronts` what was visible for the next one."""
+    told = Statistics()
+    shown, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
+    _trace(fronts, rays, shown, told, True)
+    told.lap("phase 1")
+    due = shown[fronts.due[shown] <= fronts.frame]
+    seen, still = _ask(fronts, rays, hidden, told), _ask(fronts, rays, due, told, True)
+    fronts.due[due] += fronts.options.every
+    fronts.state[due[~still]] = INVISIBLE
+    told.lap("phase 2")
+    _traverse(fronts, rays, hidden[seen], told)
+    fronts.end_frame()
+    told.lap("phase 3")
+    return told
+
+
+def _ask(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, again: bool = False) -> np.ndarray:
+    """(k,) bool: which pairs have more rays than may be neglected."""
+    answers = rays.ask(fronts, pairs, again)
+    fronts.key[pairs] = answers.keys
+    told.queries += len(pairs)
+    told.multi_queries += answers.groups
+    return answers.counts > fronts.options.threshold
+
+
+def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, first: bool = False) -> None:
+    """Trace the rays of final pairs, first the parts that are in memory (Sec. 5.4)."""
+    told.traced += len(pairs)
+    memory = fronts.parts.memory
+    if memory is None or (first and not len(pairs)):
+        rays.trace(lists_of(fronts, pairs))
+        return
+    parts = fronts.row[pairs] - fronts.parts.inner
+    for group in memory.groups(_nearest_first(parts, fronts.key[pairs])):
+        rays.trace(lists_of(fronts, pairs[np.isin(parts, group)]))
+
+
+def _nearest_first(parts: np.ndarray, keys: np.ndarray) -> np.ndarray:
+    """The parts, each once, in the order of their least keys."""
+    order = np.argsort(keys, kind="stable")
+    _, first = np.unique(parts[order], return_index=True)
+    return parts[order][np.sort(first)]
+
+
+def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) -> None:
+    """Phase 3: split what has become visible, down to final pairs, and trace those, batch by batch.
+
+    Each batch has the nearest parts of each tile; those behind are asked about again before they are traced.
+    """
+    waiting = [seen[:0]]
+    while len(seen):
+        final = fronts.is_final(seen)
+        waiting.append(seen[final])
+        children = fronts.split(seen[~final])
+        seen = children[_ask(fronts, rays, children, told)]
+    pairs, batch = np.concatenate(waiting), min(_FIRST_BATCH, fronts.options.batch)
+    while len(pairs):
+        nearest = _rank(fronts, pairs) < batch
+        now, pairs = pairs[nearest], pairs[~nearest]
+        fronts.show(now)
+        _trace(fronts, rays, now, told)
+        pairs, batch = pairs[_ask(fronts, rays, pairs, told)], min(2 * batch, fronts.options.batch)
+
+
+def _rank(fronts: Fronts, pairs: np.ndarray) -> np.ndarray:
+    """(k,) int: how many pairs of the same tile and set are nearer."""
+    number = fronts.tile[pairs].astype(np.int64) * fronts.sets + fronts.set[pairs]
+    order = np.lexsort((fronts.key[pairs], number))
+    ordered = number[order]
+    starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]])) if len(order) else order
+    rank = np.empty(len(pairs), np.int64)
+    rank[order] = np.arange(len(pairs)) - np.repeat(starts, np.diff(np.append(starts, len(pairs))))
+    return rank

@@ -1,0 +1,172 @@
+"""CHC+RT as a tracer: what it keeps between frames, and how it answers shadow queries and passes of rays."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.blocks import block_tree
+from ..bvh.nodes import Bvh
+from ..parallel import thread_count
+from ..query.shadow import ShadowQuery
+from ..scene.lights import AMBIENT, LIST
+from ..trace.asked import TileShape, tile_shape
+from ..trace.forest import Forest
+from ..trace.lighttable import STRATA
+from ..trace.multifrusta import trace_forest
+from ..trace.packet16 import over_pixels, over_samples
+from ..trace.scattered import is_huge, is_scattered
+from .cells import Picture, bound_cells, picture_of, shorten
+from .fronts import Fronts
+from .nearest import Hits, RayPass, bound_rays, hits_of, trace_nearest
+from .options import Options
+from .parts import Parts, parts_of
+from .queries import Answers, ask
+from .schedule import Lists, trace_frame
+from .tiles import Tiles, tiles_of
+
+
+class Scheduled:
+    """A scene ready for CHC+RT, with what was visible of it when it was asked last.
+
+    Each question of a frame has a state of its own: the n-th one that of the n-th one of the frame before, if it has as
+    many receivers and rays. So temporal coherence is that of questions in the same order; the answers never depend on it.
+
+    parts : Parts
+    options : Options
+    told : list of dict
+        Of each question of this frame, what it took: see `schedule.Statistics`.
+    """
+
+    def __init__(self, parts: Parts, options: Options):
+        self.parts, self.options = parts, options
+        self._fronts: dict[tuple, Fronts] = {}
+        self.begin()
+
+    def begin(self) -> None:
+        """A new frame begins."""
+        self._questions, self.told = 0, list[dict]()
+
+    def fronts(self, tiles: Tiles, shape: tuple, sets: int) -> Fronts:
+        """The state of the next question of the frame."""
+        key = self._questions, shape, sets
+        self._questions += 1
+        if key not in self._fronts:
+            self._fronts[key] = Fronts(tiles, self.parts, sets, self.options)
+        return self._fronts[key]
+
+    def run(self, tiles: Tiles, shape: tuple, sets: int, rays) -> None:
+        """Trace one ray set, or several together."""
+        fronts = self.fronts(tiles, shape, sets)
+        statistics = trace_frame(fronts, rays)
+        self.told.append(statistics.as_dict(fronts))
+
+
+def prepare(bvh: Bvh, options: Options, threads=None) -> Scheduled:
+    """What the tracer takes, from a builder's tree."""
+    return Scheduled(parts_of(block_tree(bvh, threads), options), options)
+
+
+class _Rays(NamedTuple):
+    """What all ray sets share."""
+
+    tiles: Tiles
+    picture: Picture
+    cells: np.ndarray
+    parts: Parts
+    threads: int
+
+    def ask(self, fronts: Fronts, pairs, blind: bool) -> Answers:
+        pair = fronts.tile[pairs], fronts.set[pairs], fronts.row[pairs]
+        return ask(self.tiles, self.cells, self.parts.lines, *pair, fronts.options.threshold, blind, self.threads)
+
+    def forest(self, lists: Lists, sets: int, fresh: bool) -> Forest:
+        p, t = self.parts, self.tiles
+        return Forest(p.trees, p.heads, t.pixels, t.across, sets, lists.starts, lists.items, fresh)
+
+
+class _Shadows:
+    """The segments of a query to some chunks of its samples, as ray sets: all together, or each stratum by itself."""
+
+    def __init__(self, scheduled: Scheduled, query: ShadowQuery, bits, chunks: range, trace, several: bool, options):
+        self.query, self.bits, self.chunks, self.trace_, self.options = query, bits, chunks, trace, options
+        self.first = chunks.start * STRATA
+        self.count = min(len(chunks) * STRATA, query.samples.shape[1] - self.first)
+        self.sets, threads = self.count if several else 1, options["threads"]
+        shape = tile_shape(query)
+        picture = picture_of(shape, *query.sides.shape)
+        cells = bound_cells(query, picture, self.first, self.count, self.sets, threads)
+        self.rays = _Rays(tiles_of(shape, scheduled.options.tile), picture, cells, scheduled.parts, threads)
+        self.fresh = True
+
+    def ask(self, fronts, pairs, again):
+        return self.rays.ask(fronts, pairs, again)
+
+    def trace(self, lists: Lists) -> None:
+        if not (self.fresh or len(lists.tiles)):
+            return
+        sets = STRATA if self.sets > 1 else 1
+        forest = self.rays.forest(_padded(lists, self.sets), sets, self.fresh)
+        self.trace_(forest, self.query, self.bits, chunks=self.chunks, **self.options)
+        tiles = np.arange(self.rays.tiles.smallest, dtype=np.int32) if self.fresh else lists.tiles
+        r = self.rays
+        shorten(r.cells, r.tiles.spans, tiles, self.query, r.picture, self.first, self.count, self.bits, r.threads)
+        self.fresh = False
+
+
+def _padded(lists: Lists, sets: int) -> Lists:
+    """The lists of a chunk with fewer than STRATA sets, as those of one with all."""
+    if sets in (1, STRATA):
+        return lists
+    counts = np.zeros((len(lists.starts) // sets, STRATA), np.int32)
+    counts[:, :sets] = np.diff(lists.starts).reshape(-1, sets)
+    return lists._replace(starts=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
+
+
+def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    Rays to a lamp or the sun have one visibility state, and multi-frusta tracing traces them; directions of the
+    hemisphere have one each (Sec. 5.3), and packets do.
+
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    """
+    chunks = range(-(-query.samples.shape[1] // STRATA))
+    options = {"threads": thread_count(threads), "counters": counters, "progress": progress}
+    kind, steps, trace = query.light.kind, [chunks], trace_forest
+    if is_scattered(query):
+        steps, trace = [range(c, c + 1) for c in chunks], over_samples if kind == LIST else over_pixels
+    elif is_huge(query, scheduled.parts.extents):
+        trace = over_pixels
+    for step in steps:
+        rays = _Shadows(scheduled, query, bits, step, trace, kind == AMBIENT, options)
+        scheduled.run(rays.rays.tiles, query.sides.shape, rays.sets, rays)
+
+
+class _Pass:
+    """A pass of rays that look for what is nearest."""
+
+    def __init__(self, scheduled: Scheduled, rays: RayPass, reach: float, threads: int):
+        h, w = rays.asks.shape
+        shape = TileShape(4, 4, -(-w // 4), -(-h // 4))
+        picture = picture_of(shape, h, w)
+        self.pass_, self.hits = rays, hits_of(rays, reach)
+        cells = bound_rays(picture, rays, self.hits, threads)
+        self.rays = _Rays(tiles_of(shape, scheduled.options.tile), picture, cells, scheduled.parts, threads)
+
+    def ask(self, fronts, pairs, again):
+        return self.rays.ask(fronts, pairs, False)  # a box around the nearest hit is entered before it
+
+    def trace(self, lists: Lists) -> None:
+        r, forest = self.rays, self.rays.forest(lists, 1, True)
+        trace_nearest(forest, r.tiles.spans, lists.tiles, r.picture, self.pass_, self.hits, r.cells[0], r.threads)
+
+
+def nearest_hits(scheduled: Scheduled, rays: RayPass, threads=None) -> Hits:
+    """The nearest hit of each ray of a pass, the same as every other method finds."""
+    boxes = scheduled.parts.boxes[0].astype(np.float64)
+    points = rays.origins.reshape(-1, 3)
+    low, high = np.minimum(boxes[0], points.min(0)), np.maximum(boxes[1], points.max(0))
+    made = _Pass(scheduled, rays, float(np.linalg.norm(high - low)) + 1e-30, thread_count(threads))
+    scheduled.run(made.rays.tiles, rays.asks.shape, 1, made)
+    return made.hits

@@ -1,0 +1,138 @@
+"""Trees of blocks that rays go through one after the other: a whole scene as one tree, or the parts that a tile needs.
+
+A *forest* is a table of addresses, so that its trees may share arrays, as the subtrees of one `BlockTree` do, or have
+their own, as the chunks of a scene that is larger than memory. Its lists say which trees the receivers of each screen
+tile go through, and in which order; see `chcrt`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.blocks import BlockPointers, BlockTree
+from ..jit import inlined
+from ..simd import f32_at, get, i32_at, ptr
+from .descent import At
+from .slabs import children_mixed, children_uniform
+
+ADDRESSES = 7  # int64 of a tree in the table: the addresses of its arrays but that of links, then the link to its root
+CORNERS, ROOT = 5, 6
+_NO_BOX = np.float32(3.0e38)
+
+
+class Forest(NamedTuple):
+    """Trees, and lists of them. What holds the memory behind the addresses must outlive it."""
+
+    trees: np.ndarray  # (k, ADDRESSES) int64
+    heads: np.ndarray  # (k, 16) float32: a node's line for each tree, whose left child is its root
+    tile: int  # width and height of a screen tile in pixels, a multiple of a region's, or 0: there is one tile
+    across: int  # tiles in a row
+    sets: int  # lists of a screen tile: one for all strata, or one for each stratum of a chunk
+    starts: np.ndarray  # (lists + 1,) int32: where in `items` each list begins
+    items: np.ndarray  # (m,) int32: numbers of trees
+    fresh: bool  # nothing is known of the segments yet; else the bits tell which ones are blocked
+
+
+class ForestPointers(NamedTuple):
+    """Pointers to the arrays of a `Forest`."""
+
+    trees: object  # int64 *
+    heads: object  # float32 *
+    tile: int
+    across: int
+    sets: int
+    starts: object  # int32 *
+    items: object  # int32 *
+    fresh: bool
+
+
+@inlined
+def forest_pointers(forest):
+    """`ForestPointers` of a `Forest`, which must outlive them."""
+    return ForestPointers(
+        ptr(forest.trees), ptr(forest.heads), np.int64(forest.tile), np.int64(forest.across), np.int64(forest.sets),
+        ptr(forest.starts), ptr(forest.items), forest.fresh,
+    )  # fmt: skip
+
+
+@inlined
+def _tile_of(forest, y, x):
+    """The screen tile that pixel (y, x) is in."""
+    return y // forest.tile * forest.across + x // forest.tile if forest.tile > 0 else np.int64(0)
+
+
+@inlined
+def list_of(forest, y, x, stratum):
+    """(begin, end) in `items` of the trees for a stratum of the receivers near pixel (y, x)."""
+    number = _tile_of(forest, y, x) * forest.sets + (stratum if forest.sets > 1 else np.int64(0))
+    return np.int64(get(forest.starts, number)), np.int64(get(forest.starts, number + 1))
+
+
+@inlined
+def tree_in(forest, k):
+    """The `BlockPointers` of tree k."""
+    at = k * ADDRESSES
+    nodes = np.int64(get(forest.trees, at))
+    return BlockPointers(
+        f32_at(nodes), i32_at(nodes), f32_at(get(forest.trees, at + 1)), f32_at(get(forest.trees, at + 2)),
+        i32_at(get(forest.trees, at + 3)), i32_at(get(forest.trees, at + 4)), f32_at(get(forest.trees, at + 5)),
+    )  # fmt: skip
+
+
+@inlined
+def is_idle(forest, y, x):
+    """Have the receivers near pixel (y, x) no tree to go through, and their own surfaces are settled?"""
+    first = _tile_of(forest, y, x) * forest.sets
+    return not forest.fresh and get(forest.starts, first) == get(forest.starts, first + forest.sets)
+
+
+@inlined
+def root_in(forest, k):
+    """The link to the root of tree k."""
+    return np.int64(get(forest.trees, k * ADDRESSES + ROOT))
+
+
+@inlined
+def item(forest, i):
+    """The number of the tree at place i of the lists."""
+    return np.int64(get(forest.items, i))
+
+
+@inlined
+def start_in(forest, k, slabs, alive):
+    """Where the walk through tree k begins of those lanes in `alive` that meet its box; mask 0: none does."""
+    if slabs.uniform:
+        met = children_uniform(forest.heads, k, slabs.ux, slabs.uy, slabs.uz)[0]
+    else:
+        met = children_mixed(forest.heads, k, slabs.mx, slabs.my, slabs.mz)[0]
+    return At(root_in(forest, k), np.int64(-1), met & alive, np.int64(0))
+
+
+@inlined
+def are_apart(forest, j, k):
+    """Have trees j and k arrays of their own, so that slots of one mean nothing in the other?"""
+    return get(forest.trees, j * ADDRESSES + CORNERS) != get(forest.trees, k * ADDRESSES + CORNERS)
+
+
+def addresses(tree: BlockTree, root: int = 0) -> list[int]:
+    """A row of the table: the subtree of a `BlockTree` that a link leads to."""
+    arrays = tree.nodes, tree.blocks, tree.bounds, tree.slots, tree.prim_ids, tree.corners
+    return [*(a.ctypes.data for a in arrays), root]
+
+
+def head(low, high) -> np.ndarray:
+    """(..., 16) float32: the lines of nodes whose left children have the boxes from `low` to `high`, (..., 3)."""
+    low, high = np.asarray(low, np.float32), np.asarray(high, np.float32)
+    line = np.zeros((*low.shape[:-1], 16), np.float32)
+    line[..., 0:12:4], line[..., 2:12:4] = low, high
+    line[..., 1:12:4], line[..., 3:12:4] = low, high
+    return line
+
+
+def whole(tree: BlockTree) -> Forest:
+    """A tree as it is."""
+    everything = np.full(3, _NO_BOX)
+    return Forest(
+        np.array([addresses(tree)], np.int64), head([-everything], [everything]), 0, 1, 1,
+        np.array([0, 1], np.int32), np.zeros(1, np.int32), True,
+    )  # fmt: skip
