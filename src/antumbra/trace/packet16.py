@@ -51,20 +51,12 @@ def nothing_for(trees, y, x):
     """In kernels: need nothing be done about the receivers near pixel (y, x)?"""
 
 
-def number_at(trees, i):
-    """In kernels: the number of the i-th of them."""
-
-
 def tree_number(trees, k):
     """In kernels: tree k."""
 
 
-def begin_in(trees, k, slabs, alive):
-    """In kernels: where the walk of the lanes in `alive` through tree k begins."""
-
-
-def differ(trees, j, k):
-    """In kernels: do slots of tree j mean nothing in tree k?"""
+def walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
+    """In kernels: (where row r is after the trees from the i-th on, in which it goes on, the rays left)."""
 
 
 def trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
@@ -87,25 +79,20 @@ def _nothing_for(trees, y, x):
     return _chosen(trees, Tree, lambda trees, y, x: False, lambda trees, y, x: is_idle(trees, y, x))
 
 
-@overload(number_at)
-def _number_at(trees, i):
-    return _chosen(trees, Tree, lambda trees, i: np.int64(0), lambda trees, i: item(trees, i))
-
-
 @overload(tree_number)
 def _tree_number(trees, k):
     return _chosen(trees, Tree, lambda trees, k: trees, lambda trees, k: tree_in(trees, k))
 
 
-@overload(begin_in)
-def _begin_in(trees, k, slabs, alive):
-    several = lambda trees, k, slabs, alive: start_in(trees, k, slabs, alive)
-    return _chosen(trees, Tree, lambda trees, k, slabs, alive: root(alive), several)
-
-
-@overload(differ)
-def _differ(trees, j, k):
-    return _chosen(trees, Tree, lambda trees, j, k: False, lambda trees, j, k: are_apart(trees, j, k))
+@overload(walk_trees)
+def _walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
+    if trees.instance_class is Tree:
+        return lambda trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters: _walk_one(
+            trees, rays, r, slabs, at, alive, facing, scratch, counters
+        )
+    return lambda trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters: _walk_forest(
+        trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters
+    )
 
 
 def _chosen(argument, kind, one, other):
@@ -157,28 +144,53 @@ def _trace_triangles(tree, rays, r, code, mask, facing, aside, counters):
     return hits
 
 
+@inlined
+def _walk_tree(tree, rays, r, slabs, at, alive, facing, scratch, counters):
+    """Trace row r through a tree from `at`: (where it is, mask 0 if it is done; the rays left).
+
+    It stops early when the memory for what is put aside runs low.
+    """
+    at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
+    while at.mask != 0 and np.int64(get(scratch.aside, 0)) <= ASIDE:
+        alive &= ~trace_leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)
+        at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
+    return at, alive
+
+
+@inlined
+def _walk_forest(forest, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
+    """Trace row r through the trees from the i-th on: (where it is, in which tree it goes on, the rays left)."""
+    while i < end and alive != 0:
+        k = item(forest, i)
+        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
+            break
+        put(scratch.at, TREE, k)
+        if at.place == NOWHERE:
+            at = start_in(forest, k, slabs, alive)
+        at, alive = _walk_tree(tree_in(forest, k), rays, r, slabs, at, alive, facing, scratch, counters)
+        if at.mask != 0:
+            break
+        at = nowhere()
+        i += 1
+    return at, i, alive
+
+
+@inlined
+def _walk_one(tree, rays, r, slabs, at, alive, facing, scratch, counters):
+    """The same through one tree."""
+    if at.place == NOWHERE:
+        at = root(alive)
+    at, alive = _walk_tree(tree, rays, r, slabs, at, alive, facing, scratch, counters)
+    return at, np.int64(0) if at.mask != 0 else np.int64(1), alive
+
+
 @kernel
 def _walk(trees, rays, r, i, end, facing, scratch, counters):
     """Trace row r through the trees from the i-th on; the one to go on with when what is put aside has been settled."""
     alive = open_rays(rays, r)
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
     at = saved(scratch.at, alive)
-    while i < end and alive != 0:
-        k = number_at(trees, i)
-        if np.int64(get(scratch.aside, 0)) != 0 and differ(trees, np.int64(get(scratch.at, TREE)), k):
-            break
-        put(scratch.at, TREE, k)
-        tree = tree_number(trees, k)
-        if at.place == NOWHERE:
-            at = begin_in(trees, k, slabs, alive)
-        at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
-        while at.mask != 0 and np.int64(get(scratch.aside, 0)) <= ASIDE:
-            alive &= ~trace_leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)
-            at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
-        if at.mask != 0:
-            break
-        at = nowhere()
-        i += 1
+    at, i, alive = walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters)
     save(scratch.at, at)
     put(rays.dead, r, np.int64(get(rays.dead, r)) | (rays.lanes & ~alive))
     return i if alive != 0 else end
