@@ -109,13 +109,14 @@ class _Build:
         """Spool all pieces; name, up, cameras, lights and notes of all scenes."""
         names, ups, cameras, lights, notes = [], set(), [], [], []
         for scene in scenes:
-            for piece in scene.source.pieces(0.0):
+            source = scene.source
+            for piece in source.pieces(0.0):
                 spool.add(piece)
                 self._say("reading", spool.survey.n_triangles, 0)
             names.append(scene.name)
             ups.add(scene.up)
-            cameras += scene.cameras
-            lights += scene.lights
+            cameras += source.cameras(0.0)
+            lights += source.lights(0.0)
             notes += scene.notes
             if scene.animated:
                 notes.append(f"{scene.name}: moves; the store shows its first moment")
