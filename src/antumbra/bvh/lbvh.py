@@ -90,7 +90,7 @@ def _cut(codes, first, last, drop):
 
 
 @kernel
-def _cut_top(codes, drop, largest):
+def cut_top(codes, drop, largest):
     """(children, ranges) of the nodes over more than `largest` triangles, as in `Top`; parents come first."""
     n = len(codes)
     room = n // largest * _LEVELS + 1
@@ -209,7 +209,7 @@ def _depth(children, forest):
 def _emit(flat, source: Sorted, max_leaf: int, threads: int):
     """(Bvh, its depth) of sorted triangles."""
     n = len(flat)
-    children, ranges = _cut_top(source.codes, source.drop, largest_subtree(n))
+    children, ranges = cut_top(source.codes, source.drop, largest_subtree(n))
     t, s = len(children), len(ranges)
     numbers = [np.empty(s, np.int64) for _ in range(4)]
     forest = Forest(ranges, numbers[0], numbers[1], np.empty((s, 8), np.float32), numbers[2], numbers[3])

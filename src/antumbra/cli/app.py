@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from . import bench, culling, explain, info, plans, render, scenes, warmup
+from . import bench, build, culling, explain, info, plans, render, scenes, warmup
 
 app = typer.Typer(
     name="antumbra",
@@ -18,6 +18,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("render")(render.render)
+app.command("build")(build.build)
 app.command("info")(info.info)
 app.command("scenes")(scenes.scenes)
 app.command("plans")(plans.plans)

@@ -16,6 +16,7 @@ PROCEDURAL = "procedural:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
 
 _COUNT = re.compile(r"(\d+(?:\.\d+)?)([kKmM]?)")
+_BYTES = re.compile(r"(\d+(?:\.\d+)?)([kKmMgGtT]?)(?:i?[bB])?")
 _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
@@ -89,6 +90,15 @@ def parse_count(text: str, what: str) -> int:
     value = float(match[1]) * {"": 1, "k": 1_000, "m": 1_000_000}[match[2].lower()] if match else math.nan
     if not value.is_integer() or value >= 1 << 53:
         raise InputError(f"{what} is {text!r}; it must be a whole number such as 5000, 100k or 2.5M")
+    return int(value)
+
+
+def parse_bytes(text: str, what: str) -> int:
+    """A number of bytes, perhaps with a suffix k, M, G or T, each 1024 times the one before: 512M, 4G."""
+    match = _BYTES.fullmatch(text.strip()) if len(text) < 40 else None
+    value = float(match[1]) * 1024 ** ["", "k", "m", "g", "t"].index(match[2].lower()) if match else math.nan
+    if not value < 1 << 60:
+        raise InputError(f"{what} is {text!r}; it must be a number of bytes such as 512M or 4G")
     return int(value)
 
 

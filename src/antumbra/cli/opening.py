@@ -24,7 +24,10 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
             raise InputError("--up belongs to files; procedural scenes have +Y up, leave it out")
         return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
     from .. import load
+    from ..scene.load import STORE_SUFFIX
 
+    if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
+        raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the notes, which are said below
         scene = load(spec.path, up=up or "y")

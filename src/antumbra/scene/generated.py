@@ -1,12 +1,14 @@
 """Procedural scenes as `Scene` objects."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from .camera import Camera
 from .lights import QuadLight
-from .mesh import make_mesh
+from .mesh import MeshInfo, make_mesh
 from .scene import Scene
-from .source import StaticMeshes
+from .source import Piece, StaticMeshes
 
 
 class _Generated(StaticMeshes):
@@ -46,3 +48,56 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
     mesh = make_mesh(name, made.vertices, made.faces, colour, f"procedural {name}")
     camera, light = Camera(**made.camera), QuadLight(**made.light)
     return Scene(_Generated([mesh], f"procedural {name}", camera, light), name=name)
+
+
+class StreamedCity:
+    """``procedural("city", ...)`` for who looks at its pieces only: they are never all in memory.
+
+    Its name, up axis, camera, light and pieces are those of the `Scene`, whose faces they give in the same order; and
+    it is its own source.
+
+    Parameters
+    ----------
+    triangles, seed
+        As of `procedural`.
+    processes : int
+        That make its blocks.
+    """
+
+    name = "city"
+    up = "y"
+    file = "procedural city"
+    duration = 0.0
+    animated = False
+    notes = ()
+
+    def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1):
+        from .procedural import PROCEDURAL
+        from .procedural.request import checked
+
+        triangles = PROCEDURAL["city"].default_triangles if triangles is None else triangles
+        self._asked, self._processes = checked("city", triangles, seed), processes
+        self.meshes: list[MeshInfo] = []
+
+    @property
+    def source(self) -> "StreamedCity":
+        return self
+
+    def pieces(self, time: float) -> Iterator[Piece]:
+        """A block at a time."""
+        from .procedural import PALETTE
+        from .procedural.stream import streamed_blocks
+
+        palette = np.asarray(PALETTE, np.float32)
+        for vertices, faces, colour in streamed_blocks(*self._asked, self._processes):
+            yield Piece(vertices[None], faces, palette[colour], self.file)
+
+    def cameras(self, time: float) -> list:
+        from .procedural import city_view
+
+        return [Camera(**city_view(self._asked[0])[0])]
+
+    def lights(self, time: float) -> list:
+        from .procedural import city_view
+
+        return [QuadLight(**city_view(self._asked[0])[1])]

@@ -13,6 +13,7 @@ from .source import Source
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 MESH_SUFFIXES = (".obj", ".ply", ".stl")
+STORE_SUFFIX = ".antumbra"
 
 
 def load(path, *, up: str = "y") -> Scene:
@@ -23,14 +24,16 @@ def load(path, *, up: str = "y") -> Scene:
     path : str or path-like
         A .glb, .gltf, .obj, .ply or .stl file, or a folder with `frames.npy` ((n, v, 3) float, the vertices
         at n moments), `faces.npy` ((f, 3) int) and, if wanted, `face_rgba.npy` ((f, 4) uint8 or float,
-        linear) and an `info.json` with "times" (n seconds). Files it names are read from its folder only.
+        linear) and an `info.json` with "times" (n seconds). Files it names are read from its folder only. Or a store,
+        .antumbra, that `antumbra build` has made.
     up : "y" or "z"
-        Which axis points up. It is recorded as `Scene.up`; coordinates stay as they are.
+        Which axis points up. It is recorded as `Scene.up`; coordinates stay as they are. A store has its own.
 
     Returns
     -------
     Scene
-        With base colours from vertex colours, material colours and the mean colours of textures.
+        With base colours from vertex colours, material colours and the mean colours of textures; of a store a
+        `PagedScene`, whose triangles stay on disk.
 
     Raises
     ------
@@ -70,8 +73,12 @@ def _read(path: Path, up: str) -> Scene:
 
         return _scene(*read_frames(path), path.resolve().name, up)
     suffix = path.suffix.lower()
+    if suffix == STORE_SUFFIX:
+        from ..store.scene import load_store
+
+        return load_store(path)
     if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
-        known = ", ".join(GLTF_SUFFIXES + MESH_SUFFIXES)
+        known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, STORE_SUFFIX))
         checked_file(path, name)
         shown = f"format {suffix!r}" if suffix else "format, no suffix"
         raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")

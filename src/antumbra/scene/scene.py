@@ -6,8 +6,9 @@ from ..errors import InputError
 from . import framing
 from .camera import Camera
 from .mesh import MeshInfo, make_mesh
-from .recentre import MAX_EXTENT, frame_origin
+from .recentre import frame_origin
 from .source import Source, StaticMeshes
+from .survey import Survey, faces_of
 from .triangles import Triangles
 
 
@@ -40,13 +41,15 @@ class Scene:
         Name, triangles and instances of each mesh.
     notes : tuple of str
         What the loader left out, or took differently from what the file may have meant.
+    source : Source
+        What the triangles, cameras and lights come from.
     """
 
     def __init__(self, source: Source, *, name: str = "scene", up: str = "y", notes: tuple[str, ...] = ()):
         self.name, self.up, self.notes = name, checked_up(up), tuple(notes)
         self.duration = float(source.duration)
         self.meshes: list[MeshInfo] = source.meshes
-        self._source = source
+        self.source = source
         self.bounds, self.colours = _survey(source)
         self.origin = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
@@ -116,7 +119,7 @@ class Scene:
         vertices = np.empty((self.n_triangles, 3, 3), np.float32)
         start = 0
         with np.errstate(all="ignore"):
-            for piece in self._source.pieces(time):
+            for piece in self.source.pieces(time):
                 start += gather(piece, self.origin, vertices[start:], threads)
         face_id = np.arange(self.n_triangles, dtype=np.int32)
         return Triangles(vertices, self.origin.copy(), face_id, self.colours)
@@ -125,13 +128,13 @@ class Scene:
         """Camera `index` of the file as it is at `time`."""
         if not 0 <= index < len(self._cameras):
             raise InputError(f"{self.name}: there is no camera {index}; the scene has {len(self._cameras)}")
-        return self._source.cameras(self.clamped(time))[index]
+        return self.source.cameras(self.clamped(time))[index]
 
     def light(self, index: int = 0, time: float = 0.0):
         """Light `index` of the file as it is at `time`."""
         if not 0 <= index < len(self._lights):
             raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
-        return self._source.lights(self.clamped(time))[index]
+        return self.source.lights(self.clamped(time))[index]
 
     def default_camera(self, width: int = 1024, height: int = 1024) -> Camera:
         """Three-quarter view from a little above, with the bounding sphere of the scene in view."""
@@ -233,24 +236,12 @@ def checked_up(up: str) -> str:
 
 def _survey(source: Source) -> tuple[np.ndarray, np.ndarray]:
     """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0."""
-    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
-    colours = [np.empty((0, 3), np.float32)]
+    survey, colours = Survey(source.file), [np.empty((0, 3), np.float32)]
     for piece in source.pieces(0.0):
-        copies, n_vertices = piece.vertices.shape[:2]
-        faces = n_vertices // 3 if piece.faces is None else len(piece.faces)
-        colours.append(np.broadcast_to(piece.colour, (copies, faces, 3)).reshape(-1, 3))
-        if faces and copies:
-            lower = np.minimum(lower, piece.vertices.min(axis=(0, 1)))  # NaN stays, and fails below
-            upper = np.maximum(upper, piece.vertices.max(axis=(0, 1)))
-    n = sum(map(len, colours))
-    if n == 0:
-        raise InputError(f"{source.file}: no triangles; export the scene with its meshes triangulated")
-    if not (upper - lower <= MAX_EXTENT).all():
-        raise InputError(
-            f"{source.file}: the scene reaches from {lower.tolist()} to {upper.tolist()}; "
-            f"it must be finite and at most {MAX_EXTENT:g} units wide"
-        )
-    return np.stack([lower, upper]), np.concatenate(colours)
+        survey.add(piece)
+        shape = piece.vertices.shape[0], faces_of(piece), 3
+        colours.append(np.broadcast_to(piece.colour, shape).reshape(-1, 3))
+    return survey.bounds(), np.concatenate(colours)
 
 
 def _as_positions(vertices, name: str) -> np.ndarray:

@@ -15,7 +15,17 @@ from .museum import museum
 from .palette import PALETTE
 from .request import LEAST, MOST, checked
 
-__all__ = ["LEAST", "MOST", "PROCEDURAL", "ProceduralScene", "Recipe", "city_blocks", "city_view", "generate"]
+__all__ = [
+    "LEAST",
+    "MOST",
+    "PALETTE",
+    "PROCEDURAL",
+    "ProceduralScene",
+    "Recipe",
+    "city_blocks",
+    "city_view",
+    "generate",
+]
 
 
 class ProceduralScene(NamedTuple):

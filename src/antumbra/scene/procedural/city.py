@@ -1,6 +1,7 @@
 """A city, block by block: it can be made in one piece, or streamed at sizes that do not fit into memory."""
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from .trees import BareTree, bare_tree, tree
 PITCH, STREET = 70.0, 15.0  # metres from block to block; width of the streets
 KERB = 0.16
 FULL_BLOCK = 20_000  # triangles; cities that are allowed more have more blocks
+GROUP = 64  # blocks that share a budget: what one has less than its part, those after it have more
 _WALLS = (p.BRICK, p.SANDSTONE, p.PLASTER, p.TERRACOTTA, p.LIMESTONE, p.CONCRETE)
 _PAINTS = (p.RED, p.BLUE, p.WHITE, p.IRON, p.OCHRE, p.TEAL)
 
@@ -94,10 +96,23 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
     return _pieces(*checked("city", triangles, seed))
 
 
-def _pieces(triangles: int, seed: int) -> Iterator[Mesh]:
+def city_groups(triangles: int, seed: int, first: int = 0, step: int = 1) -> Iterator[Iterator[Mesh]]:
+    """The pieces of every `step`-th group of blocks from the `first` on.
+
+    Groups do not depend on each other, so several processes can make a city; the arguments have been checked.
+    """
     plan = _plan(triangles)
-    done = 0
-    for k in range(plan.n * plan.n):
+    for k in range(first * GROUP, plan.n**2, step * GROUP):
+        yield _group(plan, triangles, seed, range(k, min(k + GROUP, plan.n**2)))
+
+
+def _pieces(triangles: int, seed: int) -> Iterator[Mesh]:
+    return chain.from_iterable(city_groups(triangles, seed))
+
+
+def _group(plan: _Plan, triangles: int, seed: int, blocks: range) -> Iterator[Mesh]:
+    done = round(triangles * blocks[0] / plan.n**2)
+    for k in blocks:
         i, j = divmod(k, plan.n)
         budget = round(triangles * (k + 1) / plan.n**2) - done
         mesh = _block(plan, i, j, budget, np.random.default_rng([seed, i, j]))

@@ -1,0 +1,82 @@
+"""The blocks of a city, made by several processes: groups of blocks in turn, each sent through a pipe when it is done.
+
+Processes are started by name, not forked or spawned: that disturbs neither the threads of this one nor its main module.
+"""
+
+import os
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from .city import GROUP, city_groups
+from .shapes import Mesh
+
+_SIZES = struct.Struct("<QQ")  # vertices, faces
+_PACKAGE = Path(__file__).parents[3]
+
+
+def streamed_blocks(triangles: int, seed: int, processes: int) -> Iterator[Mesh]:
+    """What `city_blocks` yields, made by so many processes; the arguments have been checked."""
+    workers = [_started(triangles, seed, k, processes) for k in range(processes)]
+    try:
+        working = True
+        while working:
+            for worker in workers:
+                working = False
+                for _ in range(GROUP):
+                    block = _received(worker.stdout)
+                    if block is None:
+                        break
+                    working = True
+                    yield block
+                if not working:
+                    break
+        for worker in workers:
+            if worker.wait() != 0:
+                raise RuntimeError("a process that makes blocks of the city has failed")
+    finally:
+        for worker in workers:
+            worker.kill()
+            worker.stdout.close()
+            worker.wait()
+
+
+def _started(triangles: int, seed: int, first: int, step: int) -> subprocess.Popen:
+    """A process that makes every `step`-th group. Ctrl-C is for its parent, which ends it."""
+    paths = [str(_PACKAGE), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in paths if p), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", __name__, *map(str, (triangles, seed, first, step))]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env, start_new_session=True)
+
+
+def _received(pipe) -> Mesh | None:
+    """The next block; None at the end."""
+    sizes = pipe.read(_SIZES.size)
+    if len(sizes) < _SIZES.size:
+        return None
+    v, f = _SIZES.unpack(sizes)
+    block = Mesh(np.empty((v, 3), np.float32), np.empty((f, 3), np.int32), np.empty(f, np.uint8))
+    for array in block:
+        if pipe.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
+            raise RuntimeError("a process that makes blocks of the city has ended too early")
+    return block
+
+
+def _send(pipe, triangles: int, seed: int, first: int, step: int) -> None:
+    """In a process: write the blocks of its groups; each group is done before it is sent."""
+    for group in city_groups(triangles, seed, first, step):
+        for block in list(group):
+            pipe.write(_SIZES.pack(len(block.vertices), len(block.faces)))
+            for array in block:
+                pipe.write(np.ascontiguousarray(array).data)
+    pipe.flush()
+
+
+if __name__ == "__main__":
+    with suppress(BrokenPipeError):  # the parent has gone
+        _send(sys.stdout.buffer, *map(int, sys.argv[1:]))

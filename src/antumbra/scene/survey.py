@@ -1,0 +1,39 @@
+"""How far a scene reaches, from its pieces one after the other."""
+
+import numpy as np
+
+from ..errors import InputError
+from .recentre import MAX_EXTENT
+from .source import Piece
+
+
+def faces_of(piece: Piece) -> int:
+    """The faces of each copy."""
+    return piece.vertices.shape[1] // 3 if piece.faces is None else len(piece.faces)
+
+
+class Survey:
+    """The number of triangles, and the bounds, of the pieces that were added; `file` is what errors call them."""
+
+    def __init__(self, file: str):
+        self.file, self.n_triangles = file, 0
+        self._lower, self._upper = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def add(self, piece: Piece) -> None:
+        """Count a piece that does not move."""
+        count = len(piece.vertices) * faces_of(piece)
+        if count:
+            self._lower = np.minimum(self._lower, piece.vertices.min(axis=(0, 1)))  # NaN stays, and fails below
+            self._upper = np.maximum(self._upper, piece.vertices.max(axis=(0, 1)))
+        self.n_triangles += count
+
+    def bounds(self) -> np.ndarray:
+        """(2, 3) float64; InputError where there are no triangles, or they reach too far."""
+        if self.n_triangles == 0:
+            raise InputError(f"{self.file}: no triangles; export the scene with its meshes triangulated")
+        if not (self._upper - self._lower <= MAX_EXTENT).all():
+            raise InputError(
+                f"{self.file}: the scene reaches from {self._lower.tolist()} to {self._upper.tolist()}; "
+                f"it must be finite and at most {MAX_EXTENT:g} units wide"
+            )
+        return np.stack([self._lower, self._upper])

@@ -1,0 +1,171 @@
+"""Building a store from scenes of any size within a given amount of memory."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks import whole_number
+from ..errors import InputError
+from ..output import checked_output, replacing
+from ..parallel import thread_count
+from ..scene.load import STORE_SUFFIX
+from ..scene.recentre import frame_origin
+from .chunks import chunks_of
+from .columns import gathered
+from .meta import Meta
+from .sort import Sorting, grid_over, groups
+from .spool import MOST, Spool
+from .top import top_tree
+from .write import Writer
+
+LEAST_MEMORY = 512 << 20
+MOST_TRIANGLES = 2**31 - 1  # so that an int32 holds their indices
+CHUNK = 65536
+_GROUP = 8  # chunks that are sorted in memory at a time
+_BATCH_BYTES = 640  # of memory for each triangle that is distributed at a time: four times what it takes
+_THREAD_BYTES = 64 << 20  # what building a chunk takes, and writing it
+
+Progress = Callable[[str, int, int], None]
+"""Is told what is being done, how much of it is done, and of how much; 0: nobody knows."""
+
+
+class BuildReport(NamedTuple):
+    """What came of a build."""
+
+    path: Path
+    triangles: int
+    chunks: int
+    bytes: int  # of the file
+    seconds: dict[str, float]  # of each phase, and "total"
+
+
+def build_store(
+    scenes: Iterable,
+    path,
+    *,
+    max_memory: int = 4 << 30,
+    threads: int | None = None,
+    chunk: int = CHUNK,
+    progress: Progress | None = None,
+) -> BuildReport:
+    """Write scenes, as one, to a store.
+
+    Parameters
+    ----------
+    scenes : iterable of Scene or StreamedCity
+        Merged in this order, as they are at time 0; cameras and lights of all are kept. They are looked at one after
+        the other, so a generator need not keep them.
+    path : str or path-like
+        A file ``*.antumbra``. It is written whole or not at all, and needs about 60 bytes a triangle more beside it
+        while it is built.
+    max_memory : int
+        Bytes that the process may have in memory at any time, beside the scenes themselves.
+    threads : int, optional
+        None: all cores. Neither they nor `max_memory` change a bit of the file.
+    chunk : int
+        Triangles in a chunk, at most.
+    progress : function of (text, done, total), optional
+
+    Raises
+    ------
+    InputError
+        On scenes without triangles, too far apart or with other up axes; a path that cannot be written, or a full
+        disk, and then nothing is left behind.
+    """
+    path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
+    max_memory = whole_number(max_memory, "max_memory", LEAST_MEMORY, 1 << 60)
+    chunk = whole_number(chunk, "chunk", 16, 1 << 22)
+    with replacing(path) as temporary:
+        return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
+
+
+class _Build:
+    """One build, with what all its phases need."""
+
+    def __init__(self, folder: Path, max_memory: int, threads: int, chunk: int, progress: Progress | None):
+        self.folder, self.chunk, self.progress = folder, chunk, progress
+        self.threads, self.workers = threads, max(1, min(threads, max_memory // 2 // _THREAD_BYTES))
+        self.batch = max(MOST, min(max_memory // _BATCH_BYTES, 1 << 22))
+        self.seconds: dict[str, float] = {}
+        self._start = self._lap = perf_counter()
+
+    def run(self, scenes: Iterable, path: Path, temporary: Path) -> BuildReport:
+        spool = Spool(self.folder, path.name)
+        try:
+            about = self._spooled(scenes, spool)
+            bounds = spool.survey.bounds()
+            self._note("read")
+            with temporary.open("wb") as stream:
+                writer = Writer(stream)
+                self._write_chunks(spool, bounds, writer)
+                return self._finish(writer, about, bounds, path)
+        finally:
+            spool.close()
+
+    def _spooled(self, scenes: Iterable, spool: Spool) -> dict:
+        """Spool all pieces; name, up, cameras, lights and notes of all scenes."""
+        names, ups, cameras, lights, notes = [], set(), [], [], []
+        for scene in scenes:
+            source = scene.source
+            for piece in source.pieces(0.0):
+                spool.add(piece)
+                self._say("reading", spool.survey.n_triangles, 0)
+            names.append(scene.name)
+            ups.add(scene.up)
+            cameras += source.cameras(0.0)
+            lights += source.lights(0.0)
+            notes += scene.notes
+            if scene.animated:
+                notes.append(f"{scene.name}: moves; the store shows its first moment")
+        if not names:
+            raise InputError("no scenes; give at least one")
+        if len(ups) > 1:
+            raise InputError(f"{', '.join(names)}: some have +Y up and some +Z; give them the same up axis")
+        if spool.survey.n_triangles > MOST_TRIANGLES:
+            raise InputError(f"{spool.survey.n_triangles} triangles; a store holds at most {MOST_TRIANGLES}")
+        name = " + ".join(names)
+        return {"name": name, "up": ups.pop(), "cameras": cameras, "lights": lights, "notes": tuple(notes)}
+
+    def _write_chunks(self, spool: Spool, bounds: np.ndarray, writer: Writer) -> None:
+        n, origin, heard = spool.survey.n_triangles, frame_origin(*bounds), 0
+
+        def distributed(count: int) -> None:
+            nonlocal heard
+            heard += count
+            self._say("sorting", heard, 2 * n)
+
+        grid = grid_over((bounds - origin).astype(np.float32))
+        sorting = Sorting(grid, self.folder, _GROUP * self.chunk, self.batch, self.threads, distributed)
+        batches = lambda: gathered(spool.pieces(), origin, self.batch, self.threads)
+        done = 0
+        for made in chunks_of(groups(sorting, batches, n, spool.close), self.chunk, self.workers):
+            if not done:
+                self._note("sort")
+            writer.add(made)
+            done += int(made.row["triangles"])
+            self._say("building", done, n)
+        self._note("build")
+
+    def _finish(self, writer: Writer, about: dict, bounds: np.ndarray, path: Path) -> BuildReport:
+        table = writer.table
+        top = top_tree(table["box"], self.threads)
+        box = np.stack([table["box"][:, :3].min(axis=0), table["box"][:, 3:].max(axis=0)])
+        n = int(table["triangles"].sum())
+        how = {"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"}
+        meta = Meta(n_triangles=n, bounds=bounds, origin=frame_origin(*bounds), box=box, built=how, **about)
+        size = writer.finish(top, meta)
+        self._note("finish")
+        self.seconds["total"] = perf_counter() - self._start
+        return BuildReport(path, n, len(table), size, self.seconds)
+
+    def _say(self, text: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(text, done, total)
+
+    def _note(self, phase: str) -> None:
+        """The phase ends now."""
+        now = perf_counter()
+        self.seconds[phase], self._lap = now - self._lap, now

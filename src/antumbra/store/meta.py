@@ -1,0 +1,65 @@
+"""What a store knows of its scene besides triangles, as JSON. Floats are written so that they come back to the bit."""
+
+import json
+from dataclasses import fields
+from typing import NamedTuple
+
+import numpy as np
+
+from ..scene import lights as lights_module
+from ..scene.camera import Camera
+from ..scene.lights import Light
+from ..scene.point_lights import PointLights
+
+_CAMERA = ("position", "target", "up", "vfov", "width", "height")
+
+
+class Meta(NamedTuple):
+    """The scene of a store."""
+
+    name: str
+    up: str  # "y" or "z"
+    n_triangles: int
+    bounds: np.ndarray  # (2, 3) float64, world
+    origin: np.ndarray  # (3,) float64, world position of the frame's zero
+    box: np.ndarray  # (2, 3) float32: exact bounds of all vertices in the recentred frame
+    cameras: list[Camera]
+    lights: list[Light]
+    notes: tuple[str, ...]  # what the loaders of its sources noted
+    built: dict  # how it was built: names and values
+
+
+def as_json(meta: Meta) -> bytes:
+    """The metadata as JSON."""
+    told = meta._asdict()
+    told["bounds"], told["origin"], told["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
+    told["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
+    told["lights"] = [_light_fields(light) for light in meta.lights]
+    return json.dumps(told).encode()
+
+
+def from_json(data: bytes) -> Meta:
+    """The metadata from JSON that `as_json` wrote."""
+    told = json.loads(data)
+    told["bounds"], told["origin"] = np.array(told["bounds"]), np.array(told["origin"])
+    told["box"] = np.array(told["box"], np.float32)
+    told["cameras"] = [Camera(**values) for values in told["cameras"]]
+    told["lights"] = [_light(values) for values in told["lights"]]
+    told["notes"] = tuple(told["notes"])
+    return Meta(**told)
+
+
+def _plain(value):
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _light_fields(light: Light) -> dict:
+    return {"type": type(light).__name__} | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
+
+
+def _light(values: dict) -> Light:
+    name, values["colour"] = values.pop("type"), tuple(values["colour"])
+    light = PointLights(**values) if name == PointLights.__name__ else getattr(lights_module, name)(**values)
+    for key, value in values.items():  # a direction that is made unit once more could change its last bit
+        object.__setattr__(light, key, np.array(value) if isinstance(getattr(light, key), np.ndarray) else value)
+    return light

@@ -1,0 +1,145 @@
+"""Triangles in the order of their Morton codes, however many there are.
+
+What does not fit in memory is distributed by the leading bits of the codes. They are counted first, so that each part
+is the largest cell (all codes with the same first bits) with few enough triangles, and its place in the files is known.
+A cell that is still too large is distributed by its next bits. How the triangles are cut in groups depends on them
+alone, not on how much memory there is.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.morton import Grid, write_codes
+from ..bvh.prepare import CHUNK
+from ..bvh.radix_sort import radix_sort
+from ..parallel import new_ticket, run
+from .columns import Batches, Buckets, Columns, empty_columns
+
+AXIS_BITS = 21
+CODE_BITS = 3 * AXIS_BITS
+_LEVEL_BITS = 21  # counted at a time: 128 cells along each axis
+
+
+class Group(NamedTuple):
+    """Some triangles that are next to each other in the order of the codes."""
+
+    triangles: Columns
+    codes: np.ndarray  # (n,) int64, ascending
+    order: np.ndarray  # (n,) int32: which of the triangles has each code
+
+
+class Sorting(NamedTuple):
+    """What all of a sort has in common."""
+
+    grid: Grid
+    folder: Path  # of temporary files
+    most: int  # triangles in a group
+    batch: int  # triangles that are distributed at a time
+    threads: int
+    heard: Callable[[int], None]  # is told how many triangles have just been counted or distributed
+
+
+def grid_over(box: np.ndarray) -> Grid:
+    """The grid of the codes over the bounds of all vertices, (2, 3) float32."""
+    lower, upper = box.astype(np.float64)
+    extent = (upper - lower).max()
+    factor = np.float32(2.0**AXIS_BITS / (2.0 * extent)) if extent > 0.0 else np.float32(0.0)
+    origin = np.append(2.0 * lower, 0.0).astype(np.float32)
+    return Grid(origin, factor if np.isfinite(factor) else np.float32(0.0), np.int32(2**AXIS_BITS - 1))
+
+
+def groups(sorting: Sorting, batches: Batches, n: int, done: Callable[[], None], used: int = 0) -> Iterator[Group]:
+    """All of `n` triangles in groups, which come, and are in themselves, in the order of their codes.
+
+    Triangles of equal codes keep their order. `done` is called when the batches are not needed any more; `used`: the
+    first bits of the codes, which all these triangles share.
+    """
+    if n <= sorting.most or used == CODE_BITS:
+        for batch in [_joined(batches(), n)] if n <= sorting.most else batches():
+            yield _sorted(sorting, batch)
+        done()
+        return
+    shift = CODE_BITS - used - _LEVEL_BITS
+    counts = _counted(sorting, batches, shift)
+    cells = _cells(counts, sorting.most)
+    sizes = np.array([counts[first:last].sum() for first, last in cells])
+    buckets = Buckets(sorting.folder, sizes)
+    try:
+        _distribute(sorting, batches, shift, cells, buckets)
+        done()
+        for k, size in enumerate(sizes.tolist()):
+            yield from groups(
+                sorting, lambda k=k: buckets.batches(k, sorting.most), size, lambda: None, used + _LEVEL_BITS
+            )
+    finally:
+        buckets.close()
+
+
+def _joined(batches: Iterator[Columns], n: int) -> Columns:
+    """All of a few triangles at once."""
+    whole, at = empty_columns(n), 0
+    for batch in batches:
+        if len(batch.ids) == n:
+            return batch
+        for column, part in zip(whole, batch):
+            column[at : at + len(part)] = part
+        at += len(batch.ids)
+    return whole
+
+
+def _codes(sorting: Sorting, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(codes, 0 to n - 1) of triangles."""
+    codes, numbers = np.empty(len(corners), np.int64), np.empty(len(corners), np.int32)
+    ticket = new_ticket(len(corners), CHUNK)
+    run(write_codes, sorting.threads, ticket, corners, sorting.grid, codes, numbers)
+    return codes, numbers
+
+
+def _sorted(sorting: Sorting, triangles: Columns) -> Group:
+    codes, numbers = _codes(sorting, triangles.corners)
+    return Group(triangles, *radix_sort(codes, numbers, CODE_BITS, sorting.threads))
+
+
+def _counted(sorting: Sorting, batches: Batches, shift: int) -> np.ndarray:
+    """(2 ** _LEVEL_BITS,) int64: how many triangles each cell has."""
+    counts = np.zeros(1 << _LEVEL_BITS, np.int64)
+    for batch in batches():
+        codes, _ = _codes(sorting, batch.corners)
+        counts += np.bincount(codes >> shift & (len(counts) - 1), minlength=len(counts))
+        sorting.heard(len(codes))
+    return counts
+
+
+def _cells(counts: np.ndarray, most: int) -> list[tuple[int, int]]:
+    """First and last + 1 of the largest cells with at most so many triangles, or of one that has more, in order."""
+    before = np.concatenate([[0], np.cumsum(counts)])
+    waiting, found = [(0, len(counts))], []
+    while waiting:
+        first, last = waiting.pop()
+        n = before[last] - before[first]
+        if n > most and last - first > 1:
+            middle = (first + last) // 2
+            waiting += [(middle, last), (first, middle)]
+        elif n:
+            found.append((first, last))
+    return found
+
+
+def _distribute(sorting: Sorting, batches: Batches, shift: int, cells: list[tuple[int, int]], buckets: Buckets):
+    """Write each triangle to the bucket of its cell; the bits above the cells' are the same in all codes."""
+    n_cells = 1 << _LEVEL_BITS
+    bucket_of = np.zeros(n_cells, np.uint16 if len(cells) <= 1 << 16 else np.int32)  # 16 bits sort fast
+    for k, (first, last) in enumerate(cells):
+        bucket_of[first:last] = k
+    for batch in batches():
+        codes, _ = _codes(sorting, batch.corners)
+        bucket = bucket_of[codes >> shift & (n_cells - 1)]
+        order = np.argsort(bucket, kind="stable")
+        sizes = np.bincount(bucket, minlength=1)
+        ends = np.cumsum(sizes)
+        for k in np.flatnonzero(sizes).tolist():
+            buckets.add(k, batch.rows(order[ends[k] - sizes[k] : ends[k]]))
+        sorting.heard(len(codes))
