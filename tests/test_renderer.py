@@ -142,6 +142,12 @@ def test_culling_by_facing_only_removes_shadows(atrium):
         (dict(threads=0), "threads"),
         (dict(threads=1.5), "threads"),
         (dict(cull_faces="up"), "cull_faces"),
+        (dict(bounce=0), "bounce"),
+        (dict(bounce=1025), "1024"),
+        (dict(bounce=2.5), "bounce"),
+        (dict(bounce=2, lights=at.AmbientOcclusion()), "AmbientOcclusion dims .* leave"),
+        (dict(bounce=2, lights=at.PointLights([(0, 1, 0)], indirect=True)), "PointLights .* leave"),
+        (dict(bounce=2, sampler="dice"), "halton:full"),
         (dict(time=float("nan")), "time"),
     ],
 )

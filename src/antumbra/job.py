@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .bvh.nodes import Bvh
 from .image.fraction import refine_penumbra
 from .image.shade import arriving, shade
 from .query.picture import shadow_queries
 from .query.receivers import NOTHING
-from .query.shadow import ShadowQuery
+from .query.shadow import ShadowQuery, fraction_lit
 from .srdh_rays import Shown, fewer_samples, sparse_gbuffer
 from .trace.bounce import bounced
 
@@ -44,6 +45,20 @@ class Job:
         self.accelerated = ready
         self.clock.lap("build")
 
+    def accelerate_all(self, whole: "Accelerated | None", shown: Shown | None) -> Bvh:
+        """Make ready for queries of any surfaces, whatever has been culled; a BVH of all triangles.
+
+        whole, shown : as for `accelerate`; `whole` may be for the camera's rays only
+        """
+        renderer = self.renderer
+        if renderer.plan.cull:
+            ready = whole if renderer.one_tree else None
+            self.accelerated = ready or renderer.build(self.triangles, None, shown)
+        trees = self.accelerated if renderer.one_tree else whole or renderer.for_camera(self.triangles)
+        self.clock.lap("build")
+        assert trees.bvh is not None
+        return trees.bvh
+
     def ask(self, query: ShadowQuery) -> np.ndarray:
         self.rays += int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
         return self.renderer.answer(self.accelerated, query, self.tally, self.progress)
@@ -63,10 +78,15 @@ class Job:
         lqb = zip(self.lights, queries, bits)
         return [arriving(gbuffer, light, query, b, seen, self.threads) for light, query, b in lqb]
 
-    def shade(self, gbuffer, arrived, visibility, ambient) -> np.ndarray:
+    def shade(self, gbuffer, arrived, visibility, ambient, indirect=None) -> np.ndarray:
         """The image."""
         colour, up = self.triangles.colour, self.renderer.scene.up
-        return shade(gbuffer, colour, self.lights, arrived, visibility, ambient, up, self.threads)
+        return shade(gbuffer, colour, self.lights, arrived, visibility, ambient, up, indirect, self.threads)
+
+    def picture(self, gbuffer, queries, bits, ambient, indirect=None) -> np.ndarray:
+        """The image by the bits of these queries, as they are."""
+        shares = [fraction_lit(b, query.samples.shape[1], self.threads) for query, b in zip(queries, bits)]
+        return self.shade(gbuffer, self.arriving(gbuffer, queries, bits), shares, ambient, indirect)
 
 
 def bounced_queries(renderer: "Renderer", triangles, gbuffer, lights, samples, facing=0) -> Callable:

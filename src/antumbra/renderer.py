@@ -1,6 +1,7 @@
 """One frame, or a sequence with state kept between frames: evaluate, G-buffer, cull, build, trace, shade."""
 
 from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -12,27 +13,30 @@ from .bvh.nodes import Bvh
 from .cull import CULLERS
 from .cull.cull import Culled
 from .errors import InputError
+from .image.filter import smoothed
 from .image.fraction import as_needed, fraction
 from .image.shade import ambient_light
+from .indirect import indirect_light
 from .job import Job
 from .parallel import thread_count
 from .plan import DEFAULT_PLAN, parse_plan
+from .query.diffuse import Passes, diffuse_passes
 from .query.gbuffer import GBuffer, from_hits
 from .query.raster import rasterise
 from .query.rays import cull_value
 from .query.refine import FinerSamples, edges, finer_samples
 from .query.sampling import light_samples
-from .query.shadow import fraction_lit
-from .query.subpixels import block_means, subpixel_gbuffer
+from .query.subpixels import block_copies, block_means, subpixel_gbuffer
 from .query.surface import seen_by
 from .rayhierarchy.soup import soup_of
 from .scene.camera import Camera
 from .scene.lights import check_lights
 from .scene.triangles import Triangles
 from .srdh_rays import Showing, Shown, SrdhRays, check_srdh_rays
+from .trace.bounce import Nearest, nearest_hits
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
-from .warm import warm_up, warm_up_bounce, warm_up_quality
+from .warm import warm_up, warm_up_bounce, warm_up_indirect, warm_up_quality
 
 PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 
@@ -44,10 +48,11 @@ class Frame(NamedTuple):
     visibility: list[np.ndarray]  # of each light (H, W) float32: share of the light seen; 1 where nothing is
     bits: list[np.ndarray]  # of each light (H, W, ceil(n / 64)) uint64: bit s = its sample s occluded; 0: nothing seen
     gbuffer: GBuffer  # what each pixel sees
-    rays: int  # shadow rays asked
+    rays: int  # shadow rays asked, also of surfaces that light bounces off; diffuse rays are not counted
     timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless asked for
     refined: np.ndarray | None = None  # (H, W) bool: penumbrae and edges that were refined; None unless asked for
+    indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance by light that bounced; None unless asked for
 
     def save(self, path, exposure: float | None = None) -> None:
         """Write ``.png`` (sRGB; exposure None: automatic) or ``.exr`` (linear; image, visibility, depth, normal).
@@ -108,14 +113,14 @@ class Renderer:
         self.threads = thread_count(threads)
         check_srdh_rays(srdh_rays, self.plan)
         self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if self.plan.wants_rays else None
-        self._one_tree = self.plan.build is not None and self.showing is None  # for shadow rays and the camera's
+        self.one_tree = self.plan.build is not None and self.showing is None  # for shadow rays and the camera's
         update = self.plan.update  # what it keeps from frame to frame
         self._kept = UPDATERS[update].keep(self._new_tree) if update else None
         self._rays: Callable | None = None  # vertices, BVH of them -> Intersections; while a builder may want them
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
-        filter=False, adaptive=None, progress=None,
+        filter=False, adaptive=None, progress=None, bounce=None,
     ) -> Frame:  # fmt: skip
         """Render a frame; see `antumbra.render`."""
         lights = check_lights(lights)
@@ -123,25 +128,28 @@ class Renderer:
             raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
         samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
         finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
+        passes = None if bounce is None else diffuse_passes(lights, bounce, sampler)
         warm_up(self.plan, self.gbuffer, counters)
         if filter or finer:
             warm_up_quality(self.plan, self.gbuffer)
         if self.showing is not None and self.showing.asked.bounce:
             warm_up_bounce()
-        return self.frame(camera, lights, samples, facing, time, counters, progress, bool(filter), finer)
+        if passes is not None:
+            warm_up_indirect(self.plan, self.gbuffer)
+        return self.frame(camera, lights, samples, facing, time, counters, progress, bool(filter), finer, passes)
 
     def frame(
         self, camera, lights, samples, facing=0, time=0.0, counters=False, progress=None, smooth=False,
-        finer: FinerSamples | None = None,
+        finer: FinerSamples | None = None, passes: Passes | None = None,
     ) -> Frame:  # fmt: skip
         """Render a frame from checked arguments: ``samples`` of each light from `light_samples`, ``facing`` a value of
-        CULL_FACES, ``smooth``: filter; ``finer``: the samples of refined pixels."""
+        CULL_FACES, ``smooth``: filter; ``finer``: the samples of refined pixels; ``passes``: of diffuse rays."""
         clock = _Clock()
         triangles = self.scene.triangles(time, self.threads)
         clock.lap("evaluate")
         whole = None
         if self.gbuffer == "rays":
-            whole = self.build(triangles) if self._one_tree else self._for_camera(triangles)
+            whole = self.build(triangles) if self.one_tree else self.for_camera(triangles)
             clock.lap("build")
         gbuffer = self.see(triangles, camera, whole)
         clock.lap("gbuffer")
@@ -150,7 +158,7 @@ class Renderer:
         clock.lap("trace")
         finer_queries = [] if finer is None else [q._replace(samples=s) for q, s in zip(queries, finer.penumbra)]
         shown = job.show(queries, gbuffer, samples, whole)
-        job.accelerate([*queries, *finer_queries], whole if self._one_tree else None, shown)
+        job.accelerate([*queries, *finer_queries], whole if self.one_tree else None, shown)
         bits = [job.ask(query) for query in queries]
         clock.lap("trace")
         rays = camera.rays(triangles.origin)
@@ -162,9 +170,17 @@ class Renderer:
             edge = edges(seen, triangles.colour, self.threads)
             refined = edge | job.refine(seen, queries, bits, visibility, finer.penumbra, smooth)
             clock.lap("trace")
+        indirect = None
+        if passes is not None:
+            nearest = self.nearest(job.accelerate_all(whole, shown))
+            indirect = indirect_light(job, gbuffer, queries[0].origins, passes, nearest)
+            clock.lap("trace")
+            if smooth:
+                indirect = smoothed(seen, indirect, self.threads)
+                clock.lap("filter")
         arrived = job.arriving(gbuffer, queries, bits, seen if smooth else None)
-        ambient = ambient_light(gbuffer, lights, arrived)
-        image = job.shade(gbuffer, arrived, visibility, ambient)
+        ambient = ambient_light(gbuffer, lights, arrived) if indirect is None else np.zeros(3, np.float32)
+        image = job.shade(gbuffer, arrived, visibility, ambient, indirect)
         clock.lap("shade")
         if finer is not None and edge.any():
             pixels = subpixel_gbuffer(triangles, rays, edge, self.threads)
@@ -174,11 +190,11 @@ class Renderer:
             job.accelerate(queries, job.accelerated, shown)
             fine = [job.ask(query) for query in queries]
             clock.lap("trace")
-            shares = [fraction_lit(b, query.samples.shape[1]) for query, b in zip(queries, fine)]
-            picture = job.shade(pixels, job.arriving(pixels, queries, fine), shares, ambient)
+            around = None if indirect is None else block_copies(indirect[edge], pixels.face.shape)
+            picture = job.picture(pixels, queries, fine, ambient, around)
             image[edge] = block_means(picture, int(np.count_nonzero(edge)))
             clock.lap("shade")
-        return Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), refined)
+        return Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), refined, indirect)
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH if the plan has one."""
@@ -238,7 +254,7 @@ class Renderer:
         """The arguments of a method that wants rays; `bvh`: of the triangles, if there is one."""
         return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
 
-    def _for_camera(self, triangles: Triangles) -> Accelerated:
+    def for_camera(self, triangles: Triangles) -> Accelerated:
         """What the camera's rays are traced through where the plan has no BVH, or one that is made for shadow rays."""
         bvh = BUILDERS["bsah"].build(triangles.vertices, self.threads)
         return Accelerated(triangles, bvh, block_tree(bvh, self.threads))
@@ -262,6 +278,10 @@ class Renderer:
             face, t = trace_primary(tree, rays, self.threads)
         return from_hits(face, t, triangles, rays, self.threads)
 
+    def nearest(self, bvh: Bvh) -> Nearest:
+        """What finds the nearest hits of passes of diffuse rays, in a BVH of all triangles."""
+        return partial(nearest_hits, bvh, threads=self.threads)
+
     def answer(self, accelerated: Accelerated, query, tally=None, progress=None) -> np.ndarray:
         """The bits of a ShadowQuery by this plan's tracer, (h, w, ceil(spp / 64)) uint64."""
         bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
@@ -272,7 +292,7 @@ class Renderer:
 def render(
     scene, camera=None, lights=None, *, spp=16, plan=DEFAULT_PLAN, time=0.0, threads=None, counters=False,
     gbuffer="raster", sampler="larcher-pillichshammer", cull_faces=None, filter=False,
-    adaptive=None, progress=None, srdh_rays=None,
+    adaptive=None, progress=None, srdh_rays=None, bounce=None,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
@@ -310,6 +330,9 @@ def render(
         Called about ten times a second while rays are traced.
     srdh_rays : SrdhRays or None
         Which rays the builder `srdh` is shown; None: those of 16 x 16 pixels. Never changes the bits.
+    bounce : int or None
+        Instead of ambient light, light that bounces once: this many diffuse rays a pixel (1 to 1024), each with a
+        shadow ray to each light from where it ends. `sampler` spreads them too.
 
     Returns
     -------
@@ -334,4 +357,5 @@ def render(
         filter=filter,
         adaptive=adaptive,
         progress=progress,
+        bounce=bounce,
     )

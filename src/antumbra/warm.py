@@ -58,6 +58,12 @@ def warm_up_bounce() -> None:
 
 
 @cache
+def warm_up_indirect(plan, gbuffer: str) -> None:
+    """The same for light that bounces; it is the same for every plan."""
+    _once("light that bounces", lambda: _render_small(plan, gbuffer, False, passes=1), tell)
+
+
+@cache
 def warm_up_steps() -> None:
     """The same for what `antumbra explain` counts."""
 
@@ -105,8 +111,9 @@ def _small_view(quality=False):
     return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), [light, PointLights([(0, 2, 0)], interleave=quality)]
 
 
-def _render_small(plan, gbuffer, counters, quality=False, bounce=False):
+def _render_small(plan, gbuffer, counters, quality=False, bounce=False, passes=0):
     from . import renderer
+    from .query.diffuse import diffuse_passes
     from .query.refine import finer_samples
     from .query.sampling import light_samples
     from .srdh_rays import SrdhRays
@@ -117,7 +124,8 @@ def _render_small(plan, gbuffer, counters, quality=False, bounce=False):
     made = renderer.Renderer(_small_scene(), plan, 2, gbuffer, SrdhRays(bounce=True) if bounce else None)
     if made.showing is None:
         made.accelerate()  # of all triangles: culling leaves too few for all of a builder; the frame refits this tree
-    made.frame(camera, lights, samples, counters=counters, smooth=quality, finer=finer)
+    diffuse = diffuse_passes(lights, passes, "hammersley") if passes else None
+    made.frame(camera, lights, samples, counters=counters, smooth=quality, finer=finer, passes=diffuse)
 
 
 def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
@@ -125,6 +133,7 @@ def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
     plans = list(plans)
     work: list[tuple[str, Callable[[], None]]] = [("ray queries", warm_up_rays)]
     work += [("filter and refinement", lambda p=plan: warm_up_quality(p, "raster")) for plan in plans[:1]]
+    work += [("light that bounces", lambda p=plan: warm_up_indirect(p, "raster")) for plan in plans[:1]]
     work += [("counted steps", warm_up_steps)]
     work += [("a diffuse bounce", warm_up_bounce)] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:

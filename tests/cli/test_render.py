@@ -96,6 +96,8 @@ def test_the_same_arguments_give_the_same_file_however_it_is_computed(render):
     [
         ("--spp", "2"),
         ("--sampler", "sobol"),
+        ("--sampler", "halton"),
+        ("--bounce", "3"),
         ("--filter",),
         ("--adaptive",),
         ("--exposure", "0.001"),
@@ -153,6 +155,17 @@ def test_photons_become_lights(render):
     assert light["type"] == "PointLights" and light["interleave"] and 20 < light["count"] <= 100
     assert told["rays"] == told["seen"] * (16 + -(-light["count"] // 16))
     assert "16 + " in render("--vpl", 100).out
+
+
+def test_light_bounces(render):
+    done = render("--bounce", 3, "-o", "a.png")
+    assert "3 bounces a pixel" in done.out
+    told = render("--bounce", 3, "-o", "b.png", "--json", "--plan", "bsah+single", "--threads", 1).json()
+    assert told["bounce"] == 3 and 17 * told["seen"] < told["rays"] <= 19 * told["seen"]
+    assert [light["type"] for light in told["lights"]] == ["QuadLight"]
+    assert (pixels("a.png") == pixels("b.png")).all()
+    assert render("--bounce", 3, "--sampler", "halton:full", "-o", "b.png").code == 0
+    assert (pixels("a.png") != pixels("b.png")).any()
 
 
 def test_a_file_is_rendered_to_its_own_name(render, square_obj, tmp_path):
@@ -253,6 +266,11 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--vpl", "8", "--ao", "1"), ["--ao", "--vpl", "leave one"]),
         (("--vpl", "8", "--light", "point:1e9,0,0"), ["photons", "move the light nearer"]),
         (("--vpl", "0"), ["--vpl"]),
+        (("--bounce", "0"), ["--bounce", "1024"]),
+        (("--bounce", "1025"), ["--bounce", "1024"]),
+        (("--bounce", "8", "--ao", "1"), ["--ao", "--bounce", "leave one"]),
+        (("--bounce", "8", "--vpl", "8"), ["--vpl", "--bounce", "leave one"]),
+        (("--sampler", "halton:5"), ["halton:5", "halton:18"]),
         (("another",), ["another"]),
     ],
 )

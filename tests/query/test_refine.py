@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.query.refine import edges, finer_samples, penumbra
 from antumbra.query.sampling import light_samples
-from antumbra.query.subpixels import OFFSETS, block_means, subpixel_gbuffer
+from antumbra.query.subpixels import OFFSETS, block_copies, block_means, subpixel_gbuffer
 from antumbra.query.surface import seen_by
 from antumbra.renderer import Renderer
 
@@ -167,6 +167,14 @@ def test_block_means():
     means = block_means(picture, 5)
     assert means.shape == (5, 3) and means.dtype == np.float32
     np.testing.assert_array_equal(means[4], picture[4:8, 4:8].mean((0, 1)))
+
+
+def test_block_copies_are_the_inverse():
+    values = np.random.default_rng(0).random((5, 3), np.float32)
+    picture = block_copies(values, (8, 12))
+    assert picture.shape == (8, 12, 3) and picture.dtype == np.float32
+    np.testing.assert_array_equal(block_means(picture, 5), values)
+    assert not picture[4:, 8:].any()
 
 
 def test_finer_samples():

@@ -26,6 +26,7 @@ class Asked(NamedTuple):
     lights: list  # lights, and indices of the scene's own
     ambient: list  # ambient occlusion, or nothing
     vpl: int | None  # photons
+    bounce: int | None  # diffuse rays a pixel
     spp: int
     sampler: str
     filter: bool
@@ -71,16 +72,16 @@ class Asked(NamedTuple):
         camera, lights = self.view(scene, time), self.direct_lights(scene, time)
         if self.vpl is not None:
             lights.append(virtual_point_lights(scene, lights[0], self.vpl, time=time, threads=self.threads))
-        runs = len(lights) * (1 if self.adaptive is None else 3)
+        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0))
         frame = renderer.render(
             camera, lights, spp=self.spp, time=time, counters=self.counters, sampler=self.sampler, filter=self.filter,
-            adaptive=self.adaptive, progress=progress("tracing shadow rays", runs),
+            adaptive=self.adaptive, progress=progress("tracing shadow rays", runs), bounce=self.bounce,
         )  # fmt: skip
         return Shot(scene.clamped(time), camera, lights, frame)
 
     def options(self) -> dict:
         """Names and values, for ``--json``."""
-        names = "spp", "sampler", "filter", "adaptive", "plan", "gbuffer", "threads"
+        names = "spp", "sampler", "filter", "adaptive", "bounce", "plan", "gbuffer", "threads"
         rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
         return {**{name: getattr(self, name) for name in names}, "srdh_rays": rays}
 
@@ -100,6 +101,7 @@ class Asked(NamedTuple):
                 "camera": report.camera_fields(self.view(scene, time)),
                 "lights": [report.light_fields(light) for light in self.direct_lights(scene, time)],
                 "vpl": self.vpl,
+                "bounce": self.bounce,
                 "spp": self.spp,
                 "sampler": self.sampler,
                 "filter": self.filter,

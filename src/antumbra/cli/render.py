@@ -50,6 +50,16 @@ def render(
             show_default=False,
         ),
     ] = None,
+    bounce: Annotated[
+        int | None,
+        typer.Option(
+            help="Instead of ambient light, light that bounces once: so many diffuse rays from each pixel.",
+            min=1,
+            max=1024,
+            metavar="RAYS",
+            show_default=False,
+        ),
+    ] = None,
     time: Annotated[
         float | None, typer.Option(help="Seconds into the animation.  [default: 0]", show_default=False)
     ] = None,
@@ -70,7 +80,11 @@ def render(
     up: UpOption = None,
     spp: SppOption = 16,
     sampler: Annotated[
-        str, typer.Option(help="Points on the light: larcher-pillichshammer, hammersley or sobol.", metavar="NAME")
+        str,
+        typer.Option(
+            help="Points on the light: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
+            metavar="NAME",
+        ),
     ] = "larcher-pillichshammer",
     filter: Annotated[bool, typer.Option("--filter", help="Smooth noise in penumbrae over 4x4 pixels.")] = False,
     adaptive: Annotated[
@@ -131,14 +145,18 @@ def render(
       antumbra render hall.glb --light point:0,3,0@50 --light sphere:2,1,2:0.2@10 --counters
       antumbra render hall.glb --ao 2 --spp 64
       antumbra render hall.glb --vpl 1000
+      antumbra render hall.glb --bounce 20 --sampler halton --filter
       antumbra render robot.glb --time 1.5 --filter --adaptive
       antumbra render robot.glb --time 1.5 --json
       antumbra render robot.glb --frames 0:240 -o f.####.png
       antumbra render robot.glb --frames 0:240 --plan srdh+single --srdh-rays last-frame
       antumbra render "procedural:city?triangles=500k&seed=3"
     """
-    if ao is not None and vpl is not None:
-        raise InputError("--ao dims the ambient light that --vpl replaces; leave one of them out")
+    for name, instead in (("--vpl", vpl), ("--bounce", bounce)):
+        if ao is not None and instead is not None:
+            raise InputError(f"--ao dims the ambient light that {name} replaces; leave one of them out")
+    if vpl is not None and bounce is not None:
+        raise InputError("--vpl and --bounce are both light that bounces once; leave one of them out")
     spec = arguments.parse_scene(scene)
     asked = Asked(
         source=scene,
@@ -149,6 +167,7 @@ def render(
         lights=[arguments.parse_light(text) for text in light or []],
         ambient=[] if ao is None else [arguments.parse_ambient(ao)],
         vpl=vpl,
+        bounce=bounce,
         spp=spp,
         sampler=sampler,
         filter=filter,

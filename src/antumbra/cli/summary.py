@@ -112,6 +112,7 @@ def shot_fields(asked: "Asked", shot: "Shot") -> Iterator[tuple[str, str]]:
     speed, samples = _speed(frame), [light.samples(spp) for light in shot.lights]
     each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
     finer = "" if asked.adaptive is None else f", {asked.adaptive} where refined"
+    finer += "" if asked.bounce is None else f", {asked.bounce} bounces a pixel"
     yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"

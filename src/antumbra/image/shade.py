@@ -97,17 +97,19 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility
         y0 = take(ticket)
 
 
-def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", threads=None) -> np.ndarray:
+def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", indirect=None, threads=None) -> np.ndarray:
     """(H, W, 3) float32 linear radiance of diffuse surfaces; 0 where nothing is seen.
 
     colour : (n, 3) float32, of each face
     lights : lights; arrived : of each from `arriving`; visibility : (H, W) float32 of each
     ambient : (3,) float32, from `ambient_light` of the whole picture
     up : "y" or "z", where most of the ambient light comes from
+    indirect : (H, W, 3) float32, irradiance that comes on top; None: none
     """
     shape, shining = gbuffer.face.shape, _shining(lights)
     irradiances, shadows = (_stack([of[k] for k in shining], shape) for of in (arrived, visibility))
-    more = _stack([arrived[k] for k, light in enumerate(lights) if light.domain == "list"], (*shape, 3))
+    lists = [arrived[k] for k, light in enumerate(lights) if light.domain == "list"]
+    more = _stack(lists if indirect is None else [*lists, indirect], (*shape, 3))
     skies = _stack([visibility[k] for k, light in enumerate(lights) if light.domain == "hemisphere"], shape)
     tints = _tints([lights[k] for k in shining])
     image = np.empty((*shape, 3), np.float32)

@@ -37,7 +37,7 @@ def patch_at(light, x, y, z, nx, ny, nz):
     if light.kind == SPHERE:
         return tangent_disk(b[0], b[1], b[2], light.radius, np.float64(x), np.float64(y), np.float64(z))
     if light.kind == AMBIENT:
-        return _hemisphere(np.float64(x), np.float64(y), np.float64(z), nx, ny, nz, light.radius)
+        return hemisphere(np.float64(x), np.float64(y), np.float64(z), nx, ny, nz, light.radius)
     return Patch(b[0], b[1], b[2], u[0], u[1], u[2], v[0], v[1], v[2], w[0], w[1], w[2])
 
 
@@ -49,7 +49,7 @@ def moved(patch, x, y, z):
 
 
 @inlined
-def _hemisphere(x, y, z, nx, ny, nz, r):
+def hemisphere(x, y, z, nx, ny, nz, r):
     """A patch around (x, y, z) with u, v at right angles to the unit vector n, and w along it, all of length r."""
     (ux, uy, uz), (vx, vy, vz) = tangents64(nx, ny, nz)
     return Patch(x, y, z, r * ux, r * uy, r * uz, r * vx, r * vy, r * vz, r * nx, r * ny, r * nz)

@@ -2,6 +2,9 @@
 
 Interleaved sampling [Keller and Heidrich 2001], as multi-frusta tracing uses it (Sec. 4.5): pixel (x, y) takes set
 (x mod 4) + 4 (y mod 4); 16 neighbouring pixels share 16 spp samples, and each set by itself is well spread.
+
+The "halton" samplers are those of CHC+RT [Mattausch et al. 2015, Sec. 5.3]: every set is the same Halton sequence,
+rotated around the normal by an angle of the set's own where it is a hemisphere, else moved.
 """
 
 from collections.abc import Callable
@@ -38,6 +41,20 @@ def _radical_inverse(i, rows):
     for k, row in enumerate(rows):
         out ^= np.where(i >> np.uint64(k) & np.uint64(1), np.uint64(row), np.uint64(0))
     return (out + 0.5) / 2.0**32
+
+
+def halton(n: int) -> np.ndarray:
+    """(n, 2) float64 in (0, 1): radical inverses of 1 to n, in base 2 and base 3; any n."""
+    i = np.arange(1, n + 1)
+    return np.stack([_radical_inverse(i.astype(np.uint64), _van_der_corput_rows()), _inverse_in_base_3(i)], 1)
+
+
+def _inverse_in_base_3(i):
+    out, digit = np.zeros(len(i)), 1.0
+    while i.any():
+        digit /= 3.0
+        out, i = out + digit * (i % 3), i // 3
+    return out
 
 
 def _split_net(points: np.ndarray) -> np.ndarray:
@@ -86,6 +103,37 @@ def _net(generate: Callable[[int], np.ndarray]):
     return sets
 
 
+_DITHER = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])
+"""Place of each set in 16 strata: neighbours in the 4 x 4 block are far apart, and so are its quarters [Bayer 1973]."""
+
+ROTATIONS: dict[str, float] = {
+    "halton": 36.0,
+    "halton:0": 0.0,
+    "halton:18": 18.0,
+    "halton:36": 36.0,
+    "halton:full": 360.0,
+}
+"""Sampler -> degrees by which its sets are rotated on a hemisphere at most; for 20 samples the paper chose 36."""
+
+
+def _moved_halton(degrees: float):
+    """Cranley-Patterson rotation of the square, its offsets as large as the share of a full turn says."""
+
+    def sets(spp: int, seed: int) -> np.ndarray:
+        offsets = degrees / 360.0 * larcher_pillichshammer(N_SETS)[_DITHER, None]
+        return np.maximum((halton(spp) + offsets) % 1.0, 2.0**-33)  # never 0, which the open square leaves out
+
+    return sets
+
+
+def _rotated_halton(n: int, degrees: float) -> np.ndarray:
+    """(16, n, 3): one Halton sequence on the hemisphere, its sets rotated around the axis by stratified angles."""
+    a, b, c = to_domain(halton(n), "hemisphere").T
+    angle = np.radians(degrees) * ((_DITHER + 0.5) / N_SETS)[:, None]
+    x, y = a * np.cos(angle) - b * np.sin(angle), a * np.sin(angle) + b * np.cos(angle)
+    return np.stack([x, y, np.broadcast_to(c, x.shape)], -1)
+
+
 def _power_of_two(n: int) -> int:
     return 1 << (n - 1).bit_length()
 
@@ -94,11 +142,12 @@ SAMPLERS: dict[str, Callable[[int, int], np.ndarray]] = {
     "larcher-pillichshammer": _net(larcher_pillichshammer),
     "hammersley": _net(hammersley),
     "sobol": _scrambled_sobol,
+    **{name: _moved_halton(degrees) for name, degrees in ROTATIONS.items()},
 }
 
 
 def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0) -> np.ndarray:
-    """(16, spp, 2) float64 in (0, 1): the sample sets of a 4x4 pixel pattern.
+    """(16, spp, 2) float64 in (0, 1): the sample sets of a 4x4 pixel pattern, on the square.
 
     Parameters
     ----------
@@ -120,10 +169,18 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
 
 def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer") -> np.ndarray:
     """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``."""
-    square = sample_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler)
+    sets = domain_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler, light.domain)
     if isinstance(light, PointLights):  # base + a u + b v + c w is the world position (a, b, c), recentred
         return np.ascontiguousarray(light.positions[light.sets])
-    return to_domain(square, light.domain)
+    return sets
+
+
+def domain_sets(n: int, sampler: str, domain: str) -> np.ndarray:
+    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors: as of `sample_sets`."""
+    square = sample_sets(n, sampler)
+    if domain == "hemisphere" and sampler in ROTATIONS:
+        return _rotated_halton(n, ROTATIONS[sampler])
+    return to_domain(square, domain)
 
 
 def to_domain(square: np.ndarray, domain: str) -> np.ndarray:

@@ -83,6 +83,14 @@ def _nothing_seen(h: int, w: int, origin) -> GBuffer:
     return GBuffer(position, normal, np.full((h, w), -1, np.int32), depth, side, origin)
 
 
+def block_copies(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(4 R, 4 C, ...): each of n values in all of its block of a picture of sub-pixels with this shape; else 0."""
+    rows, columns = shape[0] // BLOCK, shape[1] // BLOCK
+    blocks = np.zeros((rows * columns, *values.shape[1:]), values.dtype)
+    blocks[: len(values)] = values
+    return blocks.reshape(rows, columns, *values.shape[1:]).repeat(BLOCK, 0).repeat(BLOCK, 1)
+
+
 def block_means(picture: np.ndarray, n: int) -> np.ndarray:
     """(n, ...): the mean over each of the first n blocks of a picture (4 R, 4 C, ...) of sub-pixels."""
     h, w = picture.shape[:2]

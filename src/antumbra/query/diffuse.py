@@ -1,0 +1,102 @@
+"""Diffuse rays: passes of one ray from each pixel's surface, into the hemisphere around its normal.
+
+A pass is what is traced at once [Mattausch et al. 2015, Sec. 5.3]: directions of one sample of each set, so that
+neighbours look almost the same way. Directions are float32, rounded once: all tracers get the same rays.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks import whole_number
+from ..errors import InputError
+from ..jit import kernel
+from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..scene.lights import MAX_SPP
+from ..scene.point_lights import N_SETS
+from .receivers import NOTHING
+from .samples import hemisphere, sample_point
+from .sampling import domain_sets, light_samples
+
+SEED = 1
+"""Of the pairs of directions and light samples."""
+
+
+class RayPass(NamedTuple):
+    """One ray from each of m receivers, pixel by pixel and row by row."""
+
+    origins: np.ndarray  # (m, 3) float32, recentred frame
+    directions: np.ndarray  # (m, 3) float32, of about unit length; zero: there is no ray, and it meets nothing
+    skip: np.ndarray  # (m,) int32, the triangle that it starts on, which does not count; -1: none
+
+
+class Passes(NamedTuple):
+    """The samples of some passes: where their rays go, and which points of the lights shine on what they meet."""
+
+    directions: np.ndarray  # (n, 4, 4, 3) float64, on the hemisphere; repeated over the picture
+    lights: list[list[np.ndarray]]  # of each light, in each pass: (16, k, 3) float64, as of `light_samples`
+
+
+def diffuse_passes(lights, n: int, sampler: str) -> Passes:
+    """n passes of diffuse rays, 1 to 1024, by the cosine, whose ends each ask one sample of each light.
+
+    Which sample of a light comes with which direction is shuffled, in each set in another way: samples of equal number
+    lie in corresponding places of the light and of the hemisphere. Of `PointLights` all are asked in each pass, or all
+    of a set.
+
+    Raises
+    ------
+    InputError
+        On n out of range, an unknown sampler, or lights that scale ambient light or have bounced already.
+    """
+    n = whole_number(n, "bounce", 1, MAX_SPP)
+    for light in lights:
+        name = type(light).__name__
+        if light.domain == "hemisphere":
+            raise InputError(f"{name} dims the ambient light that bounce replaces; leave one of them out")
+        if getattr(light, "indirect", False):
+            raise InputError(f"{name} with indirect=True and bounce are both light that has bounced; leave one out")
+    # Set (x mod 4) + 4 (y mod 4) of pixel (x, y) is that of row y mod 4 and column x mod 4.
+    directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)
+    return Passes(np.ascontiguousarray(directions), [_of_passes(light, n, sampler) for light in lights])
+
+
+def _of_passes(light, n: int, sampler: str) -> list[np.ndarray]:
+    """The samples of a light in each pass, (16, k, 3) float64."""
+    samples = light_samples(light, n, sampler)
+    if light.domain == "list":
+        return [samples] * n
+    rng = np.random.default_rng(SEED)
+    order = rng.permuted(np.tile(np.arange(n), (N_SETS, 1)), axis=1)  # (16, n)
+    mixed = samples[rng.permutation(N_SETS)[:, None], order]
+    return list(np.ascontiguousarray(mixed.transpose(1, 0, 2)[:, :, None]))
+
+
+@kernel
+def _direction_rows(ticket, normals, sides, samples, out):
+    zero, one = np.float64(0.0), np.float64(1.0)
+    h, w = samples.shape[:2]
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(sides.shape[1]):
+                d = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+                if sides[y, x] != NOTHING:
+                    nx, ny, nz = normals[y, x, 0], normals[y, x, 1], normals[y, x, 2]
+                    around = hemisphere(zero, zero, zero, np.float64(nx), np.float64(ny), np.float64(nz), one)
+                    a, b, c = samples[y % h, x % w, 0], samples[y % h, x % w, 1], samples[y % h, x % w, 2]
+                    d = sample_point(around, a, b, c)
+                out[y, x, 0], out[y, x, 1], out[y, x, 2] = d
+        y0 = take(ticket)
+
+
+def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None) -> RayPass:
+    """A ray from each surface in a G-buffer.
+
+    origins : (H, W, 3) float32, the receivers of its surfaces
+    samples : (h, w, 3) float64, points of the unit hemisphere; that of pixel (x, y) is [y mod h, x mod w]
+    """
+    directions = np.empty_like(origins)
+    ticket = new_ticket(len(directions), 8)
+    run(_direction_rows, thread_count(threads), ticket, gbuffer.normal, gbuffer.side, samples, directions)
+    return RayPass(origins.reshape(-1, 3), directions.reshape(-1, 3), gbuffer.face.reshape(-1))
