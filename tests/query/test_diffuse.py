@@ -17,7 +17,7 @@ QUAD = at.QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0))
 @pytest.fixture(scope="module")
 def seen():
     """(scene, triangles, G-buffer, receivers) of a picture whose size is no multiple of 4, parts of it empty."""
-    scene = at.procedural("courtyard", triangles=3000)
+    scene = at.procedural("city", triangles=3000)
     triangles = scene.triangles()
     gbuffer = Renderer(scene).see(triangles, scene.cameras[0].resized(37, 30))
     (query,) = shadow_queries(triangles, gbuffer, [QUAD], [light_samples(QUAD, 1)])
