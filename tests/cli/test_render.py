@@ -266,7 +266,7 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--vpl", "8", "--ao", "1"), ["--ao", "--vpl", "leave one"]),
         (("--vpl", "8", "--light", "point:1e9,0,0"), ["photons", "move the light nearer"]),
         (("--vpl", "0"), ["--vpl"]),
-        (("--bounce", "0"), ["--bounce", "1024"]),
+        (("--bounce", "0"), ["--bounce"]),
         (("--bounce", "1025"), ["--bounce", "1024"]),
         (("--bounce", "8", "--ao", "1"), ["--ao", "--bounce", "leave one"]),
         (("--bounce", "8", "--vpl", "8"), ["--vpl", "--bounce", "leave one"]),

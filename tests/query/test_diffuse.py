@@ -17,7 +17,7 @@ QUAD = at.QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0))
 @pytest.fixture(scope="module")
 def seen():
     """(scene, triangles, G-buffer, receivers) of a picture whose size is no multiple of 4, parts of it empty."""
-    scene = at.procedural("courtyard", triangles=3000)
+    scene = at.procedural("city", triangles=3000)
     triangles = scene.triangles()
     gbuffer = Renderer(scene).see(triangles, scene.cameras[0].resized(37, 30))
     (query,) = shadow_queries(triangles, gbuffer, [QUAD], [light_samples(QUAD, 1)])
@@ -100,7 +100,7 @@ def test_nearest_hits_are_those_of_any_other_way(seen):
     np.testing.assert_array_equal(face[asks], hit.face)
     np.testing.assert_array_equal(t[asks], hit.t)
     assert (face[~asks] == -1).all() and np.isinf(t[~asks]).all()
-    assert 0.2 < (face[asks] >= 0).mean() < 1
+    assert 0.1 < (face[asks] >= 0).mean() < 1
     met = surfaces_met(rays, face, t, gbuffer.face.shape, triangles)
     np.testing.assert_array_equal(met.face.ravel(), face)
     np.testing.assert_array_equal(met.side != 0, met.face >= 0)

@@ -104,7 +104,7 @@ def _net(generate: Callable[[int], np.ndarray]):
 
 
 _DITHER = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])
-"""Place of each set in 16 strata: neighbours in the 4 x 4 block are far apart, and so are its quarters [Bayer 1973]."""
+"""Place of each set in 16 strata: any 2 x 2 pixels have one of each quarter of them [Bayer 1973]."""
 
 ROTATIONS: dict[str, float] = {
     "halton": 36.0,
