@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .bvh.nodes import Bvh
 from .image.fraction import refine_penumbra
 from .image.shade import arriving, shade
-from .query.picture import shadow_queries
+from .query.picture import Surfaces, shadow_queries, surface_queries
 from .query.receivers import NOTHING
 from .query.shadow import ShadowQuery, fraction_lit
 from .srdh_rays import Shown, fewer_samples, sparse_gbuffer
-from .trace.bounce import bounced
+from .trace.bounce import Nearest, bounced
 
 if TYPE_CHECKING:
     from .renderer import Accelerated, Renderer
@@ -26,9 +25,9 @@ class Job:
         self.tally, self.progress, self.clock, self.threads = tally, progress, clock, renderer.threads
         self.rays = 0  # asked so far
 
-    def queries(self, gbuffer, samples) -> list[ShadowQuery]:
+    def queries(self, surfaces: Surfaces, samples) -> list[ShadowQuery]:
         """The query of each light, with these samples of each."""
-        return shadow_queries(self.triangles, gbuffer, self.lights, samples, self.facing, self.threads)
+        return surface_queries(surfaces, self.lights, samples, self.facing, self.threads)
 
     def show(self, queries, gbuffer, samples, whole: "Accelerated | None") -> Shown | None:
         """The rays that the builder is shown for this frame; None if it wants none."""
@@ -45,8 +44,8 @@ class Job:
         self.accelerated = ready
         self.clock.lap("build")
 
-    def accelerate_all(self, whole: "Accelerated | None", shown: Shown | None) -> Bvh:
-        """Make ready for queries of any surfaces, whatever has been culled; a BVH of all triangles.
+    def nearest(self, whole: "Accelerated | None", shown: Shown | None) -> Nearest:
+        """Make ready for queries of any surfaces, whatever has been culled; what finds the nearest hits of ray passes.
 
         whole, shown : as for `accelerate`; `whole` may be for the camera's rays only
         """
@@ -56,8 +55,7 @@ class Job:
             self.accelerated = ready or renderer.build(self.triangles, None, shown)
         trees = self.accelerated if renderer.one_tree else whole or renderer.for_camera(self.triangles)
         self.clock.lap("build")
-        assert trees.bvh is not None
-        return trees.bvh
+        return renderer.nearest(trees)
 
     def ask(self, query: ShadowQuery) -> np.ndarray:
         self.rays += int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
@@ -78,15 +76,15 @@ class Job:
         lqb = zip(self.lights, queries, bits)
         return [arriving(gbuffer, light, query, b, seen, self.threads) for light, query, b in lqb]
 
-    def shade(self, gbuffer, arrived, visibility, ambient, indirect=None) -> np.ndarray:
+    def shade(self, surfaces: Surfaces, arrived, visibility, ambient, indirect=None) -> np.ndarray:
         """The image."""
-        colour, up = self.triangles.colour, self.renderer.scene.up
-        return shade(gbuffer, colour, self.lights, arrived, visibility, ambient, up, indirect, self.threads)
+        colour, up = surfaces.triangles.colour, self.renderer.scene.up
+        return shade(surfaces.gbuffer, colour, self.lights, arrived, visibility, ambient, up, indirect, self.threads)
 
-    def picture(self, gbuffer, queries, bits, ambient, indirect=None) -> np.ndarray:
+    def picture(self, surfaces: Surfaces, queries, bits, ambient, indirect=None) -> np.ndarray:
         """The image by the bits of these queries, as they are."""
         shares = [fraction_lit(b, query.samples.shape[1], self.threads) for query, b in zip(queries, bits)]
-        return self.shade(gbuffer, self.arriving(gbuffer, queries, bits), shares, ambient, indirect)
+        return self.shade(surfaces, self.arriving(surfaces.gbuffer, queries, bits), shares, ambient, indirect)
 
 
 def bounced_queries(renderer: "Renderer", triangles, gbuffer, lights, samples, facing=0) -> Callable:

@@ -134,6 +134,8 @@ def visibility(
     )
     if ready is None:
         ready = renderer.build(triangles, renderer.culled(triangles, [query]), renderer.show(triangles, [query]))
+    if renderer.plan.tracer.keeps:
+        ready.prepared.begin()
     bits = renderer.answer(ready, query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
     return Visibility(bits, fraction_lit(bits, samples.shape[1]))

@@ -10,6 +10,7 @@ import numpy as np
 from .bvh import BUILDERS, OPTIMISERS, UPDATERS
 from .bvh.blocks import BlockTree, block_tree
 from .bvh.nodes import Bvh
+from .chcrt.surfaces import nearest_scheduled, primary_hits
 from .cull import CULLERS
 from .cull.cull import Culled
 from .errors import InputError
@@ -18,10 +19,12 @@ from .image.fraction import as_needed, fraction
 from .image.shade import ambient_light
 from .indirect import indirect_light
 from .job import Job
+from .paged import default_plan, paged
 from .parallel import thread_count
-from .plan import DEFAULT_PLAN, parse_plan
+from .plan import parse_plan
 from .query.diffuse import Passes, diffuse_passes
 from .query.gbuffer import GBuffer, from_hits
+from .query.picture import Surfaces, surfaces_of
 from .query.raster import rasterise
 from .query.rays import cull_value
 from .query.refine import FinerSamples, edges, finer_samples
@@ -33,7 +36,7 @@ from .scene.camera import Camera
 from .scene.lights import check_lights
 from .scene.triangles import Triangles
 from .srdh_rays import Showing, Shown, SrdhRays, check_srdh_rays
-from .trace.bounce import Nearest, nearest_hits
+from .trace.bounce import Nearest, nearest_surfaces
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
 from .warm import warm_up, warm_up_bounce, warm_up_indirect, warm_up_quality
@@ -53,6 +56,7 @@ class Frame(NamedTuple):
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless asked for
     refined: np.ndarray | None = None  # (H, W) bool: penumbrae and edges that were refined; None unless asked for
     indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance by light that bounced; None unless asked for
+    scheduled: list[dict] | None = None  # by CHC+RT: what each question took, see `chcrt.schedule.Statistics`
 
     def save(self, path, exposure: float | None = None) -> None:
         """Write ``.png`` (sRGB; exposure None: automatic) or ``.exr`` (linear; image, visibility, depth, normal).
@@ -97,19 +101,24 @@ class Renderer:
     Parameters
     ----------
     scene : Scene
-    plan : str or Plan
+    plan : str, Plan or None
+        None: ``"bsah+multifrusta"``; of a scene in a store ``"bsah+chcrt"``.
     threads : int or None
         None: all cores.
     gbuffer : "raster" or "rays"
-        How primary visibility is found; both give the same bits.
+        How primary visibility is found; both give the same bits. What a store holds is always found by rays.
     srdh_rays : SrdhRays or None
         Which rays a builder is shown that wants some (`srdh`); None: those of 16 x 16 pixels of each frame.
+    max_memory : int or None
+        Bytes that the process may have in memory at any time, for a scene in a store; None: 4 GiB.
     """
 
-    def __init__(self, scene, plan=DEFAULT_PLAN, threads=None, gbuffer="raster", srdh_rays: SrdhRays | None = None):
+    def __init__(
+        self, scene, plan=None, threads=None, gbuffer="raster", srdh_rays: SrdhRays | None = None, max_memory=None
+    ):
         if gbuffer not in ("raster", "rays"):
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
-        self.scene, self.plan, self.gbuffer = scene, parse_plan(plan), gbuffer
+        self.scene, self.plan, self.gbuffer = scene, parse_plan(default_plan(scene) if plan is None else plan), gbuffer
         self.threads = thread_count(threads)
         check_srdh_rays(srdh_rays, self.plan)
         self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if self.plan.wants_rays else None
@@ -117,6 +126,8 @@ class Renderer:
         update = self.plan.update  # what it keeps from frame to frame
         self._kept = UPDATERS[update].keep(self._new_tree) if update else None
         self._rays: Callable | None = None  # vertices, BVH of them -> Intersections; while a builder may want them
+        self._last: Accelerated | None = None  # of the frames before, where that can be used again
+        self.paged = paged(scene, self.plan, self.threads, max_memory)
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
@@ -127,6 +138,8 @@ class Renderer:
         if not isinstance(camera, Camera):
             raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
         samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
+        if adaptive is not None and self.paged is not None:
+            raise InputError(f"{self.scene.name}: adaptive sampling wants all triangles at once; leave it out")
         finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
         passes = None if bounce is None else diffuse_passes(lights, bounce, sampler)
         warm_up(self.plan, self.gbuffer, counters)
@@ -145,20 +158,25 @@ class Renderer:
         """Render a frame from checked arguments: ``samples`` of each light from `light_samples`, ``facing`` a value of
         CULL_FACES, ``smooth``: filter; ``finer``: the samples of refined pixels; ``passes``: of diffuse rays."""
         clock = _Clock()
-        triangles = self.scene.triangles(time, self.threads)
+        if self.paged is not None:
+            self.paged.begin(camera.width * camera.height, sum(-(-s.shape[1] // 64) for s in samples))
+        triangles, whole = self._moment(time)
         clock.lap("evaluate")
-        whole = None
-        if self.gbuffer == "rays":
+        if self.gbuffer == "rays" and whole is None:
             whole = self.build(triangles) if self.one_tree else self.for_camera(triangles)
             clock.lap("build")
-        gbuffer = self.see(triangles, camera, whole)
+        if whole is not None and self.plan.tracer.keeps:
+            whole.prepared.begin()
+        surfaces = self.look(triangles, camera, whole if self.gbuffer == "rays" else None)
+        gbuffer, triangles = surfaces.gbuffer, surfaces.triangles
         clock.lap("gbuffer")
         job = Job(self, triangles, lights, facing, new_counters(counters), progress, clock)
-        queries = job.queries(gbuffer, samples)
+        queries = job.queries(surfaces, samples)
         clock.lap("trace")
         finer_queries = [] if finer is None else [q._replace(samples=s) for q, s in zip(queries, finer.penumbra)]
         shown = job.show(queries, gbuffer, samples, whole)
         job.accelerate([*queries, *finer_queries], whole if self.one_tree else None, shown)
+        self._keep(job.accelerated)
         bits = [job.ask(query) for query in queries]
         clock.lap("trace")
         rays = camera.rays(triangles.origin)
@@ -172,29 +190,41 @@ class Renderer:
             clock.lap("trace")
         indirect = None
         if passes is not None:
-            nearest = self.nearest(job.accelerate_all(whole, shown))
-            indirect = indirect_light(job, gbuffer, queries[0].origins, passes, nearest)
+            indirect = indirect_light(job, surfaces, queries[0].origins, passes, job.nearest(whole, shown))
             clock.lap("trace")
             if smooth:
                 indirect = smoothed(seen, indirect, self.threads)
                 clock.lap("filter")
         arrived = job.arriving(gbuffer, queries, bits, seen if smooth else None)
         ambient = ambient_light(gbuffer, lights, arrived) if indirect is None else np.zeros(3, np.float32)
-        image = job.shade(gbuffer, arrived, visibility, ambient, indirect)
+        image = job.shade(surfaces, arrived, visibility, ambient, indirect)
         clock.lap("shade")
         if finer is not None and edge.any():
-            pixels = subpixel_gbuffer(triangles, rays, edge, self.threads)
+            pixels = surfaces_of(subpixel_gbuffer(triangles, rays, edge, self.threads), triangles)
             clock.lap("gbuffer")
             queries = [as_needed(query) for query in job.queries(pixels, finer.edges)]
             clock.lap("trace")
             job.accelerate(queries, job.accelerated, shown)
             fine = [job.ask(query) for query in queries]
             clock.lap("trace")
-            around = None if indirect is None else block_copies(indirect[edge], pixels.face.shape)
+            around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
             picture = job.picture(pixels, queries, fine, ambient, around)
             image[edge] = block_means(picture, int(np.count_nonzero(edge)))
             clock.lap("shade")
-        return Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), refined, indirect)
+        gbuffer = gbuffer._replace(face=surfaces.ids)
+        scheduled = job.accelerated.prepared.told if self.plan.tracer.keeps else None
+        return Frame(
+            image,
+            visibility,
+            bits,
+            gbuffer,
+            job.rays,
+            clock.timings(),
+            as_dict(job.tally),
+            refined,
+            indirect,
+            scheduled,
+        )
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH if the plan has one."""
@@ -274,13 +304,40 @@ class Renderer:
             face, t = rasterise(triangles.vertices.reshape(-1, 9), rays, self.threads)
         else:
             prepared = accelerated.prepared
+            if self.plan.tracer.keeps:
+                return from_hits(*primary_hits(prepared, rays, self.threads), triangles, rays, self.threads)
             tree = prepared if isinstance(prepared, BlockTree) else accelerated.bvh
             face, t = trace_primary(tree, rays, self.threads)
         return from_hits(face, t, triangles, rays, self.threads)
 
-    def nearest(self, bvh: Bvh) -> Nearest:
-        """What finds the nearest hits of passes of diffuse rays, in a BVH of all triangles."""
-        return partial(nearest_hits, bvh, threads=self.threads)
+    def look(self, triangles: Triangles, camera, accelerated: Accelerated | None = None) -> Surfaces:
+        """The surfaces that a camera sees; arguments as for `see`."""
+        if self.paged is not None:
+            return self.paged.look(camera)
+        return surfaces_of(self.see(triangles, camera, accelerated), triangles)
+
+    def nearest(self, accelerated: Accelerated) -> Nearest:
+        """What finds the surfaces that passes of diffuse rays meet first, where there is a BVH of all triangles."""
+        if self.paged is not None:
+            return self.paged.nearest
+        triangles, threads = accelerated.triangles, self.threads
+        if self.plan.tracer.keeps:
+            return partial(nearest_scheduled, scheduled=accelerated.prepared, triangles=triangles, threads=threads)
+        return partial(nearest_surfaces, bvh=accelerated.bvh, triangles=triangles, threads=threads)
+
+    def _moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        """The triangles at a time, and what traces them all if that is known from the frames before."""
+        if self.paged is not None:
+            return self.paged.accelerated.triangles, self.paged.accelerated
+        if self._last is None:
+            return self.scene.triangles(time, self.threads), None
+        return self._last.triangles, self._last
+
+    def _keep(self, accelerated: Accelerated) -> None:
+        """Keep what has been built for the next frames, if the tracer remembers what it saw, and nothing moves."""
+        still = not self.scene.animated and self.plan.cull is None and self.showing is None
+        if still and self.plan.tracer.keeps:
+            self._last = accelerated
 
     def answer(self, accelerated: Accelerated, query, tally=None, progress=None) -> np.ndarray:
         """The bits of a ShadowQuery by this plan's tracer, (h, w, ceil(spp / 64)) uint64."""
@@ -290,9 +347,9 @@ class Renderer:
 
 
 def render(
-    scene, camera=None, lights=None, *, spp=16, plan=DEFAULT_PLAN, time=0.0, threads=None, counters=False,
+    scene, camera=None, lights=None, *, spp=16, plan=None, time=0.0, threads=None, counters=False,
     gbuffer="raster", sampler="larcher-pillichshammer", cull_faces=None, filter=False,
-    adaptive=None, progress=None, srdh_rays=None, bounce=None,
+    adaptive=None, progress=None, srdh_rays=None, bounce=None, max_memory=None,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
@@ -305,8 +362,9 @@ def render(
         None: the scene's own lights at `time`, or ``scene.default_light()`` if it has none.
     spp : int
         Shadow rays a pixel and light, 1 to 1024; `PointLights`, and `AmbientOcclusion` with an spp, have their own.
-    plan : str or Plan
-        Which methods answer, such as ``"bsah+single"`` (see ``antumbra plans``). Never changes the bits.
+    plan : str, Plan or None
+        Which methods answer, such as ``"bsah+single"`` (see ``antumbra plans``). Never changes the bits, unless it
+        neglects what few rays see (``"bsah+chcrt:20"``). None: ``"bsah+multifrusta"``; of a store ``"bsah+chcrt"``.
     time : float
         Seconds, clamped to [0, scene.duration].
     threads : int or None
@@ -333,6 +391,8 @@ def render(
     bounce : int or None
         Instead of ambient light, light that bounces once: this many diffuse rays a pixel (1 to 1024), each with a
         shadow ray to each light from where it ends. `sampler` spreads them too.
+    max_memory : int or None
+        Bytes that the process may have in memory, for a scene in a store; None: 4 GiB.
 
     Returns
     -------
@@ -346,7 +406,7 @@ def render(
     camera = scene.default_camera() if camera is None else camera
     if lights is None:
         lights = [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
-    return Renderer(scene, plan, threads, gbuffer, srdh_rays).render(
+    return Renderer(scene, plan, threads, gbuffer, srdh_rays, max_memory).render(
         camera,
         lights,
         spp=spp,

@@ -104,11 +104,15 @@ def _small_scene():
 def _small_view(quality=False):
     """(camera, lights) for the small scene."""
     from .scene.camera import Camera
-    from .scene.lights import PointLight, SphereLight
+    from .scene.lights import AmbientOcclusion, PointLight, SphereLight
     from .scene.point_lights import PointLights
 
     light = SphereLight((0, 2, 0), 0.1) if quality else PointLight((0, 2, 0))
-    return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), [light, PointLights([(0, 2, 0)], interleave=quality)]
+    return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), [
+        light,
+        PointLights([(0, 2, 0)], interleave=quality),
+        AmbientOcclusion(1.0),
+    ]
 
 
 def _render_small(plan, gbuffer, counters, quality=False, bounce=False, passes=0):

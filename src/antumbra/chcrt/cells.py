@@ -1,8 +1,8 @@
 """What occlusion queries look at: the rays of a screen, 16 cells of 4 x 4 receivers side by side.
 
-A *cell*'s rays run in one shaft (`trace.slabs`), from the box of its receivers to the box of where they end. How far along
-it any of them still looks for a blocker, or a nearer hit, is the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1];
-it counts in the whole length of the rays, and is negative once no ray of the cell looks any more.
+A *cell*'s rays run in one shaft (`trace.slabs`), from the box of its receivers to the box of where they end. How far
+along it any of them still looks for a blocker, or a nearer hit, is the *depth buffer* of [Mattausch et al. 2015, Sec.
+4.1]; it counts in the whole length of the rays, and is negative once no ray of the cell looks any more.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -95,8 +95,8 @@ def shafts_in(cells):
 
 @inlined
 def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
-    """Write cell g: the box of its rays' origins, what leads from its corners to those of the box of their ends, how far
-    they look, and how many do."""
+    """Write cell g: the box of its rays' origins, what leads from its corners to those of the box of their ends, how
+    far they look, and how many do."""
     for k in range(3):
         put(cells, 16 * k + g, o_low[k])
         put(cells, 48 + 16 * k + g, o_high[k])

@@ -1,9 +1,9 @@
 """The query-pair hierarchy: pairs of a screen tile and a node, and which of them were visible.
 
-Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that need not be; inner pairs say
-how they came about, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1]. There is one
-hierarchy for each ray set: one for all rays to a light, one for each direction of ambient occlusion or diffuse rays
-(Sec. 5.3). All are kept in the same arrays, since all are asked about together.
+Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that need not be; inner
+pairs say how they came about, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1].
+There is one hierarchy for each ray set: one for all rays to a light, one for each direction of ambient occlusion or
+diffuse rays (Sec. 5.3). All are kept in the same arrays, since all are asked about together.
 """
 
 import numpy as np
@@ -56,8 +56,8 @@ class Fronts:
     def split(self, pairs: np.ndarray) -> np.ndarray:
         """Split pairs that are not final; their children, which are asked about next.
 
-        In object space where the node's share of the scene is larger than t_q times the tile's share of the screen, else
-        in screen space (Sec. 4.4).
+        In object space where the node's share of the scene is larger than t_q times the tile's share of the screen,
+        else in screen space (Sec. 4.4).
         """
         tile, row = self.tile[pairs], self.row[pairs]
         smallest, part = tile < self.tiles.smallest, row >= self.parts.inner

@@ -1,8 +1,9 @@
-"""The nearest hits of one ray a pixel, through lists of parts: primary and diffuse rays [Mattausch et al. 2015, Sec. 5.2].
+"""The nearest hits of one ray a pixel, through lists of parts [Mattausch et al. 2015, Sec. 5.2].
 
-Packets of 4 x 4 neighbours go down each part together, the nearer child first, each ray as far as its nearest hit so far; at a
-block each ray is tested against all triangles, side by side. Among what a ray surely meets and what float32 cannot
-tell, float64 decides which is nearest, as everywhere (`trace.traverse.walk`): ties go to the lowest triangle index.
+Packets of 4 x 4 neighbours go down each part together, the nearer child first, each ray as far as its nearest hit so
+far; at a block each ray is tested against all triangles, side by side. Among what a ray surely meets and what float32
+cannot tell, float64 decides which is nearest, as everywhere (`trace.traverse.walk`): ties go to the lowest triangle
+index.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -48,13 +49,12 @@ _STACK = 2 * MAX_DEPTH
 _ENTRIES = 16 * MAX_DEPTH
 
 
-class RayPass(NamedTuple):
-    """One ray for each pixel, to infinity; (h, w) pixels."""
+class Rays(NamedTuple):
+    """A `query.diffuse.RayPass` as a picture, (h, w) pixels."""
 
     origins: np.ndarray  # (h, w, 3) float32
-    directions: np.ndarray  # (h, w, 3) float32, any length but 0
-    ids: np.ndarray  # (h, w) int32: triangles that do not count, -1 for none
-    asks: np.ndarray  # (h, w) bool: is there a ray?
+    directions: np.ndarray  # (h, w, 3) float32; zero: there is no ray
+    skip: np.ndarray  # (h, w) int32: triangles that do not count, -1 for none
 
 
 class Hits(NamedTuple):
@@ -81,15 +81,14 @@ class Cell(NamedTuple):
     own: object
 
 
-def hits_of(rays: RayPass, reach: float) -> Hits:
+def hits_of(rays: Rays, reach: float) -> Hits:
     """No hits yet; `reach`: no ray is longer inside the scene."""
     size = np.abs(rays.directions).max(-1).astype(np.float64)
-    with np.errstate(divide="ignore"):
-        power = np.ceil(np.log2(2.0 * reach / np.where(rays.asks, size, 1.0)))
-    shape = rays.asks.shape
+    power = np.ceil(np.log2(2.0 * reach / np.where(size > 0.0, size, 1.0)))
+    shape = size.shape
     return Hits(
-        np.full(shape, -1, np.int32), np.full(shape, np.inf), np.full(shape, -1, np.int32), np.full(shape, -1, np.int32),
-        np.exp2(power).astype(_F), np.where(rays.asks, _F(1.0), _F(-1.0)),
+        np.full(shape, -1, np.int32), np.full(shape, np.inf), *(np.full(shape, -1, np.int32) for _ in range(2)),
+        np.exp2(power).astype(_F), np.where(size > 0.0, _F(1.0), _F(-1.0)),
     )  # fmt: skip
 
 
@@ -112,7 +111,7 @@ def _load(picture, rays, hits, y0, x0, cell):
         put(cell.face, lane, hits.face[y, x])
         put(cell.part, lane, hits.part[y, x])
         put(cell.slot, lane, hits.slot[y, x])
-        put(cell.own, lane, rays.ids[y, x])
+        put(cell.own, lane, rays.skip[y, x])
         if there:
             valid |= np.int64(1) << lane
     return valid
@@ -142,9 +141,10 @@ def _enter(lines, at, slabs, limits):
 
 @inlined
 def _candidates(numbers, o, d, limit):
-    """(bits of the triangles of a block that a ray surely meets, of those float32 cannot say), none surely beyond a limit.
+    """(bits of the triangles of a block that a ray surely meets, of those float32 cannot say).
 
-    o, d : the ray's origin and whole length in all lanes; limit: scalar
+    o, d : the ray's origin and whole length in all lanes
+    limit : those surely beyond it are left out
     """
     a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, r = cross(p, q), cross(d, a)
@@ -300,7 +300,7 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, cells):
         t = take(ticket)
 
 
-def trace_nearest(forest, spans, tiles, picture: Picture, rays: RayPass, hits: Hits, cells, threads: int) -> None:
+def trace_nearest(forest, spans, tiles, picture: Picture, rays: Rays, hits: Hits, cells, threads: int) -> None:
     """Trace the rays of some tiles through their lists; `hits` and `cells` are brought up to date."""
     ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
     run(_trace, threads, ticket, forest, spans, tiles, columns, picture, rays, hits, cells)
@@ -317,7 +317,7 @@ def _bound(ticket, picture, rays, hits, cells):
             (low, high), (d_low, d_high), n = nothing_yet(), nothing_yet(), 0
             for y in range(y0, min(y0 + picture.shape.height, picture.h)):
                 for x in range(x0, min(x0 + picture.shape.width, picture.w)):
-                    if rays.asks[y, x]:
+                    if hits.limits[y, x] >= _F(0.0):
                         o, d, s = rays.origins[y, x], rays.directions[y, x], hits.lengths[y, x]
                         low, high = wider(low, high, (o[0], o[1], o[2]))
                         d_low, d_high = wider(d_low, d_high, (d[0] * s, d[1] * s, d[2] * s))
@@ -329,7 +329,7 @@ def _bound(ticket, picture, rays, hits, cells):
         region = take(ticket)
 
 
-def bound_rays(picture: Picture, rays: RayPass, hits: Hits, threads: int) -> np.ndarray:
+def bound_rays(picture: Picture, rays: Rays, hits: Hits, threads: int) -> np.ndarray:
     """The cells of a pass, (1, regions, ROWS, 16)."""
     cells = new_cells(picture, 1)
     run(_bound, threads, new_ticket(cells.shape[1], 1), picture, rays, hits, cells)

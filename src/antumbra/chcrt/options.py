@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Options(NamedTuple):
-    """The parameters of [Mattausch et al. 2015], adapted to a processor's cores and caches; see docs/design/chcrt.md."""
+    """The parameters of [Mattausch et al. 2015], adapted to a processor's cores and caches."""
 
     tile: int = 64  # pixels along the side of the smallest screen tile, a multiple of 16 (Sec. 5.2: 200)
     triangles: int = 1 << 14  # of a subtree that is traced whole, at most (Sec. 5.2: 1 M)

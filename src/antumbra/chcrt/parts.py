@@ -4,13 +4,13 @@ Parts end the traversal of query pairs: they have at most so many triangles, and
 Sec. 5.2]. In core they are subtrees of one `BlockTree`; out of core they are the chunks of a store.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..bvh.blocks import BlockTree
-from ..bvh.nodes import MAX_DEPTH, parents_first
+from ..bvh.nodes import EMPTY, MAX_DEPTH, parents_first
 from ..jit import kernel
 from ..trace.forest import addresses, head
 from .options import Options
@@ -19,8 +19,11 @@ from .options import Options
 class Memory(Protocol):
     """Where the trees of parts are, if not all of them are in memory all the time."""
 
-    def groups(self, parts: np.ndarray) -> "Iterator[np.ndarray]":
-        """Groups of these parts, those that are in memory first; a group's trees stay until the next is asked for."""
+    def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Iterator[np.ndarray]:
+        """Groups of these parts, those that are in memory first; a group's trees stay until the next is asked for.
+
+        `still`: which of some parts are still wanted, asked before they are read; the others are left out.
+        """
         ...
 
 
@@ -127,3 +130,24 @@ def parts_of(tree: BlockTree, options: Options) -> Parts:
         lines, children, shares(lines), m, trees, head(*boxes[m:].swapaxes(0, 1)), boxes[0, 1] - boxes[0, 0], None,
         tree,
     )  # fmt: skip
+
+
+def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memory: Memory, keeps) -> Parts:
+    """Chunks as parts.
+
+    top : (m, 16) float32: nodes over the chunks as in `Bvh`, but a link < 0 is ``~(8 * chunk)``, or EMPTY
+    roots : (k, 16) float32: the chunks' root nodes
+    trees : (k, ADDRESSES) int64, which `memory` writes to
+    """
+    links, m = top.view(np.int32)[:, 12:14], len(top)
+    children = np.where(links >= 0, links, np.where(links == EMPTY, -1, m + (~links >> 3))).astype(np.int32)
+    lines = np.concatenate([top, roots])
+    for side, other in ((0, 1), (1, 0)):  # a child that is not there has a box that no arithmetic is made for
+        gone = ~np.isfinite(lines[:, side])
+        lines[gone, side:12:2] = lines[gone, other:12:2]
+    children = np.concatenate([children, np.full((len(roots), 2), -1, np.int32)])
+    if len(roots) == 1:  # a top that only says where the chunk is
+        lines, children, m = lines[m:], children[m:], 0
+    boxes = boxes_of(lines)
+    heads = head(*boxes[m:].swapaxes(0, 1))
+    return Parts(lines, children, shares(lines), m, trees, heads, boxes[0, 1] - boxes[0, 0], memory, keeps)

@@ -1,9 +1,9 @@
 """Occlusion queries: how many rays of a screen tile may meet a box before what they have hit already?
 
-[Mattausch et al. 2015, Sec. 4.1]. The paper asks the graphics hardware; here a query is a SIMD count over the tile's cells.
-All boxes that are asked about for one tile are asked together, while its cells are at hand: that is the paper's
-*multi-query* (Sec. 5.1), except that it says of each box whether it is met, so none has to be asked again by itself. A box is
-asked by those of its two children: the paper's *tighter bounds*.
+[Mattausch et al. 2015, Sec. 4.1]. The paper asks the graphics hardware; here a query is a SIMD count over the tile's
+cells. All boxes that are asked about for one tile are asked together, while its cells are at hand: that is the paper's
+*multi-query* (Sec. 5.1), except that it says of each box whether it is met, so none has to be asked again by itself. A
+box is asked by those of its two children: the paper's *tighter bounds*.
 """
 
 from typing import NamedTuple
@@ -108,7 +108,11 @@ def _ask(ticket, groups, tiles, sets, rows, spans, columns, cells, lines, thresh
 
 
 def ask(tiles: Tiles, cells, lines, tile, set_, row, threshold: int, blind: bool, threads: int) -> Answers:
-    """Ask about n pairs: their tiles, ray sets and rows of `lines`, (n,) int32 each; `blind`: rays whatever blocks them."""
+    """Ask about n pairs: their tiles, ray sets and rows of `lines`, (n,) int32 each.
+
+    threshold : counting ends beyond it
+    blind : count rays that are blocked, too
+    """
     n = len(tile)
     counts, keys = np.zeros(n, np.int32), np.ones(n, np.float32)
     if n == 0:

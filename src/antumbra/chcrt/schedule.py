@@ -101,7 +101,14 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, fi
         rays.trace(lists_of(fronts, pairs))
         return
     parts = fronts.row[pairs] - fronts.parts.inner
-    for group in memory.groups(_nearest_first(parts, fronts.key[pairs])):
+
+    def still(asked: np.ndarray) -> np.ndarray:
+        """Which parts are met by rays that nothing has blocked so far; asked before they are read."""
+        those = pairs[np.isin(parts, asked)]
+        met = those[rays.ask(fronts, those, False).counts > fronts.options.threshold]
+        return np.isin(asked, fronts.row[met] - fronts.parts.inner)
+
+    for group in memory.groups(_nearest_first(parts, fronts.key[pairs]), still):
         rays.trace(lists_of(fronts, pairs[np.isin(parts, group)]))
 
 

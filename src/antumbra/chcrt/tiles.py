@@ -1,4 +1,4 @@
-"""The hierarchy over the rays: a quadtree of screen tiles, whose leaves are small squares [Mattausch et al. 2015, 4.3]."""
+"""The hierarchy over the rays: a quadtree of screen tiles [Mattausch et al. 2015, Sec. 4.3]."""
 
 from typing import NamedTuple
 

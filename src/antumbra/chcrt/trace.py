@@ -1,5 +1,6 @@
 """CHC+RT as a tracer: what it keeps between frames, and how it answers shadow queries and passes of rays."""
 
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from ..bvh.blocks import block_tree
 from ..bvh.nodes import Bvh
 from ..parallel import thread_count
+from ..query.diffuse import RayPass
 from ..query.shadow import ShadowQuery
 from ..scene.lights import AMBIENT, LIST
 from ..trace.asked import TileShape, tile_shape
@@ -17,7 +19,7 @@ from ..trace.packet16 import over_pixels, over_samples
 from ..trace.scattered import is_huge, is_scattered
 from .cells import Picture, bound_cells, picture_of, shorten
 from .fronts import Fronts
-from .nearest import Hits, RayPass, bound_rays, hits_of, trace_nearest
+from .nearest import Hits, Rays, bound_rays, hits_of, trace_nearest
 from .options import Options
 from .parts import Parts, parts_of
 from .queries import Answers, ask
@@ -29,7 +31,8 @@ class Scheduled:
     """A scene ready for CHC+RT, with what was visible of it when it was asked last.
 
     Each question of a frame has a state of its own: the n-th one that of the n-th one of the frame before, if it has as
-    many receivers and rays. So temporal coherence is that of questions in the same order; the answers never depend on it.
+    many receivers and rays. So temporal coherence is that of questions in the same order; the answers never depend on
+    it.
 
     parts : Parts
     options : Options
@@ -40,6 +43,7 @@ class Scheduled:
     def __init__(self, parts: Parts, options: Options):
         self.parts, self.options = parts, options
         self._fronts: dict[tuple, Fronts] = {}
+        self._lock = Lock()
         self.begin()
 
     def begin(self) -> None:
@@ -56,9 +60,10 @@ class Scheduled:
 
     def run(self, tiles: Tiles, shape: tuple, sets: int, rays) -> None:
         """Trace one ray set, or several together."""
-        fronts = self.fronts(tiles, shape, sets)
-        statistics = trace_frame(fronts, rays)
-        self.told.append(statistics.as_dict(fronts))
+        with self._lock:
+            fronts = self.fronts(tiles, shape, sets)
+            statistics = trace_frame(fronts, rays)
+            self.told.append(statistics.as_dict(fronts))
 
 
 def prepare(bvh: Bvh, options: Options, threads=None) -> Scheduled:
@@ -146,8 +151,8 @@ def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, c
 class _Pass:
     """A pass of rays that look for what is nearest."""
 
-    def __init__(self, scheduled: Scheduled, rays: RayPass, reach: float, threads: int):
-        h, w = rays.asks.shape
+    def __init__(self, scheduled: Scheduled, rays: Rays, reach: float, threads: int):
+        h, w = rays.skip.shape
         shape = TileShape(4, 4, -(-w // 4), -(-h // 4))
         picture = picture_of(shape, h, w)
         self.pass_, self.hits = rays, hits_of(rays, reach)
@@ -162,11 +167,11 @@ class _Pass:
         trace_nearest(forest, r.tiles.spans, lists.tiles, r.picture, self.pass_, self.hits, r.cells[0], r.threads)
 
 
-def nearest_hits(scheduled: Scheduled, rays: RayPass, threads=None) -> Hits:
-    """The nearest hit of each ray of a pass, the same as every other method finds."""
+def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], threads=None) -> Hits:
+    """The nearest hit of each ray of a pass over a picture of this shape, the same as every other method finds."""
+    picture = Rays(*(a.reshape(*shape, *a.shape[1:]) for a in rays))
     boxes = scheduled.parts.boxes[0].astype(np.float64)
-    points = rays.origins.reshape(-1, 3)
-    low, high = np.minimum(boxes[0], points.min(0)), np.maximum(boxes[1], points.max(0))
-    made = _Pass(scheduled, rays, float(np.linalg.norm(high - low)) + 1e-30, thread_count(threads))
-    scheduled.run(made.rays.tiles, rays.asks.shape, 1, made)
+    low, high = np.minimum(boxes[0], rays.origins.min(0)), np.maximum(boxes[1], rays.origins.max(0))
+    made = _Pass(scheduled, picture, float(np.linalg.norm(high - low)) + 1e-30, thread_count(threads))
+    scheduled.run(made.rays.tiles, shape, 1, made)
     return made.hits

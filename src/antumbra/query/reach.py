@@ -46,6 +46,11 @@ def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, 
 
 def reach(triangles, points: np.ndarray, threads: int | None = None) -> float:
     """A length greater than the distance of any of the (..., 3) points to any triangle's corner."""
-    (lower, upper), (low, high) = bounds(triangles.vertices, threads), bounds(points, threads)
+    return reach_of(np.stack(bounds(triangles.vertices, threads)), points, threads)
+
+
+def reach_of(box: np.ndarray, points: np.ndarray, threads: int | None = None) -> float:
+    """The same for triangles whose exact bounds are known, (2, 3) float32."""
+    (lower, upper), (low, high) = box, bounds(points, threads)
     extent = np.maximum(upper, high).astype(np.float64) - np.minimum(lower, low)
     return float(2.0 * np.linalg.norm(extent) + np.finfo(np.float32).tiny)

@@ -10,13 +10,14 @@ from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..predicate.exact import ray_along
 from ..query.diffuse import RayPass, diffuse_rays
 from ..query.gbuffer import GBuffer, fill_point, surface_of
+from ..query.picture import Surfaces, surfaces_of
 from ..query.receivers import NOTHING, surface_receivers
 from ..simd import ptr
 from .orders import CLOSEST
 from .traverse import walk
 
-Nearest = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Origins, directions and skipped triangles of a `RayPass` -> what `nearest_hits` gives."""
+Nearest = Callable[[RayPass, tuple[int, int]], Surfaces]
+"""A pass, and the height and width of its picture -> the surfaces that its rays meet first."""
 
 
 @kernel
@@ -77,6 +78,11 @@ def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None =
     corners = triangles.vertices.reshape(-1, 9)
     run(_surfaces, thread_count(threads), new_ticket(m, 4096), rays, t, out, corners)
     return GBuffer(*(a.reshape(*shape, *a.shape[1:]) for a in out[:5]), triangles.origin)
+
+
+def nearest_surfaces(rays: RayPass, shape, bvh: Bvh, triangles, threads: int | None = None) -> Surfaces:
+    """The surfaces that the rays of a picture of this shape meet first in a BVH of all triangles."""
+    return surfaces_of(surfaces_met(rays, *nearest_hits(bvh, *rays, threads), shape, triangles, threads), triangles)
 
 
 def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
