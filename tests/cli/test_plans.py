@@ -32,6 +32,7 @@ def compiled(monkeypatch):
     monkeypatch.setattr(warm, "warm_up_quality", lambda plan, gbuffer: done.append("filter and refinement"))
     monkeypatch.setattr(warm, "warm_up_rays", lambda: done.append("ray queries"))
     monkeypatch.setattr(warm, "warm_up_steps", lambda: done.append("counted steps"))
+    monkeypatch.setattr(warm, "warm_up_store", lambda: done.append("building stores"))
     monkeypatch.setattr(warm, "warm_up_bounce", lambda: done.append("a diffuse bounce"))
     return done
 
@@ -44,14 +45,14 @@ def test_warmup_compiles_everything_once(cli, compiled):
 
 def test_warmup_of_one_plan(cli, compiled):
     told = cli("warmup", "--plan", "bsah+single", "--plan", "bsah+single", "--json").json()
-    assert len(told["kernels"]) == len(compiled) == 7
+    assert len(told["kernels"]) == len(compiled) == 8
     assert told["folder"] and told["seconds"] >= 0.0
-    assert all("bsah+single" in name or name in compiled[:3] for name in told["kernels"])
+    assert all("bsah+single" in name or name in compiled[:4] for name in told["kernels"])
 
 
 def test_warmup_of_a_builder_that_wants_rays(cli, compiled):
     assert cli("warmup", "--plan", "srdh+single", "--plan", "srdh+wide", "--quiet").code == 0
-    assert compiled.count("a diffuse bounce") == 1 and len(compiled) == 4 + 2 * 4
+    assert compiled.count("a diffuse bounce") == 1 and len(compiled) == 5 + 2 * 4
 
 
 def test_warmup_quietly(cli, compiled):
