@@ -3,6 +3,8 @@
 import sys
 from collections.abc import Callable, Iterable
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -91,6 +93,19 @@ def warm_up_rays() -> None:
     _once("ray queries", work, tell)
 
 
+@cache
+def warm_up_store() -> None:
+    """The same for building a store."""
+
+    def work():
+        from .store.build import build_compiled
+
+        with TemporaryDirectory() as folder:
+            build_compiled([_small_scene()], Path(folder) / "small.antumbra", threads=2, chunk=64)
+
+    _once("building stores", work, tell)
+
+
 def _small_scene():
     """Hills of about 10 000 triangles: enough for builders to take every path that large scenes take."""
     from .scene.scene import Scene
@@ -138,7 +153,7 @@ def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
     work: list[tuple[str, Callable[[], None]]] = [("ray queries", warm_up_rays)]
     work += [("filter and refinement", lambda p=plan: warm_up_quality(p, "raster")) for plan in plans[:1]]
     work += [("light that bounces", lambda p=plan: warm_up_indirect(p, "raster")) for plan in plans[:1]]
-    work += [("counted steps", warm_up_steps)]
+    work += [("counted steps", warm_up_steps), ("building stores", warm_up_store)]
     work += [("a diffuse bounce", warm_up_bounce)] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:
         for gbuffer in ("raster", "rays"):

@@ -33,6 +33,7 @@ def compiled(monkeypatch):
     monkeypatch.setattr(warm, "warm_up_indirect", lambda plan, gbuffer: done.append("light that bounces"))
     monkeypatch.setattr(warm, "warm_up_rays", lambda: done.append("ray queries"))
     monkeypatch.setattr(warm, "warm_up_steps", lambda: done.append("counted steps"))
+    monkeypatch.setattr(warm, "warm_up_store", lambda: done.append("building stores"))
     monkeypatch.setattr(warm, "warm_up_bounce", lambda: done.append("a diffuse bounce"))
     return done
 

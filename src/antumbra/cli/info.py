@@ -2,14 +2,18 @@
 
 from collections.abc import Iterator
 from time import perf_counter
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..errors import InputError
 from . import arguments, report
 from .activity import Activity
 from .opening import open_scene
 from .options import SCENE_HELP, Json, UpOption
+
+if TYPE_CHECKING:
+    from ..store.read import Store
 
 TRIANGLE_BYTES = 3 * 3 * 4 + 4 + 3 * 4  # corners, face_id, colour of `Triangles`
 _MOST_MESHES = 20
@@ -18,16 +22,19 @@ _MOST_MESHES = 20
 def info(
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")],
     up: UpOption = None,
+    check: Annotated[bool, typer.Option("--check", help="Of a store: read all of it and check its checksums.")] = False,
     json: Json = False,
 ) -> None:
     """Say what is in SCENE.
 
-    Meshes, triangles, instances, bounds, cameras, lights, animation, memory, and what the loader left out.
+    Meshes, triangles, instances, bounds, cameras, lights, animation, memory, and what the loader left out; of a store
+    its chunks.
 
     \b
     Examples
       antumbra info sponza.glb
       antumbra info procedural:city --json
+      antumbra info city.antumbra --check
     """
     spec = arguments.parse_scene(scene)
     with Activity() as activity:
@@ -35,10 +42,16 @@ def info(
         start = perf_counter()
         opened = open_scene(spec, None if up is None else up.value, quiet=True)
         seconds = perf_counter() - start
+        store = getattr(opened, "store", None)
+        if check:
+            _check(store, scene, activity)
     if json:
-        report.print_json(_answer(scene, opened, seconds))
+        report.print_json(_answer(scene, opened, seconds) | ({} if store is None else _store_answer(store, check)))
         return
     report.print_fields(_fields(opened, seconds))
+    if store is not None:
+        report.print_fields(_store_fields(store, check))
+        return
     meshes = opened.meshes
     shown = sorted(meshes, key=lambda m: -m.triangles * m.instances)[:_MOST_MESHES]
     report.print_table(
@@ -48,6 +61,30 @@ def info(
     )
     if len(meshes) > len(shown):
         print(f"... and {len(meshes) - len(shown)} smaller meshes (--json lists all)")
+
+
+def _check(store: "Store | None", source: str, activity: Activity) -> None:
+    if store is None:
+        raise InputError(f"{source}: --check is for stores (.antumbra); leave it out")
+    for k in range(len(store)):
+        activity.say("checking", k, len(store))
+        store.check(k)
+        store.release(k)
+
+
+def _store_answer(store: "Store", checked: bool) -> dict:
+    chunks = {name: getattr(store.chunks, name).tolist() for name in ("offset", "bytes", "triangles", "nodes")}
+    return {"bytes": store.path.stat().st_size, "chunks": chunks, "built": store.meta.built, "checked": checked}
+
+
+def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
+    size, chunks = store.path.stat().st_size, store.chunks
+    yield "store", f"{report.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes a triangle"
+    spread = f"{chunks.triangles.min():,} to {chunks.triangles.max():,} triangles each"
+    yield "chunks", f"{len(store):,}, {spread}; {len(store.top.nodes):,} nodes above them"
+    yield "built", ", ".join(f"{name} {value}" for name, value in store.meta.built.items())
+    if checked:
+        yield "checksums", "all as they should be"
 
 
 def _answer(source: str, scene, seconds: float) -> dict:
@@ -71,8 +108,10 @@ def _answer(source: str, scene, seconds: float) -> dict:
 def _fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
     lower, upper = scene.bounds
     yield "scene", f"{scene.name}, read in {report.duration(seconds)}"
-    yield "triangles", f"{scene.n_triangles:,} in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}"
-    yield "memory", f"{report.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one moment"
+    meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
+    yield "triangles", f"{scene.n_triangles:,}{meshes}"
+    if scene.meshes:
+        yield "memory", f"{report.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one moment"
     yield "bounds", f"{report.vector(lower)} to {report.vector(upper)}"
     yield "size", f"{report.vector(upper - lower)}, +{scene.up.upper()} is up"
     yield "origin", report.vector(scene.origin)

@@ -1,6 +1,7 @@
 """Building a store from scenes of any size within a given amount of memory."""
 
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
@@ -13,6 +14,7 @@ from ..output import checked_output, replacing
 from ..parallel import thread_count
 from ..scene.load import STORE_SUFFIX
 from ..scene.recentre import frame_origin
+from ..warm import warm_up_store
 from .chunks import chunks_of
 from .columns import gathered
 from .meta import Meta
@@ -21,7 +23,7 @@ from .spool import MOST, Spool
 from .top import top_tree
 from .write import Writer
 
-LEAST_MEMORY = 512 << 20
+LEAST_MEMORY = 384 << 20
 MOST_TRIANGLES = 2**31 - 1  # so that an int32 holds their indices
 CHUNK = 65536
 _GROUP = 8  # chunks that are sorted in memory at a time
@@ -59,10 +61,10 @@ def build_store(
         Merged in this order, as they are at time 0; cameras and lights of all are kept. They are looked at one after
         the other, so a generator need not keep them.
     path : str or path-like
-        A file ``*.antumbra``. It is written whole or not at all, and needs about 60 bytes a triangle more beside it
-        while it is built.
+        A file ``*.antumbra``. It is written whole or not at all. While it is built, temporary files without a name
+        take about 55 bytes a triangle beside it.
     max_memory : int
-        Bytes that the process may have in memory at any time, beside the scenes themselves.
+        Bytes that the process may have in memory at any time, from 384 MiB on, beside the scenes themselves.
     threads : int, optional
         None: all cores. Neither they nor `max_memory` change a bit of the file.
     chunk : int
@@ -78,6 +80,12 @@ def build_store(
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
     max_memory = whole_number(max_memory, "max_memory", LEAST_MEMORY, 1 << 60)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
+    warm_up_store()
+    return build_compiled(scenes, path, max_memory, threads, chunk, progress)
+
+
+def build_compiled(scenes, path: Path, max_memory=LEAST_MEMORY, threads=1, chunk=CHUNK, progress=None) -> BuildReport:
+    """`build_store` for arguments that have been checked, with kernels that have been compiled."""
     with replacing(path) as temporary:
         return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
 
@@ -110,9 +118,10 @@ class _Build:
         names, ups, cameras, lights, notes = [], set(), [], [], []
         for scene in scenes:
             source = scene.source
-            for piece in source.pieces(0.0):
-                spool.add(piece)
-                self._say("reading", spool.survey.n_triangles, 0)
+            with closing(source.pieces(0.0)) as pieces:  # processes may be making them
+                for piece in pieces:
+                    spool.add(piece)
+                    self._say("reading", spool.survey.n_triangles, 0)
             names.append(scene.name)
             ups.add(scene.up)
             cameras += source.cameras(0.0)
@@ -141,12 +150,13 @@ class _Build:
         sorting = Sorting(grid, self.folder, _GROUP * self.chunk, self.batch, self.threads, distributed)
         batches = lambda: gathered(spool.pieces(), origin, self.batch, self.threads)
         done = 0
-        for made in chunks_of(groups(sorting, batches, n, spool.close), self.chunk, self.workers):
-            if not done:
-                self._note("sort")
-            writer.add(made)
-            done += int(made.row["triangles"])
-            self._say("building", done, n)
+        with closing(chunks_of(groups(sorting, batches, n, spool.close), self.chunk, self.workers)) as chunks:
+            for made in chunks:
+                if not done:
+                    self._note("sort")
+                writer.add(made)
+                done += int(made.row["triangles"])
+                self._say("building", done, n)
         self._note("build")
 
     def _finish(self, writer: Writer, about: dict, bounds: np.ndarray, path: Path) -> BuildReport:

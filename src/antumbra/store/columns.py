@@ -1,6 +1,7 @@
 """Triangles on their way into a store: in the recentred frame, in memory or in temporary files."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import NamedTuple
@@ -82,7 +83,8 @@ class Buckets:
     def close(self) -> None:
         """Drop the files and give back their room on the disk."""
         for file in self._files:
-            file.close()
+            with suppress(OSError):  # what is not yet written need not be, if there is no room for it
+                file.close()
 
 
 def _row_bytes(column: np.ndarray) -> int:

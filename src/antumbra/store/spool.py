@@ -1,6 +1,7 @@
 """The pieces of scenes in a temporary file, in the precision they came in, until the whole is known."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import NamedTuple
@@ -34,7 +35,7 @@ class _Spooled(NamedTuple):
 
 
 class Spool:
-    """Pieces that do not move, in order, in a file without a name in a folder; and their survey."""
+    """Pieces of a moment at which none is on its way, in order, in a file without a name; and their survey."""
 
     def __init__(self, folder: Path, file: str):
         self.survey = Survey(file)
@@ -43,8 +44,8 @@ class Spool:
 
     def add(self, piece: Piece) -> None:
         """Write a piece, cut where it is large."""
-        for part in _parts(at_rest(piece), MOST):
-            self.survey.add(part)
+        self.survey.add(piece)
+        for part in _parts(piece, MOST):
             self._pieces.append(self._written(part))
 
     def pieces(self) -> Iterator[Piece]:
@@ -58,7 +59,8 @@ class Spool:
 
     def close(self) -> None:
         """Drop the file and give back its room on the disk."""
-        self._stream.close()
+        with suppress(OSError):  # what is not yet written need not be, if there is no room for it
+            self._stream.close()
 
     def _written(self, piece: Piece) -> _Spooled:
         dtype = np.float32 if piece.vertices.dtype == np.float32 else np.float64
@@ -88,19 +90,13 @@ def read_into(stream, array: np.ndarray) -> None:
         raise OSError("a temporary file has lost its end")
 
 
-def at_rest(piece: Piece) -> Piece:
-    """A piece whose vertices are those at its share of the way."""
-    if piece.towards is None:
-        return piece
-    moved = (1.0 - piece.share) * piece.vertices.astype(np.float64) + piece.share * piece.towards.astype(np.float64)
-    return piece._replace(vertices=moved, towards=None, share=0.0)
-
-
 def _parts(piece: Piece, most: int) -> Iterator[Piece]:
     """A piece as pieces of at most so many faces, which come in the same order."""
     copies, n = len(piece.vertices), faces_of(piece)
+    if n == 0:
+        return
     if n <= most:
-        step = most // max(n, 1)
+        step = most // n
         for first in range(0, copies, step):
             yield piece._replace(vertices=piece.vertices[first : first + step])
         return

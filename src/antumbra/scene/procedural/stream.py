@@ -4,11 +4,11 @@ Processes are started by name, not forked or spawned: that disturbs neither the 
 """
 
 import os
-import struct
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ import numpy as np
 from .city import GROUP, city_groups
 from .shapes import Mesh
 
-_SIZES = struct.Struct("<QQ")  # vertices, faces
 _PACKAGE = Path(__file__).parents[3]
 
 
@@ -24,21 +23,15 @@ def streamed_blocks(triangles: int, seed: int, processes: int) -> Iterator[Mesh]
     """What `city_blocks` yields, made by so many processes; the arguments have been checked."""
     workers = [_started(triangles, seed, k, processes) for k in range(processes)]
     try:
-        working = True
-        while working:
-            for worker in workers:
-                working = False
-                for _ in range(GROUP):
-                    block = _received(worker.stdout)
-                    if block is None:
-                        break
-                    working = True
-                    yield block
-                if not working:
-                    break
-        for worker in workers:
-            if worker.wait() != 0:
-                raise RuntimeError("a process that makes blocks of the city has failed")
+        for worker in cycle(workers):
+            blocks = 0
+            while blocks < GROUP and (block := _received(worker.stdout)) is not None:
+                yield block
+                blocks += 1
+            if blocks < GROUP:  # that was the last group
+                break
+        if worker.wait() != 0:
+            raise RuntimeError("a process that makes blocks of the city has failed")
     finally:
         for worker in workers:
             worker.kill()
@@ -55,11 +48,11 @@ def _started(triangles: int, seed: int, first: int, step: int) -> subprocess.Pop
 
 
 def _received(pipe) -> Mesh | None:
-    """The next block; None at the end."""
-    sizes = pipe.read(_SIZES.size)
-    if len(sizes) < _SIZES.size:
+    """The next block, its numbers of vertices and faces before it; None at the end."""
+    sizes = np.zeros(2, np.int64)
+    if pipe.readinto(sizes.view(np.uint8).data) == 0:
         return None
-    v, f = _SIZES.unpack(sizes)
+    v, f = sizes
     block = Mesh(np.empty((v, 3), np.float32), np.empty((f, 3), np.int32), np.empty(f, np.uint8))
     for array in block:
         if pipe.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
@@ -71,8 +64,8 @@ def _send(pipe, triangles: int, seed: int, first: int, step: int) -> None:
     """In a process: write the blocks of its groups; each group is done before it is sent."""
     for group in city_groups(triangles, seed, first, step):
         for block in list(group):
-            pipe.write(_SIZES.pack(len(block.vertices), len(block.faces)))
-            for array in block:
+            sizes = np.array([len(block.vertices), len(block.faces)], np.int64)
+            for array in (sizes, *block):
                 pipe.write(np.ascontiguousarray(array).data)
     pipe.flush()
 

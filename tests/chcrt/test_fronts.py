@@ -1,0 +1,178 @@
+"""The query-pair hierarchy: it always covers all rays and all triangles, and each pair of them once."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from antumbra.bvh import BUILDERS
+from antumbra.bvh.blocks import block_tree
+from antumbra.chcrt.fronts import INNER, INVISIBLE, VISIBLE, Fronts
+from antumbra.chcrt.options import Options
+from antumbra.chcrt.parts import boxes_of, parts_of
+from antumbra.chcrt.schedule import lists_of, trace_frame
+from antumbra.chcrt.queries import Answers
+from antumbra.chcrt.tiles import tiles_of
+from antumbra.trace.asked import TileShape
+
+
+def _parts(n=3000, triangles=200, seed=0):
+    rng = np.random.default_rng(seed)
+    soup = (rng.normal(size=(n, 1, 3)) * 5 + rng.normal(size=(n, 3, 3)) * 0.2).astype(np.float32)
+    return parts_of(block_tree(BUILDERS["bsah"].build(soup, 1)), Options(triangles=triangles)), soup
+
+
+def _tiles(w=200, h=120, pixels=32):
+    return tiles_of(TileShape(4, 4, -(-w // 4), -(-h // 4)), pixels)
+
+
+class _Guessing:
+    """Rays that answer at random, but never deny a pair that `needed` says is met."""
+
+    def __init__(self, seed, needed=()):
+        self.rng, self.traced, self.needed = np.random.default_rng(seed), [], set(needed)
+
+    def ask(self, fronts, pairs, again):
+        counts = self.rng.integers(0, 2, len(pairs)).astype(np.int32)
+        return Answers(counts, self.rng.random(len(pairs)).astype(np.float32), 1)
+
+    def trace(self, lists):
+        self.traced.append(lists)
+
+
+def _covered(fronts):
+    """How often the leaves of the hierarchy cover each pair of a smallest tile's region and a part, of each set."""
+    tiles, parts = fronts.tiles, fronts.parts
+    below = {}
+
+    def under(row):
+        if row not in below:
+            kids = [k for k in parts.children[row] if k >= 0] if row < parts.inner else []
+            below[row] = sum((under(k) for k in kids), []) if row < parts.inner else [row - parts.inner]
+        return below[row]
+
+    rows, columns = tiles.spans[-1, 3], tiles.spans[-1, 1]
+    count = np.zeros((fronts.sets, rows, columns, len(parts.trees)), np.int64)
+    for i in np.flatnonzero(fronts.state != INNER):
+        x0, x1, y0, y1 = tiles.spans[fronts.tile[i]]
+        for part in under(int(fronts.row[i])):
+            count[fronts.set[i], y0:y1, x0:x1, part] += 1
+    return count
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 1000), sets=st.sampled_from([1, 3]), frames=st.integers(1, 5))
+def test_leaves_cover_everything_once(seed, sets, frames):
+    fronts = Fronts(_tiles(), _parts()[0], sets, Options(every=2))
+    assert fronts.parts.inner > 5 and fronts.tiles.smallest > 5
+    rays = _Guessing(seed)
+    for _ in range(frames):
+        trace_frame(fronts, rays)
+        assert (_covered(fronts) == 1).all()
+        assert fronts.is_final(fronts.of(VISIBLE)).all()
+    assert rays.traced
+
+
+def test_what_was_visible_is_traced_first_and_once_a_frame():
+    fronts = Fronts(_tiles(), _parts()[0], 1, Options(every=3))
+    trace_frame(fronts, _Guessing(3))
+    shown = fronts.of(VISIBLE)
+    assert len(shown) > 3
+    expected = lists_of(fronts, shown)
+    rays = _Guessing(4)
+    trace_frame(fronts, rays)
+    np.testing.assert_array_equal(rays.traced[0].starts, expected.starts)
+    every = np.concatenate([np.repeat(np.arange(len(t.starts) - 1), np.diff(t.starts)) * 10_000 + t.items for t in rays.traced])
+    assert len(np.unique(every)) == len(every)
+
+
+def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():
+    class Counting(_Guessing):
+        def ask(self, fronts, pairs, again):
+            self.asked = [*getattr(self, "asked", []), (again, len(pairs))]
+            return Answers(np.full(len(pairs), 1, np.int32), np.zeros(len(pairs), np.float32), 1)
+
+    fronts = Fronts(_tiles(), _parts()[0], 1, Options(every=3))
+    trace_frame(fronts, Counting(0))
+    n, asked = len(fronts.of(VISIBLE)), 0
+    assert n > 100 and not len(fronts.of(INVISIBLE))
+    for _ in range(3):
+        rays = Counting(0)
+        trace_frame(fronts, rays)
+        again = sum(k for due, k in rays.asked if due)
+        assert 0 < again < n
+        asked += again
+    assert asked == n
+
+
+def test_invisibility_is_pulled_up_one_level_a_frame():
+    class Blind(_Guessing):
+        def ask(self, fronts, pairs, again):
+            return Answers(np.zeros(len(pairs), np.int32), np.zeros(len(pairs), np.float32), 1)
+
+    class Seeing(_Guessing):
+        def ask(self, fronts, pairs, again):
+            return Answers(np.ones(len(pairs), np.int32), np.zeros(len(pairs), np.float32), 1)
+
+    fronts = Fronts(_tiles(), _parts()[0], 1, Options(every=1))
+    trace_frame(fronts, Seeing(0))
+    sizes = [len(fronts)]
+    while len(fronts) > 1:
+        trace_frame(fronts, Blind(0))
+        sizes.append(len(fronts))
+        assert sizes[-1] < sizes[-2] and len(sizes) < 40
+    assert len(sizes) > 5 and fronts.state.tolist() == [INVISIBLE]
+
+
+def test_domains_are_split_by_their_shares():
+    """A node larger than t_q times the tile is split, else the tile [Mattausch et al. 2015, Sec. 4.4]."""
+    parts, _ = _parts()
+    for weight, in_object in ((1e-6, True), (1e6, False)):
+        fronts = Fronts(_tiles(), parts, 1, Options(weight=weight))
+        children = fronts.split(np.array([0]))
+        same_tile = fronts.tile[children] == fronts.tile[0]
+        assert same_tile.all() == in_object and len(children) == (2 if in_object else 4)
+
+
+def test_parts_hold_all_triangles_once_within_the_limits():
+    parts, soup = _parts(triangles=150)
+    tree = parts.keeps
+    seen = []
+
+    def below(link, depth):
+        assert depth <= Options().height
+        if link >= 0:
+            return below(tree.links[link, 12], depth + 1) + below(tree.links[link, 13], depth + 1)
+        block, n = ~link >> 5, ~link & 31
+        return tree.prim_ids[tree.slots[block, :n]].tolist()
+
+    for k, root in enumerate(parts.trees[:, -1]):
+        mine = below(int(root), 0)
+        assert 0 < len(mine) <= 150
+        box = boxes_of(parts.lines)[parts.inner + k]
+        corners = soup[mine].reshape(-1, 3)
+        np.testing.assert_array_equal(box, [corners.min(0), corners.max(0)])
+        seen += mine
+    assert sorted(seen) == list(range(len(soup)))
+    assert parts.share[0] == 1.0 and (parts.share <= 1.0).all()
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 17])
+def test_small_scenes_are_one_part(n):
+    parts, _ = _parts(n)
+    assert parts.inner == 0 and len(parts.trees) == len(parts.lines) == 1 and np.isfinite(parts.lines[:, :12]).all()
+
+
+@pytest.mark.parametrize(("w", "h", "pixels"), [(200, 120, 32), (16, 16, 64), (1000, 1, 64), (33, 700, 16)])
+def test_tiles_are_a_quadtree(w, h, pixels):
+    shape = TileShape(4, 4, -(-w // 4), -(-h // 4)) if h > 1 else TileShape(16, 1, -(-w // 16), 1)
+    tiles = tiles_of(shape, pixels)
+    whole = tiles.spans[-1]
+    assert whole[0] == whole[2] == 0 and tiles.share[-1] == 1.0
+    covered = np.zeros((whole[3], whole[1]), np.int64)
+    for x0, x1, y0, y1 in tiles.spans[: tiles.smallest]:
+        covered[y0:y1, x0:x1] += 1
+    assert (covered == 1).all()
+    for k in range(tiles.smallest, len(tiles.spans)):
+        kids = tiles.children[k][tiles.children[k] >= 0]
+        assert len(kids) and np.isclose(tiles.share[kids].sum(), tiles.share[k])

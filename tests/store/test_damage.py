@@ -1,0 +1,115 @@
+"""Any damage is found, and said in one line: on opening, or when the chunk is checked."""
+
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import antumbra as at
+from antumbra.store.layout import HEADER, HEADER_CRC, MAGIC, PAGE
+from antumbra.store.read import open_store
+from bvh_scenes import terrain
+from stores import CHUNK, built, soup_scene
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """(path to be damaged, the bytes of the store)."""
+    store = built(tmp_path_factory.mktemp("damage"), soup_scene(terrain(600)), chunk=2 * CHUNK)
+    assert len(store) > 3
+    return store.path, store.path.read_bytes()
+
+
+def found(path) -> str:
+    """What opening and checking a file says; "" if nothing."""
+    try:
+        with open_store(path) as store:
+            for k in range(len(store)):
+                store.check(k)
+    except at.InputError as error:
+        assert "\n" not in str(error) and str(error).startswith(path.name)
+        return str(error)
+    return ""
+
+
+def test_an_intact_store(whole):
+    path, data = whole
+    path.write_bytes(data)
+    assert found(path) == ""
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_any_bit(whole, share, bit):
+    check_flip(whole, int(share * len(whole[1])), bit)
+
+
+@pytest.mark.parametrize("place", [*range(0, 60, 3), 100, HEADER_CRC, PAGE - 1, PAGE, -1, -300])
+def test_bits_that_matter(whole, place):
+    check_flip(whole, place % len(whole[1]), 3)
+
+
+def check_flip(whole, place, bit):
+    path, data = whole
+    damaged = bytearray(data)
+    damaged[place] ^= 1 << bit
+    path.write_bytes(damaged)
+    said = found(path)
+    assert said
+    path.write_bytes(data)
+    with open_store(path) as store:
+        ends = store.chunks.offset + store.chunks.bytes
+        k = int(np.searchsorted(ends, place, side="right"))
+    if place < PAGE:
+        assert "header" in said or "not a store" in said
+    elif k == len(ends):
+        assert "directory" in said
+    else:
+        assert f"chunk {k} of {len(ends)} (bytes " in said
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_cut_anywhere(whole, share):
+    path, data = whole
+    kept = int(share * len(data))
+    path.write_bytes(data[:kept])
+    said = found(path)
+    assert "empty" in said if kept == 0 else "not a store" in said if kept < len(MAGIC) else "is cut short" in said
+
+
+def with_header(data, **changes) -> bytes:
+    """The store with other words in its header, and the right checksum of that."""
+    names = "magic", "version", "complete", "size", "place", "length", "crc"
+    words = dict(zip(names, HEADER.unpack_from(data))) | changes
+    header = HEADER.pack(*words.values()).ljust(HEADER_CRC, b"\0")
+    return header + zlib.crc32(header).to_bytes(4, "little") + data[PAGE:]
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda d: with_header(d, version=2), "version 2, and only 1 is read"),
+        (lambda d: with_header(d, complete=0), "not finished; build it again"),
+        (lambda d: bytes(PAGE) + d[PAGE:], "not finished; build it again"),
+        (lambda d: bytes(100), "not finished; build it again"),
+        (lambda d: d + b"x", "behind its end"),
+        (lambda d: b"glTF" + d[4:], "is not a store; make one by antumbra build"),
+        (lambda d: b"", "the file is empty"),
+    ],
+    ids=["version", "incomplete", "no header", "zeros", "longer", "another kind", "empty"],
+)
+def test_what_is_no_whole_store(whole, change, words):
+    path, data = whole
+    path.write_bytes(change(data))
+    assert words in found(path)
+    with pytest.raises(at.InputError, match=words.partition(";")[0]):
+        at.load(path)
+
+
+def test_no_file(tmp_path):
+    assert "no such file" in found(tmp_path / "none.antumbra")
+    (tmp_path / "folder.antumbra").mkdir()
+    assert "not an ordinary file" in found(tmp_path / "folder.antumbra")

@@ -1,0 +1,98 @@
+"""A build that does not come to its end leaves nothing that opens, and nothing at all unless it is killed outright."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import antumbra as at
+from antumbra.store.build import build_store
+from antumbra.store.read import open_store
+from antumbra.store.write import Writer
+from bvh_scenes import scattered
+from stores import soup_scene
+
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals are different on Windows")
+SCRIPT = """
+import os, signal, sys
+from antumbra.cli import main
+from antumbra.cli.activity import Activity
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored where a shell started this in the background
+phase, name = sys.argv[1:]
+seen = 0
+
+def say(self, text, done=0, total=0):
+    # The process sends the signal to itself, so that nothing depends on how fast it is.
+    global seen
+    seen += text == phase
+    if text == phase and seen == 2:
+        os.kill(os.getpid(), getattr(signal, name))
+
+Activity.say = say
+sys.exit(main(["build", "procedural:city?triangles=150k", "-o", "a.antumbra", "--max-memory", "384M"]))
+"""
+
+
+def interrupted(folder, phase, name):
+    command = [sys.executable, "-c", SCRIPT, phase, name]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder)
+
+
+@POSIX
+@pytest.mark.parametrize("phase", ["reading", "building"])
+def test_killed(tmp_path, phase):
+    assert interrupted(tmp_path, phase, "SIGKILL").returncode == -signal.SIGKILL
+    left = os.listdir(tmp_path)
+    assert all(name.startswith(".antumbra-") for name in left) and len(left) <= 1
+    for name in left:
+        with pytest.raises(at.InputError, match=r"not finished|empty"):
+            open_store(tmp_path / name)
+
+
+@POSIX
+@pytest.mark.parametrize("phase", ["reading", "building"])
+def test_control_c(tmp_path, phase):
+    (tmp_path / "a.antumbra").write_bytes(b"older")
+    done = interrupted(tmp_path, phase, "SIGINT")
+    assert (done.returncode, done.stdout) == (130, "")
+    assert [line for line in done.stderr.splitlines() if "compiling" not in line] == ["antumbra: interrupted"]
+    assert os.listdir(tmp_path) == ["a.antumbra"] and (tmp_path / "a.antumbra").read_bytes() == b"older"
+
+
+@pytest.mark.parametrize("room", [10_000, 300_000, 1_500_000])
+def test_a_full_disk(tmp_path, room):
+    resource = pytest.importorskip("resource", reason="no RLIMIT_FSIZE on this system")
+    scene = soup_scene(scattered(20_000))  # 720 kB of vertices, and a store of twice that
+    build_store([scene], tmp_path / "b.antumbra", chunk=1024)  # and kernels are compiled
+    (tmp_path / "b.antumbra").unlink()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+    try:
+        with pytest.raises(at.InputError, match=r"a.antumbra: cannot be written .*; choose another place") as caught:
+            build_store([scene], tmp_path / "a.antumbra", chunk=1024)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert "\n" not in str(caught.value) and os.listdir(tmp_path) == []
+
+
+def test_the_header_comes_last(tmp_path, monkeypatch):
+    """A file without its last write is no store, wherever the end of it stands."""
+    kept = []
+
+    def sync(self):
+        self._stream.flush()
+        kept.append((tmp_path / os.listdir(tmp_path)[0]).read_bytes())
+
+    monkeypatch.setattr(Writer, "_sync", sync)
+    build_store([soup_scene(scattered(2000))], tmp_path / "a.antumbra", chunk=256)
+    before, after = kept
+    assert len(before) == len(after) and before[4096:] == after[4096:] and not any(before[:4096])
+    (tmp_path / "b.antumbra").write_bytes(before)
+    with pytest.raises(at.InputError, match="not finished"):
+        open_store(tmp_path / "b.antumbra")
+    open_store(tmp_path / "a.antumbra").check(0)

@@ -1,0 +1,40 @@
+"""A build stays within its memory."""
+
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("resource", reason="this system does not say how much memory a process has had: NOT checked")
+
+SCRIPT = """
+import sys
+from antumbra.resident import peak_resident
+from antumbra.scene.generated import StreamedCity
+from antumbra.store.build import LEAST_MEMORY, build_store
+
+triangles, path = int(sys.argv[1]), sys.argv[2]
+build_store([StreamedCity(20_000)], path, chunk=1024)  # all is imported and compiled
+before = peak_resident()
+made = build_store([StreamedCity(triangles)], path, max_memory=LEAST_MEMORY)
+print(made.triangles, made.bytes, peak_resident() - before, peak_resident(), LEAST_MEMORY)
+"""
+
+
+def check_memory(tmp_path, triangles):
+    command = [sys.executable, "-c", SCRIPT, str(triangles), str(tmp_path / "a.antumbra")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    n, size, grown, peak, allowed = map(int, done.stdout.split())
+    assert 0.9 * triangles < n < 1.1 * triangles
+    return size, grown, peak, allowed
+
+
+def test_a_small_city(tmp_path):
+    _, grown, _, allowed = check_memory(tmp_path, 1_000_000)
+    assert grown <= allowed - (100 << 20)  # the rest is for Python, Numba and its kernels
+
+
+@pytest.mark.slow
+def test_a_city_larger_than_its_memory(tmp_path):
+    size, grown, _, allowed = check_memory(tmp_path, 7_000_000)
+    assert grown <= allowed - (100 << 20) < 300 << 20 < size

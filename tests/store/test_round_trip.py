@@ -1,0 +1,212 @@
+"""What is written is what is read, bit for bit, and nothing but the scenes decides about the bytes."""
+
+import json
+import subprocess
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.scene.generated import StreamedCity
+from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
+from antumbra.scene.point_lights import PointLights
+from antumbra.scene.procedural import stream
+from antumbra.scene.scene import Scene
+from antumbra.scene.source import Piece
+from antumbra.store import build as build_module
+from antumbra.store import spool as spool_module
+from antumbra.store.build import build_store
+from antumbra.store.meta import Meta, as_json, from_json
+from antumbra.store.palette import palette_of
+from antumbra.store.read import open_store
+from bvh_scenes import HAZARDS, scattered, terrain
+from stores import CHUNK, built, check_whole, contents, mesh_piece, same_bits, scene_of, soup_scene
+
+RNG = np.random.default_rng(5)
+UTM = (448262.5, 5e6, 120.0)
+SCENES = {
+    "one triangle": soup_scene(scattered(1)),
+    "two triangles": soup_scene(scattered(2)),
+    "less than a chunk": soup_scene(scattered(CHUNK)),
+    "a soup": soup_scene(terrain(5000)),
+    "a colour for each": soup_scene(scattered(3000), RNG.random((3000, 3)).astype(np.float32)),
+    "float64, far away": scene_of(mesh_piece(RNG, offset=UTM)),
+    "float32": scene_of(mesh_piece(RNG, dtype=np.float32, one_colour=True)),
+    "copies": scene_of(mesh_piece(RNG, 100, copies=30), mesh_piece(RNG, 3, copies=4, one_colour=True)),
+    "nothing, and something": scene_of(
+        Piece(np.empty((0, 3, 3)), np.array([[0, 1, 2]], np.int32), np.ones(3, np.float32), "x"), mesh_piece(RNG)
+    ),
+    "procedural": at.procedural("cellar", triangles=6000),
+    "all in one point": soup_scene(np.full((1000, 3, 3), 2.5)),
+    "identical": soup_scene(HAZARDS["all identical"]),
+    "one dense spot": soup_scene(np.concatenate([scattered(4000) * 1e-5, scattered(900) * 100])),
+    "a few dense spots": soup_scene(np.concatenate([scattered(2000) * 1e-3 + k for k in (1e-3, 1, 50)])),
+    "huge": soup_scene(scattered(900) * 1e15),
+    "tiny": soup_scene(scattered(900) * 1e-28),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_is_written_is_what_is_read(tmp_path, name):
+    with built(tmp_path, SCENES[name]) as store:
+        check_whole(store, SCENES[name])
+        assert store.chunks.triangles.max() <= CHUNK
+        if store.n_triangles > 100:
+            assert len(store) < 4 * store.n_triangles / CHUNK
+
+
+def test_scenes_are_merged_in_their_order(tmp_path):
+    first, second = at.procedural("atrium", triangles=2000), at.procedural("cellar", triangles=3000)
+    store = built(tmp_path, first, second)
+    pieces = [*first.source.pieces(0.0), *second.source.pieces(0.0)]
+    check_whole(store, scene_of(*pieces))
+    assert store.meta.name == "atrium + cellar" and store.meta.up == "y"
+    positions = [c.position.tolist() for c in store.meta.cameras]
+    assert positions == [c.position.tolist() for c in (*first.cameras, *second.cameras)]
+    assert len(store.meta.lights) == 2
+
+
+@pytest.mark.parametrize("name", ["copies", "a colour for each", "float64, far away", "one dense spot"])
+def test_neither_memory_nor_threads_change_a_byte(tmp_path, monkeypatch, name):
+    path = built(tmp_path, SCENES[name], threads=1).path
+    once = path.read_bytes()
+    assert built(tmp_path, SCENES[name], threads=3).path.read_bytes() == once
+    monkeypatch.setattr(spool_module, "MOST", 7)  # so that large pieces are cut ...
+    monkeypatch.setattr(build_module, "MOST", 50)
+    monkeypatch.setattr(build_module, "_BATCH_BYTES", 1 << 40)  # ... and few triangles are moved at a time
+    assert built(tmp_path, SCENES[name]).path.read_bytes() == once
+    assert built(tmp_path, SCENES[name], chunk=CHUNK + 1).path.read_bytes() != once
+
+
+def test_a_streamed_city_is_the_city():
+    # Large enough for two groups of blocks, which two processes make.
+    whole, streamed = at.procedural("city", triangles=1_700_000, seed=3), StreamedCity(1_700_000, 3, processes=2)
+    (mesh,), blocks = whole.source.pieces(0.0), list(streamed.source.pieces(0.0))
+    starts = np.cumsum([0, *(b.vertices.shape[1] for b in blocks)])[:-1]
+    assert len(blocks) == 81
+    assert same_bits(np.concatenate([b.vertices for b in blocks], axis=1), mesh.vertices)
+    assert same_bits(np.concatenate([b.faces + np.int32(s) for b, s in zip(blocks, starts)]), mesh.faces)
+    assert same_bits(np.concatenate([b.colour for b in blocks]), mesh.colour)
+    for a, b in zip((*whole.cameras, *whole.lights), (*streamed.cameras(0.0), *streamed.lights(0.0))):
+        assert repr(a) == repr(b)
+    assert (streamed.name, streamed.up, streamed.duration) == (whole.name, whole.up, whole.duration)
+
+
+def test_a_store_of_a_streamed_city(tmp_path):
+    whole = at.procedural("city", triangles=30_000)
+    for processes in (1, 2, 3):
+        with built(tmp_path, StreamedCity(30_000, processes=processes), chunk=1024) as store:
+            check_whole(store, whole)
+
+
+def test_processes_that_make_a_city_end_with_who_reads(monkeypatch):
+    started = []
+    monkeypatch.setattr(stream, "_started", lambda *a, start=stream._started: started.append(start(*a)) or started[-1])
+    pieces = StreamedCity(5_000_000, processes=2).pieces(0.0)
+    next(pieces)
+    assert [worker.poll() for worker in started] == [None, None]
+    pieces.close()
+    assert all(worker.returncode for worker in started)
+
+
+@pytest.mark.parametrize("code", ["raise SystemExit(3)", "import os; os.write(1, bytes([9] + 15 * [0]))"])
+def test_a_process_that_fails_is_no_end_of_the_city(monkeypatch, code):
+    command = [sys.executable, "-c", code]
+    monkeypatch.setattr(stream, "_started", lambda *_: subprocess.Popen(command, stdout=subprocess.PIPE))
+    with pytest.raises(RuntimeError, match=r"has failed|ended too early"):
+        list(StreamedCity(20_000).pieces(0.0))
+
+
+def test_every_light_comes_back_to_the_bit():
+    third = 1 / 3
+    lights = [
+        PointLight((third, 2, 3), intensity=0.1, colour=(0.1, third, 1.0)),
+        QuadLight((0, third, 0), (1, 0, 0), (0, -0.0, 1)),
+        DiskLight((0, 1, 2), (1, third, 7), 0.7),
+        SphereLight((0, 1, 2), 0.1),
+        *(DirectionalLight(RNG.normal(size=3), 0.53) for _ in range(50)),
+        AmbientOcclusion(spp=3),
+        AmbientOcclusion(0.3),
+        PointLights(RNG.random((5, 3)), RNG.random(5), normals=RNG.normal(size=(5, 3)), interleave=True),
+    ]
+    cameras = [at.Camera((third, 0, 9), (0, 0, 0), vfov=41.3, width=77, height=33)]
+    box = np.float32([[0, 0, third], [1, 2, 3]])
+    meta = Meta("näme", "z", 9, RNG.normal(size=(2, 3)), RNG.normal(size=3), box, cameras, lights, ("note",), {"a": 1})
+    again = from_json(as_json(meta))
+    assert as_json(again) == as_json(meta) and json.loads(as_json(meta))["name"] == "näme"
+    for a, b in zip(lights, again.lights, strict=True):
+        assert type(a) is type(b) and repr(a) == repr(b)
+        assert all(getattr(a, n).tobytes() == getattr(b, n).tobytes() for n in vars(a) if hasattr(vars(a)[n], "dtype"))
+    assert same_bits(again.bounds, meta.bounds) and same_bits(again.box, box)
+    assert repr(again.cameras) == repr(cameras) and (again.notes, again.built) == (("note",), {"a": 1})
+
+
+def test_palettes():
+    some = RNG.random((9, 3)).astype(np.float32)
+    some[3] = -0.0  # is another colour than 0.0: bits are what is kept
+    some[4] = 0.0
+    for colours, rows in ((some[RNG.integers(0, 9, 5000)], 9), (RNG.random((4000, 3)), 4000), (some[:1], 1)):
+        colours = np.asarray(colours, np.float32)
+        palette, index = palette_of(colours)
+        assert len(palette) == rows and same_bits(palette[index], colours)
+
+
+def test_chunks_are_views_on_the_file(tmp_path):
+    store = built(tmp_path, at.procedural("cellar", triangles=20_000), chunk=4096)
+    tracemalloc.start()
+    chunks = [store.chunk(k) for k in range(len(store))]
+    grown = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert grown < 64_000 < store.path.stat().st_size
+    assert all(c.bvh.nodes.ctypes.data % 64 == 0 and np.shares_memory(c.bvh.nodes, c.bvh.links) for c in chunks)
+    assert all(a.flags.c_contiguous and a.flags.aligned and type(a) is np.ndarray for c in chunks for a in c.bvh)
+    before = [c.bvh.corners.copy() for c in chunks]
+    for k in range(len(store)):
+        store.release(k)
+    assert all((c.bvh.corners == b).all() for c, b in zip(chunks, before))
+    store.close()
+    assert all((c.bvh.corners == b).all() for c, b in zip(chunks, before))  # views outlive the store
+    with pytest.raises(at.InputError, match="is closed"):
+        store.chunk(0)
+    store.release(0)
+
+
+def test_two_read_the_same_store(tmp_path):
+    scene = SCENES["procedural"]
+    first = built(tmp_path, scene)
+    with open_store(first.path) as second:
+        assert same_bits(contents(first).vertices, contents(second).vertices)
+    check_whole(first, scene)
+
+
+@pytest.mark.parametrize(
+    "scenes, options, words",
+    [
+        ([], {}, "no scenes"),
+        (None, dict(max_memory=100 << 20), "max_memory"),
+        (None, dict(chunk=3), "chunk"),
+        (None, dict(threads=0), "threads"),
+        ([soup_scene(scattered(2)), Scene.from_arrays(scattered(2), up="z")], {}, "up axis"),
+        ([soup_scene(scattered(2)), soup_scene(scattered(2) + np.float32(2e18))], {}, "1e\\+18"),
+    ],
+    ids=["none", "memory", "chunk", "threads", "up", "far"],
+)
+def test_what_cannot_be_built(tmp_path, scenes, options, words):
+    with pytest.raises(at.InputError, match=words) as caught:
+        build_store([soup_scene(scattered(2))] if scenes is None else scenes, tmp_path / "a.antumbra", **options)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_moving_scene_is_taken_at_its_beginning(tmp_path):
+    folder = tmp_path / "moving"
+    folder.mkdir()
+    np.save(folder / "frames.npy", np.zeros((2, 3, 3), np.float32) + np.eye(3, dtype=np.float32))
+    np.save(folder / "faces.npy", np.array([[0, 1, 2]], np.int32))
+    scene = at.load(folder)
+    assert scene.animated
+    store = built(tmp_path, scene)
+    check_whole(store, scene)
+    assert any("first moment" in note for note in store.meta.notes)

@@ -1,0 +1,55 @@
+"""The scene that `load` gives for a store."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.scene.scene import Scene
+from bvh_scenes import scattered
+from stores import built
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    scene = at.procedural("atrium", triangles=2000)
+    return scene, at.load(built(tmp_path_factory.mktemp("paged"), scene).path)
+
+
+def test_it_is_like_the_scene(both):
+    scene, paged = both
+    for name in ("name", "up", "n_triangles", "duration", "animated", "notes"):
+        assert getattr(paged, name) == getattr(scene, name)
+    assert (paged.bounds == scene.bounds).all() and (paged.origin == scene.origin).all()
+    assert repr(paged.cameras) == repr(scene.cameras) and repr(paged.lights) == repr(scene.lights)
+    assert repr(paged.camera(0, 1.0)) == repr(scene.camera(0)) and repr(paged.light(0)) == repr(scene.light(0))
+    assert repr(paged.default_camera()) == repr(scene.default_camera())
+    assert repr(paged.default_light()) == repr(scene.default_light())
+    assert paged.meshes == [] and paged.clamped(3.0) == 0.0
+    assert len(paged.store) > 1 and "2000" not in repr(paged.store.path)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda scene: scene.triangles(),
+        lambda scene: scene.colours,
+        lambda scene: scene.occluded([0.0, 1, 0], [0.0, 1, 0]),
+        lambda scene: list(scene.source.pieces(0.0)),
+    ],
+    ids=["triangles", "colours", "rays", "pieces"],
+)
+def test_all_triangles_are_not_to_be_had(both, monkeypatch, ask):
+    monkeypatch.setattr("antumbra.queries.warm_up_rays", lambda: None)
+    with pytest.raises(at.InputError, match=r"is paged.*chcrt"):
+        ask(both[1])
+
+
+def test_what_is_not_there(both):
+    for ask in (both[1].camera, both[1].light):
+        with pytest.raises(at.InputError, match="there is no"):
+            ask(5)
+
+
+def test_up_is_kept(tmp_path):
+    store = built(tmp_path, Scene.from_arrays(np.float64(scattered(9)), up="z"))
+    assert at.load(store.path).up == "z" == at.load(store.path, up="y").up

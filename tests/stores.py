@@ -1,0 +1,113 @@
+"""Helpers for tests of stores: building them small, and reading all of one."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from antumbra.bvh.nodes import Bvh
+from antumbra.bvh.quality import validate
+from antumbra.scene.scene import Scene
+from antumbra.scene.source import Piece
+from antumbra.store.build import build_store
+from antumbra.store.read import Store, open_store
+
+CHUNK = 64  # triangles: so that small scenes have many chunks, and are sorted in files
+SCENE = "procedural:cellar?triangles=2000"
+
+
+class Pieces:
+    """A source of given pieces."""
+
+    duration, meshes = 0.0, ()
+
+    def __init__(self, *pieces, file="pieces"):
+        self._pieces, self.file = pieces, file
+
+    def pieces(self, time):
+        yield from self._pieces
+
+    def cameras(self, time):
+        return []
+
+    def lights(self, time):
+        return []
+
+
+def scene_of(*pieces) -> Scene:
+    return Scene(Pieces(*pieces))
+
+
+def soup_scene(vertices, colours=None) -> Scene:
+    return Scene.from_arrays(np.asarray(vertices, np.float32), colours=colours)
+
+
+def mesh_piece(rng, n=700, dtype=np.float64, offset=(0, 0, 0), copies=1, one_colour=False) -> Piece:
+    """Copies of small triangles with vertices in common, in any order."""
+    positions = rng.normal(size=(n // 2 + 3, 3))
+    faces = np.argsort(((positions[:, None] - positions[rng.integers(0, len(positions), n)]) ** 2).sum(2), axis=0)[:3].T
+    moved = positions + rng.normal(size=(copies, 1, 3)) * 5 + offset
+    colour = rng.random(3 if one_colour else (n, 3)).round(1).astype(np.float32)
+    return Piece(moved.astype(dtype), np.ascontiguousarray(faces, np.int32), colour, "mesh")
+
+
+class Contents(NamedTuple):
+    """All triangles of a store, by their index in the scene."""
+
+    vertices: np.ndarray  # (n, 3, 3) float32
+    colours: np.ndarray  # (n, 3) float32
+    times: np.ndarray  # (n,) int: how often each occurs
+
+
+def contents(store: Store) -> Contents:
+    n = store.n_triangles
+    found = Contents(np.zeros((n, 3, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, int))
+    for k in range(len(store)):
+        chunk = store.chunk(k)
+        ids = chunk.bvh.prim_ids
+        found.vertices[ids], found.colours[ids] = chunk.bvh.corners.reshape(-1, 3, 3), chunk.palette[chunk.index]
+        found.times[ids] += 1
+    return found
+
+
+def same_bits(a, b) -> bool:
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def check_whole(store: Store, scene: Scene) -> None:
+    """The store holds just the triangles of the scene, in chunks that are as they should be."""
+    triangles, found = scene.triangles(), contents(store)
+    assert (found.times == 1).all() and len(found.times) == scene.n_triangles == store.chunks.triangles.sum()
+    assert same_bits(found.vertices, triangles.vertices) and same_bits(found.colours, triangles.colour)
+    meta = store.meta
+    assert same_bits(meta.origin, triangles.origin) and same_bits(meta.bounds, scene.bounds)
+    assert (meta.box == [triangles.vertices.min((0, 1)), triangles.vertices.max((0, 1))]).all()
+    for k in range(len(store)):
+        store.check(k)
+        _check_chunk(store, k, triangles.vertices)
+    _check_top(store)
+
+
+def _check_chunk(store, k, vertices):
+    bvh, chunks = store.chunk(k).bvh, store.chunks
+    ids = np.sort(bvh.prim_ids)
+    validate(bvh._replace(prim_ids=np.searchsorted(ids, bvh.prim_ids).astype(np.int32)), vertices[ids])
+    own = vertices[ids]
+    assert (chunks.box[k] == [*own.min((0, 1)), *own.max((0, 1))]).all()
+    assert same_bits(chunks.root[k], bvh.nodes[0]) and len(bvh.nodes) == chunks.nodes[k]
+    assert len(np.unique(store.chunk(k).palette, axis=0)) == len(store.chunk(k).palette) == chunks.colours[k]
+
+
+def _check_top(store):
+    """The top is a tree like any other, over the boxes' diagonals, with one chunk in each leaf."""
+    links, boxes = store.top.links[:, 12:14], store.chunks.box
+    leaves = ~links[(links < 0) & (links != -(2**31))]
+    assert (leaves % 8 == 0).all() and sorted(leaves // 8) == list(range(len(store)))
+    diagonals = np.stack([boxes[:, :3], boxes[:, 3:], boxes[:, :3]], axis=1)
+    bvh = Bvh(store.top.nodes, store.top.links, np.arange(len(store), dtype=np.int32), diagonals.reshape(-1, 9).copy())
+    validate(bvh, diagonals)
+
+
+def built(tmp_path, *scenes, name="a.antumbra", chunk=CHUNK, **options) -> Store:
+    path = tmp_path / name
+    build_store(scenes, path, chunk=chunk, **options)
+    return open_store(path)
