@@ -75,6 +75,7 @@ class Paged:
         self.scene, self.threads, self.max_memory = scene, threads, max_memory
         store: Store = scene.store
         self.store, self.residency = store, Residency(store, max_memory)
+        self._before = self.residency.paging
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
         scheduled = Scheduled(parts, CHCRT[plan.trace][0])
         self.accelerated: Accelerated = Accelerated(self._triangles(np.empty((0, 2), np.int32)), None, scheduled)
@@ -96,8 +97,13 @@ class Paged:
                 f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for this picture; "
                 f"give at least {need}M, or a smaller size"
             )
-        self.residency.budget = budget
+        self.residency.budget, self._before = budget, self.residency.paging
         self.residency.trim()
+
+    def paging(self) -> dict[str, int]:
+        """What has come and gone in this frame."""
+        now, before = self.residency.paging, self._before
+        return {name: a - b for name, a, b in zip(now._fields, now, before)}
 
     def look(self, camera) -> Surfaces:
         """The surfaces that a camera sees."""

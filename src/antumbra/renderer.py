@@ -57,6 +57,7 @@ class Frame(NamedTuple):
     refined: np.ndarray | None = None  # (H, W) bool: penumbrae and edges that were refined; None unless asked for
     indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance by light that bounced; None unless asked for
     scheduled: list[dict] | None = None  # by CHC+RT: what each question took, see `chcrt.schedule.Statistics`
+    paging: dict[str, int] | None = None  # of a store: chunks that came and went, see `store.residency.Paging`
 
     def save(self, path, exposure: float | None = None) -> None:
         """Write ``.png`` (sRGB; exposure None: automatic) or ``.exr`` (linear; image, visibility, depth, normal).
@@ -212,19 +213,13 @@ class Renderer:
             image[edge] = block_means(picture, int(np.count_nonzero(edge)))
             clock.lap("shade")
         gbuffer = gbuffer._replace(face=surfaces.ids)
-        scheduled = job.accelerated.prepared.told if self.plan.tracer.keeps else None
-        return Frame(
-            image,
-            visibility,
-            bits,
-            gbuffer,
-            job.rays,
-            clock.timings(),
-            as_dict(job.tally),
-            refined,
-            indirect,
-            scheduled,
-        )
+        told = {
+            "refined": refined,
+            "indirect": indirect,
+            "scheduled": job.accelerated.prepared.told if self.plan.tracer.keeps else None,
+            "paging": None if self.paged is None else self.paged.paging(),
+        }
+        return Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), **told)
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH if the plan has one."""

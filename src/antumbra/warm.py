@@ -116,18 +116,15 @@ def _small_scene():
     return Scene.from_arrays(np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3), faces)
 
 
-def _small_view(quality=False):
-    """(camera, lights) for the small scene."""
+def _small_view(quality=False, sky=True):
+    """(camera, lights) for the small scene; `sky`: light from everywhere, too."""
     from .scene.camera import Camera
     from .scene.lights import AmbientOcclusion, PointLight, SphereLight
     from .scene.point_lights import PointLights
 
     light = SphereLight((0, 2, 0), 0.1) if quality else PointLight((0, 2, 0))
-    return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), [
-        light,
-        PointLights([(0, 2, 0)], interleave=quality),
-        AmbientOcclusion(1.0),
-    ]
+    lights = [light, PointLights([(0, 2, 0)], interleave=quality), *([AmbientOcclusion(1.0)] if sky else [])]
+    return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), lights
 
 
 def _render_small(plan, gbuffer, counters, quality=False, bounce=False, passes=0):
@@ -137,7 +134,7 @@ def _render_small(plan, gbuffer, counters, quality=False, bounce=False, passes=0
     from .query.sampling import light_samples
     from .srdh_rays import SrdhRays
 
-    camera, lights = _small_view(quality)
+    camera, lights = _small_view(quality, sky=not passes)
     samples = [light_samples(light, 1) for light in lights]
     finer = finer_samples(lights, 2, "hammersley") if quality else None
     made = renderer.Renderer(_small_scene(), plan, 2, gbuffer, SrdhRays(bounce=True) if bounce else None)

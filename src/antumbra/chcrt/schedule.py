@@ -71,7 +71,7 @@ def trace_frame(fronts: Fronts, rays: RaySet) -> Statistics:
     """Trace the rays of a frame, and keep in `fronts` what was visible for the next one."""
     told = Statistics()
     shown, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
-    _trace(fronts, rays, shown, told, True)
+    _trace(fronts, rays, shown, told)
     told.lap("phase 1")
     due = shown[fronts.due[shown] <= fronts.frame]
     seen, still = _ask(fronts, rays, hidden, told), _ask(fronts, rays, due, told, True)
@@ -93,13 +93,17 @@ def _ask(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, agai
     return answers.counts > fronts.options.threshold
 
 
-def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, first: bool = False) -> None:
-    """Trace the rays of final pairs, first the parts that are in memory (Sec. 5.4)."""
-    told.traced += len(pairs)
+def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) -> np.ndarray:
+    """Trace the rays of final pairs, first the parts that are in memory (Sec. 5.4); the pairs that were traced.
+
+    Parts that are not in memory come nearest first, each once for all its pairs. Pairs whose rays have found something
+    before their part is read are left out.
+    """
     memory = fronts.parts.memory
-    if memory is None or (first and not len(pairs)):
+    if memory is None or not len(pairs):
+        told.traced += len(pairs)
         rays.trace(lists_of(fronts, pairs))
-        return
+        return pairs
     parts = fronts.row[pairs] - fronts.parts.inner
 
     def still(asked: np.ndarray) -> np.ndarray:
@@ -108,8 +112,12 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, fi
         met = those[rays.ask(fronts, those, False).counts > fronts.options.threshold]
         return np.isin(asked, fronts.row[met] - fronts.parts.inner)
 
+    traced = [pairs[:0]]
     for group in memory.groups(_nearest_first(parts, fronts.key[pairs]), still):
-        rays.trace(lists_of(fronts, pairs[np.isin(parts, group)]))
+        traced.append(pairs[np.isin(parts, group)])
+        told.traced += len(traced[-1])
+        rays.trace(lists_of(fronts, traced[-1]))
+    return np.concatenate(traced)
 
 
 def _nearest_first(parts: np.ndarray, keys: np.ndarray) -> np.ndarray:
@@ -120,9 +128,10 @@ def _nearest_first(parts: np.ndarray, keys: np.ndarray) -> np.ndarray:
 
 
 def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) -> None:
-    """Phase 3: split what has become visible, down to final pairs, and trace those, batch by batch.
+    """Phase 3: split what has become visible, down to final pairs, and trace those.
 
-    Each batch has the nearest parts of each tile; those behind are asked about again before they are traced.
+    In core, batch by batch: each has the nearest parts of each tile, and those behind are asked about again before
+    they are traced. Out of core the memory does so.
     """
     waiting = [seen[:0]]
     while len(seen):
@@ -131,6 +140,9 @@ def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) 
         children = fronts.split(seen[~final])
         seen = children[_ask(fronts, rays, children, told)]
     pairs, batch = np.concatenate(waiting), min(_FIRST_BATCH, fronts.options.batch)
+    if fronts.parts.memory is not None:
+        fronts.show(_trace(fronts, rays, pairs, told))
+        return
     while len(pairs):
         nearest = _rank(fronts, pairs) < batch
         now, pairs = pairs[nearest], pairs[~nearest]

@@ -31,10 +31,11 @@ class Asked(NamedTuple):
     sampler: str
     filter: bool
     adaptive: int | None
-    plan: str
+    plan: str | None  # None: the one that suits the scene
     srdh_rays: "SrdhRays | None"  # that the plan's builder is shown
     gbuffer: str
     threads: int | None
+    max_memory: int | None  # bytes, for a scene in a store
     exposure: float | None  # None: automatic
     counters: bool
     json: bool
@@ -43,19 +44,26 @@ class Asked(NamedTuple):
     def check(self) -> None:
         """InputError on what can be found wrong before a scene is read."""
         from ..image.save import checked_exposure
-        from ..plan import parse_plan
+        from ..plan import DEFAULT_PLAN, parse_plan
         from ..query.sampling import sample_sets
         from ..srdh_rays import check_srdh_rays
 
         if self.exposure is not None:
             checked_exposure(self.exposure)
-        check_srdh_rays(self.srdh_rays, parse_plan(self.plan))
+        if self.srdh_rays is not None or self.plan is not None:
+            check_srdh_rays(self.srdh_rays, parse_plan(self.plan or DEFAULT_PLAN))
         sample_sets(self.spp, self.sampler)
+
+    def about(self, scene: "Scene") -> "Asked":
+        """The same, with the plan that suits the scene if none was named."""
+        from ..paged import default_plan
+
+        return self if self.plan is not None else self._replace(plan=default_plan(scene))
 
     def renderer(self, scene: "Scene") -> "Renderer":
         from .. import Renderer
 
-        return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays)
+        return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays, self.max_memory)
 
     def view(self, scene: "Scene", time: float) -> "Camera":
         """The camera at a time."""
@@ -125,10 +133,15 @@ def scene_digest(spec: SceneSpec) -> str:
     Files that a file refers to (textures, buffers of a .gltf) are not read.
     """
     from ..scene.frames import FILES
+    from ..scene.load import STORE_SUFFIX
 
     digest = hashlib.sha256(usedforsecurity=False)
     if spec.path is None:
         digest.update(f"{spec.name} {spec.triangles} {spec.seed}".encode())
+        return digest.hexdigest()
+    if spec.path.suffix.lower() == STORE_SUFFIX:  # its first page has the checksum of the checksums of all chunks
+        with spec.path.open("rb") as stream:
+            digest.update(stream.read(4096))
         return digest.hexdigest()
     folder = spec.path.is_dir()
     for path in [spec.path / name for name in FILES] if folder else [spec.path]:

@@ -99,10 +99,24 @@ def render(
             show_default=False,
         ),
     ] = None,
-    plan: Annotated[str, typer.Option(help="Which methods answer; see antumbra plans.")] = "bsah+multifrusta",
+    plan: Annotated[
+        str | None,
+        typer.Option(
+            help="Which methods answer; see antumbra plans.  [default: bsah+multifrusta; of a store bsah+chcrt]",
+            show_default=False,
+        ),
+    ] = None,
     srdh_rays: SrdhRaysOption = None,
     gbuffer: Annotated[GBufferBy, typer.Option(help="How it is found what pixels see.")] = GBufferBy.raster,
     threads: Threads = None,
+    max_memory: Annotated[
+        str | None,
+        typer.Option(
+            help="Memory to render a store with, in bytes, or with M or G: 512M.  [default: 4G]",
+            metavar="SIZE",
+            show_default=False,
+        ),
+    ] = None,
     exposure: Annotated[
         float | None,
         typer.Option(help="Factor on the light of a .png.  [default: automatic]", show_default=False),
@@ -151,6 +165,7 @@ def render(
       antumbra render robot.glb --frames 0:240 -o f.####.png
       antumbra render robot.glb --frames 0:240 --plan srdh+single --srdh-rays last-frame
       antumbra render "procedural:city?triangles=500k&seed=3"
+      antumbra render city.antumbra --max-memory 2G
     """
     for name, instead in (("--vpl", vpl), ("--bounce", bounce)):
         if ao is not None and instead is not None:
@@ -176,6 +191,7 @@ def render(
         srdh_rays=None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays),
         gbuffer=gbuffer.value,
         threads=threads,
+        max_memory=None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory"),
         exposure=exposure,
         counters=counters,
         json=json,
@@ -195,6 +211,7 @@ def render(
         activity.say("reading the scene")
         start = perf_counter()
         opened = open_scene(spec, asked.up, quiet)
+        asked = asked.about(opened)
         load = perf_counter() - start
         activity.say("preparing")
         if sequence is None:

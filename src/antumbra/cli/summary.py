@@ -70,6 +70,8 @@ def shot_answer(shot: "Shot", saved: Saved) -> dict:
         "timings": frame.timings,
         "save": saved.seconds,
         "counters": frame.counters,
+        "scheduled": frame.scheduled,
+        "paging": frame.paging,
         "uncertain_fraction": _uncertain(frame),
     }
 
@@ -116,7 +118,16 @@ def shot_fields(asked: "Asked", shot: "Shot") -> Iterator[tuple[str, str]]:
     yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
-    yield "plan", asked.plan
+    yield "plan", str(asked.plan)
+    if frame.paging is not None:
+        told = frame.paging
+        yield (
+            "chunks",
+            (
+                f"{told['cached']:,} of {told['wanted']:,} were in memory when rays met them, "
+                f"{told['loaded']:,} were read ({told['bytes'] / 1e6:,.0f} MB)"
+            ),
+        )
 
 
 def _speed(frame) -> float | None:

@@ -20,6 +20,7 @@ from .read import Store
 POLICIES = "lru", "round-robin"
 _READERS = 2  # threads: while nothing can be traced they have all cores
 _GROUP = 16  # chunks that are traced together, if so many are coming: what is behind them need not be read
+_IN_BLOCK = 6  # triangles, fewer than there are in all trees that were looked at
 _BLOCK_BYTES = 4 * 16 * (ROWS + 2) + 64  # of memory for a block: rows, bounds, slots, and a node
 
 
@@ -69,9 +70,13 @@ class Residency:
         return self._used
 
     def most_of(self, k: int) -> int:
-        """Bytes of memory that chunk `k` takes, at most: what is made of it, and its pages."""
-        blocks = int(self.store.chunks.nodes[k]) + 1  # a block stands for a leaf, or more than one
-        return blocks * _BLOCK_BYTES + int(self.store.chunks.bytes[k])
+        """Bytes of memory that chunk `k` will take, more than that in all likelihood: what is made of it, and its pages."""
+        blocks = int(self.store.chunks.triangles[k]) // _IN_BLOCK + 1
+        return blocks * _BLOCK_BYTES + self._pages(k)
+
+    def _pages(self, k: int) -> int:
+        """Bytes of chunk `k`'s pages but for its nodes, which are copied."""
+        return int(self.store.chunks.bytes[k]) - 64 * int(self.store.chunks.nodes[k])
 
     def least_budget(self) -> int:
         """The smallest budget: two chunks, one to be traced and one to be read."""
@@ -141,8 +146,10 @@ class Residency:
             self._checked[k] = True
         chunk = self.store.chunk(k)
         tree = block_tree(chunk.bvh, 1)
-        made = sum(a.nbytes for a in (tree.nodes, tree.blocks, tree.bounds, tree.slots))
-        return Resident(tree, made + int(self.store.chunks.bytes[k]))
+        self.store.release(k)  # of what is left only a little is looked at
+        return Resident(
+            tree, sum(a.nbytes for a in (tree.nodes, tree.blocks, tree.bounds, tree.slots)) + self._pages(k)
+        )
 
     def _arrived(self, coming: deque) -> list[int]:
         """Wait for the next chunks; they, and all others that are there already."""
