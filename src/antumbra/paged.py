@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .store.read import Store
 
 MAX_MEMORY = 4 << 30
-_PIXEL_BYTES = 700  # of a frame's arrays: rays, hits, surfaces, cells, the image and what makes it
+_PIXEL_BYTES = 320  # of a frame's arrays: rays, hits, surfaces, cells, the image and what makes it
 _SPARE = 48 << 20  # for what is allocated here and there
 
 
@@ -81,7 +81,12 @@ class Paged:
         self.accelerated: Accelerated = Accelerated(self._triangles(np.empty((0, 2), np.int32)), None, scheduled)
 
     def begin(self, pixels: int, words: int) -> None:
-        """A frame of so many pixels and words of bits begins: the chunks get what memory it leaves.
+        """A frame of so many pixels and words of bits begins: the chunks get what memory it leaves."""
+        self.residency.budget, self._before = self.budget(pixels, words), self.residency.paging
+        self.residency.trim()
+
+    def budget(self, pixels: int, words: int) -> int:
+        """Bytes that chunks may take in such a frame.
 
         Raises
         ------
@@ -97,8 +102,7 @@ class Paged:
                 f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for this picture; "
                 f"give at least {need}M, or a smaller size"
             )
-        self.residency.budget, self._before = budget, self.residency.paging
-        self.residency.trim()
+        return budget
 
     def paging(self) -> dict[str, int]:
         """What has come and gone in this frame."""

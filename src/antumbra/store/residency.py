@@ -70,7 +70,7 @@ class Residency:
         return self._used
 
     def most_of(self, k: int) -> int:
-        """Bytes of memory that chunk `k` will take, more than that in all likelihood: what is made of it, and its pages."""
+        """Bytes of memory that chunk `k` will take, or rather less: what is made of it, and its pages."""
         blocks = int(self.store.chunks.triangles[k]) // _IN_BLOCK + 1
         return blocks * _BLOCK_BYTES + self._pages(k)
 
