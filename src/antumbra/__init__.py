@@ -33,12 +33,15 @@ if typing.TYPE_CHECKING:
     from .scene.scene import Scene
     from .scene.triangles import Triangles
     from .srdh_rays import SrdhRays
+    from .store.build import BuildReport, build_store
+    from .store.scene import PagedScene
     from .virtual_lights import virtual_point_lights
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AmbientOcclusion",
+    "BuildReport",
     "Camera",
     "DirectionalLight",
     "DiskLight",
@@ -47,6 +50,7 @@ __all__ = [
     "Hit",
     "InputError",
     "Light",
+    "PagedScene",
     "Plan",
     "PointLight",
     "PointLights",
@@ -57,6 +61,7 @@ __all__ = [
     "SrdhRays",
     "Triangles",
     "Visibility",
+    "build_store",
     "load",
     "procedural",
     "render",
@@ -88,6 +93,8 @@ _HOMES = {
     "scene.scene": ["Scene"],
     "scene.triangles": ["Triangles"],
     "srdh_rays": ["SrdhRays"],
+    "store.build": ["BuildReport", "build_store"],
+    "store.scene": ["PagedScene"],
     "virtual_lights": ["virtual_point_lights"],
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

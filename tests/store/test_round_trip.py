@@ -185,13 +185,14 @@ def test_two_read_the_same_store(tmp_path):
     "scenes, options, words",
     [
         ([], {}, "no scenes"),
+        (["a.glb"], {}, "a scene is str"),
         (None, dict(max_memory=100 << 20), "max_memory"),
         (None, dict(chunk=3), "chunk"),
         (None, dict(threads=0), "threads"),
         ([soup_scene(scattered(2)), Scene.from_arrays(scattered(2), up="z")], {}, "up axis"),
         ([soup_scene(scattered(2)), soup_scene(scattered(2) + np.float32(2e18))], {}, "1e\\+18"),
     ],
-    ids=["none", "memory", "chunk", "threads", "up", "far"],
+    ids=["none", "a name", "memory", "chunk", "threads", "up", "far"],
 )
 def test_what_cannot_be_built(tmp_path, scenes, options, words):
     with pytest.raises(at.InputError, match=words) as caught:

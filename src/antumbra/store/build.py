@@ -12,8 +12,10 @@ from ..checks import whole_number
 from ..errors import InputError
 from ..output import checked_output, replacing
 from ..parallel import thread_count
+from ..scene.generated import StreamedCity
 from ..scene.load import STORE_SUFFIX
 from ..scene.recentre import frame_origin
+from ..scene.scene import Scene
 from ..warm import warm_up_store
 from .chunks import chunks_of
 from .columns import gathered
@@ -37,15 +39,15 @@ Progress = Callable[[str, int, int], None]
 class BuildReport(NamedTuple):
     """What came of a build."""
 
-    path: Path
-    triangles: int
-    chunks: int
+    path: Path  # of the store
+    triangles: int  # of all scenes
+    chunks: int  # in which they are
     bytes: int  # of the file
-    seconds: dict[str, float]  # of each phase, and "total"
+    seconds: dict[str, float]  # of the phases "read", "sort", "build" and "finish", and "total"
 
 
 def build_store(
-    scenes: Iterable,
+    scenes,
     path,
     *,
     max_memory: int = 4 << 30,
@@ -53,11 +55,11 @@ def build_store(
     chunk: int = CHUNK,
     progress: Progress | None = None,
 ) -> BuildReport:
-    """Write scenes, as one, to a store.
+    """Write scenes, as one, to a store, which `load` opens.
 
     Parameters
     ----------
-    scenes : iterable of Scene or StreamedCity
+    scenes : Scene or iterable of Scene
         Merged in this order, as they are at time 0; cameras and lights of all are kept. They are looked at one after
         the other, so a generator need not keep them.
     path : str or path-like
@@ -70,6 +72,11 @@ def build_store(
     chunk : int
         Triangles in a chunk, at most.
     progress : function of (text, done, total), optional
+        Hears what is being done, how much of it is done, and of how much; 0: nobody knows.
+
+    Returns
+    -------
+    BuildReport
 
     Raises
     ------
@@ -77,6 +84,7 @@ def build_store(
         On scenes without triangles, too far apart or with other up axes; a path that cannot be written, or a full
         disk, and then nothing is left behind.
     """
+    scenes = [scenes] if isinstance(scenes, Scene) else scenes
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
     max_memory = whole_number(max_memory, "max_memory", LEAST_MEMORY, 1 << 60)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
@@ -117,6 +125,8 @@ class _Build:
         """Spool all pieces; name, up, cameras, lights and notes of all scenes."""
         names, ups, cameras, lights, notes = [], set(), [], [], []
         for scene in scenes:
+            if not isinstance(scene, Scene | StreamedCity):
+                raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as antumbra.load gives")
             source = scene.source
             with closing(source.pieces(0.0)) as pieces:  # processes may be making them
                 for piece in pieces:
