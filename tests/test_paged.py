@@ -131,7 +131,7 @@ def test_what_cannot_be_asked_of_a_store(city):
         at.render(paged, camera, LIGHT, max_memory=200 << 20)
     with pytest.raises(at.InputError, match="max_memory is for scenes in a store"):
         at.render(scene, camera, LIGHT, max_memory=1 << 30)
-    with pytest.raises(at.InputError, match="render it by a plan that ends in chcrt"):
+    with pytest.raises(at.InputError, match="is in a store, whose trees are built"):
         paged.occluded((0, 0, 0), (0, 1, 0))
     with pytest.raises(at.InputError, match="eviction policy is 'mru'; choose lru or round-robin"):
         Residency(paged.store, 1 << 30, "mru")

@@ -213,13 +213,10 @@ class Renderer:
             image[edge] = block_means(picture, int(np.count_nonzero(edge)))
             clock.lap("shade")
         gbuffer = gbuffer._replace(face=surfaces.ids)
-        told = {
-            "refined": refined,
-            "indirect": indirect,
-            "scheduled": job.accelerated.prepared.told if self.plan.tracer.keeps else None,
-            "paging": None if self.paged is None else self.paged.paging(),
-        }
-        return Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), **told)
+        scheduled = job.accelerated.prepared.told if self.plan.tracer.keeps else None
+        paging = None if self.paged is None else self.paged.paging()
+        frame = Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), refined)
+        return frame._replace(indirect=indirect, scheduled=scheduled, paging=paging)
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH if the plan has one."""
@@ -318,6 +315,7 @@ class Renderer:
         triangles, threads = accelerated.triangles, self.threads
         if self.plan.tracer.keeps:
             return partial(nearest_scheduled, scheduled=accelerated.prepared, triangles=triangles, threads=threads)
+        assert accelerated.bvh is not None
         return partial(nearest_surfaces, bvh=accelerated.bvh, triangles=triangles, threads=threads)
 
     def _moment(self, time: float) -> tuple[Triangles, Accelerated | None]:

@@ -96,9 +96,13 @@ class Asked(NamedTuple):
     def settings(self, scene: "Scene", digest: str, time: float) -> dict:
         """All that the picture of a time depends on, as JSON has it: with the same settings it has the same bits.
 
-        Not the plan, its rays, the G-buffer's method and the threads, which change nothing; nor the exposure.
+        Not the plan if it is exact, its rays, the G-buffer's method and the threads, which change nothing; nor the
+        exposure.
         """
         from .. import __version__
+        from ..plan import parse_plan
+
+        plan = None if self.plan is None else parse_plan(self.plan)
 
         return report.plain(
             {
@@ -114,6 +118,7 @@ class Asked(NamedTuple):
                 "sampler": self.sampler,
                 "filter": self.filter,
                 "adaptive": self.adaptive,
+                **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )
 

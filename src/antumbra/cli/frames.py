@@ -204,7 +204,7 @@ class Animation:
         counts += [f"{len(failed)} failed ({', '.join(map(str, failed))})"] if failed else []
         yield "frames", ", ".join(counts)
         yield "scene", summary.scene_text(asked, self.job.scene)
-        yield "plan", asked.plan
+        yield "plan", str(asked.plan)
         if self.exposure is not None:
             yield "exposure", f"{self.exposure:.6g}"
         if self.seconds:
