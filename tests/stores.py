@@ -12,7 +12,6 @@ from antumbra.store.build import build_store
 from antumbra.store.read import Store, open_store
 
 CHUNK = 64  # triangles: so that small scenes have many chunks, and are sorted in files
-SCENE = "procedural:cellar?triangles=2000"
 
 
 class Pieces:

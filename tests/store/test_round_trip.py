@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import tracemalloc
+import weakref
 
 import numpy as np
 import pytest
@@ -66,6 +67,21 @@ def test_scenes_are_merged_in_their_order(tmp_path):
     positions = [c.position.tolist() for c in store.meta.cameras]
     assert positions == [c.position.tolist() for c in (*first.cameras, *second.cameras)]
     assert len(store.meta.lights) == 2
+
+
+def test_a_scene_is_gone_when_the_next_one_is_opened(tmp_path):
+    opened = []
+
+    def scenes():
+        for k in range(3):
+            assert all(scene() is None for scene in opened)
+            scene = soup_scene(scattered(70, k))
+            opened.append(weakref.ref(scene))
+            yield scene
+            del scene
+
+    build_store(scenes(), tmp_path / "a.antumbra", chunk=CHUNK)
+    assert len(opened) == 3 and open_store(tmp_path / "a.antumbra").n_triangles == 210
 
 
 @pytest.mark.parametrize("name", ["copies", "a colour for each", "float64, far away", "one dense spot"])

@@ -16,6 +16,7 @@ from ..scene.generated import StreamedCity
 from ..scene.load import STORE_SUFFIX
 from ..scene.recentre import frame_origin
 from ..scene.scene import Scene
+from ..scene.source import Source
 from ..warm import warm_up_store
 from .chunks import chunks_of
 from .columns import gathered
@@ -127,18 +128,15 @@ class _Build:
         for scene in scenes:
             if not isinstance(scene, Scene | StreamedCity):
                 raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as antumbra.load gives")
-            source = scene.source
-            with closing(source.pieces(0.0)) as pieces:  # processes may be making them
-                for piece in pieces:
-                    spool.add(piece)
-                    self._say("reading", spool.survey.n_triangles, 0)
+            self._spool(scene.source, spool)
             names.append(scene.name)
             ups.add(scene.up)
-            cameras += source.cameras(0.0)
-            lights += source.lights(0.0)
+            cameras += scene.source.cameras(0.0)
+            lights += scene.source.lights(0.0)
             notes += scene.notes
             if scene.animated:
                 notes.append(f"{scene.name}: moves; the store shows its first moment")
+            del scene  # before the next one is opened
         if not names:
             raise InputError("no scenes; give at least one")
         if len(ups) > 1:
@@ -147,6 +145,12 @@ class _Build:
             raise InputError(f"{spool.survey.n_triangles} triangles; a store holds at most {MOST_TRIANGLES}")
         name = " + ".join(names)
         return {"name": name, "up": ups.pop(), "cameras": cameras, "lights": lights, "notes": tuple(notes)}
+
+    def _spool(self, source: Source, spool: Spool) -> None:
+        with closing(source.pieces(0.0)) as pieces:  # processes may be making them
+            for piece in pieces:
+                spool.add(piece)
+                self._say("reading", spool.survey.n_triangles, 0)
 
     def _write_chunks(self, spool: Spool, bounds: np.ndarray, writer: Writer) -> None:
         n, origin, heard = spool.survey.n_triangles, frame_origin(*bounds), 0
