@@ -22,11 +22,12 @@ import numpy as np
 
 from antumbra.bench import embree
 from antumbra.bench.embree_frames import ORDERS, Primary, Shadow, light_points, primary, shadows
+from antumbra.frame import PHASES
 from antumbra.image.irradiance import irradiance
 from antumbra.image.shade import ambient_light, shade
 from antumbra.plan import DEFAULT_PLAN
 from antumbra.query.shadow import fraction_lit
-from antumbra.renderer import PHASES, Renderer
+from antumbra.renderer import Renderer
 from comparison import compare, options_of, start
 from contest import CLOCKS, OURS, progress
 from views import MOVING, Moving, moving_views

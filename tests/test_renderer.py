@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh.blocks import BlockTree
+from antumbra.frame import PHASES
 from antumbra.queries import accelerated
-from antumbra.renderer import PHASES
 from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace.counters import COUNTERS
 from antumbra.trace.orders import BUILT, Ordered

@@ -12,11 +12,12 @@ import typing
 
 if typing.TYPE_CHECKING:
     from .errors import InputError
+    from .frame import Frame
     from .plan import Plan
     from .queries import Visibility, visibility
     from .query.gbuffer import GBuffer
     from .query.rays import Hit
-    from .renderer import Frame, Renderer, render
+    from .renderer import Renderer, render
     from .scene.camera import Camera
     from .scene.generated import procedural
     from .scene.lights import (
@@ -76,7 +77,8 @@ _HOMES = {
     "queries": ["Visibility", "visibility"],
     "query.gbuffer": ["GBuffer"],
     "query.rays": ["Hit"],
-    "renderer": ["Frame", "Renderer", "render"],
+    "frame": ["Frame"],
+    "renderer": ["Renderer", "render"],
     "scene.camera": ["Camera"],
     "scene.generated": ["procedural"],
     "scene.lights": [

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from .chcrt.surfaces import nearest_scheduled, primary_hits
 from .cull import CULLERS
 from .cull.cull import Culled
 from .errors import InputError
+from .frame import Clock, Frame
 from .image.filter import smoothed
 from .image.fraction import as_needed, fraction
 from .image.shade import ambient_light
@@ -41,36 +41,6 @@ from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
 from .warm import warm_up, warm_up_bounce, warm_up_indirect, warm_up_quality
 
-PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
-
-
-class Frame(NamedTuple):
-    """A rendered frame. H, W: the camera's height and width."""
-
-    image: np.ndarray  # (H, W, 3) float32, linear
-    visibility: list[np.ndarray]  # of each light (H, W) float32: share of the light seen; 1 where nothing is
-    bits: list[np.ndarray]  # of each light (H, W, ceil(n / 64)) uint64: bit s = its sample s occluded; 0: nothing seen
-    gbuffer: GBuffer  # what each pixel sees
-    rays: int  # shadow rays asked, also of surfaces that light bounces off; diffuse rays are not counted
-    timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
-    counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless asked for
-    refined: np.ndarray | None = None  # (H, W) bool: penumbrae and edges that were refined; None unless asked for
-    indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance by light that bounced; None unless asked for
-    scheduled: list[dict] | None = None  # by CHC+RT: what each question took, see `chcrt.schedule.Statistics`
-    paging: dict[str, int] | None = None  # of a store: chunks that came and went, see `store.residency.Paging`
-
-    def save(self, path, exposure: float | None = None) -> None:
-        """Write ``.png`` (sRGB; exposure None: automatic) or ``.exr`` (linear; image, visibility, depth, normal).
-
-        Raises
-        ------
-        InputError
-            On another suffix or a path that cannot be written; no partial file is left.
-        """
-        from .image.save import save_frame
-
-        save_frame(self, path, exposure)
-
 
 class Accelerated(NamedTuple):
     """A scene at one moment with its BVH, if the plan has one."""
@@ -78,22 +48,6 @@ class Accelerated(NamedTuple):
     triangles: Triangles  # all of them, whatever has been culled
     bvh: Bvh | None  # of those that are left; prim_ids counts in all; None: the tracer walks none
     prepared: Any  # what the plan's tracer takes: the BVH, something made from it, or a `Soup` of those left
-
-
-class _Clock:
-    """Adds up the seconds of each phase."""
-
-    def __init__(self):
-        self.seconds = dict.fromkeys(PHASES, 0.0)
-        self.start = self.last = perf_counter()
-
-    def lap(self, phase: str) -> None:
-        now = perf_counter()
-        self.seconds[phase] += now - self.last
-        self.last = now
-
-    def timings(self) -> dict[str, float]:
-        return {**self.seconds, "total": self.last - self.start}
 
 
 class Renderer:
@@ -158,7 +112,7 @@ class Renderer:
     ) -> Frame:  # fmt: skip
         """Render a frame from checked arguments: ``samples`` of each light from `light_samples`, ``facing`` a value of
         CULL_FACES, ``smooth``: filter; ``finer``: the samples of refined pixels; ``passes``: of diffuse rays."""
-        clock = _Clock()
+        clock = Clock()
         if self.paged is not None:
             self.paged.begin(camera.width * camera.height, sum(-(-s.shape[1] // 64) for s in samples))
         triangles, whole = self._moment(time)

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..renderer import Frame, Renderer
+from ..frame import Frame
+from ..renderer import Renderer
 from .answers import digest
 from .published_ray_hierarchy import VARIANTS
 from .ray_hierarchy_views import Picture

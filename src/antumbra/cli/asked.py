@@ -8,7 +8,8 @@ from . import arguments, report
 from .arguments import CameraSpec, SceneSpec
 
 if TYPE_CHECKING:
-    from ..renderer import Frame, Renderer
+    from ..frame import Frame
+    from ..renderer import Renderer
     from ..scene.camera import Camera
     from ..scene.lights import Light
     from ..scene.scene import Scene

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from . import report
 
 if TYPE_CHECKING:
-    from ..renderer import Frame
+    from ..frame import Frame
     from ..scene.scene import Scene
     from .asked import Asked, Shot
 
