@@ -18,7 +18,7 @@ FIRST = (
     [(plan, "raster", counted) for plan in ("bsah+single", "bsah+wide") for counted in (False, True)],
     [
         (plan, "rays", counted)
-        for plan in ("bsah+multifrusta", "bsah+packet16", "bsah+packet256", "cones")
+        for plan in ("bsah+multifrusta", "bsah+chcrt", "bsah+packet16", "bsah+packet256", "cones")
         for counted in (False, True)
     ],
 )

@@ -109,11 +109,11 @@ class Paged:
         now, before = self.residency.paging, self._before
         return {name: a - b for name, a, b in zip(now._fields, now, before)}
 
-    def look(self, camera) -> Surfaces:
+    def look(self, camera, progress=None) -> Surfaces:
         """The surfaces that a camera sees."""
         rays = camera.rays(self.scene.origin)
         return self._surfaces(
-            camera_hits(self.accelerated.prepared, rays, self.threads),
+            camera_hits(self.accelerated.prepared, rays, self.threads, progress),
             lambda face, t, triangles: from_hits(face, t, triangles, rays, self.threads),
         )
 

@@ -122,7 +122,7 @@ class Renderer:
             clock.lap("build")
         if whole is not None and self.plan.tracer.keeps:
             whole.prepared.begin()
-        surfaces = self.look(triangles, camera, whole if self.gbuffer == "rays" else None)
+        surfaces = self.look(triangles, camera, whole if self.gbuffer == "rays" else None, progress)
         gbuffer, triangles = surfaces.gbuffer, surfaces.triangles
         clock.lap("gbuffer")
         job = Job(self, triangles, lights, facing, new_counters(counters), progress, clock)
@@ -256,10 +256,10 @@ class Renderer:
             face, t = trace_primary(tree, rays, self.threads)
         return from_hits(face, t, triangles, rays, self.threads)
 
-    def look(self, triangles: Triangles, camera, accelerated: Accelerated | None = None) -> Surfaces:
+    def look(self, triangles: Triangles, camera, accelerated: Accelerated | None = None, progress=None) -> Surfaces:
         """The surfaces that a camera sees; arguments as for `see`."""
         if self.paged is not None:
-            return self.paged.look(camera)
+            return self.paged.look(camera, progress)
         return surfaces_of(self.see(triangles, camera, accelerated), triangles)
 
     def nearest(self, accelerated: Accelerated) -> Nearest:

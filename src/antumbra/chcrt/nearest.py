@@ -25,7 +25,6 @@ from ..simd import (
     load16,
     lowest_bit,
     maximum,
-    minimum,
     popcount,
     prefetch,
     ptr,
@@ -39,9 +38,9 @@ from ..simd import (
 from ..trace.descent import rays_as_shafts, slabs_of
 from ..trace.forest import forest_pointers, item, list_of, root_in, tree_in
 from ..trace.raytest import decide_signs, error_bounds
-from ..trace.slabs import span_mixed, span_uniform
 from ..trace.vec import broadcasts, cross, dot, largest, minus, rows, total
 from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, nothing_yet, put_cell, wider
+from .queries import entry
 
 _F = np.float32
 _BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
@@ -130,16 +129,6 @@ def _write(picture, hits, y0, x0, valid, cell):
 
 
 @inlined
-def _enter(lines, at, slabs, limits):
-    """(bits of the rays that may enter a box within their limits, where)."""
-    if slabs.uniform:
-        near, far = span_uniform(lines, at, slabs.ux, slabs.uy, slabs.uz)
-    else:
-        near, far = span_mixed(lines, at, slabs.mx, slabs.my, slabs.mz)
-    return bits(near <= minimum(far, limits)), near
-
-
-@inlined
 def _candidates(numbers, o, d, limit):
     """(bits of the triangles of a block that a ray surely meets, of those float32 cannot say).
 
@@ -224,8 +213,8 @@ def _walk(tree, k, link, mask, slabs, cell, lengths, stack, entries):
     while True:
         if link >= 0:
             limits = load16(cell.limits, 0)
-            left, a = _enter(tree.nodes, link * 16, slabs, limits)
-            right, b = _enter(tree.nodes, link * 16 + 1, slabs, limits)
+            left, a = entry(tree.nodes, link * 16, slabs, limits)
+            right, b = entry(tree.nodes, link * 16 + 1, slabs, limits)
             left, right = left & mask, right & mask
             if left | right != 0:
                 first, second = np.int64(get(tree.links, link * 16 + 12)), np.int64(get(tree.links, link * 16 + 13))
@@ -260,7 +249,7 @@ def _trace_cell(forest, begin, end, valid, cell, lengths, stack, entries):
     slabs = slabs_of(rays_as_shafts(rows(cell.rays, 0, 16), d), valid)
     for i in range(begin, end):
         k = item(forest, i)
-        mask = _enter(forest.heads, k * 16, slabs, load16(cell.limits, 0))[0] & valid
+        mask = entry(forest.heads, k * 16, slabs, load16(cell.limits, 0))[0] & valid
         if mask != 0:
             _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, cell, lengths, stack, entries)
 

@@ -43,8 +43,8 @@ class Answers(NamedTuple):
 
 
 @inlined
-def _entry(lines, at, slabs, far):
-    """(bits of the cells whose rays may enter a box before `far`, where)."""
+def entry(lines, at, slabs, far):
+    """(bits of the lanes, shafts or rays, that may enter a box before `far`, where); `at`: its first word in `lines`."""
     if slabs.uniform:
         near, end = span_uniform(lines, at, slabs.ux, slabs.uy, slabs.uz)
     else:
@@ -77,8 +77,8 @@ def _ask_region(cells, lines, rows, first, end, threshold, blind, counts, keys):
         if n > threshold:
             continue
         at = np.int64(get(rows, i)) * 16
-        left, a = _entry(lines, at, slabs, far)
-        right, b = _entry(lines, at + 1, slabs, far)
+        left, a = entry(lines, at, slabs, far)
+        right, b = entry(lines, at + 1, slabs, far)
         met = (left | right) & live
         if met != 0:
             near = reduce_min(select(mask_from_bits16(met), minimum(a, b), splat16(_F(1.0))))

@@ -1,5 +1,6 @@
 """One frame of CHC+RT: the three phases of Algorithm 1 [Mattausch et al. 2015, Sec. 5.1]."""
 
+from collections.abc import Callable
 from time import perf_counter
 from typing import NamedTuple, Protocol
 
@@ -34,10 +35,18 @@ class Lists(NamedTuple):
     tiles: np.ndarray  # (k,) int32: the tiles whose lists are not empty
 
 
-class Statistics:
-    """What a frame took; the phases are those of Fig. 8."""
+Progress = Callable[[int, int], None]
 
-    def __init__(self):
+
+class Statistics:
+    """What a frame took; the phases are those of Fig. 8.
+
+    progress : function of (done, total) or None
+        Is told how many of the parts that had to be looked for in memory have been traced.
+    """
+
+    def __init__(self, progress: Progress | None = None):
+        self.progress = progress
         self.seconds = dict.fromkeys(("phase 1", "phase 2", "phase 3"), 0.0)
         self.queries = self.multi_queries = self.traced = 0
         self._last = perf_counter()
@@ -67,9 +76,9 @@ def lists_of(fronts: Fronts, pairs: np.ndarray) -> Lists:
     return Lists(starts, items, np.unique(fronts.tile[pairs]).astype(np.int32))
 
 
-def trace_frame(fronts: Fronts, rays: RaySet) -> Statistics:
+def trace_frame(fronts: Fronts, rays: RaySet, progress: Progress | None = None) -> Statistics:
     """Trace the rays of a frame, and keep in `fronts` what was visible for the next one."""
-    told = Statistics()
+    told = Statistics(progress)
     shown, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
     _trace(fronts, rays, shown, told)
     told.lap("phase 1")
@@ -112,11 +121,14 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) ->
         met = those[rays.ask(fronts, those, False).counts > fronts.options.threshold]
         return np.isin(asked, fronts.row[met] - fronts.parts.inner)
 
-    traced = [pairs[:0]]
-    for group in memory.groups(_nearest_first(parts, fronts.key[pairs]), still):
+    wanted, done, traced = _nearest_first(parts, fronts.key[pairs]), 0, [pairs[:0]]
+    for group in memory.groups(wanted, still):
         traced.append(pairs[np.isin(parts, group)])
         told.traced += len(traced[-1])
         rays.trace(lists_of(fronts, traced[-1]))
+        done += len(group)
+        if told.progress is not None:
+            told.progress(done, len(wanted))
     return np.concatenate(traced)
 
 

@@ -19,9 +19,9 @@ def camera_pass(rays: CameraRays) -> RayPass:
     return RayPass(origins, directions.astype(np.float32).reshape(m, 3), np.full(m, -1, np.int32))
 
 
-def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None) -> Hits:
+def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=None) -> Hits:
     """What a camera's rays see first."""
-    return nearest_hits(scheduled, camera_pass(rays), (rays.height, rays.width), threads)
+    return nearest_hits(scheduled, camera_pass(rays), (rays.height, rays.width), threads, progress)
 
 
 def primary_hits(scheduled: Scheduled, rays: CameraRays, threads=None) -> tuple[np.ndarray, np.ndarray]:

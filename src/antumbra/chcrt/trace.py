@@ -58,11 +58,11 @@ class Scheduled:
             self._fronts[key] = Fronts(tiles, self.parts, sets, self.options)
         return self._fronts[key]
 
-    def run(self, tiles: Tiles, shape: tuple, sets: int, rays) -> None:
+    def run(self, tiles: Tiles, shape: tuple, sets: int, rays, progress=None) -> None:
         """Trace one ray set, or several together."""
         with self._lock:
             fronts = self.fronts(tiles, shape, sets)
-            statistics = trace_frame(fronts, rays)
+            statistics = trace_frame(fronts, rays, progress)
             self.told.append(statistics.as_dict(fronts))
 
 
@@ -137,7 +137,8 @@ def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, c
     counters : from `new_counters`, or None
     """
     chunks = range(-(-query.samples.shape[1] // STRATA))
-    options = {"threads": thread_count(threads), "counters": counters, "progress": progress}
+    inside = None if scheduled.parts.memory else progress  # out of core, what takes long is to read
+    options = {"threads": thread_count(threads), "counters": counters, "progress": inside}
     kind, steps, trace = query.light.kind, [chunks], trace_forest
     if is_scattered(query):
         steps, trace = [range(c, c + 1) for c in chunks], over_samples if kind == LIST else over_pixels
@@ -145,7 +146,7 @@ def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, c
         trace = over_pixels
     for step in steps:
         rays = _Shadows(scheduled, query, bits, step, trace, kind == AMBIENT, options)
-        scheduled.run(rays.rays.tiles, query.sides.shape, rays.sets, rays)
+        scheduled.run(rays.rays.tiles, query.sides.shape, rays.sets, rays, progress)
 
 
 class _Pass:
@@ -167,11 +168,11 @@ class _Pass:
         trace_nearest(forest, r.tiles.spans, lists.tiles, r.picture, self.pass_, self.hits, r.cells[0], r.threads)
 
 
-def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], threads=None) -> Hits:
+def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], threads=None, progress=None) -> Hits:
     """The nearest hit of each ray of a pass over a picture of this shape, the same as every other method finds."""
     picture = Rays(*(a.reshape(*shape, *a.shape[1:]) for a in rays))
     boxes = scheduled.parts.boxes[0].astype(np.float64)
     low, high = np.minimum(boxes[0], rays.origins.min(0)), np.maximum(boxes[1], rays.origins.max(0))
     made = _Pass(scheduled, picture, float(np.linalg.norm(high - low)) + 1e-30, thread_count(threads))
-    scheduled.run(made.rays.tiles, shape, 1, made)
+    scheduled.run(made.rays.tiles, shape, 1, made, progress)
     return made.hits

@@ -77,11 +77,12 @@ class Asked(NamedTuple):
     def shot(self, scene: "Scene", renderer: "Renderer", time: float, progress) -> "Shot":
         """A frame at a time; ``progress(text, runs)`` gives the function that hears of so many tracings."""
         from .. import virtual_point_lights
+        from ..paged import is_paged
 
         camera, lights = self.view(scene, time), self.direct_lights(scene, time)
         if self.vpl is not None:
             lights.append(virtual_point_lights(scene, lights[0], self.vpl, time=time, threads=self.threads))
-        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0))
+        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + is_paged(scene)
         frame = renderer.render(
             camera, lights, spp=self.spp, time=time, counters=self.counters, sampler=self.sampler, filter=self.filter,
             adaptive=self.adaptive, progress=progress("tracing shadow rays", runs), bounce=self.bounce,
