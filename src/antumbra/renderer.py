@@ -73,7 +73,7 @@ class Renderer:
     ):
         if gbuffer not in ("raster", "rays"):
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
-        self.scene, self.plan, self.gbuffer = scene, parse_plan(default_plan(scene) if plan is None else plan), gbuffer
+        self.scene, self.plan = scene, parse_plan(default_plan(scene) if plan is None else plan)
         self.threads = thread_count(threads)
         check_srdh_rays(srdh_rays, self.plan)
         self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if self.plan.wants_rays else None
@@ -83,6 +83,7 @@ class Renderer:
         self._rays: Callable | None = None  # vertices, BVH of them -> Intersections; while a builder may want them
         self._last: Accelerated | None = None  # of the frames before, where that can be used again
         self.paged = paged(scene, self.plan, self.threads, max_memory)
+        self.gbuffer = gbuffer if self.paged is None else "rays"
 
     def render(
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,

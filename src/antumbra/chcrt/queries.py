@@ -44,7 +44,7 @@ class Answers(NamedTuple):
 
 @inlined
 def entry(lines, at, slabs, far):
-    """(bits of the lanes, shafts or rays, that may enter a box before `far`, where); `at`: its first word in `lines`."""
+    """(bits of the lanes, shafts or rays, that may enter the box at word `at` of `lines` before `far`, where)."""
     if slabs.uniform:
         near, end = span_uniform(lines, at, slabs.ux, slabs.uy, slabs.uz)
     else:
