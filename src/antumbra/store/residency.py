@@ -5,6 +5,7 @@ that has not been used for longest (or round robin, to compare), and while the c
 others.
 """
 
+import mmap
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -145,11 +146,9 @@ class Residency:
             self.store.check(k)
             self._checked[k] = True
         chunk = self.store.chunk(k)
-        tree = block_tree(chunk.bvh, 1)
+        tree, size = _apart(block_tree(chunk.bvh, 1))
         self.store.release(k)  # of what is left only a little is looked at
-        return Resident(
-            tree, sum(a.nbytes for a in (tree.nodes, tree.blocks, tree.bounds, tree.slots)) + self._pages(k)
-        )
+        return Resident(tree, size + self._pages(k))
 
     def _arrived(self, coming: deque) -> list[int]:
         """Wait for the next chunks; they, and all others that are there already."""
@@ -186,3 +185,18 @@ def _still(missing: deque, still: Callable[[np.ndarray], np.ndarray]) -> deque:
     """Those of some chunks that are still wanted."""
     chunks = np.array(missing, np.int64)
     return deque(chunks[still(chunks)].tolist() if len(chunks) else [])
+
+
+def _apart(tree: BlockTree) -> tuple[BlockTree, int]:
+    """(the tree in memory of its own, that goes back to the system when nobody holds it; bytes of that).
+
+    Memory that is freed in small pieces would stay with the process, for which the next chunk is of another size.
+    """
+    made = {name: getattr(tree, name) for name in ("nodes", "blocks", "bounds", "slots")}
+    places = np.concatenate([[0], np.cumsum([-(-a.nbytes // 64) * 64 for a in made.values()])])
+    memory = np.frombuffer(mmap.mmap(-1, max(int(places[-1]), 1)), np.uint8)
+    kept = {}
+    for (name, array), at in zip(made.items(), places):
+        kept[name] = memory[at : at + array.nbytes].view(array.dtype).reshape(array.shape)
+        kept[name][...] = array
+    return tree._replace(**kept, links=kept["nodes"].view(np.int32)), len(memory)
