@@ -29,6 +29,7 @@ class Table(StrEnum):
 
 
 _PAGED = Table.store, Table.phases, Table.queries
+_WALKED = {Table.times, Table.phases, Table.queries, Table.store}
 _IN_CORE = tuple(table for table in Table if table != Table.store)
 
 
@@ -107,6 +108,8 @@ def chc_rt(
     checked("city", count, 0)
     if plot is not None:
         arguments.check_plot(plot)
+        if not _WALKED & {*tables}:
+            raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
     n_threads, pace = thread_count(threads), bench.Pace(frames, compared, limit)
     found: dict[Table, list[Turn]] = {}
     same = True
@@ -124,7 +127,7 @@ def chc_rt(
                 break
             activity.say(f"{place.name}, building")
             core = bench.InCore(place, n_threads)
-            if {Table.times, Table.phases, Table.queries} & {*tables}:
+            if _WALKED & {*tables}:
                 new = bench.times(core, pace, Table.times in tables, activity.say)
                 found.setdefault(Table.times, []).extend(new)
             if Table.randomisation in tables:
