@@ -17,7 +17,7 @@ SIZE = 24
 
 @pytest.fixture(scope="module")
 def core():
-    view = own_view("city", procedural("city", triangles=20_000), (SIZE, SIZE))
+    view = own_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
     return InCore(place_of(view), 2)
 
 
