@@ -105,6 +105,48 @@ def test_variants_that_take_long_are_left_out(hierarchy):
     assert done.code == 0 and "skipped: about" in done.out and "No animation is looked at" in done.out
 
 
+WALKED = "--size", "24", "--frames", "3", "--compared", "2"
+
+
+def test_tables_of_chc_rt(cli):
+    told = cli("bench", "chc-rt", "--scene", SMALL[0], *WALKED, "--json").json()
+    assert told["same_answers"] and told["differs"] == 0 and told["peak_resident"] > 1e6
+    turns = {(t["view"], t["kind"], t["method"], t["frame"]): t for t in told["times"]}
+    assert {(v, k, m) for v, k, m, _ in turns if m == "chcrt" or m == "bsah+single"} == {
+        (v, k, m)
+        for v in ("near", "far")
+        for k in ("primary", "AO", "diffuse", "soft shadows")
+        for m in ("chcrt", "bsah+single")
+    }
+    frames = [{f for *_, m, f in turns if (m == "chcrt") == ours} for ours in (True, False)]
+    assert frames == [{0, 1, 2}, {1, 2}]
+    assert all(t["rays"] > 0 and t["seconds"] > 0 for t in told["times"])
+    assert all(bool(t["told"]) == (t["method"] == "chcrt") for t in told["times"])
+    assert {t["sampler"] for t in told["randomisation"]} == {"halton:0", "halton:18", "halton:36", "halton:full"}
+    assert {t["method"] for t in told["aggressive"]} == {"chcrt", "chcrt:20", "chcrt:100", "chcrt:200"}
+    assert all((t["error"] is None) == (t["method"] == "chcrt") for t in told["aggressive"])
+
+
+def test_chc_rt_for_people_and_the_plot(cli, tmp_path):
+    pytest.importorskip("matplotlib")
+    done = cli("bench", "chc-rt", "--scene", SMALL[0], *WALKED, "--plot", "chcrt.png")
+    assert done.code == 0 and "the same by all methods" in done.out, done.err
+    for part in ("Table 2", "Figure 8", "Table 3", "Table 4", "Table 5", "(paper: Powerplant)", "multifrusta"):
+        assert part in done.out
+    assert (tmp_path / "chcrt.png").stat().st_size > 10_000
+
+
+def test_chc_rt_out_of_core(cli, tmp_path):
+    cli("build", SMALL[0], "-o", "small.antumbra", "--quiet")
+    told = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--json").json()
+    assert told["same_answers"] and {t["method"] for t in told["store"]} == {"lru", "round-robin"}
+    first = [t["told"] for t in told["store"] if (t["kind"], t["frame"]) == ("primary", 0)]
+    assert len(first) == 4 and all(t["loaded"] > 0 and t["bytes"] > 0 for t in first)
+    done = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--table", "store")
+    assert "round-robin" in done.out and "Figure 8" not in done.out
+    cli("bench", "chc-rt", "--scene", "small.antumbra").refused("small.antumbra", "--store")
+
+
 def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "srdh", "--scene", "procedural:cellar?triangles=2k", "--scene", "none.glb").refused(
         "none.glb", "cellar"
@@ -119,4 +161,11 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "ray-hierarchy", "--triangles", "10k,many").refused("--triangles", "many")
     cli("bench", "ray-hierarchy", "--triangles", "10").refused("--triangles", "10", "1000")
     cli("bench", "ray-hierarchy", "--plot", "cones.gif").refused(".gif", ".png")
+    cli("bench", "chc-rt", "--scene", "none.glb").refused("none.glb", "atrium")
+    cli("bench", "chc-rt", "--triangles", "10").refused("10", "1000")
+    cli("bench", "chc-rt", "--max-memory", "1G").refused("--max-memory", "--store")
+    cli("bench", "chc-rt", "--store", "a.antumbra", "--scene", "city").refused("--store", "--scene")
+    cli("bench", "chc-rt", "--table", "store").refused("--table store", "--store")
+    cli("bench", "chc-rt", "--store", "a.antumbra", "--table", "times").refused("--table times", "--store")
+    cli("bench", "chc-rt", "--table", "aggressive", "--plot", "a.png").refused("--plot", "times")
     assert list(tmp_path.iterdir()) == []

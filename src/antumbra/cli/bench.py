@@ -2,9 +2,10 @@
 
 import typer
 
-from . import bench_culling, bench_ray_hierarchy, bench_srdh
+from . import bench_chcrt, bench_culling, bench_ray_hierarchy, bench_srdh
 
 app = typer.Typer(help="Measure what the papers measured.", rich_markup_mode=None)
+app.command("chc-rt")(bench_chcrt.chc_rt)
 app.command("pre-bvh-culling")(bench_culling.pre_bvh_culling)
 app.command("ray-hierarchy")(bench_ray_hierarchy.ray_hierarchy)
 app.command("srdh")(bench_srdh.srdh)
