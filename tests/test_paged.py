@@ -174,3 +174,17 @@ def test_five_million_triangles_in_a_tenth_of_their_size(tmp_path):
     answer = json.loads(told.stdout.splitlines()[-1])
     assert answer["peak"] <= memory and answer["loaded"][0] > 0
     assert os.path.getsize(path) > 300_000_000
+
+
+def test_an_interruption_while_chunks_are_read_leaves_the_renderer_as_it_was(city):
+    scene, path = city
+    renderer, camera = _renderer(path, 9), _cameras(scene)[0]
+    residency = renderer.paged.residency
+
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        renderer.render(camera, LIGHT, spp=2, progress=interrupt)
+    assert residency.used <= residency.budget and residency._coming == 0
+    _same(renderer.render(camera, LIGHT, spp=2), at.render(scene, camera, LIGHT, spp=2, threads=2))

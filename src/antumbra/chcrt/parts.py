@@ -4,7 +4,7 @@ Parts end the traversal of query pairs: they have at most so many triangles, and
 Sec. 5.2]. In core they are subtrees of one `BlockTree`; out of core they are the chunks of a store.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -19,7 +19,7 @@ from .options import Options
 class Memory(Protocol):
     """Where the trees of parts are, if not all of them are in memory all the time."""
 
-    def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Iterator[np.ndarray]:
+    def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Generator[np.ndarray, None, None]:
         """Groups of these parts, those that are in memory first; a group's trees stay until the next is asked for.
 
         `still`: which of some parts are still wanted, asked before they are read; the others are left out.

@@ -1,6 +1,7 @@
 """One frame of CHC+RT: the three phases of Algorithm 1 [Mattausch et al. 2015, Sec. 5.1]."""
 
 from collections.abc import Callable
+from contextlib import closing
 from time import perf_counter
 from typing import NamedTuple, Protocol
 
@@ -122,13 +123,14 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) ->
         return np.isin(asked, fronts.row[met] - fronts.parts.inner)
 
     wanted, done, traced = _nearest_first(parts, fronts.key[pairs]), 0, [pairs[:0]]
-    for group in memory.groups(wanted, still):
-        traced.append(pairs[np.isin(parts, group)])
-        told.traced += len(traced[-1])
-        rays.trace(lists_of(fronts, traced[-1]))
-        done += len(group)
-        if told.progress is not None:
-            told.progress(done, len(wanted))
+    with closing(memory.groups(wanted, still)) as groups:
+        for group in groups:
+            traced.append(pairs[np.isin(parts, group)])
+            told.traced += len(traced[-1])
+            rays.trace(lists_of(fronts, traced[-1]))
+            done += len(group)
+            if told.progress is not None:
+                told.progress(done, len(wanted))
     return np.concatenate(traced)
 
 

@@ -7,8 +7,8 @@ others.
 
 import mmap
 from collections import OrderedDict, deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import NamedTuple
 
 import numpy as np
@@ -84,7 +84,7 @@ class Residency:
         k = int(np.argmax(self.store.chunks.triangles))
         return 2 * self.most_of(k)
 
-    def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Iterator[np.ndarray]:
+    def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Generator[np.ndarray, None, None]:
         """Groups of these chunks, those that are in memory first.
 
         A group's trees stay until the next one is asked for. `still` says of some chunks, before they are read, which
@@ -110,8 +110,7 @@ class Residency:
                     self._used_now(group)
         finally:
             self._pinned = set()
-            while coming:
-                self._receive(*coming.popleft())
+            self._abandon(coming)
 
     def trim(self) -> None:
         """Let chunks go until the budget is kept."""
@@ -166,6 +165,13 @@ class Residency:
         self._used += resident.bytes
         self.trees[k] = addresses(resident.tree)
         self._note(loaded=1, bytes=int(self.store.chunks.bytes[k]))
+
+    def _abandon(self, coming: deque) -> None:
+        """After an error or an interruption: what is being read is waited for, and the rest not read."""
+        for k, future in coming:
+            future.cancel()
+            self._coming -= self.most_of(k)
+        wait([future for _, future in coming])
 
     def _used_now(self, group: list[int]) -> None:
         if self.policy == "lru":
