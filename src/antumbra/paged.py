@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .bvh.radix_sort import radix_sort
 from .chcrt.nearest import Hits
 from .chcrt.options import CHCRT
 from .chcrt.parts import parts_of_chunks
@@ -130,10 +131,14 @@ class Paged:
         """The triangles that are hit are copied from their chunks; the others need not be known."""
         seen = hits.part >= 0
         where = hits.part[seen].astype(np.int64) << 32 | hits.slot[seen]
-        found, inverse = np.unique(where, return_inverse=True)
+        bits = 32 + len(self.store).bit_length()
+        where, order = radix_sort(where, np.arange(len(where), dtype=np.int32), bits, self.threads)
+        first = np.diff(where, prepend=-1) != 0
+        numbers = np.empty(len(where), np.int32)
+        numbers[order] = np.cumsum(first, dtype=np.int32) - 1
         face = np.full(seen.shape, -1, np.int32)
-        face[seen] = inverse
-        triangles = self._triangles(np.stack([found >> 32, found & 0xFFFFFFFF], 1))
+        face[seen] = numbers
+        triangles = self._triangles(np.stack([where[first] >> 32, where[first] & 0xFFFFFFFF], 1))
         return Surfaces(gbuffer_of(face, hits.t, triangles), triangles, hits.face, self.store.meta.box)
 
     def _triangles(self, where: np.ndarray) -> Triangles:

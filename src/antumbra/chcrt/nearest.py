@@ -8,6 +8,7 @@ index.
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from ..bvh.blocks import ROWS as BLOCK_ROWS
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take
+from ..parallel import CHUNK, N, new_ticket, run, take
 from ..predicate.exact import ray_along
 from ..predicate.filters import hit_t, meets
 from ..simd import (
@@ -80,15 +81,28 @@ class Cell(NamedTuple):
     own: object
 
 
-def hits_of(rays: Rays, reach: float) -> Hits:
+@kernel
+def _measure(ticket, directions, reach, lengths, limits):
+    """Worker: the lengths of rays, in rows of pixels, and that they look as far as that."""
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(directions.shape[1]):
+                d = directions[y, x]
+                size = max(abs(d[0]), max(abs(d[1]), abs(d[2])))
+                there = size > _F(0.0)
+                _, exponent = math.frexp(2.0 * reach / np.float64(size) if there else 1.0)
+                lengths[y, x], limits[y, x] = _F(math.ldexp(1.0, exponent)), _F(1.0) if there else _F(-1.0)
+        y0 = take(ticket)
+
+
+def hits_of(rays: Rays, reach: float, threads: int) -> Hits:
     """No hits yet; `reach`: no ray is longer inside the scene."""
-    size = np.abs(rays.directions).max(-1).astype(np.float64)
-    power = np.ceil(np.log2(2.0 * reach / np.where(size > 0.0, size, 1.0)))
-    shape = size.shape
-    return Hits(
-        np.full(shape, -1, np.int32), np.full(shape, np.inf), *(np.full(shape, -1, np.int32) for _ in range(2)),
-        np.exp2(power).astype(_F), np.where(size > 0.0, _F(1.0), _F(-1.0)),
-    )  # fmt: skip
+    shape = rays.skip.shape
+    lengths, limits = np.empty(shape, _F), np.empty(shape, _F)
+    run(_measure, threads, new_ticket(shape[0], 8), rays.directions, reach, lengths, limits)
+    face, part, slot = (np.full(shape, -1, np.int32) for _ in range(3))
+    return Hits(face, np.full(shape, np.inf), part, slot, lengths, limits)
 
 
 @inlined

@@ -9,6 +9,7 @@ from ..bvh.blocks import block_tree
 from ..bvh.nodes import Bvh
 from ..parallel import thread_count
 from ..query.diffuse import RayPass
+from ..query.reach import bounds
 from ..query.shadow import ShadowQuery
 from ..scene.lights import AMBIENT, LIST
 from ..trace.asked import TileShape, tile_shape
@@ -156,7 +157,7 @@ class _Pass:
         h, w = rays.skip.shape
         shape = TileShape(4, 4, -(-w // 4), -(-h // 4))
         picture = picture_of(shape, h, w)
-        self.pass_, self.hits = rays, hits_of(rays, reach)
+        self.pass_, self.hits = rays, hits_of(rays, reach, threads)
         cells = bound_rays(picture, rays, self.hits, threads)
         self.rays = _Rays(tiles_of(shape, scheduled.options.tile), picture, cells, scheduled.parts, threads)
 
@@ -172,7 +173,9 @@ def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], th
     """The nearest hit of each ray of a pass over a picture of this shape, the same as every other method finds."""
     picture = Rays(*(a.reshape(*shape, *a.shape[1:]) for a in rays))
     boxes = scheduled.parts.boxes[0].astype(np.float64)
-    low, high = np.minimum(boxes[0], rays.origins.min(0)), np.maximum(boxes[1], rays.origins.max(0))
-    made = _Pass(scheduled, picture, float(np.linalg.norm(high - low)) + 1e-30, thread_count(threads))
+    threads = thread_count(threads)
+    low, high = bounds(rays.origins, threads)
+    size = float(np.linalg.norm(np.maximum(boxes[1], high) - np.minimum(boxes[0], low)))
+    made = _Pass(scheduled, picture, size + 1e-30, threads)
     scheduled.run(made.rays.tiles, shape, 1, made, progress)
     return made.hits
