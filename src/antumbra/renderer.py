@@ -39,7 +39,7 @@ from .srdh_rays import Showing, Shown, SrdhRays, check_srdh_rays
 from .trace.bounce import Nearest, nearest_surfaces
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
-from .warm import warm_up, warm_up_bounce, warm_up_indirect, warm_up_quality
+from .warm import warm_up, warm_up_bounce, warm_up_indirect, warm_up_paged, warm_up_quality
 
 
 class Accelerated(NamedTuple):
@@ -99,6 +99,8 @@ class Renderer:
         finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
         passes = None if bounce is None else diffuse_passes(lights, bounce, sampler)
         warm_up(self.plan, self.gbuffer, counters)
+        if self.paged is not None:
+            warm_up_paged()
         if filter or finer:
             warm_up_quality(self.plan, self.gbuffer)
         if self.showing is not None and self.showing.asked.bounce:

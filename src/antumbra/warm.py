@@ -106,6 +106,18 @@ def warm_up_store() -> None:
     _once("building stores", work, tell)
 
 
+@cache
+def warm_up_paged() -> None:
+    """The same for what rendering a scene in a store takes besides."""
+
+    def work():
+        from .bvh.radix_sort import radix_sort
+
+        radix_sort(np.zeros(2, np.int64), np.zeros(2, np.int32), 40, 2)
+
+    _once("scenes in a store", work, tell)
+
+
 def _small_scene():
     """Hills of about 10 000 triangles: enough for builders to take every path that large scenes take."""
     from .scene.scene import Scene
