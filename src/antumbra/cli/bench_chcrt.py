@@ -107,9 +107,9 @@ def chc_rt(
 
     checked("city", count, 0)
     if plot is not None:
-        arguments.check_plot(plot)
         if not _WALKED & {*tables}:
             raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
+        arguments.check_plot(plot)
     n_threads, pace = thread_count(threads), bench.Pace(frames, compared, limit)
     found: dict[Table, list[Turn]] = {}
     same = True
