@@ -187,6 +187,7 @@ def test_what_cameras_see(cull, vertices, light, seed):
     """Pixels as receivers: off their surfaces, in tiles, with gaps between them."""
     rng = np.random.default_rng(seed)
     middle, size = vertices.reshape(-1, 3).mean(0), np.ptp(vertices.reshape(-1, 3), axis=0).max()
+    size = max(size, 1e-6 * np.abs(middle).max(), 1e-9)  # the triangles may all be one point
     scene = at.Scene.from_arrays(vertices.astype(np.float64))
     camera = at.Camera(middle + size * rng.normal(size=3), middle, vfov=70, width=19, height=21)
     triangles, query = query_of(scene, camera, light, 3)
