@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from antumbra.bvh import BUILDERS
 from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.nodes import boxes_of
 from antumbra.chcrt.fronts import INNER, INVISIBLE, VISIBLE, Fronts
 from antumbra.chcrt.options import Options
-from antumbra.chcrt.parts import boxes_of, parts_of
+from antumbra.chcrt.parts import parts_of
 from antumbra.chcrt.queries import Answers
 from antumbra.chcrt.schedule import lists_of, trace_frame
 from antumbra.chcrt.tiles import tiles_of

@@ -71,6 +71,12 @@ def parents_first(links):
     return order[:n]
 
 
+def boxes_of(nodes: np.ndarray) -> np.ndarray:
+    """(m, 2, 3) float32: lower and upper corners that hold both children of nodes, (m, 16)."""
+    planes = nodes[:, :12].reshape(-1, 3, 2, 2)  # axis, bound, child
+    return np.stack([planes[:, :, 0].min(2), planes[:, :, 1].max(2)], 1)
+
+
 @inlined
 def middle_and_half(low, high):
     """(middle, half extent) of an interval of float32, so that middle -+ half holds it."""

@@ -2,7 +2,8 @@
 
 A *cell*'s rays run in one shaft (`trace.slabs`), from the box of its receivers to the box of where they end. How far
 along it any of them still looks for a blocker, or a nearer hit, is the *depth buffer* of [Mattausch et al. 2015, Sec.
-4.1]; it counts in the whole length of the rays, and is negative once no ray of the cell looks any more.
+4.1]; it counts in the whole length of the rays, and is negative once no ray of the cell looks any more. The first rows
+of a region's cells are those of `trace.bundle.shafts_of`.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -17,18 +18,14 @@ from ..query.receivers import NOTHING
 from ..query.samples import sample_point
 from ..query.shadow import ShadowQuery, patch_of
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
-from ..simd import get, load16, popcount, ptr, ptr_at, put
+from ..simd import get, popcount, ptr, ptr_at, put
 from ..trace.asked import TileShape
 from ..trace.region import Layout, layout_of
-from ..trace.slabs import Shafts
 
 _F = np.float32
-FAR, COUNT, ALL = 12, 13, 14  # rows after those of `Shafts`: how far, how many rays look, how many there are
+FAR, COUNT, ALL = 12, 13, 14  # rows after those of the shafts: how far, how many rays look, how many there are
 ROWS = 15
-NONE, BLOCKED = (
-    np.float32(-1.0),
-    np.float32(-0.5),
-)  # instead of how far: a cell without rays, one with blocked rays only
+NONE, BLOCKED = _F(-1.0), _F(-0.5)  # instead of how far: a cell without rays, one with blocked rays only
 WORDS = ROWS * 16  # float32 of a region
 _MORE = np.float32(2.0**-20)  # of the largest coordinate: more than rounding a box of light samples loses
 
@@ -81,16 +78,6 @@ def first_receiver(picture, region, g):
     y = region // layout.columns * layout.down + g // layout.across
     x = region % layout.columns * layout.across + g % layout.across
     return y * shape.height, x * shape.width
-
-
-@inlined
-def shafts_in(cells):
-    """The `Shafts` of a region's cells; `cells`: pointer to them."""
-    c = cells
-    return Shafts(
-        load16(c, 0), load16(c, 16), load16(c, 32), load16(c, 48), load16(c, 64), load16(c, 80),
-        load16(c, 96), load16(c, 112), load16(c, 128), load16(c, 144), load16(c, 160), load16(c, 176),
-    )  # fmt: skip
 
 
 @inlined

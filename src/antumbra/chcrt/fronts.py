@@ -63,9 +63,9 @@ class Fronts:
         smallest, part = tile < self.tiles.smallest, row >= self.parts.inner
         larger = self.parts.share[row] > self.options.weight * self.tiles.share[tile]
         in_object = ~part & (larger | smallest)
-        nodes, tiles = self.parts.children[row], self.tiles.children[tile]
-        tile2 = np.where(in_object[:, None], np.stack([tile, tile, -1 - 0 * tile, -1 - 0 * tile], 1), tiles)
-        row2 = np.where(in_object[:, None], np.pad(nodes, ((0, 0), (0, 2)), constant_values=-1), row[:, None])
+        nodes = np.pad(self.parts.children[row], ((0, 0), (0, 2)), constant_values=-1)
+        tile2 = np.where(in_object[:, None], tile[:, None], self.tiles.children[tile])
+        row2 = np.where(in_object[:, None], nodes, row[:, None])
         there = (tile2 >= 0) & (row2 >= 0)
         self.state[pairs] = INNER
         return self._add(tile2[there], row2[there], np.repeat(pairs, there.sum(1)))

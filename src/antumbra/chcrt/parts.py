@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..bvh.blocks import BlockTree
-from ..bvh.nodes import EMPTY, MAX_DEPTH, parents_first
+from ..bvh.nodes import EMPTY, MAX_DEPTH, boxes_of, parents_first
 from ..jit import kernel
 from ..trace.forest import addresses, head
 from .options import Options
@@ -44,12 +44,6 @@ class Parts(NamedTuple):
     def boxes(self) -> np.ndarray:
         """(r, 2, 3) float32: lower and upper corner of each row."""
         return boxes_of(self.lines)
-
-
-def boxes_of(lines: np.ndarray) -> np.ndarray:
-    """(r, 2, 3) float32: lower and upper corners that hold both children of nodes' lines, (r, 16)."""
-    planes = lines[:, :12].reshape(-1, 3, 2, 2)  # axis, bound, child
-    return np.stack([planes[:, :, 0].min(2), planes[:, :, 1].max(2)], 1)
 
 
 def shares(lines: np.ndarray) -> np.ndarray:

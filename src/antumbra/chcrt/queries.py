@@ -26,9 +26,10 @@ from ..simd import (
     select,
     splat16,
 )
+from ..trace.bundle import shafts_of
 from ..trace.descent import slabs_of
 from ..trace.slabs import span_mixed, span_uniform
-from .cells import ALL, BLOCKED, COUNT, FAR, WORDS, shafts_in
+from .cells import ALL, BLOCKED, COUNT, FAR, WORDS
 from .tiles import Tiles
 
 _F = np.float32
@@ -71,7 +72,7 @@ def _ask_region(cells, lines, rows, first, end, threshold, blind, counts, keys):
     live = bits(far >= _F(0.0))
     if live == 0:
         return decided
-    slabs = slabs_of(shafts_in(cells), live)
+    slabs = slabs_of(shafts_of(cells), live)
     for i in range(first, end):
         n = np.int64(get(counts, i))
         if n > threshold:

@@ -67,10 +67,15 @@ class Statistics:
         }  # fmt: skip
 
 
+def _nearest_in_lists(fronts: Fronts, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(the list of each pair, the order of the pairs by list, and front to back in each)."""
+    number = fronts.tile[pairs].astype(np.int64) * fronts.sets + fronts.set[pairs]
+    return number, np.lexsort((fronts.key[pairs], number))
+
+
 def lists_of(fronts: Fronts, pairs: np.ndarray) -> Lists:
     """The lists of final pairs, by their keys."""
-    number = fronts.tile[pairs].astype(np.int64) * fronts.sets + fronts.set[pairs]
-    order = np.lexsort((fronts.key[pairs], number))
+    number, order = _nearest_in_lists(fronts, pairs)
     counts = np.bincount(number, minlength=fronts.tiles.smallest * fronts.sets)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     items = (fronts.row[pairs][order] - fronts.parts.inner).astype(np.int32)
@@ -167,8 +172,7 @@ def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) 
 
 def _rank(fronts: Fronts, pairs: np.ndarray) -> np.ndarray:
     """(k,) int: how many pairs of the same tile and set are nearer."""
-    number = fronts.tile[pairs].astype(np.int64) * fronts.sets + fronts.set[pairs]
-    order = np.lexsort((fronts.key[pairs], number))
+    number, order = _nearest_in_lists(fronts, pairs)
     ordered = number[order]
     starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]])) if len(order) else order
     rank = np.empty(len(pairs), np.int64)

@@ -6,7 +6,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from ..bvh.nodes import Bvh
+from ..bvh.nodes import Bvh, boxes_of
 from .directory import encode
 from .layout import COMPLETE, HEADER, HEADER_CRC, MAGIC, PAGE, TABLE, VERSION, pages, places, views
 from .meta import Meta
@@ -33,8 +33,7 @@ def encode_chunk(bvh: Bvh, palette: np.ndarray, index: np.ndarray) -> Encoded:
     row = np.zeros((), TABLE)
     row["bytes"], row["triangles"], row["nodes"], row["colours"] = len(data), n, m, p
     row["crc"], row["root"] = zlib.crc32(data), bvh.nodes[0]
-    sides = bvh.nodes[0, :12].reshape(3, 2, 2)  # axis; lower, upper; left, right
-    row["box"] = np.concatenate([sides[:, 0].min(axis=1), sides[:, 1].max(axis=1)])
+    row["box"] = boxes_of(bvh.nodes[:1])[0].reshape(6)
     return Encoded(data, row)
 
 

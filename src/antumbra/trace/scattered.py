@@ -8,6 +8,7 @@ triangles, side by side.
 
 import numpy as np
 
+from ..bvh.nodes import boxes_of
 from ..jit import kernel
 from ..scene.lights import AMBIENT, FIXED, LIST
 from ..simd import get, lowest_bit
@@ -42,8 +43,8 @@ def is_scattered(query) -> bool:
 
 def extents_of(tree) -> np.ndarray:
     """(3,) float32: the extents of a `BlockTree`."""
-    box = tree.nodes[0, :12].reshape(3, 2, 2)  # axis, bound, child
-    return box[:, 1].max(1) - box[:, 0].min(1)
+    low, high = boxes_of(tree.nodes[:1])[0]
+    return high - low
 
 
 def is_huge(query, extents) -> bool:
