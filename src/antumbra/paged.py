@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .bvh.radix_sort import radix_sort
-from .chcrt.nearest import Hits
 from .chcrt.options import CHCRT
 from .chcrt.parts import parts_of_chunks
-from .chcrt.surfaces import camera_hits
-from .chcrt.trace import Scheduled, nearest_hits
+from .chcrt.trace import Scheduled, camera_hits, nearest_hits
 from .checks import whole_number
 from .errors import InputError
 from .plan import DEFAULT_PLAN, Plan
@@ -20,6 +18,7 @@ from .query.picture import Surfaces
 from .resident import resident
 from .scene.triangles import Triangles
 from .trace.bounce import surfaces_met
+from .trace.forest import Hits
 
 if TYPE_CHECKING:
     from .store.read import Store

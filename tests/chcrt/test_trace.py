@@ -6,16 +6,15 @@ import pytest
 import antumbra as at
 from antumbra.bvh import BUILDERS
 from antumbra.bvh.blocks import block_tree
-from antumbra.chcrt.nearest import Hits
 from antumbra.chcrt.options import Options
 from antumbra.chcrt.parts import parts_of
-from antumbra.chcrt.surfaces import camera_hits
-from antumbra.chcrt.trace import Scheduled, nearest_hits
+from antumbra.chcrt.trace import Scheduled, camera_hits, nearest_hits
 from antumbra.plan import parse_plan
 from antumbra.query.diffuse import RayPass
 from antumbra.query.raster import rasterise
 from antumbra.renderer import Renderer
 from antumbra.trace.bounce import nearest_hits as one_by_one
+from antumbra.trace.forest import Hits
 from asking import answer, query_of
 
 LIGHTS = {
@@ -40,7 +39,7 @@ def atrium():
 
 def _scheduled(triangles, /, **options):
     """Many small parts and tiles."""
-    options = Options(**{"tile": 16, "triangles": 64, "every": 2} | options)
+    options = Options(**{"tile": 32, "triangles": 64, "every": 2} | options)
     return Scheduled(parts_of(block_tree(BUILDERS["bsah"].build(triangles.vertices, 2), 2), options), options)
 
 

@@ -12,11 +12,13 @@ import numpy as np
 
 from ..bvh.blocks import BlockTree
 from ..bvh.nodes import Bvh
-from ..chcrt.surfaces import camera_hits, camera_pass
-from ..chcrt.trace import Scheduled, nearest_hits, trace_shadow
+from ..chcrt.trace import Scheduled, camera_hits, nearest_hits, trace_shadow
+from ..jit import kernel
+from ..parallel import CHUNK, N, new_ticket, run, take
 from ..plan import parse_plan
 from ..query.diffuse import RayPass, diffuse_passes, diffuse_rays
 from ..query.picture import Surfaces, surface_queries
+from ..query.pixels import pixel_direction
 from ..query.receivers import NOTHING
 from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery
@@ -82,6 +84,28 @@ def asked_of(place: Place, camera: Camera, surfaces: Surfaces, sampler: str, thr
     return Asked(camera.rays(surfaces.triangles.origin), surfaces, dict(zip((AO, SOFT), queries)), directions)
 
 
+@kernel
+def _pixel_rays(ticket, rays, origins, directions):
+    """Worker: the rays of rows of pixels."""
+    o = rays.origin
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(rays.width):
+                at = y * rays.width + x
+                origins[at, 0], origins[at, 1], origins[at, 2] = o[0], o[1], o[2]
+                directions[at, 0], directions[at, 1], directions[at, 2] = pixel_direction(rays, x, y)
+        y0 = take(ticket)
+
+
+def _camera_pass(rays: CameraRays, threads: int) -> RayPass:
+    """The rays of a camera, one a pixel."""
+    m = rays.width * rays.height
+    made = RayPass(np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.full(m, -1, np.int32))
+    run(_pixel_rays, threads, new_ticket(rays.height, 8), rays, made.origins, made.directions)
+    return made
+
+
 class Culling:
     """CHC+RT, with what it saw in the frame before."""
 
@@ -113,7 +137,7 @@ class Plain:
         if self.blocks and isinstance(question, CameraRays):
             face, t = trace_primary(self.tree, question, self.threads)
             return face.reshape(-1), t.reshape(-1)
-        rays = camera_pass(question) if isinstance(question, CameraRays) else question
+        rays = _camera_pass(question, self.threads) if isinstance(question, CameraRays) else question
         return bounce.nearest_hits(self.bvh, *rays, self.threads)
 
 

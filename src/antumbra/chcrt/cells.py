@@ -15,18 +15,33 @@ import numpy as np
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
 from ..query.receivers import NOTHING
-from ..query.samples import sample_point
 from ..query.shadow import ShadowQuery, patch_of
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
-from ..simd import get, popcount, ptr, ptr_at, put
+from ..simd import (
+    fma,
+    get,
+    mask_from_bits16,
+    maximum,
+    minimum,
+    popcount,
+    ptr,
+    ptr_at,
+    put,
+    select,
+    splat16,
+    stack_f32,
+    store,
+)
 from ..trace.asked import TileShape
 from ..trace.region import Layout, layout_of
+from ..trace.vec import rows
 
 _F = np.float32
 FAR, COUNT, ALL = 12, 13, 14  # rows after those of the shafts: how far, how many rays look, how many there are
 ROWS = 15
 NONE, BLOCKED = _F(-1.0), _F(-0.5)  # instead of how far: a cell without rays, one with blocked rays only
 WORDS = ROWS * 16  # float32 of a region
+_BOXES = 96
 _MORE = np.float32(2.0**-20)  # of the largest coordinate: more than rounding a box of light samples loses
 
 
@@ -131,49 +146,73 @@ def _bound_receivers(query, picture, y0, x0):
 
 
 @kernel
-def _bound_ends(query, picture, y0, x0, s):
-    """Box of where the receivers of a cell look to sample s."""
-    low, high = nothing_yet()
+def _bound_ends(query, picture, y0, x0, samples, ends):
+    """Write the boxes of where the receivers of a cell look to each of 16 directions of the hemisphere, side by side.
+
+    samples : pointer to (16, 3, 16) float32
+    ends : pointer to six rows of 16 float32: low x, y, z and high x, y, z. Rounded, by less than `_MORE`
+    """
+    inf = splat16(_F(np.inf))
+    lows, highs = (inf, inf, inf), (-inf, -inf, -inf)
     for y in range(y0, min(y0 + picture.shape.height, picture.h)):
         for x in range(x0, min(x0 + picture.shape.width, picture.w)):
             if query.sides[y, x] != NOTHING:
-                abc = query.samples[(x & 3) + 4 * (y & 3), s]
-                low, high = wider(low, high, sample_point(patch_of(query, y, x), abc[0], abc[1], abc[2]))
-    return low, high
+                p, at = patch_of(query, y, x), 48 * ((x & 3) + 4 * (y & 3))
+                abc = rows(samples, at, 16)
+                ex = _end(abc, p.bx, p.ux, p.vx, p.wx)
+                ey = _end(abc, p.by, p.uy, p.vy, p.wy)
+                ez = _end(abc, p.bz, p.uz, p.vz, p.wz)
+                lows = minimum(lows[0], ex), minimum(lows[1], ey), minimum(lows[2], ez)
+                highs = maximum(highs[0], ex), maximum(highs[1], ey), maximum(highs[2], ez)
+    for k in range(3):
+        store(ends, 16 * k, lows[k])
+        store(ends, 48 + 16 * k, highs[k])
+
+
+@inlined
+def _end(abc, base, u, v, w):
+    """One coordinate of 16 points of a patch."""
+    return fma(abc.x, splat16(_F(u)), fma(abc.y, splat16(_F(v)), fma(abc.z, splat16(_F(w)), splat16(_F(base)))))
 
 
 @kernel
-def _bound(ticket, query, picture, ends, first, spp, cells):
+def _bound(ticket, query, picture, ends, pad, samples, spp, cells):
     """Worker: the cells of regions, for each of the sets that `cells` has room for."""
-    sets, regions = cells.shape[0], cells.shape[1]
-    low, high = (ends.low[0], ends.low[1], ends.low[2]), (ends.high[0], ends.high[1], ends.high[2])
+    sets, regions, boxes = cells.shape[0], cells.shape[1], stack_f32(_BOXES)
     region = take(ticket)
     while region >= 0:
         for g in range(16):
             y, x = first_receiver(picture, region, g)
             o_low, o_high, n = _bound_receivers(query, picture, y, x)
+            if sets > 1 and n > 0:
+                _bound_ends(query, picture, y, x, ptr(samples), boxes)
             for s in range(sets):
                 out = ptr_at(ptr(cells), (s * regions + region) * WORDS)
                 if n == 0:
                     no_cell(out, g)
                     continue
-                d_low, d_high = low, high
+                low, high = (ends.low[0], ends.low[1], ends.low[2]), (ends.high[0], ends.high[1], ends.high[2])
+                if sets > 1:
+                    low = get(boxes, s) - pad, get(boxes, 16 + s) - pad, get(boxes, 32 + s) - pad
+                    high = get(boxes, 48 + s) + pad, get(boxes, 64 + s) + pad, get(boxes, 80 + s) + pad
                 if not ends.moves or sets > 1:
-                    if sets > 1:
-                        d_low, d_high = _bound_ends(query, picture, y, x, first + s)
-                    d_low = d_low[0] - o_low[0], d_low[1] - o_low[1], d_low[2] - o_low[2]
-                    d_high = d_high[0] - o_high[0], d_high[1] - o_high[1], d_high[2] - o_high[2]
-                put_cell(out, g, o_low, o_high, d_low, d_high, _F(1.0), _F(n if sets > 1 else n * spp))
+                    low = low[0] - o_low[0], low[1] - o_low[1], low[2] - o_low[2]
+                    high = high[0] - o_high[0], high[1] - o_high[1], high[2] - o_high[2]
+                put_cell(out, g, o_low, o_high, low, high, _F(1.0), _F(n if sets > 1 else n * spp))
         region = take(ticket)
 
 
 def bound_cells(query: ShadowQuery, picture: Picture, first: int, count: int, sets: int, threads: int) -> np.ndarray:
-    """The cells of a query's segments to `count` samples from the `first` on: one set, or one for each sample."""
-    cells, ends = new_cells(picture, sets), ends_of(query, first, count)
+    """The cells of a query's segments to `count` samples from the `first` on: one set, or one for each sample, of which
+    there are 16 at most, directions of the hemisphere."""
+    cells, ends, pad = new_cells(picture, sets), ends_of(query, first, count), 0.0
     if ends.moves:  # sums with receivers are rounded
-        pad = _MORE * np.abs(query.origins).max(initial=0.0)
+        pad = _MORE * (np.abs(query.origins).max(initial=0.0) + (query.light.radius if sets > 1 else 0.0))
         ends = Ends(ends.low - _F(pad), ends.high + _F(pad), True)
-    run(_bound, threads, new_ticket(cells.shape[1], 1), query, picture, ends, first, count, cells)
+    samples = np.zeros((16, 3, 16), _F)
+    if sets > 1:
+        samples[..., :count] = query.samples[:, first : first + count].swapaxes(1, 2)
+    run(_bound, threads, new_ticket(cells.shape[1], 1), query, picture, ends, _F(pad), samples, count, cells)
     return cells
 
 
@@ -189,30 +228,54 @@ def _blocked(bits, at, words, first, count):
     return n
 
 
+@inlined
+def _put_left(out, g, n):
+    """So many rays of cell g still look."""
+    put(out, COUNT * 16 + g, n)
+    if n == _F(0.0):
+        put(out, FAR * 16 + g, BLOCKED)
+
+
+@kernel
+def _count_left(query, picture, y0, x0, bits, words, first, left):
+    """Write how many receivers of a cell nothing blocks towards each of 16 samples, side by side, `first` a multiple
+    of 16."""
+    counts = splat16(_F(0.0))
+    for y in range(y0, min(y0 + picture.shape.height, picture.h)):
+        for x in range(x0, min(x0 + picture.shape.width, picture.w)):
+            if query.sides[y, x] != NOTHING:
+                word = get(bits, (y * picture.w + x) * words + (first >> 6)) >> np.uint64(first & 63)
+                blocked = mask_from_bits16(np.int64(word & np.uint64(0xFFFF)))
+                counts += select(blocked, splat16(_F(0.0)), splat16(_F(1.0)))
+    store(left, 0, counts)
+
+
 @kernel
 def _shorten(ticket, spans, tiles, columns, query, picture, first, spp, bits, cells):
     """Worker: of all regions of some tiles, which cells still have rays that nothing blocks."""
-    sets, regions, p, words = cells.shape[0], cells.shape[1], ptr(bits), bits.shape[2]
+    sets, regions, p, words, left = cells.shape[0], cells.shape[1], ptr(bits), bits.shape[2], stack_f32(16)
     t = take(ticket)
     while t >= 0:
         x0, x1, y0, y1 = spans[tiles[t]]
         for k in range((x1 - x0) * (y1 - y0)):
             region = (y0 + k // (x1 - x0)) * columns + x0 + k % (x1 - x0)
-            for s in range(sets):
-                out = ptr_at(ptr(cells), (s * regions + region) * WORDS)
-                begin, count = (first + s, 1) if sets > 1 else (first, spp)
-                for g in range(16):
-                    if get(out, FAR * 16 + g) < _F(0.0):
-                        continue
-                    y, x = first_receiver(picture, region, g)
-                    n = np.int64(0)
-                    for v in range(y, min(y + picture.shape.height, picture.h)):
-                        for u in range(x, min(x + picture.shape.width, picture.w)):
-                            if query.sides[v, u] != NOTHING:
-                                n += count - _blocked(p, v * picture.w + u, words, begin, count)
-                    put(out, COUNT * 16 + g, _F(n))
-                    if n == 0:
-                        put(out, FAR * 16 + g, BLOCKED)
+            for g in range(16):
+                y, x = first_receiver(picture, region, g)
+                if sets > 1:
+                    _count_left(query, picture, y, x, p, words, first, left)
+                    for s in range(sets):
+                        out = ptr_at(ptr(cells), (s * regions + region) * WORDS)
+                        if get(out, FAR * 16 + g) >= _F(0.0):
+                            _put_left(out, g, get(left, s))
+                    continue
+                out, n = ptr_at(ptr(cells), region * WORDS), np.int64(0)
+                if get(out, FAR * 16 + g) < _F(0.0):
+                    continue
+                for v in range(y, min(y + picture.shape.height, picture.h)):
+                    for u in range(x, min(x + picture.shape.width, picture.w)):
+                        if query.sides[v, u] != NOTHING:
+                            n += spp - _blocked(p, v * picture.w + u, words, first, spp)
+                _put_left(out, g, _F(n))
         t = take(ticket)
 
 

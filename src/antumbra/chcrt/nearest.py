@@ -37,14 +37,14 @@ from ..simd import (
     store,
 )
 from ..trace.descent import rays_as_shafts, slabs_of
-from ..trace.forest import forest_pointers, item, list_of, root_in, tree_in
+from ..trace.forest import Hits, forest_pointers, item, list_of, root_in, tree_in
 from ..trace.raytest import decide_signs, error_bounds
 from ..trace.vec import broadcasts, cross, dot, largest, minus, rows, total
+from .camera import BEYOND
 from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, nothing_yet, put_cell, wider
 from .queries import entry
 
 _F = np.float32
-_BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
 _STACK = 2 * MAX_DEPTH
 _ENTRIES = 16 * MAX_DEPTH
 
@@ -57,16 +57,12 @@ class Rays(NamedTuple):
     skip: np.ndarray  # (h, w) int32: triangles that do not count, -1 for none
 
 
-class Hits(NamedTuple):
-    """What the rays of a pass have met so far. A ray's *length* is the power of two times its direction that leaves the
-    scene behind it; `limits` count in it."""
+class Looks(NamedTuple):
+    """How far the rays of a pass look, (h, w) float32 each. A ray's *length* is the power of two times its direction
+    that leaves the scene behind it; `limits` count in it."""
 
-    face: np.ndarray  # (h, w) int32: index of the triangle, -1 on a miss
-    t: np.ndarray  # (h, w) float64: in directions; inf on a miss
-    part: np.ndarray  # (h, w) int32
-    slot: np.ndarray  # (h, w) int32: in the part's tree
-    lengths: np.ndarray  # (h, w) float32
-    limits: np.ndarray  # (h, w) float32: how far the ray still looks; -1 where there is no ray
+    lengths: np.ndarray
+    limits: np.ndarray  # -1 where there is no ray
 
 
 class Cell(NamedTuple):
@@ -96,28 +92,27 @@ def _measure(ticket, directions, reach, lengths, limits):
         y0 = take(ticket)
 
 
-def hits_of(rays: Rays, reach: float, threads: int) -> Hits:
-    """No hits yet; `reach`: no ray is longer inside the scene."""
+def looks_of(rays: Rays, reach: float, threads: int) -> Looks:
+    """Nothing has been hit yet; `reach`: no ray is longer inside the scene."""
     shape = rays.skip.shape
-    lengths, limits = np.empty(shape, _F), np.empty(shape, _F)
-    run(_measure, threads, new_ticket(shape[0], 8), rays.directions, reach, lengths, limits)
-    face, part, slot = (np.full(shape, -1, np.int32) for _ in range(3))
-    return Hits(face, np.full(shape, np.inf), part, slot, lengths, limits)
+    looks = Looks(np.empty(shape, _F), np.empty(shape, _F))
+    run(_measure, threads, new_ticket(shape[0], 8), rays.directions, reach, *looks)
+    return looks
 
 
 @inlined
-def _load(picture, rays, hits, y0, x0, cell):
+def _load(picture, rays, hits, looks, y0, x0, cell):
     """Fill a cell; bits of its rays."""
     valid = np.int64(0)
     for lane in range(16):
         y, x = y0 + lane // picture.shape.width, x0 + lane % picture.shape.width
         inside = y < picture.h and x < picture.w
         y, x = (y, x) if inside else (y0, x0)
-        length = hits.lengths[y, x]
+        length = looks.lengths[y, x]
         for k in range(3):
             put(cell.rays, 16 * k + lane, rays.origins[y, x, k])
             put(cell.rays, 48 + 16 * k + lane, rays.directions[y, x, k] * length)
-        limit = hits.limits[y, x]
+        limit = looks.limits[y, x]
         there = inside and limit >= _F(0.0)
         put(cell.limits, lane, limit if there else _F(-1.0))
         put(cell.t, lane, hits.t[y, x])
@@ -131,12 +126,12 @@ def _load(picture, rays, hits, y0, x0, cell):
 
 
 @inlined
-def _write(picture, hits, y0, x0, valid, cell):
+def _write(picture, hits, looks, y0, x0, valid, cell):
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1
         y, x = y0 + lane // picture.shape.width, x0 + lane % picture.shape.width
-        hits.limits[y, x], hits.t[y, x] = get(cell.limits, lane), get(cell.t, lane)
+        looks.limits[y, x], hits.t[y, x] = get(cell.limits, lane), get(cell.t, lane)
         hits.face[y, x], hits.part[y, x], hits.slot[y, x] = (
             get(cell.face, lane), get(cell.part, lane), get(cell.slot, lane)
         )  # fmt: skip
@@ -186,7 +181,7 @@ def _keep(cell, lane, length, tree, k, slot):
         put(cell.face, lane, prim)
         put(cell.part, lane, k)
         put(cell.slot, lane, slot)
-        limit = _F(t / np.float64(length) * _BEYOND)
+        limit = _F(t / np.float64(length) * BEYOND)
         if limit < get(cell.limits, lane):
             put(cell.limits, lane, limit)
 
@@ -269,14 +264,14 @@ def _trace_cell(forest, begin, end, valid, cell, lengths, stack, entries):
 
 
 @inlined
-def _lengths_of(picture, hits, y0, x0, lengths):
+def _lengths_of(picture, looks, y0, x0, lengths):
     for lane in range(16):
         y, x = y0 + lane // picture.shape.width, x0 + lane % picture.shape.width
-        put(lengths, lane, hits.lengths[y, x] if y < picture.h and x < picture.w else _F(1.0))
+        put(lengths, lane, looks.lengths[y, x] if y < picture.h and x < picture.w else _F(1.0))
 
 
 @kernel
-def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, cells):
+def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, looks, cells):
     """Worker: all cells of some screen tiles; what they see, and how far they look then."""
     cell = Cell(stack_f32(96), stack_f32(16), stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16))
     lengths, stack, entries, forest = stack_f32(16), stack_i32(_STACK), stack_f32(_ENTRIES), forest_pointers(arrays)
@@ -290,12 +285,12 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, cells):
                 y, x = first_receiver(picture, region, g)
                 if y >= picture.h or x >= picture.w:
                     continue
-                valid = _load(picture, rays, hits, y, x, cell)
+                valid = _load(picture, rays, hits, looks, y, x, cell)
                 if valid != 0:
-                    _lengths_of(picture, hits, y, x, lengths)
+                    _lengths_of(picture, looks, y, x, lengths)
                     begin, end = list_of(forest, y, x, np.int64(0))
                     _trace_cell(forest, begin, end, valid, cell, lengths, stack, entries)
-                    _write(picture, hits, y, x, valid, cell)
+                    _write(picture, hits, looks, y, x, valid, cell)
                     far = _F(-1.0)
                     for lane in range(16):
                         far = max(far, get(cell.limits, lane))
@@ -303,14 +298,14 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, cells):
         t = take(ticket)
 
 
-def trace_nearest(forest, spans, tiles, picture: Picture, rays: Rays, hits: Hits, cells, threads: int) -> None:
-    """Trace the rays of some tiles through their lists; `hits` and `cells` are brought up to date."""
+def trace_nearest(forest, spans, tiles, picture: Picture, rays: Rays, hits: Hits, looks: Looks, cells, threads) -> None:
+    """Trace the rays of some tiles through their lists; `hits`, `looks` and `cells` are brought up to date."""
     ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
-    run(_trace, threads, ticket, forest, spans, tiles, columns, picture, rays, hits, cells)
+    run(_trace, threads, ticket, forest, spans, tiles, columns, picture, rays, hits, looks, cells)
 
 
 @kernel
-def _bound(ticket, picture, rays, hits, cells):
+def _bound(ticket, picture, rays, looks, cells):
     """Worker: the cells of regions."""
     region = take(ticket)
     while region >= 0:
@@ -320,8 +315,8 @@ def _bound(ticket, picture, rays, hits, cells):
             (low, high), (d_low, d_high), n = nothing_yet(), nothing_yet(), 0
             for y in range(y0, min(y0 + picture.shape.height, picture.h)):
                 for x in range(x0, min(x0 + picture.shape.width, picture.w)):
-                    if hits.limits[y, x] >= _F(0.0):
-                        o, d, s = rays.origins[y, x], rays.directions[y, x], hits.lengths[y, x]
+                    if looks.limits[y, x] >= _F(0.0):
+                        o, d, s = rays.origins[y, x], rays.directions[y, x], looks.lengths[y, x]
                         low, high = wider(low, high, (o[0], o[1], o[2]))
                         d_low, d_high = wider(d_low, d_high, (d[0] * s, d[1] * s, d[2] * s))
                         n += 1
@@ -332,8 +327,8 @@ def _bound(ticket, picture, rays, hits, cells):
         region = take(ticket)
 
 
-def bound_rays(picture: Picture, rays: Rays, hits: Hits, threads: int) -> np.ndarray:
+def bound_rays(picture: Picture, rays: Rays, looks: Looks, threads: int) -> np.ndarray:
     """The cells of a pass, (1, regions, ROWS, 16)."""
     cells = new_cells(picture, 1)
-    run(_bound, threads, new_ticket(cells.shape[1], 1), picture, rays, hits, cells)
+    run(_bound, threads, new_ticket(cells.shape[1], 1), picture, rays, looks, cells)
     return cells

@@ -11,16 +11,19 @@ from ..parallel import thread_count
 from ..query.diffuse import RayPass
 from ..query.reach import bounds
 from ..query.shadow import ShadowQuery
+from ..scene.camera import CameraRays
 from ..scene.lights import AMBIENT, LIST
 from ..trace.asked import TileShape, tile_shape
-from ..trace.forest import Forest
+from ..trace.forest import Forest, Hits, no_hits
 from ..trace.lighttable import STRATA
 from ..trace.multifrusta import trace_forest
 from ..trace.packet16 import over_pixels, over_samples
+from ..trace.primary import trace_hits
 from ..trace.scattered import is_huge, is_scattered
+from .camera import CELL, bound_camera, length_of, shorten_camera
 from .cells import Picture, bound_cells, picture_of, shorten
 from .fronts import Fronts
-from .nearest import Hits, Rays, bound_rays, hits_of, trace_nearest
+from .nearest import Rays, bound_rays, looks_of, trace_nearest
 from .options import Options
 from .parts import Parts, parts_of
 from .queries import Answers, ask
@@ -155,27 +158,63 @@ class _Pass:
 
     def __init__(self, scheduled: Scheduled, rays: Rays, reach: float, threads: int):
         h, w = rays.skip.shape
-        shape = TileShape(4, 4, -(-w // 4), -(-h // 4))
+        shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
         picture = picture_of(shape, h, w)
-        self.pass_, self.hits = rays, hits_of(rays, reach, threads)
-        cells = bound_rays(picture, rays, self.hits, threads)
+        self.pass_, self.hits, self.looks = rays, no_hits((h, w)), looks_of(rays, reach, threads)
+        cells = bound_rays(picture, rays, self.looks, threads)
         self.rays = _Rays(tiles_of(shape, scheduled.options.tile), picture, cells, scheduled.parts, threads)
 
     def ask(self, fronts, pairs, again):
         return self.rays.ask(fronts, pairs, False)  # a box around the nearest hit is entered before it
 
     def trace(self, lists: Lists) -> None:
-        r, forest = self.rays, self.rays.forest(lists, 1, True)
-        trace_nearest(forest, r.tiles.spans, lists.tiles, r.picture, self.pass_, self.hits, r.cells[0], r.threads)
+        r, forest = self.rays, self.rays.forest(lists, 1, False)
+        arrays = r.picture, self.pass_, self.hits, self.looks, r.cells[0], r.threads
+        trace_nearest(forest, r.tiles.spans, lists.tiles, *arrays)
+
+
+class _View:
+    """The rays of a camera."""
+
+    def __init__(self, scheduled: Scheduled, camera: CameraRays, reach: float, threads: int):
+        h, w = camera.height, camera.width
+        shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
+        picture = picture_of(shape, h, w)
+        self.camera, self.hits, self.length = camera, no_hits((h, w)), length_of(reach)
+        cells = bound_camera(picture, camera, self.length, threads)
+        self.rays = _Rays(tiles_of(shape, scheduled.options.tile), picture, cells, scheduled.parts, threads)
+
+    def ask(self, fronts, pairs, again):
+        return self.rays.ask(fronts, pairs, False)
+
+    def trace(self, lists: Lists) -> None:
+        r, forest = self.rays, self.rays.forest(lists, 1, False)
+        trace_hits(forest, r.parts.boxes[0], self.camera, self.hits, r.threads)
+        shorten_camera(r.cells[0], r.tiles.spans, lists.tiles, r.picture, self.hits, self.length, r.threads)
+
+
+def _reach(scheduled: Scheduled, low, high) -> float:
+    """No ray that starts in a box is longer inside the scene."""
+    boxes = scheduled.parts.boxes[0].astype(np.float64)
+    return float(np.linalg.norm(np.maximum(boxes[1], high) - np.minimum(boxes[0], low))) + 1e-30
 
 
 def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], threads=None, progress=None) -> Hits:
     """The nearest hit of each ray of a pass over a picture of this shape, the same as every other method finds."""
-    picture = Rays(*(a.reshape(*shape, *a.shape[1:]) for a in rays))
-    boxes = scheduled.parts.boxes[0].astype(np.float64)
-    threads = thread_count(threads)
-    low, high = bounds(rays.origins, threads)
-    size = float(np.linalg.norm(np.maximum(boxes[1], high) - np.minimum(boxes[0], low)))
-    made = _Pass(scheduled, picture, size + 1e-30, threads)
+    picture, threads = Rays(*(a.reshape(*shape, *a.shape[1:]) for a in rays)), thread_count(threads)
+    made = _Pass(scheduled, picture, _reach(scheduled, *bounds(rays.origins, threads)), threads)
     scheduled.run(made.rays.tiles, shape, 1, made, progress)
     return made.hits
+
+
+def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=None) -> Hits:
+    """What a camera's rays see first.
+
+    Raises
+    ------
+    InputError
+        Where directions of neighbouring pixels are too close, as `query.raster.rasterise` does.
+    """
+    view = _View(scheduled, rays, _reach(scheduled, rays.origin, rays.origin), thread_count(threads))
+    scheduled.run(view.rays.tiles, (rays.height, rays.width), 1, view, progress)
+    return view.hits

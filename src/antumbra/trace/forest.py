@@ -46,6 +46,21 @@ class ForestPointers(NamedTuple):
     fresh: bool
 
 
+class Hits(NamedTuple):
+    """What the rays of a picture have met first so far, (h, w) each; where nobody asks, `part` and `slot` are empty."""
+
+    face: np.ndarray  # int32: index of the triangle, -1 on a miss
+    t: np.ndarray  # float64: in directions; inf on a miss
+    part: np.ndarray  # int32: number of the tree in the forest, -1 on a miss
+    slot: np.ndarray  # int32: in that tree
+
+
+def no_hits(shape: tuple[int, int]) -> Hits:
+    """Nothing has been met yet."""
+    face, part, slot = (np.full(shape, -1, np.int32) for _ in range(3))
+    return Hits(face, np.full(shape, np.inf), part, slot)
+
+
 @inlined
 def forest_pointers(forest):
     """`ForestPointers` of a `Forest`, which must outlive them."""

@@ -37,13 +37,15 @@ ASIDE = 2 + 2 * 16 * PIXELS  # int32: a block leaves at most 16 triangles for ea
 
 
 class Pixels(NamedTuple):
-    """Pointers to the state of a tile's pixels: cell c has elements 16 c to 16 c + 15."""
+    """Pointers to the state of a tile's pixels, see `pixelstate`: cell c has elements 16 c to 16 c + 15."""
 
     low: object  # float32: least possible depth key of the triangle; -inf where there is none, inf beyond the picture
     high: object  # float32: largest possible one; -inf where there is none
-    slot: object  # int32: -1 where there is none
+    slot: object  # int32: of the tree at hand; NOTHING, or KNOWN
     least: object  # (CELLS,) float32: the least `low` of each cell
     far: object  # (16,) float32: t beyond which nothing can be seen in each frustum
+    part: object  # int32: of what is KNOWN, the number of its tree; -1: it is in the picture
+    kept: object  # int32: and its slot there
     aside: object  # int32: how many pixels are put aside, -; then slot, 2 * pixel + (1 if it is surely covered)
 
 

@@ -4,109 +4,44 @@ A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels, which go through a `Block
 to the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. Blocks are culled and tested by halves of
 frusta, *cells* of 4 x 4 pixels: one for each lane. For each pixel the tile keeps the triangle in front and an interval
 of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's own predicates after each
-block. The float64 t of what is seen is computed once, at the end (`finish`).
+block. The float64 t of what is seen is computed once, after the tree (`finish`).
+
+What is traced is a forest (`trace.forest`): each tile goes through the trees of its list, one after the other, and may
+do so again with another list, from what it has seen already.
 """
 
 import numpy as np
 
-from ..bvh.blocks import ROWS, BlockTree, block_pointers, block_tree
-from ..bvh.nodes import MAX_DEPTH
+from ..bvh.blocks import ROWS, BlockTree, block_tree
+from ..bvh.nodes import MAX_DEPTH, boxes_of
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.filters import meets
-from ..query.pixels import pixel_ray
-from ..query.raster_depth import NO_PLANE, eye_plane, plane_t
 from ..query.raster_setup import direction_error, make_view
 from ..simd import (
     bits,
     get,
-    iota16,
     load16,
-    lowest_bit,
-    minimum,
     popcount,
     prefetch,
     ptr,
     put,
-    reduce_min,
-    select,
-    splat16,
     stack_f32,
     stack_f64,
     stack_i32,
     store,
 )
-from .finish import KNOWN, KNOWN_FLOATS, MARK_WORDS, PLANE_FLOATS, Seen, finish
-from .frusta import FLOATS, GROW, bound_directions, meet_mixed, meet_uniform, prepare
-from .pixelblock import ASIDE, CELLS, PIXELS, Pixels, first_pixel, trace_block
+from .finish import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, Seen, finish
+from .forest import Forest, Hits, forest_pointers, item, list_of, root_in, tree_in, whole
+from .frusta import FLOATS, bound_directions, meet_mixed, meet_uniform, prepare
+from .pixelblock import ASIDE, CELLS, PIXELS, Pixels, trace_block
 from .pixelsetup import HEIGHT, WIDTH, WORK, frame_of
+from .pixelstate import keep, resume, settle, shorten, start
 
 _F = np.float32
 _DEPTH = 2 * MAX_DEPTH
 _ENTRIES = 16 * _DEPTH
 _NO_BLOCK = -1  # the link of a block of no triangles
 _SUPER = 4  # tiles of a square that is traced in Morton order
-_NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
-_LARGEST = 1e30  # more than a depth key that float32 computes
-
-
-@inlined
-def _start(pixels, x0, y0, rays):
-    """Nothing is seen yet; bits of the frusta that have pixels."""
-    alive = np.int64(0)
-    for cell in range(CELLS):
-        x, y = first_pixel(cell)
-        inside = ((iota16() & 3) < rays.width - x0 - x) & ((iota16() >> 2) < rays.height - y0 - y)
-        store(pixels.low, 16 * cell, select(inside, splat16(_F(-np.inf)), splat16(_F(np.inf))))
-        store(pixels.high, 16 * cell, splat16(_F(-np.inf)))
-        store(pixels.slot, 16 * cell, splat16(np.int32(-1)))
-        put(pixels.least, cell, _F(-np.inf) if bits(inside) != 0 else _F(np.inf))
-        if bits(inside) != 0:
-            alive |= np.int64(1) << (cell & 15)
-    store(pixels.far, 0, splat16(_F(np.inf)))
-    put(pixels.aside, 0, 0)
-    return alive
-
-
-@kernel
-def _settle(pixels, tree, rays, x0, y0, scale):
-    """Let the contract decide the pixels that were put aside."""
-    o, touched = rays.origin, np.int64(0)
-    mine, other = NO_PLANE, NO_PLANE
-    for k in range(np.int64(get(pixels.aside, 0))):
-        slot, entry = np.int64(get(pixels.aside, 2 + 2 * k)), np.int64(get(pixels.aside, 3 + 2 * k))
-        at = entry >> 1
-        (x, y), lane = first_pixel(at >> 4), at & 15
-        ray = pixel_ray(rays, x0 + x + (lane & 3), y0 + y + (lane >> 2))
-        if entry & 1 == 0 and meets(ray, tree.corners, slot) == 0:
-            continue
-        if slot != mine.triangle:
-            mine = eye_plane(tree.corners, slot, o)
-        t, best = plane_t(mine, ray, tree.corners), np.int64(get(pixels.slot, at))
-        if best >= 0:
-            if best != other.triangle:
-                other = eye_plane(tree.corners, best, o)
-            best_t = plane_t(other, ray, tree.corners)
-            if best_t < t or (best_t == t and get(tree.prim_ids, best) < get(tree.prim_ids, slot)):
-                continue
-        key = 1.0 / (t * scale) if scale > 0.0 else 0.0
-        low = key * _NEXT_BELOW - _TINY if scale > 0.0 else -np.inf
-        put(pixels.low, at, low if low < _LARGEST else _LARGEST)
-        put(pixels.high, at, key * _NEXT_ABOVE + _TINY if scale > 0.0 else np.inf)
-        put(pixels.slot, at, slot)
-        touched |= np.int64(1) << (at >> 4)
-    put(pixels.aside, 0, 0)
-    while touched != 0:
-        cell = lowest_bit(touched)
-        touched &= touched - 1
-        put(pixels.least, cell, reduce_min(load16(pixels.low, 16 * cell)))
-
-
-@inlined
-def _shorten(pixels, scale):
-    """What some frusta see has come nearer."""
-    least, far = minimum(load16(pixels.least, 0), load16(pixels.least, 16)), load16(pixels.far, 0)
-    store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * GROW, far))
 
 
 @inlined
@@ -122,11 +57,12 @@ def _fetch(tree, link):
 
 
 @kernel
-def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries):
-    """Trace the frusta in `alive` (bits). Each block waits until the next one is found, while memory fetches it."""
+def _walk(forest, k, rays, hits, frame, slabs, one_way, uniforms, alive, pixels, x0, y0, scale, work, stack, entries):
+    """Trace the frusta in `alive` (bits) through tree k. Each block waits until the next one is found, while memory
+    fetches it."""
+    tree, link = tree_in(forest, k), root_in(forest, k)
     nodes, links = tree.nodes, tree.links
-    one_way, uniforms = prepare(slabs, frame.eye)
-    link, mask, height = np.int64(0), alive, np.int64(0)
+    mask, height = alive, np.int64(0)
     waiting, waiting_mask = np.int64(_NO_BLOCK), np.int64(0)
     while True:
         if link >= 0:
@@ -165,10 +101,10 @@ def _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, e
         if ~ready & 31 != 0:
             seen = trace_block(frame, tree, ~ready >> 5, ~ready & 31, ready_mask, pixels, work)
             if get(pixels.aside, 0) != 0:
-                _settle(pixels, tree, rays, x0, y0, scale)
+                settle(pixels, forest, k, rays, x0, y0, scale, ptr(hits.face), ptr(hits.t))
                 seen = True
             if seen:
-                _shorten(pixels, _F(scale))
+                shorten(pixels, _F(scale))
         mask = np.int64(0)
         while mask == 0:
             if height == 0:
@@ -191,33 +127,62 @@ def _place(k, across):
 
 
 @kernel
-def _trace_tiles(ticket, arrays, rays, view, error, scale, across, face, t):
+def _trace_tile(forest, begin, end, rays, hits, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries, seen):
+    """The frusta of a tile through the trees begin .. end of the lists."""
+    one_way, uniforms = prepare(slabs, frame.eye)
+    new = forest.fresh
+    for i in range(begin, end):
+        k = item(forest, i)
+        if one_way:
+            met = meet_uniform(forest.heads, k * 16, uniforms, load16(pixels.far, 0))[1]
+        else:
+            met = meet_mixed(forest.heads, k * 16, slabs, load16(pixels.far, 0))[1]
+        met &= alive
+        if met != 0:
+            _walk(
+                forest, k, rays, hits, frame, slabs, one_way, uniforms, met, pixels, x0, y0, scale, work, stack, entries
+            )
+            new |= keep(pixels, k)
+    if new:
+        finish(pixels, forest, rays, x0, y0, seen, hits)
+
+
+@kernel
+def _trace_tiles(ticket, arrays, rays, hits, view, error, scale, across):
     """Worker: whole tiles, each by one thread."""
     pixels = Pixels(
-        stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(ASIDE)
-    )
+        stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(PIXELS),
+        stack_i32(PIXELS), stack_i32(ASIDE),
+    )  # fmt: skip
     slabs, work, stack, entries = stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES)
     seen = Seen(
-        stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN), stack_i32(MARK_WORDS)
-    )
-    tree = block_pointers(arrays)
+        stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN_PLANES),
+        stack_i32(MARK_WORDS),
+    )  # fmt: skip
+    forest = forest_pointers(arrays)
     k = take(ticket)
     while k >= 0:
         x0, y0 = _place(k, across)
-        alive = _start(pixels, x0, y0, rays)
-        if alive != 0:
-            bound_directions(rays, error, x0, y0, slabs)
-            frame = frame_of(view, x0, y0, scale)
-            _walk(tree, rays, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries)
-            finish(pixels, tree, rays, x0, y0, seen, ptr(face), ptr(t))
+        if x0 < rays.width and y0 < rays.height:
+            begin, end = list_of(forest, y0, x0, np.int64(0))
+            if begin < end:
+                if forest.fresh:
+                    alive = start(pixels, x0, y0, rays)
+                else:
+                    alive = resume(pixels, x0, y0, rays, ptr(hits.face), ptr(hits.t), scale)
+                bound_directions(rays, error, x0, y0, slabs)
+                frame = frame_of(view, x0, y0, scale)
+                _trace_tile(
+                    forest, begin, end, rays, hits, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries,
+                    seen,
+                )  # fmt: skip
         k = take(ticket)
 
 
-def _scale(tree, view) -> float:
+def _scale(box, view) -> float:
     """A power of two that brings pixel coordinates to about 1; 0 where float32 has no room for it."""
     eye = np.array([view.eye_x, view.eye_y, view.eye_z])
-    bounds = tree.nodes[0, :12].astype(np.float64).reshape(3, 4)
-    reach = np.abs(bounds - eye[:, None]).max() * max(view.norm_x, view.norm_y, view.norm_z)
+    reach = np.abs(box.astype(np.float64) - eye).max() * max(view.norm_x, view.norm_y, view.norm_z)
     if not 1e-30 < reach < 1e30:
         return 0.0
     return float(2.0 ** -np.ceil(np.log2(reach)))
@@ -246,11 +211,29 @@ def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
     InputError
         Where directions of neighbouring pixels are too close, as `rasterise` does.
     """
-    view, error = make_view(rays), direction_error(rays)
     if not isinstance(tree, BlockTree):
         tree = block_tree(tree, threads)
-    face, t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
+    shape, nowhere = (rays.height, rays.width), np.empty((0, 0), np.int32)
+    hits = Hits(np.empty(shape, np.int32), np.empty(shape), nowhere, nowhere)
+    trace_hits(whole(tree), boxes_of(tree.nodes[:1])[0], rays, hits, thread_count(threads))
+    return hits.face, hits.t
+
+
+def trace_hits(forest: Forest, box: np.ndarray, rays, hits: Hits, threads: int) -> None:
+    """Trace pixel-centre rays through a forest, from what they have hit already unless it is fresh.
+
+    Parameters
+    ----------
+    forest : Forest
+        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, of `hits` only the pixels of tiles that have
+        trees are written.
+    box : (2, 3) float32
+        Around all triangles.
+    rays : CameraRays
+    hits : Hits
+        Changed in place.
+    """
+    view, error = make_view(rays), direction_error(rays)
     across, down = -(-rays.width // (WIDTH * _SUPER)), -(-rays.height // (HEIGHT * _SUPER))
     ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
-    run(_trace_tiles, thread_count(threads), ticket, tree, rays, view, error, _scale(tree, view), across, face, t)
-    return face, t
+    run(_trace_tiles, threads, ticket, forest, rays, hits, view, error, _scale(box, view), across)
