@@ -8,6 +8,7 @@ from antumbra.bench.chcrt import CHCRT, InCore, Pace, Turn
 from antumbra.bench.chcrt_rays import DIFFUSE, PRIMARY, SOFT, differing
 from antumbra.bench.chcrt_views import place_of
 from antumbra.bench.views import own_view
+from antumbra.chcrt.options import Options
 from antumbra.errors import InputError
 from antumbra.scene.camera import Camera
 from antumbra.scene.generated import procedural
@@ -18,7 +19,7 @@ SIZE = 24
 @pytest.fixture(scope="module")
 def core():
     view = own_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
-    return InCore(place_of(view), 2)
+    return InCore(place_of(view), 2, Options(triangles=1 << 12))
 
 
 def test_walks_go_from_one_camera_to_the_other(core):

@@ -46,6 +46,7 @@ SAMPLERS = tuple(name for name in ROTATIONS if ":" in name)
 
 Say = Callable[[str], None]
 PHASES = ("phase 1", "phase 2", "phase 3")
+_OPTIONS = Options()
 
 
 class Pace(NamedTuple):
@@ -82,8 +83,9 @@ class Turn(NamedTuple):
 class InCore:
     """A place in memory: its triangles, and what all methods trace them by."""
 
-    def __init__(self, place: Place, threads: int):
-        self.place, self.threads, plans = place, threads, [parse_plan(plan) for plan in (*PLANS, "bsah+chcrt")]
+    def __init__(self, place: Place, threads: int, options: Options = _OPTIONS):
+        self.place, self.threads, self._options = place, threads, options
+        plans = [parse_plan(plan) for plan in (*PLANS, "bsah+chcrt")]
         for plan in plans:
             warm_up(plan, "rays", False)
             warm_up_indirect(plan, "rays")
@@ -92,12 +94,12 @@ class InCore:
         assert accelerated.bvh is not None
         self.triangles, self._bvh = accelerated.triangles, accelerated.bvh
         self._tree = block_tree(self._bvh, threads)
-        self._parts = parts_of(self._tree, Options())
+        self._parts = parts_of(self._tree, options)
 
     def culling(self, threshold: int = 0) -> Culling:
         """CHC+RT that has seen nothing yet."""
         name = f"{CHCRT}:{threshold}" if threshold else CHCRT
-        return Culling(name, Scheduled(self._parts, Options(threshold=threshold)), self.threads)
+        return Culling(name, Scheduled(self._parts, self._options._replace(threshold=threshold)), self.threads)
 
     def plain(self) -> list[Plain]:
         """The plans that remember nothing."""

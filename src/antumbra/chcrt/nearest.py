@@ -8,7 +8,6 @@ index.
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +44,7 @@ from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, noth
 from .queries import entry
 
 _F = np.float32
+_SMALLEST, _EXPONENT = np.float32(2.0**-126), np.int32(0x7F800000)
 _STACK = 2 * MAX_DEPTH
 _ENTRIES = 16 * MAX_DEPTH
 
@@ -78,8 +78,11 @@ class Cell(NamedTuple):
 
 
 @kernel
-def _measure(ticket, directions, reach, lengths, limits):
-    """Worker: the lengths of rays, in rows of pixels, and that they look as far as that."""
+def _measure(ticket, directions, reach, lengths, bits_, limits):
+    """Worker: the lengths of rays, in rows of pixels, and that they look as far as that.
+
+    bits_ : the bits of `lengths`: without those of its fraction a number is a power of two
+    """
     y0 = take(ticket)
     while y0 >= 0:
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
@@ -87,17 +90,19 @@ def _measure(ticket, directions, reach, lengths, limits):
                 d = directions[y, x]
                 size = max(abs(d[0]), max(abs(d[1]), abs(d[2])))
                 there = size > _F(0.0)
-                _, exponent = math.frexp(2.0 * reach / np.float64(size) if there else 1.0)
-                lengths[y, x], limits[y, x] = _F(math.ldexp(1.0, exponent)), _F(1.0) if there else _F(-1.0)
+                lengths[y, x] = max(_F(4.0 * reach / np.float64(size if there else _F(1.0))), _SMALLEST)
+                limits[y, x] = _F(1.0) if there else _F(-1.0)
+            for x in range(directions.shape[1]):
+                bits_[y, x] &= _EXPONENT
         y0 = take(ticket)
 
 
 def looks_of(rays: Rays, reach: float, threads: int) -> Looks:
     """Nothing has been hit yet; `reach`: no ray is longer inside the scene."""
     shape = rays.skip.shape
-    looks = Looks(np.empty(shape, _F), np.empty(shape, _F))
-    run(_measure, threads, new_ticket(shape[0], 8), rays.directions, reach, *looks)
-    return looks
+    lengths, limits = np.empty(shape, _F), np.empty(shape, _F)
+    run(_measure, threads, new_ticket(shape[0], 8), rays.directions, reach, lengths, lengths.view(np.int32), limits)
+    return Looks(lengths, limits)
 
 
 @inlined

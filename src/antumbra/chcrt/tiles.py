@@ -1,5 +1,6 @@
 """The hierarchy over the rays: a quadtree of screen tiles [Mattausch et al. 2015, Sec. 4.3]."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ class Tiles(NamedTuple):
     columns: int  # regions in a row
 
 
+@lru_cache(maxsize=16)
 def tiles_of(shape: TileShape, pixels: int) -> Tiles:
     """The quadtree over a query that `trace.asked.tile_shape` has cut into tiles of 16 receivers.
 
