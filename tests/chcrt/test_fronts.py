@@ -10,7 +10,7 @@ from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import boxes_of
 from antumbra.chcrt.fronts import INNER, INVISIBLE, VISIBLE, Fronts
 from antumbra.chcrt.options import Options
-from antumbra.chcrt.parts import parts_of
+from antumbra.chcrt.parts import _order, parts_of
 from antumbra.chcrt.queries import Answers
 from antumbra.chcrt.schedule import lists_of, trace_frame
 from antumbra.chcrt.tiles import tiles_of
@@ -29,6 +29,8 @@ def _tiles(w=200, h=120, pixels=32):
 
 class _Guessing:
     """Rays that answer at random."""
+
+    front_to_back = True
 
     def __init__(self, seed):
         self.rng, self.traced = np.random.default_rng(seed), []
@@ -79,13 +81,33 @@ def test_what_was_visible_is_traced_first_and_once_a_frame():
     trace_frame(fronts, _Guessing(3))
     shown = fronts.of(VISIBLE)
     assert len(shown) > 3
-    expected = lists_of(fronts, shown)
+    expected = lists_of(fronts, shown, True)
     rays = _Guessing(4)
     trace_frame(fronts, rays)
     np.testing.assert_array_equal(rays.traced[0].starts, expected.starts)
     pairs = [np.repeat(np.arange(len(t.starts) - 1), np.diff(t.starts)) * 10_000 + t.items for t in rays.traced]
     every = np.concatenate(pairs)
     assert len(np.unique(every)) == len(every)
+
+
+@pytest.mark.parametrize("front_to_back", [True, False])
+def test_lists_have_each_visible_part_once_in_their_order(front_to_back):
+    fronts = Fronts(_tiles(), _parts()[0], 2, Options())
+    trace_frame(fronts, _Guessing(3))
+    shown, parts = fronts.of(VISIBLE), fronts.parts
+    lists = lists_of(fronts, shown, front_to_back)
+    keys = {(t, s, r - parts.inner): k for t, s, r, k in zip(fronts.tile, fronts.set, fronts.row, fronts.key)}
+    assert len(lists.items) == len(shown) and np.diff(lists.starts).max() > 2
+    for number, (begin, end) in enumerate(zip(lists.starts[:-1], lists.starts[1:])):
+        items = lists.items[begin:end]
+        by = parts.order[items] if not front_to_back else [keys[*divmod(number, 2), k] for k in items]
+        assert (np.diff(by) >= 0).all() and len(set(items)) == len(items)
+
+
+def test_parts_come_in_the_order_of_the_tree():
+    parts = _parts()[0]
+    np.testing.assert_array_equal(parts.order, np.arange(len(parts.trees)))  # as `parts_of` finds them
+    np.testing.assert_array_equal(_order(np.array([[1, 4], [3, 2], [-1, -1], [-1, -1], [-1, -1]]), 2), [1, 0, 2])
 
 
 def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():

@@ -16,6 +16,7 @@ def write_plot(turns: list[Turn], path: Path) -> None:
     from matplotlib.figure import Figure
 
     walks, kinds = rows_of(turns, "scene", "view"), rows_of(turns, "kind")
+    colours = {row["method"]: f"C{i}" for i, row in enumerate(rows_of(turns, "method"))}
     columns = 1 + len(kinds)
     sheet = Figure(figsize=(4.0 * columns, 2.8 * len(walks)), layout="constrained")
     panels = sheet.subplots(len(walks), columns, squeeze=False)
@@ -24,10 +25,11 @@ def write_plot(turns: list[Turn], path: Path) -> None:
         _draw_bars(row[0], mine)
         row[0].set_title(", ".join(walk.values()), fontsize=9)
         for panel, kind in zip(row[1:], kinds):
-            _draw_curves(panel, of(mine, **kind))
+            _draw_curves(panel, of(mine, **kind), colours)
             panel.set_title(kind["kind"], fontsize=9)
     panels[0, 0].legend(fontsize=7)
-    panels[0, 1].legend(fontsize=7)
+    lines = {line.get_label(): line for panel in panels[:, 1:].flat for line in panel.get_lines()}
+    sheet.legend(lines.values(), lines, loc="outside lower center", ncols=len(lines), fontsize=8)
     with replacing(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
@@ -43,9 +45,10 @@ def _draw_bars(panel, turns: list[Turn]) -> None:
     panel.set_ylabel("share of the time")
 
 
-def _draw_curves(panel, turns: list[Turn]) -> None:
+def _draw_curves(panel, turns: list[Turn], colours: dict[str, str]) -> None:
     for row in rows_of(turns, "method"):
         some = of(turns, **row)
-        panel.plot([t.frame for t in some], [1e3 * t.seconds for t in some], marker=".", label=row["method"])
+        name, ms = row["method"], [1e3 * t.seconds for t in some]
+        panel.plot([t.frame for t in some], ms, marker=".", color=colours[name], label=name)
     panel.set(ylim=(0, None), xlabel="frame", ylabel="ms")
     panel.grid(alpha=0.3)

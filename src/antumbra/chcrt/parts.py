@@ -34,6 +34,7 @@ class Parts(NamedTuple):
     children: np.ndarray  # (r, 2) int32: rows, -1 where there is none, and for parts
     share: np.ndarray  # (r,) float64: surface area, as a share of the root's
     inner: int  # m
+    order: np.ndarray  # (k,) int32: at which place each part comes in a walk that goes to the left child first
     trees: np.ndarray  # (k, ADDRESSES) int64, see `trace.forest`; out of core, only of those in memory
     heads: np.ndarray  # (k, 16) float32, see `trace.forest`
     extents: np.ndarray  # (3,) float32 of the scene
@@ -102,6 +103,19 @@ def _lines(tree: BlockTree, links: np.ndarray, parents: dict[int, tuple[int, int
     return lines
 
 
+def _order(children: np.ndarray, m: int) -> np.ndarray:
+    """See `Parts.order`."""
+    order, waiting, n = np.empty(len(children) - m, np.int32), [0], 0
+    while waiting:
+        row = waiting.pop()
+        if row >= m:
+            order[row - m] = n
+            n += 1
+        elif row >= 0:
+            waiting += [int(children[row, 1]), int(children[row, 0])]
+    return order
+
+
 def parts_of(tree: BlockTree, options: Options) -> Parts:
     """A `BlockTree` cut into parts."""
     n = len(tree.nodes)
@@ -121,8 +135,8 @@ def parts_of(tree: BlockTree, options: Options) -> Parts:
     boxes = boxes_of(lines)
     trees = np.array([addresses(tree, int(root)) for root in roots], np.int64).reshape(k, -1)
     return Parts(
-        lines, children, shares(lines), m, trees, head(*boxes[m:].swapaxes(0, 1)), boxes[0, 1] - boxes[0, 0], None,
-        tree,
+        lines, children, shares(lines), m, _order(children, m), trees, head(*boxes[m:].swapaxes(0, 1)),
+        boxes[0, 1] - boxes[0, 0], None, tree,
     )  # fmt: skip
 
 
@@ -144,4 +158,5 @@ def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memor
         lines, children, m = lines[m:], children[m:], 0
     boxes = boxes_of(lines)
     heads = head(*boxes[m:].swapaxes(0, 1))
-    return Parts(lines, children, shares(lines), m, trees, heads, boxes[0, 1] - boxes[0, 0], memory, keeps)
+    order = _order(children, m)
+    return Parts(lines, children, shares(lines), m, order, trees, heads, boxes[0, 1] - boxes[0, 0], memory, keeps)

@@ -16,6 +16,8 @@ _FIRST_BATCH = 4  # newly visible parts of a tile that are traced first; then tw
 class RaySet(Protocol):
     """The rays of a picture, as the schedule sees them."""
 
+    front_to_back: bool  # Do they go through their lists front to back? Else as the tree has its parts.
+
     def ask(self, fronts: Fronts, pairs: np.ndarray, again: bool) -> Answers:
         """Occlusion queries for pairs; `again`: for those that have just been traced.
 
@@ -29,7 +31,7 @@ class RaySet(Protocol):
 
 
 class Lists(NamedTuple):
-    """Which parts the rays of each of the smallest tiles, and each set, go through, front to back."""
+    """Which parts the rays of each of the smallest tiles, and each set, go through, one after the other."""
 
     starts: np.ndarray  # (tiles * sets + 1,) int32: list number tile * sets + set
     items: np.ndarray  # (n,) int32: parts
@@ -67,15 +69,21 @@ class Statistics:
         }  # fmt: skip
 
 
-def _nearest_in_lists(fronts: Fronts, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(the list of each pair, the order of the pairs by list, and front to back in each)."""
+def _in_lists(fronts: Fronts, pairs: np.ndarray, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(the list of each pair, the order of the pairs by list, and by their keys in each)."""
     number = fronts.tile[pairs].astype(np.int64) * fronts.sets + fronts.set[pairs]
-    return number, np.lexsort((fronts.key[pairs], number))
+    return number, np.lexsort((keys, number))
 
 
-def lists_of(fronts: Fronts, pairs: np.ndarray) -> Lists:
-    """The lists of final pairs, by their keys."""
-    number, order = _nearest_in_lists(fronts, pairs)
+def lists_of(fronts: Fronts, pairs: np.ndarray, front_to_back: bool) -> Lists:
+    """The lists of final pairs: front to back, or as the tree has its parts.
+
+    What any blocker ends is best asked as from the root. Where a tile begins in the boxes of many parts, they are all
+    equally near: front to back took 1.6 times as long in foliage (San Miguel).
+    """
+    parts = fronts.parts
+    keys = fronts.key[pairs] if front_to_back else parts.order[fronts.row[pairs] - parts.inner]
+    number, order = _in_lists(fronts, pairs, keys)
     counts = np.bincount(number, minlength=fronts.tiles.smallest * fronts.sets)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     items = (fronts.row[pairs][order] - fronts.parts.inner).astype(np.int32)
@@ -117,7 +125,7 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) ->
     memory = fronts.parts.memory
     if memory is None or not len(pairs):
         told.traced += len(pairs)
-        rays.trace(lists_of(fronts, pairs))
+        rays.trace(lists_of(fronts, pairs, rays.front_to_back))
         return pairs
     parts = fronts.row[pairs] - fronts.parts.inner
 
@@ -132,7 +140,7 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) ->
         for group in groups:
             traced.append(pairs[np.isin(parts, group)])
             told.traced += len(traced[-1])
-            rays.trace(lists_of(fronts, traced[-1]))
+            rays.trace(lists_of(fronts, traced[-1], rays.front_to_back))
             done += len(group)
             if told.progress is not None:
                 told.progress(done, len(wanted))
@@ -172,7 +180,7 @@ def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) 
 
 def _rank(fronts: Fronts, pairs: np.ndarray) -> np.ndarray:
     """(k,) int: how many pairs of the same tile and set are nearer."""
-    number, order = _nearest_in_lists(fronts, pairs)
+    number, order = _in_lists(fronts, pairs, fronts.key[pairs])
     ordered = number[order]
     starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]])) if len(order) else order
     rank = np.empty(len(pairs), np.int64)

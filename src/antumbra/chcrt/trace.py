@@ -96,6 +96,8 @@ class _Rays(NamedTuple):
 class _Shadows:
     """The segments of a query to some chunks of its samples, as ray sets: all together, or each stratum by itself."""
 
+    front_to_back = False
+
     def __init__(self, scheduled: Scheduled, query: ShadowQuery, bits, chunks: range, trace, several: bool, options):
         self.query, self.bits, self.chunks, self.trace_, self.options = query, bits, chunks, trace, options
         self.first = chunks.start * STRATA
@@ -156,6 +158,8 @@ def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, c
 class _Pass:
     """A pass of rays that look for what is nearest."""
 
+    front_to_back = True
+
     def __init__(self, scheduled: Scheduled, rays: Rays, reach: float, threads: int):
         h, w = rays.skip.shape
         shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
@@ -175,6 +179,8 @@ class _Pass:
 
 class _View:
     """The rays of a camera."""
+
+    front_to_back = True
 
     def __init__(self, scheduled: Scheduled, camera: CameraRays, reach: float, threads: int):
         h, w = camera.height, camera.width
