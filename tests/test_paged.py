@@ -73,6 +73,32 @@ def test_pictures_are_those_in_memory(city, chunks, policy):
     assert (loaded > 2 * len(renderer.paged.store)) == (chunks is not None)
 
 
+@pytest.mark.parametrize("normals", [None, (0.0, 1.0, 0.0)])
+@pytest.mark.parametrize("light", [LIGHT, at.DirectionalLight((0.4, -1, 0.3)), at.AmbientOcclusion(30.0)], ids=repr)
+def test_points_see_lights_as_they_do_in_memory(city, light, normals):
+    """What was read for one question is there for the next one."""
+    inside, path = city
+    scene, points = at.load(path), np.random.default_rng(3).uniform((-40, 0.2, -40), (40, 12, 40), (900, 3))
+    if normals is None and light.domain == "hemisphere":
+        with pytest.raises(at.InputError, match="normal"):
+            at.visibility(scene, points, light)
+        return
+    truth = at.visibility(inside, points, light, normals, spp=20)
+    assert 0.05 < truth.fraction.mean() < 0.95
+    for _ in range(2):
+        got = at.visibility(scene, points, light, normals, spp=20, threads=2)
+        np.testing.assert_array_equal(got.bits, truth.bits)
+    paging = scene.__dict__["_renderer"][1].paged.paging()
+    assert paging["loaded"] == 0 and paging["cached"] > 0
+
+
+def test_points_that_ask_a_store_within_little_memory(city):
+    with pytest.raises(at.InputError, match=r"not enough.* give at least \d+M"):
+        at.visibility(at.load(city[1]), np.zeros((1, 3)), LIGHT, max_memory=1 << 20)
+    with pytest.raises(at.InputError, match="is in memory; leave it out"):
+        at.visibility(city[0], np.zeros((1, 3)), LIGHT, max_memory=1 << 30)
+
+
 def test_light_that_bounces(city):
     scene, path = city
     camera = _cameras(scene)[1].resized(32, 24)

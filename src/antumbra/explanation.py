@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .accelerate import Accelerated
 from .errors import InputError
 from .job import bounced_queries
 from .parallel import thread_count
@@ -19,7 +20,7 @@ from .query.gbuffer import GBuffer
 from .query.picture import shadow_queries
 from .query.sampling import light_samples
 from .query.shadow import ShadowQuery
-from .renderer import Accelerated, Renderer
+from .renderer import Renderer
 from .scene.camera import Camera
 from .scene.lights import check_lights
 from .scene.triangles import Triangles
@@ -120,7 +121,7 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     check_srdh_rays(srdh_rays, *plans)
     moments = [moment._replace(lights=check_lights(moment.lights)) for moment in moments]
     for plan in plans:
-        warm_up(plan, "raster", not plan.trace.startswith("single"))
+        warm_up(plan, "raster")
     warm_up_steps()
     if srdh_rays is not None and srdh_rays.bounce:
         warm_up_bounce()
@@ -197,7 +198,7 @@ def trace_windows(renderer: Renderer, accelerated: Accelerated, query: ShadowQue
     def trace(window):
         y, x = divmod(window, columns)
         part = slice(y * WINDOW, (y + 1) * WINDOW), slice(x * WINDOW, (x + 1) * WINDOW)
-        tally = new_counters(True)
+        tally = new_counters()
         bits[part] = alone.answer(accelerated, _part(query, part), tally)
         tests[y, x] = tally[[BOX_TESTS, TRIANGLE_TESTS]]
 

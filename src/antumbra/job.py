@@ -14,7 +14,8 @@ from .srdh_rays import Shown, fewer_samples, sparse_gbuffer
 from .trace.bounce import Nearest, bounced
 
 if TYPE_CHECKING:
-    from .renderer import Accelerated, Renderer
+    from .accelerate import Accelerated
+    from .renderer import Renderer
 
 
 class Job:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .accelerate import Accelerated
 from .bvh.radix_sort import radix_sort
 from .chcrt.options import CHCRT
 from .chcrt.parts import parts_of_chunks
@@ -69,7 +70,6 @@ class Paged:
     """
 
     def __init__(self, scene, plan: Plan, threads: int, max_memory: int):
-        from .renderer import Accelerated
         from .store.residency import Residency
 
         self.scene, self.threads, self.max_memory = scene, threads, max_memory
@@ -99,8 +99,8 @@ class Paged:
         if budget < least:
             need = -(-(self.max_memory - budget + least) >> 20)
             raise InputError(
-                f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for this picture; "
-                f"give at least {need}M, or a smaller size"
+                f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for so many pixels or "
+                f"points; give at least {need}M, or ask for fewer"
             )
         return budget
 

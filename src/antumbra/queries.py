@@ -1,23 +1,26 @@
 """Questions that are not pictures: ray arrays, and points that ask which lights they see."""
 
 from dataclasses import replace
+from threading import get_ident
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from .accelerate import Accelerated
 from .errors import InputError
+from .paged import is_paged
 from .parallel import thread_count
 from .plan import DEFAULT_PLAN
 from .query.rays import Arguments, Hit, HitArrays, as_array, cull_value, ray_arguments
-from .query.reach import reach
+from .query.reach import bounds, reach_of
 from .query.receivers import FREE, point_receivers
 from .query.sampling import light_samples
 from .query.shadow import ShadowQuery, fraction_lit
-from .renderer import Accelerated, Renderer
+from .renderer import Renderer
 from .scene.lights import check_lights
 from .scene.point_lights import PointLights
 from .trace.batch import trace_batch
-from .warm import warm_up, warm_up_rays
+from .warm import warm_up, warm_up_paged, warm_up_rays
 
 
 class Visibility(NamedTuple):
@@ -68,8 +71,8 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
 
 
 def visibility(
-    scene, points, light, normals=None, *, spp=16, plan=DEFAULT_PLAN, time=0.0, threads=None,
-    sampler="larcher-pillichshammer", cull_faces=None, srdh_rays=None,
+    scene, points, light, normals=None, *, spp=16, plan=None, time=0.0, threads=None,
+    sampler="larcher-pillichshammer", cull_faces=None, srdh_rays=None, max_memory=None,
 ) -> Visibility:  # fmt: skip
     """Which samples of a light do points see? Receivers that are not pixels: vertices, sensors, plots of land.
 
@@ -87,6 +90,9 @@ def visibility(
         As in `antumbra.render`. Point i uses sample set i mod 4.
     srdh_rays : SrdhRays or None
         Which rays the builder `srdh` is shown; None: those of 256 of the points.
+    max_memory : int or None
+        Bytes that the process may have in memory, for a scene in a store; None: 4 GiB. What has been read is kept with
+        the scene for the next question that names the same plan, threads and memory.
 
     Returns
     -------
@@ -97,7 +103,7 @@ def visibility(
     InputError
         On wrong shapes or dtypes, NaN or infinite numbers, zero normals, or an unknown plan.
     """
-    renderer = Renderer(scene, plan, threads, srdh_rays=srdh_rays)
+    renderer = _renderer(scene, plan, threads, srdh_rays, max_memory)
     points = as_array(points, "points")
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
@@ -116,10 +122,16 @@ def visibility(
     else:
         unit = _unit_normals(normals, points.shape)
         origins = point_receivers(local, unit, world, points.dtype == np.float32)
-    warm_up(renderer.plan, renderer.gbuffer, False)
-    by_query = renderer.plan.cull or renderer.showing
-    ready = None if by_query else accelerated(scene, time, threads, plan)
+    warm_up(renderer.plan, renderer.gbuffer)
+    ready, paged = None, renderer.paged
+    if paged is not None:
+        warm_up_paged()
+        paged.begin(len(local), -(-samples.shape[1] // 64))
+        ready = paged.accelerated
+    elif not (renderer.plan.cull or renderer.showing):
+        ready = accelerated(scene, time, threads, renderer.plan)
     triangles = scene.triangles(time, threads) if ready is None else ready.triangles
+    box = np.stack(bounds(triangles.vertices, threads)) if paged is None else paged.store.meta.box
     no_faces = np.full((1, len(local)), -1, np.int32)
     query = ShadowQuery(
         origins[None],
@@ -127,7 +139,7 @@ def visibility(
         np.full((1, len(local)), FREE if normals is None else 1, np.int8),
         unit if normals is None else unit[None],
         triangles.vertices.reshape(-1, 9),
-        light.patch(triangles.origin, reach(triangles, origins, threads) if len(origins) else 1.0),
+        light.patch(triangles.origin, reach_of(box, origins, threads) if len(origins) else 1.0),
         samples,
         cull_value(cull_faces),
         no_faces,
@@ -139,6 +151,16 @@ def visibility(
     bits = renderer.answer(ready, query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
     return Visibility(bits, fraction_lit(bits, samples.shape[1]))
+
+
+def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
+    """A renderer of this scene; of a store the one that answered this thread before, with all that it has read."""
+    if not is_paged(scene):
+        return Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
+    asked, kept = (plan, threads, max_memory, get_ident()), scene.__dict__.get("_renderer")
+    if kept is None or kept[0] != asked:
+        kept = scene.__dict__["_renderer"] = asked, Renderer(scene, plan, threads, max_memory=max_memory)
+    return kept[1]
 
 
 def _unit_normals(normals, shape) -> np.ndarray:

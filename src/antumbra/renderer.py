@@ -1,17 +1,12 @@
 """One frame, or a sequence with state kept between frames: evaluate, G-buffer, cull, build, trace, shade."""
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from .bvh import BUILDERS, OPTIMISERS, UPDATERS
-from .bvh.blocks import BlockTree, block_tree
-from .bvh.nodes import Bvh
+from .accelerate import Accelerated, Accelerator
+from .bvh.blocks import BlockTree
 from .chcrt.surfaces import nearest_scheduled, primary_hits
-from .cull import CULLERS
-from .cull.cull import Culled
 from .errors import InputError
 from .frame import Clock, Frame
 from .image.filter import smoothed
@@ -31,26 +26,17 @@ from .query.refine import FinerSamples, edges, finer_samples
 from .query.sampling import light_samples
 from .query.subpixels import block_copies, block_means, subpixel_gbuffer
 from .query.surface import seen_by
-from .rayhierarchy.soup import soup_of
 from .scene.camera import Camera
 from .scene.lights import check_lights
 from .scene.triangles import Triangles
-from .srdh_rays import Showing, Shown, SrdhRays, check_srdh_rays
+from .srdh_rays import SrdhRays
 from .trace.bounce import Nearest, nearest_surfaces
 from .trace.counters import as_dict, new_counters
 from .trace.primary import trace_primary
 from .warm import warm_up, warm_up_bounce, warm_up_indirect, warm_up_paged, warm_up_quality
 
 
-class Accelerated(NamedTuple):
-    """A scene at one moment with its BVH, if the plan has one."""
-
-    triangles: Triangles  # all of them, whatever has been culled
-    bvh: Bvh | None  # of those that are left; prim_ids counts in all; None: the tracer walks none
-    prepared: Any  # what the plan's tracer takes: the BVH, something made from it, or a `Soup` of those left
-
-
-class Renderer:
+class Renderer(Accelerator):
     """Renders frames of one scene by one plan.
 
     Parameters
@@ -73,14 +59,8 @@ class Renderer:
     ):
         if gbuffer not in ("raster", "rays"):
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
-        self.scene, self.plan = scene, parse_plan(default_plan(scene) if plan is None else plan)
-        self.threads = thread_count(threads)
-        check_srdh_rays(srdh_rays, self.plan)
-        self.showing = Showing(srdh_rays or SrdhRays(), self.threads) if self.plan.wants_rays else None
-        self.one_tree = self.plan.build is not None and self.showing is None  # for shadow rays and the camera's
-        update = self.plan.update  # what it keeps from frame to frame
-        self._kept = UPDATERS[update].keep(self._new_tree) if update else None
-        self._rays: Callable | None = None  # vertices, BVH of them -> Intersections; while a builder may want them
+        super().__init__(parse_plan(default_plan(scene) if plan is None else plan), thread_count(threads), srdh_rays)
+        self.scene = scene
         self._last: Accelerated | None = None  # of the frames before, where that can be used again
         self.paged = paged(scene, self.plan, self.threads, max_memory)
         self.gbuffer = gbuffer if self.paged is None else "rays"
@@ -128,7 +108,7 @@ class Renderer:
         surfaces = self.look(triangles, camera, whole if self.gbuffer == "rays" else None, progress)
         gbuffer, triangles = surfaces.gbuffer, surfaces.triangles
         clock.lap("gbuffer")
-        job = Job(self, triangles, lights, facing, new_counters(counters), progress, clock)
+        job = Job(self, triangles, lights, facing, new_counters() if counters else None, progress, clock)
         queries = job.queries(surfaces, samples)
         clock.lap("trace")
         finer_queries = [] if finer is None else [q._replace(samples=s) for q, s in zip(queries, finer.penumbra)]
@@ -172,79 +152,13 @@ class Renderer:
         gbuffer = gbuffer._replace(face=surfaces.ids)
         scheduled = job.accelerated.prepared.told if self.plan.tracer.keeps else None
         paging = None if self.paged is None else self.paged.paging()
-        frame = Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), as_dict(job.tally), refined)
+        counted = as_dict(job.tally) if counters else None
+        frame = Frame(image, visibility, bits, gbuffer, job.rays, clock.timings(), counted, refined)
         return frame._replace(indirect=indirect, scheduled=scheduled, paging=paging)
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time, with their BVH if the plan has one."""
         return self.build(self.scene.triangles(time, self.threads))
-
-    def culled(self, triangles: Triangles, queries) -> Culled | None:
-        """The triangles that segments of these queries can meet; None if the plan culls nothing."""
-        return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
-
-    def show(
-        self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Callable | None = None
-    ) -> Shown | None:
-        """The rays that this plan's builder is shown for these queries; None if it wants none. See `Showing.show`."""
-        return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
-
-    def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
-        """All triangles, or those that culling left, ready to be traced: with a BVH, unless the tracer walks none.
-
-        `shown` is for a builder that wants rays.
-
-        Raises
-        ------
-        InputError
-            If the builder wants rays, and none are shown.
-        """
-        if self.plan.build is None:
-            return self.prepare(triangles, None, culled)
-        if self.showing is not None:
-            if shown is None:
-                raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
-            kept = None if culled is None else culled.kept
-            self._rays = lambda vertices, bvh: shown.among(vertices, kept, self.threads, bvh)
-        try:
-            bvh = self._tree(triangles.vertices if culled is None else culled.vertices)
-        finally:
-            self._rays = None
-        if culled is not None:
-            bvh = bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
-        if self.showing is not None:
-            self.showing.built(bvh)
-        return self.prepare(triangles, bvh, culled)
-
-    def _tree(self, vertices) -> Bvh:
-        if self._kept is not None:
-            return self._kept.update(vertices, self.threads)
-        return self._new_tree(vertices, self.threads)
-
-    def _new_tree(self, vertices, threads) -> Bvh:
-        assert self.plan.build is not None
-        builder, name = BUILDERS[self.plan.build], self.plan.optimise
-        bvh = builder.build(vertices, threads, **self._shown_to(builder, vertices))
-        if name is None:
-            return bvh
-        return OPTIMISERS[name].optimise(bvh, threads, **self._shown_to(OPTIMISERS[name], vertices, bvh))
-
-    def _shown_to(self, method, vertices, bvh: Bvh | None = None) -> dict:
-        """The arguments of a method that wants rays; `bvh`: of the triangles, if there is one."""
-        return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
-
-    def for_camera(self, triangles: Triangles) -> Accelerated:
-        """What the camera's rays are traced through where the plan has no BVH, or one that is made for shadow rays."""
-        bvh = BUILDERS["bsah"].build(triangles.vertices, self.threads)
-        return Accelerated(triangles, bvh, block_tree(bvh, self.threads))
-
-    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
-        """What this plan's tracer takes: made from the BVH that its builder made, if it walks one; else the triangles.
-
-        `culled`: the triangles that are left; None: all.
-        """
-        made = soup_of(triangles, culled) if bvh is None else bvh
-        return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads))
 
     def see(self, triangles, camera, accelerated: Accelerated | None = None) -> GBuffer:
         """The G-buffer of a camera: by rasterisation, or by rays where there is a BVH of all triangles."""
