@@ -104,7 +104,7 @@ def test_steps_are_those_that_the_tracer_counts(scene, moment):
 def test_windows_add_up_to_the_tracers_own_counters(scene, moment, tracer, light):
     renderer = Renderer(scene, f"bsah+{tracer}", 2)
     triangles, query = query_of(scene, moment.camera, moment.lights[light], SPP)
-    ready, tally = renderer.build(triangles), new_counters(True)
+    ready, tally = renderer.build(triangles), new_counters()
     bits, tests = trace_windows(renderer, ready, query)
     assert (bits == renderer.answer(ready, query, tally)).all() and bits.any()
     assert (

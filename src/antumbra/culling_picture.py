@@ -34,7 +34,7 @@ class CullingPicture(NamedTuple):
 def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0, threads=None) -> CullingPicture:
     """Which triangles a culler leaves; the arguments are those of `antumbra.render`, ``culler`` a name in CULLERS."""
     lights, renderer = check_lights(lights), Renderer(scene, f"{culler}+bsah+single", threads)
-    warm_up(renderer.plan, renderer.gbuffer, False)
+    warm_up(renderer.plan, renderer.gbuffer)
     triangles = scene.triangles(time, threads)
     gbuffer = renderer.see(triangles, camera, None)
     samples = [light_samples(light, spp) for light in lights]

@@ -38,31 +38,32 @@ def _once(name: str, work: Callable[[], None], say: Callable[[str], None]) -> No
 
 
 @cache
-def warm_up(plan, gbuffer: str, counters: bool) -> None:
-    """Compile, or load from the cache, all kernels that rendering by this plan calls: by rendering a small scene."""
-    _once(
-        f"{plan} ({gbuffer}{', counted' if counters else ''})",
-        lambda: _render_small(plan, gbuffer, counters),
-        tell,
-    )
+def warm_up(plan, gbuffer: str, counters: bool = False) -> None:
+    """Compile, or load from the cache, all kernels that rendering by this plan calls: by rendering a small scene.
+
+    `counters`: what counts, where a tracer has kernels of its own for that.
+    """
+    counters = counters and plan.tracer.counts_apart
+    name = f"{plan} ({gbuffer}{', counted' if counters else ''})"
+    _once(name, lambda: _render_small(plan, gbuffer, counters=counters), tell)
 
 
 @cache
 def warm_up_quality(plan, gbuffer: str) -> None:
     """The same for the filter and for adaptive sampling; they are the same for every plan."""
-    _once("filter and refinement", lambda: _render_small(plan, gbuffer, False, True), tell)
+    _once("filter and refinement", lambda: _render_small(plan, gbuffer, True), tell)
 
 
 @cache
 def warm_up_bounce() -> None:
     """The same for the diffuse rays that `SrdhRays` can ask for."""
-    _once("a diffuse bounce", lambda: _render_small("srdh+single", "raster", False, bounce=True), tell)
+    _once("a diffuse bounce", lambda: _render_small("srdh+single", "raster", bounce=True), tell)
 
 
 @cache
 def warm_up_indirect(plan, gbuffer: str) -> None:
     """The same for light that bounces; it is the same for every plan."""
-    _once("light that bounces", lambda: _render_small(plan, gbuffer, False, passes=1), tell)
+    _once("light that bounces", lambda: _render_small(plan, gbuffer, passes=1), tell)
 
 
 @cache
@@ -139,7 +140,7 @@ def _small_view(quality=False, sky=True):
     return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), lights
 
 
-def _render_small(plan, gbuffer, counters, quality=False, bounce=False, passes=0):
+def _render_small(plan, gbuffer, quality=False, bounce=False, passes=0, counters=False):
     from . import renderer
     from .query.diffuse import diffuse_passes
     from .query.refine import finer_samples
@@ -166,7 +167,7 @@ def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
     work += [("a diffuse bounce", warm_up_bounce)] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:
         for gbuffer in ("raster", "rays"):
-            for counters in (False, True):
+            for counters in (False, True)[: 1 + plan.tracer.counts_apart]:
                 name = f"{plan} ({gbuffer}{', counted' if counters else ''})"
                 work.append((name, lambda p=plan, g=gbuffer, c=counters: warm_up(p, g, c)))
     return work

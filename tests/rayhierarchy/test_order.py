@@ -135,7 +135,7 @@ def test_a_receiver_at_the_light_below_its_own_horizon():
 
 def test_sorted_by_key_within_faces_and_counted():
     _, query = on_surfaces(5, "point", (40, 50), spp=1)
-    (beam,), tally = beams_of(query), new_counters(True)
+    (beam,), tally = beams_of(query), new_counters()
     bits = np.zeros((40, 50, 1), np.uint64)
     order = order_of(query, beam, bits, True, 1, tally)
     d = (query.origins.reshape(-1, 3)[order.ids].astype(np.float64) - beam.apex).astype(np.float32)

@@ -254,7 +254,7 @@ def _picture():
 def test_a_picture_and_what_is_counted(name):
     """All ask the same rays, and find what single rays find."""
     triangles, query = _picture()
-    tally, plain = new_counters(True), new_counters(True)
+    tally, plain = new_counters(), new_counters()
     got = _bits(triangles, query, VARIANTS[name], counters=tally)
     np.testing.assert_array_equal(got, answer(parse_plan("lbvh+single"), triangles, query, counters=plain))
     counts, expected = as_dict(tally), as_dict(plain)
@@ -269,7 +269,7 @@ def test_better_tests_and_orders_visit_fewer_nodes():
     triangles, query = _picture()
     nodes = {}
     for name in ("Spheres", "Precise", "PreciseSorted", "PreciseSEA"):
-        tally = new_counters(True)
+        tally = new_counters()
         _bits(triangles, query, CONES[f"cones:{name}"][0]._replace(shared=True), counters=tally)
         nodes[name] = as_dict(tally)["nodes"]
     assert nodes["Precise"] < nodes["Spheres"] and nodes["PreciseSorted"] < nodes["Precise"]

@@ -148,7 +148,7 @@ def test_a_covered_node_is_finished_with_all_below_it_and_nothing_else(kind, way
     assert 0.3 < truth.mean() < 0.7
     work = {}
     for early_accept in (False, True):
-        made, tally = hierarchy(kind, query, beam, ways, True), new_counters(True)
+        made, tally = hierarchy(kind, query, beam, ways, True), new_counters()
         np.testing.assert_array_equal(_traced(made, triangles, HOW._replace(early_accept=early_accept), tally), truth)
         work[early_accept] = as_dict(tally)
     assert work[False]["covered"] == 0 < work[True]["covered"]
@@ -162,7 +162,7 @@ def test_a_covered_node_is_finished_with_all_below_it_and_nothing_else(kind, way
             dead += 1
             whole += node.level > 0
     assert dead > 20 and (whole > 3 or ways == 16)
-    again = new_counters(True)
+    again = new_counters()
     _traced(made, triangles, counters=again)
     assert as_dict(again)["nodes"] < work[True]["nodes"]
 
@@ -174,7 +174,7 @@ def test_what_is_finished_is_finished_up_to_the_root():
     (beam,) = beams_of(query)
     for kind in (Boxes, Cones):
         for ways in (4, 16):
-            made, tally = hierarchy(kind, query, beam, ways, True), new_counters(True)
+            made, tally = hierarchy(kind, query, beam, ways, True), new_counters()
             assert _traced(made, triangles, counters=tally).all()
             assert as_dict(tally)["triangle_tests"] < 20
             _traced(made, triangles)  # leaves whose rays ended one by one are found finished

@@ -21,7 +21,7 @@ def counted():
     truth, counts = answer(Plan(), triangles, query), {}
     assert 0.1 < truth.mean() < 0.9
     for name in TRACERS + SHRINKING:
-        counters = new_counters(True)
+        counters = new_counters()
         np.testing.assert_array_equal(answer(Plan(trace=name), triangles, query, counters=counters), truth)
         counts[name] = as_dict(counters)
     return counts
@@ -64,7 +64,7 @@ def test_more_uncertain_segments_than_can_be_put_aside(name):
     scene = at.Scene.from_arrays(np.concatenate([slivers, floor, occluder]))
     camera = at.Camera((0, 0.5, 0.01), (0, 0, 0), width=8, height=4, vfov=20)
     triangles, query = query_of(scene, camera, at.QuadLight((-0.1, 4, -0.1), (0.2, 0, 0), (0, 0, 0.2)), 16)
-    counters = new_counters(True)
+    counters = new_counters()
     found = answer(Plan(trace=name), triangles, query, counters=counters)
     assert as_dict(counters)["uncertain"] > 4 * ASIDE
     assert 0.1 < found.mean() < 0.9

@@ -30,7 +30,7 @@ def _query(scene, light, spp):
 
 
 def _traced(triangles, query):
-    tally = new_counters(True)
+    tally = new_counters()
     return answer(parse_plan("bsah+multifrusta"), triangles, query, counters=tally), as_dict(tally)
 
 

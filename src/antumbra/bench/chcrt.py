@@ -87,7 +87,7 @@ class InCore:
         self.place, self.threads, self._options = place, threads, options
         plans = [parse_plan(plan) for plan in (*PLANS, "bsah+chcrt")]
         for plan in plans:
-            warm_up(plan, "rays", False)
+            warm_up(plan, "rays")
             warm_up_indirect(plan, "rays")
         self._renderer = Renderer(place.scene, plans[0], threads)
         accelerated = self._renderer.accelerate()

@@ -26,7 +26,7 @@ def out_of_core(
     for walk in place.walks:
         for policy in POLICIES:
             renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
-            warm_up(renderer.plan, "rays", False)
+            warm_up(renderer.plan, "rays")
             warm_up_indirect(renderer.plan, "rays")
             assert renderer.paged is not None
             renderer.paged.residency.policy = policy

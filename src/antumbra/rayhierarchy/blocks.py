@@ -141,7 +141,7 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally
     h, w = query.sides.shape
     ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
     last, blocks = stack_i64(2), block_pointers(arrays)
-    out, mine = Found(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), private_counters(tally)
+    out, mine = Found(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), private_counters()
     for k in range(0, 32, 16):  # lanes without a group are computed with as well: denormal numbers there are slow
         store(centres, k, splat16(_HALF))
     put(last, 0, -1)

@@ -75,7 +75,7 @@ def places_on(view, scale, d):
 def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
     """Worker: each receiver's cell, -1 if it asks nothing; how many of a part ask."""
     asking, view, samples = asking_of(query, bits), view_of(beam), Samples(beam.first, beam.count, beam.set)
-    ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), private_counters(tally)
+    ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), private_counters()
     put(last, 0, -1)
     first = take(ticket)
     while first >= 0:

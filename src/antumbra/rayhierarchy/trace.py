@@ -36,7 +36,7 @@ def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: 
     progress : function of (triangles handed out, triangles), or None; the last part of a query counts only
     """
     threads = thread_count(threads)
-    counters = new_counters(True) if counters is None else counters  # costs nothing, and kernels are compiled once
+    counters = new_counters() if counters is None else counters
     for part, of_part in _parts(query, bits):
         for beam in beams_of(part, not options.shared, threads):
             with borrowed() as empty:

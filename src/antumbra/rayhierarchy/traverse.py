@@ -27,7 +27,7 @@ from ..simd import (
     stack_f32,
     store,
 )
-from ..trace.counters import COVERED, NODES, add_counters, count, pointer_to, private_counters
+from ..trace.counters import COVERED, NODES, add_counters, count, private_counters
 from ..trace.raytest import triangle_in
 from .beams import PERSPECTIVE
 from .leaf import block_rays
@@ -257,10 +257,9 @@ def _queue_block(tree, part, block, rows, found, queues):
 def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters):
     """Worker: batches of the picked triangles through the hierarchies of all faces."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
-    soup, mine, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), private_counters(counters), how.pairs + LANES
+    soup, mine, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), private_counters(), how.pairs + LANES
     memory, marks = np.empty(parts * BATCH * NUMBERS, np.float32), np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32)
     pairs = np.empty(2 * _QUEUES * step, np.int32)
-    tally = pointer_to(mine)
     queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
     rows, found, slots = ptr(memory), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
     first = take(ticket)
@@ -276,7 +275,7 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters)
             of_part = ptr_at(rows, part * BATCH * NUMBERS)
             for block in range((last - first + LANES - 1) // LANES):
                 _queue_block(tree, part, block, of_part, np.int64(get(found, block * parts + part)), queues)
-            _traverse(tree, part, leaves, soup, of_part, queues, how, tally)
+            _traverse(tree, part, leaves, soup, of_part, queues, how, mine)
         first = take(ticket)
     add_counters(counters, mine)
     pairs[0] = marks[0] = 0  # they live until here

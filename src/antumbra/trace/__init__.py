@@ -26,6 +26,7 @@ class Tracer(NamedTuple):
     builds: bool = True  # does it walk a BVH?
     keeps: bool = False  # does what it prepares remember what was visible? Then it has `begin()`, for each frame
     exact: bool = True  # does it give the same bits as all others?
+    counts_apart: bool = False  # has it kernels that count, and others that do not?
 
 
 def as_it_is(made, threads=None):
@@ -78,9 +79,12 @@ TRACERS: dict[str, Tracer] = {
         trace_shadow,
         "one ray at a time, children as the builder ordered them, else nearest first; the last blocker tried first",
         "Ize 2013, Robust BVH ray traversal",
+        counts_apart=True,
     ),
     **{
-        f"single:{name}": Tracer(_in_order(order), trace_shadow, f"the same, {order.description}", order.paper)
+        f"single:{name}": Tracer(
+            _in_order(order), trace_shadow, f"the same, {order.description}", order.paper, counts_apart=True
+        )
         for name, order in ORDERS.items()
     },
     "wide": Tracer(

@@ -27,7 +27,7 @@ from ..simd import (
 )
 from .apart import walk_apart
 from .block import BLOCK_WORDS, DX, LANES, OX, TMAX, TMIN, Rays, prepare, ray_of
-from .counters import RAYS, add_counters, count, private_counters
+from .counters import RAYS, add_counters, count, new_counters, private_counters
 from .packet import is_coherent, walk_packet
 from .wide import ASIDE_WORDS, NONE, Found, Query, settle_block, slot_of, start
 
@@ -136,7 +136,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     rows, skip = stack_f32(BLOCK_WORDS), stack_i32(LANES)
     found = Found(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(ASIDE_WORDS))
     block, query = Rays(rows, None, skip), Query(rays.cull_faces, any_hit)
-    mine, tree = private_counters(counters), wide_tree_of(wide)
+    mine, tree = private_counters(), wide_tree_of(wide)
     args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
     frame = (rays.frame[0], rays.frame[1], rays.frame[2])
     begin = take(ticket)
@@ -171,6 +171,7 @@ def trace_batch(wide, rays, any_hit, out, threads=None, counters=None, progress=
 
     False, and `out` is not complete, if a ray holds a number that it must not: NaN, infinity, a zero direction, ...
     """
+    counters = new_counters() if counters is None else counters
     ticket, faults = new_ticket(-(-rays.n // LANES), _BLOCKS), np.zeros(1, np.bool_)
     run(_blocks, thread_count(threads), ticket, wide, rays, any_hit, out, faults, counters, progress=progress)
     return not faults[0]

@@ -1,11 +1,10 @@
-"""What tracing counts. Counting is compiled away when nobody asked for it."""
+"""What tracing counts: each thread in memory of its own. Most tracers always count, whether anybody asks or not, so
+that they are compiled once: it costs them next to nothing. Where None is passed on, counting is compiled away."""
 
 import numpy as np
-from numba.core import types
-from numba.extending import overload
 
-from ..jit import kernel
-from ..simd import atomic_add, get, ptr, put
+from ..jit import inlined, kernel
+from ..simd import atomic_add, get, put, stack_i64
 
 COUNTERS = (
     "rays",
@@ -31,48 +30,33 @@ blocked whole; frusta shrunk to the rays that are left; tiles traced in sheaves.
 
 RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
 TRIANGLES, CANDIDATES, COVERED, SHRINKS, SHEAF_TILES = range(8, len(COUNTERS))
+_PLACES = len(COUNTERS)
 
 
-def new_counters(wanted: bool) -> np.ndarray | None:
-    """An array of zeros, one a counter, or None, which compiles the counting away."""
-    return np.zeros(len(COUNTERS), np.int64) if wanted else None
+def new_counters() -> np.ndarray:
+    """An array of zeros, one a counter."""
+    return np.zeros(len(COUNTERS), np.int64)
 
 
-def as_dict(counters: np.ndarray | None) -> dict[str, int] | None:
+def as_dict(counters: np.ndarray) -> dict[str, int]:
     """Names and values, for people."""
-    return None if counters is None else dict(zip(COUNTERS, counters.tolist()))
+    return dict(zip(COUNTERS, counters.tolist()))
 
 
-def private_counters(counters):
-    """In kernels: a thread's own zeros (None when nothing is counted), so that threads do not share cache lines."""
-    raise NotImplementedError
-
-
-def pointer_to(mine):
-    """In kernels: private counters for those called often: an array that is passed on costs a reference count."""
-    raise NotImplementedError
-
-
-@overload(private_counters)
-def _private_counters(counters):
-    if isinstance(counters, types.NoneType):  # told apart here: what might be None is tested for it each time
-        return lambda counters: None
-    return lambda counters: np.zeros_like(counters)
-
-
-@overload(pointer_to)
-def _pointer_to(mine):
-    if isinstance(mine, types.NoneType):
-        return lambda mine: None
-    return lambda mine: ptr(mine)
+@inlined
+def private_counters():
+    """A thread's own zeros, so that threads do not share cache lines: a pointer to int64."""
+    mine = stack_i64(_PLACES)
+    for i in range(_PLACES):
+        put(mine, i, 0)
+    return mine
 
 
 @kernel
 def add_counters(counters, mine):
     """Add a thread's counts to the shared ones."""
-    if counters is not None:
-        for i in range(len(mine)):
-            atomic_add(counters, i, mine[i])
+    for i in range(len(counters)):
+        atomic_add(counters, i, get(mine, i))
 
 
 @kernel

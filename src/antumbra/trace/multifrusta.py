@@ -33,7 +33,7 @@ from .bundle import (
     sheaf_of,
     tiles_to_fill,
 )
-from .counters import SHEAF_TILES, add_counters, count, private_counters
+from .counters import SHEAF_TILES, add_counters, count, new_counters, private_counters
 from .descent import NOWHERE, left, next_leaf, nowhere, save, saved, slabs_of
 from .forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
 from .lighttable import STRATA, light_table, turn_points
@@ -257,7 +257,7 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples
         stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PLACES), stack_f32(PLANES),
         stack_i32(AT), stack_i32(ASIDE_INTS),
     )  # fmt: skip
-    forest, mine = forest_pointers(arrays), private_counters(counters)
+    forest, mine = forest_pointers(arrays), private_counters()
     asked, places = asked_of(query, table, shape, chunk, n_samples), ptr(out)
     put(scratch.aside, 0, 0)
     at = take(ticket)
@@ -299,6 +299,7 @@ def trace_forest(forest: Forest, query, bits, threads=None, counters=None, progr
     bits : zeros, or, unless the forest is fresh, what is known
     chunks : range of the chunks of 16 samples to trace; None: all
     """
+    counters = new_counters() if counters is None else counters
     shape, spp = tile_shape(query), query.samples.shape[1]
     table, layout = light_table(query, sets_of(shape)), layout_of(shape)
     for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:

@@ -199,7 +199,7 @@ def _walk(trees, rays, r, i, end, facing, scratch, counters):
 @kernel
 def _trace_packets(ticket, prepared, query, samples, job, out, counters):
     """Worker: tiles, packet by packet."""
-    scratch, trees, mine = new_scratch(), pointers(prepared), private_counters(counters)
+    scratch, trees, mine = new_scratch(), pointers(prepared), private_counters()
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):

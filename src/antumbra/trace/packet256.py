@@ -136,7 +136,7 @@ def _trace_packets(ticket, arrays, query, samples, job, out, counters):
     """Worker: tiles."""
     scratch, own, work = new_scratch(), stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     packets, ways = stack_f32(_ALL_PACKETS), stack_i32(_ALL_WAYS)
-    tree, mine = block_pointers(arrays), private_counters(counters)
+    tree, mine = block_pointers(arrays), private_counters()
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):

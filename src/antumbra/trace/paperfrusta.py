@@ -105,7 +105,7 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
 def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking):
     """Worker: tiles."""
     scratch, own, work = new_scratch(), stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
-    tree, mine = block_pointers(arrays), private_counters(counters)
+    tree, mine = block_pointers(arrays), private_counters()
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):

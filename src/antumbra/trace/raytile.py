@@ -14,6 +14,7 @@ from ..parallel import new_ticket, run, thread_count
 from ..simd import broadcast16, get, put, stack_f32, stack_i32, store
 from .aside import aside_ints, settle_aside
 from .asked import asked_of, sets_of, tile_shape
+from .counters import new_counters
 from .lighttable import POINTS, STRATA, light_table, turn_points
 from .ownsurface import PLANES, apply_horizon
 from .tile import (
@@ -198,6 +199,7 @@ def trace_tiles(
     fresh : whether nothing is known of the rays; else `bits` tell which ones are blocked
     chunks : range of the chunks of samples; None: all
     """
+    counters = new_counters() if counters is None else counters
     shape, spp = tile_shape(query), query.samples.shape[1]
     samples = _samples(query, sets_of(shape))
     for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:

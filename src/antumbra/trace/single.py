@@ -10,7 +10,7 @@ import numpy as np
 from numba.extending import overload
 
 from ..bvh.nodes import Tree, tree_of
-from ..bvh.wide import wide_tree_of
+from ..bvh.wide import WideBvh, wide_tree_of
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..predicate.exact import segment
@@ -19,7 +19,7 @@ from ..query.samples import sample_point
 from ..query.shadow import horizon_of, is_above, patch_of
 from ..simd import get, ptr
 from .apart import any_hit_wide
-from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, private_counters
+from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, new_counters, private_counters
 from .orders import Ordered
 from .traverse import triangle_hit, walk
 
@@ -106,7 +106,9 @@ def _shadow_pixel(tree, query, y, x, bits, last, counters):
 def _shadow_tiles(ticket, prepared, query, bits, counters):
     h, w = query.sides.shape
     columns = (w + TILE - 1) // TILE
-    mine, tree = private_counters(counters), pointers(prepared)
+    mine, tree = None, pointers(prepared)
+    if counters is not None:
+        mine = private_counters()
     tile = take(ticket)
     while tile >= 0:
         y0, x0 = tile // columns * TILE, tile % columns * TILE
@@ -116,7 +118,8 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
                 if query.sides[y, x] != NOTHING:
                     last = _shadow_pixel(tree, query, y, x, bits, last, mine)
         tile = take(ticket)
-    add_counters(counters, mine)
+    if counters is not None:
+        add_counters(counters, mine)
 
 
 def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=None) -> None:
@@ -125,6 +128,8 @@ def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=No
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
+    if counters is None and isinstance(prepared, WideBvh):
+        counters = new_counters()  # costs nothing there; walks of one ray take twice as long when they count
     h, w = query.sides.shape
     tiles = -(-h // TILE) * -(-w // TILE)
     run(
