@@ -35,7 +35,7 @@ from ..simd import (
     stack_i64,
     store,
 )
-from ..trace.counters import add_counters, private_counters
+from ..trace.counters import N_COUNTERS, add_counters, cleared
 from .asking import Samples, asking_of, origins_of, who_asks
 from .beams import Beam
 from .keys import cells_of
@@ -141,7 +141,7 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally
     h, w = query.sides.shape
     ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
     last, blocks = stack_i64(2), block_pointers(arrays)
-    out, mine = Found(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), private_counters()
+    out, mine = Found(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), cleared(stack_i64(N_COUNTERS))
     for k in range(0, 32, 16):  # lanes without a group are computed with as well: denormal numbers there are slow
         store(centres, k, splat16(_HALF))
     put(last, 0, -1)

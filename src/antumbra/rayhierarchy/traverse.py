@@ -25,9 +25,10 @@ from ..simd import (
     put,
     splat16,
     stack_f32,
+    stack_i64,
     store,
 )
-from ..trace.counters import COVERED, NODES, add_counters, count, private_counters
+from ..trace.counters import COVERED, N_COUNTERS, NODES, add_counters, cleared, count
 from ..trace.raytest import triangle_in
 from .beams import PERSPECTIVE
 from .leaf import block_rays
@@ -257,7 +258,11 @@ def _queue_block(tree, part, block, rows, found, queues):
 def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters):
     """Worker: batches of the picked triangles through the hierarchies of all faces."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
-    soup, mine, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), private_counters(), how.pairs + LANES
+    soup, mine, step = (
+        Soup(ptr(triangles.corners), ptr(triangles.ids)),
+        cleared(stack_i64(N_COUNTERS)),
+        how.pairs + LANES,
+    )
     memory, marks = np.empty(parts * BATCH * NUMBERS, np.float32), np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32)
     pairs = np.empty(2 * _QUEUES * step, np.int32)
     queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))

@@ -27,7 +27,7 @@ from ..simd import (
 )
 from .apart import walk_apart
 from .block import BLOCK_WORDS, DX, LANES, OX, TMAX, TMIN, Rays, prepare, ray_of
-from .counters import RAYS, add_counters, count, new_counters, private_counters
+from .counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .packet import is_coherent, walk_packet
 from .wide import ASIDE_WORDS, NONE, Found, Query, settle_block, slot_of, start
 
@@ -136,7 +136,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     rows, skip = stack_f32(BLOCK_WORDS), stack_i32(LANES)
     found = Found(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(ASIDE_WORDS))
     block, query = Rays(rows, None, skip), Query(rays.cull_faces, any_hit)
-    mine, tree = private_counters(), wide_tree_of(wide)
+    mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
     frame = (rays.frame[0], rays.frame[1], rays.frame[2])
     begin = take(ticket)

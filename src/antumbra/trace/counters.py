@@ -4,7 +4,7 @@ that they are compiled once: it costs them next to nothing. Where None is passed
 import numpy as np
 
 from ..jit import inlined, kernel
-from ..simd import atomic_add, get, put, stack_i64
+from ..simd import atomic_add, get, put
 
 COUNTERS = (
     "rays",
@@ -30,7 +30,7 @@ blocked whole; frusta shrunk to the rays that are left; tiles traced in sheaves.
 
 RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
 TRIANGLES, CANDIDATES, COVERED, SHRINKS, SHEAF_TILES = range(8, len(COUNTERS))
-_PLACES = len(COUNTERS)
+N_COUNTERS = len(COUNTERS)
 
 
 def new_counters() -> np.ndarray:
@@ -44,19 +44,19 @@ def as_dict(counters: np.ndarray) -> dict[str, int]:
 
 
 @inlined
-def private_counters():
-    """A thread's own zeros, so that threads do not share cache lines: a pointer to int64."""
-    mine = stack_i64(_PLACES)
-    for i in range(_PLACES):
+def cleared(mine):
+    """A thread's own zeros, so that threads do not share cache lines: a kernel's ``stack_i64(N_COUNTERS)``."""
+    for i in range(N_COUNTERS):
         put(mine, i, 0)
     return mine
 
 
 @kernel
 def add_counters(counters, mine):
-    """Add a thread's counts to the shared ones."""
-    for i in range(len(counters)):
-        atomic_add(counters, i, get(mine, i))
+    """Add a thread's counts to the shared ones, if there are any."""
+    if counters is not None:
+        for i in range(len(counters)):
+            atomic_add(counters, i, get(mine, i))
 
 
 @kernel

@@ -9,7 +9,7 @@ from ..bvh.blocks import ROWS
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take, thread_count
 from ..scene.lights import LIST
-from ..simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32
+from ..simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
 from .aside import ASIDE, settle_aside
 from .asked import asked_of, sets_of, tile_shape
 from .beams import make_beams
@@ -33,7 +33,7 @@ from .bundle import (
     sheaf_of,
     tiles_to_fill,
 )
-from .counters import SHEAF_TILES, add_counters, count, new_counters, private_counters
+from .counters import N_COUNTERS, SHEAF_TILES, add_counters, cleared, count, new_counters
 from .descent import NOWHERE, left, next_leaf, nowhere, save, saved, slabs_of
 from .forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
 from .lighttable import STRATA, light_table, turn_points
@@ -257,7 +257,7 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples
         stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PLACES), stack_f32(PLANES),
         stack_i32(AT), stack_i32(ASIDE_INTS),
     )  # fmt: skip
-    forest, mine = forest_pointers(arrays), private_counters()
+    forest, mine = forest_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     asked, places = asked_of(query, table, shape, chunk, n_samples), ptr(out)
     put(scratch.aside, 0, 0)
     at = take(ticket)

@@ -17,21 +17,23 @@ from ..bvh.blocks import BlockTree
 from ..bvh.nodes import EMPTY, Bvh, Tree, tree_of
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, take
-from ..simd import bits, get, load16, lowest_bit, ptr, put
+from ..simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from .aside import ASIDE, put_aside
-from .counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, add_counters, count, private_counters
+from .counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
 from .descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of
 from .forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
 from .raytest import decide, length1, seen_from, triangle_in
 from .raytile import (
+    SCRATCH_FLOATS,
+    SCRATCH_INTS,
     TREE,
     asked_in,
     directions_of,
     finish_tile,
-    new_scratch,
     open_rays,
     origins_of,
     rows_are_receivers,
+    scratch_in,
     settle,
     start_tile,
     trace_tiles,
@@ -199,7 +201,8 @@ def _walk(trees, rays, r, i, end, facing, scratch, counters):
 @kernel
 def _trace_packets(ticket, prepared, query, samples, job, out, counters):
     """Worker: tiles, packet by packet."""
-    scratch, trees, mine = new_scratch(), pointers(prepared), private_counters()
+    scratch, trees = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS)), pointers(prepared)
+    mine = cleared(stack_i64(N_COUNTERS))
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):

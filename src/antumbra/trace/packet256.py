@@ -10,20 +10,22 @@ import numpy as np
 from ..bvh.blocks import block_pointers
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, take
-from ..simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32, store
+from ..simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64, store
 from .aside import ASIDE
 from .cornerfrusta import FRUSTA_FLOATS, make_frusta
-from .counters import BOX_TESTS, NODES, add_counters, count, private_counters
+from .counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
 from .descent import entered, left, popped, rays_as_shafts, root, save, saved, slabs_of
 from .frustaleaf import WORK, trace_block
 from .paperfrusta import open_frusta
 from .raytile import (
+    SCRATCH_FLOATS,
+    SCRATCH_INTS,
     asked_in,
     directions_of,
     finish_tile,
-    new_scratch,
     open_rays,
     origins_of,
+    scratch_in,
     settle,
     start_tile,
     trace_tiles,
@@ -134,9 +136,10 @@ def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
 @kernel
 def _trace_packets(ticket, arrays, query, samples, job, out, counters):
     """Worker: tiles."""
-    scratch, own, work = new_scratch(), stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
+    scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
+    own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     packets, ways = stack_f32(_ALL_PACKETS), stack_i32(_ALL_WAYS)
-    tree, mine = block_pointers(arrays), private_counters()
+    tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):

@@ -18,19 +18,21 @@ import numpy as np
 from ..bvh.blocks import block_pointers
 from ..jit import inlined, kernel
 from ..parallel import CHUNK, N, take
-from ..simd import bits, get, lowest_bit, ptr, stack_f32
+from ..simd import bits, get, lowest_bit, ptr, stack_f32, stack_i32, stack_i64
 from .aside import ASIDE
 from .cornerfrusta import FRUSTA_FLOATS, frusta_as_shafts, make_frusta, shrink
-from .counters import BOX_TESTS, add_counters, count, private_counters
+from .counters import BOX_TESTS, N_COUNTERS, add_counters, cleared, count
 from .descent import left, next_leaf, rays_as_shafts, root, save, saved, slabs_of
 from .frustaleaf import WORK, trace_block
 from .raytile import (
+    SCRATCH_FLOATS,
+    SCRATCH_INTS,
     asked_in,
     directions_of,
     finish_tile,
-    new_scratch,
     open_rays,
     origins_of,
+    scratch_in,
     settle,
     start_tile,
     trace_tiles,
@@ -104,8 +106,9 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
 @kernel
 def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking):
     """Worker: tiles."""
-    scratch, own, work = new_scratch(), stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
-    tree, mine = block_pointers(arrays), private_counters()
+    scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
+    own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
+    tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):

@@ -10,6 +10,8 @@ What is traced is a forest (`trace.forest`): each tile goes through the trees of
 do so again with another list, from what it has seen already.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..bvh.blocks import ROWS, BlockTree, block_tree
@@ -44,6 +46,38 @@ _NO_BLOCK = -1  # the link of a block of no triangles
 _SUPER = 4  # tiles of a square that is traced in Morton order
 
 
+class _Picture(NamedTuple):
+    """What is asked, and what is known of it."""
+
+    rays: object  # CameraRays
+    hits: Hits
+    camera: object  # View
+    error: object  # of directions
+    scale: float
+
+
+class _Tile(NamedTuple):
+    """A tile of frusta."""
+
+    x0: int  # first pixel
+    y0: int
+    frame: object
+    alive: int  # bits of the frusta that have pixels
+    one_way: bool  # do they go one way along each axis?
+    uniforms: object  # then
+
+
+class _Scratch(NamedTuple):
+    """Pointers to a thread's memory."""
+
+    pixels: Pixels
+    seen: Seen
+    slabs: object
+    work: object  # for a block
+    stack: object
+    entries: object  # where the frusta enter what is on the stack
+
+
 @inlined
 def _fetch(tree, link):
     """Ask for the node or the block behind a link; in large scenes, waiting for memory is what takes longest."""
@@ -57,19 +91,20 @@ def _fetch(tree, link):
 
 
 @kernel
-def _walk(forest, k, rays, hits, frame, slabs, one_way, uniforms, alive, pixels, x0, y0, scale, work, stack, entries):
+def _walk(forest, k, alive, picture, tile, scratch):
     """Trace the frusta in `alive` (bits) through tree k. Each block waits until the next one is found, while memory
     fetches it."""
     tree, link = tree_in(forest, k), root_in(forest, k)
-    nodes, links = tree.nodes, tree.links
+    nodes, links, rays, hits, scale = tree.nodes, tree.links, picture.rays, picture.hits, picture.scale
+    pixels, slabs, stack, entries = scratch.pixels, scratch.slabs, scratch.stack, scratch.entries
     mask, height = alive, np.int64(0)
     waiting, waiting_mask = np.int64(_NO_BLOCK), np.int64(0)
     while True:
         if link >= 0:
             far, at = load16(pixels.far, 0), link * 16
-            if one_way:
-                near_l, left = meet_uniform(nodes, at, uniforms, far)
-                near_r, right = meet_uniform(nodes, at + 1, uniforms, far)
+            if tile.one_way:
+                near_l, left = meet_uniform(nodes, at, tile.uniforms, far)
+                near_r, right = meet_uniform(nodes, at + 1, tile.uniforms, far)
             else:
                 near_l, left = meet_mixed(nodes, at, slabs, far)
                 near_r, right = meet_mixed(nodes, at + 1, slabs, far)
@@ -99,9 +134,9 @@ def _walk(forest, k, rays, hits, frame, slabs, one_way, uniforms, alive, pixels,
         if link < 0:
             ready, ready_mask, waiting, waiting_mask = waiting, waiting_mask, link, mask
         if ~ready & 31 != 0:
-            seen = trace_block(frame, tree, ~ready >> 5, ~ready & 31, ready_mask, pixels, work)
+            seen = trace_block(tile.frame, tree, ~ready >> 5, ~ready & 31, ready_mask, pixels, scratch.work)
             if get(pixels.aside, 0) != 0:
-                settle(pixels, forest, k, rays, x0, y0, scale, ptr(hits.face), ptr(hits.t))
+                settle(pixels, forest, k, rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
                 seen = True
             if seen:
                 shorten(pixels, _F(scale))
@@ -126,56 +161,59 @@ def _place(k, across):
     return WIDTH * (x + (k & 1) + (k >> 1 & 2)), HEIGHT * (y + (k >> 1 & 1) + (k >> 2 & 2))
 
 
+@inlined
+def _start(picture, x0, y0, fresh, scratch):
+    """The tile at pixel (x0, y0), where nothing is known of it, or what is."""
+    rays, hits = picture.rays, picture.hits
+    if fresh:
+        alive = start(scratch.pixels, x0, y0, rays)
+    else:
+        alive = resume(scratch.pixels, x0, y0, rays, ptr(hits.face), ptr(hits.t), picture.scale)
+    bound_directions(rays, picture.error, x0, y0, scratch.slabs)
+    frame = frame_of(picture.camera, x0, y0, picture.scale)
+    one_way, uniforms = prepare(scratch.slabs, frame.eye)
+    return _Tile(x0, y0, frame, alive, one_way, uniforms)
+
+
 @kernel
-def _trace_tile(forest, begin, end, rays, hits, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries, seen):
+def _trace_tile(forest, begin, end, picture, tile, scratch):
     """The frusta of a tile through the trees begin .. end of the lists."""
-    one_way, uniforms = prepare(slabs, frame.eye)
-    new = forest.fresh
+    pixels, new = scratch.pixels, forest.fresh
     for i in range(begin, end):
-        k = item(forest, i)
-        if one_way:
-            met = meet_uniform(forest.heads, k * 16, uniforms, load16(pixels.far, 0))[1]
+        k, far = item(forest, i), load16(pixels.far, 0)
+        if tile.one_way:
+            met = meet_uniform(forest.heads, k * 16, tile.uniforms, far)[1]
         else:
-            met = meet_mixed(forest.heads, k * 16, slabs, load16(pixels.far, 0))[1]
-        met &= alive
+            met = meet_mixed(forest.heads, k * 16, scratch.slabs, far)[1]
+        met &= tile.alive
         if met != 0:
-            _walk(
-                forest, k, rays, hits, frame, slabs, one_way, uniforms, met, pixels, x0, y0, scale, work, stack, entries
-            )
+            _walk(forest, k, met, picture, tile, scratch)
             new |= keep(pixels, k)
     if new:
-        finish(pixels, forest, rays, x0, y0, seen, hits)
+        finish(pixels, forest, picture.rays, tile.x0, tile.y0, scratch.seen, picture.hits)
 
 
 @kernel
-def _trace_tiles(ticket, arrays, rays, hits, view, error, scale, across):
+def _trace_tiles(ticket, arrays, picture, across):
     """Worker: whole tiles, each by one thread."""
     pixels = Pixels(
         stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(PIXELS),
         stack_i32(PIXELS), stack_i32(ASIDE),
     )  # fmt: skip
-    slabs, work, stack, entries = stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES)
     seen = Seen(
         stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN_PLANES),
         stack_i32(MARK_WORDS),
     )  # fmt: skip
+    scratch = _Scratch(pixels, seen, stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES))
     forest = forest_pointers(arrays)
     k = take(ticket)
     while k >= 0:
         x0, y0 = _place(k, across)
-        if x0 < rays.width and y0 < rays.height:
+        if x0 < picture.rays.width and y0 < picture.rays.height:
             begin, end = list_of(forest, y0, x0, np.int64(0))
             if begin < end:
-                if forest.fresh:
-                    alive = start(pixels, x0, y0, rays)
-                else:
-                    alive = resume(pixels, x0, y0, rays, ptr(hits.face), ptr(hits.t), scale)
-                bound_directions(rays, error, x0, y0, slabs)
-                frame = frame_of(view, x0, y0, scale)
-                _trace_tile(
-                    forest, begin, end, rays, hits, frame, slabs, alive, pixels, x0, y0, scale, work, stack, entries,
-                    seen,
-                )  # fmt: skip
+                tile = _start(picture, x0, y0, forest.fresh, scratch)
+                _trace_tile(forest, begin, end, picture, tile, scratch)
         k = take(ticket)
 
 
@@ -233,7 +271,8 @@ def trace_hits(forest: Forest, box: np.ndarray, rays, hits: Hits, threads: int) 
     hits : Hits
         Changed in place.
     """
-    view, error = make_view(rays), direction_error(rays)
+    view = make_view(rays)
+    picture = _Picture(rays, hits, view, direction_error(rays), _scale(box, view))
     across, down = -(-rays.width // (WIDTH * _SUPER)), -(-rays.height // (HEIGHT * _SUPER))
     ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
-    run(_trace_tiles, threads, ticket, forest, rays, hits, view, error, _scale(box, view), across)
+    run(_trace_tiles, threads, ticket, forest, picture, across)

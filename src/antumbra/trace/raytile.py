@@ -11,7 +11,7 @@ import numpy as np
 from ..bvh.nodes import MAX_DEPTH
 from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, thread_count
-from ..simd import broadcast16, get, put, stack_f32, stack_i32, store
+from ..simd import broadcast16, get, ptr_at, put, store
 from .aside import aside_ints, settle_aside
 from .asked import asked_of, sets_of, tile_shape
 from .counters import new_counters
@@ -33,7 +33,9 @@ from .vec import minus, rows
 STACK = 4 * MAX_DEPTH
 TREE = 4
 _AT = TREE + 1
-_ASIDE = aside_ints(1)
+SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
+_STACK_AT = 32 + (_AT + 15) // 16 * 16  # after `dead` and `pixel`, 16 each, and `at`
+SCRATCH_INTS = _STACK_AT + STACK + aside_ints(1)
 
 
 class Samples(NamedTuple):
@@ -82,11 +84,11 @@ class Rays(NamedTuple):
 
 
 @inlined
-def new_scratch():
-    """`Scratch` on the stack of the kernel that calls."""
+def scratch_in(floats, ints):
+    """`Scratch` in SCRATCH_FLOATS float32 and SCRATCH_INTS int32 on the stack of a kernel."""
     return Scratch(
-        stack_f32(TILE_FLOATS), stack_i32(2), stack_f32(POINTS), stack_f32(PLANES), stack_i32(STACK),
-        stack_i32(_AT), stack_i32(16), stack_i32(_ASIDE),
+        floats, ptr_at(ints, 16), ptr_at(floats, TILE_FLOATS), ptr_at(floats, TILE_FLOATS + POINTS),
+        ptr_at(ints, _STACK_AT), ptr_at(ints, 32), ints, ptr_at(ints, _STACK_AT + STACK),
     )  # fmt: skip
 
 

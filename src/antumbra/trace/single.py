@@ -17,9 +17,9 @@ from ..predicate.exact import segment
 from ..query.receivers import NOTHING
 from ..query.samples import sample_point
 from ..query.shadow import horizon_of, is_above, patch_of
-from ..simd import get, ptr
+from ..simd import get, ptr, stack_i64
 from .apart import any_hit_wide
-from .counters import BELOW_HORIZON, RAYS, REPEAT_HITS, add_counters, count, new_counters, private_counters
+from .counters import BELOW_HORIZON, N_COUNTERS, RAYS, REPEAT_HITS, add_counters, cleared, count, new_counters
 from .orders import Ordered
 from .traverse import triangle_hit, walk
 
@@ -108,7 +108,7 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
     columns = (w + TILE - 1) // TILE
     mine, tree = None, pointers(prepared)
     if counters is not None:
-        mine = private_counters()
+        mine = cleared(stack_i64(N_COUNTERS))
     tile = take(ticket)
     while tile >= 0:
         y0, x0 = tile // columns * TILE, tile % columns * TILE
