@@ -2,6 +2,8 @@
 that they are compiled once: it costs them next to nothing. Where None is passed on, counting is compiled away."""
 
 import numpy as np
+from numba.core import types
+from numba.extending import overload
 
 from ..jit import inlined, kernel
 from ..simd import atomic_add, get, put
@@ -49,6 +51,18 @@ def cleared(mine):
     for i in range(N_COUNTERS):
         put(mine, i, 0)
     return mine
+
+
+def cleared_if(counters, mine):
+    """In kernels: `cleared`, or None if `counters` is None."""
+    raise NotImplementedError
+
+
+@overload(cleared_if)
+def _cleared_if(counters, mine):
+    if isinstance(counters, types.NoneType):  # told apart here: what might be None is tested for it each time
+        return lambda counters, mine: None
+    return lambda counters, mine: cleared(mine)
 
 
 @kernel

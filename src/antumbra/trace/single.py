@@ -19,7 +19,7 @@ from ..query.samples import sample_point
 from ..query.shadow import horizon_of, is_above, patch_of
 from ..simd import get, ptr, stack_i64
 from .apart import any_hit_wide
-from .counters import BELOW_HORIZON, N_COUNTERS, RAYS, REPEAT_HITS, add_counters, cleared, count, new_counters
+from .counters import BELOW_HORIZON, N_COUNTERS, RAYS, REPEAT_HITS, add_counters, cleared_if, count, new_counters
 from .orders import Ordered
 from .traverse import triangle_hit, walk
 
@@ -106,9 +106,7 @@ def _shadow_pixel(tree, query, y, x, bits, last, counters):
 def _shadow_tiles(ticket, prepared, query, bits, counters):
     h, w = query.sides.shape
     columns = (w + TILE - 1) // TILE
-    mine, tree = None, pointers(prepared)
-    if counters is not None:
-        mine = cleared(stack_i64(N_COUNTERS))
+    mine, tree = cleared_if(counters, stack_i64(N_COUNTERS)), pointers(prepared)
     tile = take(ticket)
     while tile >= 0:
         y0, x0 = tile // columns * TILE, tile % columns * TILE
@@ -118,8 +116,7 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
                 if query.sides[y, x] != NOTHING:
                     last = _shadow_pixel(tree, query, y, x, bits, last, mine)
         tile = take(ticket)
-    if counters is not None:
-        add_counters(counters, mine)
+    add_counters(counters, mine)
 
 
 def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=None) -> None:
