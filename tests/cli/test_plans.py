@@ -41,7 +41,7 @@ def compiled(monkeypatch):
 def test_warmup_compiles_everything_once(cli, compiled):
     done = cli("warmup")
     assert done.code == 0 and f"{len(compiled)} sets of kernels" in done.out
-    assert len(compiled) == len(set(compiled)) > 4 * len(covering_plans())
+    assert len(compiled) == len(set(compiled)) > 2 * len(covering_plans())
 
 
 def test_warmup_of_one_plan(cli, compiled):
@@ -53,7 +53,7 @@ def test_warmup_of_one_plan(cli, compiled):
 
 def test_warmup_of_a_builder_that_wants_rays(cli, compiled):
     assert cli("warmup", "--plan", "srdh+single", "--plan", "srdh+wide", "--quiet").code == 0
-    assert compiled.count("a diffuse bounce") == 1 and len(compiled) == 6 + 2 * 4
+    assert compiled.count("a diffuse bounce") == 1 and len(compiled) == 6 + 4 + 2  # `single` has kernels that count
 
 
 def test_warmup_quietly(cli, compiled):
