@@ -5,13 +5,13 @@ All rays count in one *length*: so many times its direction that every ray has l
 
 import numpy as np
 
-from ..jit import kernel
+from ..jit import inlined, kernel
 from ..parallel import new_ticket, run, take
 from ..query.raster_setup import direction_error
 from ..scene.camera import CameraRays
 from ..simd import ptr, ptr_at, put
 from ..trace.forest import Hits
-from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, put_cell
+from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, put_cell, region_in, regions_in
 
 _F = np.float32
 BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
@@ -23,11 +23,18 @@ def length_of(reach: float) -> float:
     return float(2.0 ** np.ceil(np.log2(2.0 * reach)))
 
 
+@inlined
+def _ends(rays, error, length, x, y, k):
+    """Bounds of coordinate k of the whole rays of the cell at pixel (x, y)."""
+    half = 1.5 * abs(rays.dx[k]) + 1.5 * abs(rays.dy[k]) + 2.0 * error[k]
+    middle = rays.corner[k] + (x + 2.0) * rays.dx[k] + (y + 2.0) * rays.dy[k]
+    return (middle - half) * length, (middle + half) * length
+
+
 @kernel
 def _bound(ticket, picture, rays, error, length, cells):
     """Worker: the cells of regions."""
-    o, corner, dx, dy = rays.origin, rays.corner, rays.dx, rays.dy
-    eye = (o[0], o[1], o[2])
+    eye = (rays.origin[0], rays.origin[1], rays.origin[2])
     region = take(ticket)
     while region >= 0:
         out = ptr_at(ptr(cells), region * WORDS)
@@ -37,12 +44,10 @@ def _bound(ticket, picture, rays, error, length, cells):
             if n == 0:
                 no_cell(out, g)
                 continue
-            put_cell(out, g, eye, eye, eye, eye, _F(1.0), _F(n))
-            for k in range(3):
-                half = 1.5 * abs(dx[k]) + 1.5 * abs(dy[k]) + 2.0 * error[k]
-                middle = corner[k] + (x + 2.0) * dx[k] + (y + 2.0) * dy[k]
-                put(out, 96 + 16 * k + g, (middle - half) * length)
-                put(out, 144 + 16 * k + g, (middle + half) * length)
+            lx, hx = _ends(rays, error, length, x, y, 0)
+            ly, hy = _ends(rays, error, length, x, y, 1)
+            lz, hz = _ends(rays, error, length, x, y, 2)
+            put_cell(out, g, eye, eye, (lx, ly, lz), (hx, hy, hz), _F(1.0), _F(n))
         region = take(ticket)
 
 
@@ -58,15 +63,15 @@ def _shorten(ticket, spans, tiles, columns, picture, t, length, cells):
     """Worker: how far the cells of some tiles look, now that some rays have met something."""
     i = take(ticket)
     while i >= 0:
-        x0, x1, y0, y1 = spans[tiles[i]]
-        for j in range((x1 - x0) * (y1 - y0)):
-            region = (y0 + j // (x1 - x0)) * columns + x0 + j % (x1 - x0)
+        span = spans[tiles[i]]
+        for j in range(regions_in(span)):
+            region = region_in(span, j, columns)
             out = ptr_at(ptr(cells), region * WORDS)
             for g in range(16):
-                y0_, x0_ = first_receiver(picture, region, g)
+                y0, x0 = first_receiver(picture, region, g)
                 far = -1.0
-                for y in range(y0_, min(y0_ + CELL, picture.h)):
-                    for x in range(x0_, min(x0_ + CELL, picture.w)):
+                for y in range(y0, min(y0 + CELL, picture.h)):
+                    for x in range(x0, min(x0 + CELL, picture.w)):
                         far = max(far, t[y, x])
                 put(out, FAR * 16 + g, min(far / length * BEYOND, 1.0))
         i = take(ticket)

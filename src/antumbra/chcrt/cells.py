@@ -96,6 +96,19 @@ def first_receiver(picture, region, g):
 
 
 @inlined
+def regions_in(span):
+    """How many regions a tile has, whose row of `Tiles.spans` this is."""
+    return (span[1] - span[0]) * (span[3] - span[2])
+
+
+@inlined
+def region_in(span, j, columns):
+    """The number of a tile's j-th region; columns: regions in a row of the picture."""
+    across = span[1] - span[0]
+    return (span[2] + j // across) * columns + span[0] + j % across
+
+
+@inlined
 def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
     """Write cell g: the box of its rays' origins, what leads from its corners to those of the box of their ends, how
     far they look, and how many do."""
@@ -256,9 +269,9 @@ def _shorten(ticket, spans, tiles, columns, query, picture, first, spp, bits, ce
     sets, regions, p, words, left = cells.shape[0], cells.shape[1], ptr(bits), bits.shape[2], stack_f32(16)
     t = take(ticket)
     while t >= 0:
-        x0, x1, y0, y1 = spans[tiles[t]]
-        for k in range((x1 - x0) * (y1 - y0)):
-            region = (y0 + k // (x1 - x0)) * columns + x0 + k % (x1 - x0)
+        span = spans[tiles[t]]
+        for k in range(regions_in(span)):
+            region = region_in(span, k, columns)
             for g in range(16):
                 y, x = first_receiver(picture, region, g)
                 if sets > 1:

@@ -40,7 +40,19 @@ from ..trace.forest import Hits, forest_pointers, item, list_of, root_in, tree_i
 from ..trace.raytest import decide_signs, error_bounds
 from ..trace.vec import broadcasts, cross, dot, largest, minus, rows, total
 from .camera import BEYOND
-from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, nothing_yet, put_cell, wider
+from .cells import (
+    FAR,
+    WORDS,
+    Picture,
+    first_receiver,
+    new_cells,
+    no_cell,
+    nothing_yet,
+    put_cell,
+    region_in,
+    regions_in,
+    wider,
+)
 from .queries import entry
 
 _F = np.float32
@@ -282,9 +294,9 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, looks, ce
     lengths, stack, entries, forest = stack_f32(16), stack_i32(_STACK), stack_f32(_ENTRIES), forest_pointers(arrays)
     t = take(ticket)
     while t >= 0:
-        x0, x1, y0, y1 = spans[tiles[t]]
-        for j in range((x1 - x0) * (y1 - y0)):
-            region = (y0 + j // (x1 - x0)) * columns + x0 + j % (x1 - x0)
+        span = spans[tiles[t]]
+        for j in range(regions_in(span)):
+            region = region_in(span, j, columns)
             out = ptr_at(ptr(cells), region * WORDS)
             for g in range(16):
                 y, x = first_receiver(picture, region, g)

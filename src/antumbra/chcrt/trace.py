@@ -1,5 +1,6 @@
 """CHC+RT as a tracer: what it keeps between frames, and how it answers shadow queries and passes of rays."""
 
+from collections.abc import Callable
 from threading import Lock
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from ..trace.forest import Forest, Hits, no_hits
 from ..trace.lighttable import STRATA
 from ..trace.multifrusta import trace_forest
 from ..trace.packet16 import over_pixels, over_samples
-from ..trace.primary import trace_hits
+from ..trace.primary import picture_seen, trace_hits
 from ..trace.scattered import is_huge, is_scattered
 from .camera import CELL, bound_camera, length_of, shorten_camera
 from .cells import Picture, bound_cells, picture_of, shorten
@@ -155,21 +156,29 @@ def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, c
         scheduled.run(rays.rays.tiles, query.sides.shape, rays.sets, rays, progress)
 
 
-class _Pass:
-    """A pass of rays that look for what is nearest."""
+class _Nearest:
+    """Rays that look for what is nearest, one a pixel; `bound` makes the cells of their `Picture`."""
 
     front_to_back = True
 
-    def __init__(self, scheduled: Scheduled, rays: Rays, reach: float, threads: int):
-        h, w = rays.skip.shape
+    def __init__(self, scheduled: Scheduled, h: int, w: int, threads: int, bound: Callable[[Picture], np.ndarray]):
         shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
-        picture = picture_of(shape, h, w)
-        self.pass_, self.hits, self.looks = rays, no_hits((h, w)), looks_of(rays, reach, threads)
-        cells = bound_rays(picture, rays, self.looks, threads)
-        self.rays = _Rays(tiles_of(shape, scheduled.options.tile), picture, cells, scheduled.parts, threads)
+        picture, tiles = picture_of(shape, h, w), tiles_of(shape, scheduled.options.tile)
+        self.hits = no_hits((h, w))
+        self.rays = _Rays(tiles, picture, bound(picture), scheduled.parts, threads)
 
     def ask(self, fronts, pairs, again):
         return self.rays.ask(fronts, pairs, False)  # a box around the nearest hit is entered before it
+
+
+class _Pass(_Nearest):
+    """A pass of rays."""
+
+    def __init__(self, scheduled: Scheduled, rays: Rays, reach: float, threads: int):
+        self.pass_, self.looks = rays, looks_of(rays, reach, threads)
+        super().__init__(
+            scheduled, *rays.skip.shape, threads, lambda picture: bound_rays(picture, rays, self.looks, threads)
+        )
 
     def trace(self, lists: Lists) -> None:
         r, forest = self.rays, self.rays.forest(lists, 1, False)
@@ -177,25 +186,20 @@ class _Pass:
         trace_nearest(forest, r.tiles.spans, lists.tiles, *arrays)
 
 
-class _View:
+class _View(_Nearest):
     """The rays of a camera."""
 
-    front_to_back = True
-
     def __init__(self, scheduled: Scheduled, camera: CameraRays, reach: float, threads: int):
-        h, w = camera.height, camera.width
-        shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
-        picture = picture_of(shape, h, w)
-        self.camera, self.hits, self.length = camera, no_hits((h, w)), length_of(reach)
-        cells = bound_camera(picture, camera, self.length, threads)
-        self.rays = _Rays(tiles_of(shape, scheduled.options.tile), picture, cells, scheduled.parts, threads)
-
-    def ask(self, fronts, pairs, again):
-        return self.rays.ask(fronts, pairs, False)
+        self.length = length_of(reach)
+        super().__init__(
+            scheduled, camera.height, camera.width, threads,
+            lambda picture: bound_camera(picture, camera, self.length, threads),
+        )  # fmt: skip
+        self.seen = picture_seen(camera, scheduled.parts.boxes[0], self.hits)
 
     def trace(self, lists: Lists) -> None:
         r, forest = self.rays, self.rays.forest(lists, 1, False)
-        trace_hits(forest, r.parts.boxes[0], self.camera, self.hits, r.threads)
+        trace_hits(forest, self.seen, r.threads)
         shorten_camera(r.cells[0], r.tiles.spans, lists.tiles, r.picture, self.hits, self.length, r.threads)
 
 

@@ -258,11 +258,8 @@ def _queue_block(tree, part, block, rows, found, queues):
 def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters):
     """Worker: batches of the picked triangles through the hierarchies of all faces."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
-    soup, mine, step = (
-        Soup(ptr(triangles.corners), ptr(triangles.ids)),
-        cleared(stack_i64(N_COUNTERS)),
-        how.pairs + LANES,
-    )
+    soup, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), how.pairs + LANES
+    mine = cleared(stack_i64(N_COUNTERS))
     memory, marks = np.empty(parts * BATCH * NUMBERS, np.float32), np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32)
     pairs = np.empty(2 * _QUEUES * step, np.int32)
     queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))

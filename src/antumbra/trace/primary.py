@@ -46,7 +46,7 @@ _NO_BLOCK = -1  # the link of a block of no triangles
 _SUPER = 4  # tiles of a square that is traced in Morton order
 
 
-class _Picture(NamedTuple):
+class PictureSeen(NamedTuple):
     """What is asked, and what is known of it."""
 
     rays: object  # CameraRays
@@ -253,26 +253,37 @@ def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
         tree = block_tree(tree, threads)
     shape, nowhere = (rays.height, rays.width), np.empty((0, 0), np.int32)
     hits = Hits(np.empty(shape, np.int32), np.empty(shape), nowhere, nowhere)
-    trace_hits(whole(tree), boxes_of(tree.nodes[:1])[0], rays, hits, thread_count(threads))
+    trace_hits(whole(tree), picture_seen(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads))
     return hits.face, hits.t
 
 
-def trace_hits(forest: Forest, box: np.ndarray, rays, hits: Hits, threads: int) -> None:
+def picture_seen(rays, box: np.ndarray, hits: Hits) -> PictureSeen:
+    """A camera's picture, ready to be traced.
+
+    Parameters
+    ----------
+    rays : CameraRays
+    box : (2, 3) float32
+        Around all triangles.
+    hits : Hits
+        What is known, and what tracing changes.
+    """
+    view = make_view(rays)
+    return PictureSeen(rays, hits, view, direction_error(rays), _scale(box, view))
+
+
+def trace_hits(forest: Forest, picture: PictureSeen, threads: int) -> None:
     """Trace pixel-centre rays through a forest, from what they have hit already unless it is fresh.
 
     Parameters
     ----------
     forest : Forest
-        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, of `hits` only the pixels of tiles that have
-        trees are written.
-    box : (2, 3) float32
-        Around all triangles.
-    rays : CameraRays
-    hits : Hits
-        Changed in place.
+        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, of the hits only the pixels of tiles that
+        have trees are written.
+    picture : PictureSeen
+        Its hits are changed in place.
     """
-    view = make_view(rays)
-    picture = _Picture(rays, hits, view, direction_error(rays), _scale(box, view))
-    across, down = -(-rays.width // (WIDTH * _SUPER)), -(-rays.height // (HEIGHT * _SUPER))
+    width, height = picture.rays.width, picture.rays.height
+    across, down = -(-width // (WIDTH * _SUPER)), -(-height // (HEIGHT * _SUPER))
     ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
     run(_trace_tiles, threads, ticket, forest, picture, across)
