@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inlined, kernel
-from ..simd import get
-from .expansion import CAPACITY, add_determinant, sign_of, two_diff, value_of
+from ..simd import get, put, stack_f64
+from .expansion import CAPACITY, PRODUCT, add_determinant, sign_of, two_diff, value_of
 
 
 class Ray(NamedTuple):
@@ -58,52 +58,66 @@ def segment(ox, oy, oz, lx, ly, lz):
     return Ray(f(ox), f(oy), f(oz), dx, dy, dz, rx, ry, rz, 0.0, 1.0)
 
 
-@kernel
-def _set_direction(row, ray):
-    row[0, 0], row[0, 1] = ray.dx, ray.rx
-    row[1, 0], row[1, 1] = ray.dy, ray.ry
-    row[2, 0], row[2, 1] = ray.dz, ray.rz
+class _Work(NamedTuple):
+    """Memory to reckon in."""
+
+    sum_: object  # an expansion of up to CAPACITY components
+    rows: object  # three vectors of three sums hi, lo
+    product: object  # PRODUCT numbers
+
+
+# Determinants; row k of one of them is of corner (its number + k) % 3. They are no literals, nor is the length of an
+# empty expansion: for each literal Numba would compile what takes it once more.
+_EDGE, _VOLUME, _NORMAL = np.arange(0, 9, 3)
+_EMPTY = np.int64(0)
 
 
 @kernel
-def _set_difference(row, corners, i, corner, x, y, z):
-    """row = corner - (x, y, z), exactly."""
-    k = 9 * i + 3 * corner
-    row[0, 0], row[0, 1] = two_diff(np.float64(get(corners, k)), x)
-    row[1, 0], row[1, 1] = two_diff(np.float64(get(corners, k + 1)), y)
-    row[2, 0], row[2, 1] = two_diff(np.float64(get(corners, k + 2)), z)
+def _set_direction(rows, ray):
+    """The first row is the ray's direction."""
+    put(rows, 0, ray.dx)
+    put(rows, 1, ray.rx)
+    put(rows, 2, ray.dy)
+    put(rows, 3, ray.ry)
+    put(rows, 4, ray.dz)
+    put(rows, 5, ray.rz)
 
 
 @kernel
-def _add_normal_dot_direction(sum_, n, rows, ray, corners, i, scale):
-    """Add scale * d . n = scale * det(d, v1 - v0, v2 - v0)."""
+def _set_difference(rows, row, p, corners, at):
+    """A row is a corner - p, exactly."""
+    for axis in range(3):
+        hi, lo = two_diff(np.float64(get(corners, at + axis)), p[axis])
+        put(rows, 6 * row + 2 * axis, hi)
+        put(rows, 6 * row + 2 * axis + 1, lo)
+
+
+@kernel
+def _add(work, n, ray, corners, i, what, scale):
+    """Add a determinant times `scale` to the sum; the new length.
+
+    _EDGE + k is e_k; _VOLUME is det(a, b, c), the corners relative to the ray's origin; _NORMAL is d . n, which is
+    det(d, v1 - v0, v2 - v0).
+    """
     f, k = np.float64, 9 * i
-    x, y, z = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
-    _set_direction(rows[0], ray)
-    _set_difference(rows[1], corners, i, 1, x, y, z)
-    _set_difference(rows[2], corners, i, 2, x, y, z)
-    return add_determinant(sum_, n, rows, scale)
-
-
-@kernel
-def _add_volume(sum_, n, rows, x, y, z, corners, i, scale):
-    """Add scale * det(a, b, c), the corners relative to the point (x, y, z)."""
-    for corner in range(3):
-        _set_difference(rows[corner], corners, i, corner, x, y, z)
-    return add_determinant(sum_, n, rows, scale)
+    p = ray.ox, ray.oy, ray.oz
+    if what == _NORMAL:
+        p = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
+    for row in range(3):
+        if row == 0 and what != _VOLUME:
+            _set_direction(work.rows, ray)
+        else:
+            _set_difference(work.rows, row, p, corners, k + 3 * ((what + row) % 3))
+    return add_determinant(work.sum_, n, work.rows, work.product, scale)
 
 
 @kernel
 def exact_line_side(ray, corners, i):
     """Sign of d . n if the line meets triangle i, else 0."""
-    sum_ = np.empty(CAPACITY)
-    rows = np.empty((3, 3, 2))
-    _set_direction(rows[0], ray)
+    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     side = 0
     for edge in range(3):
-        _set_difference(rows[1], corners, i, (edge + 1) % 3, ray.ox, ray.oy, ray.oz)
-        _set_difference(rows[2], corners, i, (edge + 2) % 3, ray.ox, ray.oy, ray.oz)
-        s = sign_of(sum_, add_determinant(sum_, 0, rows, 1.0))
+        s = sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _EDGE + edge, 1.0))
         if s * side < 0:
             return 0
         if s != 0:
@@ -117,27 +131,22 @@ def exact_meets(ray, corners, i):
     side = exact_line_side(ray, corners, i)
     if side == 0:
         return 0
-    sum_ = np.empty(CAPACITY)
-    rows = np.empty((3, 3, 2))
-    n = _add_volume(sum_, 0, rows, ray.ox, ray.oy, ray.oz, corners, i, 1.0)
-    n = _add_normal_dot_direction(sum_, n, rows, ray, corners, i, -ray.tmin)
-    if sign_of(sum_, n) * side <= 0:
-        return 0
-    if ray.tmax < np.inf:
-        n = _add_volume(sum_, 0, rows, ray.ox, ray.oy, ray.oz, corners, i, -1.0)
-        n = _add_normal_dot_direction(sum_, n, rows, ray, corners, i, ray.tmax)
-        if sign_of(sum_, n) * side <= 0:
-            return 0
+    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    for end in range(2):
+        t, sign = (ray.tmin, 1.0) if end == 0 else (ray.tmax, -1.0)
+        if t < np.inf:
+            n = _add(work, _EMPTY, ray, corners, i, _VOLUME, sign)
+            if sign_of(work.sum_, _add(work, n, ray, corners, i, _NORMAL, -sign * t)) * side <= 0:
+                return 0
     return side
 
 
 @kernel
 def exact_t(ray, corners, i):
     """t of the line's point in the plane of triangle i, correct to float64's last places."""
-    sum_ = np.empty(CAPACITY)
-    rows = np.empty((3, 3, 2))
-    volume = value_of(sum_, _add_volume(sum_, 0, rows, ray.ox, ray.oy, ray.oz, corners, i, 1.0))
-    return volume / value_of(sum_, _add_normal_dot_direction(sum_, 0, rows, ray, corners, i, 1.0))
+    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    volume = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _VOLUME, 1.0))
+    return volume / value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0))
 
 
 @kernel
@@ -146,6 +155,6 @@ def exact_plane_side(x, y, z, corners, i):
 
     A triangle without area has no plane: 0 everywhere.
     """
-    sum_ = np.empty(CAPACITY)
-    rows = np.empty((3, 3, 2))
-    return -sign_of(sum_, _add_volume(sum_, 0, rows, x, y, z, corners, i, 1.0))
+    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    ray = ray_along(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return -sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _VOLUME, 1.0))

@@ -2,14 +2,20 @@
 
 An expansion is an unevaluated sum of float64 numbers that do not overlap, smallest first. Everything here starts from
 float32 coordinates, so no product of up to four of them leaves float64's range and every step below is exact. This code
-runs only for the few triangles that the filters of `filters.py` cannot decide, so it is written to be short.
+runs only for the few triangles that the filters of `filters.py` cannot decide, but is part of every kernel that uses
+them. So it is written to be short for LLVM, too, with one place where each function is called: otherwise it takes two
+thirds of the time in which kernels are compiled.
+
+Expansions, vectors and products are pointers to float64 (`simd.stack_f64`).
 """
 
 import numpy as np
 
 from ..jit import kernel
+from ..simd import get, put
 
-CAPACITY = 1024  # components: two determinants of 6 products of 3 two-part factors and a scale need at most 768
+PRODUCT = 64  # numbers: 3 two-part factors and a scale
+CAPACITY = 12 * PRODUCT  # components of an expansion: two determinants of 6 products
 _SPLITTER = np.float64(134217729.0)  # 2**27 + 1
 
 
@@ -36,51 +42,52 @@ def two_product(a, b):
 
 @kernel
 def grow(sum_, n, x):
-    """Add the number x to the expansion ``sum_[:n]`` in place; the new length (zero components are dropped)."""
+    """Add the number x to the expansion of n components in place; the new length (zero components are dropped)."""
     m = 0
     for i in range(n):
-        s = x + sum_[i]
+        y = get(sum_, i)
+        s = x + y
         virtual = s - x
-        low = (x - (s - virtual)) + (sum_[i] - virtual)
+        low = (x - (s - virtual)) + (y - virtual)
         if low != 0.0:
-            sum_[m] = low
+            put(sum_, m, low)
             m += 1
         x = s
     if x != 0.0:
-        sum_[m] = x
+        put(sum_, m, x)
         m += 1
     return m
 
 
 @kernel
-def _add_product(sum_, n, a, b, c, scale):
-    p1, p0 = two_product(a, b)
-    for p in (p0, p1):
-        if p != 0.0:
-            q1, q0 = two_product(p, c)
-            for q in (q0, q1):
-                if q != 0.0:
-                    r1, r0 = two_product(q, scale)
-                    n = grow(sum_, n, r0)
-                    n = grow(sum_, n, r1)
-    return n
+def _multiply(product, n, hi, lo):
+    """Multiply a sum of n numbers by hi + lo in place; of how many numbers it is then."""
+    step = 2 if lo == 0.0 else 4
+    for i in range(n - 1, -1, -1):
+        x, at = get(product, i), step * i
+        for half in range(0, step, 2):
+            p1, p0 = two_product(x, hi if half == 0 else lo)
+            put(product, at + half, p0)
+            put(product, at + half + 1, p1)
+    return step * n
 
 
 @kernel
-def add_determinant(sum_, n, rows, scale):
+def add_determinant(sum_, n, rows, product, scale):
     """Add scale * det(rows) to the expansion; the new length.
 
-    ``rows`` is (3, 3, 2) float64: three vectors whose components are sums hi + lo.
+    ``rows``: three vectors, each of three sums hi, lo; ``product``: room for PRODUCT numbers.
     """
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        for half in range(8):
-            x = rows[0, i, half & 1]
-            if x == 0.0:
-                continue
-            h, l = (half >> 1) & 1, half >> 2
-            n = _add_product(sum_, n, x, rows[1, j, h], rows[2, k, l], scale)
-            n = _add_product(sum_, n, x, rows[1, k, h], rows[2, j, l], -scale)
+    for term in range(6):
+        i, odd = term % 3, term // 3
+        j = (i + 1 + odd) % 3
+        put(product, 0, -scale if odd else scale)
+        m = 1
+        for row in range(3):
+            at = 6 * row + 2 * (i if row == 0 else j if row == 1 else 3 - i - j)
+            m = _multiply(product, m, get(rows, at), get(rows, at + 1))
+        for k in range(m):
+            n = grow(sum_, n, get(product, k))
     return n
 
 
@@ -89,7 +96,7 @@ def sign_of(sum_, n):
     """Sign of an expansion: -1, 0 or 1. Its largest component comes last and outweighs all others."""
     if n == 0:
         return 0
-    return 1 if sum_[n - 1] > 0.0 else -1
+    return 1 if get(sum_, n - 1) > 0.0 else -1
 
 
 @kernel
@@ -97,5 +104,5 @@ def value_of(sum_, n):
     """The expansion rounded to float64, within one unit in the last place."""
     total = 0.0
     for i in range(n):
-        total += sum_[i]
+        total += get(sum_, i)
     return total
