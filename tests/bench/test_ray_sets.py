@@ -40,6 +40,6 @@ def test_packets_hold_each_ray_that_is_asked_once(order, lanes):
 def test_primary_rays_are_those_of_the_pixels():
     rays = Camera((1, 2, 3), (0, 0, 0), width=5, height=3).rays(np.zeros(3))
     found = primary_rays(rays)
-    expected = [pixel_direction(rays, x, y) for y in range(3) for x in range(5)]
+    expected = [pixel_direction.py_func(rays, x, y) for y in range(3) for x in range(5)]
     np.testing.assert_array_equal(found.directions, np.array(expected))
     assert found.asked.all() and found.tmax == np.inf
