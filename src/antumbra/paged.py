@@ -117,11 +117,11 @@ class Paged:
             lambda face, t, triangles: from_hits(face, t, triangles, rays, self.threads),
         )
 
-    def nearest(self, rays: RayPass, shape: tuple[int, int]) -> Surfaces:
-        """The surfaces that a pass of rays over a picture of this shape meets first."""
-        return self._surfaces(
-            nearest_hits(self.accelerated.prepared, rays, shape, self.threads), partial(self._met, rays, shape)
-        )
+    def nearest(self, rays: RayPass, shape: tuple[int, int], by: Scheduled | None = None) -> Surfaces:
+        """The surfaces that a pass of rays over a picture of this shape meets first, traced by the plan's tracer or by
+        another one of the same parts."""
+        hits = nearest_hits(by or self.accelerated.prepared, rays, shape, self.threads)
+        return self._surfaces(hits, partial(self._met, rays, shape))
 
     def _met(self, rays, shape, face, t, triangles):
         return surfaces_met(rays, face.reshape(-1), t.reshape(-1), shape, triangles, self.threads)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.bench import chcrt, published_chcrt
+from antumbra.bench import chcrt, chcrt_store, published_chcrt
 from antumbra.bench.chcrt import CHCRT, InCore, Pace, Turn
 from antumbra.bench.chcrt_rays import DIFFUSE, PRIMARY, SOFT, differing
 from antumbra.bench.chcrt_views import place_of
@@ -12,8 +12,11 @@ from antumbra.chcrt.options import Options
 from antumbra.errors import InputError
 from antumbra.scene.camera import Camera
 from antumbra.scene.generated import procedural
+from antumbra.scene.load import load
+from antumbra.store.build import build_store
 
 SIZE = 24
+AGGRESSIVE = "chcrt", "chcrt:20", "chcrt:100", "chcrt:200"
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +81,19 @@ def test_pictures_of_neglected_rays_are_compared(core):
     exact, other = (chcrt.of(turns, method=m.name) for m in methods)
     assert all(t.error is None and t.differs == 0 for t in exact)
     assert all(0.0 < t.error <= 255.0 and t.differs > 0 for t in other)
+
+
+def test_pictures_of_neglected_rays_of_a_store_are_compared(core, tmp_path):
+    path = tmp_path / "city.antumbra"
+    build_store([core.place.scene], path, chunk=1 << 9)
+    place, pace = core.place._replace(scene=load(path)), Pace(2, 1, 60.0)
+    turns = chcrt_store.aggressive(place, None, 2, pace, lambda text: None)
+    for walk in place.walks:
+        exact, *others = ([t for t in turns if (t.view, t.method) == (walk.name, name)] for name in AGGRESSIVE)
+        assert [t.frame for t in exact] == [0, 1] and all(t.error is None and t.told["wanted"] > 0 for t in exact)
+        assert all([t.frame for t in other] == [0, 1] and t.error is not None for other in others for t in other)
+    lost = {name: sum(t.error for t in turns if t.method == name) for name in AGGRESSIVE[1:]}
+    assert 0.0 < lost["chcrt:200"] <= 4 * 255.0 and lost["chcrt:20"] <= lost["chcrt:200"]
 
 
 def test_cameras_that_see_nothing_are_refused(core):

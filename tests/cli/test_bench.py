@@ -142,8 +142,13 @@ def test_chc_rt_out_of_core(cli, tmp_path):
     assert told["same_answers"] and {t["method"] for t in told["store"]} == {"lru", "round-robin"}
     first = [t["told"] for t in told["store"] if (t["kind"], t["frame"]) == ("primary", 0)]
     assert len(first) == 4 and all(t["loaded"] > 0 and t["bytes"] > 0 for t in first)
-    done = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--table", "store")
-    assert "round-robin" in done.out and "Figure 8" not in done.out
+    neglecting = told["aggressive"]
+    assert {(t["view"], t["method"], t["kind"]) for t in neglecting} == {
+        (v, m, "diffuse") for v in ("near", "far") for m in ("chcrt", "chcrt:20", "chcrt:100", "chcrt:200")
+    }
+    assert all((t["error"] is None) == (t["method"] == "chcrt") and "bytes" in t["told"] for t in neglecting)
+    done = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--table", "store", "--table", "aggressive")
+    assert "round-robin" in done.out and "chcrt:200" in done.out and "Figure 8" not in done.out
     cli("bench", "chc-rt", "--scene", "small.antumbra").refused("small.antumbra", "--store")
 
 

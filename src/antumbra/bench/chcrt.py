@@ -18,7 +18,7 @@ from ..chcrt.trace import Scheduled
 from ..errors import InputError
 from ..image.tonemap import to_srgb8
 from ..plan import parse_plan
-from ..query.picture import surfaces_of
+from ..query.picture import Surfaces, surfaces_of
 from ..query.sampling import ROTATIONS
 from ..renderer import Renderer
 from ..scene.camera import Camera
@@ -162,19 +162,27 @@ def _error(asked: Asked, truth, found, method: Method, kind: str) -> float | Non
     """Mean absolute difference of two pictures of diffuse light, where a method neglects rays."""
     if not (isinstance(method, Culling) and method.scheduled.options.threshold and kind == DIFFUSE):
         return None
-    one, other = (bled(asked, answers).astype(np.int16) for answers in (truth, found))
-    return float(np.abs(one - other).mean())
+    colour = asked.surfaces.triangles.colour
+    return error_of(*(bled(asked.surfaces, [(colour, met) for met, _ in answers]) for answers in (truth, found)))
 
 
-def bled(asked: Asked, answers: list[Answer]) -> np.ndarray:
+def error_of(one: np.ndarray, other: np.ndarray) -> float:
+    """Mean absolute difference of two pictures, 0 to 255."""
+    return float(np.abs(one.astype(np.int16) - other).mean())
+
+
+def bled(surfaces: Surfaces, met: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """(H, W, 3) uint8: what is seen, lit by the colours that its diffuse rays meet, as if all were lit alike, and by a
-    white sky."""
-    colour, face = asked.surfaces.triangles.colour, asked.surfaces.gbuffer.face.reshape(-1)
-    light = np.zeros((len(face), 3), np.float32)
-    for met, _ in answers:
-        light += np.where((met >= 0)[:, None], colour[met], np.float32(1.0))
-    light *= colour[face] * (face >= 0)[:, None] / np.float32(len(answers))
-    return to_srgb8(light.reshape(*asked.shape, 3), 1.0)
+    white sky.
+
+    `met`: of each pass the colours of triangles, and which of them each pixel's ray has met, or -1.
+    """
+    face = surfaces.gbuffer.face
+    light = np.zeros((face.size, 3), np.float32)
+    for colour, triangle in met:
+        light += np.where((triangle >= 0)[:, None], colour[triangle], np.float32(1.0))
+    light *= (surfaces.triangles.colour[face] * (face >= 0)[..., None]).reshape(-1, 3) / np.float32(len(met))
+    return to_srgb8(light.reshape(*face.shape, 3), 1.0)
 
 
 def times(core: InCore, pace: Pace, plain: bool, say: Say) -> list[Turn]:

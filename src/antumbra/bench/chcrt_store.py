@@ -1,18 +1,25 @@
-"""The same walkthroughs where only a part of the triangles is in memory [Mattausch et al. 2015, Sec. 5.4, Table 3].
+"""The same walkthroughs where only a part of the triangles is in memory [Mattausch et al. 2015, Sec. 5.4, Tables 3, 4].
 
 The policies come one after the other, since each may fill the memory; what the second reads, the system may still have.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from time import perf_counter
+from typing import NamedTuple
 
+import numpy as np
+
+from ..chcrt.options import THRESHOLDS
+from ..chcrt.trace import Scheduled
 from ..errors import InputError
 from ..paged import Paged, is_paged
 from ..renderer import Renderer
 from ..store.residency import POLICIES
 from ..warm import warm_up, warm_up_indirect
 from .answers import digest
-from .chcrt import Pace, Say, Turn, begin, told_by
-from .chcrt_rays import KINDS, SAMPLER, SPP, Asked, Culling, asked_of, timed
+from .chcrt import CHCRT, Pace, Say, Turn, begin, bled, error_of, told_by
+from .chcrt_rays import DIFFUSE, KINDS, SAMPLER, SPP, Asked, Culling, asked_of, timed
 from .chcrt_views import Place, Walk
 
 
@@ -20,23 +27,83 @@ def out_of_core(
     place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say
 ) -> tuple[list[Turn], list[tuple[str, bytes]]]:
     """(the turns of both policies, which are their methods; (frame, digest) of all answers)."""
-    if not is_paged(place.scene):
-        raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
     turns, digests = [], []
     for walk in place.walks:
         for policy in POLICIES:
-            renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
-            warm_up(renderer.plan, "rays")
-            warm_up_indirect(renderer.plan, "rays")
-            assert renderer.paged is not None
-            renderer.paged.residency.policy = policy
-            try:
-                found = _walk_through(place, walk, renderer.paged, pace, say)
-            finally:
-                renderer.paged.residency.close()
+            with _opened(place, max_memory, threads) as paged:
+                paged.residency.policy = policy
+                found = _walk_through(place, walk, paged, pace, say)
             turns += found[0]
             digests += found[1]
     return turns, digests
+
+
+@contextmanager
+def _opened(place: Place, max_memory: int | None, threads: int) -> Iterator[Paged]:
+    """The store of a place, of which nothing is in memory yet."""
+    if not is_paged(place.scene):
+        raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
+    renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
+    warm_up(renderer.plan, "rays")
+    warm_up_indirect(renderer.plan, "rays")
+    assert renderer.paged is not None
+    try:
+        yield renderer.paged
+    finally:
+        renderer.paged.residency.close()
+
+
+def aggressive(place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say) -> list[Turn]:
+    """Table 4 where it matters most: diffuse rays, of which a few in each tile are neglected. The camera's are not."""
+    turns = []
+    for walk in place.walks:
+        pictures: list[np.ndarray] = []
+        for threshold in THRESHOLDS:
+            with _opened(place, max_memory, threads) as paged:
+                turns += _bleed_through(place, walk, paged, threshold, pictures, pace, say)
+    return turns
+
+
+def _bleed_through(
+    place: Place, walk: Walk, paged: Paged, threshold: int, pictures: list[np.ndarray], pace: Pace, say: Say
+) -> list[Turn]:
+    """The turns of one threshold; `pictures`, of all frames, are made by 0 and compared with by the others, which go as
+    far."""
+    exact, threads = paged.accelerated.prepared, paged.threads
+    by = Scheduled(exact.parts, exact.options._replace(threshold=threshold))
+    name = f"{CHCRT}:{threshold}" if threshold else CHCRT
+    seeing, method = Culling(CHCRT, exact, threads), Culling(name, by, threads)
+    turns: list[Turn] = []
+    start = perf_counter()
+    for frame in range(pace.frames):
+        ended = len(pictures) == frame if threshold else frame > 1 and perf_counter() - start > pace.limit
+        if ended:
+            break
+        say(f"{place.name}, {walk.name}, {name}, frame {frame + 1} of {pace.frames}")
+        camera = walk.camera(frame, pace.frames)
+        paged.begin(camera.width * camera.height, 1)
+        begin([seeing, method])
+        surfaces = paged.look(camera)
+        asked = asked_of(place, camera, surfaces, SAMPLER, threads)
+        before, told, seconds, met = paged.residency.paging, told_by(method), 0.0, []
+        for rays in asked.questions(DIFFUSE):
+            began = perf_counter()
+            found = paged.nearest(rays, asked.shape, by)
+            seconds += perf_counter() - began
+            met.append((found.triangles.colour, found.gbuffer.face.reshape(-1)))
+        moved = _moved(before, paged)
+        picture = bled(surfaces, met)
+        pictures += [] if threshold else [picture]
+        error = error_of(pictures[frame], picture) if threshold else None
+        where = place.name, walk.name, SAMPLER, DIFFUSE, name, frame
+        turns.append(Turn(*where, asked.rays(DIFFUSE), seconds, {**told(), **moved}, 0, error))
+    return turns
+
+
+def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
+    """What has come and gone since then."""
+    after = paged.residency.paging
+    return {name: b - a for name, a, b in zip(after._fields, before, after)}
 
 
 def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
@@ -65,8 +132,7 @@ def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
             else:
                 seconds, found = timed(method, asked, kind)
                 arrays = [a for answer in found for a in answer]
-            after = paged.residency.paging
-            moved = {name: b - a for name, a, b in zip(after._fields, before, after)}
+            moved = _moved(before, paged)
             digests.append((f"{walk.name}, {frame}, {kind}", digest(arrays)))
             where = place.name, walk.name, SAMPLER, kind, policy, frame
             turns.append(Turn(*where, asked.rays(kind), seconds, {**told(), **moved}, 0))
