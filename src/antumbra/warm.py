@@ -22,11 +22,16 @@ def _marker(name: str):
     return CACHE_DIR / "compiled" / f"{name}-{binding.get_host_cpu_name()}"
 
 
+compiled: list[str] = []
+"""What this process has compiled, not loaded; that takes some 100 MB of memory, which it keeps."""
+
+
 def _once(name: str, work: Callable[[], None], say: Callable[[str], None]) -> None:
     """Do `work`, which makes Numba compile or load kernels; say so if they have not been compiled here before."""
     marker = _marker(name)
     known = marker.exists()
     if not known:
+        compiled.append(name)
         say(f"antumbra: compiling the kernels of {name} for this machine (once; a minute or two) ...")
     work()
     if not known:
