@@ -149,6 +149,9 @@ def test_chc_rt_out_of_core(cli, tmp_path):
     assert all((t["error"] is None) == (t["method"] == "chcrt") and "bytes" in t["told"] for t in neglecting)
     done = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--table", "store", "--table", "aggressive")
     assert "round-robin" in done.out and "chcrt:200" in done.out and "Figure 8" not in done.out
+    assert "not compared" not in done.out
+    alone = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--table", "aggressive", "--json").json()
+    assert alone["same_answers"] is None and "store" not in alone
     cli("bench", "chc-rt", "--scene", "small.antumbra").refused("small.antumbra", "--store")
 
 

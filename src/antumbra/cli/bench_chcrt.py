@@ -109,7 +109,7 @@ def chc_rt(
         arguments.check_plot(plot)
     n_threads, pace = thread_count(threads), bench.Pace(frames, compared, limit)
     found: dict[Table, list[Turn]] = {}
-    same = True
+    same: bool | None = True  # None: nothing is compared
     with Activity(quiet) as activity:
         activity.say("opening the scenes")
         names = dict.fromkeys([str(store)] if store else scene or chcrt_views.default_names(count))
@@ -139,7 +139,8 @@ def chc_rt(
 
             write_plot(found.get(Table.store) or found.get(Table.times) or [], plot)
     differs = sum(t.differs for turns in found.values() for t in turns if t.error is None)
-    same, peak = same and not differs, peak_resident()
+    compares = store is None or Table.store in found
+    same, peak = (same and not differs) if compares else None, peak_resident()
     if json:
         asked = {"size": width_height, "frames": frames, "compared": compared, "limit": limit, "threads": n_threads}
         rows = {name.value: [t._asdict() for t in turns] for name, turns in found.items()}
@@ -152,8 +153,13 @@ def chc_rt(
     walked = found.get(Table.store) or found.get(Table.times) or []
     for name in tables:
         PRINT[name](found.get(name, walked))
-    told = "the same by all methods" if same else f"DIFFER, of {differs:,} rays: please report this"
-    report.print_fields([("answers", told), ("memory at its peak", report.size_in_memory(peak) if peak else "unknown")])
+    told = {
+        True: "the same by all methods",
+        False: f"DIFFER, of {differs:,} rays: please report this",
+        None: "not compared",
+    }
+    size = report.size_in_memory(peak) if peak else "unknown"
+    report.print_fields([("answers", told[same]), ("memory at its peak", size)])
 
 
 def _checked_tables(tables, scene, store, max_memory) -> tuple[Table, ...]:
