@@ -4,7 +4,7 @@ Methods take their turns within each frame, on the same rays, and their answers 
 frame, since it remembers the one before; the others, which do not, are in some of them.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from statistics import median
 from time import perf_counter
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import block_tree
-from ..chcrt.options import THRESHOLDS, Options
+from ..chcrt.options import THRESHOLDS, Options, tracer_name
 from ..chcrt.parts import parts_of
 from ..chcrt.trace import Scheduled
 from ..errors import InputError
@@ -40,7 +40,7 @@ from .chcrt_rays import (
 )
 from .chcrt_views import Place, Walk
 
-CHCRT = "chcrt"
+CHCRT = tracer_name(0)
 SAMPLERS = tuple(name for name in ROTATIONS if ":" in name)
 """What Table 5 compares: directions are rotated from pixel to pixel not at all, by 18 and 36 degrees, and fully."""
 
@@ -60,6 +60,15 @@ class Pace(NamedTuple):
         """Has a method its turn in a frame? All but CHC+RT from the second one on, spread evenly."""
         every = max(1, -(-(self.frames - 1) // self.compared))
         return isinstance(method, Culling) or (frame > 0 and (frame - 1) % every == 0) or self.frames == 1
+
+    def along(self, walk: Walk, what: str, say: Say) -> Iterator[tuple[int, Camera]]:
+        """(frame, camera) until time is over, told of one by one."""
+        start = perf_counter()
+        for frame in range(self.frames):
+            if frame > 1 and perf_counter() - start > self.limit:
+                return
+            say(f"{what}, frame {frame + 1} of {self.frames}")
+            yield frame, walk.camera(frame, self.frames)
 
 
 class Turn(NamedTuple):
@@ -98,8 +107,8 @@ class InCore:
 
     def culling(self, threshold: int = 0) -> Culling:
         """CHC+RT that has seen nothing yet."""
-        name = f"{CHCRT}:{threshold}" if threshold else CHCRT
-        return Culling(name, Scheduled(self._parts, self._options._replace(threshold=threshold)), self.threads)
+        scheduled = Scheduled(self._parts, self._options._replace(threshold=threshold))
+        return Culling(tracer_name(threshold), scheduled, self.threads)
 
     def plain(self) -> list[Plain]:
         """The plans that remember nothing."""
@@ -117,12 +126,8 @@ def walk_through(
     """The turns of all methods in a walkthrough; the first is CHC+RT as it is, which the others' answers are compared
     with. InputError if the camera sees nothing when it begins."""
     turns: list[Turn] = []
-    start = perf_counter()
-    for frame in range(pace.frames):
-        if frame > 1 and perf_counter() - start > pace.limit:
-            break
-        say(f"{core.place.name}, {walk.name}, frame {frame + 1} of {pace.frames}")
-        asked = core.asked(walk.camera(frame, pace.frames), sampler)
+    for frame, camera in pace.along(walk, f"{core.place.name}, {walk.name}", say):
+        asked = core.asked(camera, sampler)
         if frame == 0 and not (asked.surfaces.ids >= 0).any():
             raise InputError(f"{core.place.name}: the {walk.name} camera sees nothing; choose another scene")
         begin(methods)
@@ -178,11 +183,12 @@ def bled(surfaces: Surfaces, met: Sequence[tuple[np.ndarray, np.ndarray]]) -> np
     `met`: of each pass the colours of triangles, and which of them each pixel's ray has met, or -1.
     """
     face = surfaces.gbuffer.face
-    light = np.zeros((face.size, 3), np.float32)
+    light = np.zeros((*face.shape, 3), np.float32)
     for colour, triangle in met:
-        light += np.where((triangle >= 0)[:, None], colour[triangle], np.float32(1.0))
-    light *= (surfaces.triangles.colour[face] * (face >= 0)[..., None]).reshape(-1, 3) / np.float32(len(met))
-    return to_srgb8(light.reshape(*face.shape, 3), 1.0)
+        triangle = triangle.reshape(face.shape)
+        light += np.where((triangle >= 0)[..., None], colour[triangle], np.float32(1.0))
+    light *= surfaces.triangles.colour[face] * (face >= 0)[..., None] / np.float32(len(met))
+    return to_srgb8(light, 1.0)
 
 
 def times(core: InCore, pace: Pace, plain: bool, say: Say) -> list[Turn]:

@@ -5,12 +5,14 @@ The policies come one after the other, since each may fill the memory; what the 
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
+from math import inf
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
-from ..chcrt.options import THRESHOLDS
+from ..chcrt.options import THRESHOLDS, tracer_name
 from ..chcrt.trace import Scheduled
 from ..errors import InputError
 from ..paged import Paged, is_paged
@@ -71,16 +73,12 @@ def _bleed_through(
     far."""
     exact, threads = paged.accelerated.prepared, paged.threads
     by = Scheduled(exact.parts, exact.options._replace(threshold=threshold))
-    name = f"{CHCRT}:{threshold}" if threshold else CHCRT
+    name = tracer_name(threshold)
     seeing, method = Culling(CHCRT, exact, threads), Culling(name, by, threads)
     turns: list[Turn] = []
-    start = perf_counter()
-    for frame in range(pace.frames):
-        ended = len(pictures) == frame if threshold else frame > 1 and perf_counter() - start > pace.limit
-        if ended:
-            break
-        say(f"{place.name}, {walk.name}, {name}, frame {frame + 1} of {pace.frames}")
-        camera = walk.camera(frame, pace.frames)
+    pace = pace._replace(limit=inf) if threshold else pace
+    frames = pace.along(walk, f"{place.name}, {walk.name}, {name}", say)
+    for frame, camera in islice(frames, len(pictures) if threshold else None):
         paged.begin(camera.width * camera.height, 1)
         begin([seeing, method])
         surfaces = paged.look(camera)
@@ -90,7 +88,7 @@ def _bleed_through(
             began = perf_counter()
             found = paged.nearest(rays, asked.shape, by)
             seconds += perf_counter() - began
-            met.append((found.triangles.colour, found.gbuffer.face.reshape(-1)))
+            met.append((found.triangles.colour, found.gbuffer.face))
         moved = _moved(before, paged)
         picture = bled(surfaces, met)
         pictures += [] if threshold else [picture]
@@ -112,12 +110,7 @@ def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
     method = Culling(policy, paged.accelerated.prepared, threads)
     turns: list[Turn] = []
     digests: list[tuple[str, bytes]] = []
-    start = perf_counter()
-    for frame in range(pace.frames):
-        if frame > 1 and perf_counter() - start > pace.limit:
-            break
-        say(f"{place.name}, {walk.name}, {policy}, frame {frame + 1} of {pace.frames}")
-        camera = walk.camera(frame, pace.frames)
+    for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, {policy}", say):
         paged.begin(camera.width * camera.height, -(-SPP // 64))
         begin([method])
         asked: Asked | None = None

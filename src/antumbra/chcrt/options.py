@@ -17,8 +17,14 @@ class Options(NamedTuple):
 
 THRESHOLDS = 0, 20, 100, 200
 
+
+def tracer_name(threshold: int) -> str:
+    """The name of the tracer that may neglect so many rays of a tile."""
+    return f"chcrt:{threshold}" if threshold else "chcrt"
+
+
 CHCRT = {
-    "chcrt" if n == 0 else f"chcrt:{n}": (
+    tracer_name(n): (
         Options(threshold=n),
         "occlusion queries for pairs of screen tiles and subtrees, which remember what was visible"
         if n == 0

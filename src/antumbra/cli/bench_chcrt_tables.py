@@ -1,5 +1,7 @@
 """The tables of ``antumbra bench chc-rt``, beside the paper's."""
 
+from collections.abc import Iterator
+
 from ..bench import chcrt as bench
 from ..bench import published_chcrt as paper
 from ..bench.chcrt import Turn
@@ -52,32 +54,32 @@ def _print_times(turns: list[Turn]) -> None:
     print()
 
 
+def _told(turns: list[Turn]) -> Iterator[tuple[tuple[str, ...], list[Turn]]]:
+    """(first cells of a row, its turns) of what CHC+RT has told of."""
+    for row in bench.rows_of([t for t in turns if t.told], *_ROW, "method"):
+        yield _cells(row), bench.of(turns, **row)
+
+
 def _print_phases(turns: list[Turn]) -> None:
     """Fig. 8 as a table."""
     table = []
-    for row in _chcrt_rows(turns):
-        mine = bench.of(turns, **row)
+    for row, mine in _told(turns):
         parts = [bench.typical(mine, phase) for phase in bench.PHASES]
         rest = bench.typical(mine, "before")
-        table.append((*_cells(row), *map(_ms, (*parts, rest)), _ms(bench.typical(mine))))
+        table.append((*row, *map(_ms, (*parts, rest)), _ms(bench.typical(mine))))
     head = (*_ROW, "method", *bench.PHASES, "before", "all")
     print("Milliseconds a frame by phase: what was visible, queries about it, what has become visible (Figure 8)")
     report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
-
-
-def _chcrt_rows(turns: list[Turn]) -> list[dict]:
-    return bench.rows_of([t for t in turns if t.told], *_ROW, "method")
 
 
 def _print_queries(turns: list[Turn]) -> None:
     """Table 3."""
     names = "queries", "multi_queries", "traced pairs", "visible", "invisible"
     table = []
-    for row in _chcrt_rows(turns):
-        mine = bench.of(turns, **row)
+    for row, mine in _told(turns):
         counts = [f"{bench.typical(mine, name):,.0f}" for name in names]
         rate = mine[-1].rays / bench.typical(mine) / 1e6
-        table.append((*_cells(row), f"{rate:.2f}", *counts, f"{bench.typical(mine, 'bytes') / 1e6:,.2f}"))
+        table.append((*row, f"{rate:.2f}", *counts, f"{bench.typical(mine, 'bytes') / 1e6:,.2f}"))
     for name, (rates, queries, moved) in paper.STATISTICS.items():
         for v, view in enumerate(("near", "far")):
             for k, kind in enumerate(paper.KINDS):
@@ -129,13 +131,12 @@ def _print_aggressive(turns: list[Turn]) -> None:
 def _print_store(turns: list[Turn]) -> None:
     """What is read, by both policies."""
     table = []
-    for row in _chcrt_rows(turns):
-        mine = bench.of(turns, **row)
+    for row, mine in _told(turns):
         begun, after = mine[0].told, bench.later(mine)
         wanted, loaded, moved = (sum(t.told[n] for t in after) / len(after) for n in ("wanted", "loaded", "bytes"))
         cells = f"{begun['loaded']:,}", f"{begun['bytes'] / 1e6:,.1f}", _ms(bench.first(mine)), _ms(bench.typical(mine))
         share = f"{100 * hit_rate(after):.2f}"
-        table.append((*_cells(row), *cells, f"{wanted:,.1f}", share, f"{loaded:,.1f}", f"{moved / 1e6:,.2f}"))
+        table.append((*row, *cells, f"{wanted:,.1f}", share, f"{loaded:,.1f}", f"{moved / 1e6:,.2f}"))
     head = (
         *_ROW, "makes room by", "chunks first", "MB first", "ms first", "ms", "chunks wanted", "% in memory",
         "chunks read", "MB read",
