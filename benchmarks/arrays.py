@@ -26,7 +26,7 @@ import antumbra
 from antumbra.bench import embree
 from antumbra.bench.embree_rays import occluded_of, trace, write
 from antumbra.bench.ray_sets import ray_set
-from antumbra.parallel import thread_count
+from antumbra.kernels.parallel import thread_count
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers

@@ -23,7 +23,7 @@ from antumbra.bench.embree import QUALITIES, Device, EmbreeScene
 from antumbra.bvh import BUILDERS
 from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.quality import statistics as shape_of
-from antumbra.parallel import thread_count
+from antumbra.kernels.parallel import thread_count
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.renderer import Renderer

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from antumbra.errors import InputError
-from antumbra.parallel import thread_count
+from antumbra.kernels.parallel import thread_count
 from common import machine
 from contest import CLOCKS, OURS, summary
 from peers import describe_embree

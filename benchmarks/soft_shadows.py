@@ -24,7 +24,7 @@ import numpy as np
 
 from antumbra.bench.ray_sets import ORDERS, shadow_rays
 from antumbra.bvh import BUILDERS
-from antumbra.parallel import thread_count
+from antumbra.kernels.parallel import thread_count
 from antumbra.plan import Plan, parse_plan
 from antumbra.rayhierarchy.soup import soup_of
 from antumbra.trace import TRACERS

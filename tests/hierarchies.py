@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from antumbra.jit import kernel
-from antumbra.predicate.exact import segment
-from antumbra.predicate.filters import meets
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.predicate.exact import segment
+from antumbra.kernels.predicate.filters import meets
+from antumbra.kernels.simd import get, ptr, ptr_at
 from antumbra.query.reach import reach
 from antumbra.query.receivers import FREE
 from antumbra.query.sampling import light_samples
@@ -22,7 +23,6 @@ from antumbra.rayhierarchy.traverse import BATCH, PAIRS, How, row_at, write_rows
 from antumbra.rayhierarchy.tree import Tree, group_at, groups_of, tree_of, tree_pointers
 from antumbra.rayhierarchy.view import view_of
 from antumbra.scene.triangles import Triangles
-from antumbra.simd import get, ptr, ptr_at
 
 
 def triangles_of(vertices) -> Triangles:

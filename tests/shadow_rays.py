@@ -4,8 +4,8 @@ import numpy as np
 
 from antumbra.bvh import lbvh
 from antumbra.bvh.nodes import EMPTY, tree_of
-from antumbra.jit import kernel
-from antumbra.predicate.exact import segment
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.predicate.exact import segment
 from antumbra.trace.counters import BOX_TESTS, COUNTERS
 from antumbra.trace.intersections import intersections
 from antumbra.trace.traverse import walk

@@ -1,4 +1,4 @@
-"""Every operation of `antumbra.simd`, computed by kernels and by numpy, for the tests in `simd/`.
+"""Every operation of `antumbra.kernels.simd`, computed by kernels and by numpy, for the tests in `kernels/simd/`.
 
 Run as a script it writes what the kernels compute to a file, so that processes that compile for different
 processors can be compared: ``python vector_operations.py results.npz``.
@@ -9,8 +9,8 @@ import sys
 import numba
 import numpy as np
 
-from antumbra import simd
-from antumbra.simd import (
+from antumbra.kernels import simd
+from antumbra.kernels.simd import (
     absolute,
     all_lanes,
     any_lane,

@@ -14,7 +14,7 @@ import numpy as np
 from .accelerate import Accelerated
 from .errors import InputError
 from .job import bounced_queries
-from .parallel import thread_count
+from .kernels.parallel import thread_count
 from .plan import Plan, parse_plan
 from .query.gbuffer import GBuffer
 from .query.picture import shadow_queries

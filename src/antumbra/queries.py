@@ -8,8 +8,8 @@ import numpy as np
 
 from .accelerate import Accelerated
 from .errors import InputError
+from .kernels.parallel import thread_count
 from .paged import is_paged
-from .parallel import thread_count
 from .plan import DEFAULT_PLAN
 from .query.rays import Arguments, Hit, HitArrays, as_array, cull_value, ray_arguments
 from .query.reach import bounds, reach_of

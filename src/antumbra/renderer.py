@@ -14,8 +14,8 @@ from .image.fraction import as_needed, fraction
 from .image.shade import ambient_light
 from .indirect import indirect_light
 from .job import Job
+from .kernels.parallel import thread_count
 from .paged import default_plan, paged
-from .parallel import thread_count
 from .plan import parse_plan
 from .query.diffuse import Passes, diffuse_passes
 from .query.gbuffer import GBuffer, from_hits

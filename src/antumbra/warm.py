@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from .jit import CACHE_DIR
+from .kernels.jit import CACHE_DIR
 
 
 def tell(line: str) -> None:

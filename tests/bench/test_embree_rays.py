@@ -5,7 +5,7 @@ import pytest
 
 import oracle
 from antumbra.bench.ray_sets import ORDERS, one_by_one, packets
-from antumbra.jit import kernel
+from antumbra.kernels.jit import kernel
 from peer_scenes import rays_through, soup, truth
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")

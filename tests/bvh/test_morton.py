@@ -6,7 +6,7 @@ from hypothesis import given, settings
 
 from antumbra.bvh.morton import grid_of, write_codes
 from antumbra.bvh.prepare import scene_bounds
-from antumbra.parallel import new_ticket, run
+from antumbra.kernels.parallel import new_ticket, run
 from bvh_scenes import integer_grid, scattered, terrain
 from reference_morton import morton_codes
 from strategies import point_arrays

@@ -12,8 +12,8 @@ from antumbra.bvh.prepare import make_records
 from antumbra.bvh.rayset import HIT, RAY, RaySet, Side, divide_rays, ray_set, rays_of
 from antumbra.bvh.splits import Split
 from antumbra.bvh.srdh_cost import RaySplit
-from antumbra.jit import kernel
-from antumbra.simd import load8, ptr
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.simd import load8, ptr
 from bvh_scenes import scattered
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, box_of, left_first, pierces, ray_sets, scene_of
 from shadow_rays import met, segments_in

@@ -12,8 +12,8 @@ from antumbra.bvh.prepare import make_records, power_of_two_for
 from antumbra.bvh.rayset import Side, ray_set, rays_of
 from antumbra.bvh.srdh import KERNELS
 from antumbra.bvh.srdh_cost import HeuristicSettings, ray_split
-from antumbra.jit import kernel
-from antumbra.simd import load8, ptr, stack_f32, stack_i32
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.simd import load8, ptr, stack_f32, stack_i32
 from bvh_scenes import scattered, terrain
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, candidates, scene_of, srdh
 from shadow_rays import met, segments_in

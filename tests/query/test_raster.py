@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from antumbra.errors import InputError
-from antumbra.jit import kernel
-from antumbra.predicate.filters import hit_t, meets
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.predicate.filters import hit_t, meets
 from antumbra.query.pixels import pixel_ray
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
 from raster_scenes import FAMILIES, SHAPES, directions, exact_grid, lattices, scattered, view

@@ -5,13 +5,13 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from antumbra.jit import kernel
-from antumbra.predicate.filters import hit_t, meets
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.predicate.filters import hit_t, meets
+from antumbra.kernels.simd import ptr
 from antumbra.query.pixels import pixel_direction, pixel_ray
 from antumbra.query.raster_cull import BLOCK, careful_box, make_padding, quick_boxes, transpose
 from antumbra.query.raster_depth import eye_plane, plane_t
 from antumbra.query.raster_setup import edge_functions, make_view
-from antumbra.simd import ptr
 from raster_scenes import FAMILIES, view
 
 

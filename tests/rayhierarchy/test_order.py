@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.jit import kernel
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.simd import load16, store
+from antumbra.kernels.vec import rows
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.shadow import segments
 from antumbra.rayhierarchy.beams import PERSPECTIVE, beams_of
@@ -14,9 +16,7 @@ from antumbra.rayhierarchy.keys import BITS, cells_of, hilbert, keys_of, on_cube
 from antumbra.rayhierarchy.order import order_of
 from antumbra.rayhierarchy.packed import left_of, rays_of
 from antumbra.rayhierarchy.rays import finished, write_bits
-from antumbra.simd import load16, store
 from antumbra.trace.counters import as_dict, new_counters
-from antumbra.trace.vec import rows
 from asking import unpack
 from beam_scenes import LIGHTS, lit, on_surfaces
 from hierarchies import receivers_in

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jit import kernel
-from antumbra.parallel import new_ticket
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.parallel import new_ticket
+from antumbra.kernels.simd import ptr, ptr_at, stack_f32
 from antumbra.rayhierarchy import occluders, trace
 from antumbra.rayhierarchy.beams import beams_of
 from antumbra.rayhierarchy.boxes import Boxes
@@ -28,7 +29,6 @@ from antumbra.rayhierarchy.traverse import (
 )
 from antumbra.rayhierarchy.tree import tree_pointers
 from antumbra.rayhierarchy.view import view_of
-from antumbra.simd import ptr, ptr_at, stack_f32
 from antumbra.trace.counters import as_dict, new_counters
 from asking import unpack
 from beam_scenes import lit, on_surfaces

@@ -9,7 +9,7 @@ from antumbra.bvh import BUILDERS
 from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import tree_of
 from antumbra.errors import InputError
-from antumbra.jit import kernel
+from antumbra.kernels.jit import kernel
 from antumbra.query.pixels import pixel_ray
 from antumbra.trace.orders import CLOSEST
 from antumbra.trace.primary import trace_primary

@@ -10,8 +10,8 @@ import oracle
 from antumbra.bvh import BUILDERS
 from antumbra.bvh.nodes import tree_of
 from antumbra.bvh.widen import widen
-from antumbra.jit import kernel
-from antumbra.predicate.exact import ray_along
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.predicate.exact import ray_along
 from antumbra.query.rays import HitArrays, ray_arguments
 from antumbra.trace.batch import trace_batch
 from antumbra.trace.counters import COUNTERS, new_counters

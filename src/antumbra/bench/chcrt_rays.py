@@ -13,8 +13,8 @@ import numpy as np
 from ..bvh.blocks import BlockTree
 from ..bvh.nodes import Bvh
 from ..chcrt.trace import Scheduled, camera_hits, nearest_hits, trace_shadow
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..plan import parse_plan
 from ..query.diffuse import RayPass, diffuse_passes, diffuse_rays
 from ..query.picture import Surfaces, surface_queries

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..parallel import thread_count
+from ..kernels.parallel import thread_count
 
 QUALITIES = {"low": 0, "medium": 1, "high": 2}
 """Name -> RTCBuildQuality: Morton codes, binned SAH, SAH with spatial splits."""

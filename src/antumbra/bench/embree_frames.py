@@ -12,15 +12,30 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from ..jit import inlined
-from ..parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.jit import inlined
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import (
+    bits,
+    f32_at,
+    get,
+    i32_at,
+    load4,
+    load8,
+    load16,
+    ptr,
+    put,
+    select,
+    splat4,
+    splat8,
+    splat16,
+    store,
+)
 from ..query.gbuffer import GBuffer, fill_pixel, surface_of
 from ..query.pixels import pixel_direction
 from ..query.receivers import NOTHING
 from ..query.sampling import light_samples
 from ..scene.camera import CameraRays
 from ..scene.lights import FIXED
-from ..simd import bits, f32_at, get, i32_at, load4, load8, load16, ptr, put, select, splat4, splat8, splat16, store
 from .denormals import FLUSH, control, set_control
 from .embree import HIT_WORDS, EmbreeScene, arguments, functions
 

@@ -14,8 +14,8 @@ import numba
 import numpy as np
 
 from ..bvh.nodes import aligned_empty
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from .denormals import FLUSH, control, set_control
 from .embree import HIT_WORDS, RAY_WORDS, EmbreeScene, arguments, functions
 from .ray_sets import RaySet, ray_set

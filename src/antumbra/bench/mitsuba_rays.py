@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from ..errors import InputError
-from ..parallel import thread_count
+from ..kernels.parallel import thread_count
 from .ray_sets import RaySet, gathered
 
 VARIANT = "llvm_ad_rgb"

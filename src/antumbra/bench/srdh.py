@@ -14,7 +14,7 @@ import numpy as np
 from ..bvh import BUILDERS, binned_sah
 from ..bvh.nodes import Bvh
 from ..errors import InputError
-from ..parallel import thread_count
+from ..kernels.parallel import thread_count
 from ..query.picture import shadow_queries
 from ..query.sampling import MAX_SPP, light_samples
 from ..query.shadow import ShadowQuery

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import new_ticket, run, take
-from ..simd import load8, load16, minimum, ptr, store
+from ..kernels.jit import kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import load8, load16, minimum, ptr, store
 from .nodes import Bvh, aligned_empty
 from .top import Top
 

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from ..parallel import thread_count
+from ..kernels.parallel import thread_count
 from .assemble import assemble
 from .bins import BIN_WORDS, binned
 from .nodes import Bvh

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from ..jit import kernel
-from ..simd import (
+from ..kernels.jit import kernel
+from ..kernels.simd import (
     as_i32,
     extract,
     get,

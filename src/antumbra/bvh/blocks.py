@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..simd import get, ptr, put, stack_i32
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import get, ptr, put, stack_i32
 from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first
 from .order import likelier_first, triangle_area
 

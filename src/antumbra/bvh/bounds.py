@@ -7,9 +7,9 @@ lane. A *centroid box* holds twice the centroids (lower + upper) of some records
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, take
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, take
+from ..kernels.simd import (
     as_i32,
     extract,
     get,

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
-from ..simd import load16, ptr, store
+from ..kernels.jit import kernel
+from ..kernels.simd import load16, ptr, store
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 
 PART = 4096  # nodes in a part, at most: what a processor's second cache holds

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take, thread_count
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.simd import (
     get,
     highest_bit,
     load8,

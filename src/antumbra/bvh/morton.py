@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, take
-from ..simd import extract, load4, maximum, minimum, ptr, put, to_i32
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, take
+from ..kernels.simd import extract, load4, maximum, minimum, ptr, put, to_i32
 from .bounds import double_centroid_of
 
 _TEN = np.int32(1023)

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import ptr
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import ptr
 
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack

@@ -14,8 +14,8 @@ that it lets pass.
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import get, ptr, put
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import get, ptr, put
 from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, parents_first
 from .wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
 

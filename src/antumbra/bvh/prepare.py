@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..errors import InputError
-from ..parallel import new_ticket, run
+from ..kernels.parallel import new_ticket, run
 from .bounds import MAX_COORDINATE, MAX_TRIANGLES, PART, bound_triangles, write_records
 from .nodes import EMPTY, MAX_LEAF, Bvh, aligned_empty
 

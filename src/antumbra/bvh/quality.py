@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from .nodes import EMPTY, MAX_DEPTH, MAX_LEAF, Bvh
 
 _CHUNK = 8192  # nodes whose areas a thread sums at a time

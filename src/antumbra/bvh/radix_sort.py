@@ -6,9 +6,9 @@ them there in order. A stable sort has one result: parts and threads do not chan
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import get, ptr, ptr_at, put
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import get, ptr, ptr_at, put
 
 DIGIT_BITS = 8  # 256 places to write to fit in a first-level cache; with 10 bits, 63 took half as long again
 _DIGITS = 1 << DIGIT_BITS

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..simd import atomic_add, bits, load4, maximum, minimum, ptr, splat4, swap_halves
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import atomic_add, bits, load4, maximum, minimum, ptr, splat4, swap_halves
 from .nodes import EMPTY, LEFT_FIRST, MAX_DEPTH, Bvh, aligned_empty, parents_first
 from .order import swap_children
 from .rayset import GROW, Intersections, bounded_rays, check_intersections, ray_at

@@ -10,9 +10,9 @@ from collections.abc import Callable
 import numpy as np
 
 from ..errors import InputError
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take, thread_count
-from ..simd import get, load8, minimum, prefetch, ptr, put, splat8, stack_f32, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.simd import get, load8, minimum, prefetch, ptr, put, splat8, stack_f32, store
 from .assemble import join_boxes, top_lines
 from .bounds import triangle_box, write_boxes
 from .cut import children_of_top, cut

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take
-from ..simd import get, load8, load16, prefetch, put, splat4, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import get, load8, load16, prefetch, put, splat4, store
 from .assemble import place
 from .cut import Cut, children_of_top
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
-from ..simd import get, load8, lowest_bit, minimum, popcount, put, stack_f32, stack_i32, store
+from ..kernels.jit import kernel
+from ..kernels.simd import get, load8, lowest_bit, minimum, popcount, put, stack_f32, stack_i32, store
 from .bounds import INF, half_area, record_id, write_boxes
 
 SMALLEST = 4  # records, at most

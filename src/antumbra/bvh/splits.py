@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
+from ..kernels.jit import kernel
 from .bounds import INF
 from .nodes import MAX_DEPTH
 

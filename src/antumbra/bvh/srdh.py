@@ -15,9 +15,9 @@ import numpy as np
 from numba.extending import overload
 
 from ..errors import InputError
-from ..jit import inlined, kernel
-from ..parallel import thread_count
-from ..simd import get, load8, put, stack_f32, stack_i32, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import thread_count
+from ..kernels.simd import get, load8, put, stack_f32, stack_i32, store
 from . import binned_sah
 from .assemble import assemble
 from .bins import BIN_WORDS, binned, clear_bins, fill_bins, make_mapping, partition

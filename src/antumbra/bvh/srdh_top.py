@@ -5,9 +5,9 @@ All threads share the records of a range; its rays are one thread's work.
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take
-from ..simd import load8, ptr, stack_f32, stack_i32, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import load8, ptr, stack_f32, stack_i32, store
 from .bins import BIN_BOXES, BIN_COUNTS, Binned, Bins, cheapest_split
 from .rayset import HIT, RAY, RaySet, Side, divide_rays, rays_of
 from .splits import Split, must_halve

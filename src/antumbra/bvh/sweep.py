@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from ..jit import inlined, kernel
-from ..simd import as_i32, get, load8, minimum, ptr, put, splat8, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import as_i32, get, load8, minimum, ptr, put, splat8, store
 from .bounds import INF, half_area, width
 from .splits import Split, divide, find_split, must_halve, no_split, source_of
 

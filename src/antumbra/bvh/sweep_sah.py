@@ -6,9 +6,9 @@ one thread a range.
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import new_ticket, run, take, thread_count
-from ..simd import load8, ptr, store
+from ..kernels.jit import kernel
+from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.simd import load8, ptr, store
 from .assemble import assemble
 from .bounds import range_bounds
 from .nodes import Bvh, aligned_empty

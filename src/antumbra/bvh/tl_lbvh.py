@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take, thread_count
-from ..simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_f32, stack_i32
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_f32, stack_i32
 from . import cut as cutting
 from . import lbvh
 from .cut import PART, cut

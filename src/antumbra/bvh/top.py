@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import new_ticket, run, take
-from ..simd import (
+from ..kernels.jit import kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import (
     as_i32,
     extract,
     get,

@@ -6,9 +6,9 @@ the nodes are put in one array (`assemble`). How ranges are split is the method'
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import new_ticket, run, take
-from ..simd import as_i32, atomic_add, get, load8, load16, ptr, store
+from ..kernels.jit import kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import as_i32, atomic_add, get, load8, load16, ptr, store
 from .assemble import Subtrees
 from .nodes import Bvh, Tree, aligned_empty
 from .splits import source_of

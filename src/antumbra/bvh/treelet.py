@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     as_f32,
     as_i32,
     bits,

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import ptr
+from ..kernels.jit import inlined
+from ..kernels.simd import ptr
 from .nodes import Bvh, tree_of
 
 WIDTH = 8

@@ -6,9 +6,9 @@ Of all ways to do so, the one of least cost by the surface area heuristic is fou
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..simd import get, ptr
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import get, ptr
 from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first
 from .order import soonest_last, triangle_area
 from .wide import GROUP_WORDS, LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh

@@ -5,11 +5,11 @@ All rays count in one *length*: so many times its direction that every ray has l
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import ptr, ptr_at, put
 from ..query.raster_setup import direction_error
 from ..scene.camera import CameraRays
-from ..simd import ptr, ptr_at, put
 from ..trace.forest import Hits
 from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, put_cell, region_in, regions_in
 

@@ -12,12 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take
-from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery, patch_of
-from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import (
     fma,
     get,
     mask_from_bits16,
@@ -32,9 +29,12 @@ from ..simd import (
     stack_f32,
     store,
 )
+from ..kernels.vec import rows
+from ..query.receivers import NOTHING
+from ..query.shadow import ShadowQuery, patch_of
+from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from ..trace.asked import TileShape
 from ..trace.region import Layout, layout_of
-from ..trace.vec import rows
 
 _F = np.float32
 FAR, COUNT, ALL = 12, 13, 14  # rows after those of the shafts: how far, how many rays look, how many there are

@@ -14,11 +14,11 @@ import numpy as np
 
 from ..bvh.blocks import ROWS as BLOCK_ROWS
 from ..bvh.nodes import MAX_DEPTH
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..predicate.exact import ray_along
-from ..predicate.filters import hit_t, meets
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.predicate.exact import ray_along
+from ..kernels.predicate.filters import hit_t, meets
+from ..kernels.simd import (
     absolute,
     bits,
     get,
@@ -35,10 +35,10 @@ from ..simd import (
     stack_i32,
     store,
 )
+from ..kernels.vec import broadcasts, cross, dot, largest, minus, rows, total
 from ..trace.descent import rays_as_shafts, slabs_of
 from ..trace.forest import Hits, forest_pointers, item, list_of, root_in, tree_in
 from ..trace.raytest import decide_signs, error_bounds
-from ..trace.vec import broadcasts, cross, dot, largest, minus, rows, total
 from .camera import BEYOND
 from .cells import (
     FAR,

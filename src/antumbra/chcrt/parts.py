@@ -11,7 +11,7 @@ import numpy as np
 
 from ..bvh.blocks import BlockTree
 from ..bvh.nodes import EMPTY, MAX_DEPTH, boxes_of, parents_first
-from ..jit import kernel
+from ..kernels.jit import kernel
 from ..trace.forest import addresses, head
 from .options import Options
 

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import (
     bits,
     get,
     load16,

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..bvh.blocks import block_tree
 from ..bvh.nodes import Bvh
-from ..parallel import thread_count
+from ..kernels.parallel import thread_count
 from ..query.diffuse import RayPass
 from ..query.reach import bounds
 from ..query.shadow import ShadowQuery

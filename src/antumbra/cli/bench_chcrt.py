@@ -98,7 +98,7 @@ def chc_rt(
     from ..bench import chcrt as bench
     from ..bench import chcrt_store, chcrt_views
     from ..bench.answers import agree
-    from ..parallel import thread_count
+    from ..kernels.parallel import thread_count
     from ..resident import peak_resident
     from ..scene.procedural.request import checked
 

@@ -47,7 +47,7 @@ def pre_bvh_culling(
     width_height = arguments.parse_size(size)
     triangles = arguments.parse_count(cellar, "--cellar")
 
-    from ..parallel import thread_count
+    from ..kernels.parallel import thread_count
     from ..trace import TRACERS
 
     walking = ", ".join(name for name, method in TRACERS.items() if method.builds)

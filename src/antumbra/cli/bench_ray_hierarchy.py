@@ -66,7 +66,7 @@ def ray_hierarchy(
     from ..bench import ray_hierarchy_rebuild as rebuild
     from ..bench import ray_hierarchy_views as views
     from ..bench.answers import agree
-    from ..parallel import thread_count
+    from ..kernels.parallel import thread_count
     from ..scene.procedural.request import checked
 
     for count in sizes:

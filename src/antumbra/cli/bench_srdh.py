@@ -61,7 +61,7 @@ def srdh(
     from ..bench import srdh as counts
     from ..bench import srdh_times, srdh_views
     from ..bench.answers import agree
-    from ..parallel import thread_count
+    from ..kernels.parallel import thread_count
 
     if plot is not None:
         arguments.check_plot(plot)

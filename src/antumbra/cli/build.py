@@ -60,7 +60,7 @@ def build(
 
 def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool) -> Iterator:
     """The scenes one after the other; a city as pieces that are still to be made."""
-    from ..parallel import thread_count
+    from ..kernels.parallel import thread_count
     from ..scene.generated import StreamedCity
 
     for spec in specs:

@@ -35,7 +35,7 @@ def warmup(
 
     wanted = [parse_plan(text) for text in plan or []] or covering_plans()
 
-    from ..jit import CACHE_DIR
+    from ..kernels.jit import CACHE_DIR
     from ..warm import kernels_of
 
     work, start = kernels_of(dict.fromkeys(wanted)), perf_counter()

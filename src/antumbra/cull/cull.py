@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..parallel import thread_count
+from ..kernels.parallel import thread_count
 from ..query.reach import bounds
 from .grid import Grid, grid_over
 from .relevance import marks_of, relevant

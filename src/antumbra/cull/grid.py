@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import extract, get, load4, maximum, minimum, ptr, to_i32
+from ..kernels.jit import inlined
+from ..kernels.simd import extract, get, load4, maximum, minimum, ptr, to_i32
 
 PAD = 2.0**-20  # of the largest coordinate: far more than float32 samples, and float64 arithmetic, are off
 

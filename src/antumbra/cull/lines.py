@@ -8,8 +8,8 @@ in less time; this is here to be compared with.
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take
 from .grid import cell_at
 
 

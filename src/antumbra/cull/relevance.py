@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.bounds import corners_of
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
 from .grid import GridPointers, cell_number, cells_at, pointers_of
 
 _CHUNK = 8192  # triangles

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import broadcast4, load4, mask_from_bits4, maximum, minimum, select, splat4, store
 from ..query.receivers import NOTHING
-from ..simd import broadcast4, load4, mask_from_bits4, maximum, minimum, select, splat4, store
 from .grid import cell_number, cells_at
 
 FINEST = 32  # receivers are sorted into at most so many cells along an axis; the boxes around them are exact

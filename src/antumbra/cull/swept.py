@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take
-from ..simd import get, ptr, put
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.simd import get, ptr, put
 from .grid import PAD, cell_at, pointers_of
 
 _SOURCES = 8192  # boxes of receivers whose pairs are held at once

@@ -8,11 +8,11 @@ import math
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import ptr
 from ..query.receivers import NOTHING
 from ..query.surface import Seen, at, points_of, same_surface
-from ..simd import ptr
 
 NOISE = 2.5
 """Twice what the estimates of neighbours may differ by, in units of spp**(1/4) samples: the error of spp stratified

@@ -4,12 +4,12 @@
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import get, ptr, ptr_at, put
 from ..query.receivers import NOTHING
 from ..query.samples import moved, patch_at, sample_point, tangent_disk
 from ..scene.lights import DIRECTIONAL, SPHERE
-from ..simd import get, ptr, ptr_at, put
 
 _CROSS = np.array([[0.3, 0.1], [0.9, 0.3], [0.7, 0.9], [0.1, 0.7]])
 _POINTS = {"square": _CROSS, "disk": (2.0 * _CROSS - 1.0) * 0.8, "point": np.zeros((1, 2))}

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..query.receivers import NOTHING
 
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import get, ptr, ptr_at, put
 from ..query.receivers import NOTHING
-from ..simd import get, ptr, ptr_at, put
 from .filter import smoothed
 from .irradiance import irradiance
 from .point_lights import list_irradiance

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..checks import whole_number
 from ..errors import InputError
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..scene.lights import MAX_SPP
 from ..scene.point_lights import N_SETS
 from .receivers import NOTHING

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import get, ptr, put
 from ..scene.camera import CameraRays
-from ..simd import get, ptr, put
 from .pixels import pixel_direction
 from .receivers import NOTHING
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..jit import inlined
-from ..predicate.exact import ray_along
+from ..kernels.jit import inlined
+from ..kernels.predicate.exact import ray_along
 
 
 @inlined

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..errors import InputError
-from ..parallel import new_ticket, run, thread_count
+from ..kernels.parallel import new_ticket, run, thread_count
 from ..scene.camera import CameraRays
 from .raster_bins import bin_triangles, tiles_across
 from .raster_setup import make_view

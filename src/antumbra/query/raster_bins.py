@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import as_i32, get, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import as_i32, get, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from .raster_cull import BLOCK, careful_box, make_padding, quick_boxes, transpose
 from .raster_setup import TILE, View
 

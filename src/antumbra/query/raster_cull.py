@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..predicate.filters import widest
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import widest
+from ..kernels.simd import (
     absolute,
     bits,
     fma,

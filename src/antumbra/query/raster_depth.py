@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..predicate.filters import hit_t, plane, widest
+from ..kernels.jit import inlined
+from ..kernels.predicate.filters import hit_t, plane, widest
 
 _ACCURACY = 2.0**-31  # half of what `hit_t` asks of float64: where this holds, its float64 expression is its result
 _FLOOR = 1e-250  # far above what underflow can cost

@@ -28,9 +28,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..jit import inlined, kernel
-from ..predicate.filters import widest
-from ..simd import get
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import widest
+from ..kernels.simd import get
 
 TILE = 64  # pixels; tiles are square
 STRIDE = TILE + 8  # of a tile's rows: a vector of pixels may start anywhere, and run over the right edge

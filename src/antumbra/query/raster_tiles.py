@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import take
-from ..predicate.filters import meets, plane_side
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import take
+from ..kernels.predicate.filters import meets, plane_side
+from ..kernels.simd import (
     any_lane,
     atomic_add,
     bits,

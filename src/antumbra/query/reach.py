@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..simd import load16, maximum, minimum, ptr, splat16, store
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 
 _ROWS = 16  # of three numbers: three vectors, whose lanes hold the same axis in every block of so many rows
 _BLOCK = 3 * _ROWS

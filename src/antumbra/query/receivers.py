@@ -9,10 +9,10 @@ segment to a light sample above the same plane, and a sample that is not above i
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..predicate.filters import plane, side_of, widest
-from ..simd import get, ptr, put
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.predicate.filters import plane, side_of, widest
+from ..kernels.simd import get, ptr, put
 
 NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point without a surface
 

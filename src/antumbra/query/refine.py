@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks import whole_number
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..scene.lights import MAX_SPP
 from ..scene.point_lights import N_SETS
 from .receivers import NOTHING

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
+from ..kernels.jit import inlined, kernel
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 
 

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..predicate.exact import exact_plane_side
-from ..predicate.filters import plane, widest
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.predicate.exact import exact_plane_side
+from ..kernels.predicate.filters import plane, widest
+from ..kernels.simd import get, popcount, ptr
 from ..scene.lights import AMBIENT, LightPatch
-from ..simd import get, popcount, ptr
 from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
 

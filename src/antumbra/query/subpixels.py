@@ -9,10 +9,10 @@ import math
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import ptr
 from ..scene.camera import CameraRays
-from ..simd import ptr
 from .gbuffer import GBuffer, fill_pixel, surface_of
 from .raster import rasterise
 from .receivers import NOTHING

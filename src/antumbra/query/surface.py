@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import get, ptr
+from ..kernels.jit import inlined
+from ..kernels.simd import get, ptr
 from .receivers import NOTHING
 
 COSINE = np.float32(np.cos(np.radians(20.0)))

@@ -4,13 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..predicate.filters import dot, plane, widest
-from ..query.receivers import FREE, NOTHING
-from ..query.samples import patch_at, sample_point
-from ..query.shadow import Horizon, is_above
-from ..scene.lights import AMBIENT, LightPatch
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import dot, plane, widest
+from ..kernels.simd import (
     bits,
     gather,
     get,
@@ -24,8 +20,12 @@ from ..simd import (
     stack_i32,
     store,
 )
+from ..kernels.vec import Vec
+from ..query.receivers import FREE, NOTHING
+from ..query.samples import patch_at, sample_point
+from ..query.shadow import Horizon, is_above
+from ..scene.lights import AMBIENT, LightPatch
 from ..trace.counters import BELOW_HORIZON, RAYS, count
-from ..trace.vec import Vec
 from .beams import AROUND, PERSPECTIVE
 
 _SLANT = np.float64(2.0**-16)  # sine of the angle at which all of a distant light must be above a plane

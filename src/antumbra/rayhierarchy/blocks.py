@@ -10,11 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..memory import Empty
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import bits as bits_of
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import bits as bits_of
+from ..kernels.simd import (
     broadcast16,
     gather,
     get,
@@ -35,6 +34,7 @@ from ..simd import (
     stack_i64,
     store,
 )
+from ..memory import Empty
 from ..trace.counters import N_COUNTERS, add_counters, cleared
 from .asking import Samples, asking_of, origins_of, who_asks
 from .beams import Beam

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from ..jit import inlined, kernel
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     bits,
     fma,
     get,

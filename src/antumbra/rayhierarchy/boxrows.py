@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..jit import inlined, kernel
+from ..kernels.jit import inlined, kernel
 from .beams import AROUND, PERSPECTIVE
 from .planes import nothing, sphere_of
 from .rows import COVERS, INNER, OUTER, number, put_number, put_whole

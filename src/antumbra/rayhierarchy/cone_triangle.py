@@ -8,10 +8,10 @@ cost is added to the side of "perhaps".
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..predicate.filters import dot as dot3
-from ..simd import absolute, bits, fma, load16, maximum, select, splat16, square_root
-from ..trace.vec import Vec, dot, rows
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import dot as dot3
+from ..kernels.simd import absolute, bits, fma, load16, maximum, select, splat16, square_root
+from ..kernels.vec import Vec, dot, rows
 from .planes import sphere_of
 from .rows import COVERS, INNER, OUTER, number16, put_number, put_whole, whole
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from ..jit import inlined, kernel
-from ..predicate.filters import cross, dot
-from ..simd import get, ptr, put
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import cross, dot
+from ..kernels.simd import get, ptr, put
 from . import nodes as names
 from .cone_triangle import TINY, covered_cones, possible_cones, unit_of, write_cone_row
 from .rays import block_of

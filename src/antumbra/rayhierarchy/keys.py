@@ -6,8 +6,8 @@ Sec. 3.5]. Float32 does: a ray that lands on the wrong side of a face's edge is 
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import absolute, fma, maximum, minimum, select, splat16, to_i32
+from ..kernels.jit import inlined
+from ..kernels.simd import absolute, fma, maximum, minimum, select, splat16, to_i32
 
 BITS = 14  # of each coordinate: with three for the face they fill an int32 that is not negative
 KEY_BITS = 2 * BITS + 3

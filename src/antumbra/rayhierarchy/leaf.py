@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..predicate.exact import segment
-from ..simd import atomic_or, bits, get, load16, lowest_bit, maximum, ptr_at
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.exact import segment
+from ..kernels.simd import atomic_or, bits, get, load16, lowest_bit, maximum, ptr_at
+from ..kernels.vec import Vec, minus
 from ..trace.counters import TRIANGLE_TESTS, count
 from ..trace.raytest import decide, length1, seen_from
 from ..trace.traverse import settle
-from ..trace.vec import Vec, minus
 from .rays import block_of, origins_in
 
 

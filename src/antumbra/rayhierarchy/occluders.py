@@ -6,9 +6,9 @@ how much of the light's directions a triangle hides.
 
 import numpy as np
 
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import get, ptr, put
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import get, ptr, put
 from .beams import PERSPECTIVE, Beam
 from .soup import Soup
 

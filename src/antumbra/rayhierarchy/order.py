@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.radix_sort import radix_sort
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import bits as bits_of
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import bits as bits_of
+from ..kernels.simd import (
     get,
     iota16,
     load16,

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..memory import Empty
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import bits as bits_of
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import bits as bits_of
+from ..kernels.simd import (
     gather,
     get,
     load16,
@@ -19,6 +18,7 @@ from ..simd import (
     stack_i32,
     store,
 )
+from ..memory import Empty
 from .asking import asking_of, origins_of
 from .beams import Beam
 from .order import Order

@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..predicate.filters import cross, dot
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import cross, dot
 from .beams import AROUND, PERSPECTIVE
 
 _MORE = np.float64(1.0 + 2.0**-20)

@@ -10,8 +10,8 @@ product could overflow, or has underflowed, no plane says anything.
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     absolute,
     as_i32,
     bits,
@@ -26,7 +26,7 @@ from ..simd import (
     splat16,
     store,
 )
-from ..trace.vec import Vec, cross, dot, largest, minus, times
+from ..kernels.vec import Vec, cross, dot, largest, minus, times
 from .boxrows import BOX, CORNERS
 from .rows import COVERS, INNER, LANES, OUTER, TRIANGLE
 from .view import relative16, turned

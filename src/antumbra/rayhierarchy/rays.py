@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..memory import Empty
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import (
     as_i32,
     gather,
     get,
@@ -23,8 +22,9 @@ from ..simd import (
     ptr_at,
     put,
 )
-from ..simd import bits as bits_of
-from ..trace.vec import Vec
+from ..kernels.simd import bits as bits_of
+from ..kernels.vec import Vec
+from ..memory import Empty
 from .asking import asking_of, end_of, patch_for
 from .beams import Beam
 

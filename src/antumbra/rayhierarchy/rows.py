@@ -5,8 +5,8 @@ A triangle's numbers are 16 apart, so that 16 triangles can be written at once, 
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import as_i32, broadcast16, get, put
+from ..kernels.jit import inlined
+from ..kernels.simd import as_i32, broadcast16, get, put
 
 LANES = 16
 NUMBERS = 56

@@ -7,8 +7,8 @@ of a hierarchy (`tree`), which the triangles traverse (`traverse`). What they bl
 import numpy as np
 
 from ..bvh.lbvh import by_codes
+from ..kernels.parallel import new_ticket, run, thread_count
 from ..memory import Empty, borrowed
-from ..parallel import new_ticket, run, thread_count
 from ..scene.lights import FIXED, LIST
 from ..trace.counters import new_counters
 from .beams import AROUND, PERSPECTIVE, Beam, beams_of

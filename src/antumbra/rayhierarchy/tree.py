@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import get, ptr, ptr_at, put
 from ..memory import Empty
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import get, ptr, ptr_at, put
 from .nodes import bound_leaf, bound_node, pointed, rows_of
 from .rays import PAD, Rays, leaves_of
 from .view import view_of

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..predicate.filters import dot
-from ..simd import fma
-from ..trace.vec import Vec, times
+from ..kernels.jit import inlined
+from ..kernels.predicate.filters import dot
+from ..kernels.simd import fma
+from ..kernels.vec import Vec, times
 from .beams import PERSPECTIVE
 
 FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z

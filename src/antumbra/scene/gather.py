@@ -9,9 +9,9 @@ makes them no other kernels, and none is compiled while a frame is timed.
 import numpy as np
 
 from ..errors import InputError
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, new_ticket, run, take
-from ..simd import f32_at, f64_at, get, i32_at, put
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import f32_at, f64_at, get, i32_at, put
 from .recentre import MAX_EXTENT
 from .source import Piece
 

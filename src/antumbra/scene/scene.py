@@ -112,7 +112,7 @@ class Scene:
         InputError
             When the time is not a number, or the animation moves vertices to infinity.
         """
-        from ..parallel import thread_count  # Numba: not to be waited for by who only looks into a file
+        from ..kernels.parallel import thread_count  # Numba: not to be waited for by who only looks into a file
         from .gather import gather
 
         time, threads = self.clamped(time), thread_count(threads)

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..checks import whole_number
 from ..errors import InputError
+from ..kernels.parallel import thread_count
 from ..output import checked_output, replacing
-from ..parallel import thread_count
 from ..scene.generated import StreamedCity
 from ..scene.load import STORE_SUFFIX
 from ..scene.recentre import frame_origin

@@ -15,7 +15,7 @@ import numpy as np
 from ..bvh.morton import Grid, write_codes
 from ..bvh.prepare import CHUNK
 from ..bvh.radix_sort import radix_sort
-from ..parallel import new_ticket, run
+from ..kernels.parallel import new_ticket, run
 from .columns import Batches, Buckets, Columns, empty_columns
 
 AXIS_BITS = 21

@@ -8,8 +8,8 @@ for all: any-hit queries take it together, a ray to a lane.
 import numpy as np
 
 from ..bvh.wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
-from ..jit import inlined, kernel
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     bits,
     broadcast8,
     compress,

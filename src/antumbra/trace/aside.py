@@ -5,10 +5,10 @@ So the exact code stays out of the hot kernels, and a ray that something else bl
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..predicate.exact import segment
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.exact import segment
+from ..kernels.simd import get, lowest_bit, ptr_at, put
 from ..query.shadow import horizon_of, is_above
-from ..simd import get, lowest_bit, ptr_at, put
 from .asked import place_of
 from .counters import UNCERTAIN, count
 from .tile import first_pixel, tile_at

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import get, ptr, ptr_at
+from ..kernels.jit import inlined
+from ..kernels.simd import get, ptr, ptr_at
 from .lighttable import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, stays
 
 _F = np.float32

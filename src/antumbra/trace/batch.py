@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.wide import wide_tree_of
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, STOP, N, new_ticket, run, take, thread_count
-from ..predicate.filters import volumes64
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, STOP, N, new_ticket, run, take, thread_count
+from ..kernels.predicate.filters import volumes64
+from ..kernels.simd import (
     absolute,
     all_lanes,
     f32_at,

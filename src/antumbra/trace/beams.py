@@ -8,10 +8,10 @@ D, those of a sample D + y differ by y . N, so by at most h . |N|.
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import absolute, fma, get, splat16
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import absolute, fma, get, splat16
+from ..kernels.vec import Vec, broadcasts, keep, minus, rows
 from .shafts import HALF, D, N
-from .vec import Vec, broadcasts, keep, minus, rows
 
 _F = np.float32
 _D, _H = 0, 48

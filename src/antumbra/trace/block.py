@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..predicate.exact import Ray, ray_along
-from ..predicate.vector_filters import FilterRays, error_unit
-from ..simd import (
+from ..kernels.jit import inlined
+from ..kernels.predicate.exact import Ray, ray_along
+from ..kernels.predicate.vector_filters import FilterRays, error_unit
+from ..kernels.simd import (
     absolute,
     broadcast8,
     get,

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import ROWS
-from ..jit import inlined
-from ..simd import get, ptr_at
+from ..kernels.jit import inlined
+from ..kernels.simd import get, ptr_at
 from .aside import put_triangles_aside
 from .counters import TRIANGLE_TESTS, count
 from .raytest import ray_meets

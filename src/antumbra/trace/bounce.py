@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 
 from ..bvh.nodes import Bvh, tree_of
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..predicate.exact import ray_along
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.predicate.exact import ray_along
+from ..kernels.simd import ptr
 from ..query.diffuse import RayPass, diffuse_rays
 from ..query.gbuffer import GBuffer, fill_point, surface_of
 from ..query.picture import Surfaces, surfaces_of
 from ..query.receivers import NOTHING, surface_receivers
-from ..simd import ptr
 from .orders import CLOSEST
 from .traverse import walk
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import MAX_DEPTH
-from ..jit import inlined, kernel
-from ..simd import get, load16, lowest_bit, put
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import get, load16, lowest_bit, put
 from .aside import aside_ints
 from .lighttable import ALL_GROUPS, STRATA
 from .sheaf import sheaf_at

@@ -14,10 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..query.shadow import patch_of
-from ..scene.lights import AMBIENT, LIST
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     absolute,
     fma,
     get,
@@ -34,12 +32,14 @@ from ..simd import (
     splat16,
     store,
 )
+from ..kernels.vec import Vec, keep, magnitudes, minus, rows
+from ..query.shadow import patch_of
+from ..scene.lights import AMBIENT, LIST
 from .counters import SHRINKS, count
 from .raytest import length1
 from .raytile import open_rays
 from .slabs import Shafts
 from .tile import first_pixel
-from .vec import Vec, keep, magnitudes, minus, rows
 
 _F = np.float32
 _BASE, _U, _V, _A_LOW, _A_HIGH, _B_LOW, _B_HIGH = (16 * i for i in (0, 3, 6, 9, 10, 11, 12))

@@ -5,8 +5,8 @@ import numpy as np
 from numba.core import types
 from numba.extending import overload
 
-from ..jit import inlined, kernel
-from ..simd import atomic_add, get, put
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import atomic_add, get, put
 
 COUNTERS = (
     "rays",

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import get, put
+from ..kernels.jit import inlined
+from ..kernels.simd import get, put
 from .counters import BOX_TESTS, NODES, count
 from .slabs import (
     Mixed,

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import BlockPointers, BlockTree
-from ..jit import inlined
-from ..simd import f32_at, get, i32_at, ptr
+from ..kernels.jit import inlined
+from ..kernels.simd import f32_at, get, i32_at, ptr
 from .descent import At
 from .slabs import children_mixed, children_uniform
 

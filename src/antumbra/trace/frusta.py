@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import absolute, bits, broadcast16, fma, load16, maximum, minimum, put, select, splat16, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import absolute, bits, broadcast16, fma, load16, maximum, minimum, put, select, splat16, store
 from .slabs import Bound, Uniform
 
 _F = np.float32

@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import ROWS
-from ..jit import inlined, kernel
-from ..simd import bits, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import bits, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16
+from ..kernels.vec import Vec, dot, largest, rows
 from .aside import put_aside
 from .cornerfrusta import CORNERS, OFF, SPAN
 from .counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
 from .raytest import LANES, decide, keep_lanes, kept_lane, seen_from, triangle_along
 from .raytile import directions_of, open_rays
-from .vec import Vec, dot, largest, rows
 
 _F = np.float32
 _ZERO = _F(0.0)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import (
+from ..kernels.jit import inlined
+from ..kernels.simd import (
     as_i32,
     bits,
     compress,
@@ -22,12 +22,12 @@ from ..simd import (
     splat16,
     store,
 )
+from ..kernels.vec import broadcasts, minus, rows
 from .aside import put_aside
 from .blocktest import blocks_ray, numbers_of, slot_of
 from .counters import TRIANGLE_TESTS, count
 from .raytest import decide
 from .shaftcull import triangle_lanes
-from .vec import broadcasts, minus, rows
 
 _ROW = 17 * 16  # rays of 16 tiles, and as much as a vector may write beyond them
 GATHERED_FLOATS = 8 * _ROW

@@ -4,10 +4,10 @@ import numpy as np
 
 from ..bvh.nodes import Bvh, tree_of
 from ..bvh.rayset import Intersections
-from ..jit import kernel
-from ..parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..predicate.exact import segment
-from ..simd import atomic_add, ptr
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.predicate.exact import segment
+from ..kernels.simd import atomic_add, ptr
 from .orders import LEFT_FIRST
 from .traverse import HitList, walk
 

@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..query.samples import patch_at, sample_point
-from ..scene.lights import FIXED, LIST
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     get,
     highest_bit,
     load16,
@@ -25,7 +23,9 @@ from ..simd import (
     reduce_max,
     reduce_min,
 )
-from .vec import Vec, keep, middles_and_halves, rows
+from ..kernels.vec import Vec, keep, middles_and_halves, rows
+from ..query.samples import patch_at, sample_point
+from ..scene.lights import FIXED, LIST
 
 STRATA = 16
 POINTS = STRATA * 48  # float32 of a chunk: of each stratum x, y, z of 16 lanes

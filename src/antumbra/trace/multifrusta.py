@@ -6,10 +6,10 @@ Multi-frusta tracing [Benthin and Wald 2009] for area lights.
 import numpy as np
 
 from ..bvh.blocks import ROWS
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take, thread_count
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
 from ..scene.lights import LIST
-from ..simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
 from .aside import ASIDE, settle_aside
 from .asked import asked_of, sets_of, tile_shape
 from .beams import make_beams

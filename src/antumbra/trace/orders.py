@@ -13,8 +13,8 @@ import numpy as np
 
 from ..bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED, Bvh
 from ..bvh.order import sooner_first
-from ..jit import inlined, kernel
-from ..simd import as_i32, extract, get, load4, put, stack_f32, swap_halves
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import as_i32, extract, get, load4, put, stack_f32, swap_halves
 
 CLOSEST = -1  # no order of any-hit: the nearest hit is wanted
 BUILT = UNORDERED  # as the builder chose at each node; where it did not, the child whose box is entered first

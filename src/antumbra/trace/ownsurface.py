@@ -5,9 +5,22 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import middle_and_half
-from ..jit import inlined, kernel
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
+    absolute,
+    bits,
+    get,
+    iota16,
+    load16,
+    lowest_bit,
+    maximum,
+    popcount,
+    put,
+    select,
+    splat16,
+    store,
+)
 from ..query.receivers import FREE
-from ..simd import absolute, bits, get, iota16, load16, lowest_bit, maximum, popcount, put, select, splat16, store
 from .aside import put_aside
 from .asked import place_of
 from .counters import BELOW_HORIZON, RAYS, count

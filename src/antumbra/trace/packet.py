@@ -9,9 +9,9 @@ one by one against all triangles. So a packet that falls apart ends as single ra
 import numpy as np
 
 from ..bvh.wide import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH
-from ..jit import inlined
-from ..predicate.vector_filters import FilterTriangles, meet
-from ..simd import (
+from ..kernels.jit import inlined
+from ..kernels.predicate.vector_filters import FilterTriangles, meet
+from ..kernels.simd import (
     absolute,
     bits,
     broadcast8,

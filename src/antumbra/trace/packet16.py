@@ -15,9 +15,9 @@ from numba.extending import overload
 
 from ..bvh.blocks import BlockTree
 from ..bvh.nodes import EMPTY, Bvh, Tree, tree_of
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, take
-from ..simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, take
+from ..kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from .aside import ASIDE, put_aside
 from .counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
 from .descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of

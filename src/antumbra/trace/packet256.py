@@ -8,9 +8,9 @@ the traversal is replaced. A packet is one receiver's rays to its samples.
 import numpy as np
 
 from ..bvh.blocks import block_pointers
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, take
-from ..simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, take
+from ..kernels.simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64, store
 from .aside import ASIDE
 from .cornerfrusta import FRUSTA_FLOATS, make_frusta
 from .counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count

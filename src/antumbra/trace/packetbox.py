@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.wide import WIDTH
-from ..jit import inlined
-from ..simd import (
+from ..kernels.jit import inlined
+from ..kernels.simd import (
     absolute,
     bits,
     broadcast16,

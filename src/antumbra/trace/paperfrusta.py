@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import block_pointers
-from ..jit import inlined, kernel
-from ..parallel import CHUNK, N, take
-from ..simd import bits, get, lowest_bit, ptr, stack_f32, stack_i32, stack_i64
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, take
+from ..kernels.simd import bits, get, lowest_bit, ptr, stack_f32, stack_i32, stack_i64
 from .aside import ASIDE
 from .cornerfrusta import FRUSTA_FLOATS, frusta_as_shafts, make_frusta, shrink
 from .counters import BOX_TESTS, N_COUNTERS, add_counters, cleared, count

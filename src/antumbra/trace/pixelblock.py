@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     bits,
     broadcast16,
     fma,
@@ -27,8 +27,8 @@ from ..simd import (
     store,
     to_f32,
 )
+from ..kernels.vec import broadcasts
 from .pixelsetup import BOX, EDGES, KEY, KEY_ERROR, TOPS, set_up_block
-from .vec import broadcasts
 
 _F = np.float32
 CELLS = 32  # of 4 x 4 pixels in a tile: f is the left half of frustum f, 16 + f the right one

@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import ROWS
-from ..jit import inlined, kernel
-from ..predicate.filters import plane_side
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import plane_side
+from ..kernels.simd import (
     absolute,
     bits,
     fma,
@@ -43,7 +43,7 @@ from ..simd import (
     to_f32,
     to_i32,
 )
-from .vec import Vec, cross, dot, dots, keep, largest, minus, rows, times
+from ..kernels.vec import Vec, cross, dot, dots, keep, largest, minus, rows, times
 
 _F, _F64 = np.float32, np.float64
 _U = 2.0**-24

@@ -6,11 +6,9 @@ a slot there, or, if it was seen in an earlier call, by its face and its t in th
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..predicate.filters import meets
-from ..query.pixels import pixel_ray
-from ..query.raster_depth import NO_PLANE, eye_plane, plane_t
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import meets
+from ..kernels.simd import (
     bits,
     get,
     iota16,
@@ -23,6 +21,8 @@ from ..simd import (
     splat16,
     store,
 )
+from ..query.pixels import pixel_ray
+from ..query.raster_depth import NO_PLANE, eye_plane, plane_t
 from .forest import tree_in
 from .frusta import GROW
 from .pixelblock import CELLS, first_pixel

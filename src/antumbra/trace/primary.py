@@ -16,10 +16,9 @@ import numpy as np
 
 from ..bvh.blocks import ROWS, BlockTree, block_tree
 from ..bvh.nodes import MAX_DEPTH, boxes_of
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take, thread_count
-from ..query.raster_setup import direction_error, make_view
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.simd import (
     bits,
     get,
     load16,
@@ -32,6 +31,7 @@ from ..simd import (
     stack_i32,
     store,
 )
+from ..query.raster_setup import direction_error, make_view
 from .finish import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, Seen, finish
 from .forest import Forest, Hits, forest_pointers, item, list_of, root_in, tree_in, whole
 from .frusta import FLOATS, bound_directions, meet_mixed, meet_uniform, prepare

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import bits, broadcast16, fma, get, maximum, minimum, splat16, store
-from .vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, total
+from ..kernels.jit import inlined
+from ..kernels.simd import bits, broadcast16, fma, get, maximum, minimum, splat16, store
+from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, total
 
 _F = np.float32
 _U = _F(64 * 2.0**-24)

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import MAX_DEPTH
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, thread_count
-from ..simd import broadcast16, get, ptr_at, put, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, thread_count
+from ..kernels.simd import broadcast16, get, ptr_at, put, store
+from ..kernels.vec import minus, rows
 from .aside import aside_ints, settle_aside
 from .asked import asked_of, sets_of, tile_shape
 from .counters import new_counters
@@ -28,7 +29,6 @@ from .tile import (
     turn_bits,
     write_bits,
 )
-from .vec import minus, rows
 
 STACK = 4 * MAX_DEPTH
 TREE = 4

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import get, lowest_bit, put
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import get, lowest_bit, put
 from .asked import TileShape
 from .bundle import MAX_TILES
 from .lighttable import ALL_GROUPS

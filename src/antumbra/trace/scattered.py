@@ -9,14 +9,14 @@ triangles, side by side.
 import numpy as np
 
 from ..bvh.nodes import boxes_of
-from ..jit import kernel
+from ..kernels.jit import kernel
+from ..kernels.simd import get, lowest_bit
+from ..kernels.vec import broadcasts, minus
 from ..scene.lights import AMBIENT, FIXED, LIST
-from ..simd import get, lowest_bit
 from .blocktest import Block, blocks_ray
 from .counters import TRIANGLES, count
 from .lighttable import STRATA
 from .raytile import rows_are_receivers
-from .vec import broadcasts, minus
 
 _WIDE = 0.1  # of a chunk's extents, those of a stratum from which on it is not worth a shaft
 _HUGE = 0.5  # of the scene's extents, those of a chunk from which on packets are faster ...

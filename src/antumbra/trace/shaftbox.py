@@ -7,11 +7,11 @@ underflow.
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import absolute, bits, fma, maximum, minimum, select, splat16
+from ..kernels.jit import inlined
+from ..kernels.simd import absolute, bits, fma, maximum, minimum, select, splat16
+from ..kernels.vec import Vec, broadcasts, dot, largest, magnitudes, minus, plus, rows
 from .beams import beams_of
 from .shafts import HALF, D, N
-from .vec import Vec, broadcasts, dot, largest, magnitudes, minus, plus, rows
 
 _F = np.float32
 _PAD = _F(32 * 2.0**-24)

@@ -28,11 +28,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import absolute, bits, broadcast16, fma, get, load16, maximum, minimum, splat16, store
-from .raytest import Lanes, error_bounds, splats
-from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, SPAN, D, N, axis_of
-from .vec import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import absolute, bits, broadcast16, fma, get, load16, maximum, minimum, splat16, store
+from ..kernels.vec import (
     Vec,
     abs_dot,
     broadcasts,
@@ -44,6 +42,8 @@ from .vec import (
     plus,
     rows,
 )
+from .raytest import Lanes, error_bounds, splats
+from .shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, SPAN, D, N, axis_of
 
 _F = np.float32
 _U = _F(64 * 2.0**-24)

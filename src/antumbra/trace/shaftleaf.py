@@ -10,9 +10,9 @@ box each ray is tested against the 16 triangles.
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..predicate.filters import plane
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import plane
+from ..kernels.simd import (
     absolute,
     bits,
     get,
@@ -27,6 +27,7 @@ from ..simd import (
     splat16,
     store,
 )
+from ..kernels.vec import broadcasts, minus, rows
 from .aside import put_aside
 from .beams import beam_of, beams_of, is_near
 from .blocktest import Block, blocks_ray, numbers_of, slot_of
@@ -36,7 +37,6 @@ from .raytest import LANES, decide, keep_lanes, kept_lane
 from .shaftbox import beams_in_box, rays_in_box, strata_in_box
 from .shaftcull import CULL_WORK, cull_beams, cull_block, cull_strata, plane_of, receiver_lanes, triangle_lanes
 from .tile import finished_strata
-from .vec import broadcasts, minus, rows
 
 WORK = CULL_WORK + LANES  # float32 of scratch memory
 _FEW_BEAMS = 6  # beams of a block, or strata, up to which each goes by itself

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined, kernel
-from ..simd import absolute, get, maximum, minimum, splat16, store
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import absolute, get, maximum, minimum, splat16, store
+from ..kernels.vec import Vec, abs_dot, abs_dots, dot, keep, middles_and_halves, rows, total
 from .lighttable import ALL_GROUPS
-from .vec import Vec, abs_dot, abs_dots, dot, keep, middles_and_halves, rows, total
 
 _F = np.float32
 _ROUNDING = _F(24 * 2.0**-24)

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import middle_and_half
-from ..jit import inlined, kernel
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     as_i32,
     bits,
     get,
@@ -28,6 +28,7 @@ from ..simd import (
     splat16,
     store,
 )
+from ..kernels.vec import Vec, broadcasts, minus, rows
 from .beams import is_near
 from .blocktest import Block, numbers_of
 from .counters import CANDIDATES, COVERED, TRIANGLES, count
@@ -37,7 +38,6 @@ from .shaftbox import rays_in_box, shafts_in_box
 from .shaftcull import cull_block, cull_tiles
 from .shafts import HALF, D, N, make_shafts
 from .tile import Tile, finished_strata, tile_at
-from .vec import Vec, broadcasts, minus, rows
 
 _F = np.float32
 _BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)

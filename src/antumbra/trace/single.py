@@ -11,13 +11,13 @@ from numba.extending import overload
 
 from ..bvh.nodes import Tree, tree_of
 from ..bvh.wide import WideBvh, wide_tree_of
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.exact import segment
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.predicate.exact import segment
+from ..kernels.simd import get, ptr, stack_i64
 from ..query.receivers import NOTHING
 from ..query.samples import sample_point
 from ..query.shadow import horizon_of, is_above, patch_of
-from ..simd import get, ptr, stack_i64
 from .apart import any_hit_wide
 from .counters import BELOW_HORIZON, N_COUNTERS, RAYS, REPEAT_HITS, add_counters, cleared_if, count, new_counters
 from .orders import Ordered

@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import absolute, bits, broadcast16, fma, maximum, minimum, select, splat16
+from ..kernels.jit import inlined
+from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, select, splat16
 
 _PAD = np.float32(12 * 2.0**-24)
 _LOW = np.float32(1e-7)  # directions below this share of the longest count as zero

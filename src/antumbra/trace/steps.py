@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import Bvh, parents_first, tree_of
-from ..jit import inlined, kernel
-from ..parallel import new_ticket, run, take, thread_count
-from ..predicate.exact import segment
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.predicate.exact import segment
+from ..kernels.simd import atomic_add, ptr
 from ..query.receivers import NOTHING
 from ..query.samples import sample_point
 from ..query.shadow import horizon_of, is_above, patch_of
-from ..simd import atomic_add, ptr
 from .counters import BOX_TESTS, COUNTERS, TRIANGLE_TESTS
 from .orders import Ordered
 from .traverse import walk

@@ -9,11 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import middle_and_half
-from ..jit import inlined, kernel
-from ..query.receivers import NOTHING
-from ..query.samples import sample_point
-from ..query.shadow import patch_of
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     as_i32,
     bits,
     broadcast16,
@@ -29,6 +26,9 @@ from ..simd import (
     splat16,
     store,
 )
+from ..query.receivers import NOTHING
+from ..query.samples import sample_point
+from ..query.shadow import patch_of
 from .asked import place_of
 from .beams import BEAM_FLOATS
 from .lighttable import GROUPS, POINTS, TARGETS, bound_groups, bound_targets

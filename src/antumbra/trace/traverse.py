@@ -1,8 +1,8 @@
 """One ray through a binary BVH: the one body of any-hit and closest-hit.
 
 Boxes are tested in float32, conservatively, two at a time (both children of a node in one 4-wide register an axis);
-triangles by the filters of `antumbra.predicate`, which end in the exact predicate. So the answer is the contract's, and
-does not depend on the tree.
+triangles by the filters of `antumbra.kernels.predicate`, which end in the exact predicate. So the answer is the
+contract's, and does not depend on the tree.
 """
 
 from typing import NamedTuple
@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import EMPTY, MAX_DEPTH
-from ..jit import inlined, kernel
-from ..predicate.exact import exact_meets
-from ..predicate.filters import UNSURE, hit_t, verdict, volumes32, volumes64, widest
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.exact import exact_meets
+from ..kernels.predicate.filters import UNSURE, hit_t, verdict, volumes32, volumes64, widest
+from ..kernels.simd import (
     bits,
     extract,
     get,

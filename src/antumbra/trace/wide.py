@@ -6,10 +6,10 @@ import numpy as np
 
 from ..bvh.nodes import MAX_DEPTH
 from ..bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
-from ..jit import inlined, kernel
-from ..predicate.filters import hit_t
-from ..predicate.vector_filters import FilterTriangles, meet
-from ..simd import (
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.filters import hit_t
+from ..kernels.predicate.vector_filters import FilterTriangles, meet
+from ..kernels.simd import (
     broadcast8,
     fma,
     get,

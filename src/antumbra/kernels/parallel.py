@@ -25,9 +25,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from antumbra.errors import InputError
-from antumbra.jit import kernel
-from antumbra.simd import atomic_add
+from ..errors import InputError
+from .jit import kernel
+from .simd import atomic_add
 
 __all__ = ["CHUNK", "DONE", "NEXT", "STOP", "N", "Ticket", "new_ticket", "run", "take", "thread_count"]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from antumbra.jit import inlined, kernel
+from antumbra.kernels.jit import inlined, kernel
 
 
 @inlined

@@ -4,7 +4,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from antumbra.simd.vectors import I64, call_llvm, reject
+from .vectors import I64, call_llvm, reject
 
 
 def _make_bit_count(name, llvm_name, *flags):

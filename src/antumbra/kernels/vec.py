@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inlined
-from ..simd import absolute, broadcast16, fma, load16, maximum, splat16, store
+from .jit import inlined
+from .simd import absolute, broadcast16, fma, load16, maximum, splat16, store
 
 _HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-18)
 

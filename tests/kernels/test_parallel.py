@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from antumbra import parallel
 from antumbra.errors import InputError
-from antumbra.parallel import CHUNK, NEXT, STOP, N, new_ticket, run, take, thread_count
+from antumbra.kernels.parallel import CHUNK, NEXT, STOP, N, new_ticket, run, take, thread_count
 
 # No cache: this file is imported under two names, by pytest and by a process of its own.
 compiled = numba.njit(nogil=True, error_model="numpy")

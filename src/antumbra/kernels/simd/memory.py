@@ -5,11 +5,14 @@
 first element: it does not wrap around.
 """
 
+from math import prod
+
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
-from antumbra.simd.vectors import I32, Vector, call_llvm, llvm_type, reject, repeat
+from .vectors import I32, I64, Vector, call_llvm, llvm_type, reject, repeat
 
 _STACK_ALIGNMENT = 64  # bytes: one cache line, one AVX-512 register
 
@@ -223,6 +226,38 @@ stack_f32 = _make_stack("stack_f32", types.float32)
 stack_f64 = _make_stack("stack_f64", types.float64)
 stack_i32 = _make_stack("stack_i32", types.int32)
 stack_i64 = _make_stack("stack_i64", types.int64)
+
+
+@intrinsic(prefer_literal=True)
+def stack_array(typingctx, dtype, n, m=None):
+    """An array of shape (n,) or (n, m) on this function's own stack, aligned to 64 bytes, not cleared.
+
+    `dtype` is a NumPy scalar type such as ``np.int64``; `n` and `m` are literals or module constants.
+    """
+    shape = (n,) if m is None else (n, m)
+    if not isinstance(dtype, types.NumberClass) or not all(isinstance(k, types.IntegerLiteral) for k in shape):
+        reject("stack_array", dtype, *shape, cure="needs a NumPy scalar type and literals or module constants")
+    array = types.Array(dtype.instance_type, len(shape), "C")
+
+    def codegen(context, builder, sig, values):
+        element = context.get_data_type(array.dtype)
+        sizes = [k.literal_value for k in shape]
+        with builder.goto_entry_block():
+            memory = builder.alloca(ir.ArrayType(element, prod(sizes)), name="stack_array")
+        memory.align = _STACK_ALIGNMENT
+        itemsize = context.get_abi_sizeof(element)
+        made = context.make_array(array)(context, builder)
+        populate_array(
+            made,
+            data=builder.bitcast(memory, element.as_pointer()),
+            shape=[I64(k) for k in sizes],
+            strides=[I64(itemsize * prod(sizes[i + 1 :])) for i in range(len(sizes))],
+            itemsize=I64(itemsize),
+            meminfo=None,
+        )
+        return made._getvalue()
+
+    return array(dtype, n, types.Omitted(None) if m is None else m), codegen
 
 
 @intrinsic

@@ -62,7 +62,7 @@ mask4, mask8, mask16 = (Vector(types.boolean, lanes) for lanes in (4, 8, 16))
 
 def reject(function, *args, cure) -> NoReturn:
     """Stop the typing of `function` with one line that names the argument types and the cure."""
-    raise errors.TypingError(f"antumbra.simd.{function}({', '.join(str(a) for a in args)}): {cure}")
+    raise errors.TypingError(f"antumbra.kernels.simd.{function}({', '.join(str(a) for a in args)}): {cure}")
 
 
 def accepts(vector, arg):

@@ -6,8 +6,8 @@ is one instruction. A kernel holds vectors in local variables, in tuples, and pa
 Python only ever sees arrays. ::
 
     import numpy as np
-    from antumbra.jit import kernel
-    from antumbra.simd import bits, fma, load8, popcount
+    from antumbra.kernels.jit import kernel
+    from antumbra.kernels.simd import bits, fma, load8, popcount
 
     @kernel
     def count_inside(xs, ys, radius):
@@ -38,7 +38,7 @@ Lanes
 Memory
     `load4`, `broadcast4`, `gather`, `store`, `get`, `put` on arrays and pointers; `ptr`, `ptr_at`, `as_f32`, `as_i32`
     make pointers, `f32_at`, `f64_at`, `i32_at` from an address; `stack_f32`, `stack_f64`, `stack_i32`,
-    `stack_i64` give scratch memory; `prefetch`; `atomic_add`, `atomic_and`, `atomic_or`.
+    `stack_i64` give scratch memory, `stack_array` an array of it; `prefetch`; `atomic_add`, `atomic_and`, `atomic_or`.
 Bits of an int64
     `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to walk the lanes of ``bits(mask)``.
 
@@ -76,8 +76,8 @@ Speed
     keep its `bits` instead.
 """
 
-from antumbra.simd import operators  # noqa: F401  (registers them with Numba)
-from antumbra.simd.lanes import (
+from . import operators  # noqa: F401  (registers them with Numba)
+from .lanes import (
     absolute,
     all_lanes,
     any_lane,
@@ -108,7 +108,7 @@ from antumbra.simd.lanes import (
     to_f32,
     to_i32,
 )
-from antumbra.simd.memory import (
+from .memory import (
     as_f32,
     as_i32,
     atomic_add,
@@ -129,14 +129,15 @@ from antumbra.simd.memory import (
     ptr,
     ptr_at,
     put,
+    stack_array,
     stack_f32,
     stack_f64,
     stack_i32,
     stack_i64,
     store,
 )
-from antumbra.simd.scalars import highest_bit, lowest_bit, popcount
-from antumbra.simd.vectors import f32x4, f32x8, f32x16, i32x4, i32x8, i32x16, mask4, mask8, mask16
+from .scalars import highest_bit, lowest_bit, popcount
+from .vectors import f32x4, f32x8, f32x16, i32x4, i32x8, i32x16, mask4, mask8, mask16
 
 __all__ = [
     "absolute",
@@ -197,6 +198,7 @@ __all__ = [
     "splat8",
     "splat16",
     "square_root",
+    "stack_array",
     "stack_f32",
     "stack_f64",
     "stack_i32",

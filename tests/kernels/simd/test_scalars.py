@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from antumbra.simd import highest_bit, lowest_bit, popcount
+from antumbra.kernels.simd import highest_bit, lowest_bit, popcount
 
 
 @numba.njit

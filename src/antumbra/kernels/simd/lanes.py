@@ -4,7 +4,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from antumbra.simd.vectors import (
+from .vectors import (
     I32,
     I64,
     Vector,

@@ -7,12 +7,12 @@ import sys
 import textwrap
 from types import ModuleType
 
-from antumbra import simd
+from antumbra.kernels import simd
 
 WIDE = "f32x i32x mask load broadcast splat iota mask_from_bits"
 ONCE = """store minimum maximum fma absolute flip_sign select bits any_lane all_lanes reduce_min reduce_max reduce_and
     extract compress swap_halves shuffle join square_root to_f32 to_i32 ptr ptr_at
-    as_i32 as_f32 gather f32_at f64_at i32_at get put stack_f32 stack_f64 stack_i32 stack_i64
+    as_i32 as_f32 gather f32_at f64_at i32_at get put stack_array stack_f32 stack_f64 stack_i32 stack_i64
     prefetch popcount lowest_bit highest_bit atomic_add atomic_and atomic_or"""
 
 
@@ -48,8 +48,8 @@ print("hits", sum(stats.cache_hits.values()), "misses", sum(stats.cache_misses.v
 
 VECTOR_ARGUMENTS = """
 import numpy as np
-from antumbra.jit import kernel
-from antumbra.simd import load8, select, stack_f32, store
+from antumbra.kernels.jit import kernel
+from antumbra.kernels.simd import load8, select, stack_f32, store
 
 @kernel
 def limit(v, mask):

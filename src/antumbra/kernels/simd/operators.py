@@ -10,7 +10,7 @@ from numba.core import types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin
 
-from antumbra.simd.vectors import Vector, as_vectors, common_vector
+from .vectors import Vector, as_vectors, common_vector
 
 
 def _binary(op, emit, *elements, inplace=None, compares=False):

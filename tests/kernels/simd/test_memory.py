@@ -10,8 +10,8 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from antumbra import simd
-from antumbra.simd import (
+from antumbra.kernels import simd
+from antumbra.kernels.simd import (
     as_f32,
     as_i32,
     atomic_add,

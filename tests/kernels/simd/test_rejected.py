@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 
-from antumbra import simd
+from antumbra.kernels import simd
 
 F32, I32, I64 = np.ones(16, np.float32), np.ones(16, np.int32), np.ones(16, np.int64)
 READ_ONLY = np.ones(16, np.float32)
