@@ -20,7 +20,6 @@ from .resident import resident
 from .scene.triangles import Triangles
 from .trace.bounce import surfaces_met
 from .trace.forest import Hits
-from .warm import compiled
 
 if TYPE_CHECKING:
     from .store.read import Store
@@ -99,10 +98,9 @@ class Paged:
         least = self.residency.least_budget()
         if budget < least:
             need = -(-(self.max_memory - budget + least) >> 20)
-            again = "; or do it again, without the memory that compiling kernels took" if compiled else ""
             raise InputError(
                 f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for so many pixels or "
-                f"points; give at least {need}M, or ask for fewer{again}"
+                f"points; give at least {need}M, or ask for fewer"
             )
         return budget
 

@@ -82,11 +82,11 @@ class Renderer(Accelerator):
         if self.paged is not None:
             warm_up_paged()
         if filter or finer:
-            warm_up_quality(self.plan, self.gbuffer)
+            warm_up_quality()
         if self.showing is not None and self.showing.asked.bounce:
             warm_up_bounce()
         if passes is not None:
-            warm_up_indirect(self.plan, self.gbuffer)
+            warm_up_indirect(self.gbuffer)
         return self.frame(camera, lights, samples, facing, time, counters, progress, bool(filter), finer, passes)
 
     def frame(

@@ -1,127 +1,206 @@
-"""Kernels are compiled before anything is timed, once for each machine, and the user is told."""
+"""Kernels are compiled before anything is timed, by all cores, and the user is told.
 
-import sys
+A *job* is what calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` has recorded which
+kernels a job calls. Those that are not on disk are compiled at once, by several processes; then the job is done on a small
+scene, which compiles what the record does not know. If all are on disk, as they are in every later process, nothing runs.
+"""
+
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 
-from .kernels.jit import CACHE_DIR
+from .kernels import needs
+from .kernels.arguments import named
+from .kernels.crew import Wanted, compile_all
+from .kernels.loading import events, is_kept
+from .kernels.progress import told
+from .plan import Plan, covering_plans, parse_plan
 
 
-def tell(line: str) -> None:
-    """Where the line about compiling goes: standard error."""
-    print(line, file=sys.stderr, flush=True)
+class Job(NamedTuple):
+    """Something that calls kernels, done on a small scene."""
+
+    name: str
+    work: Callable[[], object]
+    kernels: Callable[[], set[Wanted] | None]  # that are known to be called; None: nobody has recorded it
 
 
-def _marker(name: str):
-    from llvmlite import binding
-
-    return CACHE_DIR / "compiled" / f"{name}-{binding.get_host_cpu_name()}"
-
-
-compiled: list[str] = []
-"""What this process has compiled, not loaded; that takes some 100 MB of memory, which it keeps."""
-
-
-def _once(name: str, work: Callable[[], None], say: Callable[[str], None]) -> None:
-    """Do `work`, which makes Numba compile or load kernels; say so if they have not been compiled here before."""
-    marker = _marker(name)
-    known = marker.exists()
-    if not known:
-        compiled.append(name)
-        say(f"antumbra: compiling the kernels of {name} for this machine (once; a minute or two) ...")
-    work()
-    if not known:
-        try:
-            marker.parent.mkdir(parents=True, exist_ok=True)
-            marker.touch()
-        except OSError:
-            say(f"antumbra: {CACHE_DIR} cannot be written, so kernels are compiled each time; set NUMBA_CACHE_DIR")
+def _fixed(name: str, work: Callable[[], object]) -> Job:
+    return Job(name, work, lambda: needs.of_job(name))
 
 
 @cache
-def warm_up(plan, gbuffer: str, counters: bool = False) -> None:
-    """Compile, or load from the cache, all kernels that rendering by this plan calls: by rendering a small scene.
-
-    `counters`: what counts, where a tracer has kernels of its own for that.
-    """
-    counters = counters and plan.tracer.counts_apart
-    name = f"{plan} ({gbuffer}{', counted' if counters else ''})"
-    _once(name, lambda: _render_small(plan, gbuffer, counters=counters), tell)
-
-
-@cache
-def warm_up_quality(plan, gbuffer: str) -> None:
-    """The same for the filter and for adaptive sampling; they are the same for every plan."""
-    _once("filter and refinement", lambda: _render_small(plan, gbuffer, True), tell)
+def make_ready(job_of: Callable[..., Job], *about) -> None:
+    """Compile the kernels of the job ``job_of(*about)`` that are not on disk; once in a process."""
+    job = job_of(*about)
+    wanted = job.kernels()
+    if wanted is None:
+        job.work()
+    elif missing := missing_of(wanted):
+        compile_missing(missing)
+        job.work()
 
 
-@cache
+def make_ready_all(wanted: Iterable[Job]) -> int:
+    """Compile what jobs call and is not on disk, all together; how many kernels that were."""
+    wanted = list(wanted)
+    missing = missing_of({each for job in wanted for each in job.kernels() or ()})
+    if missing:
+        compile_missing(missing)
+    before = len(events)
+    for job in wanted:
+        job.work()
+    return len(missing) + sum(event.source == "compiled" for event in events[before:])
+
+
+def missing_of(wanted: Iterable[Wanted]) -> set[Wanted]:
+    """The kernels that are not on disk."""
+    return {each for each in wanted if not is_kept(named(each.kernel), each.key)}
+
+
+def compile_missing(missing: set[Wanted]) -> None:
+    """Compile kernels by all cores; the user is told."""
+    with told(f"compiling {len(missing)} kernels for this machine, once") as progress:
+        compile_all(missing, progress)
+
+
+# --- jobs --------------------------------------------------------------------------------------------------------
+
+
+def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
+    """All that rendering by this plan calls. `counters`: what counts, where a tracer has kernels of its own for that."""
+    make_ready(rendering, plan, gbuffer, counters and plan.tracer.counts_apart)
+
+
+def warm_up_quality() -> None:
+    """The filter and adaptive sampling; they are the same for every plan."""
+    make_ready(quality)
+
+
 def warm_up_bounce() -> None:
-    """The same for the diffuse rays that `SrdhRays` can ask for."""
-    _once("a diffuse bounce", lambda: _render_small("srdh+single", "raster", bounce=True), tell)
+    """The diffuse rays that `SrdhRays` can ask for."""
+    make_ready(bounce)
 
 
-@cache
-def warm_up_indirect(plan, gbuffer: str) -> None:
-    """The same for light that bounces; it is the same for every plan."""
-    _once("light that bounces", lambda: _render_small(plan, gbuffer, passes=1), tell)
+def warm_up_indirect(gbuffer: str) -> None:
+    """Light that bounces; it is the same for every plan."""
+    make_ready(indirect, gbuffer)
 
 
-@cache
 def warm_up_steps() -> None:
-    """The same for what `antumbra explain` counts."""
+    """What `antumbra explain` counts."""
+    make_ready(steps)
 
+
+def warm_up_rays() -> None:
+    """`Scene.occluded` and `Scene.closest_hit`."""
+    make_ready(rays)
+
+
+def warm_up_store() -> None:
+    """Building a store."""
+    make_ready(store)
+
+
+def warm_up_paged() -> None:
+    """What rendering a scene in a store takes besides."""
+    make_ready(paged)
+
+
+def rendering(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:
+    """Rendering by a plan. Of a plan that nobody recorded the kernels are those of plans that share its methods."""
+    name = lambda p: f"{p} ({gbuffer}{', counted' if counters else ''})"
+    plain = lambda p: needs.of_job(f"{p} ({gbuffer})") or set()
+
+    def kernels():
+        found = needs.of_job(name(plan))
+        if found is not None:
+            return found
+        tracing = needs.of_job(name(Plan(trace=plan.trace)))
+        if tracing is None:
+            return None
+        usual = plain(Plan(trace="single"))
+        for field in ("cull", "build", "optimise", "update"):
+            method = getattr(plan, field)
+            if method not in (None, getattr(Plan(), field)):
+                with_it = plain(Plan(**{"trace": "single", field: method}))
+                tracing = (tracing - (usual - with_it)) | (with_it - usual)
+        return tracing
+
+    return Job(name(plan), lambda: _render_small(plan, gbuffer, counters=counters), kernels)
+
+
+def quality() -> Job:
+    return _fixed("filter and refinement", lambda: _render_small(Plan(), "raster", True))
+
+
+def bounce() -> Job:
+    return _fixed("a diffuse bounce", lambda: _render_small(parse_plan("srdh+single"), "raster", bounce=True))
+
+
+def indirect(gbuffer: str = "raster") -> Job:
+    return _fixed(f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, passes=1))
+
+
+def steps() -> Job:
     def work():
         from .explanation import Moment, explain_compiled
-        from .plan import parse_plan
 
         camera, lights = _small_view()
         explain_compiled(_small_scene(), [Moment(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2)
 
-    _once("counted steps", work, tell)
+    return _fixed("counted steps", work)
 
 
-@cache
-def warm_up_rays() -> None:
-    """The same for `Scene.occluded` and `Scene.closest_hit`."""
-
+def rays() -> Job:
     def work():
         from .queries import trace_list
         from .query.rays import ray_arguments
 
         arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0]
-        trace_list(_small_scene(), arguments, True, 0, 0.0, 1)
+        scene = _small_scene()
+        for any_hit in True, False:
+            trace_list(scene, arguments, any_hit, 0, 0.0, 1)
 
-    _once("ray queries", work, tell)
+    return _fixed("ray queries", work)
 
 
-@cache
-def warm_up_store() -> None:
-    """The same for building a store."""
-
+def store() -> Job:
     def work():
         from .store.build import build_compiled
 
         with TemporaryDirectory() as folder:
             build_compiled([_small_scene()], Path(folder) / "small.antumbra", threads=2, chunk=64)
 
-    _once("building stores", work, tell)
+    return _fixed("building stores", work)
 
 
-@cache
-def warm_up_paged() -> None:
-    """The same for what rendering a scene in a store takes besides."""
-
+def paged() -> Job:
     def work():
         from .bvh.radix_sort import radix_sort
 
         radix_sort(np.zeros(2, np.int64), np.zeros(2, np.int32), 40, 2)
 
-    _once("scenes in a store", work, tell)
+    return _fixed("scenes in a store", work)
+
+
+def jobs(plans: Iterable[Plan] | None = None) -> list[Job]:
+    """The jobs of plans, of all methods if None, and those that are the same for every plan."""
+    plans = list(dict.fromkeys(covering_plans() if plans is None else plans))
+    found = [rays(), quality(), indirect("raster"), indirect("rays"), steps(), store(), paged()]
+    found += [bounce()] if any(plan.wants_rays for plan in plans) else []
+    for plan in plans:
+        for gbuffer in ("raster", "rays"):
+            for counters in (False, True)[: 1 + plan.tracer.counts_apart]:
+                found.append(rendering(plan, gbuffer, counters))
+    return found
+
+
+# --- a small scene -----------------------------------------------------------------------------------------------
 
 
 def _small_scene():
@@ -160,19 +239,3 @@ def _render_small(plan, gbuffer, quality=False, bounce=False, passes=0, counters
         made.accelerate()  # of all triangles: culling leaves too few for all of a builder; the frame refits this tree
     diffuse = diffuse_passes(lights, passes, "hammersley") if passes else None
     made.frame(camera, lights, samples, counters=counters, smooth=quality, finer=finer, passes=diffuse)
-
-
-def kernels_of(plans: Iterable) -> list[tuple[str, Callable[[], None]]]:
-    """(name, function that compiles) of everything the given plans need, for `antumbra warmup`."""
-    plans = list(plans)
-    work: list[tuple[str, Callable[[], None]]] = [("ray queries", warm_up_rays)]
-    work += [("filter and refinement", lambda p=plan: warm_up_quality(p, "raster")) for plan in plans[:1]]
-    work += [("light that bounces", lambda p=plan: warm_up_indirect(p, "raster")) for plan in plans[:1]]
-    work += [("counted steps", warm_up_steps), ("building stores", warm_up_store)]
-    work += [("a diffuse bounce", warm_up_bounce)] if any(plan.wants_rays for plan in plans) else []
-    for plan in plans:
-        for gbuffer in ("raster", "rays"):
-            for counters in (False, True)[: 1 + plan.tracer.counts_apart]:
-                name = f"{plan} ({gbuffer}{', counted' if counters else ''})"
-                work.append((name, lambda p=plan, g=gbuffer, c=counters: warm_up(p, g, c)))
-    return work

@@ -97,7 +97,7 @@ class InCore:
         plans = [parse_plan(plan) for plan in (*PLANS, "bsah+chcrt")]
         for plan in plans:
             warm_up(plan, "rays")
-            warm_up_indirect(plan, "rays")
+            warm_up_indirect("rays")
         self._renderer = Renderer(place.scene, plans[0], threads)
         accelerated = self._renderer.accelerate()
         assert accelerated.bvh is not None

@@ -47,7 +47,7 @@ def _opened(place: Place, max_memory: int | None, threads: int) -> Iterator[Page
         raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
     renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
     warm_up(renderer.plan, "rays")
-    warm_up_indirect(renderer.plan, "rays")
+    warm_up_indirect("rays")
     assert renderer.paged is not None
     try:
         yield renderer.paged

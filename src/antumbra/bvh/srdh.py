@@ -12,10 +12,9 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
 from ..errors import InputError
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import thread_count
 from ..kernels.simd import get, load8, put, stack_f32, stack_i32, store
 from . import binned_sah

@@ -3,9 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
-from ..kernels.jit import kernel
+from ..kernels.jit import kernel, overload
 from ..kernels.simd import (
     get,
     load8,

@@ -7,9 +7,8 @@ ones by index; a split divides all three orders, and keeps them.
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import inlined, kernel, overload
 from ..kernels.simd import as_i32, get, load8, minimum, ptr, put, splat8, store
 from .bounds import INF, half_area, width
 from .splits import Split, divide, find_split, must_halve, no_split, source_of

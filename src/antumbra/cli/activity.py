@@ -3,7 +3,10 @@
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
+
+from ..kernels.progress import heard_by
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -22,9 +25,13 @@ class Activity:
         self._text, self._done, self._total = "", 0, 0
         self._bar: Progress | None = None
         self._closed = quiet or not sys.stderr.isatty()
+        self._heard: AbstractContextManager[None] | None = None
         self._timer = None if self._closed else threading.Timer(delay, self._start)
 
     def __enter__(self) -> "Activity":
+        if not self._closed:
+            self._heard = heard_by(self.say)
+            self._heard.__enter__()
         if self._timer is not None:
             self._timer.daemon = True
             self._timer.start()
@@ -33,6 +40,8 @@ class Activity:
     def __exit__(self, *_) -> None:
         if self._timer is not None:
             self._timer.cancel()
+        if self._heard is not None:
+            self._heard.__exit__(None, None, None)
         with self._lock:
             self._closed = True
             if self._bar is not None:

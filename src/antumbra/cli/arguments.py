@@ -10,7 +10,6 @@ from urllib.parse import parse_qsl
 import numpy as np
 
 from ..errors import InputError
-from . import lean
 
 PROCEDURAL = "procedural:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
@@ -152,7 +151,6 @@ def parse_srdh_rays(text: str):
             if name in chosen:
                 raise InputError(f"{part!r} comes after another one of its kind; leave one of them out")
             chosen[name] = True if name != "size" else None if part == "all" else int(part)
-        lean.import_numba()
 
         from ..srdh_rays import SrdhRays
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from . import arguments, lean, report
+from . import arguments, report
 from .activity import Activity
 from .arguments import SceneSpec
 from .opening import open_scene
@@ -42,7 +42,6 @@ def build(
     """
     specs = [arguments.parse_scene(text) for text in scenes]
     memory = arguments.parse_bytes(max_memory, "--max-memory")
-    lean.import_numba()
 
     from ..resident import peak_resident
     from ..store.build import build_store

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
-from . import arguments, lean, report
+from . import arguments, report
 from .activity import Activity
 from .opening import open_scene
 from .options import SCENE_HELP, CameraOption, Json, LightOption, Quiet, SppOption, Threads, TimeOption, UpOption
@@ -43,7 +43,6 @@ def culling(
     spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
     asked_camera = None if camera is None else arguments.parse_camera(camera)
     asked_lights = [arguments.parse_light(text) for text in light or []]
-    lean.import_numba()
 
     from ..cull import CULLERS
     from ..culling_picture import culling_picture

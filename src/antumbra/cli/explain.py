@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import InputError
-from . import arguments, lean, report
+from . import arguments, report
 from .activity import Activity
 from .opening import open_scene
 from .options import (
@@ -90,7 +90,6 @@ def explain(
     asked_rays = None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays)
     if asked_rays is not None and asked_rays.last_frame and before is None:
         raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
-    lean.import_numba()
 
     from ..explanation import Moment, explained_plans
     from ..explanation import explain as explained

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
-from . import arguments, lean, report, summary
+from . import arguments, report, summary
 from .activity import Activity
 from .asked import Asked
 from .frames import Job, output_path, render_frames
@@ -204,7 +204,6 @@ def render(
         raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
     if sequence is None and asked.srdh_rays is not None and asked.srdh_rays.last_frame:
         raise InputError("--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no frame before")
-    lean.import_numba()
     path = output_path(output, spec.stem, sequence)
     asked.check()
     with Activity(quiet) as activity:

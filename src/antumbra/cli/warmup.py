@@ -31,21 +31,19 @@ def warmup(
       antumbra warmup
       antumbra warmup --plan bsah+single
     """
-    from ..plan import covering_plans, parse_plan
+    from ..kernels.loading import user_cache
+    from ..plan import parse_plan
+    from ..warm import jobs, make_ready_all
 
-    wanted = [parse_plan(text) for text in plan or []] or covering_plans()
-
-    from ..kernels.jit import CACHE_DIR
-    from ..warm import kernels_of
-
-    work, start = kernels_of(dict.fromkeys(wanted)), perf_counter()
-    with Activity(quiet) as activity:
-        for i, (name, compile_kernels) in enumerate(work):
-            activity.say(f"compiling {name}", i, len(work))
-            compile_kernels()
-    seconds = perf_counter() - start
+    wanted = jobs([parse_plan(text) for text in plan] if plan else None)
+    start = perf_counter()
+    with Activity(quiet):
+        compiled = make_ready_all(wanted)
+    seconds, folder = perf_counter() - start, str(user_cache().path)
     if json:
-        names = [name for name, _ in work]
-        report.print_json({"kernels": names, "folder": str(CACHE_DIR), "seconds": seconds})
+        names = [job.name for job in wanted]
+        report.print_json({"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds})
     elif not quiet:
-        print(f"{len(work)} sets of kernels are ready in {CACHE_DIR} ({report.duration(seconds)})")
+        print(
+            f"kernels of {len(wanted)} jobs are ready, {compiled} of them new, in {folder} ({report.duration(seconds)})"
+        )

@@ -1,68 +1,134 @@
-"""How every kernel is compiled: one decorator, one cache.
+"""The decorators of compiled functions. Numba is imported only if something must be compiled.
 
-Numba notices an edit of a kernel's own file, not of the functions inlined into it from other files. So the cache lives
-in a folder named after the contents of all the package's sources: a changed installation never meets stale machine
-code, and a read-only installation can cache too. ``NUMBA_CACHE_DIR`` chooses where these folders are.
+`kernel` marks a function that Python or other kernels call, `inlined` one that LLVM must inline into its callers, and
+`overload` gives a plain function its meaning inside kernels, by the types of its arguments.
+
+A call from Python finds machine code by the kinds of its arguments (`arguments.py`), in what this process has loaded,
+then in packs and the user's cache (`loading.py`); else Numba compiles it (`compiling.py`).
 """
 
 import functools
-import hashlib
-import os
-import sys
-from pathlib import Path
+import importlib
+import threading
+import types
+from collections.abc import Callable
 
-import numba
+from .arguments import Key, flatten, struct_of
 
-
-def _user_cache() -> Path:
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-
-
-def _source_digest() -> str:
-    digest = hashlib.sha1(numba.__version__.encode(), usedforsecurity=False)
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-CACHE_DIR = Path(os.environ.get("NUMBA_CACHE_DIR") or _user_cache() / "antumbra") / _source_digest()
-
-
-def _compiled(**options):
-    """A decorator like numba.njit that caches in CACHE_DIR; other users of Numba keep their own folder."""
-    decorate = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)
-
-    def wrap(function):
-        kept, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(CACHE_DIR)
-        try:
-            return decorate(function)
-        finally:
-            numba.config.CACHE_DIR = kept
-
-    return wrap
-
-
-kernel = _compiled()
-"""Decorator of every compiled function: cached on disk, free of the GIL, IEEE division, no fast-math."""
-
-_part = _compiled(forceinline=True, no_cpython_wrapper=True)
+_lock = threading.RLock()
 
 
 class inlined:
-    """The same for small functions on hot paths: LLVM must inline them, whatever it thinks.
+    """Decorator of small functions on hot paths: LLVM must inline them, whatever it thinks. Only kernels call them."""
 
-    Only kernels can call them. The function that would let Python call them holds all their code once more, and so does
-    everything they are inlined into: without it, all is compiled in two thirds of the time.
-    """
+    forced = True
 
     def __init__(self, function):
-        self.py_func, self._dispatcher = function, _part(function)
-        self._numba_type_ = self._dispatcher._numba_type_  # what Numba takes this object for; it holds no reference
+        self.py_func = function
         functools.update_wrapper(self, function)
+
+    @property
+    def name(self) -> str:
+        return f"{self.py_func.__module__}:{self.py_func.__qualname__}"
+
+    @property
+    def _numba_type_(self):
+        """Numba asks for the type of a global by this name."""
+        from .compiling import type_of_function
+
+        return type_of_function(self)
 
     def __call__(self, *arguments):
         raise TypeError(f"{self.__qualname__} is inlined; only kernels can call it")
+
+
+class kernel(inlined):
+    """Decorator of compiled functions: kept on disk, free of the GIL, IEEE division, no fast-math, no allocation.
+
+    Arguments are C-contiguous or strided arrays of the machine's byte order, numbers, booleans, None, and tuples and
+    NamedTuples of them. The result is a number, a boolean, None, or a tuple of them.
+
+    Raises
+    ------
+    TypeError
+        On an argument of another kind.
+    RuntimeError
+        If the kernel raises.
+    """
+
+    forced = False
+
+    def __init__(self, function):
+        super().__init__(function)
+        self.found: dict[Key, Callable] = {}
+        code = function.__code__
+        self._names = code.co_varnames[: code.co_argcount]
+        self._defaults = dict(zip(self._names[::-1], (function.__defaults__ or ())[::-1]))
+
+    def __call__(self, *arguments, **by_name):
+        if len(arguments) != len(self._names):
+            arguments = self._completed(arguments, by_name)
+        key, values = flatten(arguments)
+        code = self.found.get(key) or self._find(key)
+        return code(struct_of(key).pack(*values))
+
+    def _completed(self, arguments, by_name):
+        """The arguments with those that are given by name or by default."""
+        given = self._defaults | by_name
+        try:
+            rest = tuple(given.pop(name) for name in self._names[len(arguments) :])
+        except KeyError as error:
+            raise TypeError(f"{self.__qualname__}() needs the argument {error}") from None
+        if len(arguments) + len(rest) != len(self._names) or by_name.keys() - self._names[len(arguments) :]:
+            raise TypeError(f"{self.__qualname__}() takes the arguments {', '.join(self._names)}")
+        return arguments + rest
+
+    def _find(self, key):
+        from .loading import find
+
+        with _lock:
+            code = self.found.get(key)
+            if code is None:
+                code = self.found[key] = find(self, " ".join(key))
+        return code
+
+
+_OVERLOADS = "_antumbra_overloads"
+
+
+def overload(stub: types.FunctionType):
+    """Decorator of what `stub` means in kernels: a function of Numba's types that returns a function, or None.
+
+    The same as ``numba.extending.overload``, without importing Numba.
+    """
+
+    def add(function):
+        stub.__dict__.setdefault(_OVERLOADS, []).append(function)
+        return function
+
+    return add
+
+
+def overloads(stub) -> list:
+    """What `overload` has given to a function."""
+    return vars(stub).get(_OVERLOADS, []) if isinstance(stub, types.FunctionType) else []
+
+
+class Intrinsic:
+    """Stands for what a module that imports Numba defines, until a kernel that uses it is compiled."""
+
+    def __init__(self, module: str, name: str):
+        self.module, self.name = module, name
+
+    def __repr__(self):
+        return f"{self.module}.{self.name}"
+
+    @property
+    def _numba_type_(self):
+        from .compiling import type_of_global
+
+        return type_of_global(getattr(importlib.import_module(self.module), self.name))
+
+    @property
+    def __doc__(self):
+        return getattr(importlib.import_module(self.module), self.name).__doc__

@@ -9,9 +9,8 @@ where the light is far away it is a box along the light's direction.
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import inlined, kernel, overload
 from ..kernels.simd import (
     bits,
     fma,

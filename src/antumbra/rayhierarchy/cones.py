@@ -6,9 +6,8 @@ A cone has a unit axis w and a half-angle a in [0, pi], and knows the shortest a
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import inlined, kernel, overload
 from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, ptr, put
 from . import nodes as names

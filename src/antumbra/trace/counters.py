@@ -2,10 +2,8 @@
 that they are compiled once: it costs them next to nothing. Where None is passed on, counting is compiled away."""
 
 import numpy as np
-from numba.core import types
-from numba.extending import overload
 
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import inlined, kernel, overload
 from ..kernels.simd import atomic_add, get, put
 
 COUNTERS = (
@@ -60,7 +58,7 @@ def cleared_if(counters, mine):
 
 @overload(cleared_if)
 def _cleared_if(counters, mine):
-    if isinstance(counters, types.NoneType):  # told apart here: what might be None is tested for it each time
+    if str(counters) == "none":  # told apart here: what might be None is tested for it each time
         return lambda counters, mine: None
     return lambda counters, mine: cleared(mine)
 

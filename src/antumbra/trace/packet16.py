@@ -11,11 +11,10 @@ The same packets go through a tree of blocks for `scattered` samples.
 from functools import partial
 
 import numpy as np
-from numba.extending import overload
 
 from ..bvh.blocks import BlockTree
 from ..bvh.nodes import EMPTY, Bvh, Tree, tree_of
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import CHUNK, N, take
 from ..kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from .aside import ASIDE, put_aside

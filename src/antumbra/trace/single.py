@@ -7,11 +7,10 @@ the order of children only (`orders`).
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 
 from ..bvh.nodes import Tree, tree_of
 from ..bvh.wide import WideBvh, wide_tree_of
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import new_ticket, run, take, thread_count
 from ..kernels.predicate.exact import segment
 from ..kernels.simd import get, ptr, stack_i64

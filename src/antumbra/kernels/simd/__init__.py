@@ -76,68 +76,31 @@ Speed
     keep its `bits` instead.
 """
 
-from . import operators  # noqa: F401  (registers them with Numba)
-from .lanes import (
-    absolute,
-    all_lanes,
-    any_lane,
-    bits,
-    compress,
-    extract,
-    flip_sign,
-    fma,
-    iota4,
-    iota8,
-    iota16,
-    join,
-    mask_from_bits4,
-    mask_from_bits8,
-    mask_from_bits16,
-    maximum,
-    minimum,
-    reduce_and,
-    reduce_max,
-    reduce_min,
-    select,
-    shuffle,
-    splat4,
-    splat8,
-    splat16,
-    square_root,
-    swap_halves,
-    to_f32,
-    to_i32,
+from ..jit import Intrinsic
+
+_HOMES = {
+    "lanes": """
+        absolute all_lanes any_lane bits compress extract flip_sign fma iota4 iota8 iota16 join mask_from_bits4
+        mask_from_bits8 mask_from_bits16 maximum minimum reduce_and reduce_max reduce_min select shuffle splat4
+        splat8 splat16 square_root swap_halves to_f32 to_i32
+    """,
+    "memory": """
+        as_f32 as_i32 atomic_add atomic_and atomic_or broadcast4 broadcast8 broadcast16 f32_at f64_at gather get
+        i32_at load4 load8 load16 prefetch ptr ptr_at put stack_array stack_f32 stack_f64 stack_i32 stack_i64
+        store
+    """,
+    "scalars": """
+        highest_bit lowest_bit popcount
+    """,
+    "vectors": """
+        f32x4 f32x8 f32x16 i32x4 i32x8 i32x16 mask4 mask8 mask16
+    """,
+}
+"""Module: what it defines. These modules import Numba; a kernel that is compiled already needs none of them."""
+
+globals().update(
+    {name: Intrinsic(f"{__name__}.{home}", name) for home, names in _HOMES.items() for name in names.split()}
 )
-from .memory import (
-    as_f32,
-    as_i32,
-    atomic_add,
-    atomic_and,
-    atomic_or,
-    broadcast4,
-    broadcast8,
-    broadcast16,
-    f32_at,
-    f64_at,
-    gather,
-    get,
-    i32_at,
-    load4,
-    load8,
-    load16,
-    prefetch,
-    ptr,
-    ptr_at,
-    put,
-    stack_array,
-    stack_f32,
-    stack_f64,
-    stack_i32,
-    stack_i64,
-    store,
-)
-from .scalars import highest_bit, lowest_bit, popcount
-from .vectors import f32x4, f32x8, f32x16, i32x4, i32x8, i32x16, mask4, mask8, mask16
 
 __all__ = [
     "absolute",

@@ -1,0 +1,151 @@
+"""What a kernel is called with and what it returns, as 8-byte words.
+
+A *key* is the kinds of the arguments, one token for each scalar, array, None, or end of a tuple. It chooses the machine
+code and says how the values are packed.
+"""
+
+import ctypes
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache, reduce
+from importlib import import_module
+
+import numpy as np
+
+Key = tuple[str, ...]
+
+SCALARS = {
+    "b": "?7x", "i1": "q", "i2": "q", "i4": "q", "i": "q", "u1": "Q", "u2": "Q", "u4": "Q", "u": "Q", "f": "f4x", "d": "d",
+}  # fmt: skip
+"""Token of a scalar: how `struct` packs it into a word."""
+
+_TOKENS: dict[type, str] = {
+    bool: "b", np.bool_: "b", int: "i", float: "d",
+    np.int8: "i1", np.int16: "i2", np.int32: "i4", np.int64: "i",
+    np.uint8: "u1", np.uint16: "u2", np.uint32: "u4", np.uint64: "u",
+    np.float32: "f", np.float64: "d",
+}  # fmt: skip
+NONE, END = "n", ")"
+_FOREIGN = ">" if sys.byteorder == "little" else "<"
+
+
+_classes: dict[str, type] = {}
+
+
+@cache
+def _opening(cls: type) -> str:
+    """The token that begins a tuple of a class."""
+    if cls is tuple:
+        return "("
+    name = f"{cls.__module__}:{cls.__qualname__}"
+    _classes[name] = cls
+    return f"{name}("
+
+
+def class_of(name: str) -> type:
+    """The class that ``module:qualname`` names."""
+    return _classes.get(name) or named(name)
+
+
+def named(name: str):
+    """The object that ``module:qualname`` names."""
+    module, _, qualname = name.partition(":")
+    return reduce(getattr, qualname.split("."), import_module(module))
+
+
+@cache
+def _array_token(dtype: np.dtype, ndim: int, layout: str, writeable: bool) -> str:
+    if dtype.kind not in "biuf" or dtype.str[0] == _FOREIGN:
+        raise TypeError(f"a kernel cannot take arrays of {dtype}")
+    return f"{'A' if writeable else 'R'}[{dtype.str[1:]},{ndim},{layout}]"
+
+
+def is_array(token: str) -> bool:
+    return token[1:2] == "["
+
+
+def array_parts(token: str) -> tuple[str, int, str, bool]:
+    """(dtype, number of dimensions, layout, writeable) of an array's token."""
+    dtype, ndim, layout = token[2:-1].split(",")
+    return dtype, int(ndim), layout, token[0] == "A"
+
+
+def flatten(arguments: tuple) -> tuple[Key, list]:
+    """The key of arguments, and their values: of an array its address, shape and strides."""
+    key: list[str] = []
+    values: list = []
+    for argument in arguments:
+        _flatten(argument, key, values)
+    return tuple(key), values
+
+
+def _flatten(x, key, values):
+    kind = type(x)
+    if kind is np.ndarray:
+        flags = x.flags
+        if not flags.aligned:
+            raise TypeError("a kernel cannot take arrays whose elements are not aligned")
+        layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
+        key.append(_array_token(x.dtype, x.ndim, layout, flags.writeable))
+        values.append(x.__array_interface__["data"][0])
+        values.extend(x.shape)
+        values.extend(x.strides)
+    elif kind in _TOKENS:
+        key.append(_TOKENS[kind])
+        values.append(x)
+    elif isinstance(x, tuple):
+        key.append(_opening(kind))
+        for item in x:
+            _flatten(item, key, values)
+        key.append(END)
+    elif x is None:
+        key.append(NONE)
+    else:
+        raise TypeError(f"a kernel cannot take {kind.__module__}.{kind.__qualname__}")
+
+
+@cache
+def struct_of(key: Key) -> struct.Struct:
+    """How the values of a key are packed."""
+    return struct.Struct("<" + "".join(map(_packing, key)))
+
+
+def _packing(token: str) -> str:
+    if is_array(token):
+        return "Q" + "qq" * array_parts(token)[1]
+    return SCALARS.get(token, "")
+
+
+Spec = str | list
+"""What a kernel returns: a scalar's token, `NONE`, or [name of a class or None for a plain tuple, specs]."""
+
+
+class Result:
+    """Makes what a kernel returns from the words that it wrote."""
+
+    def __init__(self, spec: Spec):
+        self._struct = struct.Struct("<" + "".join(_forms(spec)))
+        self._build = _builder(spec)
+        self.size = max(self._struct.size, 8)
+
+    def __call__(self, memory: ctypes.Array):
+        return self._build(iter(self._struct.unpack_from(memory)))
+
+
+def _forms(spec: Spec) -> Iterator[str]:
+    if isinstance(spec, str):
+        yield SCALARS.get(spec, "")
+    else:
+        for item in spec[1]:
+            yield from _forms(item)
+
+
+def _builder(spec: Spec) -> Callable[[Iterator], object]:
+    if isinstance(spec, str):
+        return (lambda words: None) if spec == NONE else next
+    parts = [_builder(item) for item in spec[1]]
+    if spec[0] is None:
+        return lambda words: tuple(part(words) for part in parts)
+    cls = class_of(spec[0])
+    return lambda words: cls(*(part(words) for part in parts))

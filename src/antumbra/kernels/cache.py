@@ -1,0 +1,153 @@
+"""Where machine code is kept: packs that came with the package, and the user's own folder.
+
+Both find it by the digest of what the kernel is made of (`closure.py`). The user's folder is kept apart by processor level
+and by what compiled it; a pack says in its name which level it is for, and whoever made it has tested it.
+"""
+
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+import time
+from contextlib import AbstractContextManager, suppress
+from functools import cache
+from hashlib import blake2b
+from importlib.metadata import version
+from pathlib import Path
+
+from . import definitions, locks
+from .code import Code, from_record
+
+_DAY = 86400.0
+UNUSED_DAYS = 60
+"""Code that nobody has loaded for so long is removed."""
+
+_COMPILER = "code", "compiling", "entry", "library", "machine", "parts", "processor"
+PACKS = Path(__file__).parent / "packs"
+
+
+def _user_cache() -> Path:
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
+def cache_folder() -> Path:
+    """The user's folder of kernels: ``ANTUMBRA_CACHE``, else in the folder that the system has for caches."""
+    return Path(os.environ.get("ANTUMBRA_CACHE") or _user_cache() / "antumbra")
+
+
+@cache
+def toolchain() -> str:
+    """A name of what compiles: the versions of Numba and llvmlite, and a digest of the compiling modules here."""
+    sources = "".join(definitions.module_digest(f"antumbra.kernels.{name}") for name in _COMPILER)
+    digest = blake2b(sources.encode(), digest_size=4).hexdigest()
+    return f"numba-{version('numba')}-llvmlite-{version('llvmlite')}-{digest}"
+
+
+class Folder:
+    """One file for each kernel and kinds of arguments."""
+
+    def __init__(self, root: Path, level: str):
+        self.root, self.path = root, root / "kernels" / toolchain() / level
+
+    def _file(self, digest: str) -> Path:
+        return self.path / f"{digest}.kernel"
+
+    def get(self, digest: str) -> Code | None:
+        """The code kept under a digest; None if there is none, or if the file is damaged."""
+        file = self._file(digest)
+        try:
+            data = file.read_bytes()
+            if time.time() - file.stat().st_mtime > _DAY:
+                os.utime(file)  # so that pruning sees that it is used
+        except OSError:
+            return None
+        return from_record(data)
+
+    def has(self, digest: str) -> bool:
+        return self._file(digest).exists()
+
+    def put(self, digest: str, code: Code) -> None:
+        """Keep code. A reader sees all of a file or nothing of it.
+
+        Raises
+        ------
+        OSError
+            If the folder cannot be written.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=self.path, prefix=f"{digest}.", suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(code.record())
+            os.replace(name, self._file(digest))
+        except BaseException:
+            with suppress(OSError):
+                os.unlink(name)
+            raise
+
+    def lock(self, digest: str) -> AbstractContextManager[None]:
+        """Held by the process that compiles what belongs under a digest."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        return locks.held(self.path / f"{digest}.lock")
+
+    def prune(self) -> None:
+        """Remove code that nobody has used for long, and what older versions of the package have left."""
+        oldest = time.time() - UNUSED_DAYS * _DAY
+        for file in self.root.glob("kernels/*/*/*"):
+            with suppress(OSError):
+                limit = time.time() - _DAY if file.suffix in (".part", ".lock") else oldest
+                if file.stat().st_mtime < limit:
+                    file.unlink()
+        for folder in (*self.root.glob("kernels/*/*"), *self.root.glob("kernels/*")):
+            with suppress(OSError):
+                folder.rmdir()  # if it is empty
+        for folder in self.root.glob("*"):
+            if re.fullmatch(r"[0-9a-f]{16}", folder.name) and (folder / "compiled").is_dir():  # of version 0.1
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+class Pack:
+    """Records of many kernels in one file, and an index beside it: {digest: [offset, size]}."""
+
+    def __init__(self, path: Path):
+        self._path, self._index = path, json.loads(path.with_suffix(".json").read_text())
+
+    def get(self, digest: str) -> Code | None:
+        if digest not in self._index:
+            return None
+        offset, size = self._index[digest]
+        with open(self._path, "rb") as file:
+            file.seek(offset)
+            return from_record(file.read(size))
+
+    def has(self, digest: str) -> bool:
+        return digest in self._index
+
+
+def write_pack(folder: Path, level: str, codes: dict[str, Code]) -> Path:
+    """Write a pack for a level; its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path, index, offset = folder / f"{level}.pack", {}, 0
+    with open(path, "wb") as file:
+        for digest, code in sorted(codes.items()):
+            record = code.record()
+            index[digest] = [offset, len(record)]
+            offset += file.write(record)
+    path.with_suffix(".json").write_text(json.dumps(index, separators=(",", ":")))
+    return path
+
+
+@cache
+def packs(level: str) -> list[Pack]:
+    """The packs for a level that came with the package, or that ``ANTUMBRA_PACKS``, a folder, has."""
+    path = Path(os.environ.get("ANTUMBRA_PACKS") or PACKS) / f"{level}.pack"
+    try:
+        return [Pack(path)]
+    except (OSError, ValueError):
+        return []

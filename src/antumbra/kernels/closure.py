@@ -1,0 +1,157 @@
+"""What a kernel is made of, as a digest: its code and all that it reaches.
+
+A *part* is a function that Numba compiles or asks: a kernel, an inlined function, an overload and what it calls. Its own
+digest covers its bytecode (no line numbers, no comments, no docstring), its defaults, and the values of the globals and
+closure variables that it names. The digest of a kernel covers all parts that it reaches, and the fields of the classes of
+its arguments. Numba compiles bytecode, so the digest changes when, and only when, Numba's input changes; it depends on
+Python's version, and on no path or time.
+
+A value that is of no kind known here is an error: a change of it would go unnoticed.
+"""
+
+import sys
+import types
+from collections.abc import Iterable, Iterator
+from functools import cache
+from hashlib import blake2b
+
+import numpy as np
+
+from . import definitions
+from .arguments import class_of
+from .jit import Intrinsic, inlined, overloads
+
+_FOREIGN = "numba", "numpy", "math", "builtins", "operator", "functools", "llvmlite", "typing", "itertools"
+_PLAIN = int, float, complex, str, bytes, bool, type(None), type(...), np.generic, np.dtype, range, slice
+_PYTHON = f"{sys.implementation.name} {sys.version_info[0]}.{sys.version_info[1]}"
+
+
+class _Part:
+    """What goes into the own digest of a function: `text`, and `reached`, the functions that it names."""
+
+    def __init__(self, function: types.FunctionType):
+        self.text: list[bytes] = [f"{function.__module__}:{function.__qualname__}".encode()]
+        self.reached: list[types.FunctionType] = []
+        self._names: set[str] = set()
+        self._code(function.__code__, function.__doc__)
+        self._value("defaults", (function.__defaults__, function.__kwdefaults__))
+        cells = dict(zip(function.__code__.co_freevars, function.__closure__ or ()))
+        for name in sorted(self._names | cells.keys()):
+            if name in cells:
+                self._value(name, cells[name].cell_contents)
+            elif name in function.__globals__:
+                self._value(name, function.__globals__[name])
+
+    def _add(self, *things: object) -> None:
+        self.text.append(repr(things).encode())
+
+    def _code(self, code: types.CodeType, doc: str | None) -> None:
+        self._add(code.co_code, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
+        self._add(code.co_argcount, code.co_kwonlyargcount, code.co_flags, code.co_exceptiontable)
+        self._names.update(code.co_names)
+        for i, constant in enumerate(code.co_consts):
+            if isinstance(constant, types.CodeType):
+                self._code(constant, None)
+            elif not (i == 0 and doc is not None and isinstance(constant, str)):
+                self._value("constant", constant)
+
+    def _value(self, name: str, value: object) -> None:
+        if isinstance(value, inlined):
+            self._add(name, "part", value.forced)
+            self.reached.append(value.py_func)
+        elif isinstance(value, Intrinsic):
+            self._add(name, definitions.digest(value.module, value.name))
+        elif isinstance(value, types.FunctionType | types.BuiltinFunctionType | np.ufunc):
+            self._function(name, value)
+        elif isinstance(value, types.ModuleType):
+            self._module(name, value)
+        elif isinstance(value, np.ndarray):
+            self._add(name, value.dtype.str, value.shape, value.strides, value.tobytes())
+        elif isinstance(value, tuple | list):
+            self._add(name, _name_of(type(value)), getattr(value, "_fields", None), len(value))
+            for item in value:
+                self._value(name, item)
+        elif isinstance(value, frozenset):
+            self._add(name, sorted(map(repr, value)))
+        elif isinstance(value, type):
+            self._class(name, value)
+        elif isinstance(value, _PLAIN):
+            self._add(name, _name_of(type(value)), value)
+        elif type(value).__module__.partition(".")[0] in _FOREIGN:
+            self._add(name, _name_of(type(value)), getattr(value, "__name__", str(value)))
+        else:
+            raise TypeError(f"kernels cannot name {name}, a {_name_of(type(value))}: changes of it would go unnoticed")
+
+    def _function(self, name, value) -> None:
+        module = getattr(value, "__module__", None) or "numpy"
+        self._add(name, "function", module, getattr(value, "__qualname__", value.__name__))
+        if isinstance(value, types.FunctionType) and module.partition(".")[0] not in _FOREIGN:
+            self.reached += [value, *overloads(value)]
+
+    def _module(self, name: str, value: types.ModuleType) -> None:
+        """The attributes of a module that the function may mean; those of others belong to their versions."""
+        self._add(name, "module", value.__name__)
+        if value.__name__.partition(".")[0] not in _FOREIGN:
+            for attribute in sorted(self._names & vars(value).keys()):
+                self._value(attribute, vars(value)[attribute])
+
+    def _class(self, name: str, value: type) -> None:
+        self._add(name, "class", *class_text(value))
+        if value.__module__.partition(".")[0] not in _FOREIGN and not hasattr(value, "_fields"):
+            raise TypeError(f"kernels cannot name the class {_name_of(value)}: only NamedTuples")
+
+
+def _name_of(cls: type) -> str:
+    return f"{cls.__module__}:{cls.__qualname__}"
+
+
+def class_text(cls: type) -> tuple:
+    """What kernels know of a class: its name, and of a NamedTuple the fields and defaults."""
+    return _name_of(cls), getattr(cls, "_fields", None), repr(getattr(cls, "_field_defaults", None))
+
+
+_parts: dict[types.FunctionType, tuple[bytes, list[types.FunctionType]]] = {}
+
+
+def _part(function: types.FunctionType) -> tuple[bytes, list[types.FunctionType]]:
+    """(own digest of a function, the functions that it names)."""
+    found = _parts.get(function)
+    if found is None:
+        made = _Part(function)
+        digest = blake2b(digest_size=16)
+        for text in made.text:
+            digest.update(len(text).to_bytes(4, "little") + text)
+        found = _parts[function] = digest.digest(), made.reached
+    return found
+
+
+def reached(function: types.FunctionType) -> list[types.FunctionType]:
+    """All functions that a function reaches, itself among them."""
+    seen, todo = {function}, [function]
+    while todo:
+        for callee in _part(todo.pop())[1]:
+            if callee not in seen:
+                seen.add(callee)
+                todo.append(callee)
+    return list(seen)
+
+
+@cache
+def _closure(function: types.FunctionType) -> bytes:
+    return b"".join(sorted(_part(f)[0] for f in reached(function)))
+
+
+def kernel_digest(kernel: inlined, key: str) -> str:
+    """The name of a kernel's machine code for arguments of a kind, whatever the processor and the compiler: 32 digits."""
+    digest = blake2b(f"{_PYTHON}\n{kernel.name}\n{key}\n".encode(), digest_size=16)
+    for cls in _classes_of(key.split()):
+        digest.update(repr(class_text(cls)).encode())
+    digest.update(definitions.module_digest("antumbra.kernels.arguments").encode())
+    digest.update(_closure(kernel.py_func))
+    return digest.hexdigest()
+
+
+def _classes_of(tokens: Iterable[str]) -> Iterator[type]:
+    for token in tokens:
+        if token.endswith("(") and token != "(":
+            yield class_of(token[:-1])

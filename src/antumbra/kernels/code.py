@@ -1,0 +1,46 @@
+"""Machine code of one kernel for arguments of one kind, and how it is written to files.
+
+A record is ``magic, checksum, length of the description, description (JSON), object file (zlib)``. A record that is
+truncated, changed or foreign is told by its checksum and is nothing.
+"""
+
+import json
+import zlib
+from hashlib import blake2b
+from typing import NamedTuple
+
+from .arguments import Spec
+
+_MAGIC = b"antumbra kernel 1\n"
+_SUM = 16
+_HEAD = len(_MAGIC) + _SUM
+
+
+class Code(NamedTuple):
+    """What one call from Python needs."""
+
+    kernel: str  # module:qualname
+    key: str  # kinds of the arguments, separated by blanks
+    result: Spec  # what the kernel returns
+    machine: bytes  # an object file; the function's name is made of the digest it is kept under
+
+    def record(self) -> bytes:
+        """The bytes of a file."""
+        about = json.dumps([self.kernel, self.key, self.result]).encode()
+        body = len(about).to_bytes(4, "little") + about + zlib.compress(self.machine, 6)
+        return _MAGIC + blake2b(body, digest_size=_SUM).digest() + body
+
+
+def symbol_of(digest: str) -> str:
+    """The name of the function in the object file that is kept under a digest."""
+    return f"antumbra_{digest}"
+
+
+def from_record(data: bytes) -> Code | None:
+    """The code in a file, or None if the file is damaged."""
+    body = data[_HEAD:]
+    if not data.startswith(_MAGIC) or blake2b(body, digest_size=_SUM).digest() != data[len(_MAGIC) : _HEAD]:
+        return None
+    end = 4 + int.from_bytes(body[:4], "little")
+    kernel, key, result = json.loads(body[4:end])
+    return Code(kernel, key, result, zlib.decompress(body[end:]))

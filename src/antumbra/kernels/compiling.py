@@ -1,0 +1,137 @@
+"""A kernel made machine code, by Numba and LLVM. Imported only when something must be compiled."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numba.core import types
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
+
+from . import machine
+from .arguments import END, NONE, Spec, array_parts, class_of, is_array
+from .code import Code, symbol_of
+from .entry import entry_library
+from .jit import inlined, kernel, overloads
+from .library import kept_as_ir
+from .parts import generic_part, part_of
+from .simd import operators  # noqa: F401  (what Python's operators mean for vectors)
+
+_TYPES = {
+    "b": types.boolean, "i1": types.int8, "i2": types.int16, "i4": types.int32, "i": types.int64,
+    "u1": types.uint8, "u2": types.uint16, "u4": types.uint32, "u": types.uint64,
+    "f": types.float32, "d": types.float64, NONE: types.none,
+}  # fmt: skip
+_TOKENS = {kind: token for token, kind in _TYPES.items()}
+_RUNTIME = "NRT_", "numba_", "Py", "_Py"
+
+
+class Measure(NamedTuple):
+    """What compiling a kernel took."""
+
+    functions: int  # functions in the linked IR
+    instructions: int  # instructions in them, before LLVM optimises
+    symbols: list[str]  # what the machine code wants from outside, such as ``sin``
+
+
+# --- types -------------------------------------------------------------------------------------------------------
+
+
+def argument_types(key: str) -> tuple[types.Type, ...]:
+    """Numba's types of the arguments that a key tells of."""
+    tokens = iter(key.split())
+    return tuple(_type(token, tokens) for token in tokens)
+
+
+def _type(token: str, rest: Iterator[str]) -> types.Type:
+    if is_array(token):
+        dtype, ndim, layout, writeable = array_parts(token)
+        return types.Array(numba.from_dtype(np.dtype(dtype)), ndim, layout, readonly=not writeable)
+    if not token.endswith("("):
+        return _TYPES[token]
+    items = []
+    for inner in rest:
+        if inner == END:
+            break
+        items.append(_type(inner, rest))
+    return types.BaseTuple.from_types(items, tuple if token == "(" else class_of(token[:-1]))
+
+
+def result_spec(kind: types.Type) -> Spec:
+    """How `arguments.Result` makes a value of a type."""
+    if isinstance(kind, types.BaseTuple):
+        cls = getattr(kind, "instance_class", tuple)
+        name = None if cls is tuple else f"{cls.__module__}:{cls.__qualname__}"
+        return [name, [result_spec(item) for item in kind.types]]
+    token = _TOKENS.get(types.unliteral(kind))
+    if token is None:
+        raise TypeError(f"a kernel cannot return {kind} to Python")
+    return token
+
+
+def type_of_function(function: inlined) -> types.Type:
+    return part_of(function).type
+
+
+def type_of_global(value) -> types.Type:
+    """Numba's type of an intrinsic or of a type."""
+    try:
+        return cpu_target.typing_context.resolve_value_type(value)
+    except Exception:  # defined since Numba last looked
+        cpu_target.target_context.refresh()
+        return cpu_target.typing_context.resolve_value_type(value)
+
+
+_known: dict[object, object] = {}
+
+
+def _tell_numba_of_overloads(kernel: inlined) -> None:
+    from .closure import reached
+
+    for function in reached(kernel.py_func):
+        if function not in _known and overloads(function):
+            _known[function] = part = generic_part(function)
+            cpu_target.typing_context.insert_global(function, part.type)
+
+
+# --- machine code ------------------------------------------------------------------------------------------------
+
+
+@global_compiler_lock
+def lowered(kernel: kernel, key: str, symbol: str):
+    """(LLVM module of all that a kernel reaches, what it returns)."""
+    _tell_numba_of_overloads(kernel)
+    context = cpu_target.target_context
+    context.refresh()
+    with kept_as_ir(context.codegen()):
+        found = part_of(kernel).lower(argument_types(key))
+        library = entry_library(context, found, symbol)
+    return library.linked(symbol), result_spec(found.signature.return_type)
+
+
+def measure(module) -> Measure:
+    """The size of a linked module."""
+    inner = [f for f in module.functions if not f.is_declaration]
+    outside = [f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")]
+    count = sum(1 for f in inner for block in f.blocks for _ in block.instructions)
+    return Measure(len(inner), count, sorted(outside))
+
+
+def make(kernel: kernel, key: str, digest: str, level: str) -> Code:
+    """Machine code of a kernel for arguments of a kind.
+
+    Raises
+    ------
+    numba.core.errors.NumbaError
+        If the kernel is not what Numba can compile.
+    TypeError
+        If it allocates memory, or calls Python.
+    """
+    symbol = symbol_of(digest)
+    module, result = lowered(kernel, key, symbol)
+    module = machine.optimised(module, level)
+    runtime = [name for name in measure(module).symbols if name.startswith(_RUNTIME)]
+    if runtime:
+        raise TypeError(f"{kernel.name} needs {', '.join(runtime)}: a kernel may not allocate memory or call Python")
+    return Code(kernel.name, key, result, machine.emitted(module, level))

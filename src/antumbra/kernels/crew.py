@@ -1,0 +1,123 @@
+"""Several processes that compile kernels at once, as many as there are cores.
+
+Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process here
+takes the next kernel when it has done its last one, the longest first, so that all end together. What is done is on disk:
+Ctrl-C loses only what was being compiled.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from queue import Empty, SimpleQueue
+from typing import NamedTuple
+
+from .parallel import thread_count
+from .processor import level
+
+Progress = Callable[[int, int], None]
+_POLL_SECONDS = 0.1
+_START = """
+import json, sys
+sys.path[:] = json.loads(sys.stdin.readline())
+from antumbra.kernels.worker import main
+main()
+"""
+
+
+class Wanted(NamedTuple):
+    """A kernel, by its name, for arguments of a kind."""
+
+    kernel: str  # module:qualname
+    key: str  # kinds of the arguments, separated by blanks
+    seconds: float = 0.0  # how long it is likely to take
+
+
+class _Worker(threading.Thread):
+    """One process that compiles, and the thread that tells it what."""
+
+    def __init__(self, work: SimpleQueue, done: SimpleQueue):
+        super().__init__(daemon=True)
+        self._work, self._done = work, done
+        environment = dict(os.environ, ANTUMBRA_LEVEL=level())
+        command = [sys.executable, "-c", _START]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, encoding="utf-8"
+        )
+
+    def run(self):
+        try:
+            self._say(sys.path)
+            while True:
+                wanted = self._work.get_nowait()
+                self._say(wanted[:2])
+                answer = self._process.stdout.readline()
+                self._done.put((wanted, json.loads(answer) if answer else "the compiling process ended"))
+        except Empty:
+            pass
+        except (OSError, ValueError) as error:  # the process is gone
+            self._done.put((None, str(error)))
+        finally:
+            self._done.put(None)
+
+    def _say(self, thing) -> None:
+        self._process.stdin.write(json.dumps(thing) + "\n")
+        self._process.stdin.flush()
+
+    def end(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            pipe.close()
+
+
+def compile_all(wanted: Iterable[Wanted], progress: Progress | None = None, processes: int | None = None) -> list[str]:
+    """Compile kernels that are not on disk, and keep them.
+
+    Parameters
+    ----------
+    wanted : iterable of Wanted
+    progress : function of (kernels done, kernels), called in this thread, optional
+    processes : int, optional
+        None means one for each core that this process may use.
+
+    Returns
+    -------
+    list of str
+        What went wrong, a line each. Those kernels are compiled when they are called, and say it again.
+    """
+    todo = sorted(set(wanted), key=lambda each: -each.seconds)
+    work: SimpleQueue = SimpleQueue()
+    done: SimpleQueue = SimpleQueue()
+    for each in todo:
+        work.put(each)
+    crew = [_Worker(work, done) for _ in range(min(processes or thread_count(None), len(todo)))]
+    try:
+        for worker in crew:
+            worker.start()
+        return _wait(done, len(crew), len(todo), progress)
+    finally:
+        for worker in crew:
+            worker.end()
+
+
+def _wait(done: SimpleQueue, at_work: int, total: int, progress: Progress | None) -> list[str]:
+    ready, wrong = 0, []
+    while at_work:
+        if progress is not None:
+            progress(ready, total)
+        try:
+            answer = done.get(timeout=_POLL_SECONDS)  # a short wait, so that Ctrl-C is heard
+        except Empty:
+            continue
+        if answer is None:
+            at_work -= 1
+            continue
+        each, problem = answer
+        ready += each is not None
+        wrong += [f"{each.kernel if each else 'a process'}: {problem}"] if problem else []
+    if progress is not None:
+        progress(ready, total)
+    return wrong

@@ -1,0 +1,92 @@
+"""Digests of what modules define, read from their sources: for modules that import Numba, which a digest must not.
+
+The digest of a name covers the statements that define it, and those that define what they name, in other modules of the
+package too. Comments and docstrings do not count.
+"""
+
+import ast
+import sys
+from functools import cache
+from hashlib import blake2b
+from importlib.util import find_spec, resolve_name
+from pathlib import Path
+
+SIMD = "antumbra.kernels.simd"
+_IMPLIED = f"{SIMD}.operators", f"{SIMD}.vectors"
+"""Numba learns from these modules what ``a + b`` of vectors means: no kernel names them."""
+
+
+class _Module:
+    """The top-level statements of a module, by the names that they define."""
+
+    def __init__(self, name: str):
+        tree = ast.parse(_source(name))
+        self.statements: dict[str, list[ast.stmt]] = {}
+        self.imported: dict[str, tuple[str, str]] = {}  # name here: (module, name there)
+        self.all = [
+            _without_docstrings(node) for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom)
+        ]
+        for node in tree.body:
+            if isinstance(node, ast.ImportFrom) and node.level:
+                module = resolve_name("." * node.level + (node.module or ""), name.rpartition(".")[0])
+                self.imported |= {alias.asname or alias.name: (module, alias.name) for alias in node.names}
+        for node in self.all:
+            for defined in _defined(node):
+                self.statements.setdefault(defined, []).append(node)
+
+
+def _source(name: str) -> str:
+    module = sys.modules.get(name)
+    spec = module.__spec__ if module else find_spec(name)
+    if spec is None or spec.origin is None:
+        raise ImportError(f"the source of {name} is missing")
+    return Path(spec.origin).read_text(encoding="utf-8")
+
+
+def _without_docstrings(node: ast.stmt) -> ast.stmt:
+    for inner in ast.walk(node):
+        body = getattr(inner, "body", None)
+        if isinstance(body, list):
+            inner.body = [s for s in body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
+    return node
+
+
+def _defined(node: ast.stmt) -> list[str]:
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        return [node.name]
+    return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+
+
+_module = cache(_Module)
+
+
+def _collect(module: str, name: str, found: dict[tuple[str, str], str]) -> None:
+    """Add the statements that define a name, and what these name, to `found`."""
+    if (module, name) in found:
+        return
+    known = _module(module)
+    if name in known.imported:
+        _collect(*known.imported[name], found)
+        return
+    statements = known.statements.get(name, [])
+    found[module, name] = "\n".join(ast.dump(node) for node in statements)
+    for node in statements:
+        for inner in ast.walk(node):
+            if isinstance(inner, ast.Name) and (inner.id in known.statements or inner.id in known.imported):
+                _collect(module, inner.id, found)
+
+
+@cache
+def digest(module: str, name: str) -> str:
+    """Digest of what a module defines under a name."""
+    found: dict[tuple[str, str], str] = {}
+    _collect(module, name, found)
+    text = repr(sorted(found.items())) + "".join(map(module_digest, _IMPLIED))
+    return blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+@cache
+def module_digest(module: str) -> str:
+    """Digest of all statements of a module."""
+    text = "\n".join(ast.dump(node) for node in _module(module).all)
+    return blake2b(text.encode(), digest_size=16).hexdigest()

@@ -1,0 +1,105 @@
+"""LLVM IR of functions that Numba has lowered, linked only when a kernel that Python calls wants it.
+
+Numba's own library optimises every function and makes machine code of it, linked with all that it calls, though only
+kernels that Python calls need that. Here a library is the IR of one function and a list of the libraries it calls.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import llvmlite.binding as llvm
+from numba.core import cgutils, codegen
+
+
+class Library(codegen.CodeLibrary):
+    """What Numba calls the code of one function, kept as IR."""
+
+    def __init__(self, codegen, name):
+        super().__init__(codegen, name)
+        self._modules: list[llvm.ModuleRef] = []
+        self._callees: dict[codegen.CodeLibrary, None] = {}
+
+    def add_linking_library(self, library):
+        self._callees[library] = None
+
+    def add_ir_module(self, ir_module):
+        module = llvm.parse_assembly(cgutils.normalize_ir_text(str(ir_module)))
+        module.name = ir_module.name
+        module.data_layout = self._codegen._data_layout
+        _simplify(self._codegen, module)
+        self._modules.append(module)
+
+    def linked(self, visible: str | None = None) -> llvm.ModuleRef:
+        """One module of this library and all that it reaches; of its functions only one is `visible` from outside, or
+        each that is used."""
+        linked = llvm.parse_assembly(str(self._codegen._create_empty_module(self.name)))
+        for library in self._closure():
+            modules = library._modules if isinstance(library, Library) else [library._get_module_for_linking()]
+            for module in modules:
+                linked.link_in(_mergeable(module), preserve=True)
+        if visible is not None:
+            for value in (*linked.functions, *linked.global_variables):
+                if not value.is_declaration and value.name != visible and not value.name.startswith("llvm."):
+                    value.linkage = "internal"
+        return linked
+
+    def _closure(self) -> list[codegen.CodeLibrary]:
+        """The libraries that this one reaches, itself first."""
+        found, todo = {self: None}, [self]
+        while todo:
+            for library in todo.pop()._callees:
+                if library not in found:
+                    found[library] = None
+                    todo += [library] if isinstance(library, Library) else []
+        return list(found)
+
+    # What follows is asked for by Numba if somebody else's function calls one that was compiled here.
+
+    def finalize(self):
+        self._finalized = True
+
+    def get_pointer_to_function(self, name):
+        return 0
+
+    def _get_module_for_linking(self):
+        return self.linked()
+
+    def get_function(self, name):
+        return self.linked().get_function(name)
+
+    def get_llvm_str(self):
+        return str(self.linked())
+
+    def get_asm_str(self):
+        raise NotImplementedError("functions that kernels call have no machine code of their own")
+
+
+def _simplify(codegen, module: llvm.ModuleRef) -> None:
+    """LLVM's passes within functions: less is linked then, and linked many times."""
+    passes, builder = codegen._function_pass_manager()
+    for function in module.functions:
+        if not function.is_declaration:
+            passes.run(function, builder)
+
+
+def _mergeable(module: llvm.ModuleRef) -> llvm.ModuleRef:
+    """A copy that may be linked where the same functions are already."""
+    copy = module.clone()
+    for function in copy.functions:
+        if not function.is_declaration and function.linkage == llvm.Linkage.external:
+            function.linkage = "weak_odr"  # not "linkonce": that is dropped if nobody has asked yet
+    return copy
+
+
+@contextmanager
+def kept_as_ir(codegen) -> Iterator[None]:
+    """Within, what Numba compiles has libraries of this module. Under Numba's compiler lock."""
+    before = vars(codegen).get("_library_class")
+    codegen._library_class = Library
+    try:
+        yield
+    finally:
+        if before is None:
+            del codegen._library_class
+        else:
+            codegen._library_class = before

@@ -1,0 +1,119 @@
+"""Machine code from files into this process, linked by llvmlite. Numba is not needed for it."""
+
+import ctypes
+import sys
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import llvmlite.binding as llvm
+
+from .arguments import Result
+from .cache import Folder, Pack, cache_folder, packs
+from .closure import kernel_digest
+from .code import Code, symbol_of
+from .jit import kernel
+from .processor import level
+
+_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_char_p, ctypes.c_char_p)
+
+
+class Event(NamedTuple):
+    """Where machine code came from."""
+
+    kernel: str
+    key: str
+    source: str  # "pack", "cache" or "compiled"
+
+
+events: list[Event] = []
+"""What this process has loaded, in order."""
+
+
+@cache
+def user_cache() -> Folder:
+    return Folder(cache_folder(), level())
+
+
+def find(function: kernel, key: str) -> Callable:
+    """A function of packed arguments that runs a kernel for arguments of a kind: loaded, or compiled and kept."""
+    digest = kernel_digest(function, key)
+    code, source = _kept(digest) or compiled(function, key, digest)
+    events.append(Event(function.name, key, source))
+    return _linked(code, symbol_of(digest))
+
+
+def _stores() -> list[tuple[Pack | Folder, str]]:
+    return [*((pack, "pack") for pack in packs(level())), (user_cache(), "cache")]
+
+
+def _kept(digest: str) -> tuple[Code, str] | None:
+    return next(((code, source) for store, source in _stores() if (code := store.get(digest))), None)
+
+
+def is_kept(function: kernel, key: str) -> bool:
+    """Whether machine code of a kernel for arguments of a kind is on disk."""
+    digest = kernel_digest(function, key)
+    return any(store.has(digest) for store, _ in _stores())
+
+
+def ensure(function: kernel, key: str) -> None:
+    """Compile a kernel for arguments of a kind, if it is not on disk."""
+    digest = kernel_digest(function, key)
+    if not any(store.has(digest) for store, _ in _stores()):
+        compiled(function, key, digest)
+
+
+def compiled(function: kernel, key: str, digest: str) -> tuple[Code, str]:
+    """(code, where it came from): compiled here and kept, or by another process that wanted it at the same time."""
+    folder = user_cache()
+    try:
+        with folder.lock(digest):
+            code = folder.get(digest)
+            if code is not None:
+                return code, "cache"
+            code = _make(function, key, digest)
+            folder.put(digest, code)
+    except OSError as error:
+        _say_once(f"antumbra: {folder.path} cannot be written ({error.strerror}): kernels are compiled each time")
+        code = _make(function, key, digest)
+    return code, "compiled"
+
+
+def _make(function: kernel, key: str, digest: str) -> Code:
+    from . import compiling  # imports Numba
+
+    return compiling.make(function, key, digest, level())
+
+
+@cache
+def _say_once(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+@cache
+def _engine() -> llvm.ExecutionEngine:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine(opt=2, jit=True)
+    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+
+
+def _linked(code: Code, symbol: str) -> Callable:
+    """A function that runs machine code. Under the lock of `jit`."""
+    engine, result, name = _engine(), Result(code.result), code.kernel
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code.machine))
+    engine.finalize_object()
+    address = engine.get_function_address(symbol)
+    if not address:
+        raise RuntimeError(f"{name}: its machine code has no function {symbol}")
+    run = _ENTRY(address)
+
+    def call(words: bytes):
+        memory = ctypes.create_string_buffer(result.size)
+        status = run(words, memory)
+        if status:
+            raise RuntimeError(f"{name}: error {status} in compiled code")
+        return result(memory)
+
+    return call

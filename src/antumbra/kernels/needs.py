@@ -1,0 +1,37 @@
+"""Which kernels a job calls, recorded beforehand in ``needs.json``: so they are compiled at once, by several processes.
+
+The file holds the kernels, with their size, and for each job the numbers of its kernels. ``scripts/record_kernels.py``
+writes it, and a test compares it with what jobs call. A kernel that is missing there is compiled when it is first called.
+"""
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from .crew import Wanted
+
+FILE = Path(__file__).with_name("needs.json")
+
+
+class Needs(NamedTuple):
+    """What is in the file."""
+
+    kernels: list[Wanted]
+    jobs: dict[str, list[int]]  # name of a job: places in `kernels`
+
+
+@cache
+def recorded() -> Needs:
+    """What the file says; nothing if there is no file."""
+    try:
+        said = json.loads(FILE.read_text())
+    except OSError:
+        return Needs([], {})
+    return Needs([Wanted(name, key, size["seconds"]) for name, key, size in said["kernels"]], said["jobs"])
+
+
+def of_job(name: str) -> set[Wanted] | None:
+    """The kernels that a job calls; None if nothing is recorded of it."""
+    needs = recorded()
+    return {needs.kernels[i] for i in needs.jobs[name]} if name in needs.jobs else None

@@ -1,0 +1,135 @@
+"""What Numba sees of kernels, inlined functions and overloads: parts, compiled for argument types to LLVM IR.
+
+A part takes the place of Numba's dispatcher, without what kernels do not need: entries for Python and C, parallel loops,
+object mode, memory managed by reference counts.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from numba.core import compiler, compiler_machinery, types, typing
+from numba.core import typed_passes as typed
+from numba.core import untyped_passes as untyped
+from numba.core.registry import cpu_target
+from numba.core.typing.templates import fold_arguments
+from numba.core.utils import pysignature
+
+from .jit import inlined, overloads
+from .library import Library
+
+_PASSES = (
+    (untyped.TranslateByteCode, "bytecode to IR"),
+    (untyped.FixupArgs, "arguments"),
+    (untyped.IRProcessing, "IR"),
+    (untyped.InlineClosureLikes, "closures"),
+    (untyped.RewriteSemanticConstants, "constants"),
+    (untyped.DeadBranchPrune, "dead branches"),
+    (untyped.GenericRewrites, "rewrites"),
+    (untyped.ReconstructSSA, "SSA"),
+    (untyped.DeadBranchPrune, "dead branches"),
+    (typed.NopythonTypeInference, "types"),
+    (typed.PreLowerStripPhis, "phi nodes"),
+    (typed.NopythonRewrites, "typed rewrites"),
+    (typed.IRLegalization, "legal IR"),
+    (typed.NativeLowering, "lowering"),
+)
+
+
+class _Pipeline(compiler.CompilerBase):
+    def define_pipelines(self):
+        passes = compiler_machinery.PassManager("antumbra")
+        for each, what in _PASSES:
+            if not (each is untyped.TranslateByteCode and self.state.func_ir is not None):
+                passes.add_pass(each, what)
+        passes.finalize()
+        return [passes]
+
+
+class Lowered(NamedTuple):
+    """A part compiled for argument types."""
+
+    signature: typing.Signature
+    fndesc: object  # Numba's description of the function: name and types
+    library: Library
+
+
+class Part:
+    """A function that other compiled functions call; Numba takes it for a dispatcher."""
+
+    is_compiling = False  # Numba asks, for functions that call themselves; kernels do not
+
+    def __init__(self, py_func: Callable, choose: Callable, forced: bool):
+        self.py_func, self._choose, self._forced = py_func, choose, forced
+        self._signature = pysignature(py_func)
+        self.lowered: dict[tuple[types.Type, ...], Lowered] = {}
+        self.type = types.Dispatcher(self)
+
+    def __repr__(self):
+        return self.py_func.__qualname__
+
+    def get_call_template(self, args, kws):
+        """Numba's question for what a call with arguments of some types returns."""
+        keep = lambda index, parameter, value: value
+        default = lambda index, parameter, value: types.Omitted(value)
+        args = fold_arguments(self._signature, args, kws, keep, default, keep)
+        found = self.lower(tuple(args))
+        name = self.py_func.__name__
+        return typing.make_concrete_template(name, name, [found.signature]), self._signature, args, {}
+
+    def get_overload(self, signature):
+        """Numba's question for the key of the code, given to `insert_user_function`."""
+        return self.lowered[tuple(signature)]
+
+    @property
+    def nopython_signatures(self):
+        return [found.signature for found in self.lowered.values()]
+
+    def lower(self, args: tuple[types.Type, ...]) -> Lowered:
+        """Types and LLVM IR for argument types. Under Numba's compiler lock, within `library.kept_as_ir`."""
+        found = self.lowered.get(args)
+        if found is None:
+            typing_context, context = cpu_target.typing_context, cpu_target.target_context
+            library = Library(context.codegen(), self.py_func.__qualname__)
+            function, flags = self._choose(args), _flags(self._forced)
+            made = compiler.compile_extra(
+                typing_context, context, function, args, None, flags, {}, library, pipeline_class=_Pipeline
+            )
+            found = Lowered(typing.signature(made.fndesc.restype, *args), made.fndesc, library)
+            context.insert_user_function(found, made.fndesc, [library])
+            self.lowered[args] = found
+        return found
+
+
+def _flags(forced: bool) -> compiler.Flags:
+    flags = compiler.Flags()
+    flags.nrt = False
+    flags.no_compile = True
+    flags.no_cpython_wrapper = True
+    flags.no_cfunc_wrapper = True
+    flags.release_gil = True
+    flags.error_model = "numpy"
+    flags.forceinline = forced
+    flags.enable_pyobject = False
+    flags.boundscheck = False
+    return flags
+
+
+def part_of(function: inlined) -> Part:
+    """The part of a kernel or an inlined function."""
+    part = vars(function).get("_part")
+    if part is None:
+        part = function._part = Part(function.py_func, lambda args: function.py_func, function.forced)
+    return part
+
+
+def generic_part(stub: Callable) -> Part:
+    """The part of a function that has overloads: the first that knows the types says what is compiled."""
+
+    def choose(args):
+        for implementation in overloads(stub):
+            chosen = implementation(*args)
+            if chosen is not None:
+                return chosen
+        raise TypeError(f"{stub.__qualname__} has no overload for ({', '.join(map(str, args))})")
+
+    return Part(stub, choose, False)

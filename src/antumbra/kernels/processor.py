@@ -1,0 +1,50 @@
+"""Levels of processors: what machine code may use, so that one pack serves many machines.
+
+`x86-64-v2`, `-v3` (AVX2, FMA) and `-v4` (AVX-512) are the levels of the x86-64 psABI; `aarch64` has NEON. The best level
+that this processor has is the default; ``ANTUMBRA_LEVEL`` chooses another one.
+"""
+
+import os
+import platform
+from functools import cache
+
+from ..errors import InputError
+
+_V2 = ["cx16", "sahf", "popcnt", "sse3", "ssse3", "sse4.1", "sse4.2"]
+_V3 = [*_V2, *["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"]]
+_V4 = [*_V3, *["avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"]]
+X86 = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
+"""Level: the features that it needs, by LLVM's names. LLVM knows a processor by the name of each level."""
+
+LEVELS = (*X86, "aarch64")
+OTHER = "generic"
+"""The level of other machines: what LLVM thinks that all of a kind have."""
+
+
+@cache
+def level() -> str:
+    """The level that kernels are compiled for here."""
+    wanted = os.environ.get("ANTUMBRA_LEVEL")
+    best = _best()
+    if not wanted:
+        return best
+    if wanted not in usable(best):
+        raise InputError(f"ANTUMBRA_LEVEL is {wanted}: this machine runs {', '.join(usable(best))}")
+    return wanted
+
+
+def usable(best: str) -> list[str]:
+    """The levels that a machine of a level runs."""
+    return list(X86)[: list(X86).index(best) + 1] if best in X86 else [best]
+
+
+def _best() -> str:
+    machine = platform.machine().lower()
+    if machine in ("arm64", "aarch64"):
+        return "aarch64"
+    if machine not in ("x86_64", "amd64"):
+        return OTHER
+    import llvmlite.binding as llvm
+
+    has = llvm.get_host_cpu_features()
+    return next((name for name, needs in reversed(X86.items()) if all(has.get(f) for f in needs)), OTHER)

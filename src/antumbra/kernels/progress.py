@@ -1,0 +1,38 @@
+"""Long work tells how far it is: to whoever listens, else to standard error."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import perf_counter
+
+Say = Callable[[str, int, int], None]
+"""Function of (what is being done, how much is done, how much there is)."""
+
+_listeners: list[Say] = []
+
+
+@contextmanager
+def heard_by(say: Say) -> Iterator[None]:
+    """Within, `say` is told instead of standard error."""
+    _listeners.append(say)
+    try:
+        yield
+    finally:
+        _listeners.remove(say)
+
+
+@contextmanager
+def told(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Tell that work begins and ends; the function that is given tells how much of how much is done."""
+    if _listeners:
+        say = _listeners[-1]
+        yield lambda done, total: say(what, done, total)
+        return
+    start = perf_counter()
+    print(f"antumbra: {what} ...", file=sys.stderr, flush=True)
+    yield _counting if sys.stderr.isatty() else lambda done, total: None
+    print(f"antumbra: {what}: {perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+
+
+def _counting(done: int, total: int) -> None:
+    print(f"\r  {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
