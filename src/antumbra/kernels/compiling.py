@@ -104,7 +104,7 @@ def lowered(kernel: kernel, key: str, symbol: str):
     _tell_numba_of_overloads(kernel)
     context = cpu_target.target_context
     context.refresh()
-    with kept_as_ir(context.codegen()):
+    with kept_as_ir(context):
         found = part_of(kernel).lower(argument_types(key))
         library = entry_library(context, found, symbol)
     return library.linked(symbol), result_spec(found.signature.return_type)

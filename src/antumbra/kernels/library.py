@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import llvmlite.binding as llvm
+from numba import _dynfunc
 from numba.core import cgutils, codegen
 
 
@@ -91,15 +92,21 @@ def _mergeable(module: llvm.ModuleRef) -> llvm.ModuleRef:
     return copy
 
 
+def _executable(library, fndesc, environment):
+    """What Numba takes for a function of its own that is ready to be called from Python. Nobody calls it."""
+    name = fndesc.qualname.rpartition(".")[2]
+    return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, environment, (library,))
+
+
 @contextmanager
-def kept_as_ir(codegen) -> Iterator[None]:
-    """Within, what Numba compiles has libraries of this module. Under Numba's compiler lock."""
-    before = vars(codegen).get("_library_class")
-    codegen._library_class = Library
+def kept_as_ir(context) -> Iterator[None]:
+    """Within, what Numba compiles for its context of types has libraries of this module, its own functions too.
+
+    Under Numba's compiler lock, since it changes what Numba does.
+    """
+    codegen = context.codegen()
+    codegen._library_class, context.get_executable = Library, _executable
     try:
         yield
     finally:
-        if before is None:
-            del codegen._library_class
-        else:
-            codegen._library_class = before
+        del codegen._library_class, context.get_executable  # those of the classes are seen again
