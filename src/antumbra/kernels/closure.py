@@ -77,8 +77,8 @@ class _Part:
             self._class(name, value)
         elif isinstance(value, _PLAIN):
             self._add(name, _name_of(type(value)), value)
-        elif type(value).__module__.partition(".")[0] in _FOREIGN:
-            self._add(name, _name_of(type(value)), getattr(value, "__name__", str(value)))
+        elif type(value).__module__.partition(".")[0] in ("numba", "llvmlite", "typing"):
+            self._add(name, _name_of(type(value)), str(value))
         else:
             raise TypeError(f"kernels cannot name {name}, a {_name_of(type(value))}: changes of it would go unnoticed")
 

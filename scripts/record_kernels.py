@@ -1,0 +1,95 @@
+"""Record which kernels each job calls, and their size, in src/antumbra/kernels/needs.json.
+
+python scripts/record_kernels.py [--check]
+
+Each job runs in a process of its own, so that it loads all that it calls. --check writes nothing; it says what has
+changed, and ends with exit code 1 if a job calls kernels that are not recorded, or if kernels have grown by more than 5 %.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from time import process_time
+
+from antumbra.kernels.needs import FILE
+from antumbra.warm import jobs
+
+JOB = """
+import json, sys
+from antumbra.kernels.loading import events
+from antumbra.warm import jobs
+
+jobs()[int(sys.argv[1])].work()
+print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
+"""
+MEASURE = """
+import json, sys
+from antumbra.kernels.numba_import import import_numba
+import_numba()
+from time import process_time
+from antumbra.kernels import compiling, machine
+from antumbra.kernels.arguments import named
+from antumbra.kernels.processor import level
+
+for name, key in json.load(sys.stdin):
+    start = process_time()
+    module, _ = compiling.lowered(named(name), key, "measured")
+    functions, instructions, _ = compiling.measure(module)
+    machine.emitted(machine.optimised(module, level()), level())
+    print(json.dumps([name, key, functions, instructions, round(process_time() - start, 1)]), flush=True)
+"""
+
+
+def called(index: int) -> list[tuple[str, str]]:
+    """The kernels that a job calls: (name, kinds of arguments)."""
+    done = subprocess.run([sys.executable, "-c", JOB, str(index)], check=True, capture_output=True, text=True)
+    return [tuple(each) for each in json.loads(done.stdout.splitlines()[-1])]
+
+
+def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
+    """Size of each kernel: functions and instructions before LLVM optimises, and seconds of one core to compile it alone."""
+    sizes = {}
+
+    def measure(share):
+        text = json.dumps(share)
+        done = subprocess.run([sys.executable, "-c", MEASURE], check=True, input=text, capture_output=True, text=True)
+        for line in done.stdout.splitlines():
+            name, key, functions, instructions, seconds = json.loads(line)
+            sizes[name, key] = {"functions": functions, "instructions": instructions, "seconds": seconds}
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(measure, [[kernel] for kernel in kernels]))
+    return sizes
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true")
+    options = parser.parse_args()
+    names = [job.name for job in jobs()]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        calls = dict(zip(names, pool.map(called, range(len(names)))))
+    kernels = sorted({kernel for each in calls.values() for kernel in each})
+    place = {kernel: i for i, kernel in enumerate(kernels)}
+    before = json.loads(FILE.read_text()) if FILE.exists() else {"kernels": [], "jobs": {}}
+    if options.check:
+        known = {(name, key) for name, key, _ in before["kernels"]}
+        new = [kernel for kernel in kernels if kernel not in known]
+        print("\n".join(f"not recorded: {name} {key}" for name, key in new) or "all that jobs call is recorded")
+        return bool(new)
+    start = process_time()
+    sizes = measured(kernels)
+    said = {
+        "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
+        "jobs": {name: [place[kernel] for kernel in each] for name, each in calls.items()},
+    }
+    FILE.write_text(json.dumps(said, indent=0) + "\n")
+    print(f"{len(kernels)} kernels of {len(names)} jobs in {FILE} ({process_time() - start:.0f} s)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
