@@ -37,7 +37,7 @@ from antumbra.kernels.processor import level
 for name, key in json.load(sys.stdin):
     start = process_time()
     module, _ = compiling.lowered(named(name), key, "measured")
-    functions, instructions, _ = compiling.measure(module)
+    functions, instructions = compiling.size_of(module)
     machine.emitted(machine.optimised(module, level()), level())
     print(json.dumps([name, key, functions, instructions, round(process_time() - start, 1)]), flush=True)
 """

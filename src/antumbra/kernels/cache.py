@@ -53,7 +53,7 @@ class Folder:
     """One file for each kernel and kinds of arguments."""
 
     def __init__(self, root: Path, level: str):
-        self.root, self.path = root, root / "kernels" / toolchain() / level
+        self.root, self.level, self.path = root, level, root / "kernels" / toolchain() / level
 
     def _file(self, digest: str) -> Path:
         return self.path / f"{digest}.kernel"
@@ -131,9 +131,9 @@ class Pack:
 
 
 def write_pack(folder: Path, level: str, codes: dict[str, Code]) -> Path:
-    """Write a pack for a level; its path."""
+    """Write a pack of codes by their digests, for a level; its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    path, index, offset = folder / f"{level}.pack", {}, 0
+    path, index, offset = _pack_path(folder, level), {}, 0
     with open(path, "wb") as file:
         for digest, code in sorted(codes.items()):
             record = code.record()
@@ -143,11 +143,14 @@ def write_pack(folder: Path, level: str, codes: dict[str, Code]) -> Path:
     return path
 
 
+def _pack_path(folder: Path, level: str) -> Path:
+    return folder / f"{sys.platform}-{level}.pack"  # systems differ in the format of object files
+
+
 @cache
 def packs(level: str) -> list[Pack]:
     """The packs for a level that came with the package, or that ``ANTUMBRA_PACKS``, a folder, has."""
-    path = Path(os.environ.get("ANTUMBRA_PACKS") or PACKS) / f"{level}.pack"
     try:
-        return [Pack(path)]
+        return [Pack(_pack_path(Path(os.environ.get("ANTUMBRA_PACKS") or PACKS), level))]
     except (OSError, ValueError):
         return []

@@ -1,6 +1,6 @@
 """A kernel made machine code, by Numba and LLVM. Imported only when something must be compiled."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numba
@@ -27,12 +27,11 @@ _TOKENS = {kind: token for token, kind in _TYPES.items()}
 _RUNTIME = "NRT_", "numba_", "Py", "_Py"
 
 
-class Measure(NamedTuple):
-    """What compiling a kernel took."""
+class Size(NamedTuple):
+    """How large the linked IR of a kernel is, before LLVM optimises."""
 
-    functions: int  # functions in the linked IR
-    instructions: int  # instructions in them, before LLVM optimises
-    symbols: list[str]  # what the machine code wants from outside, such as ``sin``
+    functions: int
+    instructions: int
 
 
 # --- types -------------------------------------------------------------------------------------------------------
@@ -110,16 +109,19 @@ def lowered(kernel: kernel, key: str, symbol: str):
     return library.linked(symbol), result_spec(found.signature.return_type)
 
 
-def measure(module) -> Measure:
+def size_of(module) -> Size:
     """The size of a linked module."""
     inner = [f for f in module.functions if not f.is_declaration]
-    outside = [f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")]
-    count = sum(1 for f in inner for block in f.blocks for _ in block.instructions)
-    return Measure(len(inner), count, sorted(outside))
+    return Size(len(inner), sum(1 for f in inner for block in f.blocks for _ in block.instructions))
 
 
-def make(kernel: kernel, key: str, digest: str, level: str) -> Code:
-    """Machine code of a kernel for arguments of a kind.
+def outside(module) -> list[str]:
+    """What a module calls that the process must have, such as ``sin``."""
+    return sorted(f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm."))
+
+
+def make(kernel: kernel, key: str, digest: str, levels: Sequence[str]) -> list[Code]:
+    """Machine code of a kernel for arguments of a kind, for each of some levels of processors.
 
     Raises
     ------
@@ -128,10 +130,14 @@ def make(kernel: kernel, key: str, digest: str, level: str) -> Code:
     TypeError
         If it allocates memory, or calls Python.
     """
-    symbol = symbol_of(digest)
-    module, result = lowered(kernel, key, symbol)
-    module = machine.optimised(module, level)
-    runtime = [name for name in measure(module).symbols if name.startswith(_RUNTIME)]
-    if runtime:
-        raise TypeError(f"{kernel.name} needs {', '.join(runtime)}: a kernel may not allocate memory or call Python")
-    return Code(kernel.name, key, result, machine.emitted(module, level))
+    lowered_once, result = lowered(kernel, key, symbol_of(digest))
+    codes = []
+    for level in levels:
+        module = machine.optimised(lowered_once.clone(), level)
+        runtime = [name for name in outside(module) if name.startswith(_RUNTIME)]
+        if runtime:
+            raise TypeError(
+                f"{kernel.name} needs {', '.join(runtime)}: a kernel may not allocate memory or call Python"
+            )
+        codes.append(Code(kernel.name, key, result, machine.emitted(module, level)))
+    return codes

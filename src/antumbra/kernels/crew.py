@@ -6,11 +6,10 @@ Ctrl-C loses only what was being compiled.
 """
 
 import json
-import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
@@ -38,21 +37,18 @@ class Wanted(NamedTuple):
 class _Worker(threading.Thread):
     """One process that compiles, and the thread that tells it what."""
 
-    def __init__(self, work: SimpleQueue, done: SimpleQueue):
+    def __init__(self, levels: Sequence[str], work: SimpleQueue, done: SimpleQueue):
         super().__init__(daemon=True)
-        self._work, self._done = work, done
-        environment = dict(os.environ, ANTUMBRA_LEVEL=level())
-        command = [sys.executable, "-c", _START]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, encoding="utf-8"
-        )
+        self._levels, self._work, self._done = list(levels), work, done
+        command, pipe = [sys.executable, "-c", _START], subprocess.PIPE
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8")
 
     def run(self):
         try:
             self._say(sys.path)
             while True:
                 wanted = self._work.get_nowait()
-                self._say(wanted[:2])
+                self._say([wanted.kernel, wanted.key, self._levels])
                 answer = self._process.stdout.readline()
                 self._done.put((wanted, json.loads(answer) if answer else "the compiling process ended"))
         except Empty:
@@ -73,8 +69,13 @@ class _Worker(threading.Thread):
             pipe.close()
 
 
-def compile_all(wanted: Iterable[Wanted], progress: Progress | None = None, processes: int | None = None) -> list[str]:
-    """Compile kernels that are not on disk, and keep them.
+def compile_all(
+    wanted: Iterable[Wanted],
+    progress: Progress | None = None,
+    processes: int | None = None,
+    levels: Sequence[str] | None = None,
+) -> list[str]:
+    """Compile kernels that are not in the user's cache, and keep them there.
 
     Parameters
     ----------
@@ -82,6 +83,8 @@ def compile_all(wanted: Iterable[Wanted], progress: Progress | None = None, proc
     progress : function of (kernels done, kernels), called in this thread, optional
     processes : int, optional
         None means one for each core that this process may use.
+    levels : sequence of str, optional
+        Levels of processors; None means that of this one. Numba's part of the work is done once for all.
 
     Returns
     -------
@@ -93,7 +96,7 @@ def compile_all(wanted: Iterable[Wanted], progress: Progress | None = None, proc
     done: SimpleQueue = SimpleQueue()
     for each in todo:
         work.put(each)
-    crew = [_Worker(work, done) for _ in range(min(processes or thread_count(None), len(todo)))]
+    crew = [_Worker(levels or [level()], work, done) for _ in range(min(processes or thread_count(None), len(todo)))]
     try:
         for worker in crew:
             worker.start()

@@ -2,7 +2,7 @@
 
 import ctypes
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -57,33 +57,37 @@ def is_kept(function: kernel, key: str) -> bool:
     return any(store.has(digest) for store, _ in _stores())
 
 
-def ensure(function: kernel, key: str) -> None:
-    """Compile a kernel for arguments of a kind, if it is not on disk."""
-    digest = kernel_digest(function, key)
-    if not any(store.has(digest) for store, _ in _stores()):
-        compiled(function, key, digest)
-
-
 def compiled(function: kernel, key: str, digest: str) -> tuple[Code, str]:
     """(code, where it came from): compiled here and kept, or by another process that wanted it at the same time."""
     folder = user_cache()
     try:
-        with folder.lock(digest):
-            code = folder.get(digest)
-            if code is not None:
-                return code, "cache"
-            code = _make(function, key, digest)
-            folder.put(digest, code)
+        return kept_or_made(function, key, digest, [folder])[0]
     except OSError as error:
         _say_once(f"antumbra: {folder.path} cannot be written ({error.strerror}): kernels are compiled each time")
-        code = _make(function, key, digest)
-    return code, "compiled"
+        from . import compiling
+
+        return compiling.make(function, key, digest, [folder.level])[0], "compiled"
 
 
-def _make(function: kernel, key: str, digest: str) -> Code:
-    from . import compiling  # imports Numba
+def kept_or_made(function: kernel, key: str, digest: str, folders: Sequence[Folder]) -> list[tuple[Code, str]]:
+    """The same in each of some folders; another process that wants the same waits, and finds it.
 
-    return compiling.make(function, key, digest, level())
+    Raises
+    ------
+    OSError
+        If a folder cannot be written.
+    """
+    with folders[0].lock(digest):
+        found = {folder: folder.get(digest) for folder in folders}
+        missing = [folder for folder in folders if found[folder] is None]
+        if missing:
+            from . import compiling  # imports Numba
+
+            made = compiling.make(function, key, digest, [folder.level for folder in missing])
+            for folder, code in zip(missing, made):
+                folder.put(digest, code)
+                found[folder] = code
+    return [(found[folder], "compiled" if folder in missing else "cache") for folder in folders]
 
 
 @cache

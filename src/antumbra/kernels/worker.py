@@ -1,4 +1,7 @@
-"""A process that compiles: it reads what is wanted, a line each, and answers with null or with what went wrong."""
+"""A process that compiles: it reads what is wanted, a line each, and answers with null or with what went wrong.
+
+A line is the kernel's name, the kinds of its arguments, and the levels of processors, as JSON.
+"""
 
 import gc
 import json
@@ -17,12 +20,15 @@ def main() -> None:
     os.dup2(2, 1)  # what else is printed must not be taken for an answer
     import_numba()
     gc.disable()  # Numba makes many objects that live on; looking through them is a seventh of all time
-    from . import loading
+    from .cache import Folder, cache_folder
+    from .closure import kernel_digest
+    from .loading import kept_or_made
 
     for line in sys.stdin:
-        name, key = json.loads(line)
+        name, key, levels = json.loads(line)
         try:
-            loading.ensure(named(name), key)
+            kernel, folders = named(name), [Folder(cache_folder(), level) for level in levels]
+            kept_or_made(kernel, key, kernel_digest(kernel, key), folders)
             problem = None
         except Exception as error:
             problem = f"{type(error).__name__}: {error}"
