@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra import parallel
 from antumbra.errors import InputError
+from antumbra.kernels import parallel
 from antumbra.kernels.parallel import CHUNK, NEXT, STOP, N, new_ticket, run, take, thread_count
 
 # No cache: this file is imported under two names, by pytest and by a process of its own.
@@ -111,6 +111,19 @@ def test_one_thread_is_the_callers():
     run(lambda ticket: seen.append(threading.get_ident()), 1, new_ticket(10, 1))
     run(lambda ticket: seen.append(threading.get_ident()), 8, new_ticket(10, 10))  # one piece of work
     assert seen == [threading.get_ident()] * 2
+
+
+def test_each_thread_has_what_is_its_own():
+    def fill(ticket, barrier, seen, own):
+        barrier.wait(timeout=30)
+        own[:] = threading.get_ident()
+        barrier.wait(timeout=30)
+        seen.append((int(own[0]), int(own[-1]), threading.get_ident()))
+
+    for n_threads in (1, 3):
+        seen = []
+        run(fill, n_threads, new_ticket(3, 1), threading.Barrier(n_threads), seen, own=lambda: (np.empty(9, np.int64),))
+        assert len(seen) == n_threads == len(set(seen)) and all(len(set(idents)) == 1 for idents in seen)
 
 
 def test_a_worker_may_run_others():

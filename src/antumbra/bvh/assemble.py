@@ -19,12 +19,8 @@ class Subtrees(NamedTuple):
 
 
 @kernel
-def place(children, counts, node_at, subtree_at):
-    """Where each node of the top, and the first of each subtree, comes in depth-first order; the number of nodes.
-
-    `counts` has the nodes of each subtree, `children` the links of the top, as in `Top`.
-    """
-    waiting = np.empty(len(children) + 1, np.int64)
+def _place(children, counts, node_at, subtree_at, waiting):
+    """`place`, with memory for one link more than the top has nodes."""
     waiting[0] = 0 if len(children) else -1
     height, position = 1, 0
     while height > 0:
@@ -39,6 +35,14 @@ def place(children, counts, node_at, subtree_at):
         waiting[height], waiting[height + 1] = children[child, 1], children[child, 0]
         height += 2
     return position
+
+
+def place(children, counts, node_at, subtree_at) -> int:
+    """Where each node of the top, and the first of each subtree, comes in depth-first order; the number of nodes.
+
+    `counts` has the nodes of each subtree, `children` the links of the top, as in `Top`.
+    """
+    return _place(children, counts, node_at, subtree_at, np.empty(len(children) + 1, np.int64))
 
 
 @kernel

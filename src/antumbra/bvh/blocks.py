@@ -11,12 +11,13 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..kernels.simd import get, ptr, put, stack_i32
+from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
 from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first
 from .order import likelier_first, triangle_area
 
 BLOCK = 16  # triangles in a block, at most
 ROWS = 9  # rows of 16 float32: v0 (x, y, z), v1 - v0, v2 - v0
+_WAITING = 2 * MAX_DEPTH
 
 
 class BlockTree(NamedTuple):
@@ -66,9 +67,8 @@ def _size(link, below):
 
 
 @kernel
-def _count_below(links, below):
-    """Triangles below each inner node."""
-    order = parents_first(links)
+def _count_below(links, order, below):
+    """Triangles below each inner node; `order`: parents first."""
     for i in range(len(order) - 1, -1, -1):
         node = order[i]
         below[node] = _size(links[node, 12], below) + _size(links[node, 13], below)
@@ -88,16 +88,15 @@ def _repair_empty(nodes, node, left, right):
 @kernel
 def _collapse(source, source_links, below, block, nodes, links, roots):
     """Copy the nodes that stay, depth first; `roots`: old link of each block. (number of nodes, of blocks)."""
-    waiting = np.empty((2 * MAX_DEPTH, 2), np.int64)  # old node; word of `links` that wants its new index, -1: none
+    waiting = stack_array(np.int64, _WAITING, 2)  # old node; word of `links` that wants its new index, -1: none
     waiting[0, 0], waiting[0, 1] = 0, -1
     height, n, n_blocks = 1, 0, 0
-    words = links.reshape(-1)
     while height > 0:
         height -= 1
         old, word = waiting[height]
-        nodes[n] = source[old]
+        store(nodes, n * 16, load16(source, old * 16))
         if word >= 0:
-            words[word] = n
+            put(links, word, n)
         for child in (1, 0):
             link = np.int64(source_links[old, 12 + child])
             count = _size(link, below)
@@ -188,7 +187,7 @@ def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
     """The `BlockTree` of a `Bvh`: subtrees of at most `block` (8 to 16) triangles become blocks."""
     count = len(bvh.nodes)
     below = np.empty(count, np.int32)
-    _count_below(bvh.links, below)
+    _count_below(bvh.links, parents_first(bvh.links), below)
     nodes, roots = aligned_empty((count, 16), "f4"), np.empty(count + 1, np.int32)
     n, n_blocks = _collapse(bvh.nodes, bvh.links, below, block, nodes, nodes.view(np.int32), roots)
     nodes = nodes[:n]

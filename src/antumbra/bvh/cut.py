@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.simd import load16, ptr, store
+from ..kernels.simd import load16, ptr, stack_array, store
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 
 PART = 4096  # nodes in a part, at most: what a processor's second cache holds
+_WAITING = MAX_DEPTH + 2
 
 
 class Cut(NamedTuple):
@@ -23,7 +24,7 @@ class Cut(NamedTuple):
 def _cut(bvh, sizes, largest, cut):
     """Fill the cut; (nodes of the top, parts)."""
     nodes, lines, links = ptr(bvh.nodes), ptr(cut.top), cut.top.view(np.int32)
-    waiting = np.empty((MAX_DEPTH + 2, 4), np.int64)  # link, end of nodes, depth, 2 * parent in the top + side
+    waiting = stack_array(np.int64, _WAITING, 4)  # link, end of nodes, depth, 2 * parent in the top + side
     waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(bvh.nodes), 0, -1
     height, n_top, n_parts = 1, 0, 0
     while height > 0:

@@ -21,6 +21,7 @@ from ..kernels.simd import (
     prefetch,
     ptr,
     put,
+    stack_array,
     stack_f32,
     stack_i64,
     store,
@@ -35,6 +36,7 @@ from .top import Top
 from .top_down import largest_subtree
 
 _LEVELS = 96  # of a tree at most, however deep: 63 bits of a code and 28 of a place
+_RANGES = _LEVELS + 1
 _WAITING = 4 * _LEVELS
 _BOXES = 8 * _LEVELS
 _NO_LEVEL = np.int64(2**63 - 1)
@@ -90,13 +92,10 @@ def _cut(codes, first, last, drop):
 
 
 @kernel
-def cut_top(codes, drop, largest):
-    """(children, ranges) of the nodes over more than `largest` triangles, as in `Top`; parents come first."""
-    n = len(codes)
-    room = n // largest * _LEVELS + 1
-    children, ranges = np.empty((room, 2), np.int64), np.empty((room + 1, 2), np.int64)
-    waiting = np.empty((_LEVELS + 1, 4), np.int64)  # first and last slot, parent, side
-    waiting[0] = np.array([0, n, -1, 0])
+def _cut_top(codes, drop, largest, children, ranges):
+    """Fill the arrays of `cut_top`; (number of nodes, of ranges)."""
+    waiting = stack_array(np.int64, _RANGES, 4)  # first and last slot, parent, side
+    waiting[0] = 0, len(codes), -1, 0
     height, t, s = 1, 0, 0
     while height > 0:
         height -= 1
@@ -109,10 +108,18 @@ def cut_top(codes, drop, largest):
             s += 1
             continue
         middle = _cut(codes, first, last, drop)
-        waiting[height] = np.array([middle, last, t, 1])
-        waiting[height + 1] = np.array([first, middle, t, 0])
+        waiting[height] = middle, last, t, 1
+        waiting[height + 1] = first, middle, t, 0
         height += 2
         t += 1
+    return t, s
+
+
+def cut_top(codes: np.ndarray, drop: np.int64, largest: int) -> tuple[np.ndarray, np.ndarray]:
+    """(children, ranges) of the nodes over more than `largest` triangles, as in `Top`; parents come first."""
+    room = len(codes) // largest * _LEVELS + 1
+    children, ranges = np.empty((room, 2), np.int64), np.empty((room + 1, 2), np.int64)
+    t, s = _cut_top(codes, drop, largest, children, ranges)
     return children[:t].copy(), ranges[:s].copy()
 
 
@@ -196,9 +203,8 @@ def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
 
 
 @kernel
-def _depth(children, forest):
-    """The depth of the whole tree: nodes on its longest path."""
-    heights = np.zeros(len(children), np.int64)
+def _depth(children, forest, heights):
+    """The depth of the whole tree: nodes on its longest path; `heights`: zeros for those of the top's nodes."""
     for t in range(len(children) - 1, -1, -1):
         for side in range(2):
             child = children[t, side]
@@ -221,7 +227,7 @@ def _emit(flat, source: Sorted, max_leaf: int, threads: int):
     top = Top(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
     join_boxes(children, forest.roots, top.boxes)
     nodes[node_at] = top_lines(top, node_at, forest.links)
-    return bvh, _depth(children, forest)
+    return bvh, _depth(children, forest, np.zeros(t, np.int64))
 
 
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, bits: int = 10) -> Bvh:

@@ -5,12 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.simd import ptr
+from ..kernels.simd import ptr, stack_array
 
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
 UNORDERED, LEFT_FIRST, FRONT_TO_BACK, BACK_TO_FRONT = range(4)  # which child an any-hit ray visits first
 EMPTY = np.int32(-2147483648)  # link of a child that is not there (only under the root of a scene of 0 or 1 triangles)
+_WAITING = MAX_DEPTH + 2
 
 
 class Bvh(NamedTuple):
@@ -54,9 +55,9 @@ def tree_of(bvh):
 
 
 @kernel
-def parents_first(links):
-    """The inner nodes of a `Bvh`, depth first: a parent stands before its children, the left child before the right."""
-    order, waiting = np.empty(len(links), np.int32), np.empty(MAX_DEPTH + 2, np.int32)
+def _write_parents_first(links, order):
+    """Fill the order of `parents_first`; the number of nodes."""
+    waiting = stack_array(np.int32, _WAITING)
     waiting[0] = 0
     height, n = 1, 0
     while height > 0:
@@ -68,7 +69,13 @@ def parents_first(links):
             if links[node, 12 + side] >= 0:
                 waiting[height] = links[node, 12 + side]
                 height += 1
-    return order[:n]
+    return n
+
+
+def parents_first(links: np.ndarray) -> np.ndarray:
+    """(m,) int32, the inner nodes of a `Bvh`, depth first: parents stand before children, left before right ones."""
+    order = np.empty(len(links), np.int32)
+    return order[: _write_parents_first(links, order)]
 
 
 def boxes_of(nodes: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ that it lets pass.
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.simd import get, ptr, put
+from ..kernels.simd import get, ptr, put, stack_array
 from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, parents_first
 from .wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
 
@@ -70,13 +70,11 @@ def _blocked(link, surface, areas, inner):
 
 
 @kernel
-def likelier_first(nodes, links, areas):
-    """Put the child first in which a ray is the likelier blocked, in all nodes of a `blocks.BlockTree`.
-
-    areas : (b,) of the triangles of each block
-    """
-    inner, boxes, words = np.zeros(len(nodes)), ptr(nodes), ptr(links)
-    for node in parents_first(links)[::-1]:
+def _order_by_chance(nodes, links, order, areas, inner):
+    """`likelier_first`; `order`: parents first, `inner`: zeros for the share of each node's rays that it blocks."""
+    boxes, words = ptr(nodes), ptr(links)
+    for i in range(len(order) - 1, -1, -1):
+        node = np.int64(order[i])
         at = node * 16
         left, right, whole = surface(boxes, at, at), surface(boxes, at + 1, at + 1), surface(boxes, at, at + 1)
         first = left * _blocked(links[node, 12], left, areas, inner)
@@ -85,6 +83,14 @@ def likelier_first(nodes, links, areas):
             inner[node] = 1.0 - (1.0 - min(first / whole, 1.0)) * (1.0 - min(second / whole, 1.0))
         if second > first and links[node, 14] != LEFT_FIRST:
             swap_children(words, node)
+
+
+def likelier_first(nodes, links, areas) -> None:
+    """Put the child first in which a ray is the likelier blocked, in all nodes of a `blocks.BlockTree`.
+
+    areas : (b,) of the triangles of each block
+    """
+    _order_by_chance(nodes, links, parents_first(links), areas, np.zeros(len(nodes)))
 
 
 @inlined
@@ -99,12 +105,15 @@ def _leaf(corners, link, surface):
 
 
 @kernel
-def _order_by_cost(bvh, order):
-    """Put the child with the better chance to block a ray for its cost first, in all nodes."""
+def _order_by_cost(bvh, order, blocked, cost):
+    """Put the child with the better chance to block a ray for its cost first, in all nodes.
+
+    blocked, cost : memory for the share of the rays through each node that are blocked, and for what one costs
+    """
     nodes, words, corners = ptr(bvh.nodes), ptr(bvh.links), ptr(bvh.corners)
-    blocked, cost = np.empty(len(bvh.nodes)), np.empty(len(bvh.nodes))  # of the rays through a node
-    block, price, enter = np.empty(2), np.empty(2), np.empty(2)  # of its children
-    for node in order[::-1]:
+    block, price, enter = stack_array(np.float64, 2), stack_array(np.float64, 2), stack_array(np.float64, 2)
+    for i in range(len(order) - 1, -1, -1):
+        node = np.int64(order[i])
         at = node * 16
         whole = surface(nodes, at, at + 1)
         for side in range(2):
@@ -129,7 +138,7 @@ def sooner_first(bvh: Bvh) -> Bvh:
     nodes = aligned_empty(bvh.nodes.shape, "f4")
     nodes[:] = bvh.nodes
     ordered = bvh._replace(nodes=nodes, links=nodes.view(np.int32))
-    _order_by_cost(ordered, parents_first(ordered.links))
+    _order_by_cost(ordered, parents_first(ordered.links), *np.empty((2, len(nodes))))
     return ordered
 
 
@@ -161,15 +170,11 @@ def _arrange(words, at, lanes, n, copy):
 
 
 @kernel
-def soonest_last(nodes, areas):
-    """Sort the children of all nodes of a `wide.WideBvh`: the more likely one blocks a ray for its cost, the later.
-
-    areas : (n_groups,) of the triangles of each group
-    """
-    links, words = nodes.view(np.int32), ptr(nodes)
-    blocked, cost = np.empty(len(nodes)), np.empty(len(nodes))  # share of a node's rays; steps of one
-    enter, block, price = np.empty(WIDTH), np.empty(WIDTH), np.empty(WIDTH)  # of a node's children
-    lanes, copy = np.empty(WIDTH, np.int64), np.empty(WIDTH, np.float32)
+def _sort_by_cost(nodes, links, areas, blocked, cost):
+    """`soonest_last`; `blocked`, `cost`: memory for the share of each node's rays that it blocks, and steps of one."""
+    words, lanes, copy = ptr(nodes), stack_array(np.int64, WIDTH), stack_array(np.float32, WIDTH)
+    enter, block = stack_array(np.float64, WIDTH), stack_array(np.float64, WIDTH)  # of a node's children
+    price = stack_array(np.float64, WIDTH)
     for node in range(len(nodes) - 1, -1, -1):  # children are numbered after their parents
         at, n = node * NODE_WORDS, 0
         while n < WIDTH and links[node, LINKS + n] != NO_CHILD:
@@ -191,3 +196,11 @@ def soonest_last(nodes, areas):
             passing *= 1.0 - enter[lanes[k]] * block[lanes[k]]
         blocked[node], cost[node] = 1.0 - passing, steps
         _arrange(words, at, lanes, n, copy)
+
+
+def soonest_last(nodes, areas) -> None:
+    """Sort the children of all nodes of a `wide.WideBvh`: the more likely one blocks a ray for its cost, the later.
+
+    areas : (n_groups,) of the triangles of each group
+    """
+    _sort_by_cost(nodes, nodes.view(np.int32), areas, *np.empty((2, len(nodes))))

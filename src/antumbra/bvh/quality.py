@@ -6,9 +6,11 @@ import numpy as np
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.simd import stack_array
 from .nodes import EMPTY, MAX_DEPTH, MAX_LEAF, Bvh
 
 _CHUNK = 8192  # nodes whose areas a thread sums at a time
+_WAITING = MAX_DEPTH + 1
 _OK = 0
 _FAULTS = (
     "",
@@ -103,7 +105,7 @@ def _check_child(bvh, node, side, reached, used):
 @kernel
 def _check_tree(bvh, reached, used):
     """(fault, node, side) of the first fault on a walk from the root; fault is _OK if there is none."""
-    waiting = np.empty((MAX_DEPTH + 1, 2), np.int64)
+    waiting = stack_array(np.int64, _WAITING, 2)
     waiting[0, 0], waiting[0, 1] = 0, 1
     reached[0] = True
     height = 1
@@ -228,7 +230,7 @@ def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, thread
 @kernel
 def _shape(links, sizes):
     """Fill the histogram of leaf sizes; the depth."""
-    waiting = np.empty((MAX_DEPTH + 1, 2), np.int64)
+    waiting = stack_array(np.int64, _WAITING, 2)
     waiting[0, 0], waiting[0, 1] = 0, 1
     height, deepest = 1, 0
     while height > 0:

@@ -14,16 +14,29 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..kernels.simd import atomic_add, bits, load4, maximum, minimum, ptr, splat4, swap_halves
+from ..kernels.simd import (
+    atomic_add,
+    bits,
+    load4,
+    load16,
+    maximum,
+    minimum,
+    ptr,
+    splat4,
+    stack_array,
+    store,
+    swap_halves,
+)
 from .nodes import EMPTY, LEFT_FIRST, MAX_DEPTH, Bvh, aligned_empty, parents_first
 from .order import swap_children
 from .rayset import GROW, Intersections, bounded_rays, check_intersections, ray_at
 
 _CHUNK = 64  # rays
+_LEVELS = MAX_DEPTH + 2
 
 
 class _Frames(NamedTuple):
-    """The nodes from the root to the one that a ray is at, (MAX_DEPTH + 2,) int64 each."""
+    """The nodes from the root to the one that a ray is at, (_LEVELS,) int64 each."""
 
     node: np.ndarray
     entered: np.ndarray  # bits of the children whose boxes the ray enters
@@ -94,14 +107,12 @@ def _weigh(bvh, box_ray, i, met, frames, gains):
 
 
 @kernel
-def _weigh_rays(ticket, bvh, rays, found, gains):
-    """Worker: the gains by each ray."""
-    room = MAX_DEPTH + 2
+def _weigh_rays(ticket, bvh, rays, found, gains, met):
+    """Worker: the gains by each ray; `met`: the thread's own -1 for each triangle."""
     frames = _Frames(
-        np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64),
-        np.empty(room, np.int64), np.empty(room, np.int64),
+        stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
+        stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
     )  # fmt: skip
-    met = np.full(len(bvh.prim_ids), -1, np.int32)
     first = take(ticket)
     while first >= 0:
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
@@ -112,19 +123,23 @@ def _weigh_rays(ticket, bvh, rays, found, gains):
 
 
 @kernel
-def _arrange(bvh, gains, new_nodes, new_links):
-    """Copy the nodes, their children in the better order, depth first."""
+def _choose(bvh, gains):
+    """Put the children of all nodes in the better order."""
     words = ptr(bvh.links)
     for node in range(len(bvh.nodes)):
         if gains[node] != 0:
             bvh.links[node, 14] = LEFT_FIRST
         if gains[node] > 0:
             swap_children(words, node)
-    order, numbers = parents_first(bvh.links), np.empty(len(bvh.nodes), np.int32)
+
+
+@kernel
+def _copy_nodes(bvh, order, numbers, new_nodes, new_links):
+    """Copy the nodes, depth first, which is this order; `numbers`: memory for where each one goes."""
     for i in range(len(order)):
         numbers[order[i]] = i
     for i in range(len(order)):
-        new_nodes[i] = bvh.nodes[order[i]]
+        store(new_nodes, i * 16, load16(bvh.nodes, np.int64(order[i]) * 16))
         for side in range(2):
             link = bvh.links[order[i], 12 + side]
             new_links[i, 12 + side] = numbers[link] if link >= 0 else link
@@ -156,8 +171,11 @@ def order_by_rays(bvh: Bvh, threads: int | None = None, *, rays: Intersections |
     check_intersections(rays, len(bvh.prim_ids))
     m, threads = len(rays.origins), thread_count(threads)
     gains = np.zeros(len(bvh.nodes), np.int64)
-    run(_weigh_rays, threads, new_ticket(m, _CHUNK), bvh, bounded_rays(rays), rays, gains)
+    own = lambda: (np.full(len(bvh.prim_ids), -1, np.int32),)
+    run(_weigh_rays, threads, new_ticket(m, _CHUNK), bvh, bounded_rays(rays), rays, gains, own=own)
     old, new = aligned_empty(bvh.nodes.shape, "f4"), aligned_empty(bvh.nodes.shape, "f4")
     old[:] = bvh.nodes
-    _arrange(bvh._replace(nodes=old, links=old.view(np.int32)), gains, new, new.view(np.int32))
+    chosen = bvh._replace(nodes=old, links=old.view(np.int32))
+    _choose(chosen, gains)
+    _copy_nodes(chosen, parents_first(chosen.links), np.empty(len(old), np.int32), new, new.view(np.int32))
     return bvh._replace(nodes=new, links=new.view(np.int32))

@@ -28,6 +28,7 @@ from ..kernels.simd import (
     put,
     select,
     shuffle,
+    stack_array,
     stack_f32,
     stack_i32,
     store,
@@ -40,6 +41,7 @@ from .quality import sah_cost
 from .relayout import cheapest_leaves, relayout
 
 _STACK = 2 * MAX_DEPTH + 2
+_WAITING = MAX_DEPTH + 2
 _COORDINATES = 0x77  # lanes of a box
 _AREA = 3  # lane of a box that holds half its area
 _CHUNK = 1024  # items that a thread takes at a time
@@ -261,7 +263,7 @@ def _make_moves(loose, items, places):
 def _write(loose, bvh):
     """The nodes of a loose tree, depth first."""
     tree, nodes, links = _tree_of(loose), ptr(bvh.nodes), ptr(bvh.links)
-    waiting, n = np.empty((MAX_DEPTH + 2, 2), np.int64), 0
+    waiting, n = stack_array(np.int64, _WAITING, 2), 0
     waiting[0, 0], waiting[0, 1], height = 0, -1, 1
     while height > 0:
         height -= 1

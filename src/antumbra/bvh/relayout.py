@@ -11,13 +11,15 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take
-from ..kernels.simd import get, load8, load16, prefetch, put, splat4, store
+from ..kernels.simd import get, load8, load16, prefetch, put, splat4, stack_array, store
 from .assemble import place
 from .cut import Cut, children_of_top
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .order import surface
 
 _ZERO = np.float32(0.0)
+_LEVELS = MAX_DEPTH + 2
+_WAITING = 2 * MAX_DEPTH + 2
 
 
 class Choice(NamedTuple):
@@ -60,9 +62,9 @@ def _price_node(tree, node, best, top, max_leaf):
 @kernel
 def _price(tree, root, max_leaf, is_leaf):
     """Choose which nodes below one become leaves; (nodes, triangles) that the subtree then has."""
-    waiting, height = np.empty(2 * MAX_DEPTH + 2, np.int64), 1
-    room = MAX_DEPTH + 2
-    best, top = _Best(np.empty(room), np.empty(room, np.int64), np.empty(room, np.int64)), 0
+    waiting, height = stack_array(np.int64, _WAITING), 1
+    costs, triangles = stack_array(np.float64, _LEVELS), stack_array(np.int64, _LEVELS)
+    best, top = _Best(costs, triangles, stack_array(np.int64, _LEVELS)), 0
     waiting[0] = root
     while height > 0:
         node = waiting[height - 1]
@@ -143,7 +145,7 @@ def _fetch_part(source, root, queue):
 @kernel
 def _copy_part(source, root, is_leaf, target, node, slot):
     """Write a part from this node and this slot on; the link to it."""
-    waiting = np.empty((2 * MAX_DEPTH + 2, 2), np.int64)  # link, where the new link goes
+    waiting = stack_array(np.int64, _WAITING, 2)  # link, where the new link goes
     waiting[0, 0], waiting[0, 1] = root, -1
     height, first = 1, np.int64(node)
     while height > 0:
@@ -170,10 +172,12 @@ def _copy_part(source, root, is_leaf, target, node, slot):
 
 
 @kernel
-def _copy_parts(ticket, bvh, parts, choice, at, new, links):
-    """Worker: write each part to its place, and the link to it."""
+def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
+    """Worker: write each part to its place, and the link to it.
+
+    queue : the thread's own memory for as many int32 as a part has triangles
+    """
     source, target, is_leaf = tree_of(bvh), tree_of(new), choice.is_leaf
-    queue = np.empty(np.max(choice.sizes[:, 1]), np.int32)
     p = take(ticket)
     while p >= 0:
         _fetch_part(source, parts[p, 0], queue)
@@ -223,7 +227,8 @@ def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
     nodes = aligned_empty((count, 16), "f4")
     new = Bvh(nodes, nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
     to_parts = np.empty(len(cut.parts), np.int64)
-    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts)
+    own = lambda: (np.empty(choice.sizes[:, 1].max(), np.int32),)
+    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts, own=own)
     nodes[node_at] = cut.top
     new.links[node_at, 12:14] = _links_of_top(children, node_at, to_parts)
     new.links[node_at, 14:] = 0

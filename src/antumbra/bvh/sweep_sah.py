@@ -31,9 +31,8 @@ def _in_order(records, axis: int, threads: int):
 
 
 @kernel
-def _split_ranges(ticket, method, words, ranges, boxes, depth, scale, middles, sides):
-    """Worker: split ranges, and bound both sides of each."""
-    scratch = np.empty(words, np.float32)
+def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, scratch):
+    """Worker: split ranges, and bound both sides of each; `scratch`: the thread's own, for `source_of`."""
     r = take(ticket)
     while r >= 0:
         first, last = ranges[r]
@@ -48,7 +47,6 @@ def _split_ranges(ticket, method, words, ranges, boxes, depth, scale, middles, s
         store(sides, r * 32 + 24, right_centroids)
         middles[r] = middle
         r = take(ticket)
-    scratch[0] = 0  # it lives until here
 
 
 def _split_by_sweep(method: Swept, scale, threads: int):
@@ -57,7 +55,8 @@ def _split_by_sweep(method: Swept, scale, threads: int):
     def split_level(ranges, boxes, depth):
         k, words = len(ranges), SWEEP_WORDS * int((ranges[:, 1] - ranges[:, 0]).max())
         middles, sides = np.empty(k, np.int64), np.empty((k, 32), np.float32)
-        run(_split_ranges, threads, new_ticket(k, 1), method, words, ranges, boxes, depth, scale, middles, sides)
+        own = lambda: (np.empty(words, np.float32),)
+        run(_split_ranges, threads, new_ticket(k, 1), method, ranges, boxes, depth, scale, middles, sides, own=own)
         return middles, sides
 
     return split_level

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take, thread_count
-from ..kernels.simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_f32, stack_i32
+from ..kernels.simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_array, stack_f32, stack_i32
 from . import cut as cutting
 from . import lbvh
 from .cut import PART, cut
@@ -170,7 +170,7 @@ def _rounds(part, root, room, least, growth, queue, rules):
 @kernel
 def _restructure_parts(ticket, work, parts, rules):
     """Worker: treat the nodes of each part, which stand depth first."""
-    numbers = np.empty((4, PART), np.int32)
+    numbers = stack_array(np.int32, 4, PART)
     queue = ptr_at(numbers, 3 * numbers.shape[1])
     p = take(ticket)
     while p >= 0:
@@ -181,18 +181,18 @@ def _restructure_parts(ticket, work, parts, rules):
                 _measure(part, node, rules)
             _rounds(part, root, MAX_DEPTH - depth, LEAVES, 2, queue, rules)
         p = take(ticket)
-    return len(numbers)  # so that they live until here
 
 
 @kernel
-def _restructure_top(work, nodes, least, rules):
-    """Treat these nodes, parents first, which are those with `least` triangles or more below."""
-    numbers = np.empty((4, len(work.nodes)), np.int32)  # most of it is never touched
+def _restructure_top(work, nodes, least, rules, numbers):
+    """Treat these nodes, parents first, which are those with `least` triangles or more below.
+
+    numbers : memory for 4 int32 of each node of the tree
+    """
     part = _part_of(work, numbers, 0)
     for node in nodes[::-1]:
         _measure(part, node, rules)
     _rounds(part, 0, MAX_DEPTH, least, 1, ptr_at(numbers, 3 * numbers.shape[1]), rules)
-    return len(numbers)
 
 
 def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
@@ -206,7 +206,9 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     pieces = cut(bvh)
     run(_restructure_parts, threads, new_ticket(len(pieces.parts), 1), work, pieces.parts, rules)
     if len(pieces.numbers):
-        _restructure_top(work, pieces.numbers, cutting.PART + 2, rules._replace(rounds=np.int64(_TOP * rounds)))
+        numbers = np.empty((4, n), np.int32)  # most of it is never touched
+        longer = rules._replace(rounds=np.int64(_TOP * rounds))
+        _restructure_top(work, pieces.numbers, cutting.PART + 2, longer, numbers)
         pieces = cut(bvh, work.facts[:, COUNT])
     roots = pieces.parts[:, 0]
     sizes = np.where(roots[:, None] < 0, [0, 1], work.facts[np.maximum(roots, 0)][:, [KEPT, COUNT]])

@@ -4,6 +4,8 @@ The first levels are split by all threads (`top`); each then takes ranges to bui
 the nodes are put in one array (`assemble`). How ranges are split is the method's affair (`splits`).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..kernels.jit import kernel
@@ -24,11 +26,17 @@ def largest_subtree(n: int) -> int:
     return max(_SMALL, n // _SUBTREES)
 
 
+class _Memory(NamedTuple):
+    """What a thread builds a subtree in."""
+
+    nodes: np.ndarray  # (largest, 16) float32: nodes of a subtree
+    scratch: np.ndarray  # (words,) float32, for `source_of`
+
+
 @kernel
-def _build_subtrees(ticket, vertices, method, words, top, order, settings, bvh, subtrees, next_free):
+def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtrees, next_free, memory):
     """Worker: build the subtrees, in the order given, and put the nodes of each where there is room."""
-    largest = top.ranges[order[0], 1] - top.ranges[order[0], 0]
-    room, scratch = np.empty((largest, 16), np.float32), np.empty(words, np.float32)
+    room, scratch = memory.nodes, memory.scratch
     out = Tree(ptr(room), as_i32(room), ptr(bvh.prim_ids), ptr(bvh.corners))
     k = take(ticket)
     while k >= 0:
@@ -42,7 +50,6 @@ def _build_subtrees(ticket, vertices, method, words, top, order, settings, bvh, 
             store(subtrees.nodes, (at + i) * 16, load16(room, (i + 1) * 16))
         subtrees.shares[s, 0], subtrees.shares[s, 1], subtrees.shares[s, 2] = at, count, get(out.links, 12)
         k = take(ticket)
-    scratch[0] = 0  # it lives until here
 
 
 def build_below(flat, method, words: int, top: Top, settings, threads: int) -> tuple[Bvh, Subtrees]:
@@ -53,7 +60,9 @@ def build_below(flat, method, words: int, top: Top, settings, threads: int) -> t
     n, s = len(flat), len(top.ranges)
     subtrees = Subtrees(aligned_empty((n, 16), "f4"), np.empty((s, 3), np.int64))
     bvh = Bvh(subtrees.nodes, subtrees.nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
-    order = np.argsort(top.ranges[:, 0] - top.ranges[:, 1], kind="stable")
-    next_free, ticket = np.zeros(1, np.int64), new_ticket(s, 1)
-    run(_build_subtrees, threads, ticket, flat, method, words, top, order, settings, bvh, subtrees, next_free)
+    sizes = top.ranges[:, 1] - top.ranges[:, 0]
+    order, largest = np.argsort(-sizes, kind="stable"), int(sizes.max())
+    next_free, args = np.zeros(1, np.int64), (flat, method, top, order, settings, bvh, subtrees)
+    own = lambda: (_Memory(aligned_empty((largest, 16), "f4"), np.empty(words, np.float32)),)
+    run(_build_subtrees, threads, new_ticket(s, 1), *args, next_free, own=own)
     return bvh, subtrees

@@ -8,11 +8,12 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..kernels.simd import get, ptr
+from ..kernels.simd import get, ptr, stack_array
 from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first
 from .order import soonest_last, triangle_area
 from .wide import GROUP_WORDS, LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh
 
+_PARTS, _WAITING, _NODES = WIDTH + 1, MAX_DEPTH + 2, MAX_DEPTH * WIDTH  # that wait at a time
 _NOWHERE = np.float32(3e38)  # lower planes of the box of a child that is not there; the upper ones are the negative
 
 
@@ -58,7 +59,7 @@ def _price(bvh, order, costs, counts):
 @kernel
 def _children(bvh, costs, node, found):
     """Write the children (2 * node + side) that the wide node of a binary node has to `found`; how many."""
-    waiting, parts = np.empty(WIDTH + 1, np.int64), np.empty(WIDTH + 1, np.int64)
+    waiting, parts = stack_array(np.int64, _PARTS), stack_array(np.int64, _PARTS)
     left = _divide(costs, node, WIDTH)[1]
     waiting[0], parts[0], waiting[1], parts[1] = 2 * node + 1, WIDTH - left, 2 * node, left
     height, n = 2, 0
@@ -82,7 +83,7 @@ def _children(bvh, costs, node, found):
 @kernel
 def _leaf(bvh, child, slots, lane):
     """Write the slots below a child to slots[lane:]; how many."""
-    waiting = np.empty(MAX_DEPTH + 2, np.int64)
+    waiting = stack_array(np.int64, _WAITING)
     waiting[0] = bvh.links[child >> 1, 12 + (child & 1)]
     height, n = 1, 0
     while height > 0:
@@ -111,8 +112,8 @@ def _fill_node(bvh, child, lane, words, at):
 @kernel
 def _collapse(bvh, costs, counts, words, links, slots):
     """Write the nodes, and the slots of each group's lanes; (number of nodes, number of groups)."""
-    waiting = np.empty((MAX_DEPTH * WIDTH, 2), np.int64)  # binary node, wide node
-    found = np.empty(WIDTH, np.int64)
+    waiting = stack_array(np.int64, _NODES, 2)  # binary node, wide node
+    found = stack_array(np.int64, WIDTH)
     waiting[0] = 0
     height, n_nodes, n_groups = 1, 1, 0
     while height > 0:

@@ -12,8 +12,11 @@ import numpy as np
 from ..bvh.blocks import BlockTree
 from ..bvh.nodes import EMPTY, MAX_DEPTH, boxes_of, parents_first
 from ..kernels.jit import kernel
+from ..kernels.simd import stack_array
 from ..trace.forest import addresses, head
 from .options import Options
+
+_WAITING = MAX_DEPTH + 2
 
 
 class Memory(Protocol):
@@ -56,9 +59,8 @@ def shares(lines: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def _measure(links, triangles, heights):
-    """Triangles, and levels of inner nodes, at and below each inner node of a `BlockTree`."""
-    order = parents_first(links)
+def _measure(links, order, triangles, heights):
+    """Triangles, and levels of inner nodes, at and below each inner node of a `BlockTree`; `order`: parents first."""
     for i in range(len(order) - 1, -1, -1):
         node, n, height = order[i], 0, 0
         for side in range(2):
@@ -72,7 +74,7 @@ def _measure(links, triangles, heights):
 @kernel
 def _cut(links, triangles, heights, most, highest, top, roots):
     """Nodes of the top (parents first) and links to the parts' roots, in place: (how many nodes, parts)."""
-    waiting = np.empty(MAX_DEPTH + 2, np.int64)
+    waiting = stack_array(np.int64, _WAITING)
     waiting[0] = 0
     height, m, k = 1, 0, 0
     while height > 0:
@@ -120,7 +122,7 @@ def parts_of(tree: BlockTree, options: Options) -> Parts:
     """A `BlockTree` cut into parts."""
     n = len(tree.nodes)
     triangles, heights = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    _measure(tree.links, triangles, heights)
+    _measure(tree.links, parents_first(tree.links), triangles, heights)
     top, roots = np.empty(n, np.int64), np.empty(n + 1, np.int64)
     m, k = _cut(tree.links, triangles, heights, options.triangles, options.height, top, roots)
     top, roots = top[:m], roots[:k]

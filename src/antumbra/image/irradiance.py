@@ -59,9 +59,9 @@ def _add_row(position, normal, light, fixed, flat, a, b, totals, w):
 
 
 @kernel
-def _irradiance_rows(ticket, position, normal, side, light, flat, points, out):
+def _irradiance_rows(ticket, position, normal, side, light, flat, points, out, totals):
+    """Worker: rows of pixels; `totals`: the thread's own memory for a row of float64."""
     w = side.shape[1]
-    totals = np.empty(w)
     zero, one = np.float64(0.0), np.float64(1.0)
     fixed = patch_at(light, zero, zero, zero, zero, zero, one)
     flat = flat[0], flat[1], flat[2]
@@ -90,5 +90,5 @@ def irradiance(gbuffer, patch, domain, threads=None) -> np.ndarray:
     out = np.empty(gbuffer.face.shape, np.float32)
     ticket = new_ticket(len(out), 8)
     args = gbuffer.position, gbuffer.normal, gbuffer.side, patch, flat, _POINTS[domain], out
-    run(_irradiance_rows, thread_count(threads), ticket, *args)
+    run(_irradiance_rows, thread_count(threads), ticket, *args, own=lambda: (np.empty(out.shape[1]),))
     return out

@@ -77,14 +77,15 @@ def _light_row(rows, normal, up, ambient, start, w, sums):
 
 
 @kernel
-def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility, ambient, skies, more, image):
+def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility, ambient, skies, more, image, sums):
+    """Worker: rows of pixels; `sums`: the thread's own memory for the colours of one."""
     h, w = face.shape
     rows = _Rows(
         ptr(tints), ptr(irradiances), ptr(visibility), len(tints), ptr(skies), len(skies), ptr(more), len(more), h * w
     )
     faces, normals, colours, out = ptr(face), ptr(normal), ptr(colour), ptr(image)
     inverse_pi = np.float32(1.0 / np.pi)
-    sums, ambient = np.empty(3 * w, np.float32), (ambient[0], ambient[1], ambient[2])
+    ambient = (ambient[0], ambient[1], ambient[2])
     y0 = take(ticket)
     while y0 >= 0:
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
@@ -115,7 +116,8 @@ def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", indirec
     image = np.empty((*shape, 3), np.float32)
     args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances
     ticket = new_ticket(len(image), 8)
-    run(_shade_rows, thread_count(threads), ticket, *args, shadows, ambient, skies, more, image)
+    own = lambda: (np.empty(3 * shape[1], np.float32),)
+    run(_shade_rows, thread_count(threads), ticket, *args, shadows, ambient, skies, more, image, own=own)
     return image
 
 

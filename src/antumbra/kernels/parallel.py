@@ -13,13 +13,15 @@ thread waits for a slower one. A worker is a kernel of this shape::
             first = take(ticket)
 
     run(worker, thread_count(None), new_ticket(len(values), 64), values)
+
+Kernels ask for no memory but that of their stack. `run` has other scratch memory made for each thread.
 """
 
 import numbers
 import os
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import TypeAlias
 
@@ -78,8 +80,8 @@ def take(ticket):
 class _Job:
     """One `run`: what to call, and what came of it in each thread."""
 
-    def __init__(self, worker, ticket, args, n_threads):
-        self.worker, self.ticket, self.args, self.n_threads = worker, ticket, args, n_threads
+    def __init__(self, worker, ticket, args, own, n_threads):
+        self.worker, self.ticket, self.args, self.own, self.n_threads = worker, ticket, args, own, n_threads
         self.begun: list[None] = []  # one None per thread that has begun; appending to a list is atomic
         self.outcomes: list[BaseException | None] = []  # one per thread that has finished: None, or its exception
         self.wake: queue.SimpleQueue[None] = (
@@ -89,7 +91,7 @@ class _Job:
     def work(self):
         self.begun.append(None)
         try:
-            self.worker(self.ticket, *self.args)
+            self.worker(self.ticket, *self.args, *self.own())
         except BaseException as error:
             self.ticket[STOP] = 1
             return error
@@ -139,9 +141,10 @@ def run(
     n_threads: int,
     ticket: Ticket,
     *args,
+    own: Callable[[], Iterable] = tuple,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Call ``worker(ticket, *args)`` in `n_threads` threads at once and wait until all have returned.
+    """Call ``worker(ticket, *args, *own())`` in `n_threads` threads at once and wait until all have returned.
 
     Parameters
     ----------
@@ -151,6 +154,8 @@ def run(
         At least 1; no more are used than there are pieces of work. With 1, and without `progress`, the
         caller's own thread does the work.
     ticket : from `new_ticket`
+    own : function of nothing, optional
+        Called in each thread: it makes what only that thread may touch, such as scratch memory.
     progress : function of (items handed out, items), optional
         Called in the caller's thread about ten times a second, and once at the end.
 
@@ -165,9 +170,9 @@ def run(
     total = int(ticket[N])
     n_threads = max(1, min(n_threads, -(-total // int(ticket[CHUNK]))))
     if n_threads == 1 and progress is None:
-        worker(ticket, *args)
+        worker(ticket, *args, *own())
         return
-    job, started = _Job(worker, ticket, args, n_threads), 0
+    job, started = _Job(worker, ticket, args, own, n_threads), 0
     try:
         while started < n_threads:
             _idle_thread().inbox.put(job)

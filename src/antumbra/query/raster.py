@@ -63,7 +63,6 @@ def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, coun
         threads,
         new_ticket(tiles, 1),
         bins,
-        longest,
         corners,
         rays,
         view,
@@ -71,6 +70,7 @@ def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, coun
         face,
         t,
         counters,
+        own=lambda: (np.empty(longest, np.int32),),
     )
     return face, t
 

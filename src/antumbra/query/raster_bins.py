@@ -99,12 +99,14 @@ def _prefix_sums(counts, first):
             first[tile + 1] += counts[chunk, tile]
     for tile in range(tiles):
         first[tile + 1] += first[tile]
-    cursor = first.copy()
-    for chunk in range(chunks):
+    for chunk in range(chunks):  # moves each start to the end of its list, which is the start of the next one ...
         for tile in range(tiles):
             n = counts[chunk, tile]
-            counts[chunk, tile] = cursor[tile]
-            cursor[tile] += n
+            counts[chunk, tile] = first[tile]
+            first[tile] += n
+    for tile in range(tiles, 0, -1):  # ... so back it goes
+        first[tile] = first[tile - 1]
+    first[0] = 0
 
 
 @kernel

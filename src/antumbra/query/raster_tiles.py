@@ -28,6 +28,7 @@ from ..kernels.simd import (
     put,
     select,
     splat8,
+    stack_array,
     stack_f32,
     stack_i32,
     store,
@@ -44,6 +45,7 @@ RASTER_COUNTERS = ("listed", "drawn", "pixels", "uncertain", "ties")
 these pixels, how many float32 could not tell to be covered, and how many were, but by which face was too close to call.
 """
 _LISTED, _DRAWN, _PIXELS, _UNCERTAIN, _TIES = range(len(RASTER_COUNTERS))
+_COUNTS = len(RASTER_COUNTERS)
 
 _F = np.float32
 _CELLS = TILE * STRIDE
@@ -212,11 +214,12 @@ def _finish(tile, window, corners, rays, face, t):
 
 
 @kernel
-def draw_tiles(ticket, bins, longest, corners, rays, view, cull_faces, face, t, counters):
-    """Worker: whole tiles of the picture, each by one thread. `longest` is the length of the longest list."""
-    # On the stack, since a pointer does not keep an array alive
+def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters, order):
+    """Worker: whole tiles of the picture, each by one thread. `order`: the thread's own memory for the longest list."""
     tile = Tile(stack_f32(_CELLS), stack_f32(_CELLS), stack_i32(_CELLS), stack_i32(_CELLS), stack_i32(16))
-    order, counts = np.empty(longest, np.int32), np.zeros(len(RASTER_COUNTERS), np.int64)
+    counts = stack_array(np.int64, _COUNTS)
+    for c in range(_COUNTS):
+        counts[c] = 0
     across = -(-view.width // TILE)
     k = take(ticket)
     while k >= 0:
@@ -228,5 +231,5 @@ def draw_tiles(ticket, bins, longest, corners, rays, view, cull_faces, face, t, 
         _draw(tile, bins, order, n, window, corners, rays, view, cull_faces, counts)
         _finish(tile, window, corners, rays, face, t)
         k = take(ticket)
-    for c in range(len(counts)):
+    for c in range(_COUNTS):
         atomic_add(counters, c, counts[c])

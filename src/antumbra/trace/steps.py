@@ -14,11 +14,11 @@ from ..bvh.nodes import Bvh, parents_first, tree_of
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take, thread_count
 from ..kernels.predicate.exact import segment
-from ..kernels.simd import atomic_add, ptr
+from ..kernels.simd import atomic_add, ptr, stack_array
 from ..query.receivers import NOTHING
 from ..query.samples import sample_point
 from ..query.shadow import horizon_of, is_above, patch_of
-from .counters import BOX_TESTS, COUNTERS, TRIANGLE_TESTS
+from .counters import BOX_TESTS, N_COUNTERS, TRIANGLE_TESTS
 from .orders import Ordered
 from .traverse import walk
 
@@ -37,10 +37,9 @@ class Steps(NamedTuple):
 
 
 @kernel
-def leaf_depths(bvh):
-    """(n,) int32: of each slot, the number of boxes on the way from the root to its leaf, its own included."""
-    depths, inner = np.zeros(len(bvh.prim_ids), np.int32), np.zeros(len(bvh.nodes), np.int32)
-    for node in parents_first(bvh.links):
+def _count_boxes(bvh, order, inner, depths):
+    """Fill `leaf_depths`; `order`: parents first, `inner`: zeros for the depth of each node."""
+    for node in order:
         for side in range(2):
             link, depth = bvh.links[node, 12 + side], inner[node] + 1
             if link >= 0:
@@ -49,6 +48,12 @@ def leaf_depths(bvh):
                 first = ~np.int64(link) >> 3
                 for slot in range(first, min(first + (~link & 7) + 1, len(depths))):
                     depths[slot] = depth
+
+
+def leaf_depths(bvh: Bvh) -> np.ndarray:
+    """(n,) int32: of each slot, the number of boxes on the way from the root to its leaf, its own included."""
+    depths = np.zeros(len(bvh.prim_ids), np.int32)
+    _count_boxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
     return depths
 
 
@@ -81,7 +86,7 @@ def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
 
 @kernel
 def _walk_rows(ticket, bvh, order, query, depths, steps):
-    counters = np.zeros(len(COUNTERS), np.int64)
+    counters = stack_array(np.int64, N_COUNTERS)
     y = take(ticket)
     while y >= 0:
         for x in range(query.sides.shape[1]):
