@@ -35,12 +35,20 @@ _PASSES = (
 )
 
 
+class _Passes(compiler_machinery.PassManager):
+    """Runs passes without timing, announcing and checking each of them."""
+
+    def _runPass(self, index, each, state):
+        each.analysis = self._analysis
+        for run in each.run_initialization, each.run_pass, each.run_finalizer:
+            run(state)
+
+
 class _Pipeline(compiler.CompilerBase):
     def define_pipelines(self):
-        passes = compiler_machinery.PassManager("antumbra")
+        passes = _Passes("antumbra")
         for each, what in _PASSES:
-            if not (each is untyped.TranslateByteCode and self.state.func_ir is not None):
-                passes.add_pass(each, what)
+            passes.add_pass(each, what)
         passes.finalize()
         return [passes]
 

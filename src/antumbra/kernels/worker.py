@@ -21,6 +21,9 @@ def main() -> None:
     import_numba()
     gc.disable()  # Numba makes many objects that live on; looking through them is a seventh of all time
     from .cache import Folder, cache_folder
+    from .numba_speed import make_faster
+
+    make_faster()
     from .closure import kernel_digest
     from .loading import kept_or_made
 
