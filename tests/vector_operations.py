@@ -6,10 +6,10 @@ processors can be compared: ``python vector_operations.py results.npz``.
 
 import sys
 
-import numba
 import numpy as np
 
 from antumbra.kernels import simd
+from antumbra.kernels.jit import kernel as compiled
 from antumbra.kernels.simd import (
     absolute,
     all_lanes,
@@ -35,9 +35,6 @@ from antumbra.kernels.simd import (
 LANES = (4, 8, 16)
 _F32 = np.finfo(np.float32)
 _I32 = np.iinfo(np.int32)
-
-# No cache: these kernels close over functions, which the disk cache never finds again.
-compiled = numba.njit(nogil=True, error_model="numpy")
 
 
 # --- inputs ---------------------------------------------------------------------------------------------
@@ -247,11 +244,9 @@ def joined(lanes):
     load = getattr(simd, f"load{lanes}")
 
     @compiled
-    def compute(a, b):
-        out = np.empty(2 * len(a), a.dtype)
+    def compute(a, b, out):
         for i in range(0, len(a), lanes):
             store(out, 2 * i, simd.join(load(a, i), load(b, i)))
-        return out
 
     return compute
 
@@ -419,9 +414,11 @@ def _add_min_select(a, b, out):
 
 def assembly():
     """What ``x + y``, ``minimum`` and ``select`` on f32x8 become on the processor compiled for."""
-    eight = np.ones(8, np.float32)
-    _add_min_select(eight, eight, eight)
-    return next(iter(_add_min_select.inspect_asm().values()))
+    from antumbra.kernels import compiling, machine
+    from antumbra.kernels.processor import level
+
+    module, _ = compiling.lowered(_add_min_select, " ".join(3 * ["A[f4,1,C]"]), "add_min_select")
+    return machine.assembly(machine.optimised(module, level()), level())
 
 
 if __name__ == "__main__":

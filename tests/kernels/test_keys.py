@@ -6,6 +6,8 @@ import pytest
 
 import sample_package as sample
 
+from antumbra.kernels import definitions, simd
+
 BEFORE = {
     "alone": 101, "by_call": 4, "by_constant": 6, "by_module": 6, "by_overload": 6, "by_field": 5,
     "by_result": {"a": 1, "b": 2}, "by_intrinsic": 2, "by_operator": 6.0,
@@ -32,6 +34,12 @@ EDITS = {
     "comment of an intrinsic": (LANES, "# --- make ----", "# --- made ----", {}),
     "line numbers": ("sample/parts.py", "SCALE = 3\n", "SCALE = 3\n\n\n", {}),
 }  # fmt: skip
+
+
+def test_names_that_one_statement_defines_are_told_apart():
+    names = [name for name in simd.__all__ if name != "__all__"]
+    digests = {definitions.digest(f.module, f.name) for f in (getattr(simd, name) for name in names)}
+    assert len(digests) == len(names) > 50
 
 
 @pytest.fixture(scope="module")

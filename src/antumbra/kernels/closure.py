@@ -78,7 +78,7 @@ class _Part:
         elif isinstance(value, _PLAIN):
             self._add(name, _name_of(type(value)), value)
         elif type(value).__module__.partition(".")[0] in ("numba", "llvmlite", "typing"):
-            self._add(name, _name_of(type(value)), str(value))
+            self._numba(name, value)
         else:
             raise TypeError(f"kernels cannot name {name}, a {_name_of(type(value))}: changes of it would go unnoticed")
 
@@ -87,6 +87,12 @@ class _Part:
         self._add(name, "function", module, getattr(value, "__qualname__", value.__name__))
         if isinstance(value, types.FunctionType) and module.partition(".")[0] not in _FOREIGN:
             self.reached += [value, *overloads(value)]
+
+    def _numba(self, name: str, value: object) -> None:
+        """Numba's own objects: of intrinsics and functions that it compiles, the Python function."""
+        function = getattr(value, "py_func", getattr(value, "_defn", None))
+        self._add(name, _name_of(type(value)), "" if function else str(value))
+        self.reached += [function] if isinstance(function, types.FunctionType) else []
 
     def _module(self, name: str, value: types.ModuleType) -> None:
         """The attributes of a module that the function may mean; those of others belong to their versions."""

@@ -81,7 +81,7 @@ def digest(module: str, name: str) -> str:
     """Digest of what a module defines under a name."""
     found: dict[tuple[str, str], str] = {}
     _collect(module, name, found)
-    text = repr(sorted(found.items())) + "".join(map(module_digest, _IMPLIED))
+    text = repr([module, name, *sorted(found.items())]) + "".join(map(module_digest, _IMPLIED))
     return blake2b(text.encode(), digest_size=16).hexdigest()
 
 

@@ -64,12 +64,12 @@ class Lowered(NamedTuple):
 class Part:
     """A function that other compiled functions call; Numba takes it for a dispatcher."""
 
-    is_compiling = False  # Numba asks, for functions that call themselves; kernels do not
 
     def __init__(self, py_func: Callable, choose: Callable, forced: bool):
         self.py_func, self._choose, self._forced = py_func, choose, forced
         self._signature = pysignature(py_func)
         self.lowered: dict[tuple[types.Type, ...], Lowered] = {}
+        self.is_compiling = 0  # Numba asks, for functions that call themselves
         self.type = types.Dispatcher(self)
 
     def __repr__(self):
@@ -77,12 +77,15 @@ class Part:
 
     def get_call_template(self, args, kws):
         """Numba's question for what a call with arguments of some types returns."""
+        signature, args = self.fold_argument_types(args, kws)
+        found, name = self.lower(tuple(args)), self.py_func.__name__
+        return typing.make_concrete_template(name, name, [found.signature]), signature, args, {}
+
+    def fold_argument_types(self, args, kws):
+        """Numba's question for the types of all arguments, by name and default too."""
         keep = lambda index, parameter, value: value
         default = lambda index, parameter, value: types.Omitted(value)
-        args = fold_arguments(self._signature, args, kws, keep, default, keep)
-        found = self.lower(tuple(args))
-        name = self.py_func.__name__
-        return typing.make_concrete_template(name, name, [found.signature]), self._signature, args, {}
+        return self._signature, fold_arguments(self._signature, args, kws, keep, default, keep)
 
     def get_overload(self, signature):
         """Numba's question for the key of the code, given to `insert_user_function`."""
@@ -99,9 +102,13 @@ class Part:
             typing_context, context = cpu_target.typing_context, cpu_target.target_context
             library = Library(context.codegen(), self.py_func.__qualname__)
             function, flags = self._choose(args), _flags(self._forced)
-            made = compiler.compile_extra(
-                typing_context, context, function, args, None, flags, {}, library, pipeline_class=_Pipeline
-            )
+            self.is_compiling += 1
+            try:
+                made = compiler.compile_extra(
+                    typing_context, context, function, args, None, flags, {}, library, pipeline_class=_Pipeline
+                )
+            finally:
+                self.is_compiling -= 1
             found = Lowered(typing.signature(made.fndesc.restype, *args), made.fndesc, library)
             context.insert_user_function(found, made.fndesc, [library])
             self.lowered[args] = found

@@ -3,7 +3,6 @@
 import threading
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import pytest
 from llvmlite import ir
@@ -11,6 +10,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from antumbra.kernels import simd
+from antumbra.kernels.jit import kernel as compiled
 from antumbra.kernels.simd import (
     as_f32,
     as_i32,
@@ -22,14 +22,12 @@ from antumbra.kernels.simd import (
     compress,
     extract,
     f32_at,
-    f32x8,
     f64_at,
     gather,
     get,
     i32_at,
     load4,
     load8,
-    mask8,
     mask_from_bits8,
     popcount,
     prefetch,
@@ -44,8 +42,6 @@ from antumbra.kernels.simd import (
     stack_i64,
     store,
 )
-
-compiled = numba.njit(nogil=True, error_model="numpy")
 
 
 @intrinsic
@@ -316,15 +312,6 @@ def test_vectors_travel_in_tuples_between_kernels():
     a, out = np.arange(16, dtype=np.float32)[::-1].copy(), np.zeros(16, np.float32)
     compute(a, out)
     assert np.array_equal(out[:8], a[8:] + 1) and np.array_equal(out[8:], a[:8] - 1)
-
-
-def test_types_name_signatures():
-    @numba.njit(f32x8(f32x8, mask8))
-    def keep(v, mask):
-        return select(mask, v, 0)
-
-    assert keep.signatures == [(f32x8, mask8)]
-    assert str(f32x8) == "f32x8" and str(mask8) == "mask8"
 
 
 def test_addresses_and_float64_scratch():

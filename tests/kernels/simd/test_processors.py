@@ -7,28 +7,22 @@ import subprocess
 import sys
 from pathlib import Path
 
-import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
 import vector_operations as ops
+from antumbra.kernels.processor import X86, level, usable
 
-pytestmark = pytest.mark.skipif(
-    platform.machine().lower() not in ("x86_64", "amd64"),
-    reason=f"compares x86 processors, and this is {platform.machine()}",
-)
-
-needs_avx2 = pytest.mark.skipif(
-    not all(llvm.get_host_cpu_features().get(feature) for feature in ("avx2", "fma")),
-    reason="this processor cannot run code compiled for haswell: it lacks AVX2 or FMA",
-)
+pytestmark = pytest.mark.skipif(level() not in X86, reason=f"compares x86 processors, and this is {platform.machine()}")
+LOWEST, AVX2 = "x86-64-v2", "x86-64-v3"
+HERE = usable(level())
+needs_avx2 = pytest.mark.skipif(AVX2 not in HERE, reason="this processor cannot run code for x86-64-v3")
 
 
-def results_compiled_for(cpu, folder):
-    """What another process computes, with kernels compiled for `cpu`."""
-    path = folder / f"{cpu}.npz"
-    # Without empty features the ones of the host would be added to the named processor's.
-    env = dict(os.environ, NUMBA_CPU_NAME=cpu, NUMBA_CPU_FEATURES="", NUMBA_CACHE_DIR=str(folder))
+def results_compiled_for(processor, folder):
+    """What another process computes, with kernels compiled for a level of processors."""
+    path = folder / f"{processor}.npz"
+    env = dict(os.environ, ANTUMBRA_LEVEL=processor)
     script = Path(ops.__file__)
     done = subprocess.run([sys.executable, str(script), str(path)], env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -38,12 +32,12 @@ def results_compiled_for(cpu, folder):
 
 @pytest.fixture(scope="module")
 def baseline(tmp_path_factory):
-    return results_compiled_for("x86-64", tmp_path_factory.mktemp("baseline"))
+    return results_compiled_for(LOWEST, tmp_path_factory.mktemp("baseline"))
 
 
 @pytest.fixture(scope="module")
 def haswell(tmp_path_factory):
-    return results_compiled_for("haswell", tmp_path_factory.mktemp("haswell"))
+    return results_compiled_for(AVX2, tmp_path_factory.mktemp("haswell"))
 
 
 def assert_same_bits(one, other):

@@ -1,14 +1,14 @@
 """The bit operations on int64."""
 
-import numba
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import highest_bit, lowest_bit, popcount
 
 
-@numba.njit
+@kernel
 def _all(x):
     return popcount(x), lowest_bit(x), highest_bit(x)
 

@@ -92,9 +92,6 @@ _HOMES = {
     "scalars": """
         highest_bit lowest_bit popcount
     """,
-    "vectors": """
-        f32x4 f32x8 f32x16 i32x4 i32x8 i32x16 mask4 mask8 mask16
-    """,
 }
 """Module: what it defines. These modules import Numba; a kernel that is compiled already needs none of them."""
 
@@ -118,9 +115,6 @@ __all__ = [
     "compress",
     "extract",
     "f32_at",
-    "f32x4",
-    "f32x8",
-    "f32x16",
     "f64_at",
     "flip_sign",
     "fma",
@@ -128,9 +122,6 @@ __all__ = [
     "get",
     "highest_bit",
     "i32_at",
-    "i32x4",
-    "i32x8",
-    "i32x16",
     "iota4",
     "iota8",
     "iota16",
@@ -139,9 +130,6 @@ __all__ = [
     "load8",
     "load16",
     "lowest_bit",
-    "mask4",
-    "mask8",
-    "mask16",
     "mask_from_bits4",
     "mask_from_bits8",
     "mask_from_bits16",
