@@ -5,7 +5,6 @@ import shutil
 import pytest
 
 import sample_package as sample
-
 from antumbra.kernels import definitions, simd
 
 BEFORE = {

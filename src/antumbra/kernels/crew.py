@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
+from .cache import Folder, cache_folder
 from .parallel import thread_count
 from .processor import level
 
@@ -104,6 +105,7 @@ def compile_all(
     finally:
         for worker in crew:
             worker.end()
+        Folder(cache_folder(), level()).prune()
 
 
 def _wait(done: SimpleQueue, at_work: int, total: int, progress: Progress | None) -> list[str]:

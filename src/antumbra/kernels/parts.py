@@ -64,7 +64,6 @@ class Lowered(NamedTuple):
 class Part:
     """A function that other compiled functions call; Numba takes it for a dispatcher."""
 
-
     def __init__(self, py_func: Callable, choose: Callable, forced: bool):
         self.py_func, self._choose, self._forced = py_func, choose, forced
         self._signature = pysignature(py_func)

@@ -1,0 +1,203 @@
+"""Machine code on disk: damage is noticed, processes share the work, old files go, packs serve who has no compiler."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import sample_package as sample
+from antumbra.kernels import cache
+from antumbra.kernels.code import Code, from_record
+
+CODE = Code("module:kernel", "i A[f4,1,C]", ["module:Pair", ["i", "n"]], b"machine code " * 50)
+CREW = """
+import json, sys
+from antumbra.kernels.crew import Wanted, compile_all
+
+kernels = [Wanted(f"antumbra.sample.top:{name}", key) for name, key in json.loads(sys.argv[1])]
+told = []
+wrong = compile_all(kernels, lambda done, total: told.append((done, total)), processes=2)
+print(json.dumps([wrong, told[0], told[-1]]))
+"""
+GOOD = [("alone", "i"), ("by_call", "i"), ("by_constant", "i"), ("by_overload", "i"), ("by_intrinsic", "A[f4,1,C]")]
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    return sample.write(tmp_path_factory.mktemp("package"))
+
+
+@pytest.fixture(scope="module")
+def filled(package, tmp_path_factory):
+    """A cache that two processes filled at the same time, and where each says its code came from."""
+    folder = tmp_path_factory.mktemp("shared") / "cache"
+    command = [sys.executable, "-c", sample.RUN]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    both = [subprocess.Popen(command, env=sample.environment(package, folder), **pipes) for _ in range(2)]
+    told = [process.communicate() for process in both]
+    assert not any(process.returncode for process in both), told
+    return folder, [dict(json.loads(out)[1]) for out, _ in told]
+
+
+@pytest.fixture
+def copied(filled, tmp_path):
+    return Path(shutil.copytree(filled[0], tmp_path / "cache"))
+
+
+def kernels_in(folder):
+    return sorted(folder.rglob("*.kernel"))
+
+
+# --- records -----------------------------------------------------------------------------------------------------
+
+
+def test_a_record_comes_back():
+    assert from_record(CODE.record()) == CODE
+
+
+@pytest.mark.parametrize("end", [0, 5, 17, 30, 60, -1])
+def test_a_truncated_record_is_nothing(end):
+    assert from_record(CODE.record()[:end]) is None
+
+
+def test_a_record_with_any_byte_changed_is_nothing():
+    record = CODE.record()
+    for i in range(len(record)):
+        assert from_record(record[:i] + bytes([record[i] ^ 4]) + record[i + 1 :]) is None
+
+
+# --- the user's folder -------------------------------------------------------------------------------------------
+
+
+def test_two_processes_do_the_work_once(filled):
+    folder, (one, other) = filled
+    assert one.keys() == other.keys() and len(one) == len(kernels_in(folder))
+    assert all({one[name], other[name]} == {"compiled", "cache"} for name in one)
+    assert not list(folder.rglob("*.lock")) and not list(folder.rglob("*.part"))
+
+
+@pytest.mark.parametrize("damage", [b"", b"antumbra kernel 1\n", b"\x7fELF foreign", None])
+def test_a_damaged_file_is_made_anew(package, copied, damage):
+    files = kernels_in(copied)
+    whole = files[0].read_bytes()
+    files[0].write_bytes(whole[: len(whole) // 2] if damage is None else damage)
+    results, sources, _ = sample.run(package, copied)
+    assert results["alone"] == 101 and sorted(sources.values()) == ["cache"] * (len(files) - 1) + ["compiled"]
+    assert files[0].read_bytes() == whole
+
+
+def test_a_folder_that_cannot_be_written_is_told_once(package, tmp_path):
+    (tmp_path / "file").write_text("")
+    env = sample.environment(package, tmp_path / "file")
+    done = subprocess.run([sys.executable, "-c", sample.RUN], env=env, capture_output=True, text=True)
+    assert done.returncode == 0 and json.loads(done.stdout)[0]["alone"] == 101
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("antumbra: ") and "cannot be written" in line
+
+
+def test_pruning_removes_what_nobody_uses(tmp_path):
+    folder = cache.Folder(tmp_path, "some-level")
+    for digest in "old", "new", "used":
+        folder.put(digest, CODE)
+    long_ago = time.time() - (cache.UNUSED_DAYS + 1) * 86400
+    for digest in "old", "used":
+        os.utime(folder.path / f"{digest}.kernel", (long_ago, long_ago))
+    other = tmp_path / "kernels" / "an-older-toolchain" / "some-level" / "x.kernel"
+    other.parent.mkdir(parents=True)
+    other.write_text("")
+    os.utime(other, (long_ago, long_ago))
+    (tmp_path / "0123456789abcdef" / "compiled").mkdir(parents=True)  # of version 0.1
+    (tmp_path / "mine").mkdir()
+    assert folder.get("used") == CODE
+    folder.prune()
+    assert {file.stem for file in kernels_in(tmp_path)} == {"new", "used"}
+    assert {path.name for path in tmp_path.iterdir()} == {"kernels", "mine"}
+    assert [path.name for path in (tmp_path / "kernels").iterdir()] == [cache.toolchain()]
+
+
+# --- several processes -------------------------------------------------------------------------------------------
+
+
+def compile_by_crew(package, folder, kernels):
+    env = sample.environment(package, folder)
+    done = subprocess.run([sys.executable, "-c", CREW, json.dumps(kernels)], env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_a_crew_compiles_and_tells_what_went_wrong(package, tmp_path):
+    bad = [("by_field", "i"), ("missing", "i")]
+    wrong, first, last = compile_by_crew(package, tmp_path / "cache", GOOD + bad)
+    assert first == [0, 7] and last == [7, 7] and len(kernels_in(tmp_path / "cache")) == len(GOOD)
+    assert sorted(line.split(": ")[0].rpartition(":")[2] for line in wrong) == ["by_field", "missing"]
+    _, sources, _ = sample.run(package, tmp_path / "cache")
+    assert {name for name, source in sources.items() if source == "cache"} == {name for name, _ in GOOD}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
+    folder = tmp_path / "cache"
+    env = sample.environment(package, folder)
+    process = subprocess.Popen(
+        [sys.executable, "-c", CREW, json.dumps(GOOD)],
+        env=env,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 60
+    while not kernels_in(folder) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode != 0 and "KeyboardInterrupt" in told
+    with pytest.raises(ProcessLookupError):
+        for _ in range(600):  # the processes that it started are gone, or about to be
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+    assert kernels_in(folder) and not list(folder.rglob("*.lock"))[len(GOOD) :]
+    assert sample.run(package, folder)[0]["alone"] == 101
+
+
+# --- packs -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pack(filled, tmp_path):
+    """A folder with a pack of all that is in the filled cache."""
+    codes = {file.stem: from_record(file.read_bytes()) for file in kernels_in(filled[0])}
+    (level,) = {file.parent.name for file in kernels_in(filled[0])}
+    return cache.write_pack(tmp_path / "packs", level, codes)
+
+
+def run_with(package, folder, pack, monkeypatch):
+    monkeypatch.setenv("ANTUMBRA_PACKS", str(pack.parent))
+    return sample.run(package, folder)
+
+
+def test_a_pack_serves_without_cache_and_numba(package, pack, tmp_path, monkeypatch):
+    results, sources, numba = run_with(package, tmp_path / "cache", pack, monkeypatch)
+    assert results["alone"] == 101 and set(sources.values()) == {"pack"} and not numba
+    assert not (tmp_path / "cache").exists()
+
+
+def test_an_edited_kernel_is_not_taken_from_a_pack(package, pack, tmp_path, monkeypatch):
+    shutil.copytree(package, tmp_path / "antumbra")
+    sample.edit(tmp_path / "antumbra", "sample/top.py", "return x + 100", "return x + 200")
+    results, sources, _ = run_with(tmp_path / "antumbra", tmp_path / "cache", pack, monkeypatch)
+    assert results["alone"] == 201
+    assert {name for name, source in sources.items() if source == "compiled"} == {"alone"}
+
+
+@pytest.mark.parametrize("what", ["pack", "json"])
+def test_a_damaged_pack_is_left_alone(package, pack, tmp_path, monkeypatch, what):
+    file = pack.with_suffix(f".{what}")
+    file.write_bytes(b"x" + file.read_bytes()[1:])
+    results, sources, _ = run_with(package, tmp_path / "cache", pack, monkeypatch)
+    assert results["alone"] == 101 and "compiled" in sources.values()
