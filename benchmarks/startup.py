@@ -1,45 +1,201 @@
-"""Start-up and whole-command times: `import antumbra`, and `antumbra render` of the default scene with cached kernels.
+"""How long everybody waits: installing, the first picture, the next one, the first query, tests after an edit.
 
-python benchmarks/startup.py [--rounds N] [--json FILE]
+python benchmarks/startup.py [--rounds N] [--only CASE ...] [--json FILE]
+
+Each case runs as its user would run it, in environments and with caches that the case says. Cases that install make a new
+virtual environment each time. `wheel`, `clone` and `edits` take minutes a round.
 """
 
 import argparse
 import json
+import os
+import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+ROOT = Path(__file__).parents[1]
+OCCLUDED = """
+import time
+import numpy as np, antumbra as at
 
-def seconds(command: list[str], rounds: int) -> list[float]:
-    """Wall time of each of `rounds` runs; the first, which may compile, is made before and not counted."""
-    subprocess.run(command, check=True, capture_output=True)
-    times = []
-    for _ in range(rounds):
+scene = at.procedural("atrium", triangles=5_000)
+directions = np.random.default_rng(1).normal(size=(1000, 3))
+start = time.perf_counter()
+blocked = scene.occluded([0.0, 1.5, 0.0], directions)
+assert 0 < blocked.sum() < 1000
+print(time.perf_counter() - start)
+"""
+EDITS = {
+    "image/shade.py": (
+        "tests/image/test_shade.py",
+        "    h, w = face.shape\n",
+        "    if len(tints) == -{i}:\n        return\n",
+    ),
+    "trace/multifrusta.py": (
+        "tests/trace/test_sheaf.py",
+        "    scratch = Scratch(\n",
+        "    if n_samples == -{i}:\n        return\n",
+    ),
+    "kernels/predicate/exact.py": (
+        "tests/kernels/predicate",
+        "    side = 0\n",
+        "    if i == -{i}:\n        return 0\n",
+    ),
+}
+"""File that is edited: (its own tests, a line of a kernel, lines that are written before it and change no answer)."""
+
+
+class Place:
+    """A folder of a round, with caches of its own."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        variables = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "VIRTUAL_ENV"))}
+        self.environment = variables | {"ANTUMBRA_CACHE": str(folder / "kernels"), "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+
+    def run(self, *command: str | Path, **more: str) -> str:
+        """What a command prints; it runs in the folder."""
+        done = subprocess.run(
+            [str(part) for part in command],
+            env=self.environment | more,
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+        )
+        if done.returncode:
+            raise RuntimeError(f"{' '.join(map(str, command))}\n{done.stdout}{done.stderr}")
+        return done.stdout
+
+    def seconds(self, *command: str | Path, **more: str) -> float:
         start = time.perf_counter()
-        subprocess.run(command, check=True, capture_output=True)
-        times.append(time.perf_counter() - start)
-    return times
+        self.run(*command, **more)
+        return time.perf_counter() - start
+
+    def new_environment(self) -> Path:
+        """A virtual environment; the folder of its programs."""
+        self.run(sys.executable, "-m", "venv", ".venv")
+        return self.folder / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 
 
-def main() -> None:
+def wheel(rounds: int) -> Iterator[tuple[str, float]]:
+    """Installing the platform wheel, then the first render. The wheels of others come from pip's cache."""
+    with tempfile.TemporaryDirectory() as built:
+        place = Place(Path(built))
+        place.run(
+            sys.executable,
+            "-m",
+            "pip",
+            "wheel",
+            "-q",
+            "--no-deps",
+            "-w",
+            built,
+            ROOT,
+            HATCH_BUILD_HOOK_ENABLE_CUSTOM="1",
+        )
+        (file,) = Path(built).glob("*.whl")
+        yield "size of the platform wheel, MB", file.stat().st_size / 1e6
+        for _ in range(rounds):
+            with tempfile.TemporaryDirectory() as folder:
+                place = Place(Path(folder))
+                programs = place.new_environment()
+                start = time.perf_counter()
+                place.run(programs / "pip", "install", "-q", file)
+                installed = time.perf_counter() - start
+                first = place.seconds(programs / "antumbra", "render")
+                yield "platform wheel: pip install", installed
+                yield "platform wheel: first render", first
+                yield "platform wheel: second render", place.seconds(programs / "antumbra", "render")
+
+
+def clone(rounds: int) -> Iterator[tuple[str, float]]:
+    """The README's first command in a clone, with all caches empty, pip's included; then a second render."""
+    for _ in range(rounds):
+        with tempfile.TemporaryDirectory() as folder:
+            place = Place(Path(folder))
+            shutil.copytree(
+                ROOT, place.folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__")
+            )
+            python, empty = shutil.which("python3") or sys.executable, {"PIP_CACHE_DIR": str(place.folder / "pip")}
+            start = time.perf_counter()
+            place.run(python, "-m", "venv", ".venv")
+            place.run(".venv/bin/pip", "install", ".", **empty)
+            installed = time.perf_counter() - start
+            first = place.seconds(".venv/bin/antumbra", "render")
+            yield "clone, empty caches: venv and pip install .", installed
+            yield "clone, empty caches: first render, compiling", first
+            yield "clone, empty caches: together", installed + first
+            yield "clone: second render", place.seconds(".venv/bin/antumbra", "render")
+
+
+def here(rounds: int) -> Iterator[tuple[str, float]]:
+    """Start-up in this environment: with kernels on disk, and the first render with none."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Place(Path(folder))
+        render = sys.executable, "-m", "antumbra", "render"
+        yield "first render, nothing shipped", place.seconds(*render)
+        place.run(sys.executable, "-c", OCCLUDED)
+        for _ in range(rounds):
+            yield "python -c pass", place.seconds(sys.executable, "-c", "pass")
+            yield "import antumbra", place.seconds(sys.executable, "-c", "import antumbra")
+            yield "antumbra --help", place.seconds(sys.executable, "-m", "antumbra", "--help")
+            yield "second render", place.seconds(*render)
+            yield "first scene.occluded, 1000 rays", float(place.run(sys.executable, "-c", OCCLUDED))
+
+
+def cold(rounds: int) -> Iterator[tuple[str, float]]:
+    """The first render in this environment, with nothing shipped, each time with an empty cache."""
+    for _ in range(rounds):
+        with tempfile.TemporaryDirectory() as folder:
+            yield (
+                "first render, nothing shipped",
+                Place(Path(folder)).seconds(sys.executable, "-m", "antumbra", "render"),
+            )
+
+
+def edits(rounds: int) -> Iterator[tuple[str, float]]:
+    """The tests of a file again, after a line of it was edited. They have been run before."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Place(Path(folder))
+        shutil.copytree(
+            ROOT, place.folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__")
+        )
+        paths = {"PYTHONPATH": str(place.folder / "src")}
+        for file, (tests, line, more) in EDITS.items():
+            command = sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", tests
+            place.run(*command, **paths)
+            path = place.folder / "src" / "antumbra" / file
+            text = path.read_text()
+            for i in range(1, rounds + 1):
+                path.write_text(text.replace(line, more.format(i=i) + line, 1))
+                yield f"tests again after an edit of {file}", place.seconds(*command, **paths)
+            path.write_text(text)
+
+
+CASES: dict[str, Callable[[int], Iterator[tuple[str, float]]]] = {
+    "here": here, "cold": cold, "wheel": wheel, "clone": clone, "edits": edits,
+}  # fmt: skip
+
+
+def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        picture = str(Path(folder) / "antumbra.png")
-        commands = {
-            "python -c pass": [sys.executable, "-c", "pass"],
-            "import antumbra": [sys.executable, "-c", "import antumbra"],
-            "antumbra --help": [sys.executable, "-m", "antumbra", "--help"],
-            "antumbra render": [sys.executable, "-m", "antumbra", "render", "-o", picture],
-        }
-        rows = {name: seconds(command, options.rounds) for name, command in commands.items()}
-    for name, times in rows.items():
-        print(f"{name:18} median {statistics.median(times):6.2f} s   best {min(times):6.2f} s   of {len(times)}")
+    options = parser.parse_args(arguments)
+    rows: dict[str, list[float]] = {}
+    for case in options.only:
+        for name, value in CASES[case](options.rounds):
+            rows.setdefault(name, []).append(value)
+            print(f"{name:60} {value:7.2f}", flush=True)
+    print(f"\n{'':60}  median    best     of")
+    for name, values in rows.items():
+        print(f"{name:60} {statistics.median(values):7.2f} {min(values):7.2f} {len(values):6}")
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1))
 
