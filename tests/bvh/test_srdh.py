@@ -110,6 +110,23 @@ def test_a_ray_that_meets_everything(max_leaf, monkeypatch):
     assert prim[0] >= 0 and tests[0] <= 2 * statistics(bvh).depth + 2
 
 
+def test_ranges_that_find_no_room_for_their_rays_go_on_by_the_sah(monkeypatch):
+    """A row of triangles, rays along it that meet all of them, and rays that enter all of their boxes only."""
+    n, rng = 300, np.random.default_rng(1)
+    vertices = np.repeat(np.float32([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]), n, axis=0)
+    vertices[:, :, 2] = np.arange(n)[:, None]
+    origins, ends = rng.uniform(0.55, 0.95, (2, 60, 3)).astype(np.float32)
+    origins[:, 2], ends[:, 2] = -1, n
+    shift = np.float32([0.5, 0.5, 0])
+    rays = met(vertices, np.concatenate([origins, origins - shift]), np.concatenate([ends, ends - shift]))
+    assert len(rays.prims) == 60 * n
+    roomy = srdh.build(vertices, 1, rays=rays)
+    monkeypatch.setattr(srdh, "_MOST", 0)
+    cramped = srdh.build(vertices, 1, rays=rays)
+    validate(cramped, vertices)
+    assert not same(cramped, roomy) and words(cramped) == words(roomy) == {UNORDERED, LEFT_FIRST}
+
+
 def test_deep_trees_end_in_time():
     sizes = 8.0 ** np.repeat(np.arange(-41, 40), 3)
     vertices = (sizes[:, None, None] * (1 + np.random.default_rng(0).random((len(sizes), 3, 3)))).astype(np.float32)

@@ -17,7 +17,7 @@ from numba.extending import overload
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import thread_count
-from ..kernels.simd import get, load8, put, stack_f32, stack_i32, store
+from ..kernels.simd import as_i32, get, load4, load8, ptr_at, put, stack_array, stack_f32, stack_i32, store
 from . import binned_sah
 from .assemble import assemble
 from .bins import BIN_WORDS, binned, clear_bins, fill_bins, make_mapping, partition
@@ -25,7 +25,7 @@ from .bounds import range_bounds, write_boxes
 from .nodes import MAX_DEPTH, Bvh
 from .prepare import PAIR, checked, make_records, power_of_two_for
 from .rayorder import order_by_rays
-from .rayset import HIT, RAY, Intersections, Side, check_intersections, divide_rays, ray_set, rays_of
+from .rayset import HIT, RAY, Intersections, Rays, Side, check_intersections, divide_rays, ray_set
 from .splits import must_halve
 from .srdh_cost import CONSTANT, DISTANCE, HeuristicSettings, no_ray_split, ray_split
 from .srdh_top import RayLevels
@@ -40,6 +40,7 @@ KERNELS = {"constant": CONSTANT, "distance": DISTANCE, "all": CONSTANT | DISTANC
 _WAITING = MAX_DEPTH + 1
 _NUMBERS = 4 * _WAITING
 _BOXES = 16 * _WAITING
+_MOST = 1 << 25  # rays of ranges that wait: a GiB
 
 
 class RaySettings(NamedTuple):
@@ -53,37 +54,40 @@ class RaySettings(NamedTuple):
     rays: np.ndarray  # of the `RaySet`s of all ranges that threads build alone
     hits: np.ndarray
     spans: np.ndarray  # (s, 4) int64: of each of these ranges the first ray, number of rays, first hit, number of hits
+    rooms: np.ndarray  # (s,) int64: rays that there is room for below each, as `_rooms_for` says
 
 
-class Waiting(NamedTuple):
-    """The ray sets of ranges that wait, one on the other: those of the range that comes next are on top."""
+def _rooms_for(n_rays: np.ndarray) -> np.ndarray:
+    """How many rays to have room for below ranges to which so many come, all of which may come to a range at each level
+    that waits, to the one that is divided, and to both its sides. Hardly any of it is ever touched.
 
-    rays: np.ndarray  # (m, RAY) float32
-    hits: np.ndarray  # (h, HIT) float32
+    Where that is more than _MOST, ranges that find no room go on by the SAH.
+    """
+    return np.minimum((_WAITING + 3) * n_rays, np.maximum(3 * n_rays, _MOST))
 
 
-@kernel
-def _with_room(waiting, end):
-    """The same sets in arrays that hold so many rays and hits; `end` a `Side`."""
-    rays, hits = waiting.rays, waiting.hits
-    if len(rays) < end.rays:
-        rays = np.empty((2 * end.rays, RAY), np.float32)
-        rays[: len(waiting.rays)] = waiting.rays
-    if len(hits) < end.hits:
-        hits = np.empty((2 * end.hits, HIT), np.float32)
-        hits[: len(waiting.hits)] = waiting.hits
-    return Waiting(rays, hits)
+def _scratch_words(settings: RaySettings) -> int:
+    """How many float32 a thread needs: the bins of a range, and hits and rays of the ranges that wait.
+
+    Ranges that wait share the hits of the first set, since each is on one side of a split.
+    """
+    return int(BIN_WORDS + 3 * HIT * settings.spans[:, 3].max() + RAY * settings.rooms.max())
+
+
+@inlined
+def _from(waiting, start):
+    """The `Rays` from a place, a `Side`, on."""
+    rays = ptr_at(waiting.rays, start.rays * RAY)
+    return Rays(rays, as_i32(rays), ptr_at(waiting.hits, start.hits * HIT))
 
 
 @kernel
 def _move_down(waiting, start, n, to):
     """Move n rays and hits from `start` down to `to`; all three are `Side`s."""
     for i in range(n.rays):
-        for k in range(RAY):
-            waiting.rays[to.rays + i, k] = waiting.rays[start.rays + i, k]
+        store(waiting.rays, (to.rays + i) * RAY, load8(waiting.rays, (start.rays + i) * RAY))
     for i in range(n.hits):
-        for k in range(HIT):
-            waiting.hits[to.hits + i, k] = waiting.hits[start.hits + i, k]
+        store(waiting.hits, (to.hits + i) * HIT, load4(waiting.hits, (start.hits + i) * HIT))
 
 
 @inlined
@@ -110,21 +114,23 @@ def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
 
 
 @kernel
-def _first_set(settings, s):
-    """`Waiting` with ray set s alone."""
+def _first_set(settings, s, scratch):
+    """`Rays` of the sets that wait, one on the other, those of the range that comes next on top: ray set s alone."""
     first_ray, n_rays, first_hit, n_hits = settings.spans[s]
-    rays, hits = np.empty((2 * n_rays + 64, RAY), np.float32), np.empty((2 * n_hits + 64, HIT), np.float32)
-    rays[:n_rays] = settings.rays[first_ray : first_ray + n_rays]
-    hits[:n_hits] = settings.hits[first_hit : first_hit + n_hits]
-    return Waiting(rays, hits)
+    rays = ptr_at(scratch, 3 * n_hits * HIT)
+    for i in range(n_rays):
+        store(rays, i * RAY, load8(settings.rays, (first_ray + i) * RAY))
+    for i in range(n_hits):
+        store(scratch, i * HIT, load4(settings.hits, (first_hit + i) * HIT))
+    return Rays(rays, as_i32(rays), scratch)
 
 
 @kernel
 def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out):
     """`subtree.grow` from node 1 on, for ray set s; the number of the next free node."""
-    ranges, spans = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES)), np.empty((_WAITING, 4), np.int64)
+    ranges, spans = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES)), stack_array(np.int64, _WAITING, 4)
     plain, records, boxes = Settings(settings.max_leaf, settings.scale), source.records, stack_f32(16)
-    next_node, waiting = np.int64(1), _first_set(settings, s)
+    next_node, waiting = np.int64(1), _first_set(settings, s, ptr_at(source.bins.boxes, BIN_WORDS))
     spans[0, 0], spans[0, 1], spans[0, 2], spans[0, 3] = 0, 0, settings.spans[s, 1], settings.spans[s, 3]
     height = push_range(ranges, 0, first, last, depth, 12, box, centroids)
     while height > 0:
@@ -134,8 +140,8 @@ def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out
         here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
         start, n = Side(spans[height, 0], spans[height, 1]), Side(spans[height, 2], spans[height, 3])
         mapping = make_mapping(centroids, e - b)
-        chosen = _choose(source, b, e, d, here, mapping, rays_of(waiting, start), n.rays, settings)
-        if chosen.split.axis < 0:
+        chosen = _choose(source, b, e, d, here, mapping, _from(waiting, start), n.rays, settings)
+        if chosen.split.axis < 0 or start.rays + 3 * n.rays > settings.rooms[s]:
             next_node = grow(source, b, e, d, here, centroids, plain, out, next_node, word)
             continue
         if _leaf_is_cheaper(e - b, d, n.rays, chosen.cost, settings):
@@ -147,10 +153,9 @@ def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out
         store(boxes, 0, low)
         store(boxes, 8, high)
         near, far = _beyond(start, n, 1), _beyond(start, n, 2)
-        waiting = _with_room(waiting, _beyond(start, n, 3))
         low_at, high_at = (near, far) if chosen.swapped else (far, near)  # the set of the second child lies first
         n_low, n_high = divide_rays(
-            rays_of(waiting, start), n.rays, mapping, chosen, boxes, rays_of(waiting, low_at), rays_of(waiting, high_at)
+            _from(waiting, start), n.rays, mapping, chosen, boxes, _from(waiting, low_at), _from(waiting, high_at)
         )
         n_second, n_first = (n_low, n_high) if chosen.swapped else (n_high, n_low)
         then = _beyond(start, n_second, 1)
@@ -253,8 +258,9 @@ def build(
     heuristic = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
     levels = RayLevels(method, ray_set(rays, flat), heuristic, largest_subtree(n), threads)
     top = levels.arranged(build_top(n, box, centroids, largest_subtree(n), levels.split))
-    settings = RaySettings(np.int64(max_leaf), *heuristic, *levels.sets())
-    bvh, subtrees = build_below(flat, method, BIN_WORDS, top, settings, threads)
+    found = levels.sets()
+    settings = RaySettings(np.int64(max_leaf), *heuristic, *found, _rooms_for(found[2][:, 1]))
+    bvh, subtrees = build_below(flat, method, _scratch_words(settings), top, settings, threads)
     del method  # room for the final nodes
     bvh = assemble(bvh, top, subtrees, threads)
     return order_by_rays(bvh, threads, rays=rays) if reorder and kernels == "constant" else bvh
