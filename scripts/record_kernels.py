@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from time import process_time
 
 from antumbra.kernels.needs import FILE
 from antumbra.warm import jobs
@@ -30,6 +29,8 @@ import json, sys
 from antumbra.kernels.numba_import import import_numba
 import_numba()
 from time import process_time
+from antumbra.kernels.numba_speed import make_faster
+make_faster()
 from antumbra.kernels import compiling, machine
 from antumbra.kernels.arguments import named
 from antumbra.kernels.processor import level
@@ -43,25 +44,29 @@ for name, key in json.load(sys.stdin):
 """
 
 
+def run(code: str, *arguments: str, given: str = "") -> list:
+    """What a new Python process prints, lines of JSON."""
+    done = subprocess.run([sys.executable, "-c", code, *arguments], input=given, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
 def called(index: int) -> list[tuple[str, str]]:
     """The kernels that a job calls: (name, kinds of arguments)."""
-    done = subprocess.run([sys.executable, "-c", JOB, str(index)], check=True, capture_output=True, text=True)
-    return [tuple(each) for each in json.loads(done.stdout.splitlines()[-1])]
+    return [tuple(each) for each in run(JOB, str(index))[-1]]
 
 
 def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
-    """Size of each kernel: functions and instructions before LLVM optimises, and seconds of one core to compile it alone."""
+    """Size of each kernel: functions and instructions before LLVM optimises; and seconds to compile it, which are fewer
+    for kernels that share functions with one before."""
     sizes = {}
-
-    def measure(share):
-        text = json.dumps(share)
-        done = subprocess.run([sys.executable, "-c", MEASURE], check=True, input=text, capture_output=True, text=True)
-        for line in done.stdout.splitlines():
-            name, key, functions, instructions, seconds = json.loads(line)
-            sizes[name, key] = {"functions": functions, "instructions": instructions, "seconds": seconds}
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(measure, [[kernel] for kernel in kernels]))
+    cores = os.cpu_count() or 1
+    with ThreadPoolExecutor(cores) as pool:
+        shares = [json.dumps(kernels[i::cores]) for i in range(cores)]
+        for rows in pool.map(lambda share: run(MEASURE, given=share), shares):
+            for name, key, functions, instructions, seconds in rows:
+                sizes[name, key] = {"functions": functions, "instructions": instructions, "seconds": seconds}
     return sizes
 
 
@@ -80,14 +85,13 @@ def main() -> int:
         new = [kernel for kernel in kernels if kernel not in known]
         print("\n".join(f"not recorded: {name} {key}" for name, key in new) or "all that jobs call is recorded")
         return bool(new)
-    start = process_time()
     sizes = measured(kernels)
     said = {
         "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
         "jobs": {name: [place[kernel] for kernel in each] for name, each in calls.items()},
     }
     FILE.write_text(json.dumps(said, indent=0) + "\n")
-    print(f"{len(kernels)} kernels of {len(names)} jobs in {FILE} ({process_time() - start:.0f} s)")
+    print(f"{len(kernels)} kernels of {len(names)} jobs in {FILE}")
     return 0
 
 

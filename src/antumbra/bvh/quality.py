@@ -6,7 +6,7 @@ import numpy as np
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..kernels.simd import stack_array
+from ..kernels.simd import ptr, stack_array
 from .nodes import EMPTY, MAX_DEPTH, MAX_LEAF, Bvh
 
 _CHUNK = 8192  # nodes whose areas a thread sums at a time
@@ -40,7 +40,7 @@ class Statistics(NamedTuple):
 @kernel
 def _bounds_leaf(bvh, box, first, last):
     """Whether the child box whose first word is `box` is exactly the bounds of the corners in some slots; NaN: no."""
-    words = bvh.nodes.reshape(-1)
+    words = ptr(bvh.nodes)
     for k in range(3):
         low, high = np.float32(np.inf), np.float32(-np.inf)
         for slot in range(first, last):
@@ -57,7 +57,7 @@ def _bounds_leaf(bvh, box, first, last):
 @kernel
 def _bounds_node(bvh, box, node):
     """Whether the child box whose first word is `box` is exactly the hull of the two boxes in `node`."""
-    words = bvh.nodes.reshape(-1)
+    words = ptr(bvh.nodes)
     for k in range(3):
         a, b = node * 16 + 4 * k, box + 4 * k
         low, high = min(words[a], words[a + 1]), max(words[a + 2], words[a + 3])
@@ -68,7 +68,7 @@ def _bounds_node(bvh, box, node):
 
 @kernel
 def _is_empty_box(bvh, box):
-    words = bvh.nodes.reshape(-1)
+    words = ptr(bvh.nodes)
     for k in range(3):
         if words[box + 4 * k] != np.inf or words[box + 4 * k + 2] != -np.inf:
             return False
@@ -196,7 +196,7 @@ def _half_area(words, a, b):
 @kernel
 def _areas(ticket, bvh, sums):
     """Worker: half the area of the nodes of each chunk, and of its leaves times their triangles, summed."""
-    words = bvh.nodes.reshape(-1)
+    words = ptr(bvh.nodes)
     first = take(ticket)
     while first >= 0:
         nodes, leaves = 0.0, 0.0

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.jit import kernel
+from ..kernels.jit import kernel, overloaded
 from .bounds import INF
 from .nodes import MAX_DEPTH
 
@@ -36,6 +36,7 @@ def must_halve(n, depth):
     return (n >> (MAX_DEPTH - 1 - depth)) > 0
 
 
+@overloaded("bins", "sweep")
 def source_of(method, depth, scratch):
     """In kernels: the records, of ranges at this depth, as pointers; the field `records` has them in some order.
 
@@ -43,9 +44,11 @@ def source_of(method, depth, scratch):
     """
 
 
+@overloaded("bins", "sweep")
 def find_split(source, first, last, centroids, depth, scale):
     """In kernels: the `Split` of the records from `first` to `last` - 1, whose centroid box is `centroids`."""
 
 
+@overloaded("bins", "sweep")
 def divide(source, first, last, centroids, split):
     """In kernels: put the left records of a range before its right ones; the number of the first right one."""

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.jit import kernel, overload
+from ..kernels.jit import kernel, overload, overloaded
 from ..kernels.simd import (
     get,
     load8,
@@ -109,6 +109,7 @@ def grow(source, first, last, depth, box, centroids, settings, out, next_node, w
     return next_node
 
 
+@overloaded("srdh")
 def build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
     """In kernels: build the tree over a range of records, number s of those that threads build alone, as its settings
     say; the number of nodes made.

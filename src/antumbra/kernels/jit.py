@@ -12,6 +12,7 @@ import importlib
 import threading
 import types
 from collections.abc import Callable
+from typing import NamedTuple
 
 from .arguments import Key, flatten, struct_of
 
@@ -93,25 +94,55 @@ class kernel(inlined):
         return code
 
 
-_OVERLOADS = "_antumbra_overloads"
+class _Choices(NamedTuple):
+    """What a plain function means in kernels."""
+
+    homes: tuple[str, ...]  # modules that give it meanings
+    given: list  # the meanings
+
+
+_CHOICES = "_antumbra_choices"
+
+
+def overloaded(*modules: str):
+    """Decorator of a plain function that other modules, named relative to its package, give its meaning in kernels.
+
+    They are imported before the function is compiled or a key is made, so that both know the same meanings always.
+    """
+
+    def add(stub):
+        package = stub.__module__.rpartition(".")[0]
+        setattr(stub, _CHOICES, _Choices(tuple(f"{package}.{module}" for module in modules), []))
+        return stub
+
+    return add
 
 
 def overload(stub: types.FunctionType):
     """Decorator of what `stub` means in kernels: a function of Numba's types that returns a function, or None.
 
-    The same as ``numba.extending.overload``, without importing Numba.
+    The same as ``numba.extending.overload``, without importing Numba. In another module than the stub's, the stub names
+    that module in `overloaded`.
     """
 
     def add(function):
-        stub.__dict__.setdefault(_OVERLOADS, []).append(function)
+        choices = vars(stub).setdefault(_CHOICES, _Choices((), []))
+        if function.__module__ not in (stub.__module__, *choices.homes):
+            raise TypeError(f"{stub.__module__}:{stub.__qualname__} must be overloaded({function.__module__!r})")
+        choices.given.append(function)
         return function
 
     return add
 
 
 def overloads(stub) -> list:
-    """What `overload` has given to a function."""
-    return vars(stub).get(_OVERLOADS, []) if isinstance(stub, types.FunctionType) else []
+    """The functions that `overload` gave to a function; none of other things."""
+    choices = vars(stub).get(_CHOICES) if isinstance(stub, types.FunctionType) else None
+    if choices is None:
+        return []
+    for module in choices.homes:
+        importlib.import_module(module)
+    return choices.given
 
 
 class Intrinsic:
