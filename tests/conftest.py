@@ -16,6 +16,6 @@ if os.environ.get("CI"):
 
 def pytest_configure(config):
     """In the process that starts the others, when all tests are run: it compiles what they would compile one by one."""
-    if getattr(config.option, "numprocesses", None) and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
-        if missing := missing_of(recorded().kernels):
-            compile_missing(missing)
+    all_tests = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    if getattr(config.option, "numprocesses", None) and all_tests and (missing := missing_of(recorded().kernels)):
+        compile_missing(missing)
