@@ -7,7 +7,7 @@ import numpy as np
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.exact import segment
 from antumbra.kernels.predicate.filters import meets
-from antumbra.kernels.simd import get, ptr, ptr_at
+from antumbra.kernels.simd import get, ptr, ptr_at, stack_array
 from antumbra.query.reach import reach
 from antumbra.query.receivers import FREE
 from antumbra.query.sampling import light_samples
@@ -72,12 +72,14 @@ def hierarchy(kind, query, beam, ways=16, sort=True, threads=1) -> Hierarchy | N
 
 
 @kernel
-def _say(arrays, beam, triangles, how, may, full):
-    """What each node says of each triangle: may it block a ray of it, does it block all?"""
+def _say(arrays, beam, triangles, how, may, full, memory, found):
+    """What each node says of each triangle: may it block a ray of it, does it block all?
+
+    memory, found : room for the rows of a batch, float32, and what is found, int32, for each face
+    """
     tree, parts, view, ways = tree_pointers(arrays), len(arrays.faces), view_of(beam), np.int64(arrays.ways)
     soup = Soup(ptr(triangles.corners), ptr(triangles.ids))
-    memory, found = np.zeros(parts * BATCH * NUMBERS, np.float32), np.zeros(parts, np.int32)
-    slots, n = np.zeros(LANES, np.int32), len(triangles.corners)
+    slots, n = stack_array(np.int32, LANES), len(triangles.corners)
     for first in range(0, n, LANES):
         for lane in range(LANES):
             slots[lane] = min(first + lane, n - 1)
@@ -97,7 +99,6 @@ def _say(arrays, beam, triangles, how, may, full):
                             some >> k & 1,
                             all_of >> k & 1,
                         )
-    memory[0] = slots[0] = 0  # they live until here
 
 
 @kernel
@@ -155,7 +156,9 @@ def said(made: Hierarchy, soup: Soup, spheres=False):
     tree, ways = made.tree, made.rays.ways
     shape = len(soup.corners), (len(tree.alive) - PAD) * ways
     may, full = np.zeros(shape, bool), np.zeros(shape, bool)
-    _say(tree, made.beam, soup, How(spheres, True, 0, False, PAIRS), may, full)
+    parts = len(tree.faces)
+    memory, found = np.zeros(parts * BATCH * NUMBERS, np.float32), np.zeros(parts, np.int32)
+    _say(tree, made.beam, soup, How(spheres, True, 0, False, PAIRS), may, full, memory, found)
     for node in nodes_in(made):
         if len(node.receivers):
             k = tree.groups[node.part, node.level] * ways + node.index

@@ -6,7 +6,8 @@ from antumbra.bvh import lbvh
 from antumbra.bvh.nodes import EMPTY, tree_of
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.exact import segment
-from antumbra.trace.counters import BOX_TESTS, COUNTERS
+from antumbra.kernels.simd import stack_array
+from antumbra.trace.counters import BOX_TESTS, N_COUNTERS
 from antumbra.trace.intersections import intersections
 from antumbra.trace.traverse import walk
 
@@ -37,7 +38,7 @@ def met_in(vertices, m=64, seed=0):
 
 @kernel
 def _walk_all(bvh, order, origins, ends, slots, far, tests):
-    tree, counters = tree_of(bvh), np.zeros(len(COUNTERS), np.int64)
+    tree, counters = tree_of(bvh), stack_array(np.int64, N_COUNTERS)
     for i in range(len(origins)):
         counters[:] = 0
         o, e = origins[i], ends[i]

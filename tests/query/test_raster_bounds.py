@@ -7,12 +7,14 @@ import pytest
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.filters import hit_t, meets
-from antumbra.kernels.simd import ptr
+from antumbra.kernels.simd import get, ptr, stack_f32, stack_i32
 from antumbra.query.pixels import pixel_direction, pixel_ray
 from antumbra.query.raster_cull import BLOCK, careful_box, make_padding, quick_boxes, transpose
 from antumbra.query.raster_depth import eye_plane, plane_t
 from antumbra.query.raster_setup import edge_functions, make_view
 from raster_scenes import FAMILIES, view
+
+LANES, BOXES = 9 * BLOCK, 4 * BLOCK
 
 
 def corners_of(family, seed, n, rays):
@@ -64,16 +66,15 @@ def test_edge_functions_and_depth_keys_are_within_their_bounds(family):
 @kernel
 def _boxes(view, padding, corners, quick, careful):
     """Bounds by either way: (n, 4); quick ones only where float32 is said to suffice, else -2; nothing: x0 > x1."""
-    lanes, boxes, nearest = np.empty(9 * BLOCK, np.float32), np.empty(4 * BLOCK, np.int32), np.empty(BLOCK, np.float32)
+    lanes, boxes, nearest = stack_f32(LANES), stack_i32(BOXES), stack_f32(BLOCK)
     p = ptr(corners)
     for i in range(len(corners)):
-        transpose(p, i, 1, ptr(lanes))
-        sure, unsure = quick_boxes(view, padding, ptr(lanes), 0, ptr(boxes), ptr(nearest))
+        transpose(p, i, 1, lanes)
+        sure, unsure = quick_boxes(view, padding, lanes, 0, boxes, nearest)
         x0, y0, x1, y1 = careful_box(view, padding, p, i)
         careful[i, 0], careful[i, 1], careful[i, 2], careful[i, 3] = x0, y0, x1, y1
         for k in range(4):
-            quick[i, k] = -2 if unsure & 1 else boxes[k * BLOCK] if sure & 1 else (1, 1, 0, 0)[k]
-    return lanes, boxes, nearest
+            quick[i, k] = -2 if unsure & 1 else get(boxes, k * BLOCK) if sure & 1 else (1, 1, 0, 0)[k]
 
 
 @kernel

@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.parallel import new_ticket
-from antumbra.kernels.simd import ptr, ptr_at, stack_f32
+from antumbra.kernels.simd import ptr, ptr_at, stack_array, stack_f32
 from antumbra.rayhierarchy import occluders, trace
 from antumbra.rayhierarchy.beams import beams_of
 from antumbra.rayhierarchy.boxes import Boxes
@@ -24,6 +24,7 @@ from antumbra.rayhierarchy.traverse import (
     _queue_block,
     _Queues,
     _traverse,
+    memory_for,
     trace_triangles,
     write_rows,
 )
@@ -41,7 +42,8 @@ def _traced(made, triangles, how=HOW, counters=None, picks=None):
     """(m, spp) bool: which segments are blocked, by a traversal of all triangles, or of some."""
     soup = soup_of(triangles)
     picks = np.arange(len(soup.corners), dtype=np.int32) if picks is None else picks
-    trace_triangles(new_ticket(len(picks), BATCH), soup, picks, made.beam, made.tree, made.rays, how, counters)
+    ticket, memory = new_ticket(len(picks), BATCH), memory_for(len(made.tree.faces), how)
+    trace_triangles(ticket, soup, picks, made.beam, made.tree, made.rays, how, counters, memory)
     return _dead(made)
 
 
@@ -58,13 +60,11 @@ GUARD, MARGIN = -123456789, 64  # what lies after each level's queue, and must n
 
 
 @kernel
-def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step):
-    """As `trace_triangles`, one batch after the other, in memory that the test can look at."""
+def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step, memory, found):
+    """As `trace_triangles`, one batch after the other, in queues that the test can look at."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, n = Soup(ptr(triangles.corners), ptr(triangles.ids)), len(triangles.corners)
-    memory, marks = np.zeros(parts * BATCH * NUMBERS, np.float32), np.zeros(_QUEUES, np.int32)
-    found, slots = np.zeros(BATCH // LANES * parts, np.int32), np.zeros(LANES, np.int32)
-    flat = pairs.reshape(-1)
+    rows, marks, slots, flat = memory.rows, memory.marks, stack_array(np.int32, LANES), pairs.reshape(-1)
     queues = _Queues(ptr(flat), ptr_at(flat, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
     for first in range(0, n, BATCH):
         last = min(first + BATCH, n)
@@ -73,15 +73,12 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step):
                 slots[lane] = min(i + lane, last - 1)
             block = (i - first) // LANES
             to = ptr_at(found, block * parts)
-            write_rows(
-                tree, parts, view, soup, ptr(slots), min(last - i, LANES), how, ptr_at(memory, block * BLOCK), to
-            )
+            write_rows(tree, parts, view, soup, ptr(slots), min(last - i, LANES), how, ptr_at(rows, block * BLOCK), to)
         for part in range(parts):
-            rows = ptr_at(memory, part * BATCH * NUMBERS)
+            of_part = ptr_at(rows, part * BATCH * NUMBERS)
             for block in range((last - first + LANES - 1) // LANES):
-                _queue_block(tree, part, block, rows, np.int64(found[block * parts + part]), queues)
-            _traverse(tree, part, leaves, soup, rows, queues, how, None)
-    memory[0] = marks[0] = found[0] = slots[0] = 0  # they live until here
+                _queue_block(tree, part, block, of_part, np.int64(found[block * parts + part]), queues)
+            _traverse(tree, part, leaves, soup, of_part, queues, how, None)
 
 
 def _met_by_all_nodes(n):
@@ -118,7 +115,9 @@ def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
         step = pairs + LANES + MARGIN
         queues = np.full((2, _QUEUES, step), GUARD, np.int32)
         how = HOW._replace(early_accept=early_accept, pairs=pairs)
-        _trace_guarded(soup_of(triangles), beam, made.tree, made.rays, how, queues, step)
+        parts = len(made.tree.faces)
+        memory, found = memory_for(parts, how), np.zeros(BATCH // LANES * parts, np.int32)
+        _trace_guarded(soup_of(triangles), beam, made.tree, made.rays, how, queues, step, memory, found)
         np.testing.assert_array_equal(_dead(made), truth)
         assert (queues[:, :, pairs + LANES :] == GUARD).all()
         assert made.tree.heights.max() >= 3 or ways == 16

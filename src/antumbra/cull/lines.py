@@ -16,20 +16,20 @@ from .grid import cell_at
 def _cells_of(boxes: np.ndarray, grid) -> np.ndarray:
     """(m, 3) int64: the cells that (k, 2, 3) boxes overlap, each once."""
     held = np.zeros((grid.n,) * 3, np.bool_)
-    for low, high in _ranges(boxes.astype(np.float32), grid):
+    ranges = np.empty(boxes.shape, np.int64)
+    _write_ranges(boxes.astype(np.float32), grid, ranges)
+    for low, high in ranges:
         held[low[0] : high[0] + 1, low[1] : high[1] + 1, low[2] : high[2] + 1] = True
     return np.argwhere(held)
 
 
 @kernel
-def _ranges(boxes, grid):
-    """(k, 2, 3) int64: first and last cell of each box."""
-    ranges = np.empty(boxes.shape, np.int64)
+def _write_ranges(boxes, grid, ranges):
+    """Fill (k, 2, 3) int64: first and last cell of each box."""
     for i in range(len(boxes)):
         for end in range(2):
             for axis in range(3):
                 ranges[i, end, axis] = cell_at(grid, axis, boxes[i, end, axis])
-    return ranges
 
 
 @inlined

@@ -101,10 +101,12 @@ def _walls(grid, axis, layer, pad):
 
 
 @kernel
-def _mark_layers(ticket, hulls, grid, pad, marked):
-    """Worker: mark the cells of layer after layer of each axis in turn."""
+def _mark_layers(ticket, hulls, grid, pad, marked, table):
+    """Worker: mark the cells of layer after layer of each axis in turn.
+
+    table : the thread's own memory for (n + 1, n + 1) int32
+    """
     n = grid.n
-    table = np.zeros((n + 1, n + 1), np.int32)
     bounds = _Bounds(ptr(hulls.lower), ptr(hulls.upper), ptr(hulls.grow), ptr(hulls.swell))
     known = pointers_of(grid)
     item = take(ticket)
@@ -148,6 +150,7 @@ def mark_hulls(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: 
     the order does not matter, as the paper says of its cells.
     """
     pad = np.float64(PAD * np.abs(grid.bounds).max())
+    own = lambda: (np.empty((grid.n + 1, grid.n + 1), np.int32),)
     for first in range(0, len(sources), _SOURCES):
         hulls = hulls_between(sources[first : first + _SOURCES], targets, grid)
-        run(_mark_layers, threads, new_ticket(3 * grid.n, 1), hulls, grid, pad, marked)
+        run(_mark_layers, threads, new_ticket(3 * grid.n, 1), hulls, grid, pad, marked, own=own)

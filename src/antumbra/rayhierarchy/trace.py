@@ -21,7 +21,7 @@ from .order import order_of
 from .packed import left_of, rays_of
 from .rays import finished, write_bits
 from .soup import Soup
-from .traverse import BATCH, PAIRS, How, trace_triangles
+from .traverse import BATCH, PAIRS, How, memory_for, trace_triangles
 from .tree import tree_of
 
 SEGMENTS = 1 << 22
@@ -80,12 +80,14 @@ def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, opti
     how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
     passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
     tree = tree_of(kind, beam, rays, threads, empty)
+    faces = len(tree.faces)
     for k, picks in enumerate(passes):
         if k > 0 and finished(rays) >= FINISHED:
             rays = left_of(query, beam, rays, bits, threads, empty)
             tree = tree_of(kind, beam, rays, threads, empty)
         ticket = new_ticket(len(picks), BATCH)
-        run(trace_triangles, threads, ticket, soup, picks, beam, tree, rays, how, counters, progress=progress)
+        args = soup, picks, beam, tree, rays, how, counters
+        run(trace_triangles, threads, ticket, *args, own=lambda: (memory_for(faces, how),), progress=progress)
         write_bits(rays, bits, threads)
 
 

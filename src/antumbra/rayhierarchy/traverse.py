@@ -73,6 +73,23 @@ class _Queues(NamedTuple):
     union: object  # 6 float32, scratch memory
 
 
+class Memory(NamedTuple):
+    """A thread's own, for `trace_triangles`."""
+
+    rows: np.ndarray  # float32: those of a batch for each face
+    marks: np.ndarray  # int32, zeros: how many pairs each queue has; what is found of each block for each face; slots
+    pairs: np.ndarray  # int32: the queues
+
+
+def memory_for(parts: int, how: How) -> Memory:
+    """Memory for a traversal of the hierarchies of so many faces."""
+    return Memory(
+        np.empty(parts * BATCH * NUMBERS, np.float32),
+        np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32),
+        np.empty(2 * _QUEUES * (how.pairs + LANES), np.int32),
+    )
+
+
 @inlined
 def row_at(rows, row):
     """Pointer to the numbers of a batch's triangle."""
@@ -255,15 +272,14 @@ def _queue_block(tree, part, block, rows, found, queues):
 
 
 @kernel
-def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters):
+def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters, memory):
     """Worker: batches of the picked triangles through the hierarchies of all faces."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), how.pairs + LANES
     mine = cleared(stack_i64(N_COUNTERS))
-    memory, marks = np.empty(parts * BATCH * NUMBERS, np.float32), np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32)
-    pairs = np.empty(2 * _QUEUES * step, np.int32)
+    marks, pairs = memory.marks, memory.pairs
     queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
-    rows, found, slots = ptr(memory), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
+    rows, found, slots = ptr(memory.rows), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
     first = take(ticket)
     while first >= 0:
         last = min(first + ticket[CHUNK], ticket[N])
@@ -280,5 +296,3 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters)
             _traverse(tree, part, leaves, soup, of_part, queues, how, mine)
         first = take(ticket)
     add_counters(counters, mine)
-    pairs[0] = marks[0] = 0  # they live until here
-    memory[0] = np.float32(0.0)
