@@ -116,8 +116,8 @@ class EmbreeFrames:
         lap("filter")
         arrived = [irradiance(hits.gbuffer, light.patch(triangles.origin, 1.0), light.domain, self.threads)]
         ambient = ambient_light(hits.gbuffer, [light], arrived)
-        up = view.scene.up
-        shade(hits.gbuffer, triangles.colour, [light], arrived, [visibility], ambient, up, self.threads)
+        colour, up = triangles.colour, view.scene.up
+        shade(hits.gbuffer, colour, [light], arrived, [visibility], ambient, up, threads=self.threads)
         lap("shade")
         return Result({**seconds, "total": sum(seconds.values())}, visibility)
 
