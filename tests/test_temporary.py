@@ -32,7 +32,7 @@ for _ in range(200):
         path.write_bytes(b"x")
         remove_abandoned.cache_clear()
         remove_abandoned(".")
-        assert path.suffix == ".tmp" and path.read_bytes() == b"x"
+        assert path.read_bytes() == b"x"
         os.replace(path, "made-" + sys.argv[1])
 """
 
