@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 import antumbra
-from antumbra.bench import embree
+from antumbra.bench import embree, open3d_rays
 from antumbra.bench.embree_rays import occluded_of, trace, write
 from antumbra.bench.ray_sets import ray_set
 from antumbra.kernels.parallel import thread_count
@@ -31,7 +31,7 @@ from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
 from antumbra.scene.procedural import PROCEDURAL
-from common import SCENES, arguments, machine
+from common import SCENES, arguments, has_embree, installed, machine
 
 REAL = ("sponza_crytek", "sanmiguel_lite", "bart_robots")
 
@@ -75,26 +75,42 @@ def incoherent(scene, n: int):
     return a, b - a
 
 
-def methods(scene, rays, is_coherent: bool, threads: int):
-    """name -> (function that traces, what is to be done before each call); and things to keep alive."""
+class Records:
+    """Embree's scene, and the rays as it takes them: one by one, and in packets of 16."""
+
+    def __init__(self, scene, rays, threads: int):
+        origins, directions = rays
+        self.local = ray_set((origins - scene.origin).astype(np.float32), directions, 1.0)
+        self.device = embree.Device(threads)
+        self.scene = embree.EmbreeScene(self.device, scene.triangles(0.0).vertices)
+        ids = np.arange(len(origins), dtype=np.int32)
+        self.single = write(self.local, ids, threads=threads)
+        self.packets = write(self.local, ids.reshape(-1, 16), threads=threads)
+
+    def fresh(self) -> None:
+        """To be done before each call."""
+        self.single.memory[:, 8], self.packets.memory[:, 9] = 1.0, 1.0  # tfar; before a packet stands its mask
+
+    def answers(self) -> np.ndarray:
+        """Of the packets."""
+        return occluded_of(self.local, self.packets)
+
+    def close(self) -> None:
+        self.scene.close()
+        self.device.close()
+
+
+def methods(scene, rays, is_coherent: bool, threads: int, peer: Records | None):
+    """name -> function that traces."""
     origins, directions = rays
-    local = ray_set((origins - scene.origin).astype(np.float32), directions, 1.0)
-    device = embree.Device(threads)
-    peer = embree.EmbreeScene(device, scene.triangles(0.0).vertices)
-    ids = np.arange(len(origins), dtype=np.int32)
-    records, packets = write(local, ids, threads=threads), write(local, ids.reshape(-1, 16), threads=threads)
-
-    def fresh():
-        records.memory[:, 8], packets.memory[:, 9] = 1.0, 1.0  # tfar; before a packet stands its mask
-
-    found = {
-        "occluded": lambda: scene.occluded(origins, directions, tmax=1.0, threads=threads),
-        "embree 1": lambda: trace(peer, records, is_coherent, threads),
-        "embree 16": lambda: trace(peer, packets, is_coherent, threads),
-        "embreex": _embreex(scene, origins, directions),
-        "open3d": _open3d(scene, origins, directions, threads),
-    }
-    return {k: f for k, f in found.items() if f}, fresh, (device, peer), lambda: occluded_of(local, packets)
+    found = {"occluded": lambda: scene.occluded(origins, directions, tmax=1.0, threads=threads)}
+    if peer:
+        found["embree 1"] = lambda: trace(peer.scene, peer.single, is_coherent, threads)
+        found["embree 16"] = lambda: trace(peer.scene, peer.packets, is_coherent, threads)
+        found["embreex"] = _embreex(scene, origins, directions)
+    if installed(open3d_rays.library):
+        found["open3d"] = _open3d(scene, origins, directions, threads)
+    return found
 
 
 def _embreex(scene, origins, directions):
@@ -107,10 +123,7 @@ def _embreex(scene, origins, directions):
 
 
 def _open3d(scene, origins, directions, threads):
-    try:
-        import open3d
-    except ImportError:
-        return None
+    open3d = open3d_rays.library()
     own = open3d.t.geometry.RaycastingScene(nthreads=threads)
     vertices = (scene.triangles(0.0).vertices + scene.origin).astype(np.float32).reshape(-1, 3)
     own.add_triangles(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
@@ -120,11 +133,13 @@ def _open3d(scene, origins, directions, threads):
 
 def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> list[dict]:
     """One row for each method."""
-    ways, fresh, kept, answers = methods(scene, rays, kind == "coherent", threads)
+    peer = Records(scene, rays, threads) if has_embree() else None
+    ways, differ = methods(scene, rays, kind == "coherent", threads, peer), None
     seconds: dict[str, list[float]] = {k: [] for k in ways}
     for turn in range(rounds + 1):
         for k, way in ways.items():
-            fresh()
+            if peer:
+                peer.fresh()
             start = time.perf_counter()
             result = way()
             if turn:  # the first one compiles and builds
@@ -132,9 +147,9 @@ def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> lis
             if k == "occluded":
                 ours = result
             if k == "embree 16":
-                differ = int((answers() != ours).sum())
-    kept[1].close()
-    kept[0].close()
+                differ = int((peer.answers() != ours).sum())
+    if peer:
+        peer.close()
     n, own = len(rays[0]), statistics.median(seconds["occluded"])
     return [
         {
@@ -149,17 +164,18 @@ def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> lis
             "we_are_faster": statistics.median(s) / own,
             "of_minima": min(s) / min(seconds["occluded"]),
             "occluded": float(ours.mean()),
-            "differ_from_embree": differ,
+            "differ_from_embree": differ,  # None: it is not there
         }
         for k, s in seconds.items()
     ]
 
 
 def line(row: dict) -> str:
+    differ = "" if row["differ_from_embree"] is None else row["differ_from_embree"]
     return (
         f"{row['scene']:16s} {row['kind']:10s} {row['threads']:3d} {row['method']:10s} {row['median_ms']:9.1f} "
         f"{row['min_ms']:9.1f} {row['million_rays_per_second']:8.2f} {row['we_are_faster']:7.2f} "
-        f"{row['of_minima']:7.2f} {row['occluded']:6.3f} {row['differ_from_embree']:8d}"
+        f"{row['of_minima']:7.2f} {row['occluded']:6.3f} {differ:>8}"
     )
 
 

@@ -1,6 +1,6 @@
 """Time to build a BVH: every builder of Antumbra beside Embree's three, in one process, turn by turn.
 
-    python benchmarks/build.py [scene ...] [--hills N ...] [--threads N] [--rounds N] [--json FILE]
+    python benchmarks/build.py [scene ...] [--hills N ...] [--threads N] [--rounds N] [--size N] [--json FILE]
 
 A scene is a file that `antumbra.load` reads; --hills adds generated ones of about N triangles. Without any: Sponza and
 San Miguel from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the repository), or hills where
@@ -8,12 +8,14 @@ there is no such folder.
 
 What is timed: for Antumbra from the (n, 3, 3) float32 vertices to the finished Bvh, once the kernels are compiled; for
 Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first,
-and traced by two tracers: 16 shadow rays to the default light from each of the default camera's 512 x 512 pixels.
+and traced by two tracers: 16 shadow rays to the default light from each of the default camera's 512 x 512
+pixels, or of N x N.
 """
 
 import json
 import statistics
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,7 @@ from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.renderer import Renderer
 from antumbra.trace import TRACERS
-from common import SCENES, arguments, machine
+from common import SCENES, arguments, has_embree, machine
 
 PEER = "embree medium"  # what ratios are taken to
 TRACED_BY = ("single", "multifrusta")
@@ -75,11 +77,11 @@ def embree_seconds(device: Device, vertices, quality: str) -> float:
     return seconds
 
 
-def asked_of(vertices, threads: int):
+def asked_of(vertices, threads: int, size: int):
     """The shadow query that trees are traced with."""
     scene = antumbra.Scene.from_arrays(vertices)
     renderer, triangles, light = Renderer(scene, threads=threads), scene.triangles(0.0), scene.default_light()
-    gbuffer = renderer.see(triangles, scene.default_camera(512, 512), None)
+    gbuffer = renderer.see(triangles, scene.default_camera(size, size), None)
     return shadow_queries(triangles, gbuffer, [light], [light_samples(light, 16)], threads=threads)[0]
 
 
@@ -99,19 +101,20 @@ def describe(build, vertices, query, threads: int) -> dict:
     return facts | {f"trace_{name}_ms": trace_ms(bvh, TRACERS[name], query, threads) for name in TRACED_BY}
 
 
-def measure(name: str, vertices, threads: int, rounds: int) -> list[dict]:
+def measure(name: str, vertices, threads: int, rounds: int, size: int) -> list[dict]:
     """One row for each method."""
     ours = {k: lambda b=b: b.build(vertices, threads) for k, b in BUILDERS.items()}
-    query = asked_of(vertices, threads)
+    query = asked_of(vertices, threads, size)
     facts = {k: describe(build, vertices, query, threads) for k, build in ours.items()}
-    seconds = {k: [] for k in (*ours, *(f"embree {q}" for q in QUALITIES))}
-    with Device(threads) as device:
+    qualities = QUALITIES if has_embree() else ()
+    seconds = {k: [] for k in (*ours, *(f"embree {q}" for q in qualities))}
+    with Device(threads) if qualities else nullcontext() as device:
         for _ in range(rounds):
             for k, build in ours.items():
                 seconds[k].append(timed(build))
-            for q in QUALITIES:
+            for q in qualities:
                 seconds[f"embree {q}"].append(embree_seconds(device, vertices, q))
-    peer = statistics.median(seconds[PEER])
+    peer = seconds.get(PEER)
     return [
         {
             "scene": name,
@@ -120,8 +123,8 @@ def measure(name: str, vertices, threads: int, rounds: int) -> list[dict]:
             "median_ms": 1e3 * statistics.median(s),
             "min_ms": 1e3 * min(s),
             "max_ms": 1e3 * max(s),
-            "ratio": statistics.median(s) / peer,
-            "ratio_of_minima": min(s) / min(seconds[PEER]),
+            "ratio": statistics.median(s) / statistics.median(peer) if peer else None,
+            "ratio_of_minima": min(s) / min(peer) if peer else None,
             **facts.get(k, {}),
         }
         for k, s in seconds.items()
@@ -134,12 +137,14 @@ def line(row: dict) -> str:
         traced = " ".join(f"{row[f'trace_{name}_ms']:11.1f}" for name in TRACED_BY)
         own = f"{row['sah']:8.2f} {row['bytes_per_triangle']:8.1f} {row['depth']:6d} {traced}"
     times = f"{row['median_ms']:9.1f} {row['min_ms']:8.1f} {row['max_ms']:8.1f}"
-    return f"{row['scene']:20s} {row['method']:15s} {times} {row['ratio']:7.2f} {row['ratio_of_minima']:7.2f} {own}"
+    ratios = " ".join(" " * 7 if row[k] is None else f"{row[k]:7.2f}" for k in ("ratio", "ratio_of_minima"))
+    return f"{row['scene']:20s} {row['method']:15s} {times} {ratios} {own}"
 
 
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--hills", type=int, nargs="+", default=[], metavar="N")
+    parser.add_argument("--size", type=int, default=512, metavar="N", help="pixels a side of the traced picture")
     options = parser.parse_args()
     threads = thread_count(options.threads)
     print(
@@ -149,7 +154,7 @@ def main() -> None:
     )
     rows = []
     for name, vertices in scenes(options.scene, options.hills):
-        for row in measure(name, vertices, threads, options.rounds):
+        for row in measure(name, vertices, threads, options.rounds, options.size):
             rows.append(row)
             print(line(row), flush=True)
     if options.json:

@@ -3,12 +3,16 @@
 import argparse
 import os
 import platform
+import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numba
 import numpy as np
 
 import antumbra
+from antumbra.bench import embree
 
 SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
 """The folder of real scenes: $ANTUMBRA_SCENES, or ../shared/scenes beside the repository."""
@@ -24,6 +28,22 @@ def machine(threads: int) -> dict:
         "processor": numba.core.codegen.ll.get_host_cpu_name(),
         "threads": threads,
     }
+
+
+@cache  # so that it is said once
+def installed(library: Callable) -> bool:
+    """Does ``library()`` find the peer? If not, one line says that it is left out."""
+    try:
+        library()
+    except antumbra.InputError as error:
+        print(f"left out: {error}", file=sys.stderr)
+        return False
+    return True
+
+
+def has_embree() -> bool:
+    """Is Embree there? If not, one line says that it is left out."""
+    return installed(embree.library)
 
 
 def arguments(description: str) -> argparse.ArgumentParser:

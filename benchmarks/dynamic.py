@@ -16,6 +16,7 @@ plan (Embree rounds, and so do offsets of receivers; ours do not differ among th
 
 import argparse
 import statistics
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from antumbra.image.shade import ambient_light, shade
 from antumbra.plan import DEFAULT_PLAN
 from antumbra.query.shadow import fraction_lit
 from antumbra.renderer import Renderer
+from common import has_embree
 from comparison import compare, options_of, start
 from contest import CLOCKS, OURS, progress
 from views import MOVING, Moving, moving_views
@@ -116,8 +118,8 @@ class EmbreeFrames:
         lap("filter")
         arrived = [irradiance(hits.gbuffer, light.patch(triangles.origin, 1.0), light.domain, self.threads)]
         ambient = ambient_light(hits.gbuffer, [light], arrived)
-        up = view.scene.up
-        shade(hits.gbuffer, triangles.colour, [light], arrived, [visibility], ambient, up, self.threads)
+        colour, up = triangles.colour, view.scene.up
+        shade(hits.gbuffer, colour, [light], arrived, [visibility], ambient, up, threads=self.threads)
         lap("shade")
         return Result({**seconds, "total": sum(seconds.values())}, visibility)
 
@@ -158,14 +160,14 @@ def measure(view: Moving, options) -> list[dict]:
     """Rows of all thread counts."""
     found = []
     for threads in options.threads:
-        with embree.Device(threads, options.isa) as device:
+        with embree.Device(threads, options.isa) if has_embree() else nullcontext() as device:
             found += _measure(device, view, threads, options)
     return found
 
 
 def _measure(device, view: Moving, threads: int, options) -> list[dict]:
     clock, times = CLOCKS[options.clock], moments(view, options.frames)
-    ways = best_ways(device, view, threads, options)
+    ways = best_ways(device, view, threads, options) if device else []
     contenders: list = [Ours(plan, view, threads, options.spp, clock) for plan in options.plans]
     contenders += [EmbreeFrames(way, device, view, threads, options.spp, clock) for way in ways]
     found = {c.name: [] for c in contenders}
@@ -185,9 +187,9 @@ def _measure(device, view: Moving, threads: int, options) -> list[dict]:
     case = {"scene": view.name, "triangles": view.scene.n_triangles, "threads": threads, "clock": options.clock}
     case |= {"spp": options.spp, "frames": len(times), "rounds": options.rounds, "size": list(options.size)}
     made = [_row(case, c, found[c.name], differs[c.name]) for c in contenders]
-    fastest = max(row["fps"] for row in made if row["family"] == EMBREE)
+    fastest = max((row["fps"] for row in made if row["family"] == EMBREE), default=None)
     for row in made:
-        if row["family"] == OURS:
+        if fastest and row["family"] == OURS:
             row["ratio"] = row["fps"] / fastest
     print(f"\n{view.name}, {view.scene.n_triangles} triangles, {len(times)} frames, {threads} thread(s)\n{HEAD}")
     print("\n".join(_line(row) for row in made), flush=True)

@@ -99,7 +99,7 @@ def measure(case: Case, tracers, query, rounds: int) -> dict[str, dict]:
     results, seconds = {}, {t: [] for t in tracers}
     truth = answer(case, tracers[0], query)
     for tracer in tracers:
-        counters = new_counters(True)
+        counters = new_counters()
         if not np.array_equal(answer(case, tracer, query, counters), truth):
             raise SystemExit(f"{case.name}: {tracer} and {tracers[0]} give different bits")
         results[tracer] = as_dict(counters)

@@ -1,11 +1,10 @@
 """The peers' ways to answer a ray set, as contenders: Embree in all its modes, Mitsuba 3 and Open3D."""
 
-import sys
 from contextlib import contextmanager
 
 from antumbra.bench import embree, embree_rays, mitsuba_rays, open3d_rays
 from antumbra.bench.ray_sets import ORDERS, RaySet, one_by_one, packets
-from antumbra.errors import InputError
+from common import has_embree, installed
 from contest import Contender
 
 BUILDS = [("medium", 0), ("high", 0), ("medium", embree.ROBUST), ("high", embree.ROBUST)]
@@ -14,7 +13,10 @@ ISA_NAMES = {16: "AVX-512", 8: "AVX2 or AVX", 4: "SSE"}
 
 @contextmanager
 def embree_scenes(vertices, isa: str | None):
-    """({(quality, flags): EmbreeScene} of all BUILDS, rays of Embree's largest native packet)."""
+    """({(quality, flags): EmbreeScene} of all BUILDS, rays of Embree's largest native packet), or ({}, 0)."""
+    if not has_embree():
+        yield {}, 0
+        return
     with embree.Device(isa=isa) as device:
         scenes = {}
         try:
@@ -28,6 +30,8 @@ def embree_scenes(vertices, isa: str | None):
 
 def describe_embree(isa: str | None) -> str:
     """Version and instruction set of Embree."""
+    if not has_embree():
+        return "not installed"
     with embree.Device(isa=isa) as device:
         return f"Embree {device.version}, {ISA_NAMES.get(device.width, 'scalar')}" + (f" (isa={isa})" if isa else "")
 
@@ -38,6 +42,8 @@ def embree_contenders(built, rays: RaySet, orders, hits: bool, threads: int) -> 
     built : from `embree_scenes`. Packets wider than Embree's own are left out: it would take them ray by ray.
     """
     scenes, lanes = built
+    if not scenes:
+        return []
     by = {order: packets(rays, order, lanes) for order in orders}
     kinds = [(1, "", one_by_one(by[orders[-1]]))]  # all samples of a pixel after each other
     kinds += [(lanes, f" by {order}" if len(orders) > 1 else "", ids) for order, ids in by.items()]
@@ -99,12 +105,8 @@ def open3d_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:
 def other_peers(vertices) -> list:
     """[(contenders of, scene)] of Mitsuba and Open3D where they are installed; a line on those that are not."""
     found = []
-    for make, contenders in (
-        (mitsuba_rays.MitsubaScene, mitsuba_contenders),
-        (open3d_rays.Open3DScene, open3d_contenders),
-    ):
-        try:
-            found.append((contenders, make(vertices)))
-        except InputError as error:
-            print(f"left out: {error}", file=sys.stderr)
+    if installed(mitsuba_rays.library):
+        found.append((mitsuba_contenders, mitsuba_rays.MitsubaScene(vertices)))
+    if installed(open3d_rays.library):
+        found.append((open3d_contenders, open3d_rays.Open3DScene(vertices)))
     return found

@@ -1,13 +1,13 @@
 """Files that are written whole or not at all."""
 
 import os
-import secrets
 import stat
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import InputError
+from .temporary import temporary_name
 
 
 def checked_output(path, suffixes: Sequence[str]) -> Path:
@@ -51,15 +51,12 @@ def replacing(path) -> Iterator[Path]:
         Where the writing fails: names `path` and the reason. Nothing is left behind, and an older file stays as it was.
     """
     target = Path(os.path.realpath(path))  # a symbolic link stays one
-    temporary = target.with_name(f".antumbra-{secrets.token_hex(6)}.tmp")
     try:
-        yield temporary
-        os.replace(temporary, target)
+        with temporary_name(target.parent) as temporary:
+            yield temporary
+            os.replace(temporary, target)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({_reason(error)}); choose another place") from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def _mode(path: Path) -> int | None:

@@ -1,0 +1,50 @@
+"""Benchmarks that compare our own methods run; and every benchmark is run by some test."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+UNTRIED = {"startup"}  # it measures fresh environments, which takes minutes
+
+
+def test_every_benchmark_is_tried():
+    scripts = {path.stem for path in BENCHMARKS.glob("*.py") if "__main__" in path.read_text()}
+    tests = "\n".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
+    tried = set(re.findall(r'\brun\(\s*"(\w+)"', tests))
+    assert len(scripts) > 5 and tried <= scripts
+    assert scripts - tried <= UNTRIED, "a benchmark without a test in tests/benchmarks"
+
+
+def test_multi_frusta(run, small):
+    done = run("multi_frusta", small, "--size", 24, 24, "--rounds", 1)
+    (tables,) = done.rows.values()
+    assert list(done.rows) == ["small"] and list(tables) == ["table 1", "table 2", "figure 6"]
+    one, two, six = tables.values()
+    assert list(one) == ["packet16", "packet16:samples", "packet256", "multifrusta:paper", "multifrusta"]
+    assert len(two) == 4 and len(six) == 6
+    rows = [*one.values(), *two.values(), *(row for edge in six.values() for row in edge.values())]
+    assert all(row["rays"] > 0 and row["triangle_tests"] > 0 for row in rows)
+    for method in (*one, *two):
+        assert re.search(rf"^{re.escape(method)} +\S", done.out, re.MULTILINE)
+    assert all(f"{text}, small" in done.out for text in ("Table 1", "Table 2", "Figure 6"))
+
+
+def test_filter_quality(run, small):
+    done = run("filter_quality", small.parent, "--size", 16, "--rounds", 1, "--threads", 1)
+    rows = {row["method"]: row for row in done.rows}
+    assert len(rows) == len(done.rows) == 8 and done.out.count("\n") == 9
+    assert rows["256"]["visibility_rms_256"] == 0 < rows["64"]["visibility_rms_256"]
+    assert 0 < rows["256"]["visibility_rms_1024"] < rows["16"]["visibility_rms_1024"]
+    assert 0 < rows["16 adaptive 64"]["refined"] <= 1 and rows["64"]["rays"] == 4 * rows["16"]["rays"] > 0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="it reads /proc, which only Linux has")
+def test_memory(run, small):
+    done = run("memory", small, rows=False)
+    head, *arrays, last = done.out.splitlines()
+    assert re.fullmatch(rf"{re.escape(str(small))}: \d+ triangles", head)
+    sizes = dict(re.fullmatch(r"  (\w+) +([\d.]+) bytes a triangle", line).groups() for line in arrays)
+    assert float(sizes["vertices"]) == 36 and float(sizes["nodes"]) > 0 and last.startswith("process grew by ")

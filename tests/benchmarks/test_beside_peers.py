@@ -1,0 +1,95 @@
+"""Benchmarks that have peers run with them, and without those that are not installed."""
+
+import pytest
+
+from antumbra.bvh import BUILDERS
+
+SMALL = ("--size", 24, 24, "--rounds", 1, "--threads", 1)
+PLANS = ("bsah+single", "bsah+multifrusta")
+OTHERS = "mitsuba,drjit,open3d"
+
+
+@pytest.fixture(params=("with", "without"))
+def hidden(request) -> str:
+    """Modules to hide: the large peers, so that the test is the same everywhere; and in a second run Embree too."""
+    if request.param == "without":
+        return f"embreex,{OTHERS}"
+    pytest.importorskip(
+        "embreex", reason="Embree is not installed, so nothing is compared with it: pip install embreex"
+    )
+    return OTHERS
+
+
+def check_left_out(outcome, *names):
+    """One line for each peer that is not there, whatever is measured."""
+    lines = outcome.left_out()
+    assert [line.split()[2] for line in lines] == list(names) and all("pip install" in line for line in lines), lines
+
+
+def without_embree(hidden) -> bool:
+    return hidden.startswith("embreex")
+
+
+def check_contenders(outcome, hidden, ours):
+    """A row for each of ours, none of which differs; and rows of Embree, all with rates."""
+    families = {row["family"] for row in outcome.rows}
+    own = [row for row in outcome.rows if row["family"] == "antumbra"]
+    assert sorted(row["contender"] for row in own) == sorted(ours) and {row["differs"] for row in own} == {0}
+    assert all(row["contender"] in outcome.out for row in outcome.rows)
+    if without_embree(hidden):
+        assert families == {"antumbra"} and "embree not installed" in outcome.out
+        assert not any("ratio" in row for row in own)
+    else:
+        assert len(families) > 1 and all(family.startswith(("antumbra", "Embree")) for family in families)
+        assert all(row["ratio"] > 0 for row in own)
+
+
+def test_arrays(run, small, hidden):
+    done = run("arrays", small, "--rays", 1024, "--rounds", 1, "--threads", 1, without=hidden)
+    check_left_out(done, *["Embree"] * without_embree(hidden), "Open3D")
+    methods = ["occluded"] if without_embree(hidden) else ["occluded", "embree 1", "embree 16", "embreex"]
+    found = [(row["kind"], row["method"]) for row in done.rows]
+    assert found == [(kind, method) for kind in ("coherent", "incoherent") for method in methods]
+    assert all(0 < row["occluded"] < 1 and row["rays"] == 1024 for row in done.rows)
+    differ = {row["differ_from_embree"] for row in done.rows}
+    assert differ == {None} if without_embree(hidden) else max(differ) <= 10  # Embree rounds; ours do not
+    assert done.out.count("\n") == 1 + len(done.rows)
+
+
+def test_build(run, small, hidden):
+    done = run("build", small, "--size", 16, "--rounds", 1, "--threads", 1, without=hidden)
+    check_left_out(done, *["Embree"] * without_embree(hidden))
+    peers = [] if without_embree(hidden) else ["embree low", "embree medium", "embree high"]
+    assert [row["method"] for row in done.rows] == [*BUILDERS, *peers]
+    assert all(row["sah"] > 1 and row["trace_single_ms"] > 0 for row in done.rows if row["method"] in BUILDERS)
+    assert all((row["ratio"] is None) == without_embree(hidden) for row in done.rows)
+    assert done.out.count("\n") == 1 + len(done.rows)
+
+
+def test_primary(run, small, hidden):
+    done = run("primary", small, *SMALL, without=hidden)
+    check_left_out(done, *["Embree"] * without_embree(hidden))
+    check_contenders(done, hidden, ("rays", "rasterise", "gbuffer"))
+    assert all(0 < row["hit"] < 1 for row in done.rows)
+
+
+def test_soft_shadows(run, small, hidden):
+    done = run("soft_shadows", small, *SMALL, "--spp", 4, "--lights", "large", "--plans", *PLANS, without=hidden)
+    check_left_out(done, *["Embree"] * without_embree(hidden), "Mitsuba", "Open3D")
+    check_contenders(done, hidden, PLANS)
+    assert all(0 < row["occluded"] < 1 for row in done.rows)
+
+
+def test_dynamic(run, moving, hidden):
+    done = run("dynamic", moving, *SMALL, "--frames", 2, "--spp", 4, "--plans", *PLANS, without=hidden)
+    check_left_out(done, *["Embree"] * without_embree(hidden))
+    check_contenders(done, hidden, PLANS)
+    assert all(len(row["totals"]) == 2 for row in done.rows)
+
+
+@pytest.mark.parametrize("module, family", [("mitsuba", "Mitsuba"), ("open3d", "Open3D")])
+def test_soft_shadows_beside_others(run, small, module, family):
+    pytest.importorskip(module, reason=f"no comparison with {family}, as it is not installed: pip install {module}")
+    hidden = ",".join({"embreex", "mitsuba", "open3d"} - {module})
+    done = run("soft_shadows", small, *SMALL, "--lights", "large", "--plans", *PLANS, without=hidden)
+    assert {row["family"] for row in done.rows} == {"antumbra", family}

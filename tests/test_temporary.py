@@ -1,0 +1,209 @@
+"""Temporary files: the living keep theirs, and those of the dead are removed."""
+
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+
+from antumbra import InputError, temporary
+from antumbra.output import replacing
+from antumbra.temporary import remove_abandoned, temporary_name
+
+fcntl = pytest.importorskip("fcntl", reason="this system has no flock: Windows")
+DEAD = ".antumbra-0123456789ab"
+LIVING = """
+import sys
+from antumbra.output import replacing
+
+with replacing(sys.argv[1]) as temporary:
+    temporary.write_bytes(b"half")
+    print("ready", flush=True)
+    sys.stdin.readline()
+    temporary.write_bytes(b"whole")
+"""
+BUSY = """
+import os, sys
+from antumbra.temporary import remove_abandoned, temporary_name
+
+for _ in range(200):
+    with temporary_name(".") as path:
+        path.write_bytes(b"x")
+        remove_abandoned.cache_clear()
+        remove_abandoned(".")
+        assert path.read_bytes() == b"x"
+        os.replace(path, "made-" + sys.argv[1])
+"""
+
+
+@pytest.fixture(autouse=True)
+def forgotten():
+    """No folder has been seen to."""
+    remove_abandoned.cache_clear()
+
+
+def files(folder):
+    return sorted(os.listdir(folder))
+
+
+def dead(folder, stem=DEAD):
+    """What a killed process leaves."""
+    for suffix in (".lock", ".tmp"):
+        (folder / (stem + suffix)).write_bytes(b"")
+
+
+def test_the_next_writer_removes_what_the_dead_left(tmp_path):
+    dead(tmp_path)
+    (tmp_path / ".antumbra-aaaaaaaaaaaa.tmp").write_bytes(b"its lock was removed before")
+    (tmp_path / ".antumbra-bbbbbbbbbbbb.lock").write_bytes(b"")  # killed before it made its file
+    with replacing(tmp_path / "a.png") as path:
+        assert len(files(tmp_path)) == 1  # the lock; the file itself is the writer's to make
+        path.write_bytes(b"x")
+    assert files(tmp_path) == ["a.png"]
+
+
+def test_files_of_a_living_process_stay(tmp_path):
+    command = [sys.executable, "-c", LIVING, str(tmp_path / "a.png")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as living:
+        assert living.stdout.readline() == "ready\n"
+        dead(tmp_path)
+        with replacing(tmp_path / "b.png") as path:
+            path.write_bytes(b"x")
+        left = files(tmp_path)
+        assert [os.path.splitext(name)[1] for name in left] == [".lock", ".tmp", ".png"] and left[2] == "b.png"
+        assert (tmp_path / left[1]).read_bytes() == b"half" and not left[1].startswith(DEAD)
+        living.communicate("\n")
+    assert living.returncode == 0
+    assert files(tmp_path) == ["a.png", "b.png"] and (tmp_path / "a.png").read_bytes() == b"whole"
+
+
+def test_files_of_this_process_stay(tmp_path):
+    with temporary_name(tmp_path) as one:
+        one.write_bytes(b"x")
+        remove_abandoned.cache_clear()
+        with temporary_name(tmp_path) as other:
+            assert one != other and one.read_bytes() == b"x"
+        assert files(tmp_path) == [one.with_suffix(".lock").name, one.name]
+    assert files(tmp_path) == []
+
+
+def test_many_at_once(tmp_path):
+    """Processes that write in one folder never lose a file to each other, nor a lock that is not yet locked."""
+    makers = [
+        subprocess.Popen([sys.executable, "-c", BUSY, str(k)], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+        for k in range(4)
+    ]
+    said = [maker.communicate()[1] for maker in makers]
+    assert [maker.returncode for maker in makers] == [0] * 4, said
+    assert files(tmp_path) == [f"made-{k}" for k in range(4)]
+
+
+def test_removed_before_it_is_locked(tmp_path, monkeypatch):
+    """Another writer comes between the making of a lock and its locking: the maker takes another name."""
+    lock, seen = temporary._lock, []
+
+    def late(descriptor):
+        if not seen:
+            seen.extend(files(tmp_path))
+            remove_abandoned.cache_clear()
+            remove_abandoned(str(tmp_path))
+            assert files(tmp_path) == []
+        lock(descriptor)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(temporary, "_lock", late)
+        remove_abandoned(str(tmp_path))  # so that `temporary_name` does not
+        with temporary_name(tmp_path) as path:
+            assert len(seen) == 1 and files(tmp_path) == [path.with_suffix(".lock").name] != seen
+    assert files(tmp_path) == []
+
+
+def test_seen_to_while_it_is_not_yet_locked(tmp_path, monkeypatch):
+    """Another writer has locked the new lock, and will remove it: the maker takes another name."""
+    lock, held = temporary._lock, []
+
+    def late(descriptor):
+        if not held:
+            held.append(os.open(tmp_path / files(tmp_path)[0], os.O_RDWR))
+            fcntl.flock(held[0], fcntl.LOCK_EX)
+        lock(descriptor)
+
+    monkeypatch.setattr(temporary, "_lock", late)
+    with temporary_name(tmp_path) as path:
+        assert held and path.suffix == ".tmp" and files(tmp_path) == [path.with_suffix(".lock").name]
+    os.close(held[0])
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP])
+def test_a_file_system_without_locks(tmp_path, monkeypatch, number):
+    def flock(descriptor, how):
+        raise OSError(number, os.strerror(number))
+
+    dead(tmp_path)
+    before = files(tmp_path)
+    with monkeypatch.context() as patched:
+        patched.setattr(fcntl, "flock", flock)
+        with replacing(tmp_path / "a.png") as path:
+            assert files(tmp_path) == before  # nobody knows whether their maker lives
+            path.write_bytes(b"x")
+            remove_abandoned.cache_clear()
+            remove_abandoned(str(tmp_path))
+            assert path.exists()
+    assert files(tmp_path) == [*before, "a.png"]
+    # Locks that come and go are as bad: a file without one is not touched when there are locks again.
+    (tmp_path / path.name).write_bytes(b"")
+    remove_abandoned.cache_clear()
+    remove_abandoned(str(tmp_path))
+    assert files(tmp_path) == [path.name, "a.png"]
+
+
+def test_what_is_not_ours_stays(tmp_path):
+    folder, other = tmp_path / "folder", tmp_path / "other"
+    folder.mkdir()
+    other.write_bytes(b"kept")
+    (folder / ".antumbra-aaaaaaaaaaaa.tmp").symlink_to(other)
+    (folder / ".antumbra-bbbbbbbbbbbb.lock").symlink_to(other)
+    (folder / ".antumbra-cccccccccccc.tmp").mkdir()
+    os.mkfifo(folder / ".antumbra-dddddddddddd.lock")  # opening it must not wait for its other end
+    for name in (".antumbra-notes.tmp", ".antumbra-0123456789AB.tmp", ".antumbra-0123456789ab.tmp~", "x.tmp"):
+        (folder / name).write_bytes(b"")
+    before = files(folder)
+    dead(folder)
+    remove_abandoned(str(folder))
+    assert files(folder) == before and other.read_bytes() == b"kept"
+
+
+def test_a_lock_that_is_a_link(tmp_path):
+    dead(tmp_path)
+    (tmp_path / "other").write_bytes(b"kept")
+    (tmp_path / f"{DEAD}.lock").unlink()
+    (tmp_path / f"{DEAD}.lock").symlink_to(tmp_path / "other")
+    before = files(tmp_path)
+    remove_abandoned(str(tmp_path))
+    assert files(tmp_path) == before and (tmp_path / "other").read_bytes() == b"kept"
+
+
+@pytest.mark.parametrize("function", ["open", "unlink", "scandir"])
+def test_no_permission(tmp_path, monkeypatch, function):
+    """Files of other users, and folders closed to us, are no error. Root may do all, so the refusal is made up."""
+    dead(tmp_path)
+    dead(tmp_path, ".antumbra-aaaaaaaaaaaa")
+    before, called, true = files(tmp_path), [], getattr(os, function)
+
+    def refused(path, *arguments):
+        if function == "scandir" or os.path.basename(path).startswith(DEAD):
+            called.append(path)
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return true(path, *arguments)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, function, refused)
+        remove_abandoned(str(tmp_path))
+    assert called and files(tmp_path) == (before if function == "scandir" else [f"{DEAD}.lock", f"{DEAD}.tmp"])
+
+
+def test_a_folder_that_nobody_can_write_in(tmp_path):
+    with pytest.raises(InputError, match=r"a\.png: cannot be written"), replacing(tmp_path / "gone" / "a.png"):
+        raise AssertionError("there is no such folder")
+    remove_abandoned(str(tmp_path / "gone"))
