@@ -22,7 +22,7 @@ PLANS = [
 
 LIGHTS = {
     "point": lambda k: at.PointLight(np.array([0.3, 2.5, -0.4]) * k),
-    "quad": lambda k: at.QuadLight(np.array([-0.5, 2.0, 0.1]) * k, np.array([1, 0.2, 0]) * k, np.array([0, 0.1, 1]) * k),
+    "quad": lambda k: at.QuadLight(*np.array([[-0.5, 2.0, 0.1], [1, 0.2, 0], [0, 0.1, 1]]) * k),
     "sphere": lambda k: at.SphereLight(np.array([1.5, 2.0, 1.0]) * k, 0.4 * k),
     "list": lambda k: at.PointLights(np.random.default_rng(3).normal(size=(5, 3)) * k + np.array([0, 3.0, 0]) * k),
     "ambient": lambda k: at.AmbientOcclusion(1.5 * k),
@@ -88,7 +88,7 @@ WRONG_BEFORE = [
     (0, "list", "near and far", 1e-20),
     (1, "quad", "near and far", 1e-30),
 ]
-"""Seeds, lights and receivers of `beam_scenes.lit`, of which several tracers had bits wrong, or never had any."""
+"""Seeds, lights, receivers and scales of `beam_scenes.lit`: several tracers had bits wrong in all but the last two."""
 
 
 @cache
