@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import block_tree
-from ..bvh.nodes import Bvh
+from ..bvh.nodes import Bvh, boxes_of
 from ..kernels.parallel import thread_count
 from ..query.diffuse import RayPass
 from ..query.reach import bounds
@@ -20,7 +20,7 @@ from ..trace.lighttable import STRATA
 from ..trace.multifrusta import trace_forest
 from ..trace.packet16 import over_pixels, over_samples
 from ..trace.primary import picture_seen, trace_hits
-from ..trace.scattered import is_huge, is_scattered
+from ..trace.scattered import is_far, is_huge, is_scattered
 from .camera import CELL, bound_camera, length_of, shorten_camera
 from .cells import Picture, bound_cells, picture_of, shorten
 from .fronts import Fronts
@@ -149,7 +149,7 @@ def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, c
     kind, steps, trace = query.light.kind, [chunks], trace_forest
     if is_scattered(query):
         steps, trace = [range(c, c + 1) for c in chunks], over_samples if kind == LIST else over_pixels
-    elif is_huge(query, scheduled.parts.extents):
+    elif is_huge(query, scheduled.parts.extents) or is_far(query, boxes_of(scheduled.parts.lines[:1])):
         trace = over_pixels
     for step in steps:
         rays = _Shadows(scheduled, query, bits, step, trace, kind == AMBIENT, options)

@@ -6,6 +6,7 @@ Multi-frusta tracing [Benthin and Wald 2009] for area lights.
 import numpy as np
 
 from ..bvh.blocks import ROWS
+from ..bvh.nodes import boxes_of
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take, thread_count
 from ..kernels.simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
@@ -40,7 +41,7 @@ from .lighttable import STRATA, light_table, turn_points
 from .ownsurface import PLANES, apply_horizon
 from .packet16 import over_pixels, over_samples
 from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
-from .scattered import extents_of, is_huge, is_scattered
+from .scattered import extents_of, is_far, is_huge, is_scattered
 from .shaftleaf import WORK, trace_block
 from .shafts import make_shafts
 from .sheaf import SHEAF_FLOATS, close, finished, make_sheaf, tile_in, tiles_by_beams, trace_sheaf
@@ -280,13 +281,14 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    Samples far apart, those of a hemisphere, an interleaved list or a huge light, are left to packets: see `scattered`.
+    Samples far apart, those of a hemisphere, an interleaved list or a huge light, are left to packets, as are
+    coordinates that are too large for shafts: see `scattered`.
 
     tree : BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    if is_scattered(query) or is_huge(query, extents_of(tree)):
+    if is_scattered(query) or is_huge(query, extents_of(tree)) or is_far(query, boxes_of(tree.nodes[:1])):
         by_packets = over_samples if query.light.kind == LIST else over_pixels
         by_packets(tree, query, bits, threads, counters, progress)
         return

@@ -105,7 +105,8 @@ def _height(planes, lx, ly, lz):
     ax, ay, az = lx - load16(planes, 0), ly - load16(planes, 16), lz - load16(planes, 32)
     h = load16(planes, 48) * ax + load16(planes, 64) * ay + load16(planes, 80) * az
     reach = maximum(maximum(absolute(ax), absolute(ay)), absolute(az))
-    return h * load16(planes, 96), load16(planes, 112) * _U * reach + _TINY * (reach + _F(1.0))
+    error = load16(planes, 112) * reach * _U  # in this order: infinite where the height could be
+    return h * load16(planes, 96), error + _TINY * (reach + _F(1.0))
 
 
 @inlined

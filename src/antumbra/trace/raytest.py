@@ -1,4 +1,8 @@
-"""One triangle against 16 rays in float32, which decides only beyond the bounds of `predicate.filters`."""
+"""One triangle against 16 rays in float32, which decides only beyond the bounds of `predicate.filters`.
+
+Nothing limits the coordinates here, so the bounds leave float32's range before any number does that they are for: they
+are infinite then, and decide nothing. docs/design/exactness.md derives that.
+"""
 
 from typing import NamedTuple
 
@@ -9,7 +13,8 @@ from ..kernels.simd import bits, broadcast16, fma, get, maximum, minimum, splat1
 from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, total
 
 _F = np.float32
-_U = _F(64 * 2.0**-24)
+_ROOM = _F(8.0)  # times a product: at least the sums that are made of such products
+_U = _F(64 * 2.0**-24 / 8.0)  # of so many times a product
 _TINY = _F(1e-37)
 LANES = 12 * 16  # float32 of kept `Lanes`
 
@@ -73,9 +78,10 @@ def error_bounds(reach, size, span):
     reach, size : at least the largest component of v0 - origin, and of the edges at v0
     span : at least the sum of the components of a ray
     """
-    floor = fma(reach + size + span, splat16(_TINY), splat16(_TINY))  # covers what underflows
-    e = fma(size * _U, maximum(reach, size) * span, floor)
-    return e, fma(size * size * _U, reach + span, floor)
+    room, wide = size * _ROOM, maximum(reach, size)
+    far = fma(span, splat16(_F(2.0)), room + _F(1.0))
+    floor = fma(reach + room, far, far) * _TINY  # covers what underflows; infinite where a product of two could be
+    return fma(room * wide * span, splat16(_U), floor), fma(room * size * (reach + span), splat16(_U), floor)
 
 
 @inlined

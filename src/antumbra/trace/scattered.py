@@ -4,6 +4,8 @@ Where the samples of a stratum are as far apart as those of the whole light, or 
 neither does a beam. Then multi-frusta tracing falls back to rays. The 16 lanes are a receiver's rays to the points of a
 list, or those of 16 receivers in one direction of the hemisphere; at a block each ray in turn is tested against the
 triangles, side by side.
+
+They also trace what is far: shafts multiply three lengths, which float32 does not hold from some coordinates on.
 """
 
 import numpy as np
@@ -22,6 +24,7 @@ _WIDE = 0.1  # of a chunk's extents, those of a stratum from which on it is not 
 _HUGE = 0.5  # of the scene's extents, those of a chunk from which on packets are faster ...
 _LARGE = 0.1  # ... and from which on they are with less samples than ...
 _FEW = 8  # ... these, with which tiles do not share a walk
+_FAR = 2.0**40  # coordinates up to this cannot overflow in a product of three of their differences, nor in sums of such
 
 
 def _extents(query):
@@ -56,6 +59,16 @@ def is_huge(query, extents) -> bool:
         return False
     limit = _LARGE if query.samples.shape[1] < _FEW else _HUGE
     return bool(_extents(query)[1] > limit * extents.sum())
+
+
+def is_far(query, box) -> bool:
+    """May a coordinate of the query, or of the (2, 3) box of the triangles, be too large for float32's shafts?"""
+    light = query.light
+    far = np.abs(box).max() + np.abs(light.base).max() + 3.0 * light.radius
+    far += max(1.0, np.abs(query.samples).max()) * np.abs([light.u, light.v, light.w]).sum()
+    if query.sides.shape[0] == 1:  # receivers that are not pixels may be anywhere; those that are lie on triangles
+        far += np.abs(query.origins).max(initial=0.0)
+    return not far <= _FAR
 
 
 @kernel

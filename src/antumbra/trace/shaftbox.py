@@ -1,8 +1,8 @@
 """Which rays, shafts and beams of a tile meet the box of a block: none of the axes tried separates them.
 
 Besides the three axes of the box, these are its axes' cross products with the segments. The middle of a segment and its
-distance from the box's err by 4u of the coordinates, which `_PAD` covers eight times over; `_TINY` covers products that
-underflow.
+distance from the box's err by 4u of the coordinates, which `_PAD` covers eight times over; `_TINY` covers what
+underflows, `_SURE` what is divided by that.
 """
 
 import numpy as np
@@ -16,6 +16,7 @@ from .shafts import HALF, D, N
 _F = np.float32
 _PAD = _F(32 * 2.0**-24)
 _TINY = _F(1e-37)
+_SURE = _F(1e-35)
 _ZERO, _ONE = _F(0.0), _F(1.0)
 
 
@@ -42,10 +43,10 @@ def shafts_in_box(o, v, near, far, c, e):
     near + t far.
     """
     m, size = minus(c, o), magnitudes(v)
-    pad = (maximum(largest(o), largest(c)) + largest(v)) * _PAD
+    pad = fma(maximum(largest(o), largest(c)) + largest(v), splat16(_PAD), splat16(_TINY))
     start, square = dot(size, near), dot(v, v)
     reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, far))
-    t = select(length > square * _F(2.0**-8), reach / length, splat16(_ONE))
+    t = select(length > fma(square, splat16(_F(2.0**-8)), splat16(_SURE)), reach / length, splat16(_ONE))
     t = minimum(fma(maximum(t, splat16(_ZERO)), splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), splat16(_ONE))
     width = plus(near, Vec(t * far.x, t * far.y, t * far.z))
     return _in_box(m, v, Vec(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
@@ -55,7 +56,7 @@ def shafts_in_box(o, v, near, far, c, e):
 def rays_in_box(tile, s, c, e):
     """Bits of the receivers whose segment to stratum s meets the box with middle c and half extents e."""
     o, l = rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16)
-    pad = maximum(maximum(largest(o), largest(l)), largest(c)) * _PAD
+    pad = fma(maximum(maximum(largest(o), largest(l)), largest(c)), splat16(_PAD), splat16(_TINY))
     return _in_box(minus(c, o), minus(l, o), Vec(e.x + pad, e.y + pad, e.z + pad))
 
 

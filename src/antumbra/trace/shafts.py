@@ -22,6 +22,7 @@ from .lighttable import ALL_GROUPS
 
 _F = np.float32
 _ROUNDING = _F(24 * 2.0**-24)
+_TINY = _F(1e-37)  # above what underflow can cost a sum of products
 N = ALL_GROUPS  # a row's length
 D, HALF, TWIST, SPAN, LEVER, NEAR, FAR, CAP_ERROR, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N, 10 * N, 11 * N, 12 * N
 PLANE = 5 * N  # rows of a plane: w (3), b, error for each unit of a corner's largest coordinate
@@ -66,8 +67,8 @@ def _bound_plane(shafts, at, w, d, receivers, half, size):
     """Write the plane with normal w and the support of the two boxes."""
     keep(shafts, at, N, w)
     support = maximum(abs_dots(w, receivers), dot(w, d) + abs_dot(w, half))
-    error = total(w) * _ROUNDING
-    store(shafts, at + 3 * N, support + absolute(support) * _F(2.0**-18) + error * size)
+    error = total(w) * _ROUNDING + _TINY
+    store(shafts, at + 3 * N, support + absolute(support) * _F(2.0**-18) + error * size + _TINY)
     store(shafts, at + 4 * N, error)
 
 
@@ -93,10 +94,10 @@ def make_shafts(info, groups, shafts):
         store(shafts, TWIST + batch, twist + half.z * (receivers.x + receivers.y))
         store(shafts, SPAN + batch, span)
         store(shafts, LEVER + batch, d1 * x1)
-        start, middle, reach, cap = abs_dots(d, receivers), dot(d, d), abs_dot(d, half), d1 * _ROUNDING
+        start, middle, reach, cap = abs_dots(d, receivers), dot(d, d), abs_dot(d, half), d1 * _ROUNDING + _TINY
         near, far = minimum(-start, middle - reach), maximum(start, middle + reach)
-        store(shafts, NEAR + batch, near - absolute(near) * _F(2.0**-18) - cap * span)
-        store(shafts, FAR + batch, far + far * _F(2.0**-18) + cap * span)
+        store(shafts, NEAR + batch, near - absolute(near) * _F(2.0**-18) - cap * span - _TINY)
+        store(shafts, FAR + batch, far + far * _F(2.0**-18) + cap * span + _TINY)
         store(shafts, CAP_ERROR + batch, cap)
         inverse = splat16(_F(1.0)) / maximum(dot(d, d), splat16(_F(1e-30)))
         at = PLANES + batch
