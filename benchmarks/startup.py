@@ -2,8 +2,8 @@
 
 python benchmarks/startup.py [--rounds N] [--only CASE ...] [--json FILE]
 
-Each case runs as its user would run it, in environments and with caches that the case says. Cases that install make a new
-virtual environment each time. `wheel`, `clone` and `edits` take minutes a round.
+Each case runs as its user would run it, with caches of its own. Cases that install make a new virtual environment each
+time. `wheel`, `clone`, `cold` and `edits` take a minute or more a round.
 """
 
 import argparse

@@ -2,8 +2,8 @@
 
     HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 pip wheel --no-deps -w dist .
 
-Without the variable the wheel is pure Python, and kernels are compiled when they are first used. ``ANTUMBRA_PACK_LEVELS``,
-separated by commas, chooses levels of processors; the default is all of this kind of machine.
+Without the variable the wheel is pure Python, and kernels are compiled when they are first used. The variable
+``ANTUMBRA_PACK_LEVELS`` chooses levels of processors, separated by commas. The default is all of this kind of machine.
 """
 
 import os

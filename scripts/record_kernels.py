@@ -2,8 +2,8 @@
 
 python scripts/record_kernels.py [--check]
 
-Each job runs in a process of its own, so that it loads all that it calls. --check writes nothing; it says what has
-changed, and ends with exit code 1 if a job calls kernels that are not recorded, or if kernels have grown by more than 5 %.
+Each job runs in a process of its own, so that it loads all that it calls. --check writes nothing. It names the kernels
+that jobs call and the file does not have, and ends with exit code 1 if there are any.
 """
 
 import argparse

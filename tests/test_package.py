@@ -72,7 +72,7 @@ def test_version():
 
 # Imports
 
-NAMES_OF_IMPORTS = {"PIL": "pillow", "llvmlite": "numba"}  # llvmlite is a part of Numba with a version of its own
+NAMES_OF_IMPORTS = {"PIL": "pillow"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "mitsuba", "drjit", "open3d"}  # drjit comes with mitsuba
 OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, and does not ask for it
 

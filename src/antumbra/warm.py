@@ -1,8 +1,8 @@
 """Kernels are compiled before anything is timed, by all cores, and the user is told.
 
-A *job* is what calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` has recorded which
-kernels a job calls. Those that are not on disk are compiled at once, by several processes; then the job is done on a small
-scene, which compiles what the record does not know. If all are on disk, as they are in every later process, nothing runs.
+A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` has recorded which kernels
+a job calls. Several processes compile those that are not on disk. Then the job is done on a small scene, which
+compiles kernels that are not recorded. If all are on disk, as they are in every later process, nothing runs.
 """
 
 from collections.abc import Callable, Iterable
@@ -72,7 +72,7 @@ def compile_missing(missing: set[Wanted]) -> None:
 
 
 def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
-    """All that rendering by this plan calls. `counters`: what counts, where a tracer has kernels of its own for that."""
+    """All that rendering by this plan calls. `counters`: with those that count, if a tracer has them apart."""
     make_ready(rendering, plan, gbuffer, counters and plan.tracer.counts_apart)
 
 

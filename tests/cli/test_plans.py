@@ -25,42 +25,40 @@ def test_plans_for_people(cli):
 
 
 @pytest.fixture
-def compiled(monkeypatch):
-    """What `antumbra warmup` compiles, without compiling it."""
-    done: list[str] = []
-    monkeypatch.setattr(warm, "warm_up", lambda plan, gbuffer, counters: done.append(f"{plan} {gbuffer} {counters}"))
-    monkeypatch.setattr(warm, "warm_up_quality", lambda plan, gbuffer: done.append("filter and refinement"))
-    monkeypatch.setattr(warm, "warm_up_indirect", lambda plan, gbuffer: done.append("light that bounces"))
-    monkeypatch.setattr(warm, "warm_up_rays", lambda: done.append("ray queries"))
-    monkeypatch.setattr(warm, "warm_up_steps", lambda: done.append("counted steps"))
-    monkeypatch.setattr(warm, "warm_up_store", lambda: done.append("building stores"))
-    monkeypatch.setattr(warm, "warm_up_bounce", lambda: done.append("a diffuse bounce"))
-    return done
+def done(monkeypatch):
+    """The jobs whose kernels `antumbra warmup` makes ready, without compiling any."""
+    names: list[str] = []
+
+    def make_ready_all(jobs):
+        names.extend(job.name for job in jobs)
+        return 3
+
+    monkeypatch.setattr(warm, "make_ready_all", make_ready_all)
+    return names
 
 
-def test_warmup_compiles_everything_once(cli, compiled):
-    done = cli("warmup")
-    assert done.code == 0 and f"{len(compiled)} sets of kernels" in done.out
+def test_warmup_is_for_every_method(cli, done):
+    told = cli("warmup")
+    assert told.code == 0 and f"{len(done)} jobs are ready, 3 of them new" in told.out.replace("\n", " ")
     kinds = [1 + plan.tracer.counts_apart for plan in covering_plans()]  # of kernels: most tracers count in all
-    assert len(compiled) == len(set(compiled)) == 6 + 2 * sum(kinds) and set(kinds) == {1, 2}
+    assert len(done) == len(set(done)) == 8 + 2 * sum(kinds) and set(kinds) == {1, 2}
 
 
-def test_warmup_of_one_plan(cli, compiled):
+def test_warmup_of_one_plan(cli, done):
     told = cli("warmup", "--plan", "bsah+single", "--plan", "bsah+single", "--json").json()
-    assert len(told["kernels"]) == len(compiled) == 9
-    assert told["folder"] and told["seconds"] >= 0.0
-    assert all("bsah+single" in name or name in compiled[:5] for name in told["kernels"])
+    assert told["jobs"] == done and told["compiled"] == 3 and told["folder"] and told["seconds"] >= 0.0
+    assert len(done) == 11 and sum("bsah+single" in name for name in done) == 4  # `single` has kernels that count
 
 
-def test_warmup_of_a_builder_that_wants_rays(cli, compiled):
+def test_warmup_of_a_builder_that_wants_rays(cli, done):
     assert cli("warmup", "--plan", "srdh+single", "--plan", "srdh+wide", "--quiet").code == 0
-    assert compiled.count("a diffuse bounce") == 1 and len(compiled) == 6 + 4 + 2  # `single` has kernels that count
+    assert done.count("a diffuse bounce") == 1 and len(done) == 8 + 4 + 2
 
 
-def test_warmup_quietly(cli, compiled):
+def test_warmup_quietly(cli, done):
     assert cli("warmup", "--quiet") == (0, "", "")
 
 
-def test_warmup_of_an_unknown_plan(cli, compiled):
+def test_warmup_of_an_unknown_plan(cli, done):
     cli("warmup", "--plan", "magic").refused("magic")
-    assert compiled == []
+    assert done == []

@@ -11,7 +11,7 @@ BEFORE = {
     "alone": 101, "by_call": 4, "by_constant": 6, "by_module": 6, "by_overload": 6, "by_field": 5,
     "by_result": {"a": 1, "b": 2}, "by_intrinsic": 2, "by_operator": 6.0,
 }  # fmt: skip
-LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{name}.py" for name in ("lanes", "memory", "scalars", "operators"))
+LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{m}.py" for m in ("lanes", "memory", "scalars", "operators"))
 
 EDITS = {
     "own body": ("sample/top.py", "return x + 100", "return x + 200", {"alone": 201}),
@@ -27,7 +27,9 @@ EDITS = {
     ),
     "intrinsic": (SCALARS, '"llvm.ctpop.i64")', '"llvm.bswap.i64")', {"by_intrinsic": 3 << 56}),
     "what an intrinsic calls": (MEMORY, "elements must be", "all must be", {"by_intrinsic": 2, "by_operator": 6.0}),
-    "operator": (OPERATORS, '_method("fadd", "add")', '_method("fsub", "sub")', {"by_intrinsic": 2, "by_operator": 0.0}),
+    "operator": (
+        OPERATORS, '_method("fadd", "add")', '_method("fsub", "sub")', {"by_intrinsic": 2, "by_operator": 0.0},
+    ),
     "comment": ("sample/parts.py", "# one", "# one more", {}),
     "docstring": ("sample/parts.py", '"""One more."""', '"""One more than before."""', {}),
     "comment of an intrinsic": (LANES, "# --- make ----", "# --- made ----", {}),

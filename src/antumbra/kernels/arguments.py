@@ -16,7 +16,8 @@ import numpy as np
 Key = tuple[str, ...]
 
 SCALARS = {
-    "b": "?7x", "i1": "q", "i2": "q", "i4": "q", "i": "q", "u1": "Q", "u2": "Q", "u4": "Q", "u": "Q", "f": "f4x", "d": "d",
+    "b": "?7x", "f": "f4x", "d": "d",
+    "i1": "q", "i2": "q", "i4": "q", "i": "q", "u1": "Q", "u2": "Q", "u4": "Q", "u": "Q",
 }  # fmt: skip
 """Token of a scalar: how `struct` packs it into a word."""
 

@@ -1,7 +1,7 @@
 """Where machine code is kept: packs that came with the package, and the user's own folder.
 
-Both find it by the digest of what the kernel is made of (`closure.py`). The user's folder is kept apart by processor level
-and by what compiled it; a pack says in its name which level it is for, and whoever made it has tested it.
+Both find it by the digest of what the kernel is made of (`closure.py`). The user's folder is divided by what compiled
+the code, and by processor level. A pack says in its name which level it is for; whoever made it has tested it.
 """
 
 import json

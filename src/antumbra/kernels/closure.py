@@ -1,12 +1,12 @@
 """What a kernel is made of, as a digest: its code and all that it reaches.
 
-A *part* is a function that Numba compiles or asks: a kernel, an inlined function, an overload and what it calls. Its own
-digest covers its bytecode (no line numbers, no comments, no docstring), its defaults, and the values of the globals and
-closure variables that it names. The digest of a kernel covers all parts that it reaches, and the fields of the classes of
-its arguments. Numba compiles bytecode, so the digest changes when, and only when, Numba's input changes; it depends on
-Python's version, and on no path or time.
+A *part* is a function that Numba compiles or asks: a kernel, an inlined function, an overload and what it calls. The
+own digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it
+names. It covers no line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches, and
+the fields of the classes of its arguments.
 
-A value that is of no kind known here is an error: a change of it would go unnoticed.
+Numba compiles bytecode. So the digest changes when Numba's input changes, and only then. It depends on Python's
+version, and on no path or time. A value of a kind that is not known here is an error: its changes would go unnoticed.
 """
 
 import sys
@@ -148,7 +148,7 @@ def _closure(function: types.FunctionType) -> bytes:
 
 
 def kernel_digest(kernel: inlined, key: str) -> str:
-    """The name of a kernel's machine code for arguments of a kind, whatever the processor and the compiler: 32 digits."""
+    """The name of a kernel's machine code for arguments of a kind, 32 digits; the same for all processors."""
     digest = blake2b(f"{_PYTHON}\n{kernel.name}\n{key}\n".encode(), digest_size=16)
     for cls in _classes_of(key.split()):
         digest.update(repr(class_text(cls)).encode())

@@ -1,8 +1,8 @@
 """Several processes that compile kernels at once, as many as there are cores.
 
-Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process here
-takes the next kernel when it has done its last one, the longest first, so that all end together. What is done is on disk:
-Ctrl-C loses only what was being compiled.
+Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process takes
+the next kernel when it has done its last one, the longest first, so that all end together. Kernels that are done are on
+disk: Ctrl-C loses only what was being compiled.
 """
 
 import json

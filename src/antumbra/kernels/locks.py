@@ -33,8 +33,8 @@ else:
 def held(path: Path) -> Iterator[None]:
     """Hold the lock of this name within; wait for whoever has it. Ctrl-C ends the waiting.
 
-    The file goes at the end. Who waited for it holds a file without a name then, and must look again whether the work is
-    still to be done; that is what the lock is for.
+    The file goes at the end. A process that waited for it then holds a file without a name. So look again, within,
+    whether the work is still to be done.
     """
     handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:

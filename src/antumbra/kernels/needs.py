@@ -1,7 +1,8 @@
 """Which kernels a job calls, recorded beforehand in ``needs.json``: so they are compiled at once, by several processes.
 
-The file holds the kernels, with their size, and for each job the numbers of its kernels. ``scripts/record_kernels.py``
-writes it, and a test compares it with what jobs call. A kernel that is missing there is compiled when it is first called.
+The file holds the kernels, with their size, and for each job the numbers of its kernels. A script writes it
+(``scripts/record_kernels.py``), and a test compares it with what jobs call. A kernel that is not recorded is compiled
+when it is first called.
 """
 
 import json

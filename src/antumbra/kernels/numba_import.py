@@ -4,8 +4,10 @@ import sys
 
 
 def import_numba() -> None:
-    """Import Numba's array functions, but not scipy's linear algebra behind them: no kernel of ours multiplies
-    matrices, and it is 0.2 s of every start. For a process that only compiles, since np.dot in kernels is then refused."""
+    """Import Numba's array functions, but not scipy's linear algebra behind them, which takes 0.2 s.
+
+    No kernel multiplies matrices. For a process that only compiles: np.dot in kernels is refused then.
+    """
     if "scipy.linalg" in sys.modules or "numba.np.arraymath" in sys.modules:
         return
     sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # an import of it fails at once

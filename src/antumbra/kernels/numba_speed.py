@@ -1,8 +1,8 @@
 """What makes Numba's front end faster in a process that only compiles kernels.
 
-Numba types and lowers in Python; for kernels of many small functions most of that time goes into the same questions asked
-again. Each change here leaves what Numba answers as it is. They are made in processes of our own only (`worker.py`), so
-nobody else's use of Numba changes, and a change that does not fit the installed version is left out.
+Numba types and lowers in Python. For kernels of many small functions, most of that time goes into questions that were
+asked before. No change here alters an answer of Numba. They are made only in processes that compile (`worker.py`), so
+nobody else's use of Numba changes. A change that does not fit the installed version is left out.
 """
 
 from contextlib import suppress

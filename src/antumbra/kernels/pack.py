@@ -1,7 +1,7 @@
 """Packs of machine code for common processors, which a wheel brings along: ``python -m antumbra.kernels.pack``.
 
-Every kernel that `needs` has recorded is compiled for each level. x86-64 machines make those of all x86-64 levels, and of
-aarch64 by cross-compiling. A level that this machine cannot run is made, but nobody has run it: that is said.
+Every kernel that `needs` has recorded is compiled for each level. LLVM compiles for levels that this machine does not
+have, too. Nobody has run such a pack where it was made: the command says so.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """What Numba sees of kernels, inlined functions and overloads: parts, compiled for argument types to LLVM IR.
 
-A part takes the place of Numba's dispatcher, without what kernels do not need: entries for Python and C, parallel loops,
-object mode, memory managed by reference counts.
+A part takes the place of Numba's dispatcher. It leaves out what kernels do not need: entries for Python and C, parallel
+loops, object mode, and memory managed by reference counts.
 """
 
 from collections.abc import Callable

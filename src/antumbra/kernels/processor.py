@@ -1,7 +1,7 @@
 """Levels of processors: what machine code may use, so that one pack serves many machines.
 
-`x86-64-v2`, `-v3` (AVX2, FMA) and `-v4` (AVX-512) are the levels of the x86-64 psABI; `aarch64` has NEON. The best level
-that this processor has is the default; ``ANTUMBRA_LEVEL`` chooses another one.
+`x86-64-v2`, `-v3` (AVX2, FMA) and `-v4` (AVX-512) are the levels of the x86-64 psABI. `aarch64` has NEON. The default
+is the best level that this processor has; ``ANTUMBRA_LEVEL`` chooses another one.
 """
 
 import os
