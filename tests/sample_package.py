@@ -1,4 +1,4 @@
-"""A copy of the package with a few kernels more, whose sources a test can edit: for the tests of keys and of the cache."""
+"""A copy of the package with a few more kernels, whose sources a test can edit: for tests of keys and the cache."""
 
 import json
 import os
