@@ -62,7 +62,7 @@ def _window(points, counts, limit, y, x):
 
 @kernel
 def _filter_rows(ticket, seen, counts, limit, spp, out):
-    points, values = points_of(seen), ptr(counts)  # type: ignore[call-arg, var-annotated]
+    points, values = points_of(seen), ptr(counts)
     y0 = take(ticket)
     while y0 >= 0:
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):

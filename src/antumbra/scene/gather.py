@@ -28,7 +28,7 @@ def _recentre_rows(first, last, a, b, share, origin, out):
             world = rest * np.float64(get(a, i + k)) + share * np.float64(get(b, i + k))
             local = np.float32(world - origin[k])
             put(out, i + k, local)
-            fine &= abs(local) <= _LIMIT
+            fine &= abs(local) <= _LIMIT  # type: ignore[assignment]
     return fine
 
 

@@ -76,7 +76,14 @@ Speed
     keep its `bits` instead.
 """
 
+import typing
+
 from ..jit import Intrinsic
+
+if typing.TYPE_CHECKING:
+
+    def __getattr__(name: str) -> typing.Any: ...
+
 
 _HOMES = {
     "lanes": """
