@@ -13,7 +13,7 @@ PARTS = '''"""What kernels of `top` call."""
 
 from typing import NamedTuple
 
-from antumbra.kernels.jit import inlined, kernel
+from antumbra.kernels.jit import inlined, kernel, overloaded
 
 SCALE = 3
 
@@ -34,6 +34,7 @@ def middle(x):
     return deep(x) * 2
 
 
+@overloaded("choices")
 def chosen(x):
     raise NotImplementedError
 '''

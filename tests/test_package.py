@@ -210,7 +210,8 @@ def test_wheel_is_pure_and_holds_the_package_only(built):
     assert wheel.name == f"antumbra-{at.__version__}-py3-none-any.whl"
     names = zipfile.ZipFile(wheel).namelist()
     inside = {n for n in names if not n.startswith(f"antumbra-{at.__version__}.dist-info/")}
-    assert inside == {path.relative_to(ROOT / "src").as_posix() for path in SOURCES}
+    data = ROOT / "src" / "antumbra" / "kernels" / "needs.json"
+    assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, data)}
 
 
 def test_sdist_holds_what_a_developer_needs(built):

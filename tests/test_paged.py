@@ -99,14 +99,6 @@ def test_points_that_ask_a_store_within_little_memory(city):
         at.visibility(city[0], np.zeros((1, 3)), LIGHT, max_memory=1 << 30)
 
 
-def test_what_compiling_takes_is_no_reason_to_give_more(city, monkeypatch):
-    for compiled in (["kernels"], []):
-        monkeypatch.setattr("antumbra.paged.compiled", compiled)
-        with pytest.raises(at.InputError) as raised:
-            at.render(at.load(city[1]), _cameras(city[0])[0], LIGHT, max_memory=1 << 20)
-        assert ("; or do it again" in str(raised.value)) == bool(compiled)
-
-
 def test_light_that_bounces(city):
     scene, path = city
     camera = _cameras(scene)[1].resized(32, 24)

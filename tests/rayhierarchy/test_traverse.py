@@ -64,8 +64,8 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step, memory, foun
     """As `trace_triangles`, one batch after the other, in queues that the test can look at."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, n = Soup(ptr(triangles.corners), ptr(triangles.ids)), len(triangles.corners)
-    rows, marks, slots, flat = memory.rows, memory.marks, stack_array(np.int32, LANES), pairs.reshape(-1)
-    queues = _Queues(ptr(flat), ptr_at(flat, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
+    rows, marks, slots, flat = memory.rows, memory.marks, stack_array(np.int32, LANES), ptr(pairs)
+    queues = _Queues(flat, ptr_at(flat, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
     for first in range(0, n, BATCH):
         last = min(first + BATCH, n)
         for i in range(first, last, LANES):

@@ -9,6 +9,7 @@ Numba compiles bytecode. So the digest changes when Numba's input changes, and o
 version, and on no path or time. A value of a kind that is not known here is an error: its changes would go unnoticed.
 """
 
+import dis
 import sys
 import types
 from collections.abc import Iterable, Iterator
@@ -23,6 +24,7 @@ from .jit import Intrinsic, inlined, overloads
 
 _FOREIGN = "numba", "numpy", "math", "builtins", "operator", "functools", "llvmlite", "typing", "itertools"
 _PLAIN = int, float, complex, str, bytes, bool, type(None), type(...), np.generic, np.dtype, range, slice
+_LOAD_GLOBAL, _EXTENDED = dis.opmap["LOAD_GLOBAL"], dis.opmap["EXTENDED_ARG"]
 _PYTHON = f"{sys.implementation.name} {sys.version_info[0]}.{sys.version_info[1]}"
 
 
@@ -32,11 +34,12 @@ class _Part:
     def __init__(self, function: types.FunctionType):
         self.text: list[bytes] = [f"{function.__module__}:{function.__qualname__}".encode()]
         self.reached: list[types.FunctionType] = []
-        self._names: set[str] = set()
+        self._globals: set[str] = set()
+        self._attributes: set[str] = set()
         self._code(function.__code__, function.__doc__)
         self._value("defaults", (function.__defaults__, function.__kwdefaults__))
         cells = dict(zip(function.__code__.co_freevars, function.__closure__ or ()))
-        for name in sorted(self._names | cells.keys()):
+        for name in sorted(self._globals | cells.keys()):
             if name in cells:
                 self._value(name, cells[name].cell_contents)
             elif name in function.__globals__:
@@ -48,7 +51,8 @@ class _Part:
     def _code(self, code: types.CodeType, doc: str | None) -> None:
         self._add(code.co_code, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
         self._add(code.co_argcount, code.co_kwonlyargcount, code.co_flags, code.co_exceptiontable)
-        self._names.update(code.co_names)
+        self._globals |= _globals_of(code)
+        self._attributes.update(code.co_names)
         for i, constant in enumerate(code.co_consts):
             if isinstance(constant, types.CodeType):
                 self._code(constant, None)
@@ -98,13 +102,24 @@ class _Part:
         """The attributes of a module that the function may mean; those of others belong to their versions."""
         self._add(name, "module", value.__name__)
         if value.__name__.partition(".")[0] not in _FOREIGN:
-            for attribute in sorted(self._names & vars(value).keys()):
+            for attribute in sorted(self._attributes & vars(value).keys()):
                 self._value(attribute, vars(value)[attribute])
 
     def _class(self, name: str, value: type) -> None:
         self._add(name, "class", *class_text(value))
         if value.__module__.partition(".")[0] not in _FOREIGN and not hasattr(value, "_fields"):
             raise TypeError(f"kernels cannot name the class {_name_of(value)}: only NamedTuples")
+
+
+def _globals_of(code: types.CodeType) -> set[str]:
+    """The globals that a code object names, without the attributes, which may have the same names."""
+    found, more = set(), 0
+    for operation, argument in zip(code.co_code[::2], code.co_code[1::2]):
+        argument |= more
+        more = argument << 8 if operation == _EXTENDED else 0
+        if operation == _LOAD_GLOBAL:
+            found.add(code.co_names[argument >> 1])  # the lowest bit says how it is called
+    return found
 
 
 def _name_of(cls: type) -> str:
