@@ -74,6 +74,8 @@ def compile_missing(missing: set[Wanted]) -> None:
 def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
     """All that rendering by this plan calls. `counters`: with those that count, if a tracer has them apart."""
     make_ready(rendering, plan, gbuffer, counters and plan.tracer.counts_apart)
+    if plan.trace == "cones":
+        make_ready(wide_lights)
 
 
 def warm_up_quality() -> None:
@@ -142,6 +144,18 @@ def bounce() -> Job:
     return _fixed("a diffuse bounce", lambda: _render_small(parse_plan("srdh+single"), "raster", bounce=True))
 
 
+def wide_lights() -> Job:
+    def work():
+        from .scene.camera import Camera
+        from .scene.lights import QuadLight
+
+        light = QuadLight((-1, 0.5, -1), (2, 0, 0), (0, 0, 2))
+        view = Camera((0, 2, 3), (0, 0, 0), width=96, height=96), [light]
+        _render_small(Plan(trace="cones"), "raster", view=view, spp=16)
+
+    return _fixed("cones, wide lights", work)
+
+
 def indirect(gbuffer: str = "raster") -> Job:
     return _fixed(f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, passes=1))
 
@@ -191,7 +205,7 @@ def paged() -> Job:
 def jobs(plans: Iterable[Plan] | None = None) -> list[Job]:
     """The jobs of plans, of all methods if None, and those that are the same for every plan."""
     plans = list(dict.fromkeys(covering_plans() if plans is None else plans))
-    found = [rays(), quality(), indirect("raster"), indirect("rays"), steps(), store(), paged()]
+    found = [rays(), quality(), wide_lights(), indirect("raster"), indirect("rays"), steps(), store(), paged()]
     found += [bounce()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:
         for gbuffer in ("raster", "rays"):
@@ -224,15 +238,15 @@ def _small_view(quality=False, sky=True):
     return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), lights
 
 
-def _render_small(plan, gbuffer, quality=False, bounce=False, passes=0, counters=False):
+def _render_small(plan, gbuffer, quality=False, bounce=False, passes=0, counters=False, view=None, spp=1):
     from . import renderer
     from .query.diffuse import diffuse_passes
     from .query.refine import finer_samples
     from .query.sampling import light_samples
     from .srdh_rays import SrdhRays
 
-    camera, lights = _small_view(quality, sky=not passes)
-    samples = [light_samples(light, 1) for light in lights]
+    camera, lights = view or _small_view(quality, sky=not passes)
+    samples = [light_samples(light, spp) for light in lights]
     finer = finer_samples(lights, 2, "hammersley") if quality else None
     made = renderer.Renderer(_small_scene(), plan, 2, gbuffer, SrdhRays(bounce=True) if bounce else None)
     if made.showing is None:

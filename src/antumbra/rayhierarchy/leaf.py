@@ -9,7 +9,7 @@ from ..kernels.vec import Vec, minus
 from ..trace.counters import TRIANGLE_TESTS, count
 from ..trace.raytest import decide, length1, seen_from
 from ..trace.traverse import settle
-from .rays import block_of, origins_in
+from .rays import block_of, ends_in, origins_in
 
 
 @inlined
@@ -55,7 +55,7 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
         first += 1
     if first == leaves.count:
         return True
-    origins, ends = origins_in(leaves, block), ptr_at(leaves.ends, block * leaves.end_step)
+    origins, ends = origins_in(leaves, block), ends_in(leaves, leaf, block)
     lanes, finished = seen_from(origins, _span(leaves, ends, origins), triangle), True
     for s in range(first, leaves.count):
         asks = everyone & ~np.int64(get(marks, s))

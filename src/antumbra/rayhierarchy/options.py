@@ -18,10 +18,11 @@ class Options(NamedTuple):
     two_pass: bool = False  # good occluders first, then all others for the rays that are left (Sec. 3.4)
     backface: bool = False  # triangles that the query's `cull_faces` lets through are dropped at once (Sec. 3.6)
     shared: bool = False  # one traversal for all samples of a light, not one for each
+    shafts: bool = False  # where a light is too wide for one apex, leaves of one sample each, see `wide`
     clustered: bool = False  # triangles in Morton order, so that those of a batch meet the same nodes
 
 
-FASTEST = Options(boxes=True, wide=True, blocks=True, early_accept=True, backface=True, shared=True)
+FASTEST = Options(boxes=True, wide=True, blocks=True, early_accept=True, backface=True, shared=True, shafts=True)
 _EXCLUDE = ("spheres", "precise"), ("spheres", "boxes"), ("precise", "boxes"), ("spheres", "early-accept")
 
 TABLE_1 = {
@@ -46,6 +47,7 @@ _WORDS = {
     "two-pass": "the same, good occluders first",
     "backface": "the same, triangles that face culling lets through are dropped at once",
     "shared": "the same, one traversal for all samples of a light",
+    "shafts": "the same, shafts instead where a light is as large as what it lights",
     "clustered": "the same, triangles in Morton order",
 }
 

@@ -52,6 +52,7 @@ class Rays(NamedTuple):
     starts: np.ndarray  # (k + 1,) int64: where the leaves of each face begin
     faces: np.ndarray  # (k,) int64: which these are
     placed: bool  # leaves keep their places, whatever is dead
+    samples: np.ndarray  # (leaves,) int32: the first sample of each leaf, counted from `first`
 
 
 class Blocks(NamedTuple):
@@ -87,6 +88,7 @@ class Leaves(NamedTuple):
     dead: object
     first: int
     count: int
+    samples: object
 
 
 @inlined
@@ -94,7 +96,7 @@ def leaves_of(rays):
     """The `Leaves` of `Rays`."""
     return Leaves(
         rays.ways, ptr(rays.origins), ptr(rays.ids), ptr(rays.own), ptr(rays.ends), rays.end_step, ptr(rays.blocks),
-        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.count,
+        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.count, ptr(rays.samples),
     )  # fmt: skip
 
 
@@ -102,6 +104,12 @@ def leaves_of(rays):
 def block_of(leaves, leaf):
     """The block of a leaf."""
     return np.int64(get(leaves.blocks, leaf))
+
+
+@inlined
+def ends_in(leaves, leaf, block):
+    """Pointer to the ends of a leaf's segments; block: its block."""
+    return ptr_at(leaves.ends, block * leaves.end_step + 3 * leaves.ways * np.int64(get(leaves.samples, leaf)))
 
 
 @inlined
@@ -208,7 +216,7 @@ def rays_in(query, beam: Beam, blocks: Blocks, cut: Cut, bits: np.ndarray, threa
     dead = np.empty((len(cut.blocks), count), np.int32)
     rays = Rays(
         blocks.ways, blocks.origins, blocks.ids, blocks.own, ends, step, cut.blocks, cut.lanes, dead,
-        beam.first, count, cut.starts, cut.faces, cut.placed,
+        beam.first, count, cut.starts, cut.faces, cut.placed, np.zeros(len(cut.blocks), np.int32),
     )  # fmt: skip
     run(_fill_dead, threads, new_ticket(len(dead), 1024), query, bits, rays)
     if step:

@@ -7,7 +7,7 @@ of a hierarchy (`tree`), which the triangles traverse (`traverse`). What they bl
 import numpy as np
 
 from ..bvh.lbvh import by_codes
-from ..kernels.parallel import new_ticket, run, thread_count
+from ..kernels.parallel import thread_count
 from ..memory import Empty, borrowed
 from ..scene.lights import FIXED, LIST
 from ..trace.counters import new_counters
@@ -21,8 +21,9 @@ from .order import order_of
 from .packed import left_of, rays_of
 from .rays import finished, write_bits
 from .soup import Soup
-from .traverse import BATCH, PAIRS, How, memory_for, trace_triangles
+from .traverse import PAIRS, How
 from .tree import tree_of
+from .wide import Traced, may_be_wide, trace_wide, traverse
 
 SEGMENTS = 1 << 22
 """So many segments, with ends of their own, are in memory at once."""
@@ -80,14 +81,15 @@ def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, opti
     how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
     passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
     tree = tree_of(kind, beam, rays, threads, empty)
-    faces = len(tree.faces)
     for k, picks in enumerate(passes):
         if k > 0 and finished(rays) >= FINISHED:
             rays = left_of(query, beam, rays, bits, threads, empty)
             tree = tree_of(kind, beam, rays, threads, empty)
-        ticket = new_ticket(len(picks), BATCH)
-        args = soup, picks, beam, tree, rays, how, counters
-        run(trace_triangles, threads, ticket, *args, own=lambda: (memory_for(faces, how),), progress=progress)
+        traced = Traced(soup, query, beam, how, threads, counters, progress)
+        if options.shafts and may_be_wide(traced, len(picks)):
+            picks = trace_wide(traced, rays, tree, picks, bits, empty)
+        if len(picks):
+            traverse(traced, tree, rays, picks)
         write_bits(rays, bits, threads)
 
 

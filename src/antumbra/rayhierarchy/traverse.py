@@ -127,6 +127,12 @@ def _kill(tree, part, level, node, leaves):
 
 
 @kernel
+def finish(tree, leaf, leaves):
+    """Mark a leaf of a hierarchy with one part, nothing of which is asked any more."""
+    _kill(tree, np.int64(0), np.int64(0), leaf, leaves)
+
+
+@kernel
 def _kill_all(tree, part, level, first, full, leaves, counters):
     """Mark the nodes, from the first on, that a triangle covers as finished."""
     count(counters, COVERED, popcount(full))

@@ -1,0 +1,240 @@
+"""Clusters of triangles through a hierarchy of `shafts`, down to single rays.
+
+Where rays go all ways, a leaf's shaft meets many triangles that no ray of it comes near. So 256 triangles go down
+together, by the box around them. At a leaf its 16 rays are tested against that box. Each that meets it is tested
+against the boxes of 16 clusters, and against the 16 triangles of each that it meets. Triangles come in Morton order, so
+these boxes are small.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, take
+from ..kernels.predicate.exact import segment
+from ..kernels.simd import (
+    absolute,
+    atomic_or,
+    bits,
+    broadcast16,
+    gather,
+    get,
+    iota16,
+    load16,
+    lowest_bit,
+    maximum,
+    minimum,
+    popcount,
+    ptr,
+    ptr_at,
+    put,
+    reduce_max,
+    reduce_min,
+    stack_f32,
+    stack_i32,
+    stack_i64,
+    store,
+)
+from ..kernels.vec import Vec, minus
+from ..trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, add_counters, cleared, count
+from ..trace.raytest import ray_meets
+from ..trace.traverse import settle
+from .rays import block_of, ends_in, leaves_of, origins_in
+from .rows import LANES
+from .shafts import meet_shafts
+from .soup import Soup
+from .traverse import finish
+from .tree import LEVELS, group_at, groups_of, tree_pointers
+
+BATCH = LANES * LANES
+"""Triangles that go down together."""
+
+_F = np.float32
+_E = _F(2.0**-20)  # above what rounding does to a ray's place, in units of its coordinates
+_TINY, _LEAST = _F(1e-37), _F(1e-42)  # above what underflows in a product, in a length
+_NUMBERS = 9 * LANES  # of a cluster: the first corners of its triangles, and the edges from there
+_ALL_NUMBERS = LANES * _NUMBERS
+_BOXES = 6 * LANES
+_WAITING = 2 * (15 * LEVELS + 1)
+_HALF = _F(0.5)
+
+
+class Clusters(NamedTuple):
+    """16 clusters of 16 triangles, the last triangle repeated where there are fewer; pointers."""
+
+    numbers: object  # float32, of each cluster: first corners, then the edges to the second ones and to the third ones
+    boxes: object  # float32: x, y, z of the 16 clusters, each lowest and highest
+    box: object  # 6 float32: the same around them all
+    slots: object  # int32: where the triangles are in the soup
+    prims: object  # int32: which they are
+
+
+@kernel
+def _write_cluster(soup, slots, clusters, i):
+    """Write cluster i of the triangles in these slots, i32x16."""
+    store(clusters.slots, LANES * i, slots)
+    store(clusters.prims, LANES * i, gather(soup.ids, slots))
+    for k in range(3):
+        a = gather(soup.corners, slots * 9 + np.int32(k))
+        b, c = gather(soup.corners, slots * 9 + np.int32(k + 3)), gather(soup.corners, slots * 9 + np.int32(k + 6))
+        store(clusters.numbers, _NUMBERS * i + LANES * k, a)
+        store(clusters.numbers, _NUMBERS * i + LANES * (k + 3), b - a)
+        store(clusters.numbers, _NUMBERS * i + LANES * (k + 6), c - a)
+        put(clusters.boxes, LANES * 2 * k + i, reduce_min(minimum(minimum(a, b), c)))
+        put(clusters.boxes, LANES * (2 * k + 1) + i, reduce_max(maximum(maximum(a, b), c)))
+
+
+@kernel
+def _write_clusters(soup, picked, first, last, clusters):
+    """Write the `Clusters` of some picked triangles, at most BATCH."""
+    for i in range(LANES):
+        at = minimum(np.int32(first + LANES * i) + iota16(), np.int32(last - 1))
+        _write_cluster(soup, gather(picked, at), clusters, i)
+    for k in range(0, 6, 2):
+        put(clusters.box, k, reduce_min(load16(clusters.boxes, LANES * k)))
+        put(clusters.box, k + 1, reduce_max(load16(clusters.boxes, LANES * (k + 1))))
+
+
+@inlined
+def _axis(o, d, low, high):
+    """(middle of segments, seen from that of boxes; half the boxes, rounding included; are they passed by?)"""
+    low, high, along = low * _HALF, high * _HALF, d * _HALF
+    middle = low + high
+    at = (o - middle) + along
+    half = (absolute(at) + absolute(d) + (absolute(middle) + (high - low))) * _E + ((high - low) + _LEAST)
+    return at, half, absolute(at) > half + absolute(along)
+
+
+@inlined
+def _beside(c, d, h, e, g, k):
+    """mask16 of the rays that pass a box by in the plane of two axes: middles c and e, halves h and k."""
+    return absolute(c * g - e * d) > h * absolute(g) + k * absolute(d) + _TINY
+
+
+@inlined
+def _near(o, d, low, high, unit):
+    """Bits of the segments from o along d that may meet boxes: no axis parts them, nor one across both; f32x16.
+
+    unit : a power of two that makes the largest d no more than 1, so that nothing overflows
+    """
+    x, half_x, gone_x = _axis(o.x, d.x, low.x, high.x)
+    y, half_y, gone_y = _axis(o.y, d.y, low.y, high.y)
+    z, half_z, gone_z = _axis(o.z, d.z, low.z, high.z)
+    u, v, w = d.x * unit, d.y * unit, d.z * unit
+    gone = gone_x | gone_y | gone_z | _beside(x, u, half_x, y, v, half_y)
+    return bits(gone | _beside(y, v, half_y, z, w, half_z) | _beside(z, w, half_z, x, u, half_x)) ^ 0xFFFF
+
+
+@inlined
+def _splats(p, at, step):
+    return Vec(broadcast16(p, at), broadcast16(p, at + step), broadcast16(p, at + 2 * step))
+
+
+@kernel
+def _settled(o, ends, ways, lane, soup, clusters, first, facing, unsure, counters):
+    """Does one of the triangles block the segment of a lane that float32 could not decide (bits, from `first` on)?"""
+    ray = segment(
+        get(o, lane), get(o, ways + lane), get(o, 2 * ways + lane),
+        get(ends, lane), get(ends, ways + lane), get(ends, 2 * ways + lane),
+    )  # fmt: skip
+    while unsure != 0:
+        side = settle(ray, soup.corners, np.int64(get(clusters.slots, first + lowest_bit(unsure))), counters)
+        if side != 0 and side != facing:
+            return True
+        unsure &= unsure - 1
+    return False
+
+
+@kernel
+def _is_blocked(origins, ends, ways, own, lane, soup, clusters, facing, unit, counters):
+    """Does a triangle of the clusters block the segment of a lane? own: the receiver's own triangle."""
+    o, boxes = _splats(origins, lane, ways), clusters.boxes
+    d = minus(_splats(ends, lane, ways), o)
+    low = Vec(load16(boxes, 0), load16(boxes, 2 * LANES), load16(boxes, 4 * LANES))
+    high = Vec(load16(boxes, LANES), load16(boxes, 3 * LANES), load16(boxes, 5 * LANES))
+    count(counters, BOX_TESTS, 1)
+    near = _near(o, d, low, high, unit)
+    while near != 0:
+        i = lowest_bit(near)
+        near &= near - 1
+        count(counters, TRIANGLE_TESTS, 1)
+        hit, unsure = ray_meets(o, d, ptr_at(clusters.numbers, _NUMBERS * i), facing)
+        if (hit | unsure) != 0:
+            others = ~bits(load16(clusters.prims, LANES * i) == np.int32(own))
+            if hit & others != 0:
+                return True
+            unsure &= others
+            if unsure != 0 and _settled(origins, ends, ways, lane, soup, clusters, LANES * i, facing, unsure, counters):
+                return True
+    return False
+
+
+@kernel
+def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
+    """Mark the segments of a leaf, one a lane, that the clusters block as dead; are all of them dead now?"""
+    ways = leaves.ways
+    asks = ~np.int64(get(leaves.dead, leaf)) & (np.int64(1) << ways) - 1
+    if asks == 0:
+        return True
+    block, blocked, box = block_of(leaves, leaf), np.int64(0), clusters.box
+    o, points = origins_in(leaves, block), ends_in(leaves, leaf, block)
+    d = minus(Vec(load16(points, 0), load16(points, ways), load16(points, 2 * ways)), o)
+    count(counters, BOX_TESTS, 1)
+    near = _near(o, d, _splats(box, 0, 2), _splats(box, 1, 2), unit) & asks
+    origins = ptr_at(leaves.origins, 3 * block * ways)
+    while near != 0:
+        lane = lowest_bit(near)
+        near &= near - 1
+        own = np.int64(get(leaves.own, block * ways + lane))
+        if _is_blocked(origins, points, ways, own, lane, soup, clusters, facing, unit, counters):
+            blocked |= np.int64(1) << lane
+    if blocked != 0:
+        atomic_or(leaves.dead, leaf, blocked)
+    return asks == blocked
+
+
+@kernel
+def _descend(tree, leaves, soup, clusters, facing, unit, waiting, counters):
+    """Clusters, from the root to the leaves that they may block."""
+    put(waiting, 0, 0)
+    put(waiting, 1, get(tree.heights, 0) - 1)
+    n = 1
+    while n > 0:
+        n -= 1
+        g, level = get(waiting, 2 * n), get(waiting, 2 * n + 1)
+        group = groups_of(tree, 0, level) + g
+        alive = np.int64(get(tree.alive, group))
+        count(counters, NODES, popcount(alive))
+        found = meet_shafts(group_at(tree, group), clusters.box, tree.ways) & alive
+        while found != 0:
+            node = g * tree.ways + lowest_bit(found)
+            found &= found - 1
+            if level > 0:
+                put(waiting, 2 * n, node)
+                put(waiting, 2 * n + 1, level - 1)
+                n += 1
+            elif _block_rays(leaves, node, soup, clusters, facing, unit, counters):
+                finish(tree, node, leaves)
+
+
+@kernel
+def trace_clusters(ticket, triangles, picks, arrays, rays, facing, unit, counters):
+    """Worker: the picked triangles, BATCH of them together, through a hierarchy of shafts with one part.
+
+    facing : triangles with this sign of d . n do not block; unit: a power of two, by which no segment is longer than 1
+    along an axis
+    """
+    tree, leaves = tree_pointers(arrays), leaves_of(rays)
+    soup, picked = Soup(ptr(triangles.corners), ptr(triangles.ids)), ptr(picks)
+    mine, waiting = cleared(stack_i64(N_COUNTERS)), stack_i64(_WAITING)
+    clusters = Clusters(
+        stack_f32(_ALL_NUMBERS), stack_f32(_BOXES), stack_f32(6), stack_i32(BATCH), stack_i32(BATCH)
+    )  # fmt: skip
+    first = take(ticket)
+    while first >= 0:
+        last = min(first + ticket[CHUNK], ticket[N])
+        _write_clusters(soup, picked, first, last, clusters)
+        _descend(tree, leaves, soup, clusters, facing, unit, waiting, mine)
+        first = take(ticket)
+    add_counters(counters, mine)
