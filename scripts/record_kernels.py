@@ -29,8 +29,6 @@ import json, sys
 from antumbra.kernels.numba_import import import_numba
 import_numba()
 from time import process_time
-from antumbra.kernels.numba_speed import make_faster
-make_faster()
 from antumbra.kernels import compiling, machine
 from antumbra.kernels.arguments import named
 from antumbra.kernels.processor import level

@@ -16,7 +16,7 @@ import numpy as np
 from .kernels import needs
 from .kernels.arguments import named
 from .kernels.crew import Wanted, compile_all
-from .kernels.loading import events, is_kept
+from .kernels.loading import events, is_kept, user_cache
 from .kernels.progress import told
 from .plan import Plan, covering_plans, parse_plan
 
@@ -41,7 +41,8 @@ def make_ready(job_of: Callable[..., Job], *about) -> None:
     if wanted is None:
         job.work()
     elif missing := missing_of(wanted):
-        compile_missing(missing)
+        if user_cache().is_writable():  # else the job compiles them for itself, and says why
+            compile_missing(missing)
         job.work()
 
 

@@ -24,7 +24,7 @@ _DAY = 86400.0
 UNUSED_DAYS = 60
 """Code that nobody has loaded for so long is removed."""
 
-_COMPILER = "code", "compiling", "entry", "library", "machine", "parts", "processor"
+_COMPILER = "code", "compiling", "entry", "library", "machine", "numba_speed", "parts", "processor"
 PACKS = Path(__file__).parent / "packs"
 
 
@@ -90,6 +90,13 @@ class Folder:
             with suppress(OSError):
                 os.unlink(name)
             raise
+
+    def is_writable(self) -> bool:
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            return False
+        return os.access(self.path, os.W_OK)
 
     def lock(self, digest: str) -> AbstractContextManager[None]:
         """Held by the process that compiles what belongs under a digest."""

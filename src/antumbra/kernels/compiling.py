@@ -15,6 +15,7 @@ from .code import Code, symbol_of
 from .entry import entry_library
 from .jit import inlined, kernel, overloads
 from .library import kept_as_ir
+from .numba_speed import faster
 from .parts import generic_part, part_of
 from .simd import operators  # noqa: F401  (what Python's operators mean for vectors)
 
@@ -103,7 +104,7 @@ def lowered(kernel: kernel, key: str, symbol: str):
     _tell_numba_of_overloads(kernel)
     context = cpu_target.target_context
     context.refresh()
-    with kept_as_ir(context):
+    with kept_as_ir(context), faster():
         found = part_of(kernel).lower(argument_types(key))
         library = entry_library(context, found, symbol)
     return library.linked(symbol), result_spec(found.signature.return_type)

@@ -3,7 +3,6 @@
 A line is the kernel's name, the kinds of its arguments, and the levels of processors, as JSON.
 """
 
-import gc
 import json
 import os
 import signal
@@ -19,11 +18,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what else is printed must not be taken for an answer
     import_numba()
-    gc.disable()  # Numba makes many objects that live on; looking through them is a seventh of all time
     from .cache import Folder, cache_folder
-    from .numba_speed import make_faster
-
-    make_faster()
     from .closure import kernel_digest
     from .loading import kept_or_made
 
