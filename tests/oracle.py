@@ -6,6 +6,7 @@ allows (a matrix product, so thousands of triangles times 100 000 rays take seco
 """
 
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 
@@ -28,20 +29,27 @@ def _rational(v):
     return tuple(Fraction(float(x)) for x in v)
 
 
+def _integers(*vectors):
+    """The vectors times a power of two that makes all of them integers, and that power."""
+    ratios = [[(x if isinstance(x, Fraction) else float(x)).as_integer_ratio() for x in v] for v in vectors]
+    scale = max(low for v in ratios for _, low in v)
+    return [tuple(high * (scale // low) for high, low in v) for v in ratios], scale
+
+
 def meets_exactly(origin, direction, triangle, tmin=0.0, tmax=np.inf):
     """Rational arithmetic: (side, t) of one ray and one triangle; side 0 if they do not meet.
 
-    direction: three floats, or three Fractions (exact difference of two points).
+    direction: three floats, or three Fractions (exact difference of two points). All of them are integers over powers of
+    two, so integers do, which are faster.
     """
-    o, d = _rational(origin), direction
-    if not isinstance(d[0], Fraction):
-        d = _rational(d)
-    v = [_minus(_rational(p), o) for p in triangle]
+    (o, *corners), scale = _integers(origin, *triangle)
+    (d,), pace = _integers(direction)
+    v = [_minus(p, o) for p in corners]
     e = [_dot(d, _cross(v[(k + 1) % 3], v[(k + 2) % 3])) for k in range(3)]
     total = sum(e)
     if total == 0 or (min(e) < 0 < max(e)):
         return 0, None
-    t = _dot(v[0], _cross(v[1], v[2])) / total
+    t = Fraction(_dot(v[0], _cross(v[1], v[2])) * pace, total * scale)
     if t <= Fraction(float(tmin)) or (np.isfinite(tmax) and t >= Fraction(float(tmax))):
         return 0, None
     return (1 if total > 0 else -1), t
@@ -112,14 +120,13 @@ def _prepare(origins, directions, ends, tmin, tmax):
 
 def _hits(vertices, origins, directions, ends, tmin, tmax, skip):
     """Yield (ray, triangle) arrays of all true meetings."""
+    exact_direction = cache(lambda i: _minus(_rational(ends[i]), _rational(origins[i])))
     for ray, tri, sure in _pairs(vertices, origins, directions):
         inside = _interval(vertices, origins, directions, ray, tri, tmin, tmax)
         keep = np.where(sure, inside > 0, False)
         for k in np.nonzero((inside == 0) | (~sure & (inside >= 0)) | (~sure & (inside < 0)))[0]:
-            i, j = ray[k], tri[k]
-            d = directions[i]
-            if ends is not None:
-                d = _minus(_rational(ends[i]), _rational(origins[i]))
+            i, j = int(ray[k]), int(tri[k])
+            d = directions[i] if ends is None else exact_direction(i)
             keep[k] = meets_exactly(origins[i], d, vertices[j], tmin[i], tmax[i])[0] != 0
         if skip is not None:
             keep &= skip[ray] != tri

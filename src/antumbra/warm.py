@@ -206,7 +206,8 @@ def paged() -> Job:
 def jobs(plans: Iterable[Plan] | None = None) -> list[Job]:
     """The jobs of plans, of all methods if None, and those that are the same for every plan."""
     plans = list(dict.fromkeys(covering_plans() if plans is None else plans))
-    found = [rays(), quality(), wide_lights(), indirect("raster"), indirect("rays"), steps(), store(), paged()]
+    found = [rays(), quality(), indirect("raster"), indirect("rays"), steps(), store(), paged()]
+    found += [wide_lights()] if any(plan.trace == "cones" for plan in plans) else []
     found += [bounce()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:
         for gbuffer in ("raster", "rays"):

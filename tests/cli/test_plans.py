@@ -41,7 +41,7 @@ def test_warmup_is_for_every_method(cli, done):
     told = cli("warmup")
     assert told.code == 0 and f"{len(done)} jobs are ready, 3 of them new" in told.out.replace("\n", " ")
     kinds = [1 + plan.tracer.counts_apart for plan in covering_plans()]  # of kernels: most tracers count in all
-    assert len(done) == len(set(done)) == 8 + 2 * sum(kinds) and set(kinds) == {1, 2}
+    assert len(done) == len(set(done)) == 9 + 2 * sum(kinds) and set(kinds) == {1, 2}
 
 
 def test_warmup_of_one_plan(cli, done):
