@@ -59,7 +59,7 @@ def test_a_plan_that_nobody_recorded_is_put_together():
     assert str(plan) not in {str(p) for p in covering_plans()}
     found = warm.rendering(plan).kernels()
     names = {each.kernel.partition(":")[0].removeprefix("antumbra.") for each in found}
-    assert {"bvh.lbvh", "cull.cull", "trace.packet16"} <= names
+    assert {"bvh.lbvh", "cull.relevance", "trace.packet16"} <= names
     assert found < {each for name in NAMES for each in needs.of_job(name)}
     assert warm.rendering(Plan()).kernels() == needs.of_job("bsah+multifrusta (raster)")
 
