@@ -29,7 +29,7 @@ import numpy as np, antumbra as at
 scene = at.procedural("atrium", triangles=5_000)
 directions = np.random.default_rng(1).normal(size=(1000, 3))
 start = time.perf_counter()
-blocked = scene.occluded([0.0, 1.5, 0.0], directions)
+blocked = scene.occluded([0.0, 1.5, 0.0], directions, tmax=3.0)
 assert 0 < blocked.sum() < 1000
 print(time.perf_counter() - start)
 """

@@ -39,8 +39,8 @@ def _integers(*vectors):
 def meets_exactly(origin, direction, triangle, tmin=0.0, tmax=np.inf):
     """Rational arithmetic: (side, t) of one ray and one triangle; side 0 if they do not meet.
 
-    direction: three floats, or three Fractions (exact difference of two points). All of them are integers over powers of
-    two, so integers do, which are faster.
+    direction: three floats, or three Fractions (exact difference of two points). All of them are integers over powers
+    of two, so the arithmetic is that of integers, which is faster.
     """
     (o, *corners), scale = _integers(origin, *triangle)
     (d,), pace = _integers(direction)
