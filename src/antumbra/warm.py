@@ -41,8 +41,7 @@ def make_ready(job_of: Callable[..., Job], *about) -> None:
     if wanted is None:
         job.work()
     elif missing := missing_of(wanted):
-        if user_cache().is_writable():  # else the job compiles them for itself, and says why
-            compile_missing(missing)
+        compile_missing(missing)
         job.work()
 
 
@@ -64,7 +63,9 @@ def missing_of(wanted: Iterable[Wanted]) -> set[Wanted]:
 
 
 def compile_missing(missing: set[Wanted]) -> None:
-    """Compile kernels by all cores; the user is told."""
+    """Compile kernels by all cores; the user is told. Where none can be kept, nothing is done: `loading` says so."""
+    if not user_cache().is_writable():
+        return
     with told(f"compiling {len(missing)} kernels for this machine, once") as progress:
         compile_all(missing, progress)
 
