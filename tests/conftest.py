@@ -2,6 +2,8 @@
 
 import os
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each process of the tests has a core; before numpy is imported
+
 import pytest
 from hypothesis import settings
 

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-_CHUNK = 4_000_000  # ray-triangle pairs held at once
+_CHUNK = 200_000  # ray-triangle pairs held at once: few enough for the processor's cache
 
 
 def _cross(a, b):
@@ -63,8 +63,13 @@ def plane_side(point, triangle):
 
 
 def _pairs(vertices, origins, directions):
-    """Indices (ray, triangle) of the pairs whose line may meet the triangle, float64 with a generous bound."""
+    """Indices (ray, triangle) of the pairs whose line may meet the triangle, float64 with a generous bound.
+
+    Triangles with two equal corners have no area: no ray meets them, and they are left out.
+    """
     v = vertices.astype(np.float64)
+    solid = np.nonzero((v != v[:, [1, 2, 0]]).any(2).all(1))[0]
+    v = v[solid]
     o, d = origins.astype(np.float64), directions.astype(np.float64)
     centre = v.reshape(-1, 3).mean(0) if len(v) else np.zeros(3)
     v, o = v - centre, o - centre
@@ -74,16 +79,22 @@ def _pairs(vertices, origins, directions):
     rays = np.concatenate([d, np.cross(o, d)], 1)
     reach = np.abs(o).max(1) if len(o) else np.zeros(0)
     length = np.abs(d).max(1) if len(o) else np.zeros(0)
+    # |error| of a product sum of 6 with cancellation of the shift to `centre`: far below 1e-13 of the magnitudes
+    bound = lambda ray, scale: 1e-13 * length[ray] * (scale + reach[ray]) ** 2
+    widest = bound(slice(None), scale.max(initial=0.0))[:, None]
     step = max(1, _CHUNK // max(1, len(v)))
+    held = np.empty((5, min(step, len(o)), len(v)))  # written again and again: new memory would cost more than the sums
     for first in range(0, len(o), step):
-        s = slice(first, first + step)
-        # |error| of a product sum of 6 with cancellation of the shift to `centre`: far below 1e-13 of the magnitudes
-        bound = 1e-13 * length[s, None] * (scale[None] + reach[s, None]) ** 2
-        e = [rays[s] @ edges[:, k].T for k in range(3)]
-        low, high = np.minimum(np.minimum(e[0], e[1]), e[2]), np.maximum(np.maximum(e[0], e[1]), e[2])
-        ray, tri = np.nonzero((low >= -bound) | (high <= bound))
-        sure = (low[ray, tri] > bound[ray, tri]) | (high[ray, tri] < -bound[ray, tri])
-        yield ray + first, tri, sure
+        wide = widest[first : first + step]
+        *e, low, high = held[:, : len(wide)]
+        for k in range(3):
+            np.matmul(rays[first : first + step], edges[:, k].T, out=e[k])
+        np.minimum(np.minimum(e[0], e[1], out=low), e[2], out=low)
+        np.maximum(np.maximum(e[0], e[1], out=high), e[2], out=high)
+        ray, tri = np.divmod(np.flatnonzero((low >= -wide) | (high <= wide)), max(1, len(v)))
+        low, high, limit = low[ray, tri], high[ray, tri], bound(ray + first, scale[tri])
+        kept = (low >= -limit) | (high <= limit)
+        yield (ray + first)[kept], solid[tri[kept]], ((low > limit) | (high < -limit))[kept]
 
 
 def _interval(vertices, origins, directions, ray, tri, tmin, tmax):
@@ -118,27 +129,49 @@ def _prepare(origins, directions, ends, tmin, tmax):
     return origins, directions, ends, full(tmin), full(tmax)
 
 
+def _verdicts(vertices, origins, directions, tmin, tmax, skip):
+    """Yield (ray, triangle, verdict) of pairs that may meet: 1 if they surely do, else 0."""
+    for ray, tri, sure in _pairs(vertices, origins, directions):
+        if skip is not None:
+            kept = skip[ray] != tri
+            ray, tri, sure = ray[kept], tri[kept], sure[kept]
+        inside = _interval(vertices, origins, directions, ray, tri, tmin, tmax)
+        kept = ~sure | (inside >= 0)
+        yield ray[kept], tri[kept], np.where(sure & (inside > 0), 1, 0)[kept]
+
+
+def _decided(vertices, origins, directions, ends, tmin, tmax, ray, tri):
+    """Which pairs meet, by rational arithmetic, one at a time."""
+    exact_direction = cache(lambda i: _minus(_rational(ends[i]), _rational(origins[i])))
+    return np.array(
+        [
+            meets_exactly(
+                origins[i], directions[i] if ends is None else exact_direction(i), vertices[j], tmin[i], tmax[i]
+            )[0]
+            != 0
+            for i, j in zip(ray.tolist(), tri.tolist())
+        ],
+        bool,
+    )
+
+
 def _hits(vertices, origins, directions, ends, tmin, tmax, skip):
     """Yield (ray, triangle) arrays of all true meetings."""
-    exact_direction = cache(lambda i: _minus(_rational(ends[i]), _rational(origins[i])))
-    for ray, tri, sure in _pairs(vertices, origins, directions):
-        inside = _interval(vertices, origins, directions, ray, tri, tmin, tmax)
-        keep = np.where(sure, inside > 0, False)
-        for k in np.nonzero((inside == 0) | (~sure & (inside >= 0)) | (~sure & (inside < 0)))[0]:
-            i, j = int(ray[k]), int(tri[k])
-            d = directions[i] if ends is None else exact_direction(i)
-            keep[k] = meets_exactly(origins[i], d, vertices[j], tmin[i], tmax[i])[0] != 0
-        if skip is not None:
-            keep &= skip[ray] != tri
-        yield ray[keep], tri[keep]
+    for ray, tri, verdict in _verdicts(vertices, origins, directions, tmin, tmax, skip):
+        meets, unsure = verdict > 0, verdict == 0
+        meets[unsure] = _decided(vertices, origins, directions, ends, tmin, tmax, ray[unsure], tri[unsure])
+        yield ray[meets], tri[meets]
 
 
 def occluded(vertices, origins, directions=None, ends=None, tmin=0.0, tmax=np.inf, skip=None):
     """(m,) bool: does any triangle (n, 3, 3) meet each ray strictly inside its interval (or each segment to `ends`)?"""
     o, d, ends, tmin, tmax = _prepare(origins, directions, ends, tmin, tmax)
     out = np.zeros(len(o), bool)
-    for ray, _ in _hits(vertices, o, d, ends, tmin, tmax, skip):
-        out[ray] = True
+    for ray, tri, verdict in _verdicts(vertices, o, d, tmin, tmax, skip):
+        out[ray[verdict > 0]] = True
+        unsure = (verdict == 0) & ~out[ray]  # one meeting is enough: a ray that has one needs no other decided
+        ray, tri = ray[unsure], tri[unsure]
+        out[ray[_decided(vertices, o, d, ends, tmin, tmax, ray, tri)]] = True
     return out
 
 

@@ -22,7 +22,7 @@ from antumbra.kernels.crew import Wanted, compile_all
 
 kernels = [Wanted(f"antumbra.sample.top:{name}", key) for name, key in json.loads(sys.argv[1])]
 told = []
-wrong = compile_all(kernels, lambda done, total: told.append((done, total)), processes=2)
+wrong = compile_all(kernels, lambda done, total: told.append((done, total)), processes=int(sys.argv[2]))
 print(json.dumps([wrong, told[0], told[-1]]))
 """
 GOOD = [("alone", "i"), ("by_call", "i"), ("by_constant", "i"), ("by_overload", "i"), ("by_intrinsic", "A[f4,1,C]")]
@@ -82,14 +82,23 @@ def test_two_processes_do_the_work_once(filled):
     assert not list(folder.rglob("*.lock")) and not list(folder.rglob("*.part"))
 
 
-@pytest.mark.parametrize("damage", [b"", b"antumbra kernel 1\n", b"\x7fELF foreign", None])
-def test_a_damaged_file_is_made_anew(package, copied, damage):
+DAMAGES = {
+    "empty": lambda whole: b"",
+    "cut": lambda whole: whole[: len(whole) // 2],
+    "header only": lambda whole: b"antumbra kernel 1\n",
+    "foreign": lambda whole: b"\x7fELF foreign",
+}
+
+
+def test_damaged_files_are_made_anew(package, copied):
     files = kernels_in(copied)
-    whole = files[0].read_bytes()
-    files[0].write_bytes(whole[: len(whole) // 2] if damage is None else damage)
+    whole = [file.read_bytes() for file in files]
+    for file, damage in zip(files, DAMAGES.values(), strict=False):
+        file.write_bytes(damage(file.read_bytes()))
     results, sources, _ = sample.run(package, copied)
-    assert results["alone"] == 101 and sorted(sources.values()) == ["cache"] * (len(files) - 1) + ["compiled"]
-    assert files[0].read_bytes() == whole
+    untouched = len(files) - len(DAMAGES)
+    assert untouched > 0 and sorted(sources.values()) == ["cache"] * untouched + ["compiled"] * len(DAMAGES)
+    assert results["alone"] == 101 and [file.read_bytes() for file in files] == whole
 
 
 def test_a_folder_that_cannot_be_written_is_told_once(package, tmp_path):
@@ -126,7 +135,8 @@ def test_pruning_removes_what_nobody_uses(tmp_path):
 
 def compile_by_crew(package, folder, kernels):
     env = sample.environment(package, folder)
-    done = subprocess.run([sys.executable, "-c", CREW, json.dumps(kernels)], env=env, capture_output=True, text=True)
+    command = [sys.executable, "-c", CREW, json.dumps(kernels), "2"]
+    done = subprocess.run(command, env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -145,7 +155,7 @@ def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
     folder = tmp_path / "cache"
     env = sample.environment(package, folder)
     process = subprocess.Popen(
-        [sys.executable, "-c", CREW, json.dumps(GOOD)],
+        [sys.executable, "-c", CREW, json.dumps(GOOD), "1"],  # one after another: much is left after the first
         env=env,
         stderr=subprocess.PIPE,
         text=True,
