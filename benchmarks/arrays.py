@@ -23,15 +23,15 @@ from pathlib import Path
 import numpy as np
 
 import antumbra
-from antumbra.bench import embree, open3d_rays
-from antumbra.bench.embree_rays import occluded_of, trace, write
-from antumbra.bench.ray_sets import ray_set
 from antumbra.kernels.parallel import thread_count
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
 from antumbra.scene.procedural import PROCEDURAL
 from common import SCENES, arguments, has_embree, installed, machine
+from peers import embree, open3d_rays
+from peers.embree_rays import occluded_of, trace, write
+from peers.ray_sets import ray_set
 
 REAL = ("sponza_crytek", "sanmiguel_lite", "bart_robots")
 

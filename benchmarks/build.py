@@ -21,16 +21,15 @@ from pathlib import Path
 import numpy as np
 
 import antumbra
-from antumbra.bench.embree import QUALITIES, Device, EmbreeScene
-from antumbra.bvh import BUILDERS
 from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.quality import statistics as shape_of
 from antumbra.kernels.parallel import thread_count
+from antumbra.methods import BUILDERS, TRACERS
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
-from antumbra.renderer import Renderer
-from antumbra.trace import TRACERS
+from antumbra.rendering.renderer import Renderer
 from common import SCENES, arguments, has_embree, machine
+from peers.embree import QUALITIES, Device, EmbreeScene
 
 PEER = "embree medium"  # what ratios are taken to
 TRACED_BY = ("single", "multifrusta")

@@ -11,7 +11,7 @@ from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
 from common import machine
 from contest import CLOCKS, OURS, summary
-from peers import describe_embree
+from peer_contenders import describe_embree
 from views import VIEWS, views
 
 AVX2 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}

@@ -21,17 +21,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from antumbra.bench import embree
-from antumbra.bench.embree_frames import ORDERS, Primary, Shadow, light_points, primary, shadows
-from antumbra.frame import PHASES
 from antumbra.image.irradiance import irradiance
 from antumbra.image.shade import ambient_light, shade
 from antumbra.plan import DEFAULT_PLAN
 from antumbra.query.shadow import fraction_lit
-from antumbra.renderer import Renderer
+from antumbra.rendering.frame import PHASES
+from antumbra.rendering.renderer import Renderer
 from common import has_embree
 from comparison import compare, options_of, start
 from contest import CLOCKS, OURS, progress
+from peers import embree
+from peers.embree_frames import ORDERS, Primary, Shadow, light_points, primary, shadows
 from views import MOVING, Moving, moving_views
 
 FPS = 24

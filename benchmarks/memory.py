@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import antumbra as at
-from antumbra.queries import accelerated
+from antumbra.rendering.queries import accelerated
 from common import SCENES
 
 

@@ -13,17 +13,17 @@ the records. Ratios as in `soft_shadows`.
 
 import argparse
 
-from antumbra.bench.ray_sets import primary_rays
-from antumbra.bvh import BUILDERS
 from antumbra.bvh.blocks import block_tree
+from antumbra.methods import BUILDERS
 from antumbra.plan import Plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
-from antumbra.trace.primary import trace_primary
-from antumbra.warm import warm_up
+from antumbra.rendering.warm import warm_up
+from antumbra.trace.primary.trace import trace_primary
 from comparison import compare, options_of, start
 from contest import HEAD, OURS, Contender, contest, line, rows
-from peers import embree_contenders, embree_scenes
+from peer_contenders import embree_contenders, embree_scenes
+from peers.ray_sets import primary_rays
 
 BUILDER = "bsah"
 

@@ -4,7 +4,7 @@
 
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (generated), or a file that
 `antumbra.load` reads. Each has a small and a large square light: the small one's edge is 1/40 of the scene's diagonal
-(`antumbra.bench.views` has the exception; the forest's is its own light's), the large one's four times that.
+(`antumbra.papers.views` has the exception; the forest's is its own light's), the large one's four times that.
 
 What is timed. Ours: from a ShadowQuery to its bits, as a frame is rendered; the bits' array is made inside. Peers: the
 tracing of rays that were made before, in Morton order of 4 x 4 pixels, and in packets of one light sample of 16 pixels
@@ -22,16 +22,15 @@ import time
 
 import numpy as np
 
-from antumbra.bench.ray_sets import ORDERS, shadow_rays
-from antumbra.bvh import BUILDERS
 from antumbra.kernels.parallel import thread_count
+from antumbra.methods import BUILDERS, TRACERS
 from antumbra.plan import Plan, parse_plan
 from antumbra.rayhierarchy.soup import soup_of
-from antumbra.trace import TRACERS
-from antumbra.warm import warm_up
+from antumbra.rendering.warm import warm_up
 from comparison import compare, options_of, start
 from contest import HEAD, OURS, Contender, contest, line, rows
-from peers import embree_contenders, embree_scenes, other_peers
+from peer_contenders import embree_contenders, embree_scenes, other_peers
+from peers.ray_sets import ORDERS, shadow_rays
 from views import query_of
 
 

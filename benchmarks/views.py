@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import antumbra
-from antumbra.bench.views import square, told_view
+from antumbra.papers.views import square, told_view
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.picture import shadow_queries
 from antumbra.query.raster import rasterise

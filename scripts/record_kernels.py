@@ -1,4 +1,4 @@
-"""Record which kernels each job calls, and their size, in src/antumbra/kernels/needs.json.
+"""Record which kernels each job calls, and their size, in src/antumbra/kernels/needs.json and papers/needs.json.
 
 python scripts/record_kernels.py [--check]
 
@@ -12,16 +12,18 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
-from antumbra.kernels.needs import FILE
-from antumbra.warm import jobs
+from antumbra.kernels.needs import FILE, recorded
+from antumbra.papers.methods import NEEDS as PAPERS
+from antumbra.rendering.warm import jobs
 
 JOB = """
 import json, sys
 from antumbra.kernels.loading import events
-from antumbra.warm import jobs
+from antumbra.rendering.warm import jobs
 
-jobs()[int(sys.argv[1])].work()
+jobs(papers=True)[int(sys.argv[1])].work()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
 """
 MEASURE = """
@@ -68,28 +70,35 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
     return sizes
 
 
+def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
+    """Write the needs of some jobs."""
+    kernels = sorted({kernel for name in jobs for kernel in calls[name]})
+    place = {kernel: i for i, kernel in enumerate(kernels)}
+    said = {
+        "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
+        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in jobs},
+    }
+    file.write_text(json.dumps(said, indent=0) + "\n")
+    print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
-    names = [job.name for job in jobs()]
+    known = {(each.kernel, each.key) for each in recorded().kernels}
+    own, names = [job.name for job in jobs()], [job.name for job in jobs(papers=True)]
+    known |= {(each.kernel, each.key) for each in recorded().kernels}  # those of the papers are added by now
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         calls = dict(zip(names, pool.map(called, range(len(names)))))
     kernels = sorted({kernel for each in calls.values() for kernel in each})
-    place = {kernel: i for i, kernel in enumerate(kernels)}
-    before = json.loads(FILE.read_text()) if FILE.exists() else {"kernels": [], "jobs": {}}
     if options.check:
-        known = {(name, key) for name, key, _ in before["kernels"]}
         new = [kernel for kernel in kernels if kernel not in known]
         print("\n".join(f"not recorded: {name} {key}" for name, key in new) or "all that jobs call is recorded")
         return bool(new)
     sizes = measured(kernels)
-    said = {
-        "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
-        "jobs": {name: [place[kernel] for kernel in each] for name, each in calls.items()},
-    }
-    FILE.write_text(json.dumps(said, indent=0) + "\n")
-    print(f"{len(kernels)} kernels of {len(names)} jobs in {FILE}")
+    written(FILE, own, calls, sizes)
+    written(PAPERS, [name for name in names if name not in own], calls, sizes)
     return 0
 
 

@@ -6,7 +6,7 @@ import oracle
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
-from antumbra.renderer import Renderer
+from antumbra.rendering.renderer import Renderer
 
 
 def query_of(scene, camera, light, spp, time=0.0):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra as at
-from antumbra.query.reach import reach
+from antumbra.query.bounds import reach
 from antumbra.query.receivers import NOTHING, surface_receivers
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery, segments

@@ -8,7 +8,11 @@ import pytest
 from hypothesis import settings
 
 from antumbra.kernels.needs import recorded
-from antumbra.warm import compile_missing, missing_of
+from antumbra.methods import add_plugins
+from antumbra.rendering.warm import compile_missing, missing_of
+
+pytest_plugins = ["command_line"]
+add_plugins()  # so that registries are the same in all tests, and what is recorded is that of all methods
 
 # Continuous integration repeats the same examples each time; developers' runs search on.
 settings.register_profile("ci", derandomize=True, deadline=None)

@@ -8,7 +8,7 @@ from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.exact import segment
 from antumbra.kernels.predicate.filters import meets
 from antumbra.kernels.simd import get, ptr, ptr_at, stack_array
-from antumbra.query.reach import reach
+from antumbra.query.bounds import reach
 from antumbra.query.receivers import FREE
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery, segments

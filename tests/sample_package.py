@@ -60,6 +60,24 @@ def _of_int(x):
     add = offset()
     return lambda x: x + add
 '''
+GUEST = '''"""A module that `parts` does not name gives `chosen` a meaning for a class of its own."""
+
+from typing import NamedTuple
+
+from antumbra.kernels.jit import overload
+
+from .parts import chosen
+
+
+class Guest(NamedTuple):
+    n: int
+
+
+@overload(chosen)
+def _of_guest(x):
+    if getattr(x, "instance_class", None) is Guest:
+        return lambda x: x.n + 7
+'''
 TOP = '''"""Kernels that Python calls."""
 
 import numpy as np
@@ -69,6 +87,7 @@ from antumbra.kernels.loading import events
 from antumbra.kernels.simd import bits, load4, popcount, reduce_max, to_f32, as_i32
 
 from . import choices, parts
+from .guest import Guest
 from .parts import SCALE, Pair, chosen, middle
 
 
@@ -95,6 +114,11 @@ def by_module(x):
 @kernel
 def by_overload(x):
     return chosen(x)
+
+
+@kernel
+def by_guest_inside(x):
+    return chosen(Guest(x + 1))
 
 
 @kernel
@@ -125,6 +149,8 @@ def results():
         "by_constant": by_constant(2),
         "by_module": by_module(2),
         "by_overload": by_overload(1),
+        "by_guest": by_overload(Guest(1)),
+        "by_guest_inside": by_guest_inside(1),
         "by_field": by_field(Pair(7, 2)),
         "by_result": by_result(1)._asdict(),
         "by_intrinsic": by_intrinsic(xs),
@@ -135,7 +161,8 @@ RUN = """
 import json, sys
 from antumbra.sample import top
 found = top.results()
-events = [(event.kernel.rpartition(":")[2], event.source) for event in top.events]
+name = lambda event: "by_guest" if "Guest" in event.key else event.kernel.rpartition(":")[2]
+events = [(name(event), event.source) for event in top.events]
 print(json.dumps([found, events, "numba" in sys.modules]))
 """
 
@@ -146,7 +173,7 @@ def write(folder: Path) -> Path:
     source = Path(antumbra.__file__).parent
     shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__", "packs"))
     (package / "sample").mkdir()
-    for name, text in {"__init__": "", "parts": PARTS, "choices": CHOICES, "top": TOP}.items():
+    for name, text in {"__init__": "", "parts": PARTS, "choices": CHOICES, "guest": GUEST, "top": TOP}.items():
         (package / "sample" / f"{name}.py").write_text(text)
     return package
 

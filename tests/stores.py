@@ -6,9 +6,9 @@ import numpy as np
 
 from antumbra.bvh.nodes import Bvh
 from antumbra.bvh.quality import validate
+from antumbra.rendering.building import build_store
 from antumbra.scene.scene import Scene
 from antumbra.scene.source import Piece
-from antumbra.store.build import build_store
 from antumbra.store.read import Store, open_store
 
 CHUNK = 64  # triangles: so that small scenes have many chunks, and are sorted in files

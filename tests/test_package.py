@@ -103,7 +103,8 @@ def test_dependencies_are_those_that_are_imported():
 def test_what_tests_import_is_installed_for_them():
     files = [*(ROOT / "tests").rglob("*.py")]
     found = {name for path in files for name in _imports(path)} - set(sys.stdlib_module_names)
-    ours = {part for path in files for part in path.relative_to(ROOT).with_suffix("").parts}
+    known = [*files, *(ROOT / "benchmarks").rglob("*.py")]
+    ours = {part for path in known for part in path.relative_to(ROOT).with_suffix("").parts}
     found = {NAMES_OF_IMPORTS.get(name, name) for name in found - {"antumbra"} - ours}
     lines = PROJECT["dependencies"] + PROJECT["optional-dependencies"]["test"]
     assert found <= {re.match(r"[\w.-]+", line)[0] for line in lines}
@@ -186,7 +187,7 @@ def test_cited_works_are_in_the_bibliography():
 
 
 def test_papers_of_the_registries_are_in_the_bibliography():
-    from antumbra.plan import KINDS
+    from antumbra.methods import KINDS
 
     labels = set(_labels())
     papers = [method.paper for _, registry in KINDS.values() for method in registry.values()]
@@ -210,8 +211,9 @@ def test_wheel_is_pure_and_holds_the_package_only(built):
     assert wheel.name == f"antumbra-{at.__version__}-py3-none-any.whl"
     names = zipfile.ZipFile(wheel).namelist()
     inside = {n for n in names if not n.startswith(f"antumbra-{at.__version__}.dist-info/")}
-    data = ROOT / "src" / "antumbra" / "kernels" / "needs.json"
-    assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, data)}
+    package = ROOT / "src" / "antumbra"
+    data = [package / "kernels" / "needs.json", package / "papers" / "needs.json", *package.glob("papers/*/README.md")]
+    assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, *data)}
 
 
 def test_sdist_holds_what_a_developer_needs(built):

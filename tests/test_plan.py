@@ -2,15 +2,27 @@
 
 import pytest
 
-from antumbra.bvh import BUILDERS, OPTIMISERS
 from antumbra.errors import InputError
-from antumbra.plan import KINDS, TREE, Plan, all_plans, covering_plans, parse_plan
-from antumbra.trace import TRACERS
-from antumbra.trace.orders import ORDERS
+from antumbra.methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, own_methods, register
+from antumbra.papers.srdh.variants import ORDERS
+from antumbra.plan import TREE, Plan, all_plans, covering_plans, parse_plan
 
 
-def test_every_plan_reads_as_it_is_written():
-    plans = all_plans()
+def test_the_instrument_has_few_methods():
+    counts = {field: len(own_methods(field)) for field in KINDS}
+    assert counts["trace"] <= 12 and counts["build"] <= 6 and len(all_plans()) < len(all_plans(papers=True)) / 4
+
+
+def test_a_taken_name_is_refused():
+    for name in "bsah", "wide", "a+b":
+        with pytest.raises(ValueError, match="cannot be the name of a builder"):
+            register("build", name, BUILDERS["bsah"])
+    assert len(BUILDERS) == len(set(BUILDERS))
+
+
+@pytest.mark.parametrize("papers", [False, True])
+def test_every_plan_reads_as_it_is_written(papers):
+    plans = all_plans(papers)
     assert Plan() in plans and len(set(plans)) == len(plans)
     for plan in plans:
         assert parse_plan(str(plan)) == plan == parse_plan(plan)
@@ -24,7 +36,7 @@ def test_order_does_not_matter():
 def test_a_builder_is_there_unless_the_tracer_walks_no_bvh():
     assert str(Plan()) == "bsah+multifrusta" and Plan(trace="cones").build is None
     assert str(Plan(trace="cones")) == "cones" and str(Plan("grid32", trace="cones")) == "grid32+cones"
-    plans = all_plans()
+    plans = all_plans(papers=True)
     assert {plan.tracer.builds for plan in plans} == {True, False}
     for plan in plans:
         assert (plan.build is not None) == plan.tracer.builds == TRACERS[plan.trace].builds
@@ -48,7 +60,7 @@ def test_options_of_cones_combine_in_any_order():
     every = [name.removeprefix("cones:") for name in TRACERS if name.startswith("cones:") and name.islower()]
     every = [word for word in every if word not in ("spheres", "precise")]  # which exclude others
     assert str(parse_plan(":".join(["cones", *reversed(every)]))) == ":".join(["cones", *every])
-    assert len(every) > 3 and "cones:precise:sorted" not in {plan.trace for plan in all_plans()}
+    assert len(every) > 3 and "cones:precise:sorted" not in {plan.trace for plan in all_plans(papers=True)}
 
 
 def test_options_that_exclude_each_other():
@@ -56,11 +68,12 @@ def test_options_that_exclude_each_other():
         parse_plan("cones:spheres:sorted:precise")
 
 
-def test_a_few_plans_have_every_method():
-    plans = covering_plans()
-    assert len(set(plans)) == len(plans) and set(plans) <= set(all_plans())
+@pytest.mark.parametrize("papers", [False, True])
+def test_a_few_plans_have_every_method(papers):
+    plans = covering_plans(papers)
+    assert len(set(plans)) == len(plans) and set(plans) <= set(all_plans(papers))
     for field, (_, registry) in KINDS.items():
-        assert {getattr(plan, field) for plan in plans} >= set(registry)
+        assert {getattr(plan, field) for plan in plans} >= set(registry if papers else own_methods(field))
 
 
 @pytest.mark.skipif(not KINDS["update"][1], reason="there is no updater")
@@ -94,6 +107,6 @@ def test_which_plans_want_rays():
 
 def test_orders_have_a_part_each():
     """Orders change the tracer `single` alone, so a plan of each is enough."""
-    plans = covering_plans()
+    plans = covering_plans(papers=True)
     for name in ORDERS:
         assert [p for p in plans if p.trace == f"single:{name}"] == [Plan(trace=f"single:{name}")]

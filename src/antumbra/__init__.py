@@ -10,33 +10,28 @@
 import importlib
 import typing
 
+from .scene import engine
+
 if typing.TYPE_CHECKING:
     from .errors import InputError
-    from .frame import Frame
+    from .loading import load
     from .plan import Plan
-    from .queries import Visibility, visibility
     from .query.gbuffer import GBuffer
     from .query.rays import Hit
-    from .renderer import Renderer, render
+    from .rendering.building import build_store
+    from .rendering.frame import Frame
+    from .rendering.queries import Visibility, visibility
+    from .rendering.renderer import Renderer, render
+    from .rendering.srdh_rays import SrdhRays
+    from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
     from .scene.generated import procedural
-    from .scene.lights import (
-        AmbientOcclusion,
-        DirectionalLight,
-        DiskLight,
-        Light,
-        PointLight,
-        QuadLight,
-        SphereLight,
-    )
-    from .scene.load import load
+    from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
     from .scene.point_lights import PointLights
     from .scene.scene import Scene
     from .scene.triangles import Triangles
-    from .srdh_rays import SrdhRays
-    from .store.build import BuildReport, build_store
+    from .store.build import BuildReport
     from .store.scene import PagedScene
-    from .virtual_lights import virtual_point_lights
 
 __version__ = "0.1.0"
 
@@ -74,11 +69,11 @@ __all__ = [
 _HOMES = {
     "errors": ["InputError"],
     "plan": ["Plan"],
-    "queries": ["Visibility", "visibility"],
+    "rendering.queries": ["Visibility", "visibility"],
     "query.gbuffer": ["GBuffer"],
     "query.rays": ["Hit"],
-    "frame": ["Frame"],
-    "renderer": ["Renderer", "render"],
+    "rendering.frame": ["Frame"],
+    "rendering.renderer": ["Renderer", "render"],
     "scene.camera": ["Camera"],
     "scene.generated": ["procedural"],
     "scene.lights": [
@@ -90,16 +85,19 @@ _HOMES = {
         "QuadLight",
         "SphereLight",
     ],
-    "scene.load": ["load"],
+    "loading": ["load"],
     "scene.point_lights": ["PointLights"],
     "scene.scene": ["Scene"],
     "scene.triangles": ["Triangles"],
-    "srdh_rays": ["SrdhRays"],
-    "store.build": ["BuildReport", "build_store"],
+    "rendering.srdh_rays": ["SrdhRays"],
+    "rendering.building": ["build_store"],
+    "store.build": ["BuildReport"],
     "store.scene": ["PagedScene"],
-    "virtual_lights": ["virtual_point_lights"],
+    "rendering.virtual_lights": ["virtual_point_lights"],
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+engine.use(lambda: importlib.import_module(f"{__name__}.rendering.queries").ask)
 
 
 if not typing.TYPE_CHECKING:  # to a type checker, a name that is not above is an error

@@ -3,19 +3,8 @@
 from dataclasses import dataclass
 from itertools import product
 
-from .bvh import BUILDERS, OPTIMISERS, UPDATERS
-from .cull import CULLERS
 from .errors import InputError
-from .trace import TRACERS, Tracer, find_tracer
-
-KINDS: dict[str, tuple[str, dict]] = {
-    "cull": ("culler", CULLERS),
-    "build": ("builder", BUILDERS),
-    "optimise": ("optimiser", OPTIMISERS),
-    "update": ("updater", UPDATERS),
-    "trace": ("tracer", TRACERS),
-}
-"""Field of a `Plan` -> (what its methods are called, their registry), in the order in which they do their work."""
+from .methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
 TREE = ("build", "optimise", "update")
 """The fields that make a BVH: None, all of them, in plans whose tracer walks none."""
@@ -46,7 +35,7 @@ class Plan:
     update: str | None = None
 
     def __post_init__(self):
-        found = find_tracer(self.trace)
+        found = find_method("trace", self.trace)
         if self.build is None and (found is None or found[1].builds):  # an unknown name is for `parse_plan` to refuse
             object.__setattr__(self, "build", "bsah")
 
@@ -56,7 +45,7 @@ class Plan:
     @property
     def tracer(self) -> Tracer:
         """What traces the rays."""
-        found = find_tracer(self.trace)
+        found = find_method("trace", self.trace)
         assert found is not None
         return found[1]
 
@@ -110,11 +99,7 @@ def parse_plan(plan: "str | Plan") -> Plan:
 
 def _method(part: str) -> tuple[str, str] | None:
     """The field of a plan that a method belongs to, and its name there; None: there is no such method."""
-    field = next((f for f, (_, names) in KINDS.items() if part in names), None)
-    if field is not None:
-        return field, part
-    tracer = find_tracer(part)
-    return None if tracer is None else ("trace", tracer[0])
+    return next(((field, found[0]) for field in KINDS if (found := find_method(field, part))), None)
 
 
 def _check_tree(plan: str, found: dict[str, str], builds: bool) -> None:
@@ -134,31 +119,40 @@ def _check_tree(plan: str, found: dict[str, str], builds: bool) -> None:
         )
 
 
-def all_plans() -> list[Plan]:
-    """Every plan that the registries allow; the options of `cones` can be combined in more ways than are listed."""
+def all_plans(papers: bool = False) -> list[Plan]:
+    """Every plan that the registries allow; `papers`: with methods that packages add, too."""
+    names = names_of(papers)
     trees = [
         (b, o, u)
-        for b, o, u in product(BUILDERS, (None, *OPTIMISERS), (None, *UPDATERS))
+        for b, o, u in product(names["build"], (None, *names["optimise"]), (None, *names["update"]))
         if not (o and BUILDERS[b].wants_rays)
     ]
     return [
         Plan(c, b, t, o, u)
-        for c, t in product((None, *CULLERS), TRACERS)
+        for c, t in product((None, *names["cull"]), names["trace"])
         for b, o, u in (trees if TRACERS[t].builds else [(None, None, None)])
         if not (c and u)
     ]
 
 
-def covering_plans() -> list[Plan]:
-    """A few plans in which every method of every registry has its part: what is worth compiling, and testing."""
-    plans = [Plan(trace=name) for name in TRACERS]
-    plans += [Plan(build=name, trace="single") for name in BUILDERS if name != Plan().build]
-    plans += [Plan(optimise=name, trace="single") for name in OPTIMISERS]
-    plans += [Plan(update=name, trace="single") for name in UPDATERS]
-    return plans + [Plan(cull=name, trace="single") for name in CULLERS]
+def covering_plans(papers: bool = False) -> list[Plan]:
+    """A few plans in which every method of every registry has its part; `papers` as in `all_plans`."""
+    names = names_of(papers)
+    plans = [Plan(trace=name) for name in names["trace"]]
+    for field in "build", "optimise", "update", "cull":
+        plans += [Plan(**{"trace": "single", field: name}) for name in names[field] if name != Plan().build]
+    return plans
+
+
+def names_of(papers: bool) -> dict[str, list[str]]:
+    """The names of each registry."""
+    if papers:
+        add_plugins()
+        return {field: list(registry) for field, (_, registry) in KINDS.items()}
+    return {field: own_methods(field) for field in KINDS}
 
 
 def _valid() -> str:
-    names = "; ".join(f"{kind}s: {', '.join(names)}" for kind, names in KINDS.values() if names)
-    alone = dict.fromkeys(name.split(":")[0] for name, tracer in TRACERS.items() if not tracer.builds)
+    names = "; ".join(f"{kind}s: {', '.join(own_methods(field))}" for field, (kind, _) in KINDS.items())
+    alone = [name for name in own_methods("trace") if not TRACERS[name].builds]
     return f"write builder+tracer, without a builder for {' and '.join(alone)}, or more ({names})"

@@ -24,20 +24,6 @@ def test_startup(run):
     assert set(done.rows) <= set(re.findall(r"^(.+?) +[\d.]+ +[\d.]+ +1$", done.out, re.MULTILINE))
 
 
-def test_multi_frusta(run, small):
-    done = run("multi_frusta", small, "--size", 24, 24, "--rounds", 1)
-    (tables,) = done.rows.values()
-    assert list(done.rows) == ["small"] and list(tables) == ["table 1", "table 2", "figure 6"]
-    one, two, six = tables.values()
-    assert list(one) == ["packet16", "packet16:samples", "packet256", "multifrusta:paper", "multifrusta"]
-    assert len(two) == 4 and len(six) == 6
-    rows = [*one.values(), *two.values(), *(row for edge in six.values() for row in edge.values())]
-    assert all(row["rays"] > 0 and row["triangle_tests"] > 0 for row in rows)
-    for method in (*one, *two):
-        assert re.search(rf"^{re.escape(method)} +\S", done.out, re.MULTILINE)
-    assert all(f"{text}, small" in done.out for text in ("Table 1", "Table 2", "Figure 6"))
-
-
 def test_filter_quality(run, small):
     done = run("filter_quality", small.parent, "--size", 16, "--rounds", 1, "--threads", 1)
     rows = {row["method"]: row for row in done.rows}

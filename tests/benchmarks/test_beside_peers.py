@@ -2,7 +2,7 @@
 
 import pytest
 
-from antumbra.bvh import BUILDERS
+from antumbra.methods import BUILDERS, own_methods
 
 SMALL = ("--size", 24, 24, "--rounds", 1, "--threads", 1)
 PLANS = ("bsah+single", "bsah+multifrusta")
@@ -60,7 +60,7 @@ def test_build(run, small, hidden):
     done = run("build", small, "--size", 16, "--rounds", 1, "--threads", 1, without=hidden)
     check_left_out(done, *["Embree"] * without_embree(hidden))
     peers = [] if without_embree(hidden) else ["embree low", "embree medium", "embree high"]
-    assert [row["method"] for row in done.rows] == [*BUILDERS, *peers]
+    assert [row["method"] for row in done.rows] == [*own_methods("build"), *peers]
     assert all(row["sah"] > 1 and row["trace_single_ms"] > 0 for row in done.rows if row["method"] in BUILDERS)
     assert all((row["ratio"] is None) == without_embree(hidden) for row in done.rows)
     assert done.out.count("\n") == 1 + len(done.rows)
@@ -93,3 +93,11 @@ def test_soft_shadows_beside_others(run, small, module, family):
     hidden = ",".join({"embreex", "mitsuba", "open3d"} - {module})
     done = run("soft_shadows", small, *SMALL, "--lights", "large", "--plans", *PLANS, without=hidden)
     assert {row["family"] for row in done.rows} == {"antumbra", family}
+
+
+def test_rebuild(run, small, hidden):
+    sizes = ("--size", 24, 24, "--sizes", "1k,2k", "--frames", 1, "--rounds", 1, "--threads", 1)
+    done = run("rebuild", small, *sizes, without=hidden)
+    ours = [row for row in done.rows if not row["method"].startswith("Embree")]
+    assert len(ours) == 3 * 5 and {row["differs"] for row in ours} == {0}
+    assert all((row["ratio"] is None) == without_embree(hidden) for row in done.rows)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh import BUILDERS
 from antumbra.bvh.blocks import BLOCK, block_tree
+from antumbra.methods import BUILDERS
 from strategies import soups
 
 

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from antumbra.bvh import BUILDERS, binned_sah, srdh
+from antumbra.bvh import binned_sah, srdh
 from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import LEFT_FIRST
 from antumbra.bvh.order import sooner_first
 from antumbra.bvh.quality import validate
 from antumbra.bvh.wide import LINKS, NO_CHILD, WIDTH
 from antumbra.bvh.widen import widen
+from antumbra.methods import BUILDERS
 from bvh_scenes import HAZARDS, scattered, terrain
 from shadow_rays import met_in, nested
 

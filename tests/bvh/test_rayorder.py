@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given, settings
 
 import oracle
-from antumbra.bvh import BUILDERS, OPTIMISERS, binned_sah
+from antumbra.bvh import binned_sah
 from antumbra.bvh.nodes import LEFT_FIRST, UNORDERED
 from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.rayorder import order_by_rays
-from antumbra.trace.orders import RANDOM, SRDH
+from antumbra.methods import BUILDERS, OPTIMISERS
+from antumbra.trace.rays.orders import RANDOM, SRDH
 from bvh_scenes import HAZARDS, scattered, terrain
 from reference_srdh import box_of, pierces, scene_of
 from shadow_rays import met, met_in, nested, segments_in, walked

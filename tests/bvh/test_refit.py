@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh import BUILDERS, binned_sah
+from antumbra.bvh import binned_sah
 from antumbra.bvh import cut as cutting
 from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.refit import LIMIT, Deforming, refit
 from antumbra.errors import InputError
+from antumbra.methods import BUILDERS
 from bvh_scenes import HAZARDS, scattered, terrain
 from strategies import soups
 

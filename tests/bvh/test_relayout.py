@@ -6,13 +6,13 @@ import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given, settings
 
-from antumbra.bvh import BUILDERS
 from antumbra.bvh import cut as cutting
 from antumbra.bvh.binned_sah import build
 from antumbra.bvh.cut import PART, cut
 from antumbra.bvh.nodes import aligned_empty
 from antumbra.bvh.quality import sah_cost, statistics, validate
 from antumbra.bvh.relayout import cheapest_leaves, relayout
+from antumbra.methods import BUILDERS
 from bvh_scenes import scattered, terrain
 from strategies import soups
 

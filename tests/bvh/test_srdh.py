@@ -6,15 +6,16 @@ import pytest
 from hypothesis import given, settings
 
 import oracle
-from antumbra.bvh import BUILDERS, binned_sah, srdh, top_down
+from antumbra.bvh import binned_sah, srdh, top_down
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, MAX_DEPTH, UNORDERED
 from antumbra.bvh.quality import statistics, validate
 from antumbra.bvh.rayset import Intersections
 from antumbra.bvh.refit import refit
 from antumbra.bvh.srdh import KERNELS
 from antumbra.errors import InputError
-from antumbra.trace.orders import BUILT, RANDOM, SRDH
-from antumbra.trace.steps import leaf_depths
+from antumbra.methods import BUILDERS
+from antumbra.trace.rays.orders import BUILT, RANDOM, SRDH
+from antumbra.trace.rays.steps import leaf_depths
 from bvh_scenes import HAZARDS, nested_clusters, scattered, terrain
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, candidates, ray_sets, scene_of
 from reference_srdh import srdh as heuristic

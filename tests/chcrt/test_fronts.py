@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra.bvh import BUILDERS
 from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import boxes_of
 from antumbra.chcrt.fronts import INNER, INVISIBLE, VISIBLE, Fronts
@@ -14,7 +13,8 @@ from antumbra.chcrt.parts import _order, parts_of
 from antumbra.chcrt.queries import Answers
 from antumbra.chcrt.schedule import lists_of, trace_frame
 from antumbra.chcrt.tiles import tiles_of
-from antumbra.trace.asked import TileShape
+from antumbra.methods import BUILDERS
+from antumbra.trace.querychunk import TileShape
 
 
 def _parts(n=3000, triangles=200, seed=0):

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.bvh import BUILDERS
 from antumbra.bvh.blocks import block_tree
 from antumbra.chcrt.options import Options
 from antumbra.chcrt.parts import parts_of
 from antumbra.chcrt.trace import Scheduled, camera_hits, nearest_hits
+from antumbra.methods import BUILDERS
 from antumbra.plan import parse_plan
 from antumbra.query.diffuse import RayPass
 from antumbra.query.raster import rasterise
-from antumbra.renderer import Renderer
-from antumbra.trace.bounce import nearest_hits as one_by_one
+from antumbra.rendering.renderer import Renderer
 from antumbra.trace.forest import Hits
+from antumbra.trace.rays.bounce import nearest_hits as one_by_one
 from asking import answer, query_of
 
 LIGHTS = {

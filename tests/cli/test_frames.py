@@ -7,10 +7,12 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli import asked, frames
-from antumbra.cli.activity import Activity
+from antumbra.cli import frames
+from antumbra.cli import renderoptions as asked
 from antumbra.cli.arguments import Sequence, parse_frames
+from antumbra.cli.progress import Activity
 from antumbra.image.save import note_of
+from antumbra.rendering.renderer import Renderer
 from scene.gltf_files import Gltf
 
 FLOOR = [[-2, 0, -2], [2, 0, -2], [2, 0, 2], [-2, 0, 2]]
@@ -215,7 +217,7 @@ def test_interrupting_leaves_finished_frames_and_says_so(film, monkeypatch, tmp_
 
 def test_one_renderer_and_one_scene_for_all_frames(film, monkeypatch):
     made = []
-    monkeypatch.setattr(at, "Renderer", lambda *args: made.append(at.renderer.Renderer(*args)) or made[-1])
+    monkeypatch.setattr(at, "Renderer", lambda *args: made.append(Renderer(*args)) or made[-1])
     assert film("--quiet").code == 0 and len(made) == 1
 
 

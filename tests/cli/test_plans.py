@@ -2,25 +2,30 @@
 
 import pytest
 
-from antumbra import Plan, warm
-from antumbra.plan import KINDS, all_plans, covering_plans, parse_plan
+from antumbra import Plan
+from antumbra.methods import KINDS, own_methods
+from antumbra.plan import all_plans, covering_plans, parse_plan
+from antumbra.rendering import warm
 
 
-def test_every_method_and_plan_is_listed(cli):
-    told = cli("plans", "--json").json()
-    for kind, registry in KINDS.values():
+@pytest.mark.parametrize("papers", [False, True])
+def test_every_method_and_plan_is_listed(cli, papers):
+    told = cli("plans", "--json", *["--papers"] * papers).json()
+    for field, (kind, registry) in KINDS.items():
         listed = {m["name"]: m for m in told["methods"] if m["kind"] == kind}
-        assert listed.keys() == registry.keys()
+        assert list(listed) == (list(registry) if papers else own_methods(field))
         assert all(m["description"] and m["paper"] for m in listed.values())
-    assert [parse_plan(name) for name in told["plans"]] == all_plans()
+    assert [parse_plan(name) for name in told["plans"]] == all_plans(papers)
     assert told["default"] == str(Plan()) == "bsah+multifrusta"
 
 
 def test_plans_for_people(cli):
     shown = " ".join(cli("plans").out.split())
-    for _, registry in KINDS.values():
-        for name, method in registry.items():
+    for field, (_, registry) in KINDS.items():
+        for name in own_methods(field):
+            method = registry[name]
             assert name in shown and method.description.split()[0] in shown and method.paper.split()[0] in shown
+    assert "multifrusta:paper" not in shown
     assert "culler+builder" in shown and "updater+tracer" in shown and str(Plan()) in shown and "no builder" in shown
 
 

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli.activity import Activity
+from antumbra.cli.progress import Activity
 
 
 def pixels(path):

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 import antumbra as at
 import oracle
-from antumbra.cull import CULLERS
 from antumbra.cull.cull import cull as culling
-from antumbra.cull.lines import mark_lines
 from antumbra.cull.relevance import marks_of
-from antumbra.query.reach import reach
+from antumbra.methods import CULLERS
+from antumbra.papers.pre_bvh_culling.lines import mark_lines
+from antumbra.query.bounds import reach
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery, segments

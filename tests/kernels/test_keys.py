@@ -9,16 +9,20 @@ from antumbra.kernels import definitions, simd
 
 BEFORE = {
     "alone": 101, "by_call": 4, "by_constant": 6, "by_module": 6, "by_overload": 6, "by_field": 5,
+    "by_guest": 8, "by_guest_inside": 9,
     "by_result": {"a": 1, "b": 2}, "by_intrinsic": 2, "by_operator": 6.0,
 }  # fmt: skip
 LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{m}.py" for m in ("lanes", "memory", "scalars", "operators"))
+
+GUESTS = {"by_guest": 8, "by_guest_inside": 9}  # what they call has other meanings too, any of which may be theirs
 
 EDITS = {
     "own body": ("sample/top.py", "return x + 100", "return x + 200", {"alone": 201}),
     "two calls down": ("sample/parts.py", "return x + 1  # one", "return x + 2  # two", {"by_call": 6}),
     "inlined or not": ("sample/parts.py", "@inlined", "@kernel", {"by_call": 4}),
-    "overload": ("sample/choices.py", "return lambda x: x + add", "return lambda x: x - add", {"by_overload": -4}),
-    "what an overload asks": ("sample/choices.py", "return 5", "return 6", {"by_overload": 7}),
+    "overload": ("sample/choices.py", "lambda x: x + add", "lambda x: x - add", {"by_overload": -4, **GUESTS}),
+    "what an overload asks": ("sample/choices.py", "return 5", "return 6", {"by_overload": 7, **GUESTS}),
+    "overload of another module": ("sample/guest.py", "x.n + 7", "x.n + 8", {"by_guest": 9, "by_guest_inside": 10}),
     "constant": ("sample/parts.py", "SCALE = 3", "SCALE = 4", {"by_constant": 8, "by_module": 8}),
     "constant's type": ("sample/parts.py", "SCALE = 3", "SCALE = 3.0", {"by_constant": 6.0, "by_module": 6.0}),
     "fields": (

@@ -8,8 +8,8 @@ from antumbra.query.diffuse import diffuse_passes, diffuse_rays
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import SAMPLERS, domain_sets, light_samples
 from antumbra.query.shadow import segments
-from antumbra.renderer import Renderer
-from antumbra.trace.bounce import nearest_hits, surfaces_met
+from antumbra.rendering.renderer import Renderer
+from antumbra.trace.rays.bounce import nearest_hits, surfaces_met
 
 QUAD = at.QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0))
 

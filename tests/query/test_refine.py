@@ -8,7 +8,7 @@ from antumbra.query.refine import edges, finer_samples, penumbra
 from antumbra.query.sampling import light_samples
 from antumbra.query.subpixels import OFFSETS, block_copies, block_means, subpixel_gbuffer
 from antumbra.query.surface import seen_by
-from antumbra.renderer import Renderer
+from antumbra.rendering.renderer import Renderer
 
 W, H = 64, 48
 

@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given, settings
 
 import antumbra as at
+from antumbra.papers.ray_hierarchy.cones import Cones
+from antumbra.papers.ray_hierarchy.variants import CONES, combination
 from antumbra.plan import parse_plan
 from antumbra.query.shadow import segments
 from antumbra.rayhierarchy import trace
-from antumbra.rayhierarchy.options import CONES, FASTEST, Options, combination
+from antumbra.rayhierarchy.options import FASTEST, Options
 from antumbra.rayhierarchy.soup import Soup, soup_of
 from antumbra.rayhierarchy.trace import trace_shadow
 from antumbra.trace.counters import as_dict, new_counters
@@ -279,5 +281,5 @@ def test_better_tests_and_orders_visit_fewer_nodes():
 def test_progress_is_told():
     triangles, query = on_surfaces(1, "point", (20, 20), n=600)
     told, bits = [], np.zeros((20, 20, 1), np.uint64)
-    trace_shadow(soup_of(triangles), query, bits, 1, None, lambda done, n: told.append((done, n)), Options())
+    trace_shadow(soup_of(triangles), query, bits, 1, None, lambda done, n: told.append((done, n)), Options(nodes=Cones))
     assert told[-1] == (600, 600) and bits.any()

@@ -7,12 +7,13 @@ import antumbra as at
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.parallel import new_ticket
 from antumbra.kernels.simd import ptr, ptr_at, stack_array, stack_f32
+from antumbra.papers.ray_hierarchy.cones import Cones
+from antumbra.papers.ray_hierarchy.variants import TABLE_1
 from antumbra.rayhierarchy import occluders, trace
 from antumbra.rayhierarchy.beams import beams_of
 from antumbra.rayhierarchy.boxes import Boxes
-from antumbra.rayhierarchy.cones import Cones
 from antumbra.rayhierarchy.occluders import AREA, NEAREST, SOLID_ANGLE, occluders_first
-from antumbra.rayhierarchy.options import FASTEST, TABLE_1, Options
+from antumbra.rayhierarchy.options import FASTEST, Options
 from antumbra.rayhierarchy.rays import leaves_of
 from antumbra.rayhierarchy.rows import BLOCK, LANES, NUMBERS
 from antumbra.rayhierarchy.soup import Soup, soup_of
@@ -206,7 +207,7 @@ def test_two_passes_give_the_same_bits_whatever_goes_first(rule, light, monkeypa
     triangles, query = on_surfaces(9, light, (20, 30), n=120, spp=3)
     blank = lambda: np.zeros((20, 30, 1), np.uint64)
     plain, bits = blank(), blank()
-    trace.trace_shadow(soup_of(triangles), query, plain, 1, None, None, Options(precise=True))
+    trace.trace_shadow(soup_of(triangles), query, plain, 1, None, None, Options(nodes=Cones))
     monkeypatch.setattr(occluders, "SHARE", 0.25)
     picked = []
 
@@ -215,7 +216,7 @@ def test_two_passes_give_the_same_bits_whatever_goes_first(rule, light, monkeypa
         return picked[-1]
 
     monkeypatch.setattr(trace, "occluders_first", chosen)
-    for options in (Options(precise=True, two_pass=True), FASTEST._replace(two_pass=True), TABLE_1["PreciseSEATP"]):
+    for options in (Options(nodes=Cones, two_pass=True), FASTEST._replace(two_pass=True), TABLE_1["PreciseSEATP"]):
         bits[:] = 0
         trace.trace_shadow(soup_of(triangles), query, bits, 2, None, None, options)
         np.testing.assert_array_equal(bits, plain)
@@ -251,7 +252,7 @@ def test_threads_share_a_hierarchy():
     """The same bits, and dead rays stay dead, whoever finds them."""
     triangles, query = lit(3, "point", "all around", 1.0, 2000, 11)
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)[:, :1]
-    for options in (FASTEST, Options(precise=True, early_accept=True, sorted=True)):
+    for options in (FASTEST, Options(nodes=Cones, early_accept=True, sorted=True)):
         for threads in (1, 2, 3):
             bits = np.zeros((1, 2000, 1), np.uint64)
             trace.trace_shadow(soup_of(triangles), query, bits, threads, None, None, options)

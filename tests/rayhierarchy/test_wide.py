@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given, reject, settings
 
 import antumbra as at
+from antumbra.papers.ray_hierarchy.cones import Cones
+from antumbra.papers.ray_hierarchy.variants import combination
 from antumbra.plan import parse_plan
 from antumbra.rayhierarchy import clusters, trace, wide
-from antumbra.rayhierarchy.options import FASTEST, Options, combination
+from antumbra.rayhierarchy.options import FASTEST, Options
 from antumbra.rayhierarchy.soup import soup_of
 from antumbra.rayhierarchy.trace import trace_shadow
 from antumbra.trace.counters import as_dict, new_counters
@@ -118,7 +120,7 @@ def test_any_rays_and_triangles(_shafts_always, seed, light, receivers, scale):
 @pytest.mark.parametrize("light", WIDE)
 def test_queries_that_are_cut_into_parts(light, segments_held, monkeypatch, shafts_always):
     triangles, query = on_surfaces(8, light, (23, 18), n=40, spp=3)
-    whole = _bits(triangles, query, Options(shared=True))
+    whole = _bits(triangles, query, Options(nodes=Cones, shared=True))
     monkeypatch.setattr(trace, "SEGMENTS", segments_held)
     np.testing.assert_array_equal(_bits(triangles, query), whole)
     assert whole.any() and not whole.all() and shafts_always

@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
+from antumbra import loading as module
 from antumbra.errors import InputError
-from antumbra.scene import load as module
-from antumbra.scene.load import load
+from antumbra.loading import load
 from scene.gltf_files import single
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.scene.load import load
+from antumbra.loading import load
 from scene.gltf_files import TETRAHEDRON_FACES, everything
 from scene.test_frames import FRAMES
 from scene.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
+from antumbra.loading import load
 from antumbra.scene.lights import DirectionalLight, PointLight, QuadLight
-from antumbra.scene.load import load
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, single, trs
 
 Q = np.array([0.1, 0.7, -0.2, 0.4]) / np.linalg.norm([0.1, 0.7, -0.2, 0.4])

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import antumbra as at
-from antumbra.store.build import build_store
+from antumbra.rendering.building import build_store
 from antumbra.store.read import open_store
 from antumbra.store.write import Writer
 from bvh_scenes import scattered
@@ -18,7 +18,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals are differen
 SCRIPT = """
 import os, signal, sys
 from antumbra.cli import main
-from antumbra.cli.activity import Activity
+from antumbra.cli.progress import Activity
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored where a shell started this in the background
 phase, name = sys.argv[1:3]

@@ -13,9 +13,10 @@ pytest.importorskip("resource", reason="this system does not say how much memory
 
 SCRIPT = """
 import sys
-from antumbra.resident import peak_resident
+from antumbra.store.resident import peak_resident
 from antumbra.scene.generated import StreamedCity
-from antumbra.store.build import LEAST_MEMORY, build_store
+from antumbra.rendering.building import build_store
+from antumbra.store.build import LEAST_MEMORY
 
 triangles, path = int(sys.argv[1]), sys.argv[2]
 build_store([StreamedCity(20_000)], path, chunk=1024)  # all is imported and compiled

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.rendering.building import build_store
 from antumbra.scene.generated import StreamedCity
 from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
 from antumbra.scene.point_lights import PointLights
@@ -18,7 +19,6 @@ from antumbra.scene.scene import Scene
 from antumbra.scene.source import Piece
 from antumbra.store import build as build_module
 from antumbra.store import spool as spool_module
-from antumbra.store.build import build_store
 from antumbra.store.meta import Meta, as_json, from_json
 from antumbra.store.palette import palette_of
 from antumbra.store.read import open_store

@@ -12,17 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
-from ..kernels.simd import (
-    as_i32,
-    extract,
-    get,
-    load4,
-    load8,
-    ptr,
-    ptr_at,
-    put,
-    store,
-)
+from ..kernels.simd import as_i32, extract, get, load4, load8, ptr, ptr_at, put, store
 from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
 
 RAY = 8  # words: origin, reciprocal direction, first hit, number of hits

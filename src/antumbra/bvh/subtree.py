@@ -5,15 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel, overload, overloaded
-from ..kernels.simd import (
-    get,
-    load8,
-    prefetch,
-    put,
-    stack_f32,
-    stack_i32,
-    store,
-)
+from ..kernels.simd import get, load8, prefetch, put, stack_f32, stack_i32, store
 from .bounds import half_area, range_bounds, record_id, write_boxes
 from .nodes import MAX_DEPTH
 from .smallest import SMALLEST, build_smallest

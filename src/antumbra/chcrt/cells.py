@@ -33,8 +33,8 @@ from ..kernels.vec import rows
 from ..query.receivers import NOTHING
 from ..query.shadow import ShadowQuery, patch_of
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
-from ..trace.asked import TileShape
-from ..trace.region import Layout, layout_of
+from ..trace.multifrusta.region import Layout, layout_of
+from ..trace.querychunk import TileShape
 
 _F = np.float32
 FAR, COUNT, ALL = 12, 13, 14  # rows after those of the shafts: how far, how many rays look, how many there are

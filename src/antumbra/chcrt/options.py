@@ -1,4 +1,4 @@
-"""What can be chosen about CHC+RT, and the names of tracers that choose it."""
+"""What can be chosen about CHC+RT."""
 
 from typing import NamedTuple
 
@@ -13,23 +13,3 @@ class Options(NamedTuple):
     every: int = 3  # frames between two queries of a visible pair (Sec. 5.1: n)
     batch: int = 24  # newly visible subtrees of a tile that are traced together (Sec. 5.2)
     threshold: int = 0  # rays of a tile that may be neglected; 0: conservative (Sec. 7: 20, 100 and 200)
-
-
-THRESHOLDS = 0, 20, 100, 200
-
-
-def tracer_name(threshold: int) -> str:
-    """The name of the tracer that may neglect so many rays of a tile."""
-    return f"chcrt:{threshold}" if threshold else "chcrt"
-
-
-CHCRT = {
-    tracer_name(n): (
-        Options(threshold=n),
-        "occlusion queries for pairs of screen tiles and subtrees, which remember what was visible"
-        if n == 0
-        else f"the same, but subtrees that at most {n} rays of a tile may meet are left out: not exact",
-    )
-    for n in THRESHOLDS
-}
-"""Name of a tracer -> (Options, description)."""

@@ -26,8 +26,8 @@ from ..kernels.simd import (
     select,
     splat16,
 )
-from ..trace.bundle import shafts_of
 from ..trace.descent import slabs_of
+from ..trace.multifrusta.bundle import shafts_of
 from ..trace.slabs import span_mixed, span_uniform
 from .cells import ALL, BLOCKED, COUNT, FAR, WORDS
 from .tiles import Tiles

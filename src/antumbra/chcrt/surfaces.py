@@ -5,7 +5,7 @@ import numpy as np
 from ..query.diffuse import RayPass
 from ..query.picture import Surfaces, surfaces_of
 from ..scene.camera import CameraRays
-from ..trace.bounce import surfaces_met
+from ..trace.rays.bounce import surfaces_met
 from .trace import Scheduled, camera_hits, nearest_hits
 
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..trace.asked import TileShape
-from ..trace.region import layout_of
+from ..trace.multifrusta.region import layout_of
+from ..trace.querychunk import TileShape
 
 
 class Tiles(NamedTuple):

@@ -9,18 +9,18 @@ import numpy as np
 from ..bvh.blocks import block_tree
 from ..bvh.nodes import Bvh, boxes_of
 from ..kernels.parallel import thread_count
+from ..query.bounds import bounds
 from ..query.diffuse import RayPass
-from ..query.reach import bounds
 from ..query.shadow import ShadowQuery
 from ..scene.camera import CameraRays
 from ..scene.lights import AMBIENT, LIST
-from ..trace.asked import TileShape, tile_shape
 from ..trace.forest import Forest, Hits, no_hits
 from ..trace.lighttable import STRATA
-from ..trace.multifrusta import trace_forest
-from ..trace.packet16 import over_pixels, over_samples
-from ..trace.primary import picture_seen, trace_hits
-from ..trace.scattered import is_far, is_huge, is_scattered
+from ..trace.multifrusta.trace import trace_forest
+from ..trace.packets.incoherent import is_far, is_huge, is_scattered
+from ..trace.packets.packet16 import over_pixels, over_samples
+from ..trace.primary.trace import picture_seen, trace_hits
+from ..trace.querychunk import TileShape, tile_shape
 from .camera import CELL, bound_camera, length_of, shorten_camera
 from .cells import Picture, bound_cells, picture_of, shorten
 from .fronts import Fronts

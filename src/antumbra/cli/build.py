@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from . import arguments, report
-from .activity import Activity
 from .arguments import SceneSpec
-from .opening import open_scene
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption
+from .progress import Activity
+from .sceneinput import open_scene
 
 if TYPE_CHECKING:
     from ..store.build import BuildReport
@@ -43,8 +43,8 @@ def build(
     specs = [arguments.parse_scene(text) for text in scenes]
     memory = arguments.parse_bytes(max_memory, "--max-memory")
 
-    from ..resident import peak_resident
-    from ..store.build import build_store
+    from ..rendering.building import build_store
+    from ..store.resident import peak_resident
 
     with Activity(quiet) as activity:
         activity.say("reading")

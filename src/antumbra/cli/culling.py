@@ -7,9 +7,9 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .activity import Activity
-from .opening import open_scene
 from .options import SCENE_HELP, CameraOption, Json, LightOption, Quiet, SppOption, Threads, TimeOption, UpOption
+from .progress import Activity
+from .sceneinput import open_scene
 
 
 def culling(
@@ -44,14 +44,14 @@ def culling(
     asked_camera = None if camera is None else arguments.parse_camera(camera)
     asked_lights = [arguments.parse_light(text) for text in light or []]
 
-    from ..cull import CULLERS
-    from ..culling_picture import culling_picture
     from ..image.save import save_png
     from ..image.tonemap import to_srgb8
+    from ..methods import CULLERS, find_method
     from ..output import checked_output
+    from ..rendering.culling_picture import culling_picture
 
     path = checked_output(Path(f"{spec.stem}-culling.png") if output is None else output, (".png",))
-    if culler not in CULLERS:
+    if find_method("cull", culler) is None:
         raise InputError(f"culler {culler!r} is unknown; choose one of {', '.join(CULLERS)}")
     with Activity(quiet) as activity:
         activity.say("reading the scene")

@@ -9,8 +9,6 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .activity import Activity
-from .opening import open_scene
 from .options import (
     SCENE_HELP,
     CameraOption,
@@ -23,9 +21,11 @@ from .options import (
     TimeOption,
     UpOption,
 )
+from .progress import Activity
+from .sceneinput import open_scene
 
 if TYPE_CHECKING:
-    from ..explanation import Explanation, PlanSteps
+    from ..rendering.explanation import Explanation, PlanSteps
 
 _PLANS = "bsah+single:random", "srdh+single"
 _WIDTH = 120  # of the tables, in characters
@@ -91,11 +91,11 @@ def explain(
     if asked_rays is not None and asked_rays.last_frame and before is None:
         raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
 
-    from ..explanation import Moment, explained_plans
-    from ..explanation import explain as explained
     from ..image.save import save_png
     from ..output import checked_output
-    from ..srdh_rays import check_srdh_rays
+    from ..rendering.explanation import Moment, explained_plans
+    from ..rendering.explanation import explain as explained
+    from ..rendering.srdh_rays import check_srdh_rays
 
     path = checked_output(Path(f"{spec.stem}-explain.png") if output is None else output, (".png",))
     plans = explained_plans(plan or _PLANS)
@@ -156,7 +156,7 @@ def _ratio(told: "Explanation", one: "PlanSteps") -> str:
 
 def _answer(told: "Explanation") -> dict:
     """What ``--json`` says of the steps; null where there is no ray, or no class is known."""
-    from ..trace.steps import CLASSES
+    from ..trace.rays.steps import CLASSES
 
     first, rays = told.plans[0].box_tests, told.rays or float("nan")
     plans = [
@@ -188,7 +188,7 @@ def _fields(told: "Explanation") -> Iterator[tuple[str, str]]:
 
 def _print_tables(told: "Explanation") -> None:
     """What differs, for people."""
-    from ..trace.steps import CLASSES
+    from ..trace.rays.steps import CLASSES
 
     steps = [
         (

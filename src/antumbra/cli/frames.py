@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import InputError
 from . import report, summary
-from .activity import Activity
 from .arguments import Sequence
-from .asked import Asked, scene_digest
 from .failures import BAD_INPUT, explained, say
+from .progress import Activity
+from .renderoptions import Asked, scene_digest
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene

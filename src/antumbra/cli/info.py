@@ -8,9 +8,9 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .activity import Activity
-from .opening import open_scene
 from .options import SCENE_HELP, Json, UpOption
+from .progress import Activity
+from .sceneinput import open_scene
 
 if TYPE_CHECKING:
     from ..store.read import Store

@@ -1,36 +1,49 @@
 """``antumbra plans``: the registries."""
 
+from typing import Annotated
+
+import typer
+
 from . import report
 from .options import Json
 
 
-def plans(json: Json = False) -> None:
+def plans(
+    papers: Annotated[
+        bool, typer.Option("--papers", help="Also the methods that exist to reproduce a paper, or to be compared with.")
+    ] = False,
+    json: Json = False,
+) -> None:
     """List the methods and the plans made of them.
 
     Each method has a description and a paper. A plan is written builder+tracer, with a culler, an optimiser or an
-    updater where one is wanted. The tracer cones walks no BVH, so its plans have no builder; its options can be
-    combined, as in cones:spheres:sorted. All plans give the same bits; they differ in speed.
+    updater where one is wanted. The tracer cones walks no BVH, so its plans have no builder. All plans give the same
+    bits; they differ in speed. Plans can name the methods of --papers as any others; the options of cones can be
+    combined, as in cones:spheres:sorted.
 
     \b
     Examples
       antumbra plans
+      antumbra plans --papers
       antumbra render --plan bsah+single
       antumbra render --plan grid32+lbvh+multifrusta
       antumbra render --plan cones
     """
-    from ..plan import KINDS, Plan, all_plans
+    from ..methods import KINDS
+    from ..plan import Plan, all_plans, names_of
 
+    names = names_of(papers)
     methods = [
-        {"kind": kind, "name": name, "description": method.description, "paper": method.paper}
-        for kind, registry in KINDS.values()
-        for name, method in registry.items()
+        {"kind": kind, "name": name, "description": registry[name].description, "paper": registry[name].paper}
+        for field, (kind, registry) in KINDS.items()
+        for name in names[field]
     ]
     if json:
-        names = [str(plan) for plan in all_plans()]
-        report.print_json({"methods": methods, "plans": names, "default": str(Plan())})
+        written = [str(plan) for plan in all_plans(papers)]
+        report.print_json({"methods": methods, "plans": written, "default": str(Plan())})
         return
     report.print_table(("kind", "name", "what it does", "paper"), [tuple(m.values()) for m in methods])
-    order = "+".join(kind for kind, registry in KINDS.values() if registry)
+    order = "+".join(kind for kind, _ in KINDS.values())
     report.print_fields(
         [
             ("a plan", f"{order}, of which only builder and tracer are needed; cones takes no builder"),

@@ -8,11 +8,11 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report, summary
-from .activity import Activity
-from .asked import Asked
 from .frames import Job, output_path, render_frames
-from .opening import open_scene
 from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, SppOption, SrdhRaysOption, Threads, UpOption
+from .progress import Activity
+from .renderoptions import Asked
+from .sceneinput import open_scene
 
 
 def render(

@@ -7,8 +7,8 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .activity import Activity
 from .options import Json
+from .progress import Activity
 
 
 def scenes(

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from . import report
 
 if TYPE_CHECKING:
-    from ..frame import Frame
+    from ..rendering.frame import Frame
     from ..scene.scene import Scene
-    from .asked import Asked, Shot
+    from .renderoptions import Asked, Shot
 
 
 class Saved(NamedTuple):

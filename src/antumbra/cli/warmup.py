@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from . import report
-from .activity import Activity
 from .options import Json, Quiet
+from .progress import Activity
 
 
 def warmup(
@@ -33,7 +33,7 @@ def warmup(
     """
     from ..kernels.loading import user_cache
     from ..plan import parse_plan
-    from ..warm import jobs, make_ready_all
+    from ..rendering.warm import jobs, make_ready_all
 
     wanted = jobs([parse_plan(text) for text in plan] if plan else None)
     start = perf_counter()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.parallel import thread_count
-from ..query.reach import bounds
+from ..query.bounds import bounds
 from .grid import Grid, grid_over
 from .relevance import marks_of, relevant
 from .sources import FINEST, Tiles, bounds_of, sources_of, tiles_of

@@ -20,3 +20,17 @@ What is compiled, and by whom:
 - crew, worker, progress: several processes at once
 - needs, pack: what jobs call, as recorded; packs that wheels bring
 """
+
+from importlib import import_module
+
+from . import jit
+
+
+def _late(module: str, name: str):
+    """A function of a module that is imported when the function is called: Numba takes its time."""
+    return lambda *arguments: getattr(import_module(f"{__name__}.{module}"), name)(*arguments)
+
+
+jit.above = jit.Above(
+    _late("loading", "find"), _late("compiling", "type_of_function"), _late("compiling", "type_of_global")
+)

@@ -15,12 +15,13 @@ import types
 from collections.abc import Iterable, Iterator
 from functools import cache
 from hashlib import blake2b
+from typing import NamedTuple
 
 import numpy as np
 
 from . import definitions
 from .arguments import class_of
-from .jit import Intrinsic, inlined, overloads
+from .jit import Intrinsic, guest_overloads, inlined, overloads
 
 _FOREIGN = "numba", "numpy", "math", "builtins", "operator", "functools", "llvmlite", "typing", "itertools"
 _PLAIN = int, float, complex, str, bytes, bool, type(None), type(...), np.generic, np.dtype, range, slice
@@ -29,11 +30,16 @@ _PYTHON = f"{sys.implementation.name} {sys.version_info[0]}.{sys.version_info[1]
 
 
 class _Part:
-    """What goes into the own digest of a function: `text`, and `reached`, the functions that it names."""
+    """What goes into the own digest of a function: `text`.
+
+    reached : the functions that it names
+    homes : the modules of the NamedTuples that it names
+    """
 
     def __init__(self, function: types.FunctionType):
         self.text: list[bytes] = [f"{function.__module__}:{function.__qualname__}".encode()]
         self.reached: list[types.FunctionType] = []
+        self.homes: set[str] = set()
         self._globals: set[str] = set()
         self._attributes: set[str] = set()
         self._code(function.__code__, function.__doc__)
@@ -107,6 +113,7 @@ class _Part:
 
     def _class(self, name: str, value: type) -> None:
         self._add(name, "class", *class_text(value))
+        self.homes.add(value.__module__)
         if value.__module__.partition(".")[0] not in _FOREIGN and not hasattr(value, "_fields"):
             raise TypeError(f"kernels cannot name the class {_name_of(value)}: only NamedTuples")
 
@@ -131,35 +138,48 @@ def class_text(cls: type) -> tuple:
     return _name_of(cls), getattr(cls, "_fields", None), repr(getattr(cls, "_field_defaults", None))
 
 
-_parts: dict[types.FunctionType, tuple[bytes, list[types.FunctionType]]] = {}
+class _Known(NamedTuple):
+    """A `_Part`, kept."""
+
+    digest: bytes
+    reached: list[types.FunctionType]
+    homes: set[str]
 
 
-def _part(function: types.FunctionType) -> tuple[bytes, list[types.FunctionType]]:
-    """(own digest of a function, the functions that it names)."""
+_parts: dict[types.FunctionType, _Known] = {}
+
+
+def _part(function: types.FunctionType) -> _Known:
     found = _parts.get(function)
     if found is None:
         made = _Part(function)
         digest = blake2b(digest_size=16)
         for text in made.text:
             digest.update(len(text).to_bytes(4, "little") + text)
-        found = _parts[function] = digest.digest(), made.reached
+        found = _parts[function] = _Known(digest.digest(), made.reached, made.homes)
     return found
 
 
-def reached(function: types.FunctionType) -> list[types.FunctionType]:
-    """All functions that a function reaches, itself among them."""
-    seen, todo = {function}, [function]
+def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[types.FunctionType]:
+    """All functions that a function reaches, itself among them.
+
+    homes : modules of the classes of its arguments, whose overloads count
+    """
+    seen, todo, homes, stubs = {function}, [function], set(homes), []
     while todo:
-        for callee in _part(todo.pop())[1]:
-            if callee not in seen:
-                seen.add(callee)
-                todo.append(callee)
+        known = _part(todo.pop())
+        stubs += [callee for callee in known.reached if guest_overloads(callee)]
+        homes |= known.homes
+        guests = [guest for stub in stubs for guest in guest_overloads(stub) if guest.__module__ in homes]
+        new = dict.fromkeys(callee for callee in (*known.reached, *guests) if callee not in seen)
+        seen.update(new)
+        todo += new
     return list(seen)
 
 
 @cache
-def _closure(function: types.FunctionType) -> bytes:
-    return b"".join(sorted(_part(f)[0] for f in reached(function)))
+def _closure(function: types.FunctionType, homes: frozenset[str]) -> bytes:
+    return b"".join(sorted(_part(f).digest for f in reached(function, homes)))
 
 
 def kernel_digest(kernel: inlined, key: str) -> str:
@@ -168,8 +188,13 @@ def kernel_digest(kernel: inlined, key: str) -> str:
     for cls in _classes_of(key.split()):
         digest.update(repr(class_text(cls)).encode())
     digest.update(definitions.module_digest("antumbra.kernels.arguments").encode())
-    digest.update(_closure(kernel.py_func))
+    digest.update(_closure(kernel.py_func, homes_of(key)))
     return digest.hexdigest()
+
+
+def homes_of(key: str) -> frozenset[str]:
+    """The modules of the classes of a kernel's arguments."""
+    return frozenset(cls.__module__ for cls in _classes_of(key.split()))
 
 
 def _classes_of(tokens: Iterable[str]) -> Iterator[type]:

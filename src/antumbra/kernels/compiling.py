@@ -13,7 +13,7 @@ from . import machine
 from .arguments import END, NONE, Spec, array_parts, class_of, is_array
 from .code import Code, symbol_of
 from .entry import entry_library
-from .jit import inlined, kernel, overloads
+from .jit import guest_overloads, inlined, kernel, overloads
 from .library import kept_as_ir
 from .numba_speed import faster
 from .parts import generic_part, part_of
@@ -86,11 +86,11 @@ def type_of_global(value) -> types.Type:
 _known: dict[object, object] = {}
 
 
-def _tell_numba_of_overloads(kernel: inlined) -> None:
-    from .closure import reached
+def _tell_numba_of_overloads(kernel: inlined, key: str) -> None:
+    from .closure import homes_of, reached
 
-    for function in reached(kernel.py_func):
-        if function not in _known and overloads(function):
+    for function in reached(kernel.py_func, homes_of(key)):
+        if function not in _known and (overloads(function) or guest_overloads(function)):
             _known[function] = part = generic_part(function)
             cpu_target.typing_context.insert_global(function, part.type)
 
@@ -101,7 +101,7 @@ def _tell_numba_of_overloads(kernel: inlined) -> None:
 @global_compiler_lock
 def lowered(kernel: kernel, key: str, symbol: str):
     """(LLVM module of all that a kernel reaches, what it returns)."""
-    _tell_numba_of_overloads(kernel)
+    _tell_numba_of_overloads(kernel, key)
     context = cpu_target.target_context
     context.refresh()
     with kept_as_ir(context), faster():

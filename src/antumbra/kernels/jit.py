@@ -19,6 +19,17 @@ from .arguments import Key, flatten, struct_of
 _lock = threading.RLock()
 
 
+class Above(NamedTuple):
+    """What stands above this module and has answers for it; `antumbra.kernels` names it."""
+
+    find: Callable | None  # (kernel, key) -> function of packed words: `loading.find`
+    type_of_function: Callable | None  # of an inlined function -> Numba's type: `compiling.type_of_function`
+    type_of_global: Callable | None  # of a value -> Numba's type: `compiling.type_of_global`
+
+
+above = Above(None, None, None)  # until `antumbra.kernels` says so, which is imported before
+
+
 class inlined:
     """Decorator of small functions on hot paths: LLVM must inline them, whatever it thinks. Only kernels call them."""
 
@@ -35,9 +46,7 @@ class inlined:
     @property
     def _numba_type_(self):
         """Numba asks for the type of a global by this name."""
-        from .compiling import type_of_function
-
-        return type_of_function(self)
+        return above.type_of_function(self)
 
     def __call__(self, *arguments):
         raise TypeError(f"{self.__qualname__} is inlined; only kernels can call it")
@@ -85,20 +94,19 @@ class kernel(inlined):
         return arguments + rest
 
     def _find(self, key):
-        from .loading import find
-
         with _lock:
             code = self.found.get(key)
             if code is None:
-                code = self.found[key] = find(self, " ".join(key))
+                code = self.found[key] = above.find(self, " ".join(key))
         return code
 
 
 class _Choices(NamedTuple):
     """What a plain function means in kernels."""
 
-    homes: tuple[str, ...]  # modules that give it meanings
-    given: list  # the meanings
+    homes: tuple[str, ...]  # modules that give it meanings for any types
+    given: list  # those meanings
+    guests: list  # meanings that other modules give it for their own NamedTuples
 
 
 _CHOICES = "_antumbra_choices"
@@ -112,7 +120,7 @@ def overloaded(*modules: str):
 
     def add(stub):
         package = stub.__module__.rpartition(".")[0]
-        setattr(stub, _CHOICES, _Choices(tuple(f"{package}.{module}" for module in modules), []))
+        setattr(stub, _CHOICES, _Choices(tuple(f"{package}.{module}" for module in modules), [], []))
         return stub
 
     return add
@@ -121,28 +129,38 @@ def overloaded(*modules: str):
 def overload(stub: types.FunctionType):
     """Decorator of what `stub` means in kernels: a function of Numba's types that returns a function, or None.
 
-    The same as ``numba.extending.overload``, without importing Numba. In another module than the stub's, the stub names
-    that module in `overloaded`.
+    The same as ``numba.extending.overload``, without importing Numba. A module that is neither the stub's nor named by
+    its `overloaded` is a guest: its meaning is for NamedTuples that it defines itself, and returns None for all others.
+    A kernel that takes such a tuple, or names its class, depends on the guest; no other kernel does.
     """
 
     def add(function):
-        choices = vars(stub).setdefault(_CHOICES, _Choices((), []))
-        if function.__module__ not in (stub.__module__, *choices.homes):
-            raise TypeError(f"{stub.__module__}:{stub.__qualname__} must be overloaded({function.__module__!r})")
-        choices.given.append(function)
+        choices = _choices(stub) or vars(stub).setdefault(_CHOICES, _Choices((stub.__module__,), [], []))
+        at_home = function.__module__ in (stub.__module__, *choices.homes)
+        (choices.given if at_home else choices.guests).append(function)
         return function
 
     return add
 
 
+def _choices(stub) -> _Choices | None:
+    return vars(stub).get(_CHOICES) if isinstance(stub, types.FunctionType) else None
+
+
 def overloads(stub) -> list:
-    """The functions that `overload` gave to a function; none of other things."""
-    choices = vars(stub).get(_CHOICES) if isinstance(stub, types.FunctionType) else None
+    """The functions that the stub's module, and those that it names, gave by `overload`; none of other things."""
+    choices = _choices(stub)
     if choices is None:
         return []
     for module in choices.homes:
         importlib.import_module(module)
     return choices.given
+
+
+def guest_overloads(stub) -> list:
+    """The functions that guests gave by `overload`."""
+    choices = _choices(stub)
+    return choices.guests if choices else []
 
 
 class Intrinsic:
@@ -156,9 +174,7 @@ class Intrinsic:
 
     @property
     def _numba_type_(self):
-        from .compiling import type_of_global
-
-        return type_of_global(getattr(importlib.import_module(self.module), self.name))
+        return above.type_of_global(getattr(importlib.import_module(self.module), self.name))
 
     @property
     def __doc__(self):

@@ -22,14 +22,29 @@ class Needs(NamedTuple):
     jobs: dict[str, list[int]]  # name of a job: places in `kernels`
 
 
+_files = [FILE]
+
+
+def add(file: Path) -> None:
+    """Look into another file too: of kernels that a package adds to the instrument's."""
+    if file not in _files:
+        _files.append(file)
+        recorded.cache_clear()
+
+
 @cache
 def recorded() -> Needs:
-    """What the file says; nothing if there is no file."""
-    try:
-        said = json.loads(FILE.read_text())
-    except OSError:
-        return Needs([], {})
-    return Needs([Wanted(name, key, size["seconds"]) for name, key, size in said["kernels"]], said["jobs"])
+    """What the files say; nothing of files that are not there."""
+    kernels: list[Wanted] = []
+    jobs: dict[str, list[int]] = {}
+    for file in _files:
+        try:
+            said = json.loads(file.read_text())
+        except OSError:
+            continue
+        jobs |= {job: [len(kernels) + place for place in places] for job, places in said["jobs"].items()}
+        kernels += [Wanted(name, key, size["seconds"]) for name, key, size in said["kernels"]]
+    return Needs(kernels, jobs)
 
 
 def of_job(name: str) -> set[Wanted] | None:

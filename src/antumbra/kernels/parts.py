@@ -14,7 +14,7 @@ from numba.core.registry import cpu_target
 from numba.core.typing.templates import fold_arguments
 from numba.core.utils import pysignature
 
-from .jit import inlined, overloads
+from .jit import guest_overloads, inlined, overloads
 from .library import Library
 
 _PASSES = (
@@ -140,7 +140,9 @@ def generic_part(stub: Callable) -> Part:
     """The part of a function that has overloads: the first that knows the types says what is compiled."""
 
     def choose(args):
-        for implementation in overloads(stub):
+        homes = {getattr(getattr(arg, "instance_class", None), "__module__", None) for arg in args}
+        guests = [guest for guest in guest_overloads(stub) if guest.__module__ in homes]
+        for implementation in (*guests, *overloads(stub)):
             chosen = implementation(*args)
             if chosen is not None:
                 return chosen

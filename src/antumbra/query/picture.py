@@ -6,8 +6,8 @@ import numpy as np
 
 from ..scene.lights import AMBIENT
 from ..scene.triangles import Triangles
+from .bounds import reach, reach_of
 from .gbuffer import GBuffer
-from .reach import reach, reach_of
 from .receivers import surface_receivers
 from .shadow import ShadowQuery
 

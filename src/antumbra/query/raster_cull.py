@@ -11,20 +11,7 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.predicate.filters import widest
-from ..kernels.simd import (
-    absolute,
-    bits,
-    fma,
-    get,
-    load8,
-    maximum,
-    minimum,
-    put,
-    select,
-    store,
-    to_f32,
-    to_i32,
-)
+from ..kernels.simd import absolute, bits, fma, get, load8, maximum, minimum, put, select, store, to_f32, to_i32
 from .raster_setup import View, corner_from, pixel_vector
 
 BLOCK = 64  # triangles bounded together

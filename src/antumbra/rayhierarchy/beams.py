@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..query.reach import bounds
+from ..query.bounds import bounds
 from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, tangents
 from ..scene.point_lights import N_SETS
 

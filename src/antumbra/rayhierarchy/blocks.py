@@ -34,11 +34,11 @@ from ..kernels.simd import (
     stack_i64,
     store,
 )
-from ..memory import Empty
 from ..trace.counters import N_COUNTERS, add_counters, cleared
 from .asking import Samples, asking_of, origins_of, who_asks
 from .beams import Beam
 from .keys import cells_of
+from .memory import Empty
 from .order import at_apex, places_on, scale_of, sort_cells
 from .rays import PAD, Cut, Rays, block_pointers, new_blocks, rays_in
 from .view import relative16, view_of

@@ -11,18 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel, overload
-from ..kernels.simd import (
-    bits,
-    fma,
-    get,
-    load16,
-    mask_from_bits16,
-    ptr,
-    put,
-    reduce_max,
-    reduce_min,
-    select,
-)
+from ..kernels.simd import bits, fma, get, load16, mask_from_bits16, ptr, put, reduce_max, reduce_min, select
 from . import nodes as names
 from .beams import PERSPECTIVE
 from .boxrows import BOX, CORNERS, lower, upper, write_box_row

@@ -18,9 +18,9 @@ from ..kernels.simd import (
     stack_i32,
     store,
 )
-from ..memory import Empty
 from .asking import asking_of, origins_of
 from .beams import Beam
+from .memory import Empty
 from .order import Order
 from .rays import Cut, Rays, block_pointers, new_blocks, rays_in
 

@@ -10,23 +10,12 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
-from ..kernels.simd import (
-    as_i32,
-    gather,
-    get,
-    load16,
-    lowest_bit,
-    maximum,
-    prefetch,
-    ptr,
-    ptr_at,
-    put,
-)
+from ..kernels.simd import as_i32, gather, get, load16, lowest_bit, maximum, prefetch, ptr, ptr_at, put
 from ..kernels.simd import bits as bits_of
 from ..kernels.vec import Vec
-from ..memory import Empty
 from .asking import asking_of, end_of, patch_for
 from .beams import Beam
+from .memory import Empty
 
 PAD = 16  # numbers after the last: 16 are read where there are fewer
 

@@ -7,8 +7,8 @@ curve over receivers and samples both, so that a node's shaft is as narrow at on
 
 import numpy as np
 
-from ..memory import Empty
 from .beams import PARALLEL, PERSPECTIVE, Beam
+from .memory import Empty
 from .order import Order
 from .packed import rays_of
 from .rays import Rays

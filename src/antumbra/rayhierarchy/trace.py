@@ -8,13 +8,12 @@ import numpy as np
 
 from ..bvh.lbvh import by_codes
 from ..kernels.parallel import thread_count
-from ..memory import Empty, borrowed
 from ..scene.lights import FIXED, LIST
 from ..trace.counters import new_counters
 from .beams import AROUND, PERSPECTIVE, Beam, beams_of
 from .blocks import rays_by_blocks
 from .boxes import Boxes
-from .cones import Cones
+from .memory import Empty, borrowed
 from .occluders import FINISHED, occluders_first
 from .options import Options
 from .order import order_of
@@ -69,7 +68,7 @@ def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, opti
     """Trace the segments of one beam."""
     # Boxes have a hierarchy for each face. Receivers that ask all around are near those beside them on the screen.
     coherent = beam.kind != AROUND
-    sort = ((options.sorted or options.blocks) and coherent) or (options.boxes and beam.kind == PERSPECTIVE)
+    sort = ((options.sorted or options.blocks) and coherent) or (options.nodes is None and beam.kind == PERSPECTIVE)
     if options.blocks and coherent and query.sides.shape[0] > 1:
         rays = rays_by_blocks(query, beam, bits, threads, counters, empty)
     else:
@@ -77,7 +76,7 @@ def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, opti
         rays = rays_of(query, beam, order, 16 if options.wide or options.blocks else 4, bits, threads, empty)
     if not len(rays.blocks):
         return
-    kind = Boxes if options.boxes or beam.kind != PERSPECTIVE else Cones
+    kind = (beam.kind == PERSPECTIVE and options.nodes) or Boxes
     how = How(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
     passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
     tree = tree_of(kind, beam, rays, threads, empty)

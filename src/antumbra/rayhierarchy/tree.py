@@ -13,7 +13,7 @@ import numpy as np
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import get, ptr, ptr_at, put
-from ..memory import Empty
+from .memory import Empty
 from .nodes import bound_leaf, bound_node, pointed, rows_of
 from .rays import PAD, Rays, leaves_of
 from .view import view_of

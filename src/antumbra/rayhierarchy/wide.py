@@ -13,10 +13,10 @@ import numpy as np
 
 from ..bvh.lbvh import by_codes
 from ..kernels.parallel import new_ticket, run
-from ..memory import Empty
 from ..trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS
 from . import clusters
 from .beams import Beam
+from .memory import Empty
 from .rays import Rays, write_bits
 from .shaftrays import receivers_of, shafts_of
 from .shafts import ROWS, Shafts

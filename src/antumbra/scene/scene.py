@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..errors import InputError
-from . import framing
+from . import engine, framing
 from .camera import Camera
 from .mesh import MeshInfo, make_mesh
 from .recentre import frame_origin
@@ -184,9 +184,7 @@ class Scene:
             On shapes that do not broadcast, NaN or infinite origins or directions, a zero direction, a negative or
             infinite tmin, or NaN in tmax.
         """
-        from ..queries import ask
-
-        return ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
+        return engine.ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
 
     def closest_hit(
         self,
@@ -209,9 +207,7 @@ class Scene:
             u, v (...) float32, weights of the face's second and third corner. Of faces that are equally near in
             float64, the one with the lowest index.
         """
-        from ..queries import ask
-
-        return ask(self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
+        return engine.ask(self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
 
     def clamped(self, time) -> float:
         """`time` within 0 .. `duration`; InputError unless it is a number."""

@@ -8,16 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks import whole_number
 from ..errors import InputError
-from ..kernels.parallel import thread_count
-from ..output import checked_output, replacing
+from ..output import replacing
 from ..scene.generated import StreamedCity
-from ..scene.load import STORE_SUFFIX
 from ..scene.recentre import frame_origin
 from ..scene.scene import Scene
 from ..scene.source import Source
-from ..warm import warm_up_store
 from .chunks import chunks_of
 from .columns import gathered
 from .meta import Meta
@@ -47,54 +43,8 @@ class BuildReport(NamedTuple):
     seconds: dict[str, float]  # of the phases "read", "sort", "build" and "finish", and "total"
 
 
-def build_store(
-    scenes,
-    path,
-    *,
-    max_memory: int = 4 << 30,
-    threads: int | None = None,
-    chunk: int = CHUNK,
-    progress: Progress | None = None,
-) -> BuildReport:
-    """Write scenes, as one, to a store, which `load` opens.
-
-    Parameters
-    ----------
-    scenes : Scene or iterable of Scene
-        Merged in this order, as they are at time 0; cameras and lights of all are kept. They are looked at one after
-        the other, so a generator need not keep them.
-    path : str or path-like
-        A file ``*.antumbra``. It is written whole or not at all. While it is built, temporary files without a name
-        take about 55 bytes a triangle beside it.
-    max_memory : int
-        Bytes that the process may have in memory at any time, from 384 MiB on, beside the scenes themselves.
-    threads : int, optional
-        None: all cores. Neither they nor `max_memory` change a bit of the file.
-    chunk : int
-        Triangles in a chunk, at most.
-    progress : function of (text, done, total), optional
-        Hears what is being done, how much of it is done, and of how much; 0: nobody knows.
-
-    Returns
-    -------
-    BuildReport
-
-    Raises
-    ------
-    InputError
-        On scenes without triangles, too far apart or with other up axes; a path that cannot be written, or a full
-        disk, and then nothing is left behind.
-    """
-    scenes = [scenes] if isinstance(scenes, Scene) else scenes
-    path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
-    max_memory = whole_number(max_memory, "max_memory", LEAST_MEMORY, 1 << 60)
-    chunk = whole_number(chunk, "chunk", 16, 1 << 22)
-    warm_up_store()
-    return build_compiled(scenes, path, max_memory, threads, chunk, progress)
-
-
 def build_compiled(scenes, path: Path, max_memory=LEAST_MEMORY, threads=1, chunk=CHUNK, progress=None) -> BuildReport:
-    """`build_store` for arguments that have been checked, with kernels that have been compiled."""
+    """`rendering.building.build_store` for arguments that have been checked, with kernels that have been compiled."""
     with replacing(path) as temporary:
         return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
 

@@ -6,7 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
-from ..bvh import BUILDERS
+from ..bvh import binned_sah
 from ..bvh.lbvh import cut_top
 from .columns import Columns
 from .palette import palette_of
@@ -31,7 +31,7 @@ def cut(codes: np.ndarray, most: int) -> list[tuple[int, int]]:
 
 def built(triangles: Columns, which: np.ndarray) -> Encoded:
     """The chunk of some of the triangles, with a tree by the SAH [Wald 2007]."""
-    bvh = BUILDERS["bsah"].build(triangles.corners[which].reshape(-1, 3, 3), 1)
+    bvh = binned_sah.build(triangles.corners[which].reshape(-1, 3, 3), 1)
     slots = which[bvh.prim_ids]
     return encode_chunk(bvh._replace(prim_ids=triangles.ids[slots]), *palette_of(triangles.colours[slots]))
 

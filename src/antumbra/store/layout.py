@@ -17,6 +17,7 @@ import numpy as np
 
 from ..bvh.nodes import Bvh
 
+STORE_SUFFIX = ".antumbra"
 PAGE = 4096
 MAGIC = b"ANTUMBRA"
 VERSION = 1

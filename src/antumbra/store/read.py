@@ -8,9 +8,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene.files import checked_file
-from ..scene.load import STORE_SUFFIX
 from .directory import Directory, decode
-from .layout import COMPLETE, HEADER, HEADER_CRC, MAGIC, PAGE, VERSION, Chunk, views
+from .layout import COMPLETE, HEADER, HEADER_CRC, MAGIC, PAGE, STORE_SUFFIX, VERSION, Chunk, views
 
 _AGAIN = "copy the file again, or build it again"
 

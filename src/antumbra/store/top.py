@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh import BUILDERS, OPTIMISERS
+from ..bvh import binned_sah
 from ..bvh.nodes import EMPTY
+from ..bvh.reinsertion import reinsert
 
 
 class Top(NamedTuple):
@@ -22,8 +23,8 @@ def top_tree(boxes: np.ndarray, threads: int) -> Top:
     Builders take triangles, so a box becomes the triangle without area that has just these bounds.
     """
     lower, upper = boxes[:, :3], boxes[:, 3:]
-    bvh = BUILDERS["bsah"].build(np.stack([lower, upper, lower], axis=1), threads, max_leaf=1)
-    bvh = OPTIMISERS["reinsert"].optimise(bvh, threads)
+    bvh = binned_sah.build(np.stack([lower, upper, lower], axis=1), threads, max_leaf=1)
+    bvh = reinsert(bvh, threads)
     ends = bvh.links[:, 12:14]
     leaf = (ends < 0) & (ends != EMPTY)
     ends[leaf] = ~(8 * bvh.prim_ids[~ends[leaf] >> 3])

@@ -7,8 +7,8 @@ import numpy as np
 from ..bvh.blocks import ROWS
 from ..kernels.jit import inlined
 from ..kernels.simd import get, ptr_at
-from .aside import put_triangles_aside
 from .counters import TRIANGLE_TESTS, count
+from .deferred import put_triangles_aside
 from .raytest import ray_meets
 
 

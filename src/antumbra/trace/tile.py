@@ -29,9 +29,9 @@ from ..kernels.simd import (
 from ..query.receivers import NOTHING
 from ..query.samples import sample_point
 from ..query.shadow import patch_of
-from .asked import place_of
 from .beams import BEAM_FLOATS
 from .lighttable import GROUPS, POINTS, TARGETS, bound_groups, bound_targets
+from .querychunk import place_of
 from .shafts import SHAFT_FLOATS
 
 _F = np.float32

@@ -4,16 +4,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from .vectors import (
-    I32,
-    I64,
-    Vector,
-    as_vectors,
-    call_llvm,
-    common_vector,
-    llvm_type,
-    reject,
-)
+from .vectors import I32, I64, Vector, as_vectors, call_llvm, common_vector, llvm_type, reject
 
 _SIGN_BIT = -(2**31)
 _SPLATS = (

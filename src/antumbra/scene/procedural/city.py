@@ -7,20 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import palette as p
-from .buildings import (
-    FLOOR,
-    Style,
-    antenna,
-    billboard,
-    car,
-    cooler,
-    house,
-    lamp,
-    round_tower,
-    tank,
-    tower,
-    tower_cost,
-)
+from .buildings import FLOOR, Style, antenna, billboard, car, cooler, house, lamp, round_tower, tank, tower, tower_cost
 from .parts import Part, assemble, count, put
 from .plants import bush
 from .request import checked

@@ -1,0 +1,243 @@
+"""Embree, the peer to measure against: the library inside the ``embreex`` wheel, called through its C interface.
+
+The wheel's own Python classes cannot choose the build quality, time the build alone, or trace without Python in the
+loop; the functions that the library exports can. A kernel calls `Functions` directly, with addresses as integers::
+
+    occluded1 = functions().occluded1  # a global of the module, not an argument
+
+    @numba.njit(nogil=True)
+    def trace(scene, rays, n, arguments):
+        for i in range(n):
+            occluded1(scene, rays + 48 * i, arguments)  # sets tfar of a blocked ray to -inf
+"""
+
+import ctypes
+import time
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from antumbra.errors import InputError
+from antumbra.kernels.parallel import thread_count
+
+QUALITIES = {"low": 0, "medium": 1, "high": 2}
+"""Name -> RTCBuildQuality: Morton codes, binned SAH, SAH with spatial splits."""
+
+REFIT = 3
+"""The RTCBuildQuality that keeps the tree of a dynamic scene and only moves its boxes."""
+
+DYNAMIC, COMPACT, ROBUST = 1, 2, 4  # RTCSceneFlags
+RAY_WORDS, HIT_WORDS = 12, 24
+"""4-byte words of an RTCRay and an RTCRayHit. Embree 4.3 and newer writes 21 of the latter, padded to 16 bytes."""
+
+_COHERENT = 1 << 16  # RTCRayQueryFlags
+_VERSION, _NATIVE = 0, {16: 34, 8: 33, 4: 32}  # RTCDeviceProperty: version; are packets of so many rays native?
+_TRIANGLES, _INDICES, _VERTICES, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
+
+_POINTER, _INT, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_int, ctypes.c_uint, ctypes.c_size_t
+_SIGNATURES = {
+    "rtcNewDevice": (_POINTER, [ctypes.c_char_p]),
+    "rtcReleaseDevice": (None, [_POINTER]),
+    "rtcGetDeviceError": (_INT, [_POINTER]),
+    "rtcGetDeviceProperty": (ctypes.c_ssize_t, [_POINTER, _INT]),
+    "rtcNewGeometry": (_POINTER, [_POINTER, _INT]),
+    "rtcSetNewGeometryBuffer": (_POINTER, [_POINTER, _INT, _UINT, _INT, _SIZE, _SIZE]),
+    "rtcSetGeometryBuildQuality": (None, [_POINTER, _INT]),
+    "rtcUpdateGeometryBuffer": (None, [_POINTER, _INT, _UINT]),
+    "rtcCommitGeometry": (None, [_POINTER]),
+    "rtcReleaseGeometry": (None, [_POINTER]),
+    "rtcNewScene": (_POINTER, [_POINTER]),
+    "rtcSetSceneFlags": (None, [_POINTER, _INT]),
+    "rtcSetSceneBuildQuality": (None, [_POINTER, _INT]),
+    "rtcAttachGeometry": (_UINT, [_POINTER, _POINTER]),
+    "rtcCommitScene": (None, [_POINTER]),
+    "rtcReleaseScene": (None, [_POINTER]),
+    **{f"rtc{ask}1": (None, [_POINTER] * 3) for ask in ("Intersect", "Occluded")},
+    **{f"rtc{ask}{rays}": (None, [_POINTER] * 4) for ask in ("Intersect", "Occluded") for rays in (4, 8, 16)},
+}
+
+
+class Functions(NamedTuple):
+    """What a kernel may call; all arguments are addresses. Structures are those of ``embree4/rtcore_ray.h``."""
+
+    intersect1: object  # (scene, RTCRayHit, arguments)
+    occluded1: object  # (scene, RTCRay, arguments)
+    intersect4: (
+        object  # (4 int32 that are -1 for a valid ray, scene, RTCRayHit4, arguments), the first on a 16-byte line
+    )
+    occluded4: object  # (the same, scene, RTCRay4, arguments)
+    intersect8: object  # 8 rays, on 32-byte lines
+    occluded8: object
+    intersect16: object  # 16 rays, on 64-byte lines
+    occluded16: object
+
+
+class Arguments(ctypes.Structure):
+    """RTCIntersectArguments and RTCOccludedArguments, which are alike; make one with `arguments`."""
+
+    _fields_ = (
+        ("flags", ctypes.c_uint),
+        ("feature_mask", ctypes.c_uint),
+        ("context", ctypes.c_void_p),
+        ("filter", ctypes.c_void_p),
+        ("function", ctypes.c_void_p),
+    )
+
+
+def arguments(coherent: bool) -> Arguments:
+    """Arguments for rays that are, or are not, alike; keep the object while ``ctypes.addressof`` of it is in use."""
+    return Arguments(_COHERENT if coherent else 0, 0xFFFFFFFF, None, None, None)
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """The Embree 4 library, its functions typed.
+
+    Raises
+    ------
+    InputError
+        When embreex is not installed.
+    """
+    try:
+        import embreex
+        import embreex.rtcore_scene  # loads the libraries that Embree itself needs
+    except ImportError:
+        raise InputError("Embree is not installed: pip install 'antumbra[peers]'") from None
+    folder = Path(embreex.__file__).parent
+    found = sorted(p for d in (folder, folder.parent / "embreex.libs", folder / ".dylibs") for p in d.glob("*embree4*"))
+    if not found:
+        raise InputError(f"embreex in {folder} holds no Embree 4: pip install 'antumbra[peers]'")
+    lib = ctypes.CDLL(str(found[0]))
+    for name, (result, parameters) in _SIGNATURES.items():
+        function = getattr(lib, name)
+        function.restype, function.argtypes = result, parameters
+    return lib
+
+
+def functions() -> Functions:
+    """The query functions, to be called in kernels."""
+    lib = library()
+    return Functions(*(getattr(lib, f"rtc{ask}{rays}") for rays in (1, 4, 8, 16) for ask in ("Intersect", "Occluded")))
+
+
+class Device:
+    """An Embree device; close it after its scenes.
+
+    threads : to build with; None: all cores
+    isa : "sse2", "sse4.2", "avx", "avx2" or "avx512", the most that Embree may use; None: all that the processor has
+    """
+
+    def __init__(self, threads: int | None = None, isa: str | None = None):
+        options = f"threads={thread_count(threads)}" + (f",isa={isa}" if isa else "")
+        self.handle = library().rtcNewDevice(options.encode())
+        self.check()
+
+    @property
+    def version(self) -> str:
+        """Embree's, such as "4.4.0"."""
+        number = self._property(_VERSION)
+        return f"{number // 10000}.{number // 100 % 100}.{number % 100}"
+
+    @property
+    def width(self) -> int:
+        """Rays of the largest packet that has kernels of its own: 16 with AVX-512, 8 with AVX or AVX2, 4 with SSE."""
+        return next((rays for rays, number in _NATIVE.items() if self._property(number)), 1)
+
+    def _property(self, number: int) -> int:
+        return library().rtcGetDeviceProperty(self.handle, number)
+
+    def check(self) -> None:
+        """Raise RuntimeError if Embree has met an error since the last check."""
+        code = library().rtcGetDeviceError(self.handle)
+        if code:
+            raise RuntimeError(f"Embree reports error {code}")
+
+    def close(self) -> None:
+        library().rtcReleaseDevice(self.handle)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+class EmbreeScene:
+    """A triangle mesh that Embree has built.
+
+    Parameters
+    ----------
+    device : Device
+    vertices : (n, 3, 3) float32, or (m, 3) float32 with `faces`
+    faces : (n, 3) integers, optional
+    quality : one of QUALITIES
+    flags : int
+        Sum of DYNAMIC, COMPACT, ROBUST.
+
+    Attributes
+    ----------
+    handle : int
+        Address of the RTCScene.
+    build_seconds : float
+        Wall time of ``rtcCommitScene`` alone: vertices and indices have been copied into Embree's buffers before.
+    """
+
+    def __init__(self, device: Device, vertices, faces=None, quality: str = "medium", flags: int = 0):
+        if quality not in QUALITIES:
+            raise InputError(f"quality is {quality!r}; it must be one of {', '.join(QUALITIES)}")
+        vertices = np.ascontiguousarray(vertices, np.float32).reshape(-1, 3)
+        faces = np.arange(len(vertices)).reshape(-1, 3) if faces is None else faces
+        lib, level = library(), QUALITIES[quality]
+        self._device, self._geometry = device, lib.rtcNewGeometry(device.handle, _TRIANGLES)
+        geometry = self._geometry
+        self._vertices, self._bytes = _copy(lib, geometry, _VERTICES, _FLOAT3, vertices), vertices.nbytes
+        _copy(lib, geometry, _INDICES, _UINT3, np.ascontiguousarray(faces, np.uint32))
+        lib.rtcSetGeometryBuildQuality(geometry, level)
+        lib.rtcCommitGeometry(geometry)
+        self.handle = lib.rtcNewScene(device.handle)
+        lib.rtcSetSceneFlags(self.handle, flags)
+        lib.rtcSetSceneBuildQuality(self.handle, level)
+        lib.rtcAttachGeometry(self.handle, geometry)
+        lib.rtcReleaseGeometry(geometry)
+        start = time.perf_counter()
+        lib.rtcCommitScene(self.handle)
+        self.build_seconds = time.perf_counter() - start
+        device.check()
+
+    def fill(self, vertices: np.ndarray) -> None:
+        """Copy other vertices, as many as before, to where Embree reads them; `build_again` then."""
+        vertices = np.ascontiguousarray(vertices, np.float32)
+        if vertices.nbytes != self._bytes:
+            raise ValueError(f"{vertices.nbytes} bytes of vertices where {self._bytes} are")
+        ctypes.memmove(self._vertices, vertices.ctypes.data, vertices.nbytes)
+
+    def build_again(self, refit: bool = False) -> None:
+        """Build anew from the vertices that there are now, or refit (DYNAMIC scenes only); sets `build_seconds`."""
+        lib = library()
+        start = time.perf_counter()
+        if refit:
+            lib.rtcSetGeometryBuildQuality(self._geometry, REFIT)
+        lib.rtcUpdateGeometryBuffer(self._geometry, _VERTICES, 0)
+        lib.rtcCommitGeometry(self._geometry)
+        lib.rtcCommitScene(self.handle)
+        self.build_seconds = time.perf_counter() - start
+        self._device.check()
+
+    def close(self) -> None:
+        library().rtcReleaseScene(self.handle)  # and with it the geometry
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def _copy(lib, geometry, kind, form, rows: np.ndarray) -> int:
+    """A new buffer of the geometry that holds these rows of three 4-byte numbers; its address."""
+    buffer = lib.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(rows))
+    if buffer:
+        ctypes.memmove(buffer, rows.ctypes.data, rows.nbytes)
+    return buffer

@@ -1,0 +1,312 @@
+"""A frame as one would write it with Embree: primary rays, and shadow rays to one light, made where they are traced.
+
+The loops are compiled and share out 4 x 4 pixels at a time on all threads. A receiver is moved off its surface by the
+formula of `query.receivers`, without its exact test; a sample below the horizon is not traced. The light's points are
+those of our frames, as the same for all receivers: the light must be a point, quad or disk.
+"""
+
+import ctypes
+from functools import cache
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from antumbra.kernels.jit import inlined
+from antumbra.kernels.parallel import CHUNK, N, new_ticket, run, take
+from antumbra.kernels.simd import (
+    bits,
+    f32_at,
+    get,
+    i32_at,
+    load4,
+    load8,
+    load16,
+    ptr,
+    put,
+    select,
+    splat4,
+    splat8,
+    splat16,
+    store,
+)
+from antumbra.query.gbuffer import GBuffer, fill_pixel, surface_of
+from antumbra.query.pixels import pixel_direction
+from antumbra.query.receivers import NOTHING
+from antumbra.query.sampling import light_samples
+from antumbra.scene.camera import CameraRays
+from antumbra.scene.lights import FIXED
+from peers.denormals import FLUSH, control, set_control
+from peers.embree import HIT_WORDS, EmbreeScene, arguments, functions
+
+BLOCK = 4
+ORDERS = "pixels", "samples"
+"""A packet of shadow rays: one sample of several pixels, or several samples of one pixel."""
+
+_WORDS = 16 * (1 + HIT_WORDS) + 16  # 4-byte words of a packet of 16 with its mask, and room to align it
+_TFAR, _FACE, _GEOMETRY = 8, 17, 18
+_SHIFT = np.float32(2.0**-21)
+
+
+class Primary(NamedTuple):
+    """How primary rays are traced."""
+
+    lanes: int  # rays a call: 1, 4, 8 or 16
+    coherent: bool  # RTC_RAY_QUERY_FLAG_COHERENT
+
+    def __str__(self) -> str:
+        return f"rtcIntersect{self.lanes}{' coherent' if self.coherent else ''}"
+
+
+class Shadow(NamedTuple):
+    """How shadow rays are traced."""
+
+    lanes: int
+    order: str  # one of ORDERS
+    coherent: bool
+
+    def __str__(self) -> str:
+        return f"rtcOccluded{self.lanes} by {self.order}{' coherent' if self.coherent else ''}"
+
+
+class Hits(NamedTuple):
+    """What primary rays find."""
+
+    gbuffer: GBuffer
+    origins: np.ndarray  # (H, W, 3) float32 receivers
+
+
+@inlined
+def _put_ray(floats, whole, lanes, lane, o, d, tmax):
+    """Ray `lane` of a packet; single rays are packets of one."""
+    for k in range(3):
+        put(floats, k * lanes + lane, o[k])
+        put(floats, (4 + k) * lanes + lane, d[k])
+    put(floats, 3 * lanes + lane, np.float32(0.0))
+    put(floats, 7 * lanes + lane, np.float32(0.0))
+    put(floats, _TFAR * lanes + lane, tmax)
+    put(whole, 9 * lanes + lane, np.int32(-1))
+    put(whole, 10 * lanes + lane, np.int32(0))
+    put(whole, 11 * lanes + lane, np.int32(0))
+
+
+@cache
+def _caller(ask: str, lanes: int):
+    """A compiled call of rtcIntersectN or rtcOccludedN on the packet at an address, before which its mask stands."""
+    call = getattr(functions(), f"{ask}{lanes}")
+
+    @numba.njit(nogil=True)
+    def one(scene, packet, args):
+        call(scene, packet, args)
+
+    @numba.njit(nogil=True)
+    def many(scene, packet, args):
+        call(packet - 4 * lanes, scene, packet, args)
+
+    return one if lanes == 1 else many
+
+
+@cache
+def _primary_loop(lanes: int):
+    """Worker: primary rays of rows of blocks. Not cached on disk, for it holds addresses of this process."""
+    call, wide = _caller("intersect", lanes), min(lanes, BLOCK)
+    infinite, high = np.float32(np.inf), max(lanes // BLOCK, 1)
+
+    @numba.njit(nogil=True, error_model="numpy")
+    def work(ticket, scene, rays, corners, gbuffer, origins, args):
+        before = control()
+        set_control(before | FLUSH)
+        memory = np.empty(_WORDS, np.float32)
+        packet = (memory.ctypes.data + 4 * lanes + 63) // 64 * 64
+        floats, whole, mask = f32_at(packet), i32_at(packet), i32_at(packet - 4 * lanes)
+        surface, triangles, out = surface_of(gbuffer), ptr(corners), ptr(origins)
+        h, w = gbuffer.face.shape
+        origin = rays.origin[0], rays.origin[1], rays.origin[2]
+        first = take(ticket)
+        while first >= 0:
+            for row in range(first, min(first + ticket[CHUNK], ticket[N])):
+                y0 = row * high
+                for x0 in range(0, w, wide):
+                    for lane in range(lanes):
+                        y, x = y0 + lane // wide, x0 + lane % wide
+                        if lanes > 1:
+                            put(mask, lane, np.int32(-1) if y < h and x < w else np.int32(0))
+                        _put_ray(floats, whole, lanes, lane, origin, pixel_direction(rays, x, y), infinite)
+                        put(whole, _GEOMETRY * lanes + lane, np.int32(-1))
+                        put(whole, 19 * lanes + lane, np.int32(-1))
+                    call(scene, packet, args)
+                    for lane in range(lanes):
+                        y, x = y0 + lane // wide, x0 + lane % wide
+                        if y >= h or x >= w:
+                            continue
+                        at = y * w + x
+                        if get(whole, _GEOMETRY * lanes + lane) < 0:
+                            gbuffer.face[y, x], gbuffer.depth[y, x], gbuffer.side[y, x] = -1, infinite, NOTHING
+                            for k in range(3):
+                                gbuffer.position[y, x, k] = gbuffer.normal[y, x, k] = np.float32(0.0)
+                            continue
+                        face, t = get(whole, _FACE * lanes + lane), get(floats, _TFAR * lanes + lane)
+                        gbuffer.face[y, x], gbuffer.depth[y, x] = face, t
+                        fill_pixel(y, x, np.int64(face), np.float64(t), triangles, rays, surface, at)
+                        p, n = surface.position, surface.normal
+                        a, b, c = abs(get(p, 3 * at)), abs(get(p, 3 * at + 1)), abs(get(p, 3 * at + 2))
+                        shift = _SHIFT * max(a, b, c)
+                        for k in range(3):
+                            put(out, 3 * at + k, get(p, 3 * at + k) + shift * get(n, 3 * at + k))
+            first = take(ticket)
+        set_control(before)
+
+    return work
+
+
+class _Packet(NamedTuple):
+    """Pointers into one thread's memory for a packet of rays, or one ray, all words of a lane so many apart."""
+
+    floats: object  # float32 *, the RTCRayN
+    mask: object  # int32 *, before it
+    normals: object  # float32 *, 3 words a lane: of the receivers
+    found: object  # int64 *, a lane: bits of its pixel
+
+
+@inlined
+def _put_receiver(packet, lanes, lane, gbuffer, origins, at):
+    """Pixel number `at` is the receiver of a lane; -1: none."""
+    for k in range(3):
+        put(packet.floats, k * lanes + lane, get(origins, 3 * at + k) if at >= 0 else np.float32(0.0))
+        put(packet.normals, k * lanes + lane, get(gbuffer.normal, 3 * at + k) if at >= 0 else np.float32(0.0))
+    put(packet.found, lane, 0)
+
+
+@inlined
+def _pixel(gbuffer, y0, x0, p, h, w):
+    """Number of pixel p of a block, -1 if it sees nothing or is outside the picture."""
+    y, x = y0 + p // BLOCK, x0 + p % BLOCK
+    if y >= h or x >= w or get(gbuffer.side, y * w + x) == NOTHING:
+        return -1
+    return y * w + x
+
+
+@cache
+def _asker(lanes: int):
+    """Trace the rays of a packet to light points, whose x are at `first`, y and z `step` apart; bits of the lanes that
+    do not see theirs. Points below the horizon, and NaN, are not traced."""
+    call = _caller("occluded", lanes)
+
+    @numba.njit(nogil=True, error_model="numpy")
+    def ask_one(scene, address, packet, points, first, step, args):
+        height = np.float32(0.0)
+        for k in range(3):
+            d = get(points, first + k * step) - get(packet.floats, k)
+            put(packet.floats, 4 + k, d)
+            height += d * get(packet.normals, k)
+        if not height > np.float32(0.0):
+            return 1
+        put(packet.floats, _TFAR, np.float32(1.0))
+        call(scene, address, args)
+        return 1 if get(packet.floats, _TFAR) < np.float32(0.0) else 0
+
+    if lanes == 1:
+        return ask_one
+    load, splat, everyone = *{4: (load4, splat4), 8: (load8, splat8), 16: (load16, splat16)}[lanes], (1 << lanes) - 1
+
+    @numba.njit(nogil=True, error_model="numpy")
+    def ask(scene, address, packet, points, first, step, args):
+        floats, normals = packet.floats, packet.normals
+        x = load(points, first) - load(floats, 0)
+        y = load(points, first + step) - load(floats, lanes)
+        z = load(points, first + 2 * step) - load(floats, 2 * lanes)
+        height = x * load(normals, 0) + y * load(normals, lanes) + z * load(normals, 2 * lanes)
+        asked = height > np.float32(0.0)
+        if bits(asked) == 0:
+            return everyone
+        store(floats, 4 * lanes, x)
+        store(floats, 5 * lanes, y)
+        store(floats, 6 * lanes, z)
+        store(floats, _TFAR * lanes, splat(np.float32(1.0)))
+        store(packet.mask, 0, select(asked, splat(np.int32(-1)), splat(np.int32(0))))
+        call(scene, address, args)
+        return bits(~asked | (load(floats, _TFAR * lanes) < np.float32(0.0)))
+
+    return ask
+
+
+@cache
+def _shadow_loop(lanes: int, order: str):
+    """Worker: shadow rays of rows of blocks of 4 x 4 pixels; bit s of a pixel is set where sample s is not seen."""
+    ask, by_pixels, pixels = _asker(lanes), order == "pixels", lanes if order == "pixels" else 1
+
+    @numba.njit(nogil=True, error_model="numpy")
+    def work(ticket, scene, gbuffer, origins, lights, spp, out, args):
+        before = control()
+        set_control(before | FLUSH)
+        memory, normals, found = np.zeros(_WORDS, np.float32), np.empty(48, np.float32), np.empty(16, np.int64)
+        address = (memory.ctypes.data + 4 * lanes + 63) // 64 * 64
+        packet = _Packet(f32_at(address), i32_at(address - 4 * lanes), ptr(normals), ptr(found))
+        for lane in range(lanes):  # what is the same for all rays, and Embree leaves alone
+            put(i32_at(address), 9 * lanes + lane, np.int32(-1))
+        h, w = gbuffer.face.shape
+        surface, receivers, points, results = surface_of(gbuffer), ptr(origins), ptr(lights), ptr(out)
+        width = lights.shape[2]
+        first = take(ticket)
+        while first >= 0:
+            for row in range(first, min(first + ticket[CHUNK], ticket[N])):
+                for x0 in range(0, w, BLOCK):
+                    for p in range(0, BLOCK * BLOCK, pixels):
+                        for lane in range(lanes):
+                            at = _pixel(surface, row * BLOCK, x0, p + (lane if by_pixels else 0), h, w)
+                            _put_receiver(packet, lanes, lane, surface, receivers, at)
+                        if by_pixels:
+                            for s in range(spp):
+                                unseen = ask(scene, address, packet, points, 3 * width * s + p, width, args)
+                                for lane in range(lanes):
+                                    put(packet.found, lane, get(packet.found, lane) | (unseen >> lane & 1) << s)
+                        elif _pixel(surface, row * BLOCK, x0, p, h, w) >= 0:
+                            for s in range(0, spp, lanes):
+                                unseen = ask(scene, address, packet, points, 3 * width * p + s, width, args)
+                                put(packet.found, 0, get(packet.found, 0) | unseen << s)
+                        for lane in range(pixels):
+                            at = _pixel(surface, row * BLOCK, x0, p + lane, h, w)
+                            if at >= 0:
+                                put(results, at, found[lane])
+            first = take(ticket)
+        memory[0], normals[0] = np.float32(0.0), np.float32(0.0)  # they live until here
+        set_control(before)
+
+    return work
+
+
+def primary(scene: EmbreeScene, triangles, rays: CameraRays, how: Primary, threads: int) -> Hits:
+    """What the camera sees, and the receivers there."""
+    shape = rays.height, rays.width
+    vectors = [np.empty((*shape, 3), np.float32) for _ in range(3)]
+    face, depth, side = (np.empty(shape, dtype) for dtype in (np.int32, np.float32, np.int8))
+    gbuffer = GBuffer(*vectors[:2], face, depth, side, triangles.origin)
+    args, ticket = arguments(how.coherent), new_ticket(-(-shape[0] // max(how.lanes // BLOCK, 1)), 4)
+    corners = triangles.vertices.reshape(-1, 9)
+    run(_primary_loop(how.lanes), threads, ticket, scene.handle, rays, corners, gbuffer, vectors[2],
+        ctypes.addressof(args))  # fmt: skip
+    return Hits(gbuffer, vectors[2])
+
+
+def light_points(light, origin: np.ndarray, spp: int) -> np.ndarray:
+    """(16, spp, 3) float32: the points of a light that are the same for all receivers, in the frame at `origin`."""
+    patch = light.patch(origin, 1.0)
+    if patch.kind != FIXED or spp > 64:
+        raise NotImplementedError("a point, quad or disk, and at most 64 samples")
+    a = light_samples(light, spp)
+    return (((patch.base + a[..., :1] * patch.u) + a[..., 1:2] * patch.v) + a[..., 2:] * patch.w).astype(np.float32)
+
+
+def shadows(scene: EmbreeScene, hits: Hits, points: np.ndarray, how: Shadow, threads: int) -> np.ndarray:
+    """(H, W, 1) uint64: bit s is set where sample s of `light_points` is not seen."""
+    shape, spp = hits.gbuffer.face.shape, points.shape[1]
+    filled = -(-spp // how.lanes) * how.lanes
+    if how.order == "pixels":
+        table = np.ascontiguousarray(points.transpose(1, 2, 0))
+    else:
+        table = np.full((len(points), 3, filled), np.nan, np.float32)
+        table[..., :spp] = points.transpose(0, 2, 1)
+    unseen, args = np.zeros((*shape, 1), np.uint64), arguments(how.coherent)
+    run(_shadow_loop(how.lanes, how.order), threads, new_ticket(-(-shape[0] // BLOCK), 1), scene.handle, hits.gbuffer,
+        hits.origins, table, spp, unseen, ctypes.addressof(args))  # fmt: skip
+    return unseen if spp == filled else unseen & np.uint64((1 << spp) - 1)

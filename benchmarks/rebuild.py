@@ -1,0 +1,360 @@
+"""Ray hierarchies against building: shadows of scenes whose triangles are new in each frame, beside Embree's.
+
+    python benchmarks/rebuild.py [scene ...] [--sizes N,...] [--size W H] [--frames N] [--plot FILE] [--json FILE]
+
+A scene is a folder of the real scenes, a file, or a procedural scene; besides, procedural scenes are made in several
+sizes. One point light, one shadow ray for each pixel. `differs` counts pixels
+whose answer is not that of our last plan.
+All methods are given the same triangles, G-buffer and receivers, and take their turns within each round. Seconds of
+shadows are those of culling, building and tracing. Time to image adds what all methods have in common: evaluating,
+rasterising, receivers and shading, measured once a turn. Not timed for Embree: copying vertices into its buffer.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from antumbra.cli import report
+from antumbra.cli.arguments import parse_count
+from antumbra.errors import InputError
+from antumbra.output import replacing
+from antumbra.papers.ray_hierarchy.views import default_names, named_view, times_of, with_point
+from antumbra.papers.views import View, own_view
+from antumbra.query.gbuffer import GBuffer
+from antumbra.query.picture import shadow_queries
+from antumbra.query.sampling import light_samples
+from antumbra.query.shadow import ShadowQuery
+from antumbra.rendering.renderer import Renderer
+from antumbra.scene.generated import procedural
+from antumbra.scene.triangles import Triangles
+from common import arguments, machine
+from peers import embree
+from peers.embree_frames import Hits, Shadow, light_points, shadows
+
+PLANS = ("cones", "lbvh+single", "lbvh+multifrusta")
+"""Ours, each with all that a frame needs; the bits of the others are compared with those of the last."""
+
+MADE = ("atrium", "city")
+"""Procedural scenes that are made in several sizes."""
+
+BUILDS = [(quality, flags) for quality in ("low", "medium") for flags in (0, embree.DYNAMIC)]
+"""Embree's ways to build that are tried; the fastest with each way to trace goes on to the rounds."""
+
+_WIDTH, _STYLES, _MARKERS = 170, ("-", "--", ":", "-."), "osD^vP*X"
+_SMALL = 110_000  # triangles of scenes that are to be faster than Embree's; generated ones may have a tenth more
+_COMMON = "evaluate", "gbuffer", "filter", "shade"
+
+
+class Asked(NamedTuple):
+    """What every method is given."""
+
+    triangles: Triangles
+    gbuffer: GBuffer
+    query: ShadowQuery
+
+
+class Rebuilt(NamedTuple):
+    """Seconds of one method in one scene, medians over moments and rounds."""
+
+    scene: str
+    triangles: int
+    made: str  # the procedural scene that was made in several sizes; "" of others
+    method: str
+    how: str  # the plan, or how Embree builds and traces
+    cull: float
+    build: float
+    trace: float
+    shadows: float  # the three together
+    image: float  # and all that the methods have in common
+    differs: int  # pixels, of all moments, where the answer is not that of PLANS
+
+
+class _Method(Protocol):
+    name: str
+    how: str
+
+    def shadows(self, asked: Asked) -> tuple[dict[str, float], np.ndarray]:
+        """(seconds of "cull", "build" and "trace", bits)."""
+        ...
+
+
+class _Ours:
+    """A plan."""
+
+    def __init__(self, plan: str, view: View, threads: int):
+        self.name = self.how = plan
+        self.renderer = Renderer(view.scene, plan, threads)
+
+    def shadows(self, asked):
+        start = perf_counter()
+        culled = self.renderer.culled(asked.triangles, [asked.query])
+        cut = perf_counter()
+        ready = self.renderer.build(asked.triangles, culled)
+        built = perf_counter()
+        bits = self.renderer.answer(ready, asked.query)
+        return {"cull": cut - start, "build": built - cut, "trace": perf_counter() - built}, bits
+
+
+class _Embree:
+    """The peer, with its scene."""
+
+    def __init__(self, device, build: tuple[str, int], way: Shadow, asked: Asked, points: np.ndarray, threads: int):
+        (self.quality, self.flags), self.way, self.points, self.threads = build, way, points, threads
+        vertices = asked.triangles.vertices
+        self.scene = embree.EmbreeScene(device, vertices, quality=self.quality, flags=self.flags)
+
+    @property
+    def name(self) -> str:
+        return f"Embree rtcOccluded{self.way.lanes}"
+
+    @property
+    def how(self) -> str:
+        return f"{self.quality}{' dynamic' if self.flags else ''}, {self.way}"
+
+    def shadows(self, asked):
+        self.scene.fill(asked.triangles.vertices)
+        self.scene.build_again()
+        start = perf_counter()
+        bits = shadows(self.scene, Hits(asked.gbuffer, asked.query.origins), self.points, self.way, self.threads)
+        return {"cull": 0.0, "build": self.scene.build_seconds, "trace": perf_counter() - start}, bits
+
+    def close(self) -> None:
+        self.scene.close()
+
+
+def rebuild(view: View, made: str, frames: int, threads: int, rounds: int, say: Callable[[str], None]) -> list[Rebuilt]:
+    """All methods in one scene; without Embree if it is not installed. made: its name if it comes in several sizes."""
+    common, times = Renderer(view.scene, PLANS[-1], threads), times_of(view.scene, frames)
+    first, _ = _ask(common, view, times[len(times) // 2])
+    with ExitStack() as stack:
+        methods: list[_Method] = [_Ours(plan, view, threads) for plan in PLANS]
+        if embree_version():
+            device = stack.enter_context(embree.Device(threads))
+            say(f"{view.name}, trying Embree")
+            for build, way in _fastest(device, first, view, threads):
+                methods.append(stack.enter_context(_opened(device, build, way, first, view, threads)))
+        laps: dict[str, list[dict[str, float]]] = {m.name: [] for m in methods}
+        differs = dict.fromkeys(laps, 0)
+        for turn in range(-1, rounds):  # the first is to be ready, and to compare
+            for k, time in enumerate(times):
+                say(f"{view.name}, moment {k + 1} of {len(times)}, round {max(turn, 0) + 1} of {rounds}")
+                asked, rest = _ask(common, view, time)
+                found = {}
+                for m in methods:
+                    seconds, found[m.name] = m.shadows(asked)
+                    if turn >= 0:
+                        total = sum(seconds.values())
+                        laps[m.name].append({**seconds, "shadows": total, "image": total + rest})
+                if turn < 0:
+                    for m in methods:
+                        differs[m.name] += int(np.count_nonzero(found[m.name] != found[PLANS[-1]]))
+        middle = {name: {p: median(lap[p] for lap in some) for p in some[0]} for name, some in laps.items()}
+        case = view.name, view.scene.n_triangles, made
+        return [Rebuilt(*case, m.name, m.how, **middle[m.name], differs=differs[m.name]) for m in methods]
+
+
+def embree_version() -> str:
+    """Embree's version; "" if it is not installed."""
+    try:
+        with embree.Device(1) as device:
+            return device.version
+    except InputError:
+        return ""
+
+
+def _ask(common: Renderer, view: View, time: float) -> tuple[Asked, float]:
+    """(what is asked at a moment, seconds of all that is not culling, building and tracing)."""
+    frame = common.render(view.camera, view.lights, spp=1, time=time)
+    triangles = view.scene.triangles(time, common.threads)
+    start = perf_counter()
+    (query,) = shadow_queries(
+        triangles, frame.gbuffer, view.lights, [light_samples(view.lights[0], 1)], threads=common.threads
+    )
+    seconds = perf_counter() - start
+    return Asked(triangles, frame.gbuffer, query), seconds + sum(frame.timings[phase] for phase in _COMMON)
+
+
+def _points(asked: Asked, view: View) -> np.ndarray:
+    return light_points(view.lights[0], asked.triangles.origin, 1)
+
+
+@contextmanager
+def _opened(device, build, way, asked, view, threads) -> Iterator[_Embree]:
+    peer = _Embree(device, build, way, asked, _points(asked, view), threads)
+    try:
+        yield peer
+    finally:
+        peer.close()
+
+
+def _fastest(device, asked: Asked, view: View, threads: int) -> list[tuple[tuple[str, int], Shadow]]:
+    """Of rays one by one, and of packets as wide as Embree has kernels for: the fastest build and way to trace."""
+    seconds: dict[int, list] = {lanes: [] for lanes in dict.fromkeys((1, device.width))}
+    for build in BUILDS:
+        ways = [Shadow(n, "samples" if n == 1 else "pixels", c) for n in seconds for c in (False, True)]
+        with _opened(device, build, ways[0], asked, view, threads) as peer:
+            for peer.way in ways:
+                laps = [sum(peer.shadows(asked)[0].values()) for _ in range(3)][1:]  # the first is to be ready
+                seconds[peer.way.lanes].append((min(laps), build, peer.way))
+    return [min(found)[1:] for found in seconds.values()]
+
+
+def sized(name: str, triangles: int, size: tuple[int, int]) -> View:
+    """A procedural scene of about so many triangles, lit by one point."""
+    return with_point(own_view(f"{name}, {triangles:,}", procedural(name, triangles), size))
+
+
+def ratio(rows: Iterable[Rebuilt], row: Rebuilt) -> float | None:
+    """How many times as fast as Embree's best the shadows are; None: Embree is not there."""
+    peers = [r.shadows for r in rows if r.scene == row.scene and r.method.startswith("Embree")]
+    return min(peers) / row.shadows if peers else None
+
+
+def crossings(sizes: Sequence[int], ours: Sequence[float], theirs: Sequence[float]) -> list[tuple[float, float]]:
+    """(triangles, seconds) where two curves cross, straight lines between measured points in logarithms."""
+    n, a, b = (np.log(np.asarray(values, float)) for values in (sizes, ours, theirs))
+    gap, found = a - b, []
+    for k in np.flatnonzero(gap[:-1] * gap[1:] < 0.0):
+        share = gap[k] / (gap[k] - gap[k + 1])
+        found.append((float(np.exp(n[k] + share * (n[k + 1] - n[k]))), float(np.exp(a[k] + share * (a[k + 1] - a[k])))))
+    return found
+
+
+def curve(rows: Iterable[Rebuilt], made: str, method: str) -> tuple[list[int], list[float]]:
+    """(triangles, seconds of shadows) of a method in a procedural scene of several sizes."""
+    some = sorted((r.triangles, r.shadows) for r in rows if (r.made, r.method) == (made, method))
+    return [n for n, _ in some], [s for _, s in some]
+
+
+# --- told, and drawn ---------------------------------------------------------------------------------------------
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:,.1f}"
+
+
+def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
+    """Where a hierarchy over the rays wins against building."""
+    table = []
+    for r in rows:
+        faster = ratio(rows, r)
+        shares = f"{faster:.2f}" if faster else "", f"{r.differs:,}"
+        table.append(
+            (
+                r.scene,
+                f"{r.triangles:,}",
+                r.method,
+                r.how,
+                *map(_ms, (r.cull, r.build, r.trace, r.shadows, r.image)),
+                *shares,
+            )
+        )
+    head = (
+        "scene",
+        "triangles",
+        "method",
+        "how",
+        "cull",
+        "build",
+        "trace",
+        "shadows",
+        "time to image",
+        "Embree / it",
+        "differs",
+    )
+    print(f"Shadows of triangles that are new in each frame, ms (Embree {version or 'is not installed'})")
+    report.print_table(head, table, right=(1, *range(4, len(head))), width=_WIDTH)
+    fields = []
+    ours, *others = dict.fromkeys(r.method for r in rows)
+    for name in MADE:
+        for method in others:
+            sizes, theirs = curve(rows, name, method)
+            seconds = curve(rows, name, ours)[1]
+            fields.append((f"{ours} / {method}, {name}", _winner(sizes, seconds, theirs)))
+    ratios = [ratio(rows, r) for r in rows if r.method == ours and r.triangles <= _SMALL]
+    if some := [faster for faster in ratios if faster]:
+        told = f"{min(some):.2f} to {max(some):.2f} times as fast; faster in {sum(f > 1 for f in some)} of {len(some)}"
+        fields.append((f"{ours} / Embree's best, to {_SMALL:,} triangles", told))
+    report.print_fields(fields)
+    print()
+
+
+def _winner(sizes: list[int], ours: list[float], theirs: list[float]) -> str:
+    """Where one curve is below the other."""
+    points = [n for n, _ in crossings(sizes, ours, theirs)]
+    first = "faster" if ours[0] < theirs[0] else "slower"
+    if not points:
+        return f"{first} from {sizes[0]:,} to {sizes[-1]:,} triangles"
+    return f"{first} at {sizes[0]:,} triangles; the curves cross at {', '.join(f'{n:,.0f}' for n in points)}"
+
+
+def write_plot(rows: list[Rebuilt], path: Path) -> None:
+    """Seconds of shadows over the number of triangles."""
+    from matplotlib.figure import Figure
+
+    sheet = Figure(figsize=(14.0, 5.5), layout="constrained")
+    _draw_rebuild(sheet.subplots(), rows)
+    with replacing(path) as temporary:
+        sheet.savefig(temporary, format="png", dpi=110)
+
+
+def _draw_rebuild(panel, rows: list[Rebuilt]) -> None:
+    """A colour a method, a line a procedural scene, a mark for each other one; rings where curves cross."""
+    ours, *others = dict.fromkeys(r.method for r in rows)
+    made = [name for name in dict.fromkeys(r.made for r in rows) if name]
+    for k, method in enumerate((ours, *others)):
+        for name, style in zip(made, _STYLES):
+            sizes, seconds = curve(rows, name, method)
+            panel.plot(sizes, [1e3 * s for s in seconds], style, marker=".", color=f"C{k}")
+            if method != ours:
+                for n, at in crossings(sizes, curve(rows, name, ours)[1], seconds):
+                    panel.plot(n, 1e3 * at, "o", markersize=12, fillstyle="none", color=f"C{k}")
+        panel.plot([], [], color=f"C{k}", label=method)
+    for name, style in zip(made, _STYLES):
+        panel.plot([], [], style, color="black", label=name)
+    for mark, name in zip(_MARKERS, dict.fromkeys(r.scene for r in rows if not r.made)):
+        for r in (r for r in rows if r.scene == name):
+            panel.plot(r.triangles, 1e3 * r.shadows, mark, color=f"C{[ours, *others].index(r.method)}")
+        panel.plot([], [], mark, color="black", label=name)
+    panel.plot([], [], "o", markersize=12, fillstyle="none", color="black", label=f"{ours} is overtaken, or overtakes")
+    panel.set(xscale="log", yscale="log", xlabel="triangles, all new in each frame", ylabel="build and trace, ms")
+    panel.legend(fontsize=8, ncols=3)
+    panel.grid(alpha=0.3, which="both")
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.set_defaults(rounds=3)
+    parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))
+    parser.add_argument("--frames", type=int, default=10, help="moments of each scene that moves")
+    parser.add_argument("--sizes", default="10k,30k,100k,300k,1M,2M", help="triangles of the procedural scenes")
+    parser.add_argument("--plot", type=Path, help="write curves to a .png file")
+    options = parser.parse_args()
+    threads, size = options.threads or os.cpu_count() or 1, tuple(options.size)
+    say = lambda text: print(f"\r{text:80s}", end="", file=sys.stderr, flush=True)
+    rows: list[Rebuilt] = []
+    for name in [str(path) for path in options.scene] or default_names():
+        rows += rebuild(with_point(named_view(name, size)), "", options.frames, threads, options.rounds, say)
+    for name in MADE:
+        for text in options.sizes.split(","):
+            rows += rebuild(sized(name, parse_count(text, "--sizes"), size), name, 1, threads, options.rounds, say)
+    say("")
+    print(file=sys.stderr)
+    _print_rebuilt(rows, embree_version())
+    if options.plot:
+        write_plot(rows, options.plot)
+    if options.json:
+        told = [{**r._asdict(), "ratio": ratio(rows, r)} for r in rows]
+        options.json.write_text(json.dumps({"machine": machine(threads), "size": size, "rows": told}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

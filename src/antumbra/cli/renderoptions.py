@@ -1,0 +1,164 @@
+"""What ``antumbra render`` was asked for, checked: all that its pictures depend on but the moment."""
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from . import arguments, report
+from .arguments import CameraSpec, SceneSpec
+
+if TYPE_CHECKING:
+    from ..rendering.frame import Frame
+    from ..rendering.renderer import Renderer
+    from ..rendering.srdh_rays import SrdhRays
+    from ..scene.camera import Camera
+    from ..scene.lights import Light
+    from ..scene.scene import Scene
+
+
+class Asked(NamedTuple):
+    """The options of ``antumbra render``."""
+
+    source: str  # the scene as it was written
+    spec: SceneSpec
+    up: str | None
+    size: tuple[int, int]  # width, height
+    camera: int | CameraSpec | None
+    lights: list  # lights, and indices of the scene's own
+    ambient: list  # ambient occlusion, or nothing
+    vpl: int | None  # photons
+    bounce: int | None  # diffuse rays a pixel
+    spp: int
+    sampler: str
+    filter: bool
+    adaptive: int | None
+    plan: str | None  # None: the one that suits the scene
+    srdh_rays: "SrdhRays | None"  # that the plan's builder is shown
+    gbuffer: str
+    threads: int | None
+    max_memory: int | None  # bytes, for a scene in a store
+    exposure: float | None  # None: automatic
+    counters: bool
+    json: bool
+    quiet: bool
+
+    def check(self) -> None:
+        """InputError on what can be found wrong before a scene is read."""
+        from ..image.save import checked_exposure
+        from ..plan import DEFAULT_PLAN, parse_plan
+        from ..query.sampling import sample_sets
+        from ..rendering.srdh_rays import check_srdh_rays
+
+        if self.exposure is not None:
+            checked_exposure(self.exposure)
+        if self.srdh_rays is not None or self.plan is not None:
+            check_srdh_rays(self.srdh_rays, parse_plan(self.plan or DEFAULT_PLAN))
+        sample_sets(self.spp, self.sampler)
+
+    def about(self, scene: "Scene") -> "Asked":
+        """The same, with the plan that suits the scene if none was named."""
+        from ..rendering.paged import default_plan
+
+        return self if self.plan is not None else self._replace(plan=default_plan(scene))
+
+    def renderer(self, scene: "Scene") -> "Renderer":
+        from .. import Renderer
+
+        return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays, self.max_memory)
+
+    def view(self, scene: "Scene", time: float) -> "Camera":
+        """The camera at a time."""
+        return arguments.make_camera(self.camera, scene, time, self.size)
+
+    def direct_lights(self, scene: "Scene", time: float) -> "list[Light]":
+        """The lights at a time, but for those that photons become."""
+        return arguments.make_lights(self.lights, scene, time) + self.ambient
+
+    def shot(self, scene: "Scene", renderer: "Renderer", time: float, progress) -> "Shot":
+        """A frame at a time; ``progress(text, runs)`` gives the function that hears of so many tracings."""
+        from .. import virtual_point_lights
+        from ..rendering.paged import is_paged
+
+        camera, lights = self.view(scene, time), self.direct_lights(scene, time)
+        if self.vpl is not None:
+            lights.append(virtual_point_lights(scene, lights[0], self.vpl, time=time, threads=self.threads))
+        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + is_paged(scene)
+        frame = renderer.render(
+            camera, lights, spp=self.spp, time=time, counters=self.counters, sampler=self.sampler, filter=self.filter,
+            adaptive=self.adaptive, progress=progress("tracing shadow rays", runs), bounce=self.bounce,
+        )  # fmt: skip
+        return Shot(scene.clamped(time), camera, lights, frame)
+
+    def options(self) -> dict:
+        """Names and values, for ``--json``."""
+        names = "spp", "sampler", "filter", "adaptive", "bounce", "plan", "gbuffer", "threads"
+        rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
+        return {**{name: getattr(self, name) for name in names}, "srdh_rays": rays}
+
+    def settings(self, scene: "Scene", digest: str, time: float) -> dict:
+        """All that the picture of a time depends on, as JSON has it: with the same settings it has the same bits.
+
+        Not the plan if it is exact, its rays, the G-buffer's method and the threads, which change nothing; nor the
+        exposure.
+        """
+        from .. import __version__
+        from ..plan import parse_plan
+
+        plan = None if self.plan is None else parse_plan(self.plan)
+
+        return report.plain(
+            {
+                "version": __version__,
+                "scene": digest,
+                "up": scene.up,
+                "time": scene.clamped(time),
+                "camera": report.camera_fields(self.view(scene, time)),
+                "lights": [report.light_fields(light) for light in self.direct_lights(scene, time)],
+                "vpl": self.vpl,
+                "bounce": self.bounce,
+                "spp": self.spp,
+                "sampler": self.sampler,
+                "filter": self.filter,
+                "adaptive": self.adaptive,
+                **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
+            }
+        )
+
+
+class Shot(NamedTuple):
+    """A frame and what went into it."""
+
+    time: float  # seconds, clamped to the animation
+    camera: "Camera"
+    lights: "list[Light]"
+    frame: "Frame"
+
+
+def scene_digest(spec: SceneSpec) -> str:
+    """Which scene it is, by the contents of the file, or of the files in the folder that are read.
+
+    Files that a file refers to (textures, buffers of a .gltf) are not read.
+    """
+    from ..scene.frames import FILES
+    from ..store.layout import STORE_SUFFIX
+
+    digest = hashlib.sha256(usedforsecurity=False)
+    if spec.path is None:
+        digest.update(f"{spec.name} {spec.triangles} {spec.seed}".encode())
+        return digest.hexdigest()
+    if spec.path.suffix.lower() == STORE_SUFFIX:  # its first page has the checksum of the checksums of all chunks
+        with spec.path.open("rb") as stream:
+            digest.update(stream.read(4096))
+        return digest.hexdigest()
+    folder = spec.path.is_dir()
+    for path in [spec.path / name for name in FILES] if folder else [spec.path]:
+        if folder and not path.exists():
+            continue
+        digest.update(path.name.encode() if folder else b"")
+        digest.update(_contents(path))
+    return digest.hexdigest()
+
+
+def _contents(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").digest()

@@ -1,0 +1,37 @@
+"""Scenes and their notes, as every command opens them."""
+
+import warnings
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from .arguments import SceneSpec
+from .failures import say
+
+if TYPE_CHECKING:
+    from ..scene.scene import Scene
+
+_MOST_NOTES = 5
+
+
+def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "Scene":
+    """The `Scene` that a `SceneSpec` names; what the loader noted is said on standard error."""
+    if spec.path is None:
+        from .. import procedural
+
+        if up is not None:
+            raise InputError("--up belongs to files; procedural scenes have +Y up, leave it out")
+        return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
+    from .. import load
+    from ..store.layout import STORE_SUFFIX
+
+    if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
+        raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the notes, which are said below
+        scene = load(spec.path, up=up or "y")
+    if not quiet:
+        for note in scene.notes[:_MOST_NOTES]:
+            say(f"note: {note}")
+        if len(scene.notes) > _MOST_NOTES:
+            say(f"note: and {len(scene.notes) - _MOST_NOTES} more; antumbra info shows all of them")
+    return scene

@@ -1,0 +1,96 @@
+"""Reading a scene from a file or folder."""
+
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from .errors import InputError
+from .scene.files import checked_file
+from .scene.scene import Scene, checked_up
+from .scene.source import Source
+from .store.layout import STORE_SUFFIX
+
+GLTF_SUFFIXES = (".glb", ".gltf")
+MESH_SUFFIXES = (".obj", ".ply", ".stl")
+
+
+def load(path, *, up: str = "y") -> Scene:
+    """Read a scene.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A .glb, .gltf, .obj, .ply or .stl file, or a folder with `frames.npy` ((n, v, 3) float, the vertices
+        at n moments), `faces.npy` ((f, 3) int) and, if wanted, `face_rgba.npy` ((f, 4) uint8 or float,
+        linear) and an `info.json` with "times" (n seconds). Files it names are read from its folder only. Or a store,
+        .antumbra, that `antumbra build` has made.
+    up : "y" or "z"
+        Which axis points up. It is recorded as `Scene.up`; coordinates stay as they are. A store has its own.
+
+    Returns
+    -------
+    Scene
+        With base colours from vertex colours, material colours and the mean colours of textures; of a store a
+        `PagedScene`, whose triangles stay on disk.
+
+    Raises
+    ------
+    InputError
+        For anything that cannot be read: one line that names the file, the field and the cure.
+
+    Warns
+    -----
+    UserWarning
+        Once for each of `Scene.notes`: a texture that is missing, a light that is not quite supported.
+    """
+    checked_up(up)
+    try:
+        path = Path(os.fspath(path))
+    except TypeError:
+        raise InputError(f"scene path is {path!r}; it must be a string or a path") from None
+    try:
+        with np.errstate(all="ignore"):
+            scene = _read(path, up)
+    except InputError:
+        raise
+    except MemoryError as error:
+        raise InputError(f"{path.name}: not enough memory for this scene; use a smaller one") from error
+    except Exception as error:  # the last fence: a library met input that no check of ours foresaw
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{path.name}: cannot be read ({reason}); is the file damaged?") from error
+    for note in scene.notes:
+        warnings.warn(note, UserWarning, stacklevel=2)
+    return scene
+
+
+def _read(path: Path, up: str) -> Scene:
+    # Readers are imported when needed: trimesh alone takes longer to import than most scenes to load.
+    name = path.name or str(path)
+    if path.is_dir():
+        from .scene.frames import read_frames
+
+        return _scene(*read_frames(path), path.resolve().name, up)
+    suffix = path.suffix.lower()
+    if suffix == STORE_SUFFIX:
+        from .store.scene import load_store
+
+        return load_store(path)
+    if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
+        known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, STORE_SUFFIX))
+        checked_file(path, name)
+        shown = f"format {suffix!r}" if suffix else "format, no suffix"
+        raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")
+    checked_file(path, name)
+    if suffix in GLTF_SUFFIXES:
+        from .scene.gltf import read_gltf
+
+        return _scene(*read_gltf(path), path.stem, up)
+    from .scene.meshfile import read_mesh_file
+
+    return _scene(*read_mesh_file(path), path.stem, up)
+
+
+def _scene(source: Source, notes: list[str], name: str, up: str) -> Scene:
+    return Scene(source, name=name, up=up, notes=tuple(notes))

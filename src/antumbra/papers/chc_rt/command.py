@@ -1,0 +1,168 @@
+"""``antumbra bench chc-rt``: what occlusion culling for rays costs and saves, in memory and out of core."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...cli import arguments, report
+from ...cli.options import Json, Quiet, Threads
+from ...cli.progress import Activity
+from ...errors import InputError
+from ..views import open_view
+from .kinds import Table
+
+if TYPE_CHECKING:
+    from .measure import Turn
+
+
+_PAGED = Table.phases, Table.queries, Table.aggressive, Table.store
+_WALKED = {Table.times, Table.phases, Table.queries, Table.store}
+_IN_CORE = tuple(table for table in Table if table != Table.store)
+
+
+def chc_rt(
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A folder of $ANTUMBRA_SCENES, a file, a procedural scene; may be repeated.  [default: the city, and "
+            "sanmiguel_lite where it is there]",
+            metavar="SCENE",
+            show_default=False,
+        ),
+    ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead of scenes in memory, a store that antumbra build has made.",
+            metavar="FILE",
+            show_default=False,
+        ),
+    ] = None,
+    max_memory: Annotated[
+        str | None,
+        typer.Option(
+            help="Memory for the store, in bytes, or with M or G: 512M.  [default: 4G]",
+            metavar="SIZE",
+            show_default=False,
+        ),
+    ] = None,
+    table: Annotated[
+        list[Table] | None,
+        typer.Option(help="Measure only this; may be repeated.  [default: all]", show_default=False),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Write bars and curves to a .png file.", metavar="FILE", show_default=False)
+    ] = None,
+    triangles: Annotated[str, typer.Option(help="Size of the city.", metavar="N")] = "10M",
+    size: Annotated[str, typer.Option(help="Size of the pictures.", metavar="WxH")] = "640x360",
+    frames: Annotated[int, typer.Option(help="Frames of a walkthrough.", min=1, max=10_000)] = 60,
+    compared: Annotated[
+        int, typer.Option(help="In how many frames the other plans have their turns.", min=1, max=10_000)
+    ] = 3,
+    limit: Annotated[
+        float,
+        typer.Option(help="End a walkthrough after so long; two frames come anyway.", metavar="SECONDS", min=0.0),
+    ] = 120.0,
+    threads: Threads = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """CHC+RT beside tracing from the root: times, phases, queries, what is paged [Mattausch et al. 2015].
+
+    Near and far walkthroughs, whose state is kept from frame to frame: primary rays, 20 rays of ambient occlusion and
+    20 diffuse rays for each pixel, 16 shadow rays to a light with an area. Times are medians over the frames after the
+    first (Table 2), by phase (Figure 8), with queries and bytes moved (Table 3), by randomisation of directions (Table
+    5) and in aggressive mode (Table 4); of a store its hits, its two ways to make room, and aggressive mode.
+
+    \b
+    Examples
+      antumbra bench chc-rt --triangles 1M --frames 20
+      antumbra bench chc-rt --scene sanmiguel_lite --table times --table phases --plot chcrt.png
+      antumbra bench chc-rt --store city.antumbra --max-memory 1G
+    """
+    width_height = arguments.parse_size(size)
+    tables = _checked_tables(table, scene, store, max_memory)
+    memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")
+    count = arguments.parse_count(triangles, "--triangles")
+
+    from ...kernels.parallel import thread_count
+    from ...scene.procedural.request import checked
+    from ...store.resident import peak_resident
+    from ..answers import agree
+    from . import measure as bench
+    from . import stores as chcrt_store
+    from . import views as chcrt_views
+
+    checked("city", count, 0)
+    if plot is not None:
+        if not _WALKED & {*tables}:
+            raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
+        arguments.check_plot(plot)
+    n_threads, pace = thread_count(threads), bench.Pace(frames, compared, limit)
+    found: dict[Table, list[Turn]] = {}
+    same: bool | None = True  # None: nothing is compared
+    with Activity(quiet) as activity:
+        activity.say("opening the scenes")
+        names = dict.fromkeys([str(store)] if store else scene or chcrt_views.default_names(count))
+        views = [open_view(name, width_height, chcrt_views.named_view) for name in names]
+        if store is None:
+            for view in views:
+                chcrt_views.check_in_memory(view)
+        for place in map(chcrt_views.place_of, views):
+            if store is not None:
+                if _WALKED & {*tables}:
+                    found[Table.store], digests = chcrt_store.out_of_core(place, memory, n_threads, pace, activity.say)
+                    same = agree(digests)
+                if Table.aggressive in tables:
+                    found[Table.aggressive] = chcrt_store.aggressive(place, memory, n_threads, pace, activity.say)
+                break
+            activity.say(f"{place.name}, building")
+            core = bench.InCore(place, n_threads)
+            if _WALKED & {*tables}:
+                new = bench.times(core, pace, Table.times in tables, activity.say)
+                found.setdefault(Table.times, []).extend(new)
+            if Table.randomisation in tables:
+                found.setdefault(Table.randomisation, []).extend(bench.randomisation(core, pace, activity.say))
+            if Table.aggressive in tables:
+                found.setdefault(Table.aggressive, []).extend(bench.aggressive(core, pace, activity.say))
+        if plot is not None:
+            from .plot import write_plot
+
+            write_plot(found.get(Table.store) or found.get(Table.times) or [], plot)
+    differs = sum(t.differs for turns in found.values() for t in turns if t.error is None)
+    compares = store is None or Table.store in found
+    same, peak = (same and not differs) if compares else None, peak_resident()
+    if json:
+        asked = {"size": width_height, "frames": frames, "compared": compared, "limit": limit, "threads": n_threads}
+        rows = {name.value: [t._asdict() for t in turns] for name, turns in found.items()}
+        report.print_json({**asked, **rows, "differs": differs, "same_answers": same, "peak_resident": peak})
+        return
+    if quiet:
+        return
+    from .tables import PRINT
+
+    walked = found.get(Table.store) or found.get(Table.times) or []
+    for name in tables:
+        PRINT[name](found.get(name, walked))
+    told = {
+        True: "the same by all methods",
+        False: f"DIFFER, of {differs:,} rays: please report this",
+        None: "not compared",
+    }
+    size = report.size_in_memory(peak) if peak else "unknown"
+    report.print_fields([("answers", told[same]), ("memory at its peak", size)])
+
+
+def _checked_tables(tables, scene, store, max_memory) -> tuple[Table, ...]:
+    """The tables that are wanted, in their order; InputError on options that do not go together."""
+    if store is None and max_memory is not None:
+        raise InputError("--max-memory is for --store; leave it out")
+    if store is not None and scene:
+        raise InputError("--store is measured by itself; leave --scene out")
+    possible = _IN_CORE if store is None else _PAGED
+    wrong = [name.value for name in tables or () if name not in possible]
+    if wrong:
+        cure = "name a --store" if store is None else "leave --store out"
+        raise InputError(f"--table {wrong[0]} has nothing to measure; {cure}")
+    return tuple(name for name in possible if not tables or name in tables)

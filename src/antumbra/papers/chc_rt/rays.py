@@ -1,0 +1,171 @@
+"""The rays of a frame by their kinds, and the methods that trace them: CHC+RT, and plain tracing from the root.
+
+Only tracing is timed: rays are made before, and what they meet is shaded by nobody.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.blocks import BlockTree
+from ...bvh.nodes import Bvh
+from ...chcrt.trace import Scheduled, camera_hits, nearest_hits, trace_shadow
+from ...kernels.jit import kernel
+from ...kernels.parallel import CHUNK, N, new_ticket, run, take
+from ...plan import parse_plan
+from ...query.diffuse import RayPass, diffuse_passes, diffuse_rays
+from ...query.picture import Surfaces, surface_queries
+from ...query.pixels import pixel_direction
+from ...query.receivers import NOTHING
+from ...query.sampling import light_samples
+from ...query.shadow import ShadowQuery
+from ...scene.camera import Camera, CameraRays
+from ...scene.lights import AmbientOcclusion
+from ...trace.primary.trace import trace_primary
+from ...trace.rays import bounce
+from .views import Place
+
+PRIMARY, AO, DIFFUSE, SOFT = KINDS = ("primary", "AO", "diffuse", "soft shadows")
+PASSES, SPP = 20, 16  # rays a pixel of AO and diffuse light, and of soft shadows
+SAMPLER = "halton:36"  # of AO and diffuse rays
+
+PLANS = {
+    "bsah+single": KINDS,
+    "bsah+packet16": (AO, SOFT),
+    "bsah+multifrusta": (PRIMARY, AO, SOFT),
+}
+"""Plan -> the kinds of rays that it traces in a way of its own."""
+
+Question = CameraRays | RayPass | ShadowQuery
+Answer = tuple[np.ndarray, ...]
+"""Of a shadow query (bits,); else (face, t), each pixel by pixel."""
+
+
+class Asked(NamedTuple):
+    """The rays of one frame."""
+
+    camera: CameraRays
+    surfaces: Surfaces  # that the camera sees
+    shadows: dict[str, ShadowQuery]  # of AO and SOFT
+    directions: np.ndarray  # of each diffuse pass, see `query.diffuse.Passes`
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.camera.height, self.camera.width
+
+    def questions(self, kind: str) -> Iterator[Question]:
+        """What a frame asks of a kind of rays, one after the other."""
+        if kind == PRIMARY:
+            yield self.camera
+        elif kind == DIFFUSE:
+            for directions in self.directions:  # made one by one: all of them would take much memory
+                rays = diffuse_rays(self.surfaces.gbuffer, self.shadows[AO].origins, directions)
+                yield rays._replace(skip=self.surfaces.ids.reshape(-1))
+        else:
+            yield self.shadows[kind]
+
+    def rays(self, kind: str) -> int:
+        """How many rays a frame has of a kind."""
+        if kind == PRIMARY:
+            return self.camera.width * self.camera.height
+        query = self.shadows[SOFT if kind == SOFT else AO]
+        return int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
+
+
+def asked_of(place: Place, camera: Camera, surfaces: Surfaces, sampler: str, threads: int) -> Asked:
+    """The rays that start at what a camera sees."""
+    lights = [AmbientOcclusion(place.reach), place.light]
+    samples = [light_samples(lights[0], PASSES, sampler), light_samples(lights[1], SPP)]
+    queries = surface_queries(surfaces, lights, samples, threads=threads)
+    directions = diffuse_passes([place.light], PASSES, sampler).directions
+    return Asked(camera.rays(surfaces.triangles.origin), surfaces, dict(zip((AO, SOFT), queries)), directions)
+
+
+@kernel
+def _pixel_rays(ticket, rays, origins, directions):
+    """Worker: the rays of rows of pixels."""
+    o = rays.origin
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            for x in range(rays.width):
+                at = y * rays.width + x
+                origins[at, 0], origins[at, 1], origins[at, 2] = o[0], o[1], o[2]
+                directions[at, 0], directions[at, 1], directions[at, 2] = pixel_direction(rays, x, y)
+        y0 = take(ticket)
+
+
+def _camera_pass(rays: CameraRays, threads: int) -> RayPass:
+    """The rays of a camera, one a pixel."""
+    m = rays.width * rays.height
+    made = RayPass(np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.full(m, -1, np.int32))
+    run(_pixel_rays, threads, new_ticket(rays.height, 8), rays, made.origins, made.directions)
+    return made
+
+
+class Culling:
+    """CHC+RT, with what it saw in the frame before."""
+
+    def __init__(self, name: str, scheduled: Scheduled, threads: int):
+        self.name, self.scheduled, self.threads, self.kinds = name, scheduled, threads, KINDS
+
+    def answer(self, question: Question, shape: tuple[int, int]) -> Answer:
+        if isinstance(question, ShadowQuery):
+            return (_bits(question, partial(trace_shadow, self.scheduled), self.threads),)
+        if isinstance(question, CameraRays):
+            hits = camera_hits(self.scheduled, question, self.threads)
+        else:
+            hits = nearest_hits(self.scheduled, question, shape, self.threads)
+        return hits.face.reshape(-1), hits.t.reshape(-1)
+
+
+class Plain:
+    """A plan without memory, which begins at the root."""
+
+    def __init__(self, plan: str, bvh: Bvh, tree: BlockTree, threads: int):
+        self.name, self.kinds, self.bvh, self.tree, self.threads = plan, PLANS[plan], bvh, tree, threads
+        self.tracer = parse_plan(plan).tracer
+        self.blocks = plan.endswith("multifrusta")
+        self.prepared = tree if self.blocks else self.tracer.prepare(bvh, threads)
+
+    def answer(self, question: Question, shape: tuple[int, int]) -> Answer:
+        if isinstance(question, ShadowQuery):
+            return (_bits(question, partial(self.tracer.trace, self.prepared), self.threads),)
+        if self.blocks and isinstance(question, CameraRays):
+            face, t = trace_primary(self.tree, question, self.threads)
+            return face.reshape(-1), t.reshape(-1)
+        rays = _camera_pass(question, self.threads) if isinstance(question, CameraRays) else question
+        return bounce.nearest_hits(self.bvh, *rays, self.threads)
+
+
+Method = Culling | Plain
+
+
+def _bits(query: ShadowQuery, trace, threads: int) -> np.ndarray:
+    bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+    trace(query, bits, threads)
+    return bits
+
+
+def timed(method: Method, asked: Asked, kind: str) -> tuple[float, list[Answer]]:
+    """(seconds to trace the rays of a kind, what was found)."""
+    seconds, found = 0.0, []
+    for question in asked.questions(kind):
+        start = perf_counter()
+        found.append(method.answer(question, asked.shape))
+        seconds += perf_counter() - start
+    return seconds, found
+
+
+def differing(one: list[Answer], other: list[Answer]) -> int:
+    """To how many rays two methods gave different answers."""
+    n = 0
+    for a, b in zip(one, other, strict=True):
+        if len(a) == 1:
+            n += int(np.bitwise_count(a[0] ^ b[0]).sum())
+        else:
+            n += int(np.count_nonzero((a[0] != b[0]) | (a[1] != b[1])))
+    return n

@@ -1,0 +1,138 @@
+"""The same walkthroughs where only a part of the triangles is in memory [Mattausch et al. 2015, Sec. 5.4, Tables 3, 4].
+
+The policies come one after the other, since each may fill the memory; what the second reads, the system may still have.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import islice
+from math import inf
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ...chcrt.trace import Scheduled
+from ...errors import InputError
+from ...rendering.paged import Paged, is_paged
+from ...rendering.renderer import Renderer
+from ...rendering.warm import warm_up, warm_up_indirect
+from ...store.residency import POLICIES
+from ..answers import digest
+from .measure import CHCRT, Pace, Say, Turn, begin, bled, error_of, told_by
+from .rays import DIFFUSE, KINDS, SAMPLER, SPP, Asked, Culling, asked_of, timed
+from .variants import THRESHOLDS, tracer_name
+from .views import Place, Walk
+
+
+def out_of_core(
+    place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say
+) -> tuple[list[Turn], list[tuple[str, bytes]]]:
+    """(the turns of both policies, which are their methods; (frame, digest) of all answers)."""
+    turns, digests = [], []
+    for walk in place.walks:
+        for policy in POLICIES:
+            with _opened(place, max_memory, threads) as paged:
+                paged.residency.policy = policy
+                found = _walk_through(place, walk, paged, pace, say)
+            turns += found[0]
+            digests += found[1]
+    return turns, digests
+
+
+@contextmanager
+def _opened(place: Place, max_memory: int | None, threads: int) -> Iterator[Paged]:
+    """The store of a place, of which nothing is in memory yet."""
+    if not is_paged(place.scene):
+        raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
+    renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
+    warm_up(renderer.plan, "rays")
+    warm_up_indirect("rays")
+    assert renderer.paged is not None
+    try:
+        yield renderer.paged
+    finally:
+        renderer.paged.residency.close()
+
+
+def aggressive(place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say) -> list[Turn]:
+    """Table 4 where it matters most: diffuse rays, of which a few in each tile are neglected. The camera's are not."""
+    turns = []
+    for walk in place.walks:
+        pictures: list[np.ndarray] = []
+        for threshold in THRESHOLDS:
+            with _opened(place, max_memory, threads) as paged:
+                turns += _bleed_through(place, walk, paged, threshold, pictures, pace, say)
+    return turns
+
+
+def _bleed_through(
+    place: Place, walk: Walk, paged: Paged, threshold: int, pictures: list[np.ndarray], pace: Pace, say: Say
+) -> list[Turn]:
+    """The turns of one threshold; `pictures`, of all frames, are made by 0 and compared with by the others, which go as
+    far."""
+    exact, threads = paged.accelerated.prepared, paged.threads
+    by = Scheduled(exact.parts, exact.options._replace(threshold=threshold))
+    name = tracer_name(threshold)
+    seeing, method = Culling(CHCRT, exact, threads), Culling(name, by, threads)
+    turns: list[Turn] = []
+    pace = pace._replace(limit=inf) if threshold else pace
+    frames = pace.along(walk, f"{place.name}, {walk.name}, {name}", say)
+    for frame, camera in islice(frames, len(pictures) if threshold else None):
+        paged.begin(camera.width * camera.height, 1)
+        begin([seeing, method])
+        surfaces = paged.look(camera)
+        asked = asked_of(place, camera, surfaces, SAMPLER, threads)
+        before, told, seconds, met = paged.residency.paging, told_by(method), 0.0, []
+        for rays in asked.questions(DIFFUSE):
+            began = perf_counter()
+            found = paged.nearest(rays, asked.shape, by)
+            seconds += perf_counter() - began
+            met.append((found.triangles.colour, found.gbuffer.face))
+        moved = _moved(before, paged)
+        picture = bled(surfaces, met)
+        pictures += [] if threshold else [picture]
+        error = error_of(pictures[frame], picture) if threshold else None
+        where = place.name, walk.name, SAMPLER, DIFFUSE, name, frame
+        turns.append(Turn(*where, asked.rays(DIFFUSE), seconds, {**told(), **moved}, 0, error))
+    return turns
+
+
+def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
+    """What has come and gone since then."""
+    after = paged.residency.paging
+    return {name: b - a for name, a, b in zip(after._fields, before, after)}
+
+
+def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
+    """The turns of one policy, and digests of its answers."""
+    policy, threads = paged.residency.policy, paged.threads
+    method = Culling(policy, paged.accelerated.prepared, threads)
+    turns: list[Turn] = []
+    digests: list[tuple[str, bytes]] = []
+    for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, {policy}", say):
+        paged.begin(camera.width * camera.height, -(-SPP // 64))
+        begin([method])
+        asked: Asked | None = None
+        for kind in KINDS:
+            before, told = paged.residency.paging, told_by(method)
+            if asked is None:  # of the camera's rays: with the surfaces, whose triangles are in the chunks
+                began = perf_counter()
+                surfaces = paged.look(camera)
+                seconds = perf_counter() - began
+                arrays = [surfaces.ids, surfaces.gbuffer.depth]
+                asked = asked_of(place, camera, surfaces, SAMPLER, threads)
+            else:
+                seconds, found = timed(method, asked, kind)
+                arrays = [a for answer in found for a in answer]
+            moved = _moved(before, paged)
+            digests.append((f"{walk.name}, {frame}, {kind}", digest(arrays)))
+            where = place.name, walk.name, SAMPLER, kind, policy, frame
+            turns.append(Turn(*where, asked.rays(kind), seconds, {**told(), **moved}, 0))
+    return turns, digests
+
+
+def hit_rate(turns: list[Turn]) -> float:
+    """The share of the chunks that were wanted, and were in memory."""
+    wanted = sum(t.told["wanted"] for t in turns)
+    return sum(t.told["cached"] for t in turns) / wanted if wanted else 1.0

@@ -1,0 +1,170 @@
+"""The frusta of multi-frusta tracing as the paper has them: from each of 16 receivers to all of its samples.
+
+A receiver's samples lie in a rectangle [a_low, a_high] x [b_low, b_high] of the light's patch, points base + a u + b v.
+The segments to its four corners are the *corner rays* [Benthin and Wald 2009, Sec. 4.2, 4.4], and the box of the
+samples bounds the directions for the traversal (Sec. 4.1). Lanes are receivers.
+
+Samples and corners are rounded: each lies off its true place on the patch, along every axis, by a few units in the last
+place of |base| + |u| + |v|. `OFF` is a bound of both together (16 units), and what a corner ray says holds for the
+samples only beyond what so small a shift can change. Where the samples do not lie on a rectangle (lists of lights,
+ambient light) `OFF` is infinite: corner rays say nothing, and only the box bounds the frusta.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.jit import inlined, kernel
+from ...kernels.simd import (
+    absolute,
+    fma,
+    get,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    maximum,
+    ptr,
+    ptr_at,
+    put,
+    reduce_max,
+    reduce_min,
+    select,
+    splat16,
+    store,
+)
+from ...kernels.vec import Vec, keep, magnitudes, minus, rows
+from ...query.shadow import patch_of
+from ...scene.lights import AMBIENT, LIST
+from ...trace.counters import SHRINKS, count
+from ...trace.packets.raytile import open_rays
+from ...trace.raytest import length1
+from ...trace.slabs import Shafts
+from ...trace.tile import first_pixel
+
+_F = np.float32
+_BASE, _U, _V, _A_LOW, _A_HIGH, _B_LOW, _B_HIGH = (16 * i for i in (0, 3, 6, 9, 10, 11, 12))
+CORNERS, SPAN, OFF, _D_LOW, _D_HIGH = (16 * i for i in (13, 25, 26, 27, 30))
+FRUSTA_FLOATS = 33 * 16
+
+
+class Frusta(NamedTuple):
+    """16 frusta: pointers to float32."""
+
+    own: object  # rows of 16 lanes: the patch and rectangle, corner rays (x, y, z of each), their lengths, box
+    parameters: object  # (a, b) of the samples: rows of 16 samples, two a receiver
+
+
+@kernel
+def _load_patches(query, shape, rays, own):
+    """The patch as each receiver sees it, and `OFF`."""
+    y0, x0 = first_pixel(rays.pixel, 0)
+    for lane in range(16):
+        there = lane if rays.rows >> lane & 1 else lowest_bit(rays.rows)
+        patch = patch_of(query, y0 + there // shape.width, x0 + there % shape.width)
+        for k in range(9):
+            put(own, _BASE + 16 * k + lane, _F(patch[k]))
+    off = splat16(_F(0.0))
+    for k in range(0, 48, 16):
+        size = absolute(load16(own, _BASE + k)) + absolute(load16(own, _U + k)) + absolute(load16(own, _V + k))
+        off = maximum(off, size)
+    store(own, OFF, off * _F(16 * 2.0**-24) if _is_flat(query.light) else splat16(_F(np.inf)))
+
+
+@inlined
+def _corner(own, a, b, origins):
+    """Rays to the points (a, b) of the patches."""
+    base, u, v = rows(own, _BASE, 16), rows(own, _U, 16), rows(own, _V, 16)
+    point = Vec(fma(b, v.x, fma(a, u.x, base.x)), fma(b, v.y, fma(a, u.y, base.y)), fma(b, v.z, fma(a, u.z, base.z)))
+    return minus(point, origins)
+
+
+@inlined
+def _is_flat(light):
+    return light.kind != LIST and light.kind != AMBIENT
+
+
+@inlined
+def _box_span(own):
+    low, high = magnitudes(rows(own, _D_LOW, 16)), magnitudes(rows(own, _D_HIGH, 16))
+    return length1(Vec(maximum(low.x, high.x), maximum(low.y, high.y), maximum(low.z, high.z)))
+
+
+@inlined
+def _aim(own, tile):
+    """Corner rays and spans from the rectangles."""
+    origins, span = rows(tile.origins, 0, 16), splat16(_F(0.0))
+    for corner in range(4):
+        a = load16(own, _A_LOW if corner & 1 == 0 else _A_HIGH)
+        b = load16(own, _B_LOW if corner & 2 == 0 else _B_HIGH)
+        d = _corner(own, a, b, origins)
+        keep(own, CORNERS + 48 * corner, 16, d)
+        span = maximum(span, length1(d))
+    off = load16(own, OFF)
+    store(own, SPAN, select(off < _F(np.inf), fma(off, splat16(_F(3.0)), span), _box_span(own)))
+
+
+@inlined
+def _range(values, there):
+    """(least, largest) of some of 16 numbers."""
+    far = _F(np.inf)
+    return reduce_min(select(there, values, splat16(far))), reduce_max(select(there, values, splat16(-far)))
+
+
+@inlined
+def _bound_rectangle(frusta, r, samples):
+    """The rectangle of some samples (bits) of receiver r."""
+    there = mask_from_bits16(samples)
+    low, high = _range(load16(frusta.parameters, r * 32), there)
+    put(frusta.own, _A_LOW + r, low)
+    put(frusta.own, _A_HIGH + r, high)
+    low, high = _range(load16(frusta.parameters, r * 32 + 16), there)
+    put(frusta.own, _B_LOW + r, low)
+    put(frusta.own, _B_HIGH + r, high)
+
+
+@inlined
+def _bound_directions(rays, frusta, r, samples):
+    """The box of some samples (bits) of receiver r, relative to it."""
+    there = mask_from_bits16(samples)
+    for k in range(3):
+        o = get(rays.tile.origins, 16 * k + r)
+        low, high = _range(load16(rays.points, r * 48 + 16 * k), there)
+        put(frusta.own, _D_LOW + 16 * k + r, low - o)
+        put(frusta.own, _D_HIGH + 16 * k + r, high - o)
+
+
+@kernel
+def make_frusta(query, samples, job, rays, own):
+    """The `Frusta` of a tile, to all samples of the chunk; `own`: memory for them."""
+    frusta = Frusta(own, ptr_at(ptr(samples.parameters), job.chunk * 512))
+    if rays.rows != 0:
+        _load_patches(query, job.shape, rays, own)
+        for r in range(16):
+            _bound_rectangle(frusta, r, rays.lanes)
+            _bound_directions(rays, frusta, r, rays.lanes)
+        _aim(own, rays.tile)
+    return frusta
+
+
+@kernel
+def shrink(rays, frusta, which, directions, counters):
+    """Shrink the frusta `which` (bits, at least one) to the rays that are left [Sec. 5.3].
+
+    Corner rays always (*CR*), the bounds of the directions only if asked for (*FS*).
+    """
+    while which != 0:
+        r = lowest_bit(which)
+        which &= which - 1
+        samples = open_rays(rays, r)
+        count(counters, SHRINKS, 1)
+        _bound_rectangle(frusta, r, samples)
+        if directions:
+            _bound_directions(rays, frusta, r, samples)
+    _aim(frusta.own, rays.tile)
+
+
+@inlined
+def frusta_as_shafts(rays, frusta):
+    """`Shafts` of the 16 frusta."""
+    o, low, high = rows(rays.tile.origins, 0, 16), rows(frusta.own, _D_LOW, 16), rows(frusta.own, _D_HIGH, 16)
+    return Shafts(o.x, o.y, o.z, o.x, o.y, o.z, low.x, low.y, low.z, high.x, high.y, high.z)

@@ -1,0 +1,141 @@
+"""`multifrusta:paper`: multi-frusta tracing as published, beside which `multifrusta` is this package's own variant.
+
+16 frusta at once, each with one receiver as its origin and all of the light as its base, through a shallow tree
+[Benthin and Wald 2009, Sec. 3 and 4, Appendix A]; corner rays cull at leaves, and then 16 rays of one frustum are
+tested side by side. Frusta end when all their rays are blocked. Where it departs: either side of a triangle blocks
+(unless faces are culled), the left child is visited first, directions that contain zero need no second test (see
+`slabs`), and float32 decides only what is sure.
+
+Three ways to go on with fewer rays than a frustum began with (Sec. 5.3, Table 2) are tracers of their own: rays against
+the boxes of leaves, smaller rectangles on the light, and smaller bounds of directions as well.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.blocks import block_pointers
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import CHUNK, N, take
+from ...kernels.simd import bits, get, lowest_bit, ptr, stack_f32, stack_i32, stack_i64
+from ...trace.counters import BOX_TESTS, N_COUNTERS, add_counters, cleared, count
+from ...trace.deferred import ASIDE
+from ...trace.descent import left, next_leaf, rays_as_shafts, root, save, saved, slabs_of
+from ...trace.packets.raytile import (
+    SCRATCH_FLOATS,
+    SCRATCH_INTS,
+    asked_in,
+    directions_of,
+    finish_tile,
+    open_rays,
+    origins_of,
+    scratch_in,
+    settle,
+    start_tile,
+    trace_tiles,
+)
+from ...trace.slabs import least_direction, meets_mixed, mixed_axis
+from .cornerrays import FRUSTA_FLOATS, frusta_as_shafts, make_frusta, shrink
+from .frustaleaf import WORK, trace_block
+
+
+class Shrinking(NamedTuple):
+    """What is done about rays that are blocked already."""
+
+    leaf_boxes: bool = False  # rays are tested against the boxes of leaves (*Ray-AABB*)
+    corners: bool = False  # after each leaf corner rays are taken from the rays that are left (*CR*)
+    directions: bool = False  # the bounds of directions too (*FS*)
+
+
+@inlined
+def open_frusta(rays):
+    """Bits of the frusta that have a ray left."""
+    alive, left_rows = np.int64(0), rays.rows
+    while left_rows != 0:
+        r = lowest_bit(left_rows)
+        left_rows &= left_rows - 1
+        if open_rays(rays, r) != 0:
+            alive |= np.int64(1) << r
+    return alive
+
+
+@kernel
+def _reach_box(tree, place, mask, rays, counters):
+    """Those of the frusta in `mask` that have a ray left which meets a leaf's box."""
+    reached, box = np.int64(0), (place >> 4) * 16 + (place & 1)
+    while mask != 0:
+        r = lowest_bit(mask)
+        mask &= mask - 1
+        s = rays_as_shafts(origins_of(rays, r), directions_of(rays, r))
+        limit = least_direction(s)
+        x = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit)
+        y = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit)
+        z = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit)
+        count(counters, BOX_TESTS, 1)
+        if bits(meets_mixed(tree.nodes, box, x, y, z)) & open_rays(rays, r) != 0:
+            reached |= np.int64(1) << r
+    return reached
+
+
+@kernel
+def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
+    """Trace the frusta from where they are; whether they must go on with new bounds or when some rays are settled."""
+    alive = open_frusta(rays)
+    slabs = slabs_of(frusta_as_shafts(rays, frusta), alive)
+    at = next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
+    while at.mask != 0:
+        if np.int64(get(scratch.aside, 0)) > ASIDE:
+            save(scratch.at, at)
+            return True
+        mask = at.mask
+        if shrinking.leaf_boxes and ~at.link & 31 != 0:
+            mask = _reach_box(tree, at.place, mask, rays, counters)
+        if mask != 0:
+            leaf = trace_block(tree, ~at.link, mask, rays, frusta, facing, work, scratch.aside, counters)
+            alive &= ~leaf.done
+            if shrinking.corners and leaf.struck != 0:
+                shrink(rays, frusta, leaf.struck, shrinking.directions, counters)
+                if shrinking.directions:
+                    save(scratch.at, left(at))
+                    return True
+        at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
+    return False
+
+
+@kernel
+def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking):
+    """Worker: tiles."""
+    scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
+    own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
+    tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
+    while first >= 0:
+        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
+            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
+            frusta = make_frusta(query, samples, job, rays, own)
+            save(scratch.at, root(open_frusta(rays)))
+            while _walk(tree, rays, frusta, shrinking, asked.facing, work, scratch, mine):
+                if np.int64(get(scratch.aside, 0)) > ASIDE:
+                    settle(tree, query, asked, rays, scratch, mine)
+            settle(tree, query, asked, rays, scratch, mine)
+            finish_tile(asked, rays, places)
+        first = take(ticket)
+    add_counters(counters, mine)
+
+
+def trace_shadow(shrinking, tree, query, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    shrinking : Shrinking
+    tree : BlockTree
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    """
+    trace_tiles(_trace_frusta, tree, query, True, bits, threads, counters, progress, shrinking)
+
+
+as_published = partial(trace_shadow, Shrinking())
+with_leaf_boxes = partial(trace_shadow, Shrinking(leaf_boxes=True))
+with_corners = partial(trace_shadow, Shrinking(corners=True))
+with_all = partial(trace_shadow, Shrinking(corners=True, directions=True))

@@ -1,0 +1,119 @@
+"""A block of triangles against 16 frusta, one triangle at a time [Benthin and Wald 2009, Sec. 4.2, Fig. 2].
+
+First the triangle against all frusta side by side: which side of its plane the receiver and the light are on, which is
+backface culling where only one side blocks; then the four corner rays against its edges. The receivers' side of the
+plane says which sign the edge functions of a hit have, so one edge with all corner rays on the wrong side culls; where
+float32 cannot say it, two edges with opposite signs do. Then, for every frustum that is left, its 16 rays.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.blocks import ROWS
+from ...kernels.jit import inlined, kernel
+from ...kernels.simd import bits, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16
+from ...kernels.vec import Vec, dot, largest, rows
+from ...trace.counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
+from ...trace.deferred import put_aside
+from ...trace.packets.raytile import directions_of, open_rays
+from ...trace.raytest import LANES, decide, keep_lanes, kept_lane, seen_from, triangle_along
+from .cornerrays import CORNERS, OFF, SPAN
+
+_F = np.float32
+_ZERO = _F(0.0)
+WORK = LANES  # float32 of scratch memory
+
+
+class Leaf(NamedTuple):
+    """What a block did to the frusta: bits."""
+
+    done: int  # of those that have no ray left
+    struck: int  # of those that lost some and have some left
+
+
+@inlined
+def _scalars(p, at):
+    return Vec(get(p, at), get(p, at + 16), get(p, at + 32))
+
+
+@inlined
+def _triangle(block, i):
+    """`raytest.Triangle` i of a block."""
+    return triangle_along(_scalars(block, i), _scalars(block, 48 + i), _scalars(block, 96 + i))
+
+
+@inlined
+def _missed(frusta, lanes, triangle, wide, facing):
+    """mask16 of the frusta that surely miss a triangle."""
+    off, size, t, n = load16(frusta.own, OFF), triangle.size, lanes.t, lanes.n
+    e = fma(off * wide, splat16(size * _F(18.1)), lanes.e)
+    te = fma(off, splat16(size * size * _F(6.1)), lanes.te)
+    far = splat16(_F(np.inf))
+    low0, low1, low2, low_f, high0, high1, high2, high_f = far, far, far, far, -far, -far, -far, -far
+    for corner in range(4):
+        d = rows(frusta.own, CORNERS + 48 * corner, 16)
+        e2, e1, dn = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, n)
+        e0, f = dn - e1 - e2, t - dn
+        low0, low1, low2, low_f = minimum(low0, e0), minimum(low1, e1), minimum(low2, e2), minimum(low_f, f)
+        high0, high1, high2, high_f = maximum(high0, e0), maximum(high1, e1), maximum(high2, e2), maximum(high_f, f)
+    some_up = maximum(maximum(low0, low1), low2) > e
+    some_down = minimum(minimum(high0, high1), high2) < -e
+    above, below = t > lanes.te, t < -lanes.te
+    missed = (above & (some_down | (low_f > te))) | (below & (some_up | (high_f < -te))) | (some_up & some_down)
+    if facing != 0:
+        missed = missed | (t * _F(facing) > lanes.te)
+    return missed
+
+
+@kernel
+def _cull(tree, slot, block, i, rays, frusta, facing, work):
+    """Bits of the frusta that may meet triangle i of a block; what their rays need is in `work`."""
+    own = bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
+    origins, triangle = rows(rays.tile.origins, 0, 16), _triangle(block, i)
+    lanes = seen_from(origins, load16(frusta.own, SPAN), triangle)
+    v = triangle.v
+    a = Vec(v.x - origins.x, v.y - origins.y, v.z - origins.z)
+    wide = maximum(largest(a), splat16(triangle.size))
+    left = ~own & ~bits(_missed(frusta, lanes, triangle, wide, facing)) & 0xFFFF
+    if left != 0:
+        keep_lanes(work, lanes)
+    return left
+
+
+@inlined
+def _test_frustum(slot, rays, r, facing, work, aside, counters):
+    """Test the rays of frustum r against a triangle; bits of those that it blocks."""
+    count(counters, TRIANGLE_TESTS, 1)
+    hit, unsure = decide(directions_of(rays, r), kept_lane(work, r), facing)
+    left = open_rays(rays, r)
+    if unsure & left != 0:
+        put_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure & left)
+    return hit & left
+
+
+@kernel
+def trace_block(tree, code, mask, rays, frusta, facing, work, aside, counters):
+    """Test the frusta in `mask` against a block; the `Leaf`. `rays`: by sample."""
+    block, done, struck = ptr_at(tree.blocks, (code >> 5) * (ROWS * 16)), np.int64(0), np.int64(0)
+    for i in range(code & 31):
+        slot = np.int64(get(tree.slots, (code >> 5) * 16 + i))
+        count(counters, TRIANGLES, 1)
+        active = _cull(tree, slot, block, i, rays, frusta, facing, work) & mask
+        if active == 0:
+            continue
+        count(counters, CANDIDATES, 1)
+        while active != 0:
+            r = lowest_bit(active)
+            active &= active - 1
+            hit = _test_frustum(slot, rays, r, facing, work, aside, counters)
+            if hit != 0:
+                dead = np.int64(get(rays.dead, r)) | hit
+                put(rays.dead, r, dead)
+                struck |= np.int64(1) << r
+                if dead & rays.lanes == rays.lanes:
+                    done |= np.int64(1) << r
+        mask &= ~done
+        if mask == 0:
+            break
+    return Leaf(done, struck & ~done)

@@ -1,0 +1,139 @@
+"""The tables of "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009], measured here.
+
+Table 1: how much less multi-frusta tracing accesses and tests than packets of 16 rays, and how much faster it is.
+Table 2: three ways of frustum shrinking. Figure 6: lights from 1/4 to 8 times the edge.
+
+The light is a level square whose edge is 1/40 of the scene's diagonal. Counts are of shadow rays only, 16 samples a
+pixel; the paper's include primary rays. Times are processor times of one thread, of tracing alone, in turns. They do
+not hold what a scene's tree costs.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh import binned_sah
+from ...errors import InputError
+from ...methods import TRACERS, add_plugins
+from ...query.gbuffer import GBuffer
+from ...query.picture import shadow_queries
+from ...query.sampling import light_samples
+from ...query.shadow import ShadowQuery
+from ...rendering.renderer import Renderer
+from ...scene.lights import QuadLight
+from ...scene.triangles import Triangles
+from ...trace.counters import as_dict, new_counters
+from ..views import View, named_view, real_path, square
+
+SPP = 16
+TABLE1 = ("packet16", "packet16:samples", "packet256", "multifrusta:paper", "multifrusta")
+BASELINES = TABLE1[:2]
+TABLE2 = ("multifrusta:paper", "multifrusta:leaf-boxes", "multifrusta:corners", "multifrusta:full")
+FIGURE6 = ("multifrusta:paper", "multifrusta")
+SIZES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""Edges of the light in Figure 6, by the usual one."""
+
+REAL = ("sponza_crytek", "bart_robots")
+EDGE = 40  # parts of the scene's diagonal
+
+Rows = dict[str, dict[str, float]]
+"""Tracer -> its counters, and "seconds" where it was timed."""
+
+
+class Case(NamedTuple):
+    """A scene with what is asked of it."""
+
+    name: str
+    triangles: Triangles
+    gbuffer: GBuffer
+    prepared: dict[str, object]  # tracer -> what it traces
+    light: QuadLight  # of the usual size
+
+
+def default_names() -> list[str]:
+    """The paper's two scenes as far as they are there, and a procedural one."""
+    return [*(name for name in REAL if real_path(name)), "forest"]
+
+
+def quad_view(name: str, size: tuple[int, int]) -> View:
+    """The view of a scene's name, its light a square."""
+    return named_view(name, size, square(EDGE), REAL)
+
+
+def case_of(view: View) -> Case:
+    """A scene prepared for every tracer that walks a BVH.
+
+    Raises
+    ------
+    InputError
+        If the light is no square.
+    """
+    light, scene = view.lights[0], view.scene
+    if not isinstance(light, QuadLight):
+        raise InputError(f"{view.name}: its light is no rectangle, and multi-frusta are measured by one")
+    corner, u, v = (np.asarray(x, float) for x in (light.corner, light.u, light.v))
+    edge = np.linalg.norm(np.ptp(scene.bounds, axis=0)) / EDGE
+    u, v, centre = (edge * u / np.linalg.norm(u), edge * v / np.linalg.norm(v), corner + (u + v) / 2)
+    add_plugins()
+    triangles = scene.triangles(0.0)
+    gbuffer = Renderer(scene).see(triangles, view.camera, None)
+    bvh = binned_sah.build(triangles.vertices)
+    walking = {name: TRACERS[name] for name in dict.fromkeys((*TABLE1, *TABLE2, *FIGURE6))}
+    shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in walking.values()}}
+    prepared = {name: shared[t.prepare] for name, t in walking.items()}
+    return Case(view.name, triangles, gbuffer, prepared, QuadLight(centre - (u + v) / 2, u, v))
+
+
+def query_of(case: Case, size: float = 1.0) -> ShadowQuery:
+    """The query of a light whose edge is `size` times the usual one."""
+    corner, u, v = (np.asarray(x, float) for x in (case.light.corner, case.light.u, case.light.v))
+    light = QuadLight(corner - (size - 1.0) / 2 * (u + v), size * u, size * v)
+    return shadow_queries(case.triangles, case.gbuffer, [light], [light_samples(light, SPP)])[0]
+
+
+def answer(case: Case, tracer: str, query: ShadowQuery, counters: np.ndarray | None = None) -> np.ndarray:
+    """(h, w, 1) uint64 bits by a tracer, in one thread."""
+    bits = np.zeros((*query.sides.shape, 1), np.uint64)
+    TRACERS[tracer].trace(case.prepared[tracer], query, bits, 1, counters, None)
+    return bits
+
+
+def measure(case: Case, tracers: tuple[str, ...], query: ShadowQuery, rounds: int) -> Rows:
+    """Counters and median seconds of tracers, which take their turns; without seconds if there are no rounds.
+
+    Raises
+    ------
+    RuntimeError
+        If two of them give different bits.
+    """
+    results: Rows = {}
+    seconds: dict[str, list[float]] = {t: [] for t in tracers}
+    truth = answer(case, tracers[0], query)
+    for tracer in tracers:
+        counters = new_counters()
+        if not np.array_equal(answer(case, tracer, query, counters), truth):
+            raise RuntimeError(f"{case.name}: {tracer} and {tracers[0]} give different bits")
+        results[tracer] = as_dict(counters)
+        answer(case, tracer, query)  # compiles
+    for _ in range(rounds):
+        for tracer in tracers:
+            start = time.thread_time()
+            answer(case, tracer, query)
+            seconds[tracer].append(time.thread_time() - start)
+    return {t: {**r, "seconds": statistics.median(seconds[t])} if rounds else r for t, r in results.items()}
+
+
+def tables(case: Case, rounds: int, say: Callable[[str], None]) -> dict:
+    """ "table 1" and "table 2": Rows; "figure 6": edge of the light -> Rows."""
+    say(f"{case.name}, Table 1")
+    one = measure(case, TABLE1, query_of(case), rounds)
+    say(f"{case.name}, Table 2")
+    two = measure(case, TABLE2, query_of(case), rounds)
+    six = {}
+    for size in SIZES:
+        say(f"{case.name}, Figure 6, a light of {size:g} times the edge")
+        six[str(size)] = measure(case, FIGURE6, query_of(case, size), 0)
+    return {"table 1": one, "table 2": two, "figure 6": six}

@@ -1,0 +1,165 @@
+"""`packet256`: 16 packets of 16 shadow rays together through the shallow tree.
+
+[Benthin and Wald 2009, Sec. 5.2]: at each node every active packet's rays are tested against both children, which makes
+two new masks of packets. The tree, corner culling and the ray tests at leaves are those of `multifrusta:paper`; only
+the traversal is replaced. A packet is one receiver's rays to its samples.
+"""
+
+import numpy as np
+
+from ...bvh.blocks import block_pointers
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import CHUNK, N, take
+from ...kernels.simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64, store
+from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
+from ...trace.deferred import ASIDE
+from ...trace.descent import entered, left, popped, rays_as_shafts, root, save, saved, slabs_of
+from ...trace.packets.raytile import (
+    SCRATCH_FLOATS,
+    SCRATCH_INTS,
+    asked_in,
+    directions_of,
+    finish_tile,
+    open_rays,
+    origins_of,
+    scratch_in,
+    settle,
+    start_tile,
+    trace_tiles,
+)
+from ...trace.slabs import Bound, Mixed, Uniform, children_mixed, children_uniform
+from .cornerrays import FRUSTA_FLOATS, make_frusta
+from .frusta import open_frusta
+from .frustaleaf import WORK, trace_block
+
+_PACKET = 24 * 16  # float32: lines of the slabs, r and k each
+_WAYS = 4  # int32: whether all rays go the same ways, and each axis' near plane
+_ALL_PACKETS, _ALL_WAYS = 16 * _PACKET, 16 * _WAYS
+
+
+@inlined
+def _keep_bounds(packet, at, bounds):
+    for k in range(len(bounds)):
+        store(packet, at + 32 * k, bounds[k].r)
+        store(packet, at + 32 * k + 16, bounds[k].k)
+
+
+@inlined
+def _bound(packet, at):
+    return Bound(load16(packet, at), load16(packet, at + 16))
+
+
+@inlined
+def _uniform(packet, ways, axis):
+    plane = np.int64(get(ways, 1 + axis))
+    return Uniform(_bound(packet, 64 * axis), _bound(packet, 64 * axis + 32), plane, 2 - plane)
+
+
+@inlined
+def _mixed(packet, axis):
+    at = 128 * axis
+    return Mixed(_bound(packet, at), _bound(packet, at + 32), _bound(packet, at + 64), _bound(packet, at + 96))
+
+
+@kernel
+def _prepare_packet(rays, r, packet, ways):
+    """Keep what the slab tests of packet r need."""
+    s = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), open_rays(rays, r))
+    put(ways, 0, 1 if s.uniform else 0)
+    if s.uniform:
+        put(ways, 1, s.ux.near_plane)
+        put(ways, 2, s.uy.near_plane)
+        put(ways, 3, s.uz.near_plane)
+        _keep_bounds(packet, 0, (s.ux.near, s.ux.far, s.uy.near, s.uy.far, s.uz.near, s.uz.far))
+    else:
+        _keep_bounds(packet, 0, s.mx)
+        _keep_bounds(packet, 128, s.my)
+        _keep_bounds(packet, 256, s.mz)
+
+
+@kernel
+def _prepare(rays, alive, packets, ways):
+    while alive != 0:
+        r = lowest_bit(alive)
+        alive &= alive - 1
+        _prepare_packet(rays, r, ptr_at(packets, r * _PACKET), ptr_at(ways, r * _WAYS))
+
+
+@inlined
+def _children(nodes, link, packet, ways):
+    """(bits of a packet's rays that meet the left child's box, of those that meet the right one's)."""
+    if get(ways, 0) != 0:
+        return children_uniform(
+            nodes, link, _uniform(packet, ways, 0), _uniform(packet, ways, 1), _uniform(packet, ways, 2)
+        )
+    return children_mixed(nodes, link, _mixed(packet, 0), _mixed(packet, 1), _mixed(packet, 2))
+
+
+@inlined
+def _packets_in(tree, at, rays, packets, ways, counters):
+    """(bits of the packets that have a ray in the left child's box, of those in the right one's)."""
+    waiting, in_left, in_right = at.mask, np.int64(0), np.int64(0)
+    count(counters, NODES, 1)
+    while waiting != 0:
+        r = lowest_bit(waiting)
+        waiting &= waiting - 1
+        count(counters, BOX_TESTS, 2)
+        a, b = _children(tree.nodes, at.link, ptr_at(packets, r * _PACKET), ptr_at(ways, r * _WAYS))
+        alive = open_rays(rays, r)
+        if a & alive != 0:
+            in_left |= np.int64(1) << r
+        if b & alive != 0:
+            in_right |= np.int64(1) << r
+    return in_left, in_right
+
+
+@kernel
+def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
+    """Trace the packets from where they are; whether they must go on when some rays are settled."""
+    alive = open_frusta(rays)
+    at = popped(tree.links, saved(scratch.at, alive), scratch.stack, alive)
+    while at.mask != 0:
+        if at.link >= 0:
+            in_left, in_right = _packets_in(tree, at, rays, packets, ways, counters)
+            at = entered(tree.links, at, in_left, in_right, scratch.stack)
+        else:
+            if np.int64(get(scratch.aside, 0)) > ASIDE:
+                save(scratch.at, at)
+                return True
+            leaf = trace_block(tree, ~at.link, at.mask, rays, frusta, facing, work, scratch.aside, counters)
+            alive &= ~leaf.done
+            at = left(at)
+        at = popped(tree.links, at, scratch.stack, alive)
+    return False
+
+
+@kernel
+def _trace_packets(ticket, arrays, query, samples, job, out, counters):
+    """Worker: tiles."""
+    scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
+    own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
+    packets, ways = stack_f32(_ALL_PACKETS), stack_i32(_ALL_WAYS)
+    tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
+    while first >= 0:
+        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
+            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
+            frusta, alive = make_frusta(query, samples, job, rays, own), open_frusta(rays)
+            _prepare(rays, alive, packets, ways)
+            save(scratch.at, root(alive))
+            while _walk(tree, rays, frusta, packets, ways, asked.facing, work, scratch, mine):
+                settle(tree, query, asked, rays, scratch, mine)
+            settle(tree, query, asked, rays, scratch, mine)
+            finish_tile(asked, rays, places)
+        first = take(ticket)
+    add_counters(counters, mine)
+
+
+def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    tree : BlockTree
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    """
+    trace_tiles(_trace_packets, tree, query, True, bits, threads, counters, progress)

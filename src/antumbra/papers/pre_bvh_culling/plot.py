@@ -1,0 +1,39 @@
+"""Figure 7 of the paper on pre-BVH culling: time to image over samples, normalised to BSAH."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...output import replacing
+from .measure import SAMPLES, TimeToImage, break_even, seconds_a_sample
+
+
+def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
+    """Seconds to an image with any number of samples: straight lines between those measured, and on after the last."""
+    traced = np.array([t.trace[s] for s in SAMPLES])
+    beyond = np.maximum(spp - SAMPLES[-1], 0) * seconds_a_sample(t)
+    return t.cull + t.build + np.interp(spp, SAMPLES, traced) + beyond
+
+
+def write_plot(times: list[TimeToImage], path: Path) -> None:
+    """One panel for each view; dots where BSAH has caught up with a method."""
+    from matplotlib.figure import Figure
+
+    figures = list(dict.fromkeys(t.figure for t in times))
+    spp = np.geomspace(1, 1000, 200)
+    sheet = Figure(figsize=(4.2 * len(figures), 3.8), layout="constrained")
+    for panel, name in zip(sheet.subplots(1, len(figures), squeeze=False)[0], figures):
+        methods = {t.method: t for t in times if t.figure == name}
+        last = methods["BSAH"]
+        for method, t in methods.items():
+            (line,) = panel.plot(spp, _sums(t, spp) / _sums(last, spp), label=method)
+            even = break_even(last, t)
+            if t is not last and even <= spp[-1]:
+                panel.plot(even, 1.0, "o", color=line.get_color())
+        panel.set(xscale="log", title=name, xlabel="samples a pixel and light", ylim=(0, None))
+        panel.grid(alpha=0.3)
+    panel = sheet.axes[0]
+    panel.set_ylabel("time to image / BSAH's")
+    panel.legend(fontsize=8)
+    with replacing(path) as temporary:
+        sheet.savefig(temporary, format="png", dpi=110)

@@ -1,0 +1,1 @@
+"""[Olsson and Assarsson 2011], as published: `cones`, `cone_triangle`, `variants`; its figures: `measure`, `plot`."""

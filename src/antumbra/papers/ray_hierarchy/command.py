@@ -1,0 +1,201 @@
+"""``antumbra bench ray-hierarchy``: what hierarchies over the rays visit, and how long they take."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...cli import arguments, report
+from ...cli.options import Json, Quiet, Threads
+from ...cli.progress import Activity
+from ..views import open_view
+
+if TYPE_CHECKING:
+    from .measure import Cost, Seen, Spread
+
+_WIDTH = 170  # of the tables, in characters
+
+
+def ray_hierarchy(
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A folder of $ANTUMBRA_SCENES, a file, a folder of vertex frames, a procedural scene; may be "
+            "repeated.  [default: four folders of $ANTUMBRA_SCENES, or atrium and forest]",
+            metavar="SCENE",
+            show_default=False,
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Write curves to a .png file.", metavar="FILE", show_default=False)
+    ] = None,
+    size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "1024x1024",
+    frames: Annotated[
+        int, typer.Option(help="Moments of each scene that moves, spread evenly.", min=1, max=10_000)
+    ] = 10,
+    limit: Annotated[
+        float,
+        typer.Option(help="Leave out the variants that would trace a picture for longer.", metavar="SECONDS", min=0.0),
+    ] = 60.0,
+    rounds: Annotated[int, typer.Option(help="Measurements of each time; the median counts.", min=1, max=1000)] = 3,
+    threads: Threads = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Ray hierarchies: nodes, times and how they vary [Olsson and Assarsson 2011].
+
+    One point light, one shadow ray for each pixel. The variants of the report's Table 1 and ours, over the frames of
+    BART's robots and in views of its museum (Figures 6 and 7, Table 2), and in still scenes.
+
+    \b
+    Examples
+      antumbra bench ray-hierarchy
+      antumbra bench ray-hierarchy --scene bart_robots --frames 40 --plot robots.png
+      antumbra bench ray-hierarchy --scene procedural:forest --size 512 --limit 10
+    """
+    width_height = arguments.parse_size(size)
+
+    from ...kernels.parallel import thread_count
+    from ..answers import agree
+    from . import measure as bench
+    from . import views
+
+    if plot is not None:
+        arguments.check_plot(plot)
+    n_threads = thread_count(threads)
+    seen: list[Seen] = []
+    costs: list[Cost] = []
+    with Activity(quiet) as activity:
+        activity.say("opening the scenes")
+        named = dict.fromkeys(scene or views.default_names())
+        opened = [views.with_point(open_view(name, width_height, views.named_view)) for name in named]
+        for picture in (p for view in opened for p in views.pictures(view, frames)):
+            shown, found = bench.measure(picture, n_threads, rounds, limit, activity.say)
+            seen.append(shown)
+            costs += found
+        if plot is not None:
+            from .plot import write_plot
+
+            write_plot(seen, costs, plot)
+    spreads = bench.spreads(seen, costs)
+    same = agree(bench.answers(seen, costs))
+    if json:
+        asked = {"size": width_height, "frames": frames, "limit": limit, "rounds": rounds, "threads": n_threads}
+        tables = {
+            "pictures": [{**s._asdict(), "bits": s.bits.hex()} for s in seen],
+            "costs": [{**c._asdict(), "bits": c.bits.hex() if c.bits else None} for c in costs],
+            "spreads": [s._asdict() for s in spreads],
+        }
+        report.print_json({**asked, **tables, "same_bits": same})
+        return
+    if quiet:
+        return
+    _print_pictures(seen, costs)
+    _print_museum(costs)
+    _print_claims(seen, costs, spreads)
+    _print_spreads(spreads)
+    report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
+
+
+def _millions(count: float | None) -> str:
+    return "" if count is None else f"{count / 1e6:,.3f}"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:,.1f}"
+
+
+def _print_pictures(seen: "list[Seen]", costs: "list[Cost]") -> None:
+    """Figures 6 and 7 as tables."""
+    from .measure import PLANS, of
+
+    asked = [(s.picture, f"{s.triangles:,}", f"{s.rays:,}", f"{100 * s.blocked / s.rays:.0f}") for s in seen]
+    print("Pictures, one point light, one shadow ray for each pixel that sees something")
+    report.print_table(("picture", "triangles", "rays", "% blocked"), asked, right=range(1, 4), width=_WIDTH)
+    left_out = "skipped: about "
+    tables = (
+        (
+            "Nodes visited, millions (Figures 6 and 7)",
+            lambda c: _millions(c.nodes) or left_out + _millions(c.predicted_nodes),
+        ),
+        ("Ray tests, of up to 16 rays each, millions", lambda c: _millions(c.tests) or "skipped"),
+        (
+            "Shadows, ms (Figures 6 and 7)",
+            lambda c: left_out + report.duration(c.predicted) if c.seconds is None else _ms(c.seconds),
+        ),
+    )
+    for title, cell in tables:
+        table = [(s.picture, *(cell(of(costs, s.picture, variant)) for variant in PLANS)) for s in seen]
+        print(title)
+        report.print_table(("picture", *PLANS), table, right=range(1, 1 + len(PLANS)), width=_WIDTH)
+
+
+def _print_museum(costs: "list[Cost]") -> None:
+    """Table 2, the report's figures in brackets."""
+    from . import published as paper
+    from .measure import of
+
+    places = [name for name in dict.fromkeys(c.picture for c in costs) if name.startswith("museum, ")]
+    if not places:
+        return
+    table = []
+    for variant in paper.MEASURED:
+        cells = []
+        for place, theirs, milliseconds in zip(places, paper.NODES[variant], paper.MILLISECONDS[variant]):
+            c = of(costs, place, variant)
+            took = "" if c.seconds is None else _ms(c.seconds)
+            cells += [f"{_millions(c.nodes)} ({theirs / 1e6:.2f})", f"{took} ({milliseconds:.1f})"]
+        table.append((variant, *cells))
+    head = ("variant", *(f"{place.removeprefix('museum, ')}, {what}" for place in places for what in ("M nodes", "ms")))
+    print("Museum (Table 2: the report's views are others, its times those of a GPU; in brackets)")
+    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
+
+
+def _print_claims(seen: "list[Seen]", costs: "list[Cost]", spreads: "list[Spread]") -> None:
+    """What the text says about the figures."""
+    from . import measure as bench
+    from . import published as paper
+
+    rows = []
+    for kind in ("Spheres", "Precise"):
+        times, picture, measured = bench.cut(costs, kind, f"{kind}Sorted")
+        if picture:
+            theirs = f"the report's {paper.cut(kind, f'{kind}Sorted'):,.0f}"
+            told = f"cuts nodes {'' if measured else 'about '}{times:,.1f} times in {picture} ({theirs})"
+            rows.append((f"sorting, {kind}", told))
+    for title, among in (
+        ("of Figure 6", paper.MEASURED),
+        ("of Table 1", paper.VARIANTS),
+        ("of all", tuple(bench.PLANS)),
+    ):
+        best = [bench.fewest(costs, s.picture, among) for s in seen]
+        wins = ", ".join(f"{name or 'none measured'} {best.count(name)}" for name in dict.fromkeys(best))
+        rows.append((f"fewest nodes {title}", f"in {len(best)} pictures: {wins}"))
+    for name in dict.fromkeys(s.of for s in spreads):
+        least = min((s for s in spreads if s.of == name), key=lambda s: s.deviation)
+        rows.append((f"steadiest in {name}", f"{least.variant}, deviation {100 * least.deviation:.0f} % of the mean"))
+    report.print_fields(rows)
+    print()
+
+
+def _print_spreads(spreads: "list[Spread]") -> None:
+    """How much the times of Figure 6(b) vary."""
+    if not spreads:
+        print("No animation is looked at, so nothing is said about how times vary (Figure 6b)\n")
+        return
+    table = []
+    for s in spreads:
+        frames = f"{s.frames}" if not s.missing else f"{s.frames} of {s.frames + s.missing}"
+        shares = f"{s.ratio:.2f}", _ms(s.quartiles), f"{100 * s.deviation:.0f}"
+        table.append((s.of, s.variant, frames, _ms(s.median), *shares))
+    head = (
+        "animation",
+        "variant",
+        "frames",
+        "median, ms",
+        "longest / shortest",
+        "quartiles apart, ms",
+        "deviation, % of mean",
+    )
+    print("Shadows over the frames of an animation (Figure 6b)")
+    report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)

@@ -1,0 +1,183 @@
+"""Nodes as cones with a common apex [Olsson and Assarsson 2011].
+
+A cone has a unit axis w and a half-angle a in [0, pi], and knows the shortest and the longest of its rays (Sec. 4.3).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.jit import inlined, kernel, overload
+from ...kernels.predicate.filters import cross, dot
+from ...kernels.simd import get, ptr, put
+from ...rayhierarchy import nodes as names
+from ...rayhierarchy.rays import block_of
+from ...rayhierarchy.view import relative
+from .cone_triangle import TINY, covered_cones, possible_cones, unit_of, write_cone_row
+
+ROWS = 7  # of a node: the axis, cos a, sin a, the shortest and the longest ray
+_MORE, _LESS = np.float64(1.0 + 2.0**-20), np.float64(1.0 - 2.0**-20)
+
+
+class Cones(NamedTuple):
+    """Nodes of a hierarchy; see `tree.Tree`."""
+
+    numbers: np.ndarray
+
+    ROWS = ROWS
+
+
+@inlined
+def _plus(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@inlined
+def _wider(w, axis, c, s, cos, sin):
+    """(c, s), cosine and sine of the largest angle so far to `w`, or of that to a cone around `axis`."""
+    n = cross(w, axis)
+    across, along = np.sqrt(dot(n, n)), dot(w, axis)
+    far, side = along * cos - across * sin, across * cos + along * sin
+    if side < 0.0:  # more than all around
+        return np.float64(-1.0), np.float64(0.0)
+    return (far, side) if far < c else (c, s)
+
+
+@inlined
+def _put_cone(group, ways, lane, w, c, s, shortest, longest):
+    """Write a cone, its angle and lengths a little larger."""
+    for k in range(3):
+        put(group, k * ways + lane, w[k])
+    put(group, 3 * ways + lane, max(c - 2.0**-22 * (s + 2.0**-22), -1.0))
+    put(group, 4 * ways + lane, min(s + 2.0**-22, 1.0) if c > -1.0 else 0.0)
+    put(group, 5 * ways + lane, shortest * _LESS)
+    put(group, 6 * ways + lane, longest * _MORE)
+
+
+@inlined
+def _ray_of(view, leaves, at):
+    """(direction from the apex, length) of the ray whose receiver is at a place of a leaf."""
+    p = leaves.origins
+    x, y, z = get(p, at), get(p, at + leaves.ways), get(p, at + 2 * leaves.ways)
+    return unit_of(relative(view, (np.float64(x), np.float64(y), np.float64(z))))
+
+
+@kernel
+def _cone_of_leaf(view, leaves, leaf, group, lane):
+    """The cone around the rays of a leaf."""
+    ways, z, lanes = leaves.ways, np.float64(0.0), np.int64(get(leaves.lanes, leaf))
+    w, first = (z, z, z), 3 * block_of(leaves, leaf) * ways
+    for i in range(ways):
+        if lanes >> i & 1:
+            d, length = _ray_of(view, leaves, first + i)
+            w = _plus(w, d)
+    w = unit_of(w)[0]
+    if dot(w, w) == 0.0:
+        w = (np.float64(0.0), np.float64(0.0), np.float64(1.0))
+    c, s, shortest, longest = np.float64(2.0), z, np.float64(np.inf), z
+    for i in range(ways):
+        if lanes >> i & 1:
+            d, length = _ray_of(view, leaves, first + i)
+            if length > TINY:
+                c, s = _wider(w, d, c, s, np.float64(1.0), z)
+            else:
+                c, s = np.float64(-1.0), z
+            shortest, longest = min(shortest, length), max(longest, length)
+    _put_cone(group, ways, lane, w, c, s, shortest, longest)
+    return lanes != 0
+
+
+@inlined
+def _axis(children, ways, i):
+    w = get(children, i), get(children, ways + i), get(children, 2 * ways + i)
+    return unit_of((np.float64(w[0]), np.float64(w[1]), np.float64(w[2])))[0]
+
+
+@inlined
+def _angle(children, ways, i):
+    """(cosine, sine) of the half-angle of a cone: from the smaller of the two, the other says little in float32."""
+    cos, sin = np.float64(get(children, 3 * ways + i)), np.float64(get(children, 4 * ways + i))
+    if cos > sin:
+        return np.sqrt(1.0 - sin * sin), sin
+    return cos, np.sqrt(max(1.0 - cos * cos, 0.0))
+
+
+@kernel
+def _cone_of_nodes(children, alive, ways, group, lane):
+    """The cone around a group."""
+    z = np.float64(0.0)
+    w = (z, z, z)
+    for i in range(ways):
+        if alive >> i & 1:
+            w = _plus(w, _axis(children, ways, i))
+    w = unit_of(w)[0]
+    if dot(w, w) == 0.0:
+        w = (np.float64(0.0), np.float64(0.0), np.float64(1.0))
+    c, s, shortest, longest = np.float64(2.0), z, np.float64(np.inf), z
+    for i in range(ways):
+        if alive >> i & 1:
+            cos, sin = _angle(children, ways, i)
+            c, s = _wider(w, _axis(children, ways, i), c, s, cos, sin)
+            shortest = min(shortest, np.float64(get(children, 5 * ways + i)))
+            longest = max(longest, np.float64(get(children, 6 * ways + i)))
+    _put_cone(group, ways, lane, w, c, s, shortest, longest)
+
+
+@overload(names.pointed)
+def _pointed(nodes):
+    if nodes.instance_class is Cones:
+        return lambda nodes: Cones(ptr(nodes.numbers))
+
+
+@overload(names.union_of)
+def _union_of(nodes, block, lanes, union):
+    if nodes.instance_class is Cones:
+        return lambda nodes, block, lanes, union: False
+
+
+@overload(names.meet_union)
+def _meet_union(nodes, group, union, ways):
+    if nodes.instance_class is Cones:
+        return lambda nodes, group, union, ways: np.int64(0)
+
+
+@overload(names.rows_of)
+def _rows_of(nodes):
+    if nodes.instance_class is Cones:
+        return lambda nodes: ROWS
+
+
+@overload(names.bound_leaf)
+def _bound_leaf(nodes, view, face, leaves, leaf, group, lane):
+    if nodes.instance_class is Cones:
+        return lambda nodes, view, face, leaves, leaf, group, lane: _cone_of_leaf(view, leaves, leaf, group, lane)
+
+
+@overload(names.bound_node)
+def _bound_node(nodes, children, alive, ways, group, lane):
+    if nodes.instance_class is Cones:
+        return lambda nodes, children, alive, ways, group, lane: _cone_of_nodes(children, alive, ways, group, lane)
+
+
+@overload(names.write_row)
+def _write_row(nodes, view, face, ways, shape, spheres, row):
+    if nodes.instance_class is Cones:
+        return lambda nodes, view, face, ways, shape, spheres, row: write_cone_row(view, shape, row)
+
+
+@overload(names.writes_sixteen)
+def _writes_sixteen(nodes):
+    if nodes.instance_class is Cones:
+        return lambda nodes: False
+
+
+@overload(names.possible)
+def _possible(nodes, group, row, ways, alive, spheres):
+    if nodes.instance_class is Cones:
+        return lambda nodes, group, row, ways, alive, spheres: possible_cones(group, row, ways, alive, spheres)
+
+
+@overload(names.covered)
+def _covered(nodes, group, row, ways, among):
+    if nodes.instance_class is Cones:
+        return lambda nodes, group, row, ways, among: covered_cones(group, row, ways) & among

@@ -1,0 +1,165 @@
+"""Figures 6 and 7 and Table 2 of the report on ray hierarchies, measured here [Olsson and Assarsson 2011].
+
+Each variant makes its cones from the shadow rays of a picture, one for each pixel, and sends the triangles through
+them. Seconds are of the phase `trace` of a frame, which here includes making the cones. Variants take their turns
+within each round, and the median of the rounds counts. What would take too long, by a smaller picture, is left out.
+"""
+
+from collections.abc import Callable, Iterable
+from statistics import fmean, median, pstdev
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ...rendering.frame import Frame
+from ...rendering.renderer import Renderer
+from ..answers import digest
+from .published import VARIANTS
+from .views import Picture
+
+OURS, BEST = "cones", "PreciseSorted"
+PLANS = {OURS: "cones", **{name: f"cones:{name}" for name in VARIANTS}}
+"""Variant -> plan: ours, then those of Table 1 by the report's names."""
+
+REFERENCE = "lbvh+single"
+"""The plan whose bits all variants must have."""
+
+SHRINK = (8, 4)
+"""Parts of the width and the height at which each variant is tried before. Nodes, and with them seconds, are expected
+to grow from one doubling to the next as they do between the two, but not faster than the rays."""
+
+
+class Seen(NamedTuple):
+    """What a picture asks."""
+
+    picture: str
+    of: str  # the scene's name
+    frame: int | None  # number within its animation
+    triangles: int
+    rays: int
+    blocked: int
+    bits: bytes  # a digest of the answer of REFERENCE
+
+
+class Cost(NamedTuple):
+    """What one variant does for one picture; None: left out, as it would have taken too long."""
+
+    picture: str
+    variant: str  # a key of PLANS
+    predicted: float  # seconds, by smaller pictures
+    predicted_nodes: float
+    nodes: int | None = None  # cones visited
+    tests: int | None = None  # ray tests, of up to 16 rays each
+    seconds: float | None = None  # of the phase `trace`
+    bits: bytes | None = None  # a digest of the answer
+
+
+class Spread(NamedTuple):
+    """How the seconds of one variant vary over the frames of an animation."""
+
+    of: str
+    variant: str
+    frames: int  # that were measured
+    missing: int  # that were left out
+    median: float
+    ratio: float  # longest / shortest
+    quartiles: float  # between the first and the third
+    deviation: float  # standard deviation / mean
+
+
+def measure(
+    picture: Picture, threads: int, rounds: int, limit: float, say: Callable[[str], None]
+) -> tuple[Seen, list[Cost]]:
+    """All variants in one picture; InputError if its camera sees nothing. limit: seconds a variant may take."""
+    renderers = {name: Renderer(picture.scene, plan, threads) for name, plan in PLANS.items()}
+
+    def trace(name: str, renderer: Renderer, shrink=1, counters=False) -> Frame:
+        camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
+        say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
+        return renderer.render(camera, [picture.light], spp=1, time=picture.time, counters=counters)
+
+    frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, threads))
+    if not frame.rays:
+        raise InputError(f"{picture.name}: the camera sees nothing; choose a scene whose camera sees something")
+    seen = _seen(picture, frame)
+    predicted = {n: _predicted(*(trace(n, r, part, True) for part in SHRINK)) for n, r in renderers.items()}
+    counted = {n: trace(n, r, counters=True) for n, r in renderers.items() if predicted[n][0] <= limit}
+    laps: dict[str, list[float]] = {name: [] for name in counted}
+    for turn in range(rounds):
+        for name, first in counted.items():
+            if turn == 0 or (turn + 1) * first.timings["trace"] <= limit:  # one round of what takes long
+                laps[name].append(trace(name, renderers[name]).timings["trace"])
+    costs = []
+    for name in PLANS:
+        cost = Cost(picture.name, name, *predicted[name])
+        if name in counted:
+            nodes, tests = _counts(counted[name])
+            cost = cost._replace(nodes=nodes, tests=tests)
+            cost = cost._replace(seconds=median(laps[name]), bits=digest(counted[name].bits))
+        costs.append(cost)
+    return seen, costs
+
+
+def _counts(frame: Frame) -> tuple[int, int]:
+    """(nodes, tests) that a frame counted."""
+    assert frame.counters is not None
+    return frame.counters["nodes"], frame.counters["triangle_tests"]
+
+
+def _predicted(smallest: Frame, small: Frame) -> tuple[float, float]:
+    """(seconds, nodes) of the whole picture."""
+    nodes = _counts(small)[0]
+    doublings = np.log2(SHRINK[1]) / np.log2(SHRINK[0] / SHRINK[1])
+    growth = min((nodes / max(_counts(smallest)[0], 1)) ** doublings, SHRINK[1] ** 2)
+    return float(growth * small.timings["trace"]), float(growth * nodes)
+
+
+def _seen(picture: Picture, frame: Frame) -> Seen:
+    blocked = int(np.bitwise_count(frame.bits[0]).sum())
+    shown = picture.name, picture.of, picture.frame, picture.scene.n_triangles
+    return Seen(*shown, frame.rays, blocked, digest(frame.bits))
+
+
+def answers(seen: Iterable[Seen], costs: Iterable[Cost]) -> list[tuple[str, bytes]]:
+    """(picture, digest) of all answers, to be compared."""
+    return [(s.picture, s.bits) for s in seen] + [(c.picture, c.bits) for c in costs if c.bits is not None]
+
+
+def of(costs: Iterable[Cost], picture: str, variant: str) -> Cost:
+    """What a variant does for a picture."""
+    return next(c for c in costs if (c.picture, c.variant) == (picture, variant))
+
+
+def fewest(costs: Iterable[Cost], picture: str, among: Iterable[str]) -> str:
+    """The variant that visits the fewest nodes, the first of them if several do; "" if all were left out."""
+    costs = list(costs)
+    found = [c for c in (of(costs, picture, variant) for variant in among) if c.nodes is not None]
+    return min(found, key=lambda c: c.nodes or 0).variant if found else ""
+
+
+def cut(costs: Iterable[Cost], unsorted: str, sorted_: str) -> tuple[float, str, bool]:
+    """How many times as many nodes are visited without sorting, and the picture where that is most; is it measured, or
+    predicted of a variant that was left out? (nan, "", False) if no node was visited by the sorted one."""
+    costs, found = list(costs), []
+    for a in (c for c in costs if c.variant == unsorted):
+        b = of(costs, a.picture, sorted_)
+        if b.nodes:
+            nodes = a.predicted_nodes if a.nodes is None else a.nodes
+            found.append((nodes / b.nodes, a.picture, a.nodes is not None))
+    return max(found, default=(np.nan, "", False))
+
+
+def spreads(seen: Iterable[Seen], costs: Iterable[Cost]) -> list[Spread]:
+    """Of each animation with at least two frames, and each variant that was measured in two of them."""
+    seen, costs, rows = list(seen), list(costs), []
+    for name in dict.fromkeys(s.of for s in seen if s.frame is not None):
+        frames = [s.picture for s in seen if s.of == name]
+        for variant in PLANS:
+            every = [of(costs, picture, variant).seconds for picture in frames]
+            some = [s for s in every if s is not None]
+            if len(some) > 1:
+                quarter, most = np.percentile(some, (25, 75)).tolist()
+                shares = median(some), max(some) / min(some), most - quarter, pstdev(some) / fmean(some)
+                rows.append(Spread(name, variant, len(some), len(every) - len(some), *shares))
+    return rows

@@ -1,0 +1,47 @@
+"""Figures 6 and 7 of the report on ray hierarchies, as measured here."""
+
+from pathlib import Path
+
+from ...output import replacing
+from .measure import PLANS, Cost, Seen, of
+
+_WIDTH, _STYLES, _MARKERS = 7.0, ("-", "--", ":", "-."), "osD^vP*X"
+
+
+def write_plot(seen: list[Seen], costs: list[Cost], path: Path) -> None:
+    """Nodes and time of each picture by variant."""
+    from matplotlib.figure import Figure
+
+    sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(seen)), 5.5), layout="constrained")
+    panels = sheet.subplot_mosaic([["nodes", "time"]])
+    _draw_pictures(panels["nodes"], seen, costs, ("nodes", "predicted_nodes"), "nodes visited", 1.0)
+    _draw_pictures(panels["time"], seen, costs, ("seconds", "predicted"), "trace, ms", 1e3)
+    panels["nodes"].legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    with replacing(path) as temporary:
+        sheet.savefig(temporary, format="png", dpi=110)
+
+
+def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], fields, label: str, scale: float) -> None:
+    """A colour for each variant; frames of one animation are joined. What was left out is a hollow mark where it was
+    predicted."""
+    field, predicted = fields
+    for k, variant in enumerate(PLANS):
+        style = {"color": f"C{k}", "marker": _MARKERS[k % 8], "markersize": 4}
+        for x, cost in enumerate(of(costs, s.picture, variant) for s in seen):
+            if cost.nodes is None:
+                panel.plot(x, scale * getattr(cost, predicted), fillstyle="none", **style)
+        for start, end in _runs(seen):
+            values = [getattr(of(costs, s.picture, variant), field) for s in seen[start:end]]
+            heights = [float("nan") if v is None else scale * v for v in values]
+            name = variant if start == 0 else None
+            panel.plot(range(start, end), heights, label=name, **style)
+    panel.set_xticks(range(len(seen)), [s.picture for s in seen], rotation=60, ha="right", fontsize=8)
+    panel.set_yscale("log")
+    panel.set_ylabel(label)
+    panel.grid(alpha=0.3)
+
+
+def _runs(seen: list[Seen]) -> list[tuple[int, int]]:
+    """(first, end) of pictures that are frames of the same animation, and of every other one by itself."""
+    starts = [k for k, s in enumerate(seen) if k == 0 or s.frame is None or s.of != seen[k - 1].of]
+    return list(zip(starts, [*starts[1:], len(seen)]))

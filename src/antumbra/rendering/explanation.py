@@ -1,0 +1,268 @@
+"""Where the steps of shadow rays go, plan by plan: by pixel, by class, and how deep the frequent blockers sit.
+
+`single` and its orders walk rays one by one, so that each test belongs to a ray (`trace.steps`). The other tracers test
+boxes for bundles of rays, or eight at once. They are traced in windows of 16 x 16 pixels, each with counters of its
+own; its tests are divided among its pixels that ask, and no classes are known. Where rays end in their trees is then
+found by a walk of one ray after the other, too.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..kernels.parallel import thread_count
+from ..plan import Plan, parse_plan
+from ..query.gbuffer import GBuffer
+from ..query.picture import shadow_queries
+from ..query.sampling import light_samples
+from ..query.shadow import ShadowQuery
+from ..scene.camera import Camera
+from ..scene.lights import check_lights
+from ..scene.triangles import Triangles
+from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
+from ..trace.rays.orders import BUILT, Ordered
+from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
+from .accelerate import Accelerated
+from .job import bounced_queries
+from .renderer import Renderer
+from .srdh_rays import check_srdh_rays
+from .warm import warm_up, warm_up_bounce, warm_up_steps
+
+WINDOW = 16  # pixels; what tracers trace together lies within
+
+
+class Moment(NamedTuple):
+    """What is seen at a time."""
+
+    time: float  # seconds into the animation
+    camera: Camera
+    lights: list
+
+
+class Depths(NamedTuple):
+    """How deep leaves lie: the number of boxes on the way from the root, their own included. NaN: no ray is blocked."""
+
+    frequent: float  # of the frequent blockers' leaves, the mean over the rays that the first plan found them to block
+    mean: float  # of the leaves in which this plan's blocked rays end
+    median: float
+    deepest: int  # leaf of the tree
+    histogram: np.ndarray  # (deepest + 1,) int64: blocked rays that end at each depth
+
+
+class PlanSteps(NamedTuple):
+    """The steps of one plan. H, W: the camera's height and width."""
+
+    plan: Plan
+    boxes: np.ndarray  # (H, W) float64: boxes tested for each pixel's rays
+    box_tests: int
+    triangle_tests: int
+    classes: np.ndarray | None  # (3,) int64: the box tests by `trace.steps.CLASSES`; None: tests belong to bundles
+    depths: Depths
+
+
+class Explanation(NamedTuple):
+    """Where the steps of some plans go, which all give the same bits."""
+
+    asks: np.ndarray  # (H, W) bool: pixels that ask for a ray
+    rays: int  # samples above the horizon, of all lights
+    blocked: int  # of these rays
+    frequent: np.ndarray  # (k,) int64: the fewest triangles that together block half of the blocked rays
+    frequent_rays: int  # that they block, in the first plan
+    plans: list[PlanSteps]
+
+
+class _Picture(NamedTuple):
+    """What a moment asks."""
+
+    triangles: Triangles
+    gbuffer: GBuffer
+    lights: list
+    samples: list[np.ndarray]
+    queries: list[ShadowQuery]
+
+
+class _Walked(NamedTuple):
+    """What came of one plan."""
+
+    plan: Plan
+    ready: Accelerated
+    steps: Steps  # of rays that are walked one by one
+    bits: list[np.ndarray]
+    bundles: np.ndarray | None  # (rows, columns, 2) int64, box and triangle tests of each window; None: one by one
+
+
+def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=None) -> Explanation:
+    """Where the steps of the shadow rays go that a camera's pixels ask for.
+
+    Parameters
+    ----------
+    scene : Scene
+    moments : list of Moment
+        The last one is explained. Those before are what an animation showed last: trees that are kept from frame to
+        frame, and rays of the last frame, come from there.
+    plans : list of str or Plan, one or more
+    spp, threads
+        As in `antumbra.render`.
+    srdh_rays : SrdhRays or None
+        Which rays the builders are shown that want some.
+    say : function of (plan, its number), optional
+        Called before each plan.
+
+    Raises
+    ------
+    InputError
+        On a value out of range, an unknown plan or one without a BVH, or if srdh_rays is given and no plan wants rays.
+    RuntimeError
+        If plans differ in a bit, which would be a bug.
+    """
+    plans = explained_plans(plans)
+    check_srdh_rays(srdh_rays, *plans)
+    moments = [moment._replace(lights=check_lights(moment.lights)) for moment in moments]
+    for plan in plans:
+        warm_up(plan, "raster")
+    warm_up_steps()
+    if srdh_rays is not None and srdh_rays.bounce:
+        warm_up_bounce()
+    return explain_compiled(scene, moments, plans, spp, thread_count(threads), srdh_rays, say)
+
+
+def explained_plans(plans) -> list[Plan]:
+    """The plans; InputError if one is unknown, or has no BVH through which rays take steps."""
+    plans = [parse_plan(plan) for plan in plans]
+    for plan in plans:
+        if plan.build is None:
+            raise InputError(f"plan {str(plan)!r} has no BVH, so its rays take no steps; leave it out")
+    return plans
+
+
+def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=None) -> Explanation:
+    """`explain`, from checked arguments."""
+    pictures, told = [_picture(scene, moment, spp, threads) for moment in moments], []
+    for i, plan in enumerate(plans):
+        if say is not None:
+            say(plan, i)
+        walked = _walk(Renderer(scene, plan, threads, srdh_rays=srdh_rays if plan.wants_rays else None), pictures)
+        if i == 0:
+            first, frequent = walked, _frequent(walked.steps.hits)
+        _check_bits(first, walked)
+        told.append(_plan_steps(walked, first.steps.hits, frequent))
+    steps = first.steps
+    asks, rays, blocked = steps.rays > 0, int(steps.rays.sum()), int(steps.blocked.sum())
+    return Explanation(asks, rays, blocked, frequent, int(steps.hits[frequent].sum()), told)
+
+
+def _picture(scene, moment: Moment, spp: int, threads: int) -> _Picture:
+    """The queries of a moment; the same for every plan."""
+    triangles = scene.triangles(moment.time, threads)
+    gbuffer = Renderer(scene, threads=threads).see(triangles, moment.camera)
+    samples = [light_samples(light, spp) for light in moment.lights]
+    queries = shadow_queries(triangles, gbuffer, moment.lights, samples, threads=threads)
+    return _Picture(triangles, gbuffer, moment.lights, samples, queries)
+
+
+def _build(renderer: Renderer, picture: _Picture) -> Accelerated:
+    """The tree of a plan for a picture, as a frame has it."""
+    triangles, gbuffer, lights, samples, queries = picture
+    bounce = bounced_queries(renderer, triangles, gbuffer, lights, samples)
+    shown = renderer.show(triangles, queries, bounce=bounce)
+    return renderer.build(triangles, renderer.culled(triangles, queries), shown)
+
+
+def _walk(renderer: Renderer, pictures: list[_Picture]) -> _Walked:
+    """Trace the last picture, having built for all, and count."""
+    for picture in pictures:
+        ready = _build(renderer, picture)
+    queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), renderer.threads
+    one_by_one = isinstance(ready.prepared, Ordered)
+    ordered = ready.prepared if one_by_one else Ordered(ready.bvh, BUILT)
+    steps = add_steps([count_steps(ordered, query, n, threads) for query in queries])
+    if one_by_one:
+        return _Walked(renderer.plan, ready, steps, [renderer.answer(ready, query) for query in queries], None)
+    bits, tests = zip(*(trace_windows(renderer, ready, query) for query in queries))
+    return _Walked(renderer.plan, ready, steps, list(bits), np.sum(tests, axis=0))
+
+
+def trace_windows(renderer: Renderer, accelerated: Accelerated, query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
+    """(bits, tests) of a query, window by window; tests: (rows, columns, 2) int64, of boxes and of triangles.
+
+    A window begins at a multiple of 16 pixels, as a block of 4 x 4 pixels does that share their samples: the bits are
+    those of the whole.
+    """
+    h, w = query.sides.shape
+    rows, columns = -(-h // WINDOW), -(-w // WINDOW)
+    bits = np.zeros((h, w, -(-query.samples.shape[1] // 64)), np.uint64)
+    tests, alone = np.zeros((rows, columns, 2), np.int64), Renderer(renderer.scene, renderer.plan, 1)
+
+    def trace(window):
+        y, x = divmod(window, columns)
+        part = slice(y * WINDOW, (y + 1) * WINDOW), slice(x * WINDOW, (x + 1) * WINDOW)
+        tally = new_counters()
+        bits[part] = alone.answer(accelerated, _part(query, part), tally)
+        tests[y, x] = tally[[BOX_TESTS, TRIANGLE_TESTS]]
+
+    with ThreadPoolExecutor(renderer.threads) as pool:
+        list(pool.map(trace, range(rows * columns)))
+    return bits, tests
+
+
+def _part(query: ShadowQuery, part: tuple[slice, slice]) -> ShadowQuery:
+    """The query of some of the receivers."""
+    fields = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
+    return query._replace(**{name: np.ascontiguousarray(getattr(query, name)[part]) for name in fields})
+
+
+def _check_bits(first: _Walked, other: _Walked) -> None:
+    """RuntimeError if two plans answer differently."""
+    differ = [np.count_nonzero((a != b).any(axis=-1)) for a, b in zip(first.bits, other.bits)]
+    if any(differ):
+        raise RuntimeError(
+            f"the plans {first.plan} and {other.plan} differ in the shadows of {sum(differ)} pixels, and no two plans "
+            "may; please report this with the scene and the command"
+        )
+
+
+def _frequent(hits: np.ndarray) -> np.ndarray:
+    """The fewest triangles that have half of all hits, those with most first."""
+    order = np.argsort(-hits, kind="stable")
+    reached = np.cumsum(hits[order])
+    if reached.size == 0 or reached[-1] == 0:
+        return order[:0]
+    return order[: int(np.searchsorted(reached, reached[-1] / 2)) + 1]
+
+
+def _plan_steps(walked: _Walked, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
+    """One plan's numbers; `hits`: rays that the first plan found each triangle to block."""
+    steps, depths = walked.steps, _depths(walked, hits, frequent)
+    if walked.bundles is None:
+        boxes, classes = steps.boxes.sum(axis=-1), steps.boxes.sum(axis=(0, 1))
+        tested, triangles = int(classes.sum()), int(steps.triangles.sum())
+        return PlanSteps(walked.plan, boxes.astype(np.float64), tested, triangles, classes, depths)
+    tested, triangles = (int(n) for n in walked.bundles.sum(axis=(0, 1)))
+    return PlanSteps(walked.plan, _shared_out(walked.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths)
+
+
+def _shared_out(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
+    """(H, W) float64: the tests of each window, divided among its pixels that ask."""
+    rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
+    window = rows[:, None] * tests.shape[1] + columns
+    n = np.bincount(window[asks], minlength=tests.size).reshape(tests.shape)
+    return np.where(asks, (tests / np.maximum(n, 1)).ravel()[window], 0.0)
+
+
+def _depths(walked: _Walked, hits: np.ndarray, frequent: np.ndarray) -> Depths:
+    bvh = walked.ready.bvh
+    histogram = hit_depths(bvh, walked.steps.hits)
+    reached, depth_of = np.cumsum(histogram), np.zeros(len(hits))
+    depth_of[bvh.prim_ids] = leaf_depths(bvh)
+    deepest = max(len(histogram) - 1, 0)
+    if not len(frequent):
+        return Depths(np.nan, np.nan, np.nan, deepest, histogram)
+    return Depths(
+        float(np.average(depth_of[frequent], weights=hits[frequent])),
+        float(np.average(np.arange(len(histogram)), weights=histogram)),
+        float(np.searchsorted(reached, reached[-1] / 2)),
+        deepest,
+        histogram,
+    )

@@ -1,0 +1,175 @@
+"""Questions that are not pictures: ray arrays, and points that ask which lights they see."""
+
+from dataclasses import replace
+from threading import get_ident
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..kernels.parallel import thread_count
+from ..plan import DEFAULT_PLAN
+from ..query.bounds import bounds, reach_of
+from ..query.rays import Arguments, Hit, HitArrays, as_array, cull_value, ray_arguments
+from ..query.receivers import FREE, point_receivers
+from ..query.sampling import light_samples
+from ..query.shadow import ShadowQuery, fraction_lit
+from ..scene.lights import check_lights
+from ..scene.point_lights import PointLights
+from ..trace.rays.batch import trace_batch
+from .accelerate import Accelerated
+from .paged import is_paged
+from .renderer import Renderer
+from .warm import warm_up, warm_up_paged, warm_up_rays
+
+
+class Visibility(NamedTuple):
+    """Which samples of a light each point sees; leading shape (...) as the points had."""
+
+    bits: np.ndarray  # (..., ceil(spp / 64)) uint64: bit s = sample s occluded
+    fraction: np.ndarray  # (...) float32: share of the samples that is not occluded
+
+
+def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated:
+    """The scene's triangles and BVH at a time; those of all plans for the last time asked are kept with the scene.
+
+    Plans that differ only in their tracer share triangles and BVH, or the triangles if they have none.
+    """
+    renderer, time = Renderer(scene, plan, threads), scene.clamped(time)
+    kept = scene.__dict__.get("_accelerated")
+    if kept is None or kept[0] != time:
+        kept = scene.__dict__["_accelerated"] = (time, {})
+    plan, plans = renderer.plan, kept[1]
+    if plan not in plans:
+        built = next((made for other, made in list(plans.items()) if other.tree == plan.tree), None)
+        plans[plan] = renderer.prepare(built.triangles, built.bvh) if built else renderer.accelerate(time)
+    return plans[plan]
+
+
+def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time, threads) -> HitArrays:
+    """Trace rays through a scene; InputError where a number is one that a ray must not have."""
+    m = len(arguments.origins)
+    n = 0 if any_hit else m
+    out = HitArrays(
+        np.empty(m - n, np.bool_), np.empty(n, np.int32), np.empty(n), np.empty(n, np.float32), np.empty(n, np.float32)
+    )
+    wide = accelerated(scene, time, threads, "bsah+wide").prepared
+    if not trace_batch(wide, arguments.ray_list(cull_faces), any_hit, out, threads):
+        arguments.check()
+    return out
+
+
+def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_faces, threads):
+    """Any-hit: (...) bool; else the `Hit`. `rays`: the first five arguments of `Scene.occluded`."""
+    arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin)
+    thread_count(threads)
+    warm_up_rays()
+    out = trace_list(scene, arguments, any_hit, facing, time, threads)
+    if any_hit:
+        return out.blocked.reshape(shape)
+    return Hit(out.t.reshape(shape), out.face.reshape(shape), out.u.reshape(shape), out.v.reshape(shape))
+
+
+def visibility(
+    scene, points, light, normals=None, *, spp=16, plan=None, time=0.0, threads=None,
+    sampler="larcher-pillichshammer", cull_faces=None, srdh_rays=None, max_memory=None,
+) -> Visibility:  # fmt: skip
+    """Which samples of a light do points see? Receivers that are not pixels: vertices, sensors, plots of land.
+
+    Parameters
+    ----------
+    scene : Scene
+    points : (..., 3) float, world; anything with DLPack
+    light : a light
+        Ambient occlusion needs normals. Of a list of lights each point asks all: bit s is light s.
+    normals : (..., 3) float, broadcast against the points, or None
+        Where points lie on surfaces: the surfaces' normals, any length, towards the side that asks. The points are
+        moved off their surface by a few units in the last place, and samples below its horizon are occluded. None:
+        the points float freely and are used as they are.
+    spp, plan, time, threads, sampler, cull_faces
+        As in `antumbra.render`. Point i uses sample set i mod 4.
+    srdh_rays : SrdhRays or None
+        Which rays the builder `srdh` is shown; None: those of 256 of the points.
+    max_memory : int or None
+        Bytes that the process may have in memory, for a scene in a store; None: 4 GiB. What has been read is kept with
+        the scene for the next question that names the same plan, threads and memory.
+
+    Returns
+    -------
+    Visibility
+
+    Raises
+    ------
+    InputError
+        On wrong shapes or dtypes, NaN or infinite numbers, zero normals, or an unknown plan.
+    """
+    renderer = _renderer(scene, plan, threads, srdh_rays, max_memory)
+    points = as_array(points, "points")
+    if points.ndim < 1 or points.shape[-1] != 3:
+        raise InputError(f"points must have shape (..., 3), not {points.shape}")
+    (light,) = check_lights([light])
+    if isinstance(light, PointLights) and light.interleave:
+        light = replace(light, interleave=False)  # points are in no blocks of 4x4: each asks all lights
+    samples = light_samples(light, spp, sampler)
+    if normals is None and light.domain == "hemisphere":
+        raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
+    world = points.astype(np.float64).reshape(-1, 3)
+    if not np.isfinite(world).all():
+        raise InputError("points hold NaN or infinity")
+    local = world - scene.origin
+    if normals is None:
+        origins, unit = local.astype(np.float32), np.empty((0, 0, 3))
+    else:
+        unit = _unit_normals(normals, points.shape)
+        origins = point_receivers(local, unit, world, points.dtype == np.float32)
+    warm_up(renderer.plan, renderer.gbuffer)
+    ready, paged = None, renderer.paged
+    if paged is not None:
+        warm_up_paged()
+        paged.begin(len(local), -(-samples.shape[1] // 64))
+        ready = paged.accelerated
+    elif not (renderer.plan.cull or renderer.showing):
+        ready = accelerated(scene, time, threads, renderer.plan)
+    triangles = scene.triangles(time, threads) if ready is None else ready.triangles
+    box = np.stack(bounds(triangles.vertices, threads)) if paged is None else paged.store.meta.box
+    no_faces = np.full((1, len(local)), -1, np.int32)
+    query = ShadowQuery(
+        origins[None],
+        no_faces,
+        np.full((1, len(local)), FREE if normals is None else 1, np.int8),
+        unit if normals is None else unit[None],
+        triangles.vertices.reshape(-1, 9),
+        light.patch(triangles.origin, reach_of(box, origins, threads) if len(origins) else 1.0),
+        samples,
+        cull_value(cull_faces),
+        no_faces,
+    )
+    if ready is None:
+        ready = renderer.build(triangles, renderer.culled(triangles, [query]), renderer.show(triangles, [query]))
+    if renderer.plan.tracer.keeps:
+        ready.prepared.begin()
+    bits = renderer.answer(ready, query)
+    bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
+    return Visibility(bits, fraction_lit(bits, samples.shape[1]))
+
+
+def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
+    """A renderer of this scene; of a store the one that answered this thread before, with all that it has read."""
+    if not is_paged(scene):
+        return Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
+    asked, kept = (plan, threads, max_memory, get_ident()), scene.__dict__.get("_renderer")
+    if kept is None or kept[0] != asked:
+        kept = scene.__dict__["_renderer"] = asked, Renderer(scene, plan, threads, max_memory=max_memory)
+    return kept[1]
+
+
+def _unit_normals(normals, shape) -> np.ndarray:
+    normals = as_array(normals, "normals").astype(np.float64)
+    try:
+        normals = np.broadcast_to(normals, shape).reshape(-1, 3)
+    except ValueError:
+        raise InputError(f"normals {normals.shape} do not broadcast to the points {shape}") from None
+    length = np.sqrt((normals * normals).sum(1, keepdims=True))
+    if not (np.isfinite(length) & (length > 0)).all():
+        raise InputError("normals hold zero, NaN or infinite vectors; leave normals out for points in free space")
+    return np.ascontiguousarray(normals / length)

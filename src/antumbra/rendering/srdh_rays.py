@@ -1,0 +1,228 @@
+"""Representative shadow rays: what the builder `srdh` is shown of those that will be traced [Feltman et al. 2012].
+
+They come from a sparse picture of the scene (Sec. 3.4, 4.2), from the last frame of an animation, or from the user. All
+that each of them meets is found in a BVH that is made for it, or was made for something else.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh import lbvh
+from ..bvh.bounds import MAX_COORDINATE
+from ..bvh.nodes import Bvh
+from ..bvh.rayset import Intersections
+from ..checks import points, whole_number
+from ..errors import InputError
+from ..plan import Plan
+from ..query.gbuffer import GBuffer
+from ..query.shadow import ShadowQuery, segments
+from ..trace.rays.intersections import intersections
+
+
+@dataclass(frozen=True, eq=False)
+class SrdhRays:
+    """Which shadow rays the builder `srdh` is shown.
+
+    Parameters
+    ----------
+    size : int or None
+        Of a picture, size x size pixels spread evenly; of a single row of points, as many of them. None: all.
+    spp : int
+        Samples of each light from each of them, 1 or more; at most those that are asked.
+    bounce : bool
+        As many also from the surfaces that one diffuse ray from each pixel meets [Feltman et al. 2012, Sec. 4]: for
+        trees that will answer more than what the camera sees.
+    last_frame : bool
+        Frames of a `Renderer` after the first are shown the rays of the frame before, and what they met then.
+    origins, ends : (m, 3) float, world, or None
+        These segments, instead of any others.
+
+    Raises
+    ------
+    InputError
+        On a value out of range, a coordinate as large as no triangle's may be, or origins and ends of different shapes.
+    """
+
+    size: int | None = 16
+    spp: int = 4
+    bounce: bool = False
+    last_frame: bool = False
+    origins: np.ndarray | None = None
+    ends: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.size is not None:
+            whole_number(self.size, "size", 1, 1 << 16)
+        whole_number(self.spp, "spp", 1, 1024)
+        if (self.origins is None) != (self.ends is None):
+            raise InputError("segments have origins and ends; give both, or neither")
+        if self.origins is not None:
+            origins, ends = points(self.origins, "origins"), points(self.ends, "ends")
+            if origins.shape != ends.shape:
+                raise InputError(f"origins {origins.shape} and ends {ends.shape} must have the same shape")
+            for array, name in ((origins, "origins"), (ends, "ends")):
+                if not (np.abs(array) < MAX_COORDINATE).all():
+                    raise InputError(f"{name} have a coordinate that is not below {MAX_COORDINATE:.1e}")
+            if self.bounce or self.last_frame:
+                raise InputError("origins and ends are given, so bounce and last_frame say nothing; leave them out")
+            object.__setattr__(self, "origins", origins)
+            object.__setattr__(self, "ends", ends)
+
+
+class Segments(NamedTuple):
+    """Shadow segments in the recentred frame."""
+
+    origins: np.ndarray  # (m, 3) float32
+    ends: np.ndarray  # (m, 3) float32
+    skip: np.ndarray  # (m,) int32: the triangle that each starts on, which does not count; -1: none
+    cull_faces: int  # a value of CULL_FACES
+
+    def in_bvh(self, bvh: Bvh, skip: np.ndarray, threads: int) -> Intersections:
+        """What they meet in a BVH; `skip` as it counts its triangles."""
+        return intersections(bvh, self.origins, self.ends, skip, threads, self.cull_faces)
+
+
+def _spread(n: int, k: int | None) -> np.ndarray:
+    """k of the indices 0 to n - 1, spread evenly; all of them if k is None."""
+    return np.arange(n) if k is None or k >= n else ((np.arange(k) + 0.5) * n / k).astype(np.int64)
+
+
+def _pixels(shape: tuple[int, int], size: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """(rows, columns) of size x size pixels of a picture, or of as many points in a single row."""
+    h, w = shape
+    if h == 1:
+        return np.zeros(1, np.int64), _spread(w, None if size is None else size * size)
+    return _spread(h, size), _spread(w, size)
+
+
+def _sparse(array: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """The rows and columns of an (H, W, ...) array."""
+    return np.ascontiguousarray(array[at[0]][:, at[1]])
+
+
+def fewer_samples(samples: np.ndarray, spp: int) -> np.ndarray:
+    """At most `spp` of the samples of each set, (16, n, 3): others of each, so that neighbours see all of a light."""
+    n = samples.shape[1]
+    if spp >= n:
+        return samples
+    sets = np.arange(len(samples))[:, None]
+    return np.ascontiguousarray(samples[sets, (_spread(n, spp) + sets) % n])
+
+
+def _sparse_query(query: ShadowQuery, asked: SrdhRays) -> ShadowQuery:
+    """The part of a query that `asked` wants."""
+    at = _pixels(query.sides.shape, asked.size)
+    normals = query.normals if query.normals.size == 0 else _sparse(query.normals, at)
+    return query._replace(
+        origins=_sparse(query.origins, at), faces=_sparse(query.faces, at), sides=_sparse(query.sides, at),
+        normals=normals, samples=fewer_samples(query.samples, asked.spp), ids=_sparse(query.ids, at),
+    )  # fmt: skip
+
+
+def sparse_gbuffer(gbuffer: GBuffer, asked: SrdhRays) -> GBuffer:
+    """The pixels of a picture that `asked` wants."""
+    at = _pixels(gbuffer.face.shape, asked.size)
+    return GBuffer(*(_sparse(array, at) for array in gbuffer[:5]), gbuffer.origin)
+
+
+def segments_of(queries) -> Segments:
+    """All segments of some queries that run above their receiver's horizon."""
+    parts = []
+    for query in queries:
+        ends, above = segments(query)
+        origins = np.broadcast_to(query.origins[:, :, None], ends.shape)
+        faces = np.broadcast_to(query.faces[:, :, None], above.shape)
+        parts.append((origins[above], ends[above], faces[above]))
+    arrays = (np.ascontiguousarray(np.concatenate(arrays)) for arrays in zip(*parts))
+    return Segments(*arrays, queries[0].cull_faces)
+
+
+def _given(asked: SrdhRays, origin: np.ndarray, cull_faces: int) -> Segments:
+    """The user's, in a scene with this origin."""
+    local = [(points - origin).astype(np.float32) for points in (asked.origins, asked.ends)]
+    return Segments(*local, np.full(len(local[0]), -1, np.int32), cull_faces)
+
+
+def _among(kept: np.ndarray | None, faces: np.ndarray) -> np.ndarray:
+    """The place of each triangle of the scene among those that are kept (None: all), -1 where it is not."""
+    if kept is None:
+        return faces
+    if len(kept) == 0:
+        return np.full(len(faces), -1, np.int32)
+    at = np.minimum(np.searchsorted(kept, faces), len(kept) - 1)
+    return np.where(kept[at] == faces, at, -1).astype(np.int32)
+
+
+def _counted_in(kept: np.ndarray | None, found: Intersections) -> Intersections:
+    """Intersections with triangles of the scene, as those with the triangles that are kept, counted in these."""
+    prims, m = _among(kept, found.prims), len(found.origins)
+    owner = np.repeat(np.arange(m), np.diff(found.first))[prims >= 0]
+    first = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=m))])
+    return found._replace(first=first, prims=prims[prims >= 0])
+
+
+class Shown:
+    """The rays that a builder is shown: segments, and what they met if that is known."""
+
+    def __init__(self, segments: Segments, bvh: Bvh | None = None):
+        self.segments = segments
+        self.bvh = bvh  # of all triangles of the scene, if there is one
+        self.met: Intersections | None = None
+
+    def among(self, vertices: np.ndarray, kept: np.ndarray | None, threads: int, bvh: Bvh | None = None):
+        """The `Intersections`, as the builder of these triangles counts them; `kept`: which of the scene's, None: all.
+
+        If no BVH can answer that yet, not even one of these triangles (`bvh`), the one is made that takes the least
+        time: it is asked little.
+        """
+        if self.met is None and self.bvh is not None:
+            self.met = self.segments.in_bvh(self.bvh, self.segments.skip, threads)
+        if self.met is not None:
+            return _counted_in(kept, self.met)
+        bvh = lbvh.build(vertices, threads) if bvh is None else bvh
+        return self.segments.in_bvh(bvh, _among(kept, self.segments.skip), threads)
+
+
+class Showing:
+    """Chooses what the builder of a `Renderer` is shown, frame after frame."""
+
+    def __init__(self, asked: SrdhRays, threads: int):
+        self.asked, self.threads = asked, threads
+        self.last: Shown | None = None  # of the frame before, if that is asked for
+        self.n_triangles = 0  # of that frame
+
+    def show(self, queries, triangles, bvh: Bvh | None = None, bounce: Callable | None = None) -> Shown:
+        """The rays of these queries, or instead.
+
+        bvh : of all triangles, if there is one
+        bounce : function of a `Bvh` of all triangles -> queries of the surfaces that diffuse rays meet, for a picture
+        """
+        if self.asked.origins is not None:
+            return Shown(_given(self.asked, triangles.origin, queries[0].cull_faces), bvh)
+        queries = [_sparse_query(query, self.asked) for query in queries]
+        if self.asked.bounce:
+            if bounce is None:
+                raise InputError("srdh_rays asks for a bounce; only the rays of pictures can have one")
+            bvh = lbvh.build(triangles.vertices, self.threads) if bvh is None else bvh
+            queries += bounce(bvh)
+        shown = Shown(segments_of(queries), bvh)
+        if not self.asked.last_frame:
+            return shown
+        last, n, self.last, self.n_triangles = self.last, self.n_triangles, shown, len(triangles.vertices)
+        same = last is not None and last.met is not None and n == self.n_triangles  # what it met is there still
+        return last if same else shown
+
+    def built(self, bvh: Bvh) -> None:
+        """Note, for the next frame, what the rays of this one meet in the BVH that was built first."""
+        if self.last is not None and self.last.met is None:  # of edges, a culled BVH is built again: of less
+            self.last.met = self.last.segments.in_bvh(bvh, self.last.segments.skip, self.threads)
+
+
+def check_srdh_rays(srdh_rays: SrdhRays | None, *plans: Plan) -> None:
+    """InputError if rays are chosen for builders, and none of the plans has one that wants rays."""
+    if srdh_rays is not None and not any(plan.wants_rays for plan in plans):
+        names = ", ".join(map(str, plans))
+        raise InputError(f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh")

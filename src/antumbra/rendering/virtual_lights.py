@@ -1,0 +1,163 @@
+"""Virtual point lights: where the light of a lamp falls, there is a new light [Keller 1997]."""
+
+import numpy as np
+
+from ..checks import whole_number
+from ..errors import InputError
+from ..query.receivers import surface_receivers
+from ..scene.lights import (
+    DirectionalLight,
+    DiskLight,
+    Light,
+    PointLight,
+    QuadLight,
+    SphereLight,
+    check_lights,
+    tangents,
+)
+from ..scene.point_lights import PointLights
+
+
+def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=True, threads=None) -> PointLights:
+    """The light that has bounced once, as point lights: instant radiosity [Keller 1997].
+
+    Sends n photons from the light, spread by a Sobol sequence: from area lights by the cosine, from a sphere all over
+    its surface, from a distant light through a disk that covers the scene. Where a photon meets a surface is a point
+    light, just off the surface, with the photon's power times the surface's colour, shining by the cosine around the
+    normal. All photons carry the same power; those that leave the scene are lost.
+
+    The sum over the lights is an unbiased estimate of the irradiance by light that has bounced once, with one
+    exception: 1 / distance^2 is clamped (``PointLights.nearest``) at the radius of the disk that one light typically
+    stands for, because receivers nearer than that would show the lights as bright spots. So corners are a little too
+    dark.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : a light
+        Not ambient occlusion, and not itself a list.
+    n : int
+        Photons, 1 to 16384 (1024 without `interleave`).
+    seed : int
+        Of the scrambled sequence; the same seed gives the same lights.
+    time : float
+        Seconds, clamped to [0, scene.duration].
+    interleave : bool
+        Whether a pixel asks a sixteenth of the lights, see `PointLights`.
+    threads : int or None
+        None: all cores.
+
+    Returns
+    -------
+    PointLights
+        At most n, with ``indirect=True``.
+
+    Raises
+    ------
+    InputError
+        When the light is of another kind, n is out of range, or no photon meets the scene.
+    """
+    (light,) = check_lights([light])
+    n = whole_number(n, "n", 1, 16384 if interleave else 1024)
+    centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
+    origins, directions, power = _emitted(light, _sobol(n, seed), centre, radius)
+    hit = scene.closest_hit(origins, directions, time=time, threads=threads)
+    met = hit.face >= 0
+    if not met.any():
+        what = f"none of the {n} photons of the {type(light).__name__} meets {scene.name}"
+        raise InputError(f"{what}; move the light nearer, or take more")
+    triangles, face = scene.triangles(time, threads), hit.face[met]
+    points = origins[met] + hit.t[met, None] * directions[met]
+    positions, normals = _off_surface(points, directions[met], face, triangles, threads)
+    return PointLights(
+        positions,
+        power / n / np.pi,  # a flux F that leaves by the cosine has the intensity F / pi along the normal
+        triangles.colour[face] * np.asarray(light.colour),
+        normals,
+        interleave=interleave,
+        indirect=True,
+        nearest=_typical_radius(positions),
+    )
+
+
+def _sobol(n: int, seed: int) -> np.ndarray:
+    """(n, 4) float64 in [0, 1)."""
+    from scipy.stats import qmc  # slow to import, so only when asked for
+
+    return qmc.Sobol(4, scramble=True, rng=seed).random(1 << (n - 1).bit_length())[:n]
+
+
+def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, np.ndarray, float]:
+    """Origins (n, 3) and unit directions (n, 3) of photons, world, and the power of all of them together.
+
+    The power follows from what shading does with `intensity`: candela along a flat light's axis, falling off by the
+    cosine on both sides; candela all around of points and spheres; lux of a distant light.
+    """
+    a, b = xi[:, 0], xi[:, 1]
+    if isinstance(light, PointLight):
+        return np.broadcast_to(light.position, (len(xi), 3)), _on_sphere(a, b), 4.0 * np.pi * light.intensity
+    if isinstance(light, SphereLight):
+        normal = _on_sphere(a, b)
+        return light.center + light.radius * normal, _by_cosine(normal, xi[:, 2:]), 4.0 * np.pi * light.intensity
+    if isinstance(light, DirectionalLight):
+        u, v = tangents(light.direction)
+        spread = np.tan(np.radians(light.angular_diameter) / 2.0)
+        x, y = (_on_disk(xi[:, 2], xi[:, 3]) * spread).T[..., None]
+        directions = light.direction + x * u + y * v
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        x, y = (_on_disk(a, b) * radius).T[..., None]
+        origins = centre + x * u + y * v - 2.0 * radius * directions
+        return origins, directions, np.pi * radius**2 * light.intensity
+    if isinstance(light, QuadLight):
+        origins = light.corner + a[:, None] * light.u + b[:, None] * light.v
+        axis = np.cross(light.u, light.v) / light.area()
+    elif isinstance(light, DiskLight):
+        u, v = tangents(light.normal)
+        x, y = (_on_disk(a, b) * light.radius).T[..., None]
+        origins, axis = light.center + x * u + y * v, light.normal
+    else:
+        raise InputError(f"{type(light).__name__} sends no photons; give a point, quad, disk, sphere or distant light")
+    side = np.where(xi[:, 2] < 0.5, 1.0, -1.0)[:, None]
+    xi = np.stack([2.0 * xi[:, 2] % 1.0, xi[:, 3]], 1)
+    return origins, _by_cosine(side * axis, xi), 2.0 * np.pi * light.intensity
+
+
+def _on_sphere(a, b) -> np.ndarray:
+    """The unit square onto the unit sphere, uniformly."""
+    z, angle = 1.0 - 2.0 * a, 2.0 * np.pi * b
+    r = np.sqrt(np.maximum(1.0 - z * z, 0.0))
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], -1)
+
+
+def _on_disk(a, b) -> np.ndarray:
+    """The unit square onto the unit disk, uniformly."""
+    r, angle = np.sqrt(a), 2.0 * np.pi * b
+    return np.stack([r * np.cos(angle), r * np.sin(angle)], -1)
+
+
+def _by_cosine(normals, xi) -> np.ndarray:
+    """(n, 3) unit directions around unit normals, their density the cosine: a sphere that touches the surface."""
+    d = normals + 0.9999999 * _on_sphere(xi[:, 0], xi[:, 1])  # never quite opposite, so never zero
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def _off_surface(points, directions, face, triangles, threads) -> tuple[np.ndarray, np.ndarray]:
+    """World positions just off the faces that photons met at `points`, and unit normals to the side they came from."""
+    corners = triangles.vertices[face].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    away = (normals * directions).sum(1) > 0.0
+    normals *= np.where(away, -1.0, 1.0)[:, None] / np.linalg.norm(normals, axis=1, keepdims=True)
+    local, side = (points - triangles.origin).astype(np.float32), np.where(away, -1, 1).astype(np.int8)
+    flat = triangles.vertices.reshape(-1, 9)
+    moved = surface_receivers(local, normals.astype(np.float32), face, side, flat, threads)
+    return moved + triangles.origin, normals
+
+
+def _typical_radius(positions) -> float:
+    """Radius of the disk that one light of a surface stands for: by the median distance to the nearest other light."""
+    from scipy.spatial import KDTree  # slow to import, so only when asked for
+
+    if len(positions) < 2:
+        return 0.0
+    nearest = KDTree(positions).query(positions, 2)[0][:, 1]
+    return float(2.0 / np.sqrt(np.pi) * np.median(nearest))  # random points of density p are 1 / (2 sqrt(p)) apart

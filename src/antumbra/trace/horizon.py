@@ -1,0 +1,145 @@
+"""The receivers' own surfaces against a tile's samples: those below them are blocked before anything is traced."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.nodes import middle_and_half
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
+    absolute,
+    bits,
+    get,
+    iota16,
+    load16,
+    lowest_bit,
+    maximum,
+    popcount,
+    put,
+    select,
+    splat16,
+    store,
+)
+from ..query.receivers import FREE
+from .counters import BELOW_HORIZON, RAYS, count
+from .deferred import put_aside
+from .lighttable import ALL_GROUPS
+from .querychunk import place_of
+
+_F = np.float32
+_U = _F(64 * 2.0**-24)
+_TINY = _F(1e-37)
+PLANES = 8 * 16  # float32 of scratch memory
+
+
+class Plane(NamedTuple):
+    """A receiver's own surface; float32."""
+
+    point: tuple
+    normal: tuple
+    size: float  # what scales the error of a height over it
+
+
+@inlined
+def _plane_of_face(corners, face):
+    """The `Plane` of a triangle."""
+    k = face * 9
+    v = (get(corners, k), get(corners, k + 1), get(corners, k + 2))
+    px, py, pz = get(corners, k + 3) - v[0], get(corners, k + 4) - v[1], get(corners, k + 5) - v[2]
+    qx, qy, qz = get(corners, k + 6) - v[0], get(corners, k + 7) - v[1], get(corners, k + 8) - v[2]
+    size = abs(px) + abs(py) + abs(pz) + abs(qx) + abs(qy) + abs(qz)
+    return Plane(v, (py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx), size * size)
+
+
+@inlined
+def _plane_at(asked, at, is_free):
+    """The `Plane` through a receiver without a triangle, at right angles to its normal; none if it is free."""
+    k = at * 3
+    v, n = (get(asked.origins, k), get(asked.origins, k + 1), get(asked.origins, k + 2)), (_F(0.0), _F(0.0), _F(0.0))
+    if not is_free:
+        n = (_F(get(asked.normals, k)), _F(get(asked.normals, k + 1)), _F(get(asked.normals, k + 2)))
+    return Plane(v, n, abs(n[0]) + abs(n[1]) + abs(n[2]))
+
+
+@inlined
+def _put_plane(planes, lane, p):
+    """Write a plane to a lane of the rows."""
+    for k in range(3):
+        put(planes, 16 * k + lane, p.point[k])
+        put(planes, 48 + 16 * k + lane, p.normal[k])
+    put(planes, 112 + lane, p.size)
+
+
+@inlined
+def _put_everywhere(planes, p):
+    """Write a plane to all lanes."""
+    for k in range(3):
+        store(planes, 16 * k, splat16(p.point[k]))
+        store(planes, 48 + 16 * k, splat16(p.normal[k]))
+    store(planes, 112, splat16(p.size))
+
+
+@kernel
+def _gather_planes(asked, y0, x0, valid, tile, planes):
+    """Rows of `planes`: a point of each receiver's plane (3), a normal (3), the side seen, what scales its error."""
+    first = get(tile.faces, lowest_bit(valid))
+    together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
+    if together:
+        face = np.int64(get(asked.faces, place_of(asked, y0, x0, lowest_bit(valid))))
+        _put_everywhere(planes, _plane_of_face(asked.corners, face))
+    lanes = valid
+    while lanes != 0:
+        lane = lowest_bit(lanes)
+        lanes &= lanes - 1
+        at = place_of(asked, y0, x0, lane)
+        side, face = np.int64(get(asked.sides, at)), np.int64(get(asked.faces, at))
+        put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
+        if not together:
+            plane = _plane_of_face(asked.corners, face) if face >= 0 else _plane_at(asked, at, side == FREE)
+            _put_plane(planes, lane, plane)
+
+
+@inlined
+def _height(planes, lx, ly, lz):
+    """(height of light points over the lanes' planes on the seen side, bound of its error)."""
+    ax, ay, az = lx - load16(planes, 0), ly - load16(planes, 16), lz - load16(planes, 32)
+    h = load16(planes, 48) * ax + load16(planes, 64) * ay + load16(planes, 80) * az
+    reach = maximum(maximum(absolute(ax), absolute(ay)), absolute(az))
+    error = load16(planes, 112) * reach * _U  # in this order: infinite where the height could be
+    return h * load16(planes, 96), error + _TINY * (reach + _F(1.0))
+
+
+@inlined
+def _whole_light(tile, k):
+    return middle_and_half(get(tile.groups, k * ALL_GROUPS + 1), get(tile.groups, (3 + k) * ALL_GROUPS + 1))
+
+
+@kernel
+def apply_horizon(asked, y0, x0, valid, tile, planes, aside, counters):
+    """Start `dead`: segments to samples that are not above the receiver's own surface are blocked by it.
+
+    What float32 cannot say is put aside.
+    """
+    store(tile.dead, 0, select(iota16() < splat16(np.int32(asked.count)), splat16(np.int32(0)), splat16(np.int32(-1))))
+    count(counters, RAYS, asked.count * popcount(valid))
+    _gather_planes(asked, y0, x0, valid, tile, planes)
+    sided = bits(load16(planes, 96) != _F(0.0)) & valid
+    if sided == 0:
+        return
+    lx, rx = _whole_light(tile, 0)
+    ly, ry = _whole_light(tile, 1)
+    lz, rz = _whole_light(tile, 2)
+    h, error = _height(planes, splat16(lx), splat16(ly), splat16(lz))
+    reach = absolute(load16(planes, 48)) * rx + absolute(load16(planes, 64)) * ry + absolute(load16(planes, 80)) * rz
+    spread = rx + ry + rz
+    far = reach * _F(1.0001) + error + load16(planes, 112) * (_U * spread)
+    crossing = sided & ~bits(h > far)
+    if crossing == 0:
+        return
+    for s in range(asked.count):
+        at = s * 48
+        h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
+        below = bits(h < -error) & crossing
+        put_aside(aside, np.int64(-1), tile.number << 8 | s << 4, 1, crossing & ~below & ~bits(h > error))
+        count(counters, BELOW_HORIZON, popcount(below))
+        put(tile.dead, s, below)

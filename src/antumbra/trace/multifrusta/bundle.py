@@ -1,0 +1,125 @@
+"""A bundle: up to 16 tiles whose shafts go through the tree together, and the memory that a thread has for it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.nodes import MAX_DEPTH
+from ...kernels.jit import inlined, kernel
+from ...kernels.simd import get, load16, lowest_bit, put
+from ..deferred import aside_ints
+from ..lighttable import ALL_GROUPS, STRATA
+from ..slabs import Shafts
+from ..tile import TILE_FLOATS, finished_strata, tile_at
+from .tilegroup import sheaf_at
+
+MAX_TILES = 16
+TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a sheaf
+LANES = 12 * 16
+STACK = 4 * MAX_DEPTH
+PLACES = 2 * MAX_TILES
+WAITING = 4
+TREE = WAITING + 2
+AT = TREE + 1
+ASIDE_INTS = aside_ints(MAX_TILES)
+
+
+class Bundle(NamedTuple):
+    """How the 16 lanes of a bundle share its tiles and strata."""
+
+    tiles: int  # 1 to 16, a power of two; those of a sheaf count as one
+    groups: int  # groups of strata of each tile: lanes are slot * groups + group
+    strata: int  # strata in a group
+    is_sheaf: bool
+
+
+class Scratch(NamedTuple):
+    """A thread's memory."""
+
+    tiles: object  # float32: those of a region, or of as many parts of its tiles
+    lanes: object  # float32, rows of `Shafts`
+    work: object  # float32, for `shaftleaf`
+    sheaf: object  # float32, see `sheaf`
+    stack: object  # int32: links and masks
+    slots: object  # int32: the bundle's tiles
+    valid: object  # int32: bits of each tile's receivers
+    left: object  # int32: bits of the receivers of the region's tiles that are not traced yet
+    places: object  # int32: y and x of each tile's first pixel
+    planes: object  # float32, for `ownsurface`
+    at: object  # int32: where a walk goes on; from WAITING on, the leaf that waits, its lanes, the tree
+    aside: object  # int32, see `aside`
+
+
+@inlined
+def _power_of_two(n):
+    """The least power of two that is at least n."""
+    power = np.int64(1)
+    while power < n:
+        power *= 2
+    return power
+
+
+@inlined
+def tiles_to_fill(count):
+    """How many tiles with so many samples fill the lanes."""
+    return STRATA // _power_of_two(count)
+
+
+@inlined
+def bundle_of(tiles, count):
+    """The `Bundle` of so many tiles, with so many samples."""
+    size, strata = _power_of_two(tiles), _power_of_two(count)
+    groups = STRATA // size if STRATA // size < strata else strata
+    return Bundle(size, groups, strata // groups, False)
+
+
+@inlined
+def sheaf_of(scratch, asked):
+    """The `Sheaf` whose first tile is in the first slot."""
+    whole = tile_at(scratch.tiles, MAX_TILES, asked)
+    return sheaf_at(scratch.sheaf, scratch.tiles, scratch.valid, whole, np.int64(get(scratch.slots, 0)))
+
+
+@inlined
+def lane_strata(lanes, bundle):
+    """The strata (bits) of the groups (bits)."""
+    if bundle.strata == 1:
+        return lanes
+    ones, strata = (np.int64(1) << bundle.strata) - 1, np.int64(0)
+    while lanes != 0:
+        strata |= ones << (lowest_bit(lanes) * bundle.strata)
+        lanes &= lanes - 1
+    return strata
+
+
+@inlined
+def finished_groups(tile, valid, bundle):
+    """Bits of the groups to which no segment from the `valid` receivers (bits) is left."""
+    strata, ones, groups = finished_strata(tile, valid), (np.int64(1) << bundle.strata) - 1, np.int64(0)
+    for q in range(bundle.groups):
+        if (strata >> (q * bundle.strata)) & ones == ones:
+            groups |= np.int64(1) << q
+    return groups
+
+
+@kernel
+def fill_lanes(slot, tile, bundle, lanes):
+    """The shafts of a tile's groups, in the lanes of a slot."""
+    first_group = 16 // bundle.strata
+    for q in range(bundle.groups):
+        lane, group = slot * bundle.groups + q, first_group + q
+        for k in range(3):
+            low, high = get(tile.info, 6 + k), get(tile.info, 9 + k)
+            put(lanes, 16 * k + lane, low)
+            put(lanes, 48 + 16 * k + lane, high)
+            put(lanes, 96 + 16 * k + lane, get(tile.groups, group + k * ALL_GROUPS) - low)
+            put(lanes, 144 + 16 * k + lane, get(tile.groups, group + (3 + k) * ALL_GROUPS) - high)
+
+
+@inlined
+def shafts_of(p):
+    """The `Shafts` of the lanes."""
+    return Shafts(
+        load16(p, 0), load16(p, 16), load16(p, 32), load16(p, 48), load16(p, 64), load16(p, 80),
+        load16(p, 96), load16(p, 112), load16(p, 128), load16(p, 144), load16(p, 160), load16(p, 176),
+    )  # fmt: skip

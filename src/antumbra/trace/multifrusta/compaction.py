@@ -1,0 +1,96 @@
+"""Rays of a sheaf's tiles to one stratum, gathered into full vectors: those that meet the box of a block.
+
+A tile alone has few such rays where a light is large, and a vector of 16 receivers would be mostly empty.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.jit import inlined
+from ...kernels.simd import (
+    as_i32,
+    bits,
+    compress,
+    get,
+    iota16,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    popcount,
+    ptr_at,
+    splat16,
+    store,
+)
+from ...kernels.vec import broadcasts, minus, rows
+from ..blocktest import blocks_ray, numbers_of, slot_of
+from ..counters import TRIANGLE_TESTS, count
+from ..deferred import put_aside
+from ..raytest import decide
+from .shaftcull import triangle_lanes
+
+_ROW = 17 * 16  # rays of 16 tiles, and as much as a vector may write beyond them
+GATHERED_FLOATS = 8 * _ROW
+
+
+class Gathered(NamedTuple):
+    """Where gathered rays are: pointers to rows of memory."""
+
+    origins: object  # float32, three rows
+    points: object  # float32, three rows: where they end
+    places: object  # int32, as in `aside`
+    faces: object  # int32: their receivers' own triangles
+
+
+@inlined
+def gathered_at(memory):
+    """The `Gathered` in GATHERED_FLOATS float32."""
+    return Gathered(
+        memory, ptr_at(memory, 3 * _ROW), as_i32(ptr_at(memory, 6 * _ROW)), as_i32(ptr_at(memory, 7 * _ROW))
+    )
+
+
+@inlined
+def gather(rays, n, tile, s, receivers):
+    """Add the rays from some receivers (bits) of a tile to stratum s to n rays; how many there are then."""
+    mask = mask_from_bits16(receivers)
+    for k in range(3):
+        store(rays.origins, k * _ROW + n, compress(mask, load16(tile.origins, 16 * k)))
+        store(rays.points, k * _ROW + n, compress(mask, load16(tile.points, s * 48 + 16 * k)))
+    store(rays.places, n, compress(mask, iota16() + splat16(np.int32(tile.number << 8 | s << 4))))
+    store(rays.faces, n, compress(mask, load16(tile.faces, 0)))
+    return n + popcount(receivers)
+
+
+@inlined
+def test_one_by_one(rays, n, b, counters):
+    """Test up to 64 rays, each against all triangles of a block; bits of those that are blocked."""
+    blocked = np.int64(0)
+    for r in range(n):
+        o, place = broadcasts(rays.origins, r, _ROW), np.int64(get(rays.places, r))
+        d = minus(broadcasts(rays.points, r, _ROW), o)
+        if blocks_ray(b, o, d, get(rays.faces, r), place, counters):
+            blocked |= np.int64(1) << r
+    return blocked
+
+
+@inlined
+def test_together(rays, first, n, b, triangles, counters):
+    """Test n rays from the first on, at most 16, against triangles (bits) that `cull_block` has left; the blocked."""
+    left = (np.int64(1) << n) - 1
+    o, everyone = rows(rays.origins, first, _ROW), left
+    d, faces = minus(rows(rays.points, first, _ROW), o), load16(rays.faces, first)
+    while triangles != 0 and left != 0:
+        i = lowest_bit(triangles)
+        triangles &= triangles - 1
+        slot = slot_of(b, i)
+        lanes = triangle_lanes(o, numbers_of(b), b.work, i)
+        count(counters, TRIANGLE_TESTS, 1)
+        hit, unsure = decide(d, lanes, b.facing)
+        others = left & ~bits(faces == get(b.tree.prim_ids, slot))
+        unsure &= others
+        while unsure != 0:
+            put_aside(b.aside, slot, np.int64(get(rays.places, first + lowest_bit(unsure))), 0, np.int64(1))
+            unsure &= unsure - 1
+        left &= ~(hit & others)
+    return everyone & ~left

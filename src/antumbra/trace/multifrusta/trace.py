@@ -1,0 +1,311 @@
+"""`multifrusta`: 16 shafts of shadow rays at once through a shallow BVH, rays only where shafts do not decide.
+
+Multi-frusta tracing [Benthin and Wald 2009] for area lights.
+"""
+
+import numpy as np
+
+from ...bvh.blocks import ROWS
+from ...bvh.nodes import boxes_of
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import new_ticket, run, take, thread_count
+from ...kernels.simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
+from ...scene.lights import LIST
+from ..beams import make_beams
+from ..counters import N_COUNTERS, SHEAF_TILES, add_counters, cleared, count, new_counters
+from ..deferred import ASIDE, settle_aside
+from ..descent import NOWHERE, left, next_leaf, nowhere, save, saved, slabs_of
+from ..forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
+from ..horizon import PLANES, apply_horizon
+from ..lighttable import STRATA, light_table, turn_points
+from ..packets.incoherent import extents_of, is_far, is_huge, is_scattered
+from ..packets.packet16 import over_pixels, over_samples
+from ..querychunk import asked_of, sets_of, tile_shape
+from ..shafts import make_shafts
+from ..tile import bound_receivers, finished_strata, first_pixel, move_light, read_bits, tile_at, write_bits
+from .bundle import (
+    ASIDE_INTS,
+    AT,
+    LANES,
+    MAX_TILES,
+    PLACES,
+    STACK,
+    TILES,
+    TREE,
+    WAITING,
+    Bundle,
+    Scratch,
+    bundle_of,
+    fill_lanes,
+    finished_groups,
+    lane_strata,
+    shafts_of,
+    sheaf_of,
+    tiles_to_fill,
+)
+from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
+from .shaftleaf import WORK, trace_block
+from .tilegroup import SHEAF_FLOATS, close, finished, make_sheaf, tile_in, tiles_by_beams, trace_sheaf
+
+_APART = 4  # tiles of a bundle that is no sheaf, as long as they fill its lanes
+_FEW_TILES = 12  # of a sheaf, at least; fewer do not pay for its wider shafts
+_FEW_SAMPLES = 8  # for a sheaf, at least
+
+
+@inlined
+def _trace_tile(tree, code, tile, valid, strata, asked, scratch, counters):
+    """A block against the segments of a tile to some strata (bits)."""
+    strata &= ~finished_strata(tile, valid)
+    if strata != 0:
+        block, triangles, facing = code >> 5, code & 31, asked.facing
+        trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.aside, counters)
+
+
+@inlined
+def _sheaf_leaf(tree, code, strata, asked, scratch, counters):
+    """A block against some strata (bits) of a sheaf; bits of those to which it has no segment left."""
+    sheaf, block = sheaf_of(scratch, asked), code >> 5
+    live = tiles_by_beams(sheaf, ptr_at(tree.bounds, block * 8), strata, asked)
+    if live < 0:
+        trace_sheaf(sheaf, tree, block, code & 31, strata, asked, scratch.work, scratch.aside, counters)
+        live = np.int64(0)
+    while live != 0:
+        g = lowest_bit(live)
+        live &= live - 1
+        tile, valid = tile_in(sheaf, g, asked), np.int64(get(scratch.valid, g))
+        _trace_tile(tree, code, tile, valid, strata, asked, scratch, counters)
+        close(sheaf, g, finished_strata(tile, valid))
+    return finished(sheaf)
+
+
+@inlined
+def _leaf(tree, code, mask, asked, bundle, scratch, counters):
+    """A block against the lanes in `mask`; bits of those that have no segment left."""
+    if bundle.is_sheaf:
+        return _sheaf_leaf(tree, code, mask, asked, scratch, counters)
+    done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
+    for slot in range(bundle.tiles):
+        groups = mask >> (slot * bundle.groups) & all_groups
+        if groups != 0:
+            g = np.int64(get(scratch.slots, slot))
+            tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
+            _trace_tile(tree, code, tile, valid, lane_strata(groups, bundle), asked, scratch, counters)
+            done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
+    return done
+
+
+@inlined
+def _fetch(tree, code):
+    """Ask for a block's numbers before they are needed."""
+    block = code >> 5
+    numbers = ptr_at(tree.blocks, block * (ROWS * 16))
+    prefetch(tree.bounds, block * 8)
+    for row in range(ROWS):
+        prefetch(numbers, row * 16)
+    prefetch(tree.slots, block * 16)
+
+
+@inlined
+def _walk_tree(tree, slabs, at, alive, asked, bundle, scratch, counters):
+    """Trace lanes through a tree from `at`: (where they are, 0 lanes if they are done; those in `alive` that are left).
+
+    They stop early when the memory for what is put aside runs low. A block is fetched when it is found, and tested
+    when the next one is.
+    """
+    code, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
+    while True:
+        at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
+        if at.mask != 0:
+            _fetch(tree, ~at.link)
+        if mask & alive != 0:
+            if np.int64(get(scratch.aside, 0)) > ASIDE:
+                put(scratch.at, WAITING, code)
+                put(scratch.at, WAITING + 1, mask)
+                return at, True, alive
+            alive &= ~_leaf(tree, code, mask & alive, asked, bundle, scratch, counters)
+        if at.mask == 0:
+            put(scratch.at, WAITING + 1, 0)
+            return at, False, alive
+        code, mask = ~at.link, at.mask if ~at.link & 31 != 0 else np.int64(0)
+        at = left(at)
+
+
+@kernel
+def _walk(forest, i, end, alive, asked, bundle, scratch, counters):
+    """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
+
+    What is put aside must be settled before they go on.
+    """
+    slabs, at = slabs_of(shafts_of(scratch.lanes), alive), saved(scratch.at, alive)
+    while i < end and alive != 0:
+        k = item(forest, i)
+        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
+            break
+        put(scratch.at, TREE, k)
+        if at.place == NOWHERE:
+            at = start_in(forest, k, slabs, alive)
+        at, early, alive = _walk_tree(tree_in(forest, k), slabs, at, alive, asked, bundle, scratch, counters)
+        if early:
+            break
+        at = nowhere()
+        i += 1
+    save(scratch.at, at)
+    return i, alive
+
+
+@inlined
+def _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters):
+    """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
+
+    What is put aside is settled whenever the memory for it runs low, before other memory is entered, and at the end.
+    """
+    i, end = list_of(forest, y, x, np.int64(0))
+    save(scratch.at, nowhere())
+    put(scratch.at, WAITING + 1, 0)
+    put(scratch.at, TREE, 0)
+    while True:
+        if i < end and alive != 0:
+            i, alive = _walk(forest, i, end, alive, asked, bundle, scratch, counters)
+        if np.int64(get(scratch.aside, 0)) != 0:
+            corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
+            settle_aside(corners, query, asked, scratch.tiles, scratch.places, scratch.aside, counters)
+        if i >= end or alive == 0:
+            return
+
+
+@inlined
+def _start_tile(query, asked, g, scratch, fresh, known, counters):
+    """Prepare tile g, whose receivers are loaded; unless all is `fresh`, the bits at `known` tell what is blocked."""
+    tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
+    y0, x0 = first_pixel(scratch.places, g)
+    bound_receivers(tile, valid)
+    if not asked.fixed:
+        move_light(query, asked, y0, x0, valid, tile)
+        turn_points(tile.points, tile.by_lane, asked.count)
+    make_beams(tile)
+    if fresh:
+        apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+    else:
+        read_bits(asked, y0, x0, valid, tile, known)
+
+
+@inlined
+def _fill_slot(asked, bundle, slot, g, scratch):
+    """Give tile g a slot of a bundle; bits of its lanes that have a segment to trace."""
+    tile = tile_at(scratch.tiles, g, asked)
+    make_shafts(tile.info, tile.groups, tile.shafts)
+    put(scratch.slots, slot, g)
+    fill_lanes(slot, tile, bundle, scratch.lanes)
+    groups = ~finished_groups(tile, np.int64(get(scratch.valid, g)), bundle) & ((np.int64(1) << bundle.groups) - 1)
+    return groups << (slot * bundle.groups)
+
+
+@inlined
+def _bundle_apart(numbers, asked, scratch):
+    """The `Bundle` of the first of some tiles (bits), each with its own shafts; its lanes (bits), the tiles left."""
+    n = min(popcount(numbers), max(_APART, tiles_to_fill(asked.count)))
+    bundle, alive = bundle_of(n, asked.count), np.int64(0)
+    for slot in range(n):
+        alive |= _fill_slot(asked, bundle, slot, lowest_bit(numbers), scratch)
+        numbers &= numbers - 1
+    return bundle, alive, numbers
+
+
+@inlined
+def _bundle_together(members, asked, scratch, counters):
+    """The `Bundle` of some tiles (bits) as a sheaf; its lanes (bits)."""
+    count(counters, SHEAF_TILES, popcount(members))
+    put(scratch.slots, 0, lowest_bit(members))
+    bundle, sheaf = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), sheaf_of(scratch, asked)
+    make_sheaf(sheaf, members, asked)
+    fill_lanes(np.int64(0), sheaf.whole, bundle, scratch.lanes)
+    return bundle, ~finished(sheaf) & 0xFFFF
+
+
+@inlined
+def _sheaf_among(numbers, asked, scratch):
+    """Bits of those of a region's tiles (bits) that are a sheaf; there is room for one at most."""
+    while popcount(numbers) >= _FEW_TILES and asked.count >= _FEW_SAMPLES:
+        members = near_each_other(asked, scratch.tiles, numbers)
+        if popcount(members) >= _FEW_TILES:
+            return members
+        numbers &= ~members
+    return np.int64(0)
+
+
+@inlined
+def _trace_parts(forest, n, query, asked, scratch, known, counters):
+    """Trace n tiles whose receivers are loaded: the sheaf among them first, if there is one."""
+    y, x = first_pixel(scratch.places, 0)
+    for g in range(n):
+        _start_tile(query, asked, g, scratch, forest.fresh, known, counters)
+    members = _sheaf_among((np.int64(1) << n) - 1, asked, scratch)
+    apart = ((np.int64(1) << n) - 1) & ~members
+    while members | apart != 0:
+        if members != 0:
+            bundle, alive = _bundle_together(members, asked, scratch, counters)
+            members = np.int64(0)
+        else:
+            bundle, alive, apart = _bundle_apart(apart, asked, scratch)
+        _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters)
+
+
+@kernel
+def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples, out, counters):
+    """Worker: regions of tiles; where a tile's receivers lie in several places, one place after the other."""
+    scratch = Scratch(
+        stack_f32(TILES), stack_f32(LANES), stack_f32(WORK), stack_f32(SHEAF_FLOATS), stack_i32(STACK),
+        stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PLACES), stack_f32(PLANES),
+        stack_i32(AT), stack_i32(ASIDE_INTS),
+    )  # fmt: skip
+    forest, mine = forest_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    asked, places = asked_of(query, table, shape, chunk, n_samples), ptr(out)
+    put(scratch.aside, 0, 0)
+    at = take(ticket)
+    while at >= 0:
+        y, x = corner_of(layout, at)
+        idle = is_idle(forest, y * shape.height, x * shape.width)
+        for g in range(MAX_TILES):
+            put(scratch.left, g, np.int32(0 if idle else 0xFFFF))
+        n = next_parts(asked, layout, y, x, scratch)
+        while n > 0:
+            _trace_parts(forest, n, query, asked, scratch, places, mine)
+            for g in range(n):
+                y0, x0 = first_pixel(scratch.places, g)
+                write_bits(asked, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, asked), places)
+            n = next_parts(asked, layout, y, x, scratch)
+        at = take(ticket)
+    add_counters(counters, mine)
+
+
+def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    Samples far apart, those of a hemisphere, an interleaved list or a huge light, are left to packets, as are
+    coordinates that are too large for shafts: see `scattered`.
+
+    tree : BlockTree
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    """
+    if is_scattered(query) or is_huge(query, extents_of(tree)) or is_far(query, boxes_of(tree.nodes[:1])):
+        by_packets = over_samples if query.light.kind == LIST else over_pixels
+        by_packets(tree, query, bits, threads, counters, progress)
+        return
+    trace_forest(whole(tree), query, bits, threads, counters, progress)
+
+
+def trace_forest(forest: Forest, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
+    """Trace shafts through the trees of a `Forest`; arguments as for `trace_shadow`.
+
+    bits : zeros, or, unless the forest is fresh, what is known
+    chunks : range of the chunks of 16 samples to trace; None: all
+    """
+    counters = new_counters() if counters is None else counters
+    shape, spp = tile_shape(query), query.samples.shape[1]
+    table, layout = light_table(query, sets_of(shape)), layout_of(shape)
+    for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
+        count = min(STRATA, spp - chunk * STRATA)
+        ticket = new_ticket(runs(layout) * RUN, 1)
+        arrays = forest, query, table, shape, layout, chunk, count, bits, counters
+        run(_trace_regions, thread_count(threads), ticket, *arrays, progress=progress)

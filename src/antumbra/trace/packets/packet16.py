@@ -1,0 +1,247 @@
+"""`packet16`: packets of 16 shadow rays, each through the builder's own deep tree.
+
+What multi-frusta tracing is measured against [Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]: one slab test a node
+for all 16 rays, a mask of active rays, and no bounds of packets. A packet is a stratum of 16 neighbouring receivers, or
+(`packet16:samples`) a receiver's samples.
+Triangles are tested by edge functions, where the paper takes Moeller and Trumbore's test.
+
+The same packets go through a tree of blocks for `scattered` samples.
+"""
+
+from functools import partial
+
+import numpy as np
+
+from ...bvh.blocks import BlockTree
+from ...bvh.nodes import EMPTY, Bvh, Tree, tree_of
+from ...kernels.jit import inlined, kernel, overload
+from ...kernels.parallel import CHUNK, N, take
+from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
+from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
+from ..deferred import ASIDE, put_aside
+from ..descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of
+from ..forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
+from ..raytest import decide, length1, seen_from, triangle_in
+from .incoherent import trace_block
+from .raytile import (
+    SCRATCH_FLOATS,
+    SCRATCH_INTS,
+    TREE,
+    asked_in,
+    directions_of,
+    finish_tile,
+    open_rays,
+    origins_of,
+    rows_are_receivers,
+    scratch_in,
+    settle,
+    start_tile,
+    trace_tiles,
+)
+
+
+def pointers(prepared):
+    """In kernels: the `Tree` of a `Bvh`, the `ForestPointers` of a `Forest`."""
+
+
+def trees_for(trees, y, x, stratum):
+    """In kernels: (begin, end) of the trees that a stratum of the receivers near pixel (y, x) goes through."""
+
+
+def nothing_for(trees, y, x):
+    """In kernels: need nothing be done about the receivers near pixel (y, x)?"""
+
+
+def tree_number(trees, k):
+    """In kernels: tree k."""
+
+
+def walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
+    """In kernels: (where row r is after the trees from the i-th on, in which it goes on, the rays left)."""
+
+
+def trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
+    """In kernels: test the rays of row r in `mask` against a leaf of the tree; bits of those that it blocks."""
+
+
+@overload(pointers)
+def _pointers(prepared):
+    return _chosen(prepared, Bvh, lambda prepared: tree_of(prepared), lambda prepared: forest_pointers(prepared))
+
+
+@overload(trees_for)
+def _trees_for(trees, y, x, stratum):
+    one = lambda trees, y, x, stratum: (np.int64(0), np.int64(1))
+    return _chosen(trees, Tree, one, lambda trees, y, x, stratum: list_of(trees, y, x, stratum))
+
+
+@overload(nothing_for)
+def _nothing_for(trees, y, x):
+    return _chosen(trees, Tree, lambda trees, y, x: False, lambda trees, y, x: is_idle(trees, y, x))
+
+
+@overload(tree_number)
+def _tree_number(trees, k):
+    return _chosen(trees, Tree, lambda trees, k: trees, lambda trees, k: tree_in(trees, k))
+
+
+@overload(walk_trees)
+def _walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
+    if trees.instance_class is Tree:
+        return lambda trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters: _walk_one(
+            trees, rays, r, slabs, at, alive, facing, scratch, counters
+        )
+    return lambda trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters: _walk_forest(
+        trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters
+    )
+
+
+def _chosen(argument, kind, one, other):
+    """What an overload takes: one for arguments of a kind, the other for all others."""
+    return one if argument.instance_class is kind else other
+
+
+@overload(trace_leaf)
+def _trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
+    if tree.instance_class is Tree:
+        return lambda tree, rays, r, code, mask, facing, aside, counters: _trace_triangles(
+            tree, rays, r, code, mask, facing, aside, counters
+        )
+    return lambda tree, rays, r, code, mask, facing, aside, counters: trace_block(
+        tree, rays, r, code, mask, facing, aside, counters
+    )
+
+
+@inlined
+def _own(tree, rays, r, slot):
+    """Bits of the rays of row r that start on the triangle."""
+    if rows_are_receivers(rays):
+        return np.int64(0xFFFF) if get(rays.tile.faces, r) == get(tree.prim_ids, slot) else np.int64(0)
+    return bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
+
+
+@kernel
+def _trace_triangles(tree, rays, r, code, mask, facing, aside, counters):
+    """`trace_leaf` of a `Tree`, triangle by triangle."""
+    hits = np.int64(0)
+    if ~code == EMPTY:
+        return hits
+    o, d = origins_of(rays, r), directions_of(rays, r)
+    span, first = length1(d), code >> 3
+    for slot in range(first, first + (code & 7) + 1):
+        count(counters, TRIANGLES, 1)
+        tested = mask & ~hits & ~_own(tree, rays, r, slot)
+        if tested == 0:
+            continue
+        count(counters, CANDIDATES, 1)
+        count(counters, TRIANGLE_TESTS, 1)
+        hit, unsure = decide(d, seen_from(o, span, triangle_in(tree.corners, slot)), facing)
+        unsure &= tested
+        if unsure != 0:
+            put_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure)
+        hits |= hit & tested
+        if hits == mask:
+            break
+    return hits
+
+
+@inlined
+def _walk_tree(tree, rays, r, slabs, at, alive, facing, scratch, counters):
+    """Trace row r through a tree from `at`: (where it is, mask 0 if it is done; the rays left).
+
+    It stops early when the memory for what is put aside runs low.
+    """
+    at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
+    while at.mask != 0 and np.int64(get(scratch.aside, 0)) <= ASIDE:
+        alive &= ~trace_leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)
+        at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
+    return at, alive
+
+
+@inlined
+def _walk_forest(forest, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
+    """Trace row r through the trees from the i-th on: (where it is, in which tree it goes on, the rays left)."""
+    while i < end and alive != 0:
+        k = item(forest, i)
+        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
+            break
+        put(scratch.at, TREE, k)
+        if at.place == NOWHERE:
+            at = start_in(forest, k, slabs, alive)
+        at, alive = _walk_tree(tree_in(forest, k), rays, r, slabs, at, alive, facing, scratch, counters)
+        if at.mask != 0:
+            break
+        at = nowhere()
+        i += 1
+    return at, i, alive
+
+
+@inlined
+def _walk_one(tree, rays, r, slabs, at, alive, facing, scratch, counters):
+    """The same through one tree."""
+    if at.place == NOWHERE:
+        at = root(alive)
+    at, alive = _walk_tree(tree, rays, r, slabs, at, alive, facing, scratch, counters)
+    return at, np.int64(0) if at.mask != 0 else np.int64(1), alive
+
+
+@kernel
+def _walk(trees, rays, r, i, end, facing, scratch, counters):
+    """Trace row r through the trees from the i-th on; the one to go on with when what is put aside has been settled."""
+    alive = open_rays(rays, r)
+    slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
+    at = saved(scratch.at, alive)
+    at, i, alive = walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters)
+    save(scratch.at, at)
+    put(rays.dead, r, np.int64(get(rays.dead, r)) | (rays.lanes & ~alive))
+    return i if alive != 0 else end
+
+
+@kernel
+def _trace_packets(ticket, prepared, query, samples, job, out, counters):
+    """Worker: tiles, packet by packet."""
+    scratch, trees = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS)), pointers(prepared)
+    mine = cleared(stack_i64(N_COUNTERS))
+    asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
+    while first >= 0:
+        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
+            y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
+            if nothing_for(trees, y, x):
+                continue
+            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
+            put(scratch.at, TREE, 0)
+            left_rows = rays.rows
+            while left_rows != 0:
+                r = lowest_bit(left_rows)
+                left_rows &= left_rows - 1
+                i, end = trees_for(trees, y, x, r)
+                save(scratch.at, nowhere())
+                while i < end:
+                    i = _walk(trees, rays, r, i, end, asked.facing, scratch, mine)
+                    if i < end:
+                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), query, asked, rays, scratch, mine)
+            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), query, asked, rays, scratch, mine)
+            finish_tile(asked, rays, places)
+        first = take(ticket)
+    add_counters(counters, mine)
+
+
+def trace_shadow(
+    by_sample, prepared, query, bits, threads=None, counters=None, progress=None, chunks: range | None = None
+) -> None:
+    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    by_sample : whether a packet is one receiver's samples, not the samples of 16 receivers
+    prepared : Bvh, BlockTree or Forest
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry, or what a forest that is not fresh has found so far
+    counters : from `new_counters`, or None
+    chunks : of 16 samples; None: all
+    """
+    trees = whole(prepared) if isinstance(prepared, BlockTree) else prepared
+    fresh = trees.fresh if isinstance(trees, Forest) else True
+    arguments = _trace_packets, trees, query, by_sample, bits, threads, counters, progress
+    trace_tiles(*arguments, fresh=fresh, chunks=chunks)
+
+
+over_pixels = partial(trace_shadow, False)
+over_samples = partial(trace_shadow, True)

@@ -1,0 +1,212 @@
+"""A tile's rays as 16 rows of 16: what the packet tracers and the paper's multi-frusta tracing have in common.
+
+A row is either a stratum, whose lanes are the receivers (packets over pixels), or a receiver, whose lanes are its
+samples (packets and frusta with a common origin).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.nodes import MAX_DEPTH
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import new_ticket, run, thread_count
+from ...kernels.simd import broadcast16, get, ptr_at, put, store
+from ...kernels.vec import minus, rows
+from ..counters import new_counters
+from ..deferred import aside_ints, settle_aside
+from ..horizon import PLANES, apply_horizon
+from ..lighttable import POINTS, STRATA, light_table, turn_points
+from ..querychunk import asked_of, sets_of, tile_shape
+from ..tile import (
+    TILE_FLOATS,
+    bound_receivers,
+    first_pixel,
+    load_receivers,
+    move_light,
+    read_bits,
+    tile_at,
+    turn_bits,
+    write_bits,
+)
+
+STACK = 4 * MAX_DEPTH
+TREE = 4
+_AT = TREE + 1
+SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
+_STACK_AT = 32 + (_AT + 15) // 16 * 16  # after `dead` and `pixel`, 16 each, and `at`
+SCRATCH_INTS = _STACK_AT + STACK + aside_ints(1)
+
+
+class Samples(NamedTuple):
+    """The light samples of a query for tiles."""
+
+    table: object  # LightTable
+    parameters: np.ndarray  # (chunks, 16 receivers, 2, 16 samples) float32: (a, b) on the light's patch
+
+
+class Job(NamedTuple):
+    """What all tiles of a run share."""
+
+    shape: object  # TileShape
+    chunk: int
+    count: int  # samples of the chunk
+    by_sample: bool  # whether a row's lanes are one receiver's samples, not 16 receivers
+    fresh: bool  # nothing is known of the rays; else the bits tell which ones are blocked
+
+
+class Scratch(NamedTuple):
+    """A thread's memory."""
+
+    tile: object  # float32, one `Tile`
+    pixel: object  # int32, its first pixel: see `tile.first_pixel`
+    origins: object  # float32, each receiver's origin in all 16 lanes
+    planes: object  # float32, for `ownsurface`
+    stack: object  # int32
+    at: object  # int32, see `descent.save`; then the number of the tree
+    dead: object  # int32, one a receiver: bits of its blocked samples
+    aside: object  # int32, see `aside`
+
+
+class Rays(NamedTuple):
+    """The rays of a tile: pointers."""
+
+    tile: object  # Tile
+    pixel: object  # int32: y and x of its first pixel
+    origins: object  # float32 x, y, z of 16 lanes; row r at r * stride
+    stride: int
+    points: object  # float32 x, y, z of 16 lanes; row r at r * 48
+    dead: object  # int32, one a row: bits of the blocked rays
+    rows: int  # bits of the rows that hold rays
+    lanes: int  # bits of the lanes that do
+    row_place: int  # see `aside.put_aside`
+    lane_place: int
+
+
+@inlined
+def scratch_in(floats, ints):
+    """`Scratch` in SCRATCH_FLOATS float32 and SCRATCH_INTS int32 on the stack of a kernel."""
+    return Scratch(
+        floats, ptr_at(ints, 16), ptr_at(floats, TILE_FLOATS), ptr_at(floats, TILE_FLOATS + POINTS),
+        ptr_at(ints, _STACK_AT), ptr_at(ints, 32), ints, ptr_at(ints, _STACK_AT + STACK),
+    )  # fmt: skip
+
+
+@inlined
+def asked_in(query, samples, job):
+    """The `Asked` of a job."""
+    return asked_of(query, samples.table, job.shape, job.chunk, job.count)
+
+
+@kernel
+def _by_receiver(asked, tile, scratch):
+    """Points of the receivers' samples; fills the receivers' origins."""
+    for r in range(16):
+        for k in range(3):
+            store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
+    turn_bits(tile.dead, scratch.dead)
+    if not asked.fixed:
+        turn_points(tile.points, tile.by_lane, asked.count)
+    return tile.by_lane
+
+
+@kernel
+def start_tile(query, samples, job, asked, n, scratch, known, counters):
+    """The `Rays` of tile n, those that the receivers' own surfaces surely block dead already.
+
+    known : pointer to the bits of all receivers, which are read unless the job is fresh
+    """
+    y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
+    tile = tile_at(scratch.tile, 0, asked)
+    put(scratch.pixel, 0, y0)
+    put(scratch.pixel, 1, x0)
+    put(scratch.aside, 0, 0)
+    strata = (np.int64(1) << asked.count) - 1
+    valid = load_receivers(asked, y0, x0, tile)
+    if valid != 0:
+        bound_receivers(tile, valid)
+        if not asked.fixed:
+            move_light(query, asked, y0, x0, valid, tile)
+        if job.fresh:
+            apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+        else:
+            read_bits(asked, y0, x0, valid, tile, known)
+        if job.by_sample:
+            points = _by_receiver(asked, tile, scratch)
+            return Rays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
+    return Rays(tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1)
+
+
+@inlined
+def origins_of(rays, r):
+    """Origins of the rays of row r."""
+    return rows(rays.origins, r * rays.stride, 16)
+
+
+@inlined
+def directions_of(rays, r):
+    """Their directions, the whole way to the samples, rounded once."""
+    return minus(rows(rays.points, r * 48, 16), origins_of(rays, r))
+
+
+@inlined
+def open_rays(rays, r):
+    """Bits of the rays of row r that nothing blocks so far."""
+    return rays.lanes & ~np.int64(get(rays.dead, r))
+
+
+@inlined
+def rows_are_receivers(rays):
+    """Whether the rows are receivers, not strata."""
+    return rays.stride != 0
+
+
+@kernel
+def settle(tree, query, asked, rays, scratch, counters):
+    """Decide what was put aside, and update `rays.dead`."""
+    if get(scratch.aside, 0) == 0:
+        return
+    if rows_are_receivers(rays):
+        turn_bits(rays.dead, rays.tile.dead)
+    settle_aside(tree.corners, query, asked, scratch.tile, scratch.pixel, scratch.aside, counters)
+    if rows_are_receivers(rays):
+        turn_bits(rays.tile.dead, rays.dead)
+
+
+@kernel
+def finish_tile(asked, rays, out):
+    """Set the bits of the tile's blocked rays; `out`: pointer to all bits."""
+    if rows_are_receivers(rays):
+        turn_bits(rays.dead, rays.tile.dead)
+    valid = rays.rows if rows_are_receivers(rays) else rays.lanes
+    if rays.rows != 0:
+        y0, x0 = first_pixel(rays.pixel, 0)
+        write_bits(asked, y0, x0, valid, rays.tile, out)
+
+
+def _samples(query, sets) -> Samples:
+    table = light_table(query, sets)
+    chunks, spp = len(table.points), query.samples.shape[1]
+    known = np.minimum(np.arange(chunks * STRATA), spp - 1)
+    parameters = query.samples[sets][:, known, :2].astype(np.float32).reshape(16, chunks, STRATA, 2)
+    return Samples(table, np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)))
+
+
+def trace_tiles(
+    worker, tree, query, by_sample, bits, threads, counters, progress, *options, fresh=True, chunks=None
+) -> None:
+    """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk.
+
+    by_sample : whether rows are receivers, not strata
+    fresh : whether nothing is known of the rays; else `bits` tell which ones are blocked
+    chunks : range of the chunks of samples; None: all
+    """
+    counters = new_counters() if counters is None else counters
+    shape, spp = tile_shape(query), query.samples.shape[1]
+    samples = _samples(query, sets_of(shape))
+    for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
+        count = min(STRATA, spp - chunk * STRATA)
+        job = Job(shape, chunk, count, by_sample, fresh)
+        ticket = new_ticket(shape.columns * shape.rows, 4)
+        arrays = tree, query, samples, job, bits, counters
+        run(worker, thread_count(threads), ticket, *arrays, *options, progress=progress)

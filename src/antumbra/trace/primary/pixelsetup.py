@@ -1,0 +1,260 @@
+"""A block of triangles set up for a tile of primary rays: edge functions and depth keys in pixel coordinates.
+
+As in the rasteriser (`query.raster_setup`), a vector from the eye is written (x, y, z) in pixel coordinates relative to
+the tile's first pixel, so that the ray of the tile's pixel (i, j) is g = (i, j, 1), apart from the rounding of its
+direction. With a = v0 - eye and the edges p, q, the edge functions and the depth key 1 / t are linear over the tile:
+
+    e1 = g . (q x a)    e2 = g . (a x p)    e0 = D - e1 - e2    D = g . (p x q)    1 / t = D / (a . (p x q))
+
+So they are set up once for a block and a tile, lanes = 16 triangles, for `pixelblock` to test.
+
+Errors. u = 2**-24; n, m are the largest sums of magnitudes in the rows (x, y) and z of the matrix to pixel coordinates.
+Its entries, a, p, q are rounded once, the products summed by fma, so x, y (z) of a vector no component of which exceeds
+r are wrong by at most 6 u n r (6 u m r). With A, dA the largest |x| or |y| of a plus 32 times its |z|, and their error,
+and P, dP those of p and q, the coefficients of e1 and e2 make them wrong by at most 2 (A dP + P dA), and all roundings
+from there to their value at a pixel by 12 u A P; for D put P for A; e0 adds two of the ones to the other, and two
+roundings. Rounding a direction moves g by at most (sx, sy, sz), and so c . g by |c| . (sx, sy, sz). Edge functions are
+divided by these bounds: above 1 a pixel is surely inside, below -1 surely outside.
+
+Lengths are scaled by a power of two, so that no product over- or underflows; where that cannot be, nothing is sure.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.blocks import ROWS
+from ...kernels.jit import inlined, kernel
+from ...kernels.predicate.filters import plane_side
+from ...kernels.simd import (
+    absolute,
+    bits,
+    fma,
+    get,
+    load16,
+    lowest_bit,
+    maximum,
+    minimum,
+    ptr_at,
+    put,
+    select,
+    splat16,
+    store,
+    to_f32,
+    to_i32,
+)
+from ...kernels.vec import Vec, cross, dot, dots, keep, largest, minus, rows, times
+
+_F, _F64 = np.float32, np.float64
+_U = 2.0**-24
+_ZERO, _INFINITE = _F(0.0), _F(np.inf)
+_MORE = _F(1.01)  # second order terms and the rounding of the bounds
+_FLOOR = _F(1e-32)  # more than underflow can cost an edge function, or a volume
+_SURE = _F(1e-3)  # of a volume: the largest relative error with which a depth key is computed
+_HUGE = _F(1e28)
+WIDTH, HEIGHT = 32, 16  # pixels of a tile
+EDGES, KEY, KEY_ERROR, TOPS, BOX, SIGN = 0, 9 * 16, 12 * 16, 13 * 16, 17 * 16, 21 * 16
+WORK = 22 * 16  # float32 of scratch memory
+
+
+class Frame(NamedTuple):
+    """Pixel coordinates relative to a tile; float32 scalars but `turn`."""
+
+    eye: Vec
+    x: Vec  # rows of the matrix
+    y: Vec
+    z: Vec
+    error: float  # of x and y, for each unit of a vector's largest component
+    z_error: float
+    shift: Vec  # how far rounding moves the direction g of a pixel
+    floor: float  # infinite: nothing is sure
+    turn: int  # sign of the determinant of the inverse matrix
+
+
+@inlined
+def _row(x, y, z, scale):
+    return Vec(_F(x * scale), _F(y * scale), _F(z * scale))
+
+
+@inlined
+def frame_of(view, x0, y0, scale):
+    """The `Frame` of the tile at pixel (x0, y0); scale: a power of two, or 0: then nothing is sure."""
+    fx, fy = _F64(x0), _F64(y0)
+    x = _row(view.xx - fx * view.zx, view.xy - fx * view.zy, view.xz - fx * view.zz, scale)
+    y = _row(view.yx - fy * view.zx, view.yy - fy * view.zy, view.yz - fy * view.zz, scale)
+    z = _row(view.zx, view.zy, view.zz, scale)
+    nx, ny = abs(x.x) + abs(x.y) + abs(x.z), abs(y.x) + abs(y.y) + abs(y.z)
+    n = _F64(nx if nx > ny else ny) + 2.0**-26 * scale * (view.norm_x + view.norm_y)
+    m = _F64(abs(z.x) + abs(z.y) + abs(z.z))
+    more = 1.001
+    return Frame(
+        Vec(_F(view.eye_x), _F(view.eye_y), _F(view.eye_z)),
+        x,
+        y,
+        z,
+        _F(6 * more * _U * n),
+        _F(6 * more * _U * m),
+        Vec(_F(more * view.shift_x), _F(more * view.shift_y), _F(more * view.shift_z)),
+        _FLOOR if scale > 0.0 else _INFINITE,
+        view.turn,
+    )
+
+
+class Sizes(NamedTuple):
+    """Bounds of the pixel coordinates of vectors, and of their errors; f32x16."""
+
+    xy: object  # |x|, |y|
+    z: object
+    xy_error: object
+    z_error: object
+
+
+@inlined
+def _to_pixels(frame, v):
+    return Vec(dots(v, frame.x), dots(v, frame.y), dots(v, frame.z))
+
+
+@inlined
+def _sizes(frame, xy, z, length):
+    """`Sizes` of vectors whose computed coordinates are at most xy and z, and whose components at most `length`."""
+    xy_error, z_error = length * frame.error, length * frame.z_error
+    return Sizes(xy + xy_error, z + z_error, xy_error, z_error)
+
+
+@inlined
+def _reach(s):
+    """(A, dA) of the module's text, for any pixel of the tile."""
+    return fma(s.z, splat16(_F(WIDTH)), s.xy), fma(s.z_error, splat16(_F(WIDTH)), s.xy_error)
+
+
+@inlined
+def _range(a, b, c):
+    return minimum(minimum(a, b), c), maximum(maximum(a, b), c)
+
+
+@inlined
+def _pixel_range(low, high, pad, clear, size, work, at):
+    """Write the first and the last pixel, along one axis, whose centre a triangle may cover; mask16: there are any."""
+    low = select(clear, minimum(maximum(low - pad, _ZERO), splat16(_F(size))), splat16(_ZERO))
+    high = select(clear, minimum(high + pad, _F(size - 1)), splat16(_F(size - 1)))
+    first = to_f32(to_i32(low))
+    first = select(first < low, first + _F(1.0), first)
+    store(work, at, first)
+    store(work, at + 16, high)
+    return first <= high
+
+
+@inlined
+def _keep_boxes(frame, a, p, q, a_size, p_size, work):
+    """Write the ranges of pixels of the triangles (`_pixel_range`); the tile where a corner is not clearly in front.
+
+    Where the error of x is below z / 8, and so that of z far less, a coordinate x / z beyond 64 is surely beyond the
+    tile, and up to there it is wrong by 4 error / z.
+    """
+    _, slip = _reach(Sizes(a_size.xy, a_size.z, a_size.xy_error + p_size.xy_error, a_size.z_error + p_size.z_error))
+    zb, zc = a.z + p.z, a.z + q.z
+    nearest = minimum(minimum(a.z, zb), zc)
+    clear = nearest > slip * _F(8.0)
+    ia, ib, ic = _F(1.0) / a.z, _F(1.0) / zb, _F(1.0) / zc
+    pad = slip * _F(8.0) / nearest + _F(1e-4)
+    x_low, x_high = _range(a.x * ia, (a.x + p.x) * ib, (a.x + q.x) * ic)
+    y_low, y_high = _range(a.y * ia, (a.y + p.y) * ib, (a.y + q.y) * ic)
+    x_pad, y_pad = pad + frame.shift.x * _F(4.0), pad + frame.shift.y * _F(4.0)
+    clear &= splat16(frame.shift.z) < _F(0.25)
+    across = _pixel_range(x_low, x_high, x_pad, clear, WIDTH, work, BOX)
+    return across & _pixel_range(y_low, y_high, y_pad, clear, HEIGHT, work, BOX + 32)
+
+
+@inlined
+def _moved(frame, c):
+    """How much the rounding of a direction changes a linear function."""
+    s = frame.shift
+    return fma(absolute(c.x), splat16(s.x), fma(absolute(c.y), splat16(s.y), absolute(c.z) * s.z))
+
+
+@inlined
+def _top(c, right, down):
+    """What to add to c . (x, y, 1) for the largest value over the pixels from (x, y) to (x + right, y + down)."""
+    return fma(maximum(c.x, _ZERO), splat16(_F(right)), fma(maximum(c.y, _ZERO), splat16(_F(down)), c.z))
+
+
+@inlined
+def _keep_edge(frame, k, c, sign, error, work):
+    """Write an edge function over the bound of its error; bits of the triangles that the whole tile is outside of."""
+    scaled = times(c, sign / ((error + _moved(frame, c) + frame.floor) * _MORE))
+    keep(work, EDGES + 48 * k, 16, scaled)
+    store(work, TOPS + 16 * k, _top(scaled, 3, 3))
+    return bits(_top(scaled, WIDTH - 1, HEIGHT - 1) < _F(-2.0))
+
+
+@inlined
+def _keep_key(frame, c, error, volume, volume_error, work):
+    """Write the depth key; its error is infinite where float32 cannot hold it."""
+    size = absolute(volume)
+    total = fma(absolute(c.x) + absolute(c.y), splat16(_F(WIDTH)), absolute(c.z))
+    good = (volume_error < size * _SURE) & (total < size * _HUGE)
+    inverse = _F(1.0) / select(good, volume, splat16(_F(1.0)))
+    # Roundings in float32, and 2**-28 since `hit_t` itself is within 2**-30 of the truth
+    relative = fma(volume_error, absolute(inverse), splat16(_F(8 * _U + 2.0**-28)))
+    bound = (error + _moved(frame, c) + total * relative + frame.floor) * absolute(inverse) * _MORE
+    scaled = times(c, select(good, inverse, splat16(_ZERO)))
+    bound = select(good, bound, splat16(_INFINITE))
+    keep(work, KEY, 16, scaled)
+    store(work, KEY_ERROR, bound)
+    store(work, TOPS + 48, _top(scaled, 3, 3) + bound * _F(2.0))
+
+
+@inlined
+def _volume_error(frame, d, a_size, p_size):
+    """Bound of the error of a . d, with d = p x q."""
+    dz = p_size.xy * (p_size.xy_error * _F(4.0) + p_size.xy * _F(4 * _U))
+    dxy = (p_size.z * p_size.xy_error + p_size.xy * p_size.z_error) * _F(2.0) + p_size.xy * p_size.z * _F(4 * _U)
+    xy, z = absolute(d.x) + absolute(d.y), absolute(d.z)
+    error = a_size.z * dz + a_size.xy * dxy * _F(2.0) + z * a_size.z_error + xy * a_size.xy_error
+    return (error + (a_size.z * z + a_size.xy * xy) * _F(4 * _U)) * _MORE + frame.floor
+
+
+@kernel
+def _settle_turns(frame, tree, block, flat, work):
+    """Write the exact signs of the volumes that float32 cannot tell; bits of those that are 0."""
+    none, e = np.int64(0), frame.eye
+    while flat != 0:
+        i = lowest_bit(flat)
+        flat &= flat - 1
+        turn = -frame.turn * plane_side(e.x, e.y, e.z, tree.corners, np.int64(get(tree.slots, block * 16 + i)))
+        put(work, SIGN + i, turn)
+        if turn == 0:
+            none |= np.int64(1) << i
+    return none
+
+
+@kernel
+def set_up_block(frame, tree, block, triangles, work):
+    """Write what the tests of a block's triangles need; bits of those that some pixel of the tile may see."""
+    numbers = ptr_at(tree.blocks, block * (ROWS * 16))
+    a3, p3, q3 = rows(numbers, 0, 16), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    e = frame.eye
+    a3 = Vec(a3.x - e.x, a3.y - e.y, a3.z - e.z)
+    a, p, q = _to_pixels(frame, a3), _to_pixels(frame, p3), _to_pixels(frame, q3)
+    a_size = _sizes(frame, maximum(absolute(a.x), absolute(a.y)), absolute(a.z), largest(a3))
+    xy = maximum(maximum(absolute(p.x), absolute(p.y)), maximum(absolute(q.x), absolute(q.y)))
+    p_size = _sizes(frame, xy, maximum(absolute(p.z), absolute(q.z)), maximum(largest(p3), largest(q3)))
+    left = bits(_keep_boxes(frame, a, p, q, a_size, p_size, work)) & ((np.int64(1) << triangles) - 1)
+    if left == 0:
+        return left
+    d, e1, e2 = cross(p, q), cross(q, a), cross(a, p)
+    e0 = minus(d, Vec(e1.x + e2.x, e1.y + e2.y, e1.z + e2.z))
+    volume, volume_error = dot(a, d), _volume_error(frame, d, a_size, p_size)
+    store(work, SIGN, select(volume > _ZERO, splat16(_F(1.0)), splat16(_F(-1.0))))
+    flat = bits(absolute(volume) <= volume_error) & left
+    if flat != 0:
+        left &= ~_settle_turns(frame, tree, block, flat, work)
+    sign = load16(work, SIGN)
+    (wide, slip), (long, slip_p) = _reach(a_size), _reach(p_size)
+    mixed = (wide * slip_p + long * slip) * _F(2.02) + wide * long * _F(20 * _U)
+    pure = long * (slip_p * _F(4.04) + long * _F(20 * _U))
+    left &= ~_keep_edge(frame, 1, e1, sign, mixed, work)
+    left &= ~_keep_edge(frame, 2, e2, sign, mixed, work)
+    left &= ~_keep_edge(frame, 0, e0, sign, pure + mixed * _F(2.0), work)
+    _keep_key(frame, d, pure, volume, volume_error, work)
+    return left

@@ -1,0 +1,166 @@
+"""The faces and the canonical t of what a tile of primary rays sees.
+
+`hit_t` is float64 and costs more than all tests of a pixel together if it is computed from the corners. So the plane of
+each triangle that the tile sees is computed once, and 16 pixels divide side by side.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.jit import inlined, kernel
+from ...kernels.predicate.filters import hit_t
+from ...kernels.simd import as_f32, bits, get, load4, load8, load16, ptr, ptr_at, put, splat16, store
+from ...query.pixels import pixel_ray
+from ...query.raster_depth import NO_PLANE, EyePlane, eye_plane, quick_t
+from ...scene.camera import CameraRays
+from ..forest import tree_in
+from .pixelblock import CELLS, PIXELS, first_pixel
+from .pixelstate import KNOWN
+
+_CELL = 6 * 16  # float64 of 16 pixels: five rows for their planes, and t
+_T = 5 * 16
+PLANE_FLOATS = CELLS * _CELL
+KNOWN_PLANES = PIXELS + 1
+KNOWN_FLOATS = 5 * KNOWN_PLANES
+_MARKS = 64  # a power of two
+MARK_WORDS = 3 * _MARKS
+
+
+class Seen(NamedTuple):
+    """Pointers to scratch memory."""
+
+    planes: object  # float64, PLANE_FLOATS: of each cell five rows of 16 pixels for their planes, and one for their t
+    face: object  # int32, PIXELS: in the order of cells, like all of `Pixels`
+    known: object  # float64, KNOWN_FLOATS: five numbers a plane; number 0 is no plane
+    ids: object  # int32, KNOWN_PLANES: faces of these planes
+    marks: object  # int32, MARK_WORDS: by the last bits of a slot, the slot; its part; the number of its plane
+
+
+@inlined
+def _by_value(rays):
+    """The same `CameraRays` without arrays, so that LLVM sees that no store changes them."""
+    o, c, dx, dy = rays.origin, rays.corner, rays.dx, rays.dy
+    return CameraRays(
+        (o[0], o[1], o[2]), (c[0], c[1], c[2]), (dx[0], dx[1], dx[2]), (dy[0], dy[1], dy[2]), rays.width, rays.height
+    )
+
+
+@inlined
+def _put_plane(p, at, stride, plane):
+    put(p, at, plane.nx)
+    put(p, at + stride, plane.ny)
+    put(p, at + 2 * stride, plane.nz)
+    put(p, at + 3 * stride, plane.volume)
+    put(p, at + 4 * stride, plane.least)
+
+
+@inlined
+def _get_plane(p, at, stride):
+    return EyePlane(
+        0, get(p, at), get(p, at + stride), get(p, at + 2 * stride), get(p, at + 3 * stride), get(p, at + 4 * stride)
+    )
+
+
+@kernel
+def _find_planes(pixels, forest, o, seen):
+    """Write the face and the plane of each pixel. A triangle's plane is computed again only if its mark was lost."""
+    for k in range(0, 2 * _MARKS, 16):
+        store(seen.marks, k, splat16(np.int32(-1)))
+    _put_plane(seen.known, 0, 1, NO_PLANE)
+    put(seen.ids, 0, np.int32(-1))
+    n = np.int64(1)
+    for k in range(PIXELS):
+        part, number = np.int64(get(pixels.part, k)), np.int64(0)
+        if part >= 0:
+            slot = np.int64(get(pixels.kept, k))
+            mark = slot & (_MARKS - 1)
+            number = np.int64(get(seen.marks, 2 * _MARKS + mark))
+            if get(seen.marks, mark) != slot or get(seen.marks, _MARKS + mark) != part:
+                tree, number = tree_in(forest, part), n
+                _put_plane(seen.known, 5 * n, 1, eye_plane(tree.corners, slot, o))
+                put(seen.ids, n, get(tree.prim_ids, slot))
+                put(seen.marks, mark, slot)
+                put(seen.marks, _MARKS + mark, part)
+                put(seen.marks, 2 * _MARKS + mark, n)
+                n += 1
+        _put_plane(seen.planes, _CELL * (k >> 4) + (k & 15), 16, _get_plane(seen.known, 5 * number, 1))
+        put(seen.face, k, get(seen.ids, number))
+
+
+@inlined
+def _find_t(planes, face, rays, x, y):
+    """Write t of the 16 pixels of a cell, -1 where float64 is not surely accurate; whether there is such a pixel.
+
+    LLVM makes vectors of this.
+    """
+    unsure = False
+    for i in range(16):
+        t = quick_t(_get_plane(planes, i, 16), pixel_ray(rays, x + (i & 3), y + (i >> 2)))
+        t = np.inf if get(face, i) < 0 else t
+        unsure |= t < 0.0
+        put(planes, _T + i, t)
+    return unsure
+
+
+@kernel
+def _correct_t(pixels, forest, rays, x, y, cell, planes):
+    """Let `hit_t` decide where float64 is not surely accurate."""
+    for i in range(16):
+        if get(planes, _T + i) < 0.0:
+            at = 16 * cell + i
+            ray, tree = pixel_ray(rays, x + (i & 3), y + (i >> 2)), tree_in(forest, np.int64(get(pixels.part, at)))
+            put(planes, _T + i, hit_t(ray, tree.corners, np.int64(get(pixels.kept, at))))
+
+
+@inlined
+def _write_cell(seen, cell, known, face, t, at, width, columns, rows):
+    """Copy a cell to the picture, of which pixel `at` is its first, but for pixels in `known` (bits); t bit by bit, as
+    float32."""
+    source, bits64, ids = ptr_at(seen.planes, _CELL * cell + _T), as_f32(t), ptr_at(seen.face, 16 * cell)
+    for k in range(0, 4 * rows, 4):
+        if columns == 4 and known == 0:
+            store(bits64, 2 * at, load8(as_f32(source), 2 * k))
+            store(face, at, load4(ids, k))
+        else:
+            for i in range(columns):
+                if known >> (k + i) & 1 == 0:
+                    put(t, at + i, get(source, k + i))
+                    put(face, at + i, get(ids, k + i))
+        at += width
+
+
+@inlined
+def _write_place(pixels, cell, part, slot, at, width, columns, rows):
+    """Write in which tree the triangles of a cell's pixels are, and where in it."""
+    for k in range(0, 4 * rows, 4):
+        for i in range(columns):
+            mine = get(pixels.part, 16 * cell + k + i)
+            if mine >= 0:
+                put(part, at + i, mine)
+                put(slot, at + i, get(pixels.kept, 16 * cell + k + i))
+        at += width
+
+
+@kernel
+def finish(pixels, forest, rays, x0, y0, seen, hits):
+    """Write what the tile at pixel (x0, y0) has seen in this call; where it has seen nothing at all, that.
+
+    seen : Seen, scratch memory
+    hits : Hits of the picture
+    """
+    camera, face, t, part, slot = _by_value(rays), ptr(hits.face), ptr(hits.t), ptr(hits.part), ptr(hits.slot)
+    _find_planes(pixels, forest, camera.origin, seen)
+    for cell in range(CELLS):
+        across, down = first_pixel(cell)
+        x, y, planes = x0 + across, y0 + down, ptr_at(seen.planes, _CELL * cell)
+        columns, rows = min(4, camera.width - x), min(4, camera.height - y)
+        before = load16(pixels.part, 16 * cell) < np.int32(0)
+        known = bits((load16(pixels.slot, 16 * cell) == KNOWN) & before)
+        if columns > 0 and rows > 0 and known != 0xFFFF:
+            if _find_t(planes, ptr_at(seen.face, 16 * cell), camera, x, y):
+                _correct_t(pixels, forest, camera, x, y, cell, planes)
+            at = y * camera.width + x
+            _write_cell(seen, cell, known, face, t, at, camera.width, columns, rows)
+            if len(hits.part) > 0:
+                _write_place(pixels, cell, part, slot, at, camera.width, columns, rows)

@@ -1,0 +1,101 @@
+"""One diffuse bounce: the surfaces whose light falls on those that a camera sees."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...bvh.nodes import Bvh, tree_of
+from ...kernels.jit import kernel
+from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.predicate.exact import ray_along
+from ...kernels.simd import ptr
+from ...query.diffuse import RayPass, diffuse_rays
+from ...query.gbuffer import GBuffer, fill_point, surface_of
+from ...query.picture import Surfaces, surfaces_of
+from ...query.receivers import NOTHING, surface_receivers
+from .orders import CLOSEST
+from .traverse import walk
+
+Nearest = Callable[[RayPass, tuple[int, int]], Surfaces]
+"""A pass, and the height and width of its picture -> the surfaces that its rays meet first."""
+
+
+@kernel
+def _nearest(ticket, bvh, rays, faces, ts):
+    """Worker: what each ray meets first."""
+    tree = tree_of(bvh)
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            o, d = rays.origins[i], rays.directions[i]
+            if d[0] == 0.0 and d[1] == 0.0 and d[2] == 0.0:
+                continue
+            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
+            slot, t = walk(tree, ray, np.int64(rays.skip[i]), 0, np.int64(CLOSEST), None, None)
+            if slot >= 0:
+                faces[i], ts[i] = bvh.prim_ids[slot], t
+        first = take(ticket)
+
+
+def nearest_hits(bvh: Bvh, origins, directions, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest triangle that each ray of a `RayPass` meets: (face, t).
+
+    face : (m,) int32, the lowest index of those at equal t; -1: none
+    t : (m,) float64, in lengths of the direction; inf where nothing is met
+    """
+    m = len(origins)
+    face, t = np.full(m, -1, np.int32), np.full(m, np.inf)
+    rays = RayPass(origins, directions, skip)
+    run(_nearest, thread_count(threads), new_ticket(m, 1024), bvh, rays, face, t)
+    return face, t
+
+
+@kernel
+def _surfaces(ticket, rays, ts, out, corners):
+    """Worker: where each ray that meets a triangle meets it."""
+    surface, triangles = surface_of(out), ptr(corners)
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            face = np.int64(out.face[i])
+            if face >= 0:
+                o, d = rays.origins[i], rays.directions[i]
+                start = np.float64(o[0]), np.float64(o[1]), np.float64(o[2])
+                along = np.float64(d[0]), np.float64(d[1]), np.float64(d[2])
+                out.depth[i] = np.float32(ts[i])
+                fill_point(start, along, face, ts[i], triangles, surface, i)
+        first = take(ticket)
+
+
+def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None = None) -> GBuffer:
+    """What the rays of a picture of this shape see, as a G-buffer; depth: length of the ray.
+
+    face, t : from `nearest_hits`, `triangles` those that `face` counts in
+    """
+    m, zeros = len(face), np.zeros((len(face), 3), np.float32)
+    nothing = np.full(m, np.inf, np.float32), np.full(m, NOTHING, np.int8)
+    out = GBuffer(zeros, zeros.copy(), face, *nothing, triangles.origin)
+    corners = triangles.vertices.reshape(-1, 9)
+    run(_surfaces, thread_count(threads), new_ticket(m, 4096), rays, t, out, corners)
+    return GBuffer(*(a.reshape(*shape, *a.shape[1:]) for a in out[:5]), triangles.origin)
+
+
+def nearest_surfaces(rays: RayPass, shape, bvh: Bvh, triangles, threads: int | None = None) -> Surfaces:
+    """The surfaces that the rays of a picture of this shape meet first in a BVH of all triangles."""
+    return surfaces_of(surfaces_met(rays, *nearest_hits(bvh, *rays, threads), shape, triangles, threads), triangles)
+
+
+def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
+    """What one random diffuse ray from each pixel's surface sees, as a G-buffer of the same shape [Feltman et al. 2012,
+    Sec. 4]; depth: length of the ray.
+
+    triangles : `Triangles`, all that `bvh` is of
+    """
+    shape, m = gbuffer.face.shape, gbuffer.face.size
+    flat = (a.reshape(m, *a.shape[2:]) for a in (gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.side))
+    origins = surface_receivers(*flat, triangles.vertices.reshape(-1, 9), threads).reshape(*shape, 3)
+    u, v = np.random.default_rng(seed).random((m, 2)).T
+    r, angle = np.sqrt(u), 2.0 * np.pi * v
+    samples = np.stack([r * np.cos(angle), r * np.sin(angle), np.sqrt(1.0 - u)], 1).reshape(*shape, 3)
+    rays = diffuse_rays(gbuffer, origins, samples, threads)
+    return surfaces_met(rays, *nearest_hits(bvh, *rays, threads), shape, triangles, threads)

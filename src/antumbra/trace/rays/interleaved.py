@@ -1,0 +1,153 @@
+"""Rays that run apart, in turn: each takes one step down the wide BVH, a node or a leaf, and the next one follows.
+
+Alone, a ray waits for memory at nearly every step, for it cannot know where it goes before it has been where it is. So
+the step asks for what the ray visits next, and it is there when its turn comes again. Only the first step is the same
+for all: any-hit queries take it together, a ray to a lane.
+"""
+
+import numpy as np
+
+from ...bvh.wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
+from ...kernels.jit import inlined, kernel
+from ...kernels.simd import (
+    bits,
+    broadcast8,
+    compress,
+    get,
+    load8,
+    lowest_bit,
+    mask_from_bits8,
+    mask_from_bits16,
+    popcount,
+    ptr_at,
+    put,
+    select,
+    splat16,
+    stack_f32,
+    stack_f64,
+    stack_i32,
+    stack_i64,
+    store,
+)
+from ..counters import BOX_TESTS, NODES, count
+from .packetbox import enter_each
+from .rayblock import BLOCK_WORDS, DX, LANES, LIMIT, OX, PRECISE_WORDS, TMAX, TMIN, Rays, prepare
+from .wide import (
+    ASIDE_WORDS,
+    STACK,
+    Found,
+    Query,
+    enter,
+    fetch,
+    push_sorted,
+    settle_block,
+    slabs_of,
+    slot_of,
+    start,
+    visit_leaf,
+)
+
+_STACKS = LANES * STACK
+
+
+@inlined
+def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters):
+    """Push the children that ray i enters, the one to be visited first on top; the new height."""
+    count(counters, NODES, 1)
+    count(counters, BOX_TESTS, WIDTH)
+    at = link * NODE_WORDS
+    entered, near = enter(tree.nodes, at, slabs_of(rays.rows, i), broadcast8(rays.rows, LIMIT + i))
+    hits = bits(entered)
+    if query.any_hit:
+        store(stack, height, compress(mask_from_bits8(hits), load8(tree.links, at + LINKS)))
+        return height + popcount(hits)
+    store(nears, 0, near)
+    return push_sorted(stack, entry, height, ptr_at(tree.links, at + LINKS), nears, hits)
+
+
+@inlined
+def _open_root(tree, rays, alive, stacks, heights, counters):
+    """Push the root's children that each ray enters, all rays at once, for any-hit; bits of those that enter one."""
+    entered, n = splat16(np.int32(0)), 0
+    while n < WIDTH and get(tree.links, LINKS + n) != NO_CHILD:
+        inside = mask_from_bits16(enter_each(tree.nodes, n, rays.rows))
+        entered |= select(inside, splat16(np.int32(1 << n)), splat16(np.int32(0)))
+        n += 1
+    count(counters, NODES, 1)
+    count(counters, BOX_TESTS, n)
+    hits, links = stack_i32(LANES), load8(tree.links, LINKS)
+    store(hits, 0, entered)
+    alive &= bits(entered != splat16(np.int32(0)))
+    turn = alive
+    while turn:
+        i = lowest_bit(turn)
+        turn &= turn - 1
+        inside = np.int64(get(hits, i))
+        height = popcount(inside)
+        store(stacks, i * STACK, compress(mask_from_bits8(inside), links))
+        put(heights, i, height)
+        fetch(tree, np.int64(get(stacks, i * STACK + height - 1)))
+    return alive
+
+
+@inlined
+def walk_apart(tree, rays, alive, query, found, counters):
+    """Trace the rays in the bit mask `alive` of a prepared block: write what they meet, any or nearest, to `found`."""
+    stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
+    nears = stack_f32(WIDTH)
+    if query.any_hit and alive & (alive - 1):  # there are two or more
+        alive = _open_root(tree, rays, alive, stacks, heights, counters)
+    else:
+        for i in range(LANES):
+            put(heights, i, 1)
+            put(stacks, i * STACK, 0)
+            put(entries, i * STACK, 0.0)
+    while alive:
+        turn = alive
+        while turn:
+            i = lowest_bit(turn)
+            turn &= turn - 1
+            stack, entry = ptr_at(stacks, i * STACK), ptr_at(entries, i * STACK)
+            height = np.int64(get(heights, i)) - 1
+            link = np.int64(get(stack, height))
+            if link >= 0:
+                height = _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters)
+            elif visit_leaf(tree, rays, i, link, query, found, counters):
+                height = np.int64(0)
+            while not query.any_hit and height > 0 and get(entry, height - 1) > get(rays.rows, LIMIT + i):
+                height -= 1
+            if height == 0:
+                alive &= ~(1 << i)
+            else:
+                put(heights, i, height)
+                fetch(tree, np.int64(get(stack, height - 1)))
+
+
+@kernel
+def any_hit_wide(tree, ray, skip, cull_faces, counters):
+    """Slot of a triangle that the ray meets, or -1."""
+    rows, precise, skips = stack_f32(BLOCK_WORDS), stack_f64(PRECISE_WORDS), stack_i32(LANES)
+    f = np.float32
+    store(rows, OX, splat16(f(ray.ox)))
+    store(rows, OX + LANES, splat16(f(ray.oy)))
+    store(rows, OX + 2 * LANES, splat16(f(ray.oz)))
+    store(rows, DX, splat16(f(ray.dx)))
+    store(rows, DX + LANES, splat16(f(ray.dy)))
+    store(rows, DX + 2 * LANES, splat16(f(ray.dz)))
+    store(rows, TMIN, splat16(f(ray.tmin)))
+    store(rows, TMAX, splat16(f(ray.tmax)))
+    put(precise, 0, ray.dx)
+    put(precise, LANES, ray.dy)
+    put(precise, 2 * LANES, ray.dz)
+    put(precise, 3 * LANES, ray.rx)
+    put(precise, 4 * LANES, ray.ry)
+    put(precise, 5 * LANES, ray.rz)
+    put(skips, 0, skip)
+    found = Found(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(ASIDE_WORDS))
+    prepare(rows, tree.reach)
+    block, query = Rays(rows, precise, skips), Query(cull_faces, True)
+    start(found, block)
+    walk_apart(tree, block, np.int64(1), query, found, counters)
+    if get(found.aside, 0) > 0:
+        settle_block(tree, block, query, found, counters)
+    return slot_of(tree, found, 0)

@@ -1,0 +1,112 @@
+"""Sixteen rays that run close together, against boxes: all of them at once by interval arithmetic, or each.
+
+In t, a plane x = c is met by ray i at (c - x0) / d_i + (x0 - o_i) / d_i, x0 the first ray's origin; over the packet the
+factor and the summand are intervals, and interval arithmetic bounds where any of the rays may enter and leave each of
+eight boxes [Boulos et al. 2006].
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.wide import WIDTH
+from ...kernels.jit import inlined
+from ...kernels.simd import (
+    absolute,
+    bits,
+    broadcast16,
+    get,
+    load8,
+    load16,
+    maximum,
+    minimum,
+    reduce_max,
+    reduce_min,
+    splat8,
+    splat16,
+)
+from .rayblock import FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN
+
+_PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
+
+
+class Axis(NamedTuple):
+    """A packet's intervals along one axis; scalars."""
+
+    origin: object  # of the first ray
+    low: object  # of the inverses, which have one sign; 0 where they have not, and then the axis does not restrict
+    high: object
+    near: object  # least offset of a plane that is entered through
+    far: object  # greatest offset of one that is left through
+    word: object  # of the planes that are entered through, in a node
+
+
+class Packet(NamedTuple):
+    """What all rays of a packet have in common."""
+
+    x: Axis
+    y: Axis
+    z: Axis
+    tmin: float  # the least
+
+
+@inlined
+def _axis(rows, k, reach):
+    """The `Axis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
+    o, inverse = load16(rows, OX + LANES * k), load16(rows, INVERSE + LANES * k)
+    origin, low, high = get(rows, OX + LANES * k), reduce_min(inverse), reduce_max(inverse)
+    if low < 0.0 and high > 0.0:  # says nothing
+        zero, inf = np.float32(0.0), np.float32(np.inf)
+        return Axis(origin, zero, zero, -inf, inf, np.int64(2 * WIDTH * k))
+    offset = (splat16(origin) - o) * inverse
+    grow = _PAD * reach * (-low if low < 0 else high)
+    word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else np.int64(0))
+    return Axis(origin, low, high, reduce_min(offset) - grow, reduce_max(offset) + grow, word)
+
+
+@inlined
+def packet_of(tree, rows):
+    """The `Packet` of a prepared block."""
+    reach = np.float32(tree.reach)
+    for k in range(3):
+        o = reduce_max(absolute(load16(rows, OX + LANES * k)))
+        reach = o if o > reach else reach
+    return Packet(_axis(rows, 0, reach), _axis(rows, 1, reach), _axis(rows, 2, reach), reduce_min(load16(rows, TMIN)))
+
+
+@inlined
+def _near(nodes, at, a):
+    """Bound of t where any ray of the packet passes the near planes of the eight boxes of the node at word `at`."""
+    planes = load8(nodes, at + a.word) - a.origin
+    return minimum(planes * a.low, planes * a.high) + a.near
+
+
+@inlined
+def _far(nodes, at, a):
+    planes = load8(nodes, at + (a.word ^ WIDTH)) - a.origin
+    return maximum(planes * a.low, planes * a.high) + a.far
+
+
+@inlined
+def enter_any(nodes, at, packet, limit):
+    """The eight boxes of a node: (mask of those that any ray may enter before `limit`, bounds of entry t)."""
+    x, y, z, tmin = packet
+    near = maximum(maximum(_near(nodes, at, x), _near(nodes, at, y)), maximum(_near(nodes, at, z), splat8(tmin)))
+    far = minimum(minimum(_far(nodes, at, x), _far(nodes, at, y)), minimum(_far(nodes, at, z), splat8(limit)))
+    return near <= far, near
+
+
+@inlined
+def enter_each(nodes, box, rows):
+    """Bit mask of the rays of a block that enter the box whose first plane is at word `box` before their limits.
+
+    (All of them enter a child that is not there: it is a leaf without triangles.)
+    """
+    near, far = load16(rows, TMIN), load16(rows, LIMIT)
+    for k in range(3):
+        inverse = load16(rows, INVERSE + LANES * k)
+        a = broadcast16(nodes, box + 2 * WIDTH * k) * inverse
+        b = broadcast16(nodes, box + 2 * WIDTH * k + WIDTH) * inverse
+        near = maximum(near, minimum(a, b) + load16(rows, NEAR + LANES * k))
+        far = minimum(far, maximum(a, b) + load16(rows, FAR + LANES * k))
+    return bits(near <= far)

@@ -1,0 +1,98 @@
+"""Sixteen rays side by side: what every test of boxes and triangles wants to know of them, made once for all sixteen.
+
+A *block* is scratch memory of 20 rows of 16 float32, a column for each ray. The caller fills origins, directions, tmin
+and tmax; `prepare` the rest. A plane x = c is reached at t = c * inverse + offset: one instruction. Its error is
+absolute, a share of the largest coordinate in play, so offsets move the planes through which a ray enters, and those
+through which it leaves, outwards by more than that: docs/design/wide.md has the proof.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.jit import inlined
+from ...kernels.predicate.exact import Ray, ray_along
+from ...kernels.predicate.vector_filters import FilterRays, error_unit
+from ...kernels.simd import absolute, broadcast8, get, load16, maximum, select, splat16, store
+
+LANES = 16
+OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by the caller
+INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
+LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
+BLOCK_WORDS = 20 * LANES
+PRECISE_WORDS = 6 * LANES  # of `Rays.precise`
+
+_SMALL, _LARGE = np.float32(2.0**-40), np.float32(2.0**40)
+_ALONG = np.float32(2.0**-40)  # a direction's component below this share of the largest one counts as this share
+_PAD = np.float32(2.0**-20)  # planes are moved outwards by this share of the largest coordinate in play
+_INF = np.float32(np.inf)
+
+
+class Rays(NamedTuple):
+    """A block of rays: pointers to scratch memory."""
+
+    rows: object  # float32 *, BLOCK_WORDS
+    precise: object  # float64 *, rows of 16: direction (x, y, z), its remainder; None: the float32 direction is exact
+    skip: object  # int32 *, 16: a triangle index that does not count, or -1
+
+
+@inlined
+def ray_of(rays, i):
+    """Ray i in float64."""
+    return _ray_of(rays.rows, rays.precise, i)
+
+
+@inlined
+def _ray_of(b, d, i):
+    ox, oy, oz, tmin, tmax = get(b, OX + i), get(b, OY + i), get(b, OZ + i), get(b, TMIN + i), get(b, TMAX + i)
+    if d is None:  # of an argument: the other branch is then not compiled
+        return ray_along(ox, oy, oz, get(b, DX + i), get(b, DY + i), get(b, DZ + i), tmin, tmax)
+    f = np.float64
+    return Ray(
+        f(ox), f(oy), f(oz), get(d, i), get(d, LANES + i), get(d, 2 * LANES + i), get(d, 3 * LANES + i),
+        get(d, 4 * LANES + i), get(d, 5 * LANES + i), f(tmin), f(tmax),
+    )  # fmt: skip
+
+
+@inlined
+def prepare(block, tree_reach):
+    """Fill the rows from INVERSE on. Rays too long, short or far for float32's range enter every box."""
+    ox, oy, oz = load16(block, OX), load16(block, OY), load16(block, OZ)
+    dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
+    largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
+    reach = maximum(maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)), splat16(tree_reach))
+    tame = (largest > _SMALL) & (largest < _LARGE) & (reach > _SMALL) & (reach < _LARGE)
+    along, pad = largest * _ALONG, reach * _PAD
+    for k in range(3):
+        o, d = load16(block, OX + LANES * k), load16(block, DX + LANES * k)
+        steep = select(absolute(d) > along, d, along)
+        inverse = splat16(np.float32(1.0)) / steep
+        offset, grow = -(o * inverse), pad * absolute(inverse)
+        store(block, INVERSE + LANES * k, select(tame, inverse, np.float32(0.0)))
+        store(block, NEAR + LANES * k, select(tame, offset - grow, -_INF))
+        store(block, FAR + LANES * k, select(tame, offset + grow, _INF))
+    unit, floor = error_unit(tame, dx, dy, dz, reach)
+    store(block, UNIT, unit)
+    store(block, FLOOR, floor)
+    store(block, LIMIT, load16(block, TMAX))
+
+
+@inlined
+def filter_ray8(block, lane):
+    """`FilterRays` of one ray of a block, in eight lanes; its tmax is the limit of the search."""
+    b = lane
+    return FilterRays(
+        broadcast8(block, OX + b), broadcast8(block, OY + b), broadcast8(block, OZ + b),
+        broadcast8(block, DX + b), broadcast8(block, DY + b), broadcast8(block, DZ + b),
+        broadcast8(block, TMIN + b), broadcast8(block, LIMIT + b), broadcast8(block, UNIT + b),
+        broadcast8(block, FLOOR + b),
+    )  # fmt: skip
+
+
+@inlined
+def filter_rays16(block):
+    """`FilterRays` of all rays of a block."""
+    return FilterRays(
+        load16(block, OX), load16(block, OY), load16(block, OZ), load16(block, DX), load16(block, DY),
+        load16(block, DZ), load16(block, TMIN), load16(block, LIMIT), load16(block, UNIT), load16(block, FLOOR),
+    )  # fmt: skip

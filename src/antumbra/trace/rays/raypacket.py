@@ -1,0 +1,236 @@
+"""Sixteen rays that run close together, through a wide BVH as one: any-hit and closest-hit.
+
+Inner nodes are visited for all rays at once: `packetbox` bounds where any of them may enter each of eight boxes. Of the
+boxes that are left, any-hit queries test which rays enter each, and keep them with it on the stack; closest-hit queries
+do so at leaves. At a leaf, whichever is fewer, the triangles are tested one by one against all rays, or the rays left
+one by one against all triangles. So a packet that falls apart ends as single rays.
+"""
+
+import numpy as np
+
+from ...bvh.wide import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH
+from ...kernels.jit import inlined
+from ...kernels.predicate.vector_filters import FilterTriangles, meet
+from ...kernels.simd import (
+    absolute,
+    bits,
+    broadcast8,
+    broadcast16,
+    fma,
+    get,
+    iota8,
+    load16,
+    lowest_bit,
+    popcount,
+    put,
+    reduce_max,
+    reduce_min,
+    stack_f32,
+    stack_i32,
+    store,
+)
+from ..counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
+from .packetbox import enter_any, enter_each, packet_of
+from .rayblock import DX, LANES, LIMIT, OX, UNIT, filter_rays16
+from .wide import STACK, Query, enter, facing, fetch, keep, push_sorted, put_aside, slabs_of, visit_leaf
+
+_NEAR_ENDS = np.float32(1 / 32)  # extent of a packet's origins, or its ends, at most, as a share of the tree's reach
+_NEAR_DIRECTIONS = np.float32(1 / 4)  # extent of its directions, as a share of their largest component
+_STACK = 2 * STACK  # of any-hit queries: a box and the rays that enter it
+
+
+@inlined
+def _extents(rows, limit):
+    """(largest extent of the sixteen origins, of the ends at `limit`, of the directions, their largest component)."""
+    starts, ends, spread, widest = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for k in range(3):
+        o, d = load16(rows, OX + LANES * k), load16(rows, DX + LANES * k)
+        end = fma(d, limit, o)
+        start, stop, turn = (
+            reduce_max(o) - reduce_min(o),
+            reduce_max(end) - reduce_min(end),
+            reduce_max(d) - reduce_min(d),
+        )
+        starts = start if start > starts else starts
+        ends = stop if not stop <= ends else ends
+        spread = turn if turn > spread else spread
+        size = reduce_max(absolute(d))
+        widest = size if size > widest else widest
+    return starts, ends, spread, widest
+
+
+@inlined
+def is_coherent(rows, tree_reach, any_hit):
+    """Are the sixteen rays of a prepared block better traced as one?
+
+    They are if they start close together, within a 32nd of the tree's reach, and run in about one direction: components
+    within a quarter of the largest one. Any-hit segments also if they end close together.
+    """
+    if not reduce_max(load16(rows, UNIT)) < np.float32(np.inf):
+        return False
+    starts, ends, spread, widest = _extents(rows, load16(rows, LIMIT))
+    near = _NEAR_ENDS * tree_reach
+    return (starts <= near and spread <= _NEAR_DIRECTIONS * widest) or (any_hit and ends <= near)
+
+
+@inlined
+def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters):
+    """Push the children of the node at word `at` that active rays enter: which rays, and the box."""
+    hits = bits(enter_any(tree.nodes, at, packet, limit)[0])
+    count(counters, BOX_TESTS, popcount(hits))
+    while hits:
+        box = at + lowest_bit(hits)
+        hits &= hits - 1
+        rays_in = active & enter_each(tree.nodes, box, rows)
+        put(stack, height, rays_in)
+        put(stack, height + 1, box)
+        if rays_in:
+            fetch(tree, np.int64(get(tree.links, box + LINKS)))
+            height += 2
+    return height
+
+
+@inlined
+def _push_entered_by_one(tree, rows, active, at, stack, height):
+    """The same where one ray is left."""
+    i = lowest_bit(active)
+    hits = bits(enter(tree.nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))[0])
+    while hits:
+        box = at + lowest_bit(hits)
+        hits &= hits - 1
+        fetch(tree, np.int64(get(tree.links, box + LINKS)))
+        put(stack, height, active)
+        put(stack, height + 1, box)
+        height += 2
+    return height
+
+
+@inlined
+def _triangle(groups, at):
+    """The `FilterTriangles` of one triangle, whose first word is `at`, in all lanes."""
+    b = groups
+    return FilterTriangles(
+        broadcast16(b, at), broadcast16(b, at + 8), broadcast16(b, at + 16), broadcast16(b, at + 24),
+        broadcast16(b, at + 32), broadcast16(b, at + 40), broadcast16(b, at + 48), broadcast16(b, at + 56),
+        broadcast16(b, at + 64), broadcast16(b, at + 72),
+    )  # fmt: skip
+
+
+@inlined
+def _keep_each(tree, rays, hits, at, query, found):
+    """Some rays (bits) meet the triangle in lane `at`."""
+    while hits:
+        i = lowest_bit(hits)
+        hits &= hits - 1
+        keep(tree, rays, i, at, query, found)
+
+
+@inlined
+def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
+    """Each triangle of a leaf against all active rays; bit mask of the rays whose any-hit query is answered."""
+    group, done = ~link >> 4, np.int64(0)
+    for k in range(~link & 15):
+        todo = active & ~done
+        count(counters, TRIANGLE_TESTS, popcount(todo))
+        at = group * WIDTH + k
+        hits, positive, unsure = meet(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
+        hits = facing(hits, positive, query.cull_faces) & todo
+        unsure &= todo
+        if query.any_hit and hits:
+            prim = get(tree.prim_ids, get(tree.slots, at))
+            done |= hits & bits(load16(rays.skip, 0) != prim)
+        elif hits:
+            _keep_each(tree, rays, hits, at, query, found)
+        if unsure:
+            put_aside(found, unsure, at)
+        if done == active:
+            break
+    return done
+
+
+@inlined
+def _leaf_by_ray(tree, rays, active, link, query, found, counters):
+    """Each active ray against all triangles of a leaf; as `_leaf_by_triangle`."""
+    done = np.int64(0)
+    while active:
+        i = lowest_bit(active)
+        active &= active - 1
+        if visit_leaf(tree, rays, i, link, query, found, counters):
+            done |= 1 << i
+    return done
+
+
+@inlined
+def _leaf(tree, rays, active, link, query, found, counters):
+    """A leaf against the active rays; bit mask of those whose any-hit query is answered."""
+    if popcount(active) < (~link & 15):
+        return _leaf_by_ray(tree, rays, active, link, query, found, counters)
+    return _leaf_by_triangle(tree, rays, active, link, query, found, counters)
+
+
+@inlined
+def _walk_any(tree, rays, alive, query, found, counters):
+    """Trace the active rays; bit mask of those that are blocked."""
+    stack, rows, packet = stack_i32(_STACK), rays.rows, packet_of(tree, rays.rows)
+    limit = reduce_max(load16(rows, LIMIT))
+    height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
+    while True:
+        if link < 0:
+            blocked |= _leaf(tree, rays, active, link, query, found, counters)
+            if blocked == alive:
+                return blocked
+        else:
+            count(counters, NODES, 1)
+            count(counters, BOX_TESTS, WIDTH)
+            if active & (active - 1) == 0:
+                height = _push_entered_by_one(tree, rows, active, link * NODE_WORDS, stack, height)
+            else:
+                height = _push_entered(tree, rows, active, link * NODE_WORDS, packet, limit, stack, height, counters)
+        active = np.int64(0)
+        while active == 0:
+            if height == 0:
+                return blocked
+            height -= 2
+            active = np.int64(get(stack, height)) & ~blocked
+        link = np.int64(get(tree.links, np.int64(get(stack, height + 1)) + LINKS))
+
+
+@inlined
+def _walk_nearest(tree, rays, alive, query, found, counters):
+    """Trace the rays in `alive`; their nearest hits are written to `found`."""
+    stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
+    rows, packet = rays.rows, packet_of(tree, rays.rows)
+    height, link, box, limit = np.int64(0), np.int64(0), np.int64(0), reduce_max(load16(rows, LIMIT))
+    while True:
+        if link < 0:
+            count(counters, BOX_TESTS, 1)
+            active = alive & enter_each(tree.nodes, box, rows)
+            if active:
+                _leaf(tree, rays, active, link, query, found, counters)
+                limit = reduce_max(load16(rows, LIMIT))
+        else:
+            count(counters, NODES, 1)
+            count(counters, BOX_TESTS, WIDTH)
+            entered, near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
+            store(nears, 0, near)
+            store(children, 0, iota8() + np.int32(link * NODE_WORDS))
+            height = push_sorted(stack, entry, height, children, nears, bits(entered))
+        while height > 0 and get(entry, height - 1) > limit:
+            height -= 1
+        if height == 0:
+            return
+        height -= 1
+        box = np.int64(get(stack, height))
+        link = np.int64(get(tree.links, box + LINKS))
+
+
+@inlined
+def walk_packet(tree, rays, alive, query, found, counters):
+    """Trace the rays in the bit mask `alive` of a coherent block. Any-hit: bit mask of those that are blocked.
+
+    Closest-hit: `found` is written as `walk_apart` does.
+    """
+    if query.any_hit:
+        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), found, counters)
+    _walk_nearest(tree, rays, alive, Query(query.cull_faces, False), found, counters)
+    return np.int64(0)

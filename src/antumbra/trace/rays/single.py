@@ -1,0 +1,145 @@
+"""`single` and `wide`: one ray at a time, over the binary BVH or a wide one, by the same loop.
+
+`single` is the baseline that every other tracer must agree with, bit for bit; `single:random` and the like differ in
+the order of children only (`orders`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.nodes import Tree, tree_of
+from ...bvh.wide import WideBvh, wide_tree_of
+from ...kernels.jit import inlined, kernel, overload
+from ...kernels.parallel import new_ticket, run, take, thread_count
+from ...kernels.predicate.exact import segment
+from ...kernels.simd import get, ptr, stack_i64
+from ...query.receivers import NOTHING
+from ...query.samples import sample_point
+from ...query.shadow import horizon_of, is_above, patch_of
+from ..counters import BELOW_HORIZON, N_COUNTERS, RAYS, REPEAT_HITS, add_counters, cleared_if, count, new_counters
+from .interleaved import any_hit_wide
+from .orders import BUILT, Ordered
+from .traverse import triangle_hit, walk
+
+TILE = 16  # pixels; neighbours are traced after each other, by one thread
+
+
+def as_built(bvh, threads=None) -> Ordered:
+    """A `Bvh` whose children are visited as its builder chose."""
+    return Ordered(bvh, BUILT)
+
+
+class OrderedTree(NamedTuple):
+    """Pointers to the arrays of an `Ordered`'s BVH, and its order."""
+
+    tree: Tree
+    prim_ids: object
+    corners: object
+    order: object
+
+
+def pointers(prepared):
+    """In kernels: the `OrderedTree` of an `Ordered`, the `WideTree` of a `WideBvh`."""
+
+
+def any_hit(tree, ray, skip, cull_faces, counters):
+    """In kernels: the slot of a triangle that the ray meets, or -1; by the walk that goes with the tree."""
+
+
+@inlined
+def _ordered_tree(prepared):
+    tree = tree_of(prepared.bvh)
+    return OrderedTree(tree, tree.prim_ids, tree.corners, np.int64(prepared.order))
+
+
+@overload(pointers)
+def _pointers(prepared):
+    if prepared.instance_class is Ordered:
+        return lambda prepared: _ordered_tree(prepared)
+    return lambda prepared: wide_tree_of(prepared)
+
+
+@overload(any_hit)
+def _any_hit(tree, ray, skip, cull_faces, counters):
+    if tree.instance_class is OrderedTree:
+        return lambda tree, ray, skip, cull_faces, counters: walk(
+            tree.tree, ray, skip, cull_faces, tree.order, None, counters
+        )[0]
+    return lambda tree, ray, skip, cull_faces, counters: any_hit_wide(tree, ray, skip, cull_faces, counters)
+
+
+@inlined
+def _blocked(tree, ray, skip, cull_faces, last, counters):
+    """Slot of a triangle that blocks the ray, or -1. `last`, the slot that blocked the ray before, is tried first."""
+    if last >= 0 and get(tree.prim_ids, last) != skip:
+        o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
+        d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
+        if triangle_hit(tree.corners, last, ray, o, d, cull_faces, counters):
+            count(counters, REPEAT_HITS, 1)
+            return last
+    return any_hit(tree, ray, skip, cull_faces, counters)
+
+
+@inlined
+def _shadow_pixel(tree, query, y, x, bits, last, counters):
+    """All samples of one receiver; the slot that blocked the last blocked one."""
+    ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
+    corners = ptr(query.corners)
+    skip, sample_set, spp = np.int64(query.ids[y, x]), (x & 3) + 4 * (y & 3), query.samples.shape[1]
+    samples, patch, horizon = query.samples, patch_of(query, y, x), horizon_of(query, y, x)
+    count(counters, RAYS, spp)
+    for s in range(spp):
+        a, b, c = samples[sample_set, s, 0], samples[sample_set, s, 1], samples[sample_set, s, 2]
+        lx, ly, lz = sample_point(patch, a, b, c)
+        if not is_above(horizon, lx, ly, lz, corners):
+            count(counters, BELOW_HORIZON, 1)
+        else:
+            ray = segment(ox, oy, oz, lx, ly, lz)
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # nothing between its ends, and in float32 all unsure
+                continue
+            slot = _blocked(tree, ray, skip, query.cull_faces, last, counters)
+            if slot < 0:
+                continue
+            last = slot
+        bits[y, x, s >> 6] |= np.uint64(1) << np.uint64(s & 63)
+    return last
+
+
+@kernel
+def _shadow_tiles(ticket, prepared, query, bits, counters):
+    h, w = query.sides.shape
+    columns = (w + TILE - 1) // TILE
+    mine, tree = cleared_if(counters, stack_i64(N_COUNTERS)), pointers(prepared)
+    tile = take(ticket)
+    while tile >= 0:
+        y0, x0 = tile // columns * TILE, tile % columns * TILE
+        last = np.int64(-1)  # starts afresh in each tile, so counts do not depend on threads
+        for y in range(y0, min(y0 + TILE, h)):
+            for x in range(x0, min(x0 + TILE, w)):
+                if query.sides[y, x] != NOTHING:
+                    last = _shadow_pixel(tree, query, y, x, bits, last, mine)
+        tile = take(ticket)
+    add_counters(counters, mine)
+
+
+def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery over an `Ordered` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    """
+    if counters is None and isinstance(prepared, WideBvh):
+        counters = new_counters()  # costs nothing there; walks of one ray take twice as long when they count
+    h, w = query.sides.shape
+    tiles = -(-h // TILE) * -(-w // TILE)
+    run(
+        _shadow_tiles,
+        thread_count(threads),
+        new_ticket(tiles, 1),
+        prepared,
+        query,
+        bits,
+        counters,
+        progress=progress,
+    )

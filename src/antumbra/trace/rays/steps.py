@@ -1,0 +1,117 @@
+"""Where any-hit rays spend their steps, exactly, receiver by receiver [Feltman et al. 2012, Sec. 4.1].
+
+A step is a test of a ray against the box of a child that the walk comes to; the root's box is not tested. Of a ray that
+is blocked, those on the path from the root to the leaf in which it is are one class, and those that led nowhere (false,
+or faux, hits) another; those of rays that nothing blocks are the third. Rays are walked one by one, without trying the
+last blocker first.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.nodes import Bvh, parents_first, tree_of
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import new_ticket, run, take, thread_count
+from ...kernels.predicate.exact import segment
+from ...kernels.simd import atomic_add, ptr, stack_array
+from ...query.receivers import NOTHING
+from ...query.samples import sample_point
+from ...query.shadow import horizon_of, is_above, patch_of
+from ..counters import BOX_TESTS, N_COUNTERS, TRIANGLE_TESTS
+from .orders import Ordered
+from .traverse import walk
+
+CLASSES = ("path to the hit", "false hits", "unoccluded")
+PATH, FALSE, UNOCCLUDED = range(3)
+
+
+class Steps(NamedTuple):
+    """The steps of a query's rays. H, W: its receivers."""
+
+    boxes: np.ndarray  # (H, W, 3) int64, boxes tested, by class
+    triangles: np.ndarray  # (H, W) int64, triangles tested
+    rays: np.ndarray  # (H, W) int64, rays walked: samples above the horizon
+    blocked: np.ndarray  # (H, W) int64, of these, those that are blocked
+    hits: np.ndarray  # (n,) int64, rays that each triangle of the scene was found to block
+
+
+@kernel
+def _count_boxes(bvh, order, inner, depths):
+    """Fill `leaf_depths`; `order`: parents first, `inner`: zeros for the depth of each node."""
+    for node in order:
+        for side in range(2):
+            link, depth = bvh.links[node, 12 + side], inner[node] + 1
+            if link >= 0:
+                inner[link] = depth
+            else:
+                first = ~np.int64(link) >> 3
+                for slot in range(first, min(first + (~link & 7) + 1, len(depths))):
+                    depths[slot] = depth
+
+
+def leaf_depths(bvh: Bvh) -> np.ndarray:
+    """(n,) int32: of each slot, the number of boxes on the way from the root to its leaf, its own included."""
+    depths = np.zeros(len(bvh.prim_ids), np.int32)
+    _count_boxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
+    return depths
+
+
+@inlined
+def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
+    """All samples of one receiver."""
+    tree, corners = tree_of(bvh), ptr(query.corners)
+    ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
+    skip, sample_set = np.int64(query.ids[y, x]), (x & 3) + 4 * (y & 3)
+    patch, horizon = patch_of(query, y, x), horizon_of(query, y, x)
+    for s in range(query.samples.shape[1]):
+        a, b, c = query.samples[sample_set, s, 0], query.samples[sample_set, s, 1], query.samples[sample_set, s, 2]
+        lx, ly, lz = sample_point(patch, a, b, c)
+        ray = segment(ox, oy, oz, lx, ly, lz)
+        if (ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0) or not is_above(horizon, lx, ly, lz, corners):
+            continue
+        counters[:] = 0
+        slot = walk(tree, ray, skip, query.cull_faces, order, None, counters)[0]
+        tested = counters[BOX_TESTS]
+        steps.rays[y, x] += 1
+        steps.triangles[y, x] += counters[TRIANGLE_TESTS]
+        if slot < 0:
+            steps.boxes[y, x, UNOCCLUDED] += tested
+        else:
+            steps.blocked[y, x] += 1
+            steps.boxes[y, x, PATH] += depths[slot]
+            steps.boxes[y, x, FALSE] += tested - depths[slot]
+            atomic_add(steps.hits, bvh.prim_ids[slot], 1)
+
+
+@kernel
+def _walk_rows(ticket, bvh, order, query, depths, steps):
+    counters = stack_array(np.int64, N_COUNTERS)
+    y = take(ticket)
+    while y >= 0:
+        for x in range(query.sides.shape[1]):
+            if query.sides[y, x] != NOTHING:
+                _walk_pixel(bvh, order, query, y, x, depths, counters, steps)
+        y = take(ticket)
+
+
+def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
+    """Walk all rays of a ShadowQuery, in a BVH of some of the scene's `n_triangles`, and count."""
+    bvh, shape = ordered.bvh, query.sides.shape
+    planes = [np.zeros((*shape, 3), np.int64), *(np.zeros(shape, np.int64) for _ in range(3))]
+    steps = Steps(*planes, np.zeros(n_triangles, np.int64))
+    ticket = new_ticket(shape[0], 1)
+    order, depths = np.int64(ordered.order), leaf_depths(bvh)
+    run(_walk_rows, thread_count(threads), ticket, bvh, order, query, depths, steps, progress=progress)
+    return steps
+
+
+def add_steps(all_steps: list[Steps]) -> Steps:
+    """The steps of several queries with the same receivers together."""
+    return Steps(*(np.sum(arrays, axis=0) for arrays in zip(*all_steps)))
+
+
+def hit_depths(bvh: Bvh, hits: np.ndarray) -> np.ndarray:
+    """(k,) int64: how many of the rays that are blocked were so at each depth; `hits` as in `Steps`."""
+    depths = leaf_depths(bvh)
+    return np.bincount(depths, weights=hits[bvh.prim_ids]).astype(np.int64)

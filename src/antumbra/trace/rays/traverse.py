@@ -1,0 +1,220 @@
+"""One ray through a binary BVH: the one body of any-hit and closest-hit.
+
+Boxes are tested in float32, conservatively, two at a time (both children of a node in one 4-wide register an axis);
+triangles by the filters of `antumbra.kernels.predicate`, which end in the exact predicate. So the answer is the
+contract's, and does not depend on the tree.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.nodes import EMPTY, MAX_DEPTH
+from ...kernels.jit import inlined, kernel
+from ...kernels.predicate.exact import exact_meets
+from ...kernels.predicate.filters import UNSURE, hit_t, verdict, volumes32, volumes64, widest
+from ...kernels.simd import (
+    bits,
+    extract,
+    get,
+    load4,
+    mask_from_bits4,
+    maximum,
+    minimum,
+    put,
+    select,
+    splat4,
+    stack_f32,
+    stack_i32,
+    swap_halves,
+)
+from ..counters import BOX_TESTS, EXACT, NODES, TRIANGLE_TESTS, UNCERTAIN, count
+from .orders import CLOSEST, left_comes_first
+
+_STACK = 2 * MAX_DEPTH
+_TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as zero
+_SHORT = np.float32(1e-15)  # directions shorter than this visit every node (their reciprocals could overflow)
+_GROW = np.float32(1.0 + 2.0**-20)  # more than the 8 roundings between the two ends of a slab interval
+_PAD = np.float32(2.0**-21)
+_FAR = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
+
+
+class BoxRay(NamedTuple):
+    """A ray prepared for slab tests: (plane - from) * inverse, `from` per lane (L.lower R.lower L.upper R.upper)."""
+
+    x: object  # f32x4
+    y: object
+    z: object
+    ix: object
+    iy: object
+    iz: object
+    tmin: object
+
+
+@inlined
+def _slab(o, d, limit, pad):
+    """(origin for lower planes, origin for upper planes, reciprocal) of one axis.
+
+    A ray that does not move along the axis stays in a slab whose boundary it touches: its origin is moved inwards by
+    `pad`, which is tiny, but makes the boundary's t huge and of the right sign. The reciprocal is always finite, so no
+    NaN can arise.
+    """
+    if abs(d) > limit:
+        return o, o, np.float32(1.0) / d
+    return o + pad, o - pad, np.float32(1.0) / limit
+
+
+@kernel
+def _reach(nodes, reach):
+    """The largest of `reach` and the magnitudes of the root's bounds."""
+    for k in range(12):
+        bound = abs(get(nodes, k))
+        if bound > reach and bound < np.float32(np.inf):
+            reach = bound
+    return reach
+
+
+@inlined
+def box_ray(nodes, ray):
+    """The `BoxRay` of a `Ray`."""
+    f = np.float32
+    ox, oy, oz = f(ray.ox), f(ray.oy), f(ray.oz)
+    dx, dy, dz = f(ray.dx), f(ray.dy), f(ray.dz)
+    largest = widest((dx, dy, dz))
+    limit = _TINY * largest
+    pad = f(0.0)
+    if abs(dx) <= limit or abs(dy) <= limit or abs(dz) <= limit:
+        pad = _PAD * _reach(nodes, widest((ox, oy, oz)))
+    lx, ux, ix = _slab(ox, dx, limit, pad)
+    ly, uy, iy = _slab(oy, dy, limit, pad)
+    lz, uz, iz = _slab(oz, dz, limit, pad)
+    tmin = f(ray.tmin)
+    if largest < _SHORT:
+        ix, iy, iz, tmin = f(0.0), f(0.0), f(0.0), f(0.0)
+    low = mask_from_bits4(3)
+    x, y, z = (
+        select(low, splat4(lx), splat4(ux)),
+        select(low, splat4(ly), splat4(uy)),
+        select(low, splat4(lz), splat4(uz)),
+    )
+    return BoxRay(x, y, z, splat4(ix), splat4(iy), splat4(iz), splat4(tmin))
+
+
+@kernel
+def settle(ray, corners, slot, counters):
+    """What float32 could not decide: does the ray meet the triangle? Float64, then exact arithmetic; out of line."""
+    count(counters, UNCERTAIN, 1)
+    side = verdict(volumes64(ray, corners, slot), ray.tmin, ray.tmax)
+    if side == UNSURE:
+        count(counters, EXACT, 1)
+        side = exact_meets(ray, corners, slot)
+    return side
+
+
+@inlined
+def triangle_hit(corners, slot, ray, o, d, cull_faces, counters):
+    """Does the ray meet the triangle in `slot`? o, d: its origin and direction in float32."""
+    count(counters, TRIANGLE_TESTS, 1)
+    side = verdict(volumes32(o, d, corners, slot), np.float32(ray.tmin), np.float32(ray.tmax))
+    if side == UNSURE:
+        side = settle(ray, corners, slot, counters)
+    return side != 0 and side != cull_faces
+
+
+@inlined
+def _enter(nodes, node, box, limit):
+    """Both children of a node: (bit mask of the boxes that the ray enters before `limit`, vector of entry t)."""
+    b = node * 16
+    tx, ty, tz = (
+        (load4(nodes, b) - box.x) * box.ix,
+        (load4(nodes, b + 4) - box.y) * box.iy,
+        (load4(nodes, b + 8) - box.z) * box.iz,
+    )
+    sx, sy, sz = swap_halves(tx), swap_halves(ty), swap_halves(tz)
+    near = maximum(maximum(minimum(tx, sx), minimum(ty, sy)), maximum(minimum(tz, sz), box.tmin))
+    far = minimum(minimum(maximum(tx, sx), maximum(ty, sy)), minimum(maximum(tz, sz), limit))
+    return bits(near <= far * _GROW) & 3, near
+
+
+class HitList(NamedTuple):
+    """Where `walk` writes all triangles that a ray meets; pointers to int32."""
+
+    prims: object
+    count: object  # one: how many there are
+    room: object  # int64: how many there can be; others are left out
+
+
+@kernel
+def collected(hits, prim):
+    """Add a triangle to a `HitList`; False if there is none."""
+    if hits is None:
+        return False
+    n = np.int64(get(hits.count, 0))
+    if n < hits.room:
+        put(hits.prims, n, prim)
+        put(hits.count, 0, n + 1)
+    return True
+
+
+@kernel
+def walk(tree, ray, skip, cull_faces, order, hits, counters):
+    """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
+
+    slot is -1 on a miss; t is only computed for the nearest. `skip` is a triangle index that does not count, or -1.
+    order : CLOSEST for the nearest; else any, the children visited in an order of `orders`
+    hits : None; or a `HitList`, which gets all triangles that the ray meets, and then the answer is a miss
+
+    Both boxes of a node are tested in one instruction. For any-hit they count one by one, when the walk comes to
+    them: the second one only if the first one's subtree blocks nothing [Feltman et al. 2012, Sec. 3.1].
+    """
+    nodes, links = tree.nodes, tree.links
+    stack, entry = stack_i32(_STACK), stack_f32(_STACK)
+    box = box_ray(nodes, ray)
+    o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
+    d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
+    best, best_id, best_t = np.int64(-1), np.int64(-1), ray.tmax
+    limit = np.float32(best_t * _FAR)
+    one_by_one = order != CLOSEST and counters is not None
+    height = 0
+    link = np.int64(0)
+    while True:
+        if link >= 0:
+            count(counters, NODES, 1)
+            count(counters, BOX_TESTS, 1 if one_by_one else 2)
+            mask, near = _enter(nodes, link, box, splat4(limit))
+            if mask or one_by_one:
+                left, right = np.int64(get(links, link * 16 + 12)), np.int64(get(links, link * 16 + 13))
+                if one_by_one:
+                    left, right = left if mask & 1 else np.int64(EMPTY), right if mask & 2 else np.int64(EMPTY)
+                if mask == 3 or one_by_one:
+                    a, b = extract(near, 0), extract(near, 1)
+                    left_first = left_comes_first(order, nodes, links, link, a, b, o, d)
+                    put(stack, height, right if left_first else left)
+                    put(entry, height, b if left_first else a)
+                    height += 1
+                    link = left if left_first else right
+                else:
+                    link = left if mask == 1 else right
+                continue
+        elif link != EMPTY:  # a child that is missed when tests are counted, or is not there
+            code = ~link
+            start = code >> 3
+            for slot in range(start, start + (code & 7) + 1):
+                prim = np.int64(get(tree.prim_ids, slot))
+                if prim != skip and triangle_hit(tree.corners, slot, ray, o, d, cull_faces, counters):
+                    if collected(hits, prim):
+                        continue
+                    if order != CLOSEST:
+                        return slot, best_t
+                    t = hit_t(ray, tree.corners, slot)
+                    if best < 0 or t < best_t or (t == best_t and prim < best_id):
+                        best, best_id, best_t = slot, prim, t
+                        limit = np.float32(best_t * _FAR)
+        while order == CLOSEST and height > 0 and get(entry, height - 1) > limit:
+            height -= 1
+        if height == 0:
+            return best, best_t
+        height -= 1
+        link = np.int64(get(stack, height))
+        if one_by_one:
+            count(counters, BOX_TESTS, 1)

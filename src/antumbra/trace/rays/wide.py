@@ -1,0 +1,237 @@
+"""One ray and a wide BVH: eight boxes, or eight triangles, at a time; what any-hit and closest-hit queries find."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.nodes import MAX_DEPTH
+from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
+from ...kernels.jit import inlined, kernel
+from ...kernels.predicate.filters import hit_t
+from ...kernels.predicate.vector_filters import FilterTriangles, meet
+from ...kernels.simd import broadcast8, fma, get, load8, lowest_bit, maximum, minimum, prefetch, ptr_at, put
+from ..counters import TRIANGLE_TESTS, count
+from .orders import BUILT, CLOSEST
+from .rayblock import FAR, INVERSE, LANES, LIMIT, NEAR, TMAX, TMIN, filter_ray8, ray_of
+from .traverse import settle, walk
+
+STACK = (MAX_DEPTH + 2) * WIDTH
+ASIDE = 128  # tests that can be put aside for a block of rays
+ASIDE_WORDS = 2 + 2 * ASIDE
+NONE = -1
+_LINE = 16  # float32 of a cache line
+_BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
+
+
+class Query(NamedTuple):
+    """What counts as a hit, and what is wanted."""
+
+    cull_faces: object  # a value of CULL_FACES
+    any_hit: object
+
+
+class Found(NamedTuple):
+    """Pointers to what has been found for each ray of a block, and to what is to be settled when it has been traced."""
+
+    lane: object  # int64 *, group * 8 + lane of the triangle; NONE; below: -2 - its slot
+    prim: object  # int64 *, its index; only for the nearest
+    t: object  # float64 *, where it is met; only for the nearest
+    aside: object  # int32 *, ASIDE_WORDS: number of tests, bits of the rays that lost some; ray and lane of each
+
+
+@inlined
+def slot_of(tree, found, i):
+    """Slot of the triangle found for ray i, or -1."""
+    lane = get(found.lane, i)
+    return np.int64(get(tree.slots, lane)) if lane >= 0 else -2 - lane
+
+
+@inlined
+def start(found, rays):
+    """Nothing has been found for any ray of a block."""
+    put(found.aside, 0, 0)
+    put(found.aside, 1, 0)
+    for i in range(LANES):
+        put(found.lane, i, NONE)
+        put(found.t, i, np.float64(get(rays.rows, TMAX + i)))
+
+
+@inlined
+def _put_lanes_aside(found, i, first, lanes):
+    """Note the triangles in some lanes (bits) of a group, whose first is `first`, that ray i may meet."""
+    n = np.int64(get(found.aside, 0))
+    while lanes:
+        k = lowest_bit(lanes)
+        lanes &= lanes - 1
+        if n == ASIDE:
+            put(found.aside, 1, np.int64(get(found.aside, 1)) | np.int64(1) << i)
+            break
+        put(found.aside, 2 + 2 * n, i)
+        put(found.aside, 3 + 2 * n, first + k)
+        n += 1
+    put(found.aside, 0, n)
+
+
+@inlined
+def keep(tree, rays, i, at, query, found):
+    """Ray i meets the triangle in lane `at`: keep it, for the nearest if it is that; is an any-hit query answered?"""
+    slot = np.int64(get(tree.slots, at))
+    prim = np.int64(get(tree.prim_ids, slot))
+    if prim == get(rays.skip, i):
+        return False
+    if query.any_hit:
+        put(found.lane, i, at)
+        return True
+    t = hit_t(ray_of(rays, i), tree.corners, slot)
+    best = get(found.t, i)
+    if get(found.lane, i) < 0 or t < best or (t == best and prim < get(found.prim, i)):
+        put(found.lane, i, at)
+        put(found.prim, i, prim)
+        put(found.t, i, t)
+        limit = np.float32(t * _BEYOND)
+        if limit < get(rays.rows, LIMIT + i):
+            put(rays.rows, LIMIT + i, limit)
+    return False
+
+
+@kernel
+def settle_block(tree, rays, query, found, counters):
+    """Decide what was put aside. Rays that lost tests are traced anew, over the binary BVH, by the exact walk."""
+    lost, order = np.int64(get(found.aside, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
+    for k in range(get(found.aside, 0)):
+        i, at = np.int64(get(found.aside, 2 + 2 * k)), np.int64(get(found.aside, 3 + 2 * k))
+        if lost >> i & 1 or (query.any_hit and get(found.lane, i) != NONE):
+            continue
+        side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
+        if side != 0 and side != query.cull_faces:
+            keep(tree, rays, i, at, query, found)
+    while lost:
+        i = lowest_bit(lost)
+        lost &= lost - 1
+        skip = np.int64(get(rays.skip, i))
+        slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, order, None, counters)
+        put(found.lane, i, -2 - slot)
+        put(found.t, i, t)
+        if slot >= 0:
+            put(found.prim, i, np.int64(get(tree.prim_ids, slot)))
+
+
+@inlined
+def group_of(groups, at):
+    """The `FilterTriangles` of the group that starts at word `at`."""
+    return FilterTriangles(
+        load8(groups, at), load8(groups, at + 8), load8(groups, at + 16), load8(groups, at + 24),
+        load8(groups, at + 32), load8(groups, at + 40), load8(groups, at + 48), load8(groups, at + 56),
+        load8(groups, at + 64), load8(groups, at + 72),
+    )  # fmt: skip
+
+
+@inlined
+def facing(hits, positive, cull_faces):
+    """The hits that are not culled."""
+    if cull_faces == 0:
+        return hits
+    return hits & (~positive if cull_faces > 0 else positive)
+
+
+@inlined
+def visit_leaf(tree, rays, i, link, query, found, counters):
+    """Test the triangles of a leaf; whether an any-hit query has its answer."""
+    group, n = ~link >> 4, ~link & 15
+    count(counters, TRIANGLE_TESTS, n)
+    hits, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
+    there = (1 << n) - 1
+    hits = facing(hits, positive, query.cull_faces) & there
+    if query.any_hit and hits and get(rays.skip, i) < 0:
+        put(found.lane, i, group * WIDTH + lowest_bit(hits))
+        return True
+    while hits:
+        k = lowest_bit(hits)
+        hits &= hits - 1
+        if keep(tree, rays, i, group * WIDTH + k, query, found):
+            return True
+    unsure &= there
+    if unsure:
+        _put_lanes_aside(found, i, group * WIDTH, unsure)
+    return False
+
+
+@inlined
+def put_aside(found, rays, at):
+    """Note that some rays (bits) may meet the triangle in lane `at`."""
+    while rays:
+        i = lowest_bit(rays)
+        rays &= rays - 1
+        _put_lanes_aside(found, i, at, np.int64(1))
+
+
+@inlined
+def fetch(tree, link):
+    """Ask for the memory of a node or a leaf."""
+    p = ptr_at(tree.nodes, link * NODE_WORDS) if link >= 0 else ptr_at(tree.groups, (~link >> 4) * GROUP_WORDS)
+    prefetch(p, 0)
+    prefetch(p, _LINE)
+    prefetch(p, 2 * _LINE)
+    prefetch(p, 3 * _LINE)
+    prefetch(p, 4 * _LINE)
+
+
+class Slabs(NamedTuple):
+    """A ray against eight boxes: broadcast rows of its block, and the words of the planes that it enters through."""
+
+    ix: object
+    iy: object
+    iz: object
+    near_x: object
+    near_y: object
+    near_z: object
+    far_x: object
+    far_y: object
+    far_z: object
+    tmin: object
+    x: object
+    y: object
+    z: object
+
+
+@inlined
+def slabs_of(block, i):
+    b = block
+    upper = np.int64(WIDTH)
+    return Slabs(
+        broadcast8(b, INVERSE + i), broadcast8(b, INVERSE + LANES + i), broadcast8(b, INVERSE + 2 * LANES + i),
+        broadcast8(b, NEAR + i), broadcast8(b, NEAR + LANES + i), broadcast8(b, NEAR + 2 * LANES + i),
+        broadcast8(b, FAR + i), broadcast8(b, FAR + LANES + i), broadcast8(b, FAR + 2 * LANES + i),
+        broadcast8(b, TMIN + i),
+        upper if get(b, INVERSE + i) < 0 else np.int64(0),
+        2 * upper + (upper if get(b, INVERSE + LANES + i) < 0 else np.int64(0)),
+        4 * upper + (upper if get(b, INVERSE + 2 * LANES + i) < 0 else np.int64(0)),
+    )  # fmt: skip
+
+
+@inlined
+def enter(nodes, at, r, limit):
+    """The eight boxes of the node at word `at`: (mask of those entered before `limit`, vector of entry t)."""
+    x, y, z = load8(nodes, at + r.x), load8(nodes, at + r.y), load8(nodes, at + r.z)
+    near = maximum(maximum(fma(x, r.ix, r.near_x), fma(y, r.iy, r.near_y)), maximum(fma(z, r.iz, r.near_z), r.tmin))
+    x, y, z = load8(nodes, at + (r.x ^ WIDTH)), load8(nodes, at + (r.y ^ WIDTH)), load8(nodes, at + (r.z ^ WIDTH))
+    far = minimum(minimum(fma(x, r.ix, r.far_x), fma(y, r.iy, r.far_y)), minimum(fma(z, r.iz, r.far_z), limit))
+    return near <= far, near
+
+
+@inlined
+def push_sorted(stack, entry, height, values, nears, hits):
+    """Push values[k] for each k in `hits`, that with the least nears[k] on top; the new height."""
+    base = height
+    while hits:
+        k = lowest_bit(hits)
+        hits &= hits - 1
+        t, j = get(nears, k), height
+        while j > base and get(entry, j - 1) < t:
+            put(entry, j, get(entry, j - 1))
+            put(stack, j, get(stack, j - 1))
+            j -= 1
+        put(entry, j, t)
+        put(stack, j, get(values, k))
+        height += 1
+    return height

@@ -1,0 +1,45 @@
+"""Mitsuba and Open3D give the oracle's answers on a soup."""
+
+import numpy as np
+import pytest
+
+from antumbra.errors import InputError
+from peer_scenes import rays_through, soup, truth
+from peers import mitsuba_rays, open3d_rays
+from peers.ray_sets import ORDERS, one_by_one, packets
+
+
+def needed(peer):
+    try:
+        peer.library()
+    except InputError as error:
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize("coherent", [False, True])
+@pytest.mark.parametrize("order", ORDERS)
+def test_mitsuba(order, coherent):
+    needed(mitsuba_rays)
+    rays = rays_through(1.0)
+    ids = one_by_one(packets(rays, order))
+    scene = mitsuba_rays.MitsubaScene(soup(), robust=True)
+    blocked = scene.trace(scene.write(rays, ids), coherent)
+    np.testing.assert_array_equal(mitsuba_rays.occluded_of(rays, ids, blocked), truth(soup(), rays))
+    assert scene.build_seconds > 0
+
+
+def test_open3d():
+    needed(open3d_rays)
+    rays = rays_through(1.0)
+    ids = one_by_one(packets(rays, "samples"))
+    scene = open3d_rays.Open3DScene(soup(), 2)
+    blocked = scene.trace(scene.write(rays, ids), rays.tmax, 2)
+    np.testing.assert_array_equal(open3d_rays.occluded_of(rays, ids, blocked), truth(soup(), rays))
+    assert scene.build_seconds > 0
+
+
+@pytest.mark.parametrize("peer, module", [(mitsuba_rays, "mitsuba"), (open3d_rays, "open3d")])
+def test_absence_is_told_with_its_cure(peer, module, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, module, None)
+    with pytest.raises(InputError, match=r"pip install 'antumbra\[all-peers\]'"):
+        peer.library.__wrapped__()

@@ -1,0 +1,192 @@
+"""`antumbra bench`: that the tables come, not what is in them."""
+
+import numpy as np
+import pytest
+
+TINY = ("--size", "40x24", "--cellar", "5k", "--rounds", "1", "--tracer", "single")
+
+
+@pytest.fixture
+def culling(cli, monkeypatch):
+    """Runs the benchmark of the paper on pre-BVH culling with small scenes."""
+    from antumbra.papers.pre_bvh_culling import views as culling_views
+
+    monkeypatch.delenv("ANTUMBRA_SCENES", raising=False)
+    whole = culling_views.procedural
+    monkeypatch.setattr(
+        culling_views, "procedural", lambda name, triangles: whole(name, triangles=min(triangles, 5000))
+    )
+    return lambda *more: cli("bench", "pre-bvh-culling", *TINY, *more)
+
+
+def test_tables_of_pre_bvh_culling(culling):
+    told = culling("--json").json()
+    assert told["same_bits"]
+    assert {(t["figure"], t["method"]) for t in told["time_to_image"]} >= {
+        ("Figure 6", "TL-LBVH culled"),
+        ("atrium", "BSAH"),
+    }
+    assert all(0 < g["remaining"] <= 1 for g in told["grids"]) and {g["grid"] for g in told["grids"]} == {
+        16,
+        32,
+        64,
+        128,
+        256,
+    }
+
+
+def test_for_people_and_the_plot(culling, tmp_path):
+    pytest.importorskip("matplotlib")
+    done = culling("--plot", "even.png")
+    assert done.code == 0 and "the same by all methods" in done.out and "as published" in done.out
+    assert (tmp_path / "even.png").stat().st_size > 10_000
+
+
+SMALL = ("procedural:cellar?triangles=2k", "--size", "24", "--timed-size", "16", "--rounds", "1")
+
+
+def test_tables_of_srdh(cli):
+    told = cli("bench", "srdh", "--scene", *SMALL, "--json").json()
+    assert told["same_bits"] and told["size"] == [24, 24] and told["timed_size"] == [16, 16]
+    counts = {(c["method"], c["pixels"]): c for c in told["counts"]}
+    assert counts["random", None]["relative"] == 1 and counts["srdh", 16]["relative"] < 1
+    assert {c["scene"] for c in told["counts"]} == {"cellar?triangles=2k"}
+    assert [b["pixels"] for b in told["builds"]] == [16, 32]
+    assert all(b["both"] > 1 and b["instead"] > 0 and b["rays"] > 0 for b in told["builds"])
+    assert len({(r["build"], r["tracer"]) for r in told["renders"]}) == len(told["renders"]) == 8
+    assert all(r["traced"] > 0 for r in told["renders"])
+
+
+def test_srdh_for_people_and_the_plot(cli, tmp_path):
+    pytest.importorskip("matplotlib")
+    done = cli("bench", "srdh", "--scene", *SMALL, "--plot", "srdh.png")
+    assert done.code == 0 and "the same by all methods" in done.out
+    for part in ("Figure 2", "Section 4.1", "Figure 4", "Figure 5", "Table 1", "multifrusta", "(paper: BEDROOM)"):
+        assert part in done.out
+    assert (tmp_path / "srdh.png").stat().st_size > 10_000
+
+
+@pytest.fixture
+def hierarchy(cli, tmp_path, monkeypatch):
+    """Runs the benchmark of ray hierarchies with a small moving scene, and generated ones."""
+    from antumbra import procedural
+
+    vertices = procedural("blinds", triangles=2000).triangles().vertices.reshape(-1, 3)
+    (tmp_path / "bart_robots").mkdir()
+    np.save(tmp_path / "bart_robots" / "frames.npy", np.stack([vertices, 1.1 * vertices]))
+    np.save(tmp_path / "bart_robots" / "faces.npy", np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
+    monkeypatch.setenv("ANTUMBRA_SCENES", str(tmp_path))
+    small = "--size", "24", "--frames", "3", "--rounds", "1"
+    return lambda *more: cli("bench", "ray-hierarchy", *small, *more)
+
+
+def test_tables_of_ray_hierarchies(hierarchy):
+    told = hierarchy("--scene", "procedural:cellar?triangles=2k", "--json").json()
+    assert told["same_bits"] and told["size"] == [24, 24] and told["spreads"] == []
+    ((shown),) = told["pictures"]
+    assert shown["picture"] == "cellar?triangles=2k" and 0 < shown["blocked"] < shown["rays"]
+    assert {c["variant"] for c in told["costs"]} >= {"cones", "Spheres", "PreciseSEATP"}
+    assert all(c["tests"] > 0 and c["seconds"] > 0 for c in told["costs"])
+
+
+def test_ray_hierarchies_for_people_and_the_plot(hierarchy, tmp_path):
+    pytest.importorskip("matplotlib")
+    done = hierarchy("--plot", "cones.png")
+    assert done.code == 0 and "the same by all methods" in done.out, done.err
+    for part in ("Figures 6 and 7", "bart_robots, 0.02 s", "Figure 6b", "steadiest in bart_robots"):
+        assert part in done.out
+    assert (tmp_path / "cones.png").stat().st_size > 10_000
+
+
+def test_variants_that_take_long_are_left_out(hierarchy):
+    done = hierarchy("--scene", "procedural:cellar?triangles=2k", "--limit", "0")
+    assert done.code == 0 and "skipped: about" in done.out and "No animation is looked at" in done.out
+
+
+WALKED = "--size", "24", "--frames", "3", "--compared", "2"
+
+
+def test_tables_of_chc_rt(cli):
+    told = cli("bench", "chc-rt", "--scene", SMALL[0], *WALKED, "--json").json()
+    assert told["same_answers"] and told["differs"] == 0 and told["peak_resident"] > 1e6
+    turns = {(t["view"], t["kind"], t["method"], t["frame"]): t for t in told["times"]}
+    assert {(v, k, m) for v, k, m, _ in turns if m == "chcrt" or m == "bsah+single"} == {
+        (v, k, m)
+        for v in ("near", "far")
+        for k in ("primary", "AO", "diffuse", "soft shadows")
+        for m in ("chcrt", "bsah+single")
+    }
+    frames = [{f for *_, m, f in turns if (m == "chcrt") == ours} for ours in (True, False)]
+    assert frames == [{0, 1, 2}, {1, 2}]
+    assert all(t["rays"] > 0 and t["seconds"] > 0 for t in told["times"])
+    assert all(bool(t["told"]) == (t["method"] == "chcrt") for t in told["times"])
+    assert {t["sampler"] for t in told["randomisation"]} == {"halton:0", "halton:18", "halton:36", "halton:full"}
+    assert {t["method"] for t in told["aggressive"]} == {"chcrt", "chcrt:20", "chcrt:100", "chcrt:200"}
+    assert all((t["error"] is None) == (t["method"] == "chcrt") for t in told["aggressive"])
+
+
+def test_chc_rt_for_people_and_the_plot(cli, tmp_path):
+    pytest.importorskip("matplotlib")
+    done = cli("bench", "chc-rt", "--scene", SMALL[0], *WALKED, "--plot", "chcrt.png")
+    assert done.code == 0 and "the same by all methods" in done.out, done.err
+    for part in ("Table 2", "Figure 8", "Table 3", "Table 4", "Table 5", "(paper: Powerplant)", "multifrusta"):
+        assert part in done.out
+    assert (tmp_path / "chcrt.png").stat().st_size > 10_000
+
+
+def test_chc_rt_out_of_core(cli, tmp_path):
+    cli("build", SMALL[0], "-o", "small.antumbra", "--quiet")
+    told = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--json").json()
+    assert told["same_answers"] and {t["method"] for t in told["store"]} == {"lru", "round-robin"}
+    first = [t["told"] for t in told["store"] if (t["kind"], t["frame"]) == ("primary", 0)]
+    assert len(first) == 4 and all(t["loaded"] > 0 and t["bytes"] > 0 for t in first)
+    neglecting = told["aggressive"]
+    assert {(t["view"], t["method"], t["kind"]) for t in neglecting} == {
+        (v, m, "diffuse") for v in ("near", "far") for m in ("chcrt", "chcrt:20", "chcrt:100", "chcrt:200")
+    }
+    assert all((t["error"] is None) == (t["method"] == "chcrt") and "bytes" in t["told"] for t in neglecting)
+    done = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--table", "store", "--table", "aggressive")
+    assert "round-robin" in done.out and "chcrt:200" in done.out and "Figure 8" not in done.out
+    assert "not compared" not in done.out
+    alone = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--table", "aggressive", "--json").json()
+    assert alone["same_answers"] is None and "store" not in alone
+    cli("bench", "chc-rt", "--scene", "small.antumbra").refused("small.antumbra", "--store")
+
+
+def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
+    cli("bench", "srdh", "--scene", "procedural:cellar?triangles=2k", "--scene", "none.glb").refused(
+        "none.glb", "cellar"
+    )
+    cli("bench", "srdh", "--timed-size", "0").refused("--timed-size", "WIDTHxHEIGHT")
+    cli("bench", "srdh", "--plot", "srdh.gif").refused(".gif", ".png")
+    cli("bench", "pre-bvh-culling", "--tracer", "magic").refused("magic", "single")
+    cli("bench", "pre-bvh-culling", "--tracer", "cones").refused("'cones' walks no BVH", "single")
+    cli("bench", "pre-bvh-culling", "--sponza", "none.glb").refused("none.glb")
+    cli("bench", "pre-bvh-culling", "--plot", "even.gif").refused(".gif", ".png")
+    cli("bench", "ray-hierarchy", "--scene", "none.glb").refused("none.glb", "atrium")
+    cli("bench", "ray-hierarchy", "--plot", "cones.gif").refused(".gif", ".png")
+    cli("bench", "chc-rt", "--scene", "none.glb").refused("none.glb", "atrium")
+    cli("bench", "chc-rt", "--triangles", "10").refused("10", "1000")
+    cli("bench", "chc-rt", "--max-memory", "1G").refused("--max-memory", "--store")
+    cli("bench", "chc-rt", "--store", "a.antumbra", "--scene", "city").refused("--store", "--scene")
+    cli("bench", "chc-rt", "--table", "store").refused("--table store", "--store")
+    cli("bench", "chc-rt", "--store", "a.antumbra", "--table", "times").refused("--table times", "--store")
+    cli("bench", "chc-rt", "--table", "aggressive", "--plot", "a.png").refused("--plot", "times")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_tables_of_multi_frusta(cli):
+    done = cli("bench", "multi-frusta", "--scene", "atrium", "--size", "24", "--rounds", "1", "--json").json()
+    (tables,) = done["rows"].values()
+    assert list(done["rows"]) == ["atrium"] and list(tables) == ["table 1", "table 2", "figure 6"]
+    one, two, six = tables.values()
+    assert list(one) == ["packet16", "packet16:samples", "packet256", "multifrusta:paper", "multifrusta"]
+    assert len(two) == 4 and len(six) == 6
+    rows = [*one.values(), *two.values(), *(row for edge in six.values() for row in edge.values())]
+    assert all(row["rays"] > 0 and row["triangle_tests"] > 0 for row in rows)
+
+
+def test_multi_frusta_for_people(cli):
+    done = cli("bench", "multi-frusta", "--scene", "procedural:atrium?triangles=2k", "--size", "24", "--rounds", "1")
+    assert done.code == 0 and "the same by all methods" in done.out
+    assert all(f"{text}, atrium" in done.out for text in ("Table 1", "Table 2", "Figure 6"))

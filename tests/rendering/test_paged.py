@@ -1,0 +1,216 @@
+"""Scenes in a store give the pictures of scenes in memory, whatever the budget, and what is wrong with one is said."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.rendering.building import build_store
+from antumbra.rendering.renderer import Renderer
+from antumbra.store.residency import POLICIES, Residency
+
+SIZE = 72, 60
+LIGHT = at.QuadLight((-30, 60, -20), (30, 0, 0), (0, 0, 30))
+
+
+@pytest.fixture(scope="module")
+def city(tmp_path_factory):
+    """(scene in memory, path of its store): 40 chunks and more."""
+    scene, path = at.procedural("city", triangles=20_000), tmp_path_factory.mktemp("paged") / "city.antumbra"
+    assert build_store([scene], path, chunk=512).chunks >= 40
+    return scene, path
+
+
+def _cameras(scene, n=3):
+    far = scene.cameras[0].resized(*SIZE)
+    street = [
+        at.Camera((7, 1.7, 30 - 4 * k), (7, 3, -60 + 20 * k), width=SIZE[0], height=SIZE[1]) for k in range(n - 1)
+    ]
+    return [far, *street]
+
+
+def _renderer(path, chunks=None, policy="lru"):
+    """With a budget of so many of the largest chunks; None: of 4 GiB."""
+    renderer = Renderer(at.load(path), None, 2)
+    if chunks is not None:
+        paged = renderer.paged
+        paged.residency = Residency(paged.store, paged.residency.least_budget() // 2 * chunks, policy)
+        scheduled = paged.accelerated.prepared
+        scheduled.parts = scheduled.parts._replace(trees=paged.residency.trees, memory=paged.residency)
+        paged.budget = lambda *_: paged.residency.budget
+    return renderer
+
+
+def _same(frame, other):
+    assert len(frame.bits) == len(other.bits)
+    for name in ("position", "normal", "face", "depth", "side"):
+        np.testing.assert_array_equal(getattr(frame.gbuffer, name), getattr(other.gbuffer, name))
+    for a, b in zip(frame.bits, other.bits):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(frame.image, other.image)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize("chunks", [None, 2, 9])
+def test_pictures_are_those_in_memory(city, chunks, policy):
+    scene, path = city
+    lights = [LIGHT, at.DirectionalLight((0.4, -1, 0.3)), at.AmbientOcclusion(3.0)]
+    renderer, inside = _renderer(path, chunks, policy), Renderer(scene, "bsah+single", 2)
+    loaded = 0
+    for camera in [*_cameras(scene), _cameras(scene)[0]]:
+        frame = renderer.render(camera, lights, spp=4)
+        _same(frame, inside.render(camera, lights, spp=4))
+        told = frame.paging
+        loaded += told["loaded"]
+        assert told["wanted"] >= told["cached"] + told["loaded"] > 0
+        if chunks is not None:
+            assert renderer.paged.residency.used <= renderer.paged.residency.budget
+    assert (loaded > 2 * len(renderer.paged.store)) == (chunks is not None)
+
+
+@pytest.mark.parametrize("normals", [None, (0.0, 1.0, 0.0)])
+@pytest.mark.parametrize("light", [LIGHT, at.DirectionalLight((0.4, -1, 0.3)), at.AmbientOcclusion(30.0)], ids=repr)
+def test_points_see_lights_as_they_do_in_memory(city, light, normals):
+    """What was read for one question is there for the next one."""
+    inside, path = city
+    scene, points = at.load(path), np.random.default_rng(3).uniform((-40, 0.2, -40), (40, 12, 40), (900, 3))
+    if normals is None and light.domain == "hemisphere":
+        with pytest.raises(at.InputError, match="normal"):
+            at.visibility(scene, points, light)
+        return
+    truth = at.visibility(inside, points, light, normals, spp=20)
+    assert 0.05 < truth.fraction.mean() < 0.95
+    for _ in range(2):
+        got = at.visibility(scene, points, light, normals, spp=20, threads=2)
+        np.testing.assert_array_equal(got.bits, truth.bits)
+    paging = scene.__dict__["_renderer"][1].paged.paging()
+    assert paging["loaded"] == 0 and paging["cached"] > 0
+
+
+def test_points_that_ask_a_store_within_little_memory(city):
+    with pytest.raises(at.InputError, match=r"not enough.* give at least \d+M"):
+        at.visibility(at.load(city[1]), np.zeros((1, 3)), LIGHT, max_memory=1 << 20)
+    with pytest.raises(at.InputError, match="is in memory; leave it out"):
+        at.visibility(city[0], np.zeros((1, 3)), LIGHT, max_memory=1 << 30)
+
+
+def test_light_that_bounces(city):
+    scene, path = city
+    camera = _cameras(scene)[1].resized(32, 24)
+    frame, other = (at.render(s, camera, LIGHT, spp=2, bounce=2, threads=2) for s in (at.load(path), scene))
+    _same(frame, other)
+    np.testing.assert_array_equal(frame.indirect, other.indirect)
+    assert frame.indirect.any()
+
+
+def test_a_camera_that_sees_nothing(city):
+    _, path = city
+    camera = at.Camera((0, 900, 0), (0, 1000, 1), width=20, height=16)
+    frame = at.render(at.load(path), camera, LIGHT, threads=2)
+    assert (frame.gbuffer.face == -1).all() and not frame.image.any()
+
+
+def test_two_renderers_share_a_store(city):
+    """In two threads at once."""
+    scene, path = city
+    cameras, found = _cameras(scene, 2), {}
+
+    def work(k):
+        found[k] = [_renderer(path, 3).render(camera, LIGHT, spp=4) for camera in cameras[:: 1 if k else -1]]
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for one, other in zip(found[0], reversed(found[1])):
+        _same(one, other)
+
+
+def test_damage_is_named_when_it_is_met(city, tmp_path):
+    scene, path = city
+    copy = tmp_path / "damaged.antumbra"
+    data = bytearray(path.read_bytes())
+    store = at.load(path).store
+    for k in range(len(store)):
+        data[int(store.chunks.offset[k]) + 700] ^= 1
+    copy.write_bytes(data)
+    renderer = Renderer(at.load(copy), None, 2)
+    with pytest.raises(at.InputError, match=r"damaged\.antumbra: chunk \d+ of \d+ .* is damaged"):
+        renderer.render(_cameras(scene)[0], LIGHT, spp=1)
+
+
+def test_what_cannot_be_asked_of_a_store(city):
+    scene, path = city
+    paged, camera = at.load(path), _cameras(scene)[0]
+    for plan in ("bsah+single", "lbvh+chcrt", "grid32+bsah+chcrt", "bsah+refit+chcrt", "cones"):
+        with pytest.raises(at.InputError, match=r"is in a store, whose trees are built; use bsah\+chcrt"):
+            Renderer(paged, plan)
+    with pytest.raises(at.InputError, match="adaptive sampling wants all triangles"):
+        at.render(paged, camera, LIGHT, adaptive=4)
+    with pytest.raises(at.InputError, match=r"200M of memory is not enough .* give at least \d+M"):
+        at.render(paged, camera, LIGHT, max_memory=200 << 20)
+    with pytest.raises(at.InputError, match="max_memory is for scenes in a store"):
+        at.render(scene, camera, LIGHT, max_memory=1 << 30)
+    with pytest.raises(at.InputError, match="is in a store, whose trees are built"):
+        paged.occluded((0, 0, 0), (0, 1, 0))
+    with pytest.raises(at.InputError, match="eviction policy is 'mru'; choose lru or round-robin"):
+        Residency(paged.store, 1 << 30, "mru")
+
+
+_RENDER = """
+import json, sys
+import antumbra as at
+from antumbra.store.resident import peak_resident
+from antumbra.rendering.renderer import Renderer
+path, memory = sys.argv[1], int(sys.argv[2])
+scene = at.load(path)
+renderer = Renderer(scene, None, 2, max_memory=memory)
+camera = scene.cameras[0].resized(256, 256)
+frames = [renderer.render(camera, scene.lights, spp=4) for _ in range(2)]
+print(json.dumps({"peak": peak_resident(), "loaded": [f.paging["loaded"] for f in frames]}))
+"""
+
+
+@pytest.mark.slow
+def test_five_million_triangles_in_a_tenth_of_their_size(tmp_path):
+    """And the process keeps to its memory, measured as its resident set."""
+    path = tmp_path / "city.antumbra"
+    command = [sys.executable, "-m", "antumbra", "build", "procedural:city?triangles=5M", "-o", str(path), "-q"]
+    subprocess.run([*command, "--max-memory", "1G"], check=True)
+    tenth = path.stat().st_size // 10
+    scene = at.load(path)
+    camera, lights = scene.cameras[0].resized(256, 256), scene.lights
+    renderer = _renderer(path, 0)
+    renderer.paged.residency.budget = max(tenth, renderer.paged.residency.least_budget())
+    assert renderer.paged.residency.budget == tenth
+    whole = at.procedural("city", triangles=5_000_000)
+    expected = at.render(whole, camera, lights, spp=4, threads=2)
+    for _ in range(2):
+        _same(renderer.render(camera, lights, spp=4), expected)
+        assert renderer.paged.residency.used <= tenth
+    del whole, expected
+    memory = 640 << 20
+    told = subprocess.run([sys.executable, "-c", _RENDER, str(path), str(memory)], capture_output=True, check=True)
+    answer = json.loads(told.stdout.splitlines()[-1])
+    assert answer["peak"] <= memory and answer["loaded"][0] > 0
+    assert os.path.getsize(path) > 300_000_000
+
+
+def test_an_interruption_while_chunks_are_read_leaves_the_renderer_as_it_was(city):
+    scene, path = city
+    renderer, camera = _renderer(path, 9), _cameras(scene)[0]
+    residency = renderer.paged.residency
+
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        renderer.render(camera, LIGHT, spp=2, progress=interrupt)
+    assert residency.used <= residency.budget and residency._coming == 0
+    _same(renderer.render(camera, LIGHT, spp=2), at.render(scene, camera, LIGHT, spp=2, threads=2))

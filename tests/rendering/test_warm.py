@@ -1,0 +1,86 @@
+"""What is recorded of jobs is what they call, and no kernel grows unseen."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from antumbra.kernels import needs
+from antumbra.kernels.arguments import named
+from antumbra.plan import Plan, covering_plans, parse_plan
+from antumbra.rendering import warm
+
+NAMES = [job.name for job in warm.jobs(papers=True)]
+CALLED = """
+import json, sys
+from antumbra.kernels.loading import events
+from antumbra.rendering.warm import jobs
+
+told = {}
+for job in jobs(papers=True):
+    if job.name in sys.argv[1:]:
+        before = len(events)
+        job.work()
+        told[job.name] = [(event.kernel, event.key) for event in events[before:]]
+print(json.dumps(told))
+"""
+
+
+def test_jobs_are_recorded():
+    assert set(NAMES) == set(needs.recorded().jobs)
+    assert len(NAMES) == len(set(NAMES)) and not [name for name in NAMES if not needs.of_job(name)]
+
+
+def test_recorded_kernels_exist():
+    kernels = needs.recorded().kernels
+    assert len(kernels) > 100 and not [each for each in kernels if not callable(named(each.kernel))]
+
+
+@pytest.mark.parametrize("names", [NAMES[i::4] for i in range(4)])
+def test_jobs_call_what_is_recorded(names):
+    done = subprocess.run([sys.executable, "-c", CALLED, *names], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert list(told) == [name for name in NAMES if name in names]
+    missing = {
+        name: [f"{kernel} {key}" for kernel, key in called if (kernel, key) not in known]
+        for name, called in told.items()
+        for known in [{(each.kernel, each.key) for each in needs.of_job(name)}]
+    }
+    missing = {name: kernels for name, kernels in missing.items() if kernels}
+    assert not missing, f"run scripts/record_kernels.py: {missing}"
+
+
+def test_a_plan_that_nobody_recorded_is_put_together():
+    plan = parse_plan("grid32+lbvh+packet16")
+    assert str(plan) not in {str(p) for p in covering_plans(papers=True)}
+    found = warm.rendering(plan).kernels()
+    names = {each.kernel.partition(":")[0].removeprefix("antumbra.") for each in found}
+    assert {"bvh.lbvh", "cull.relevance", "trace.packets.packet16"} <= names
+    assert found < {each for name in NAMES for each in needs.of_job(name)}
+    assert warm.rendering(Plan()).kernels() == needs.of_job("bsah+multifrusta (raster)")
+
+
+def test_the_size_of_kernels_is_as_recorded(capsys):
+    """Lowers three kernels and compares; ``scripts/record_kernels.py`` measures all anew."""
+    from antumbra.kernels import compiling
+
+    said = json.loads(needs.FILE.read_text())["kernels"]
+    rows = [row for row in said if row[0].endswith(("_shade_rows", "place", "_move_kernel"))]
+    assert len(rows) >= 3
+    for name, key, size in rows:
+        now = compiling.size_of(compiling.lowered(named(name), key, "measured")[0])
+        with capsys.disabled():
+            print(f"\n{name}: {now.functions} functions, {now.instructions} instructions; recorded: {size}", end="")
+        assert now.functions <= size["functions"] * 1.05 + 1 and now.instructions <= size["instructions"] * 1.05 + 20
+
+
+def test_the_default_plan_stays_within_its_budget(capsys):
+    """The largest of what everybody waits for; a change that needs more says why in docs/design/kernels.md."""
+    job = json.loads(needs.FILE.read_text())
+    sizes = [job["kernels"][i][2] for i in job["jobs"]["bsah+multifrusta (raster)"]]
+    total = {name: round(sum(size[name] for size in sizes), 1) for name in ("functions", "instructions", "seconds")}
+    with capsys.disabled():
+        print(f"\nbsah+multifrusta (raster): {len(sizes)} kernels, {total}", end="")
+    assert len(sizes) <= 36 and total["functions"] <= 900 and total["instructions"] <= 60_000
