@@ -10,8 +10,10 @@ from hypothesis import settings
 from antumbra.kernels.needs import recorded
 from antumbra.methods import add_plugins
 from antumbra.rendering.warm import compile_missing, missing_of
+from antumbra.scene.procedural import add_scenes
 
 pytest_plugins = ["command_line"]
+add_scenes()
 add_plugins()  # so that registries are the same in all tests, and what is recorded is that of all methods
 
 # Continuous integration repeats the same examples each time; developers' runs search on.

@@ -5,10 +5,10 @@ point ``antumbra.methods``; it is called when a name is asked for that is not he
 """
 
 from collections.abc import Callable
-from functools import cache, partial
-from importlib.metadata import entry_points
+from functools import partial
 from typing import Any, NamedTuple
 
+from . import plugins
 from .bvh import binned_sah, lbvh, rayorder, refit, reinsertion, srdh, sweep_sah, tl_lbvh
 from .bvh.blocks import block_tree
 from .bvh.widen import widen
@@ -279,11 +279,9 @@ def register_family(name: str, find: Family) -> None:
     _families[name] = find
 
 
-@cache
 def add_plugins() -> None:
     """Add the methods of all packages that announce some."""
-    for point in entry_points(group="antumbra.methods"):
-        point.load()()
+    plugins.add("antumbra.methods")
 
 
 def own_methods(field: str) -> list[str]:

@@ -6,24 +6,20 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
+from antumbra.papers.scenes import bedding, furniture, sculptures, toys, window
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import QuadLight
 from antumbra.scene.procedural import (
     LEAST,
     MOST,
     PROCEDURAL,
-    bedding,
     city_blocks,
     city_view,
-    furniture,
     generate,
     plants,
     props,
-    sculptures,
     shapes,
-    toys,
     trees,
-    window,
 )
 from antumbra.scene.procedural import architecture as build
 from antumbra.scene.procedural import buildings as houses

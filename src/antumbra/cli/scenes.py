@@ -58,8 +58,9 @@ def scenes(
 
 
 def _list(json: bool) -> None:
-    from ..scene.procedural import PROCEDURAL
+    from ..scene.procedural import PROCEDURAL, add_scenes
 
+    add_scenes()
     rows = [(name, recipe.default_triangles, recipe.description) for name, recipe in PROCEDURAL.items()]
     if json:
         report.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})

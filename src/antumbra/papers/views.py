@@ -22,7 +22,7 @@ from ..loading import load
 from ..scene.camera import Camera
 from ..scene.generated import procedural
 from ..scene.lights import Light, PointLight, QuadLight, tangents
-from ..scene.procedural import PROCEDURAL
+from ..scene.procedural import PROCEDURAL, add_scenes
 from ..scene.scene import Scene
 
 _DIAGONALS = {"bart_robots": 400.0}
@@ -52,6 +52,7 @@ def real_path(name: str, part: str = "scene.glb") -> Path | None:
 
 def file_of(name: str) -> Path | None:
     """The file of a scene, by the name of its folder or its own; None: there is none, or `name` is procedural."""
+    add_scenes()
     here = Path(name) if name not in PROCEDURAL and Path(name).is_file() else None
     return real_path(name) or here
 

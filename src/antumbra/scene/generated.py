@@ -30,7 +30,7 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
 
     Parameters
     ----------
-    name : "atrium", "city", "forest", "cellar", "museum" or "blinds"
+    name : "atrium", "city", "forest"; or "cellar", "museum", "blinds", the scenes of the papers
     triangles : int, optional
         About how many (within 10 %); each scene has its own default.
     seed : int

@@ -1,13 +1,12 @@
 """What the benchmark of SRDH looks at: real scenes with area lights, and generated ones with much occlusion."""
 
-from ...scene.procedural import PROCEDURAL
 from .. import views
 from ..views import View, real_path, square
 
 REAL = ("sponza_crytek", "zdm2", "godot_room", "bart_robots", "sanmiguel_lite")
 """Folders of $ANTUMBRA_SCENES that are looked at where they are there, each a scene.glb and an info.json."""
 
-MADE = tuple(name for name in ("blinds", "cellar", "atrium") if name in PROCEDURAL)
+MADE = ("blinds", "cellar", "atrium")
 """Of the procedural scenes the first is always looked at, the others where there is no real one."""
 
 

@@ -1,17 +1,15 @@
-"""Procedural scenes: atrium, city, forest, cellar, museum and a room behind blinds, at any size, without a file."""
+"""Procedural scenes, at any size, without a file: atrium, city and forest, and those that packages add."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from ... import plugins
 from ...errors import InputError
 from .atrium import atrium
-from .blinds import blinds
-from .cellar import cellar
 from .city import city, city_blocks, city_view
 from .forest import forest
-from .museum import museum
 from .palette import PALETTE
 from .request import LEAST, MOST, checked
 
@@ -22,9 +20,12 @@ __all__ = [
     "PROCEDURAL",
     "ProceduralScene",
     "Recipe",
+    "add_scenes",
     "city_blocks",
     "city_view",
+    "find_scene",
     "generate",
+    "register",
 ]
 
 
@@ -51,11 +52,33 @@ PROCEDURAL = {
     "atrium": Recipe(atrium, "a two-storey arcaded courtyard with a fountain, plants and banners", 100_000),
     "city": Recipe(city, "streets and blocks of houses and towers around a park", 500_000),
     "forest": Recipe(forest, "a path through trees, ferns and grass", 300_000),
-    "cellar": Recipe(cellar, "vaulted rooms on several levels, of which little can be seen at once", 250_000),
-    "museum": Recipe(museum, "halls of sculptures, with most triangles in a few of them", 300_000),
-    "blinds": Recipe(blinds, "a bedroom into which light comes through the slats of blinds only", 300_000),
 }
 """The scenes by name."""
+
+
+def register(name: str, recipe: Recipe) -> None:
+    """Add a scene."""
+    PROCEDURAL[name] = recipe
+
+
+def add_scenes() -> None:
+    """Add the scenes of all packages that announce some under the entry point ``antumbra.scenes``."""
+    plugins.add("antumbra.scenes")
+
+
+def find_scene(name: str) -> Recipe:
+    """A scene's recipe, also one that a package adds.
+
+    Raises
+    ------
+    InputError
+        On an unknown name.
+    """
+    if name not in PROCEDURAL:
+        add_scenes()
+    if name not in PROCEDURAL:
+        raise InputError(f"there is no procedural scene {name!r}; choose one of {', '.join(PROCEDURAL)}")
+    return PROCEDURAL[name]
 
 
 def generate(name: str, triangles: int | None = None, seed: int = 0) -> ProceduralScene:
@@ -64,7 +87,7 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
     Parameters
     ----------
     name : str
-        A key of `PROCEDURAL`.
+        A key of `PROCEDURAL`, or of a package's scenes.
     triangles : int, optional
         `LEAST` to `MOST`. Met within 10 % from 10 000 on; below that a scene may have more, because there is a
         coarsest version of it. By default what suits the scene.
@@ -76,9 +99,7 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
     InputError
         On an unknown name, a number of triangles out of range, or a negative seed.
     """
-    if name not in PROCEDURAL:
-        raise InputError(f"there is no procedural scene {name!r}; choose one of {', '.join(PROCEDURAL)}")
-    recipe = PROCEDURAL[name]
+    recipe = find_scene(name)
     triangles, seed = checked(name, recipe.default_triangles if triangles is None else triangles, seed)
     mesh, camera, light = recipe.function(triangles, seed)
     camera = {key: _plain(value) for key, value in camera.items()}

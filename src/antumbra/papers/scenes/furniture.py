@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from . import palette as p
-from .architecture import EMBED
-from .parts import Part, assemble, moved, put
-from .props import SINK, shelf, vase
-from .shapes import Mesh, arc, box, frame_ring, loft, merge, revolve, shell, steps, tubes
+from ...scene.procedural import palette as p
+from ...scene.procedural.architecture import EMBED
+from ...scene.procedural.parts import Part, assemble, moved, put
+from ...scene.procedural.props import SINK, shelf, vase
+from ...scene.procedural.shapes import Mesh, arc, box, frame_ring, loft, merge, revolve, shell, steps, tubes
 
 SKETCH = 0.12  # up to this detail there are only the plainest forms
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from . import palette as p
-from .parts import Part, assemble, put, tilted, turned
-from .plants import unit
-from .shapes import Mesh, block, box, boxes, capped, frame_ring, loft, merge, revolve
+from ...scene.procedural import palette as p
+from ...scene.procedural.parts import Part, assemble, put, tilted, turned
+from ...scene.procedural.plants import unit
+from ...scene.procedural.shapes import Mesh, block, box, boxes, capped, frame_ring, loft, merge, revolve
 
 
 def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, int]:

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import palette as p
-from .architecture import EMBED, column, doorway, stairs, tiles, vault, voussoirs
-from .parts import Part, assemble, count, fitted, put
-from .props import barrel, bottle, crate, shelf, vase
-from .shapes import Mesh, box, boxes, merge, shell, steps
+from ...scene.procedural import palette as p
+from ...scene.procedural.architecture import EMBED, column, doorway, stairs, tiles, vault, voussoirs
+from ...scene.procedural.parts import Part, assemble, count, fitted, put
+from ...scene.procedural.props import barrel, bottle, crate, shelf, vase
+from ...scene.procedural.shapes import Mesh, box, boxes, merge, shell, steps
 
 ROOM, WALL, HEIGHT = 6.0, 0.5, 3.5  # metres from room to room; thickness and height of the walls
 LEVEL = 4.2  # metres from floor to floor

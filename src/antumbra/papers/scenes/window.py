@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from . import palette as p
-from .architecture import EMBED
+from ...scene.procedural import palette as p
+from ...scene.procedural.architecture import EMBED
+from ...scene.procedural.parts import Part, moved, put
+from ...scene.procedural.props import cloth
+from ...scene.procedural.shapes import Mesh, arc, box, boxes, loft, merge, revolve, shell, steps, tubes
 from .furniture import SKETCH
-from .parts import Part, moved, put
-from .props import cloth
-from .shapes import Mesh, arc, box, boxes, loft, merge, revolve, shell, steps, tubes
 
 WALL = 0.32  # metres, thickness
 SILL, LINTEL, WIDTH = 0.25, 2.62, 4.9  # the opening

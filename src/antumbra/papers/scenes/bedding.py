@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from . import palette as p
+from ...scene.procedural import palette as p
+from ...scene.procedural.parts import assemble, put
+from ...scene.procedural.props import SINK
+from ...scene.procedural.shapes import Mesh, box, boxes, merge, revolve, shell, steps
 from .furniture import SKETCH
-from .parts import assemble, put
-from .props import SINK
-from .shapes import Mesh, box, boxes, merge, revolve, shell, steps
 
 
 def creases(rng, x, z, waves: int = 9) -> np.ndarray:

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from . import palette as p
+from ...scene.procedural import palette as p
+from ...scene.procedural.parts import assemble, put
+from ...scene.procedural.props import SINK
+from ...scene.procedural.shapes import Mesh, arc, box, merge, raised, revolve, steps
 from .furniture import SKETCH
-from .parts import assemble, put
-from .props import SINK
-from .shapes import Mesh, arc, box, merge, raised, revolve, steps
 
 COLOURS = (p.RED, p.YELLOW, p.BLUE, p.LIME, p.TEAL, p.OCHRE)
 

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from . import palette as p
-from .architecture import EMBED, tiles
+from ...scene.procedural import palette as p
+from ...scene.procedural.architecture import EMBED, tiles
+from ...scene.procedural.parts import Part, assemble, count, fitted, moved, put
+from ...scene.procedural.plants import UP, agave, blades, shrub, sphere_directions, unit
+from ...scene.procedural.props import pot
+from ...scene.procedural.shapes import Mesh, block, box, frame_ring, merge, raised, steps
+from ...scene.procedural.trees import palm
 from .bedding import armchair, bed
 from .furniture import SKETCH, bookcase, chandelier, door, drawers, table_lamp
-from .parts import Part, assemble, count, fitted, moved, put
-from .plants import UP, agave, blades, shrub, sphere_directions, unit
-from .props import pot
 from .sculptures import painting
-from .shapes import Mesh, block, box, frame_ring, merge, raised, steps
 from .toys import beach_ball, bear, blocks, rings, train
-from .trees import palm
 from .window import LINTEL, SILL, WALL, curtains, frame, pierced, venetian
 
 HALF_X, HALF_Z, HEIGHT = 2.7, 2.95, 2.85  # of the room, from wall to wall; the window is in the wall at -HALF_X

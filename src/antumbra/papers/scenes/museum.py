@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from . import palette as p
-from .architecture import EMBED, doorway, tiles
-from .parts import Part, assemble, count, fitted, put
-from .props import bench, vase
+from ...scene.procedural import palette as p
+from ...scene.procedural.architecture import EMBED, doorway, tiles
+from ...scene.procedural.parts import Part, assemble, count, fitted, put
+from ...scene.procedural.props import bench, vase
+from ...scene.procedural.shapes import Mesh, box, boxes, frame_ring, merge, raised, revolve, steps
 from .sculptures import ammonite, blob, knot, painting, rain, ribbon, twist, vortex
-from .shapes import Mesh, box, boxes, frame_ring, merge, raised, revolve, steps
 
 WIDTH, DEPTH, HEIGHT = 14.0, 17.0, 6.4  # of a hall, from wall to wall
 WALL = 0.6

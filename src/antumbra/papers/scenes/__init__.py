@@ -1,0 +1,18 @@
+"""Scenes like those of the papers, which only their benches need: `cellar`, `museum` and `blinds`, with their parts."""
+
+from ...scene.procedural import Recipe, register
+from .blinds import blinds
+from .cellar import cellar
+from .museum import museum
+
+SCENES = {
+    "cellar": Recipe(cellar, "vaulted rooms on several levels, of which little can be seen at once", 250_000),
+    "museum": Recipe(museum, "halls of sculptures, with most triangles in a few of them", 300_000),
+    "blinds": Recipe(blinds, "a bedroom into which light comes through the slats of blinds only", 300_000),
+}
+
+
+def add() -> None:
+    """Register them (entry point ``antumbra.scenes``)."""
+    for name, recipe in SCENES.items():
+        register(name, recipe)
