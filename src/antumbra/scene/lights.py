@@ -1,7 +1,8 @@
 """Lights, and the one form in which kernels know them all: a patch seen from a receiver."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,12 @@ MAX_SPP = 1024
 
 FLAT = np.full(3, -0.0)
 """w of flat patches: c w is -0.0 for c = 0, and x + -0.0 is x to the last bit, even if x is -0.0."""
+
+
+Vector = Sequence[float] | np.ndarray
+"""(3,) float."""
+
+WHITE = 1.0, 1.0, 1.0
 
 
 class LightPatch(NamedTuple):
@@ -48,7 +55,7 @@ class Light:
     """
 
     intensity: float = field(default=1.0, kw_only=True)
-    colour: tuple[float, float, float] = field(default=(1.0, 1.0, 1.0), kw_only=True)
+    colour: Vector = field(default=WHITE, kw_only=True)
 
     domain = "point"
     """Where (a, b, c) live: "square" [0, 1]^2, "disk" of radius 1 or "point" (0, 0), with c = 0; "hemisphere" above the
@@ -84,6 +91,10 @@ class PointLight(Light):
 
     position: np.ndarray
 
+    if TYPE_CHECKING:  # any three numbers will do
+
+        def __init__(self, position: Vector, *, intensity: float = 1.0, colour: Vector = WHITE) -> None: ...
+
     def __post_init__(self):
         object.__setattr__(self, "position", vector(self.position, "PointLight position"))
         self._check()
@@ -100,6 +111,12 @@ class QuadLight(Light):
     u: np.ndarray
     v: np.ndarray
     domain = "square"
+
+    if TYPE_CHECKING:  # any three numbers will do
+
+        def __init__(
+            self, corner: Vector, u: Vector, v: Vector, *, intensity: float = 1.0, colour: Vector = WHITE
+        ) -> None: ...
 
     def __post_init__(self):
         for name in ("corner", "u", "v"):
@@ -123,6 +140,18 @@ class DiskLight(Light):
     normal: np.ndarray
     radius: float
     domain = "disk"
+
+    if TYPE_CHECKING:  # any three numbers will do
+
+        def __init__(
+            self,
+            center: Vector,
+            normal: Vector,
+            radius: float,
+            *,
+            intensity: float = 1.0,
+            colour: Vector = WHITE,
+        ) -> None: ...
 
     def __post_init__(self):
         object.__setattr__(self, "center", vector(self.center, "DiskLight center"))
@@ -149,6 +178,12 @@ class SphereLight(Light):
     center: np.ndarray
     radius: float
     domain = "disk"
+
+    if TYPE_CHECKING:  # any three numbers will do
+
+        def __init__(
+            self, center: Vector, radius: float, *, intensity: float = 1.0, colour: Vector = WHITE
+        ) -> None: ...
 
     def __post_init__(self):
         object.__setattr__(self, "center", vector(self.center, "SphereLight center"))
@@ -178,6 +213,17 @@ class DirectionalLight(Light):
     direction: np.ndarray
     angular_diameter: float = 0.53
     domain = "disk"
+
+    if TYPE_CHECKING:  # any three numbers will do
+
+        def __init__(
+            self,
+            direction: Vector,
+            angular_diameter: float = 0.53,
+            *,
+            intensity: float = 1.0,
+            colour: Vector = WHITE,
+        ) -> None: ...
 
     def __post_init__(self):
         object.__setattr__(self, "direction", _unit(self.direction, "DirectionalLight direction"))
