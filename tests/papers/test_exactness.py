@@ -28,7 +28,9 @@ def case(request):
     return case_of(request.param, (48, 34))
 
 
-@pytest.mark.parametrize("case, plan", [*product(["soup"], PLANS), *product(["cellar"], LIT)], indirect=["case"], ids=str)
+@pytest.mark.parametrize(
+    "case, plan", [*product(["soup"], PLANS), *product(["cellar"], LIT)], indirect=["case"], ids=str
+)
 def test_no_bit_differs_from_the_oracle(case, plan):
     check(plan, *case)
 

@@ -1,8 +1,10 @@
-"""Pre-BVH culling [Selgrad et al. 2015, Sec. 3]: from the segments that are asked to the triangles they can meet.
+"""Pre-BVH culling [Selgrad et al. 2015, Sec. 3]: finds the triangles that the queries' segments can meet.
 
-Receivers and lights become boxes (`sources`, `targets`), the cells between them are marked (`swept`), and triangles
-that overlap no marked cell are dropped (`relevance`). The paper's grid lies over the whole scene; here it lies over the
-box of all segments, so its cells are as small as they can be.
+1. `sources` and `targets` make boxes of the receivers and of the lights.
+2. `swept` marks the cells between these boxes.
+3. `relevance` drops the triangles that overlap no marked cell.
+
+The paper's grid lies over the whole scene. This grid lies over the box of all segments, so its cells are smaller.
 """
 
 from collections.abc import Callable
@@ -19,43 +21,44 @@ from .swept import mark_hulls
 from .targets import targets_of
 
 STEPS = ("sources", "mark", "triangles")
-"""What culling does: receivers into cells, marking cells, finding and packing the triangles that are left."""
+"""The steps of culling: sort receivers into cells, mark cells, find and pack the triangles that are left."""
 
 
 class Culled(NamedTuple):
-    """What is left of a scene."""
+    """The triangles that are left of a scene, and how culling found them."""
 
-    kept: np.ndarray  # (m,) int32, ascending: which triangles
-    vertices: np.ndarray  # (m, 3, 3) float32, theirs
-    grid: Grid | None  # None: no segment is asked, or none can meet a triangle
+    kept: np.ndarray  # (m,) int32, ascending: indices of the triangles that are left
+    vertices: np.ndarray  # (m, 3, 3) float32: their vertices
+    grid: Grid | None  # None: there is no segment, or no segment can meet a triangle
     marked: np.ndarray | None  # (n, n, n) uint8: 1 where segments can be
-    sources: int  # boxes of receivers
-    targets: int  # boxes of lights
+    sources: int  # number of boxes of receivers
+    targets: int  # number of boxes of lights
 
 
 def cull(
     triangles, queries, threads: int | None = None, *, n: int = 32, mark: Callable = mark_hulls, whole: bool = False,
     lap: Callable[[str], None] = lambda step: None,
 ) -> Culled:  # fmt: skip
-    """The triangles that a segment of any of the queries can meet, and perhaps some more.
+    """Find all triangles that a segment of the queries can meet, and perhaps some more.
+
+    Answers over the culled triangles equal answers over all triangles, bit for bit.
 
     Parameters
     ----------
     triangles : Triangles
-        All that the scene has.
+        All triangles of the scene.
     queries : list of ShadowQuery
-        Every sample that will be asked must be in one of them. The answers over the culled triangles are, to the bit,
-        those over all triangles.
+        They must hold every sample that will be asked.
     threads : int or None
         None: all cores.
     n : int
         Cells of the grid along an axis.
     mark : function of (sources, targets, grid, marked, threads)
-        How the cells between sources and targets are found.
+        Marks the cells between sources and targets.
     whole : bool
         Whether the grid lies over the whole scene and all lights.
     lap : function of str
-        Told which of STEPS has just been done.
+        Called after each step, with its name from STEPS.
     """
     threads, corners = thread_count(threads), triangles.vertices.reshape(-1, 9)
     groups = _groups(queries, threads)
@@ -78,7 +81,10 @@ def cull(
 
 
 def _groups(queries, threads) -> list[tuple[Tiles, list]]:
-    """The queries that share their receivers, which are sorted into tiles once, and have any."""
+    """Group the queries that share their receivers; leave out queries without receivers.
+
+    The receivers of a group are sorted into tiles once.
+    """
     groups: dict[tuple[int, int], tuple[Tiles, list]] = {}
     for query in queries:
         key = id(query.origins), id(query.sides)
@@ -89,9 +95,10 @@ def _groups(queries, threads) -> list[tuple[Tiles, list]]:
 
 
 def _box_of(groups, corners, whole: bool, threads) -> tuple[np.ndarray, np.ndarray] | None:
-    """Lower and upper corner, (3,) float64, of where segments and triangles both are; None: nowhere.
+    """Lower and upper corner, (3,) float64, of the grid's box; None if it is empty.
 
-    `whole`: of all triangles, receivers and lights instead.
+    The box is the overlap of the box of all segments and the box of all triangles. With `whole`, it is the box of all
+    triangles, receivers and lights.
     """
     if not groups or not len(corners):
         return None

@@ -7,15 +7,15 @@ import numpy as np
 from ..kernels.jit import inlined
 from ..kernels.simd import extract, get, load4, maximum, minimum, ptr, to_i32
 
-PAD = 2.0**-20  # of the largest coordinate: far more than float32 samples, and float64 arithmetic, are off
+PAD = 2.0**-20  # of the largest coordinate: far more than the errors of float32 samples and of float64 arithmetic
 
 
 class Grid(NamedTuple):
     """A box of n x n x n equal cells.
 
-    Which cell a coordinate is in is one monotone function of a float32 number (`cells_at`), used for triangles and for
-    rays alike. So if a point of a triangle lies between the bounds that were marked for a ray, its cell does too,
-    whatever is rounded.
+    One monotone function (`cells_at`) maps a float32 coordinate to its cell, for triangles and for rays alike. Suppose
+    a point of a triangle lies between the bounds that were marked for a ray. Then the point's cell is marked too,
+    however numbers were rounded.
     """
 
     bounds: np.ndarray  # (2, 4) float32: lower, upper corner; the fourth number is not used
@@ -24,7 +24,7 @@ class Grid(NamedTuple):
 
 
 class GridPointers(NamedTuple):
-    """Pointers to the arrays of a `Grid`, which must outlive them; kernels take either."""
+    """Pointers to the arrays of a `Grid`. The arrays must outlive them. Kernels take either type."""
 
     bounds: object  # float32 *
     scale: object  # float32 *
@@ -49,14 +49,14 @@ def grid_over(lower, upper, n: int) -> Grid:
 
 @inlined
 def cells_at(grid, point):
-    """The cells (i32x4, one an axis) of an f32x4 of coordinates; those outside the grid are in its outermost cells."""
+    """The cells (i32x4, one for each axis) of an f32x4 of coordinates, clamped to the grid."""
     place = (point - load4(grid.bounds, 0)) * load4(grid.scale, 0)
     return to_i32(minimum(maximum(place, np.float32(0.0)), np.float32(grid.n - 1)))
 
 
 @inlined
 def cell_at(grid, axis, x):
-    """The cell of one float32 coordinate along an axis: the same number as `cells_at` finds."""
+    """The cell of one float32 coordinate along an axis: the same number as from `cells_at`."""
     place = (x - get(grid.bounds, axis)) * get(grid.scale, axis)
     return np.int64(min(max(place, np.float32(0.0)), np.float32(grid.n - 1)))
 

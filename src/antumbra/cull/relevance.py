@@ -1,7 +1,7 @@
-"""Which triangles overlap a marked cell, and those packed together [Selgrad et al. 2015, Sec. 3.3].
+"""Finds the triangles that overlap a marked cell, and packs them together [Selgrad et al. 2015, Sec. 3.3].
 
 The paper looks at all cells that a triangle overlaps. Here a summed-volume table answers for any range of cells with
-eight numbers, so that a huge triangle costs no more than a small one.
+eight numbers. So a huge triangle costs no more than a small one.
 """
 
 from typing import NamedTuple
@@ -18,15 +18,15 @@ _CHUNK = 8192  # triangles
 
 
 class Marks(NamedTuple):
-    """Marked cells, and how many there are in any range of them."""
+    """Marked cells, and their summed-volume table, which counts the marked cells of any range."""
 
     cells: np.ndarray  # (n, n, n) uint8: 1 marked, 0 not
-    sums: np.ndarray  # (n + 1, n + 1, n + 1) int32: [x, y, z] marked cells below x, y and z
+    sums: np.ndarray  # (n + 1, n + 1, n + 1) int32: [x, y, z] is the number of marked cells below x, y and z
 
 
 @kernel
 def _sum_slabs(ticket, cells, sums):
-    """Worker: the sums within each layer of x."""
+    """Worker: sum the marks within each layer of x."""
     n = len(cells)
     x = take(ticket)
     while x >= 0:
@@ -40,7 +40,7 @@ def _sum_slabs(ticket, cells, sums):
 
 @kernel
 def _sum_across(ticket, sums):
-    """Worker: the sums over the layers before, row by row."""
+    """Worker: add the sums of the layers before, row by row."""
     n = len(sums)
     y = take(ticket)
     while y >= 0:
@@ -60,7 +60,7 @@ def marks_of(cells: np.ndarray, threads: int) -> Marks:
 
 
 class _Table(NamedTuple):
-    """Pointers to `Marks` and to the grid, which must outlive them."""
+    """Pointers to the arrays of `Marks` and of the grid. The arrays must outlive them."""
 
     cells: object  # uint8 *
     sums: object  # int32 *
@@ -69,14 +69,14 @@ class _Table(NamedTuple):
 
 @inlined
 def _sum(table, x, y, z):
-    """How many cells below x, y and z are marked."""
+    """The number of marked cells below x, y and z."""
     side = table.grid.n + 1
     return get(table.sums, (x * side + y) * side + z)
 
 
 @inlined
 def _any_marked(table, low, high):
-    """Is any cell from one to the other, given as i32x4, marked?"""
+    """Whether any cell from `low` to `high` (i32x4 each, both included) is marked."""
     x0, y0, z0 = np.int64(extract(low, 0)), np.int64(extract(low, 1)), np.int64(extract(low, 2))
     x1, y1, z1 = np.int64(extract(high, 0)) + 1, np.int64(extract(high, 1)) + 1, np.int64(extract(high, 2)) + 1
     t = table
@@ -86,12 +86,12 @@ def _any_marked(table, low, high):
 
 @inlined
 def _is_relevant(corners, i, table):
-    """Does the box of triangle i overlap the grid, and a marked cell?"""
+    """Whether the box of triangle i overlaps the grid and a marked cell."""
     a, b, c = corners_of(corners, i)
     low, high = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
     inside = (low <= load4(table.grid.bounds, 4)) & (high >= load4(table.grid.bounds, 0)) | mask_from_bits4(
         8
-    )  # the fourth lanes play no part
+    )  # the fourth lanes always pass
     if not all_lanes(inside):
         return False
     first, last = cells_at(table.grid, low), cells_at(table.grid, high)
@@ -103,7 +103,7 @@ def _is_relevant(corners, i, table):
 
 @kernel
 def _find(ticket, corners, grid, marks, found, counts):
-    """Worker: which triangles of each chunk are relevant, from the chunk's first place in `found` on."""
+    """Worker: write the relevant triangles of each chunk to `found`, from the chunk's first place on."""
     values, out = ptr(corners), ptr(found)
     table = _Table(ptr(marks.cells), ptr(marks.sums), pointers_of(grid))
     first = take(ticket)
@@ -119,7 +119,7 @@ def _find(ticket, corners, grid, marks, found, counts):
 
 @kernel
 def _pack(ticket, corners, found, counts, starts, kept, packed):
-    """Worker: the relevant triangles of each chunk, to their place among all."""
+    """Worker: copy the relevant triangles of each chunk to their places in `kept` and `packed`."""
     source, target = ptr(corners), ptr(packed)
     chunk = take(ticket)
     while chunk >= 0:

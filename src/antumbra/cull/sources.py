@@ -1,4 +1,7 @@
-"""Where shadow rays begin: a box around the receivers in each cell, the paper's source cells (Sec. 3.1)."""
+"""Origins of shadow rays: a box around the receivers in each cell.
+
+They are the source cells of [Selgrad et al. 2015, Sec. 3.1].
+"""
 
 from typing import NamedTuple
 
@@ -10,26 +13,26 @@ from ..kernels.simd import broadcast4, load4, mask_from_bits4, maximum, minimum,
 from ..query.receivers import NOTHING
 from .grid import cell_number, cells_at
 
-FINEST = 32  # receivers are sorted into at most so many cells along an axis; the boxes around them are exact
-TILE = 8  # receivers of a tile: 8 x 8, or 1 x 64 where there are fewer than 8 rows
+FINEST = 32  # most cells along an axis that receivers are sorted into; the boxes around them are exact
+TILE = 8  # a tile has 8 x 8 receivers, or 1 x 64 where there are fewer than 8 rows
 
-_PARTS = 16  # tables of cells, at most: a megabyte each
+_PARTS = 16  # most tables of cells; a table is a megabyte
 _INF = np.float32(np.inf)
 
 
 class Tiles(NamedTuple):
-    """Receivers in tiles, with the box of each."""
+    """Receivers in tiles, with the box of each tile."""
 
     origins: np.ndarray  # (h, w, 3) float32
     sides: np.ndarray  # (h, w) int8
-    rows: int  # receivers of a tile, from top to bottom
-    columns: int  # and from left to right
-    boxes: np.ndarray  # (tiles, 8) float32: lower and upper corner, the fourth numbers unused; inf and -inf: none
+    rows: int  # of receivers in a tile
+    columns: int  # of receivers in a tile
+    boxes: np.ndarray  # (tiles, 8) float32: lower and upper corner, fourth numbers unused; inf and -inf: no receiver
 
 
 @inlined
 def _receiver(tiles, y, x):
-    """An f32x4 that holds receiver (y, x); its fourth lane is z again."""
+    """Receiver (y, x) as an f32x4; the fourth lane repeats z."""
     i = (y * tiles.sides.shape[1] + x) * 3
     a, b, c = broadcast4(tiles.origins, i), broadcast4(tiles.origins, i + 1), broadcast4(tiles.origins, i + 2)
     return select(mask_from_bits4(1), a, select(mask_from_bits4(2), b, c))
@@ -37,7 +40,7 @@ def _receiver(tiles, y, x):
 
 @inlined
 def _corner(tiles, tile):
-    """(y, x) of the first receiver of a tile, and where its rows and columns end."""
+    """(y, x) of the first receiver of a tile, and (y, x) behind its last one."""
     h, w = tiles.sides.shape
     across = (w + tiles.columns - 1) // tiles.columns
     y, x = tile // across * tiles.rows, tile % across * tiles.columns
@@ -46,7 +49,7 @@ def _corner(tiles, tile):
 
 @kernel
 def _bound_tiles(ticket, tiles):
-    """Worker: the box of each tile."""
+    """Worker: find the box of each tile."""
     tile = take(ticket)
     while tile >= 0:
         for i in range(tile, min(tile + ticket[CHUNK], ticket[N])):
@@ -64,14 +67,17 @@ def _bound_tiles(ticket, tiles):
 
 @inlined
 def _grow(boxes, i, low, high):
-    """Make box i of an array hold another."""
+    """Grow box i of an array to hold the box from `low` to `high`."""
     store(boxes, i * 8, minimum(load4(boxes, i * 8), low))
     store(boxes, i * 8 + 4, maximum(load4(boxes, i * 8 + 4), high))
 
 
 @kernel
 def _bound_cells(ticket, tiles, grid, cells):
-    """Worker: row after row of `cells` gets the boxes of the receivers of its share of the tiles, cell by cell."""
+    """Worker: fill one row of `cells` after the other. Each row covers its share of the tiles.
+
+    An element is the box of the share's receivers in one cell.
+    """
     part = take(ticket)
     while part >= 0:
         boxes = cells[part]
@@ -111,7 +117,7 @@ def bounds_of(tiles: Tiles) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def sources_of(tiles: Tiles, grid, threads: int) -> np.ndarray:
-    """(m, 2, 3) float64: the box around the receivers in each cell of a grid that holds any."""
+    """(m, 2, 3) float64: for each cell of a grid that has receivers, the box around them."""
     parts = min(threads, _PARTS)
     cells = np.empty((parts, grid.n**3, 8), np.float32)
     cells[:, :, :4], cells[:, :, 4:] = np.inf, -np.inf

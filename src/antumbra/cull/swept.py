@@ -1,10 +1,11 @@
-"""Marks the cells between sources and targets [Selgrad et al. 2015, Sec. 3.2], all of a layer of the grid at once.
+"""Marks the cells between sources and targets [Selgrad et al. 2015, Sec. 3.2], one layer of the grid at a time.
 
-The paper walks from every source cell to every destination cell along the line between their middles, and marks each
-cell it meets with all its neighbours. Here the convex hull of a source box S and a target box T itself is marked. It is
-the union of the boxes B(t) = (1 - t) S + t T, 0 <= t <= 1, whose bounds are linear in t. So what it has in a layer of
-cells lies in a rectangle that two values of t bound, and a rectangle is added to a layer in four places of its table
-of differences, however many cells it has.
+The paper walks along the line between the centres of every source cell and every destination cell. It marks each cell
+on the line and all its neighbours. This module marks the convex hull of a source box S and a target box T itself.
+
+The hull is the union of the boxes B(t) = (1 - t) S + t T, 0 <= t <= 1 (equation 1 of docs/design/culling.md). Their
+bounds are linear in t. So the hull's part in a layer of cells lies in a rectangle, and two values of t bound it. Adding
+a rectangle to the layer's table of differences takes four additions, however many cells it has.
 """
 
 from typing import NamedTuple
@@ -16,21 +17,24 @@ from ..kernels.parallel import new_ticket, run, take
 from ..kernels.simd import get, ptr, put
 from .grid import PAD, cell_at, pointers_of
 
-_SOURCES = 8192  # boxes of receivers whose pairs are held at once
+_SOURCES = 8192  # boxes of receivers whose pairs are in memory at the same time
 
 
 class Hulls(NamedTuple):
-    """Pairs of a source box S and a target box T, sorted by the axis along which they are the most cells apart."""
+    """Pairs of a source box S and a target box T, sorted by their main axis.
 
-    lower: np.ndarray  # (m, 3) float64, of S
-    upper: np.ndarray  # (m, 3) float64, of S
-    grow: np.ndarray  # (m, 3) float64: lower corner of T minus that of S; that of B(t) is lower + t grow
-    swell: np.ndarray  # (m, 3) float64: the same of the upper corners
-    start: np.ndarray  # (4,) int64: pairs start[k] to start[k + 1] - 1 are for axis k
+    The main axis is the one along which S and T are the most cells apart.
+    """
+
+    lower: np.ndarray  # (m, 3) float64: lower corner of S
+    upper: np.ndarray  # (m, 3) float64: upper corner of S
+    grow: np.ndarray  # (m, 3) float64: lower corner of T minus lower corner of S; B(t) begins at lower + t grow
+    swell: np.ndarray  # (m, 3) float64: upper corner of T minus upper corner of S; B(t) ends at upper + t swell
+    start: np.ndarray  # (4,) int64: pairs start[k] to start[k + 1] - 1 have the main axis k
 
 
 def hulls_between(sources: np.ndarray, targets, grid) -> Hulls:
-    """The `Hulls` of all pairs of (m, 2, 3) source boxes and `Targets`."""
+    """The `Hulls` of all pairs of (m, 2, 3) source boxes and `Targets` (equations 1 and 5 of docs/design/culling.md)."""
     s, t = sources[:, None], targets.boxes[None]
     t = s + t if targets.relative else np.broadcast_to(t, (len(s), *t.shape[1:]))
     grow, swell = t[:, :, 0] - s[:, :, 0], t[:, :, 1] - s[:, :, 1]
@@ -43,12 +47,12 @@ def hulls_between(sources: np.ndarray, targets, grid) -> Hulls:
 
 
 class _Bounds(NamedTuple):
-    """Pointers to the arrays of `Hulls`, which must outlive them: arrays cost reference counts."""
+    """Pointers to the arrays of `Hulls`. The arrays must outlive them. Arrays would cost reference counts."""
 
-    lower: object  # float64 *, 3 a pair
-    upper: object
-    grow: object
-    swell: object
+    lower: object  # float64 *, 3 for each pair, as are the others
+    upper: object  # float64 *
+    grow: object  # float64 *
+    swell: object  # float64 *
 
 
 @inlined
@@ -62,7 +66,10 @@ def _while_at_least(start, slope, limit, low, high):
 
 @inlined
 def _while_within(bounds, k, near, far):
-    """The t between 0 and 1 for which B(t), on the axis of element k, meets the slab from `near` to `far`."""
+    """(low, high): the t in [0, 1] for which B(t) meets the slab from `near` to `far`; empty if low > high.
+
+    `k` is the index of the pair and the axis in the arrays. Equation 3 of docs/design/culling.md.
+    """
     low, high = np.float64(0.0), np.float64(1.0)
     low, high = _while_at_least(get(bounds.upper, k), get(bounds.swell, k), near, low, high)
     return _while_at_least(-get(bounds.lower, k), -get(bounds.grow, k), -far, low, high)
@@ -70,7 +77,10 @@ def _while_within(bounds, k, near, far):
 
 @inlined
 def _cells_between(bounds, k, axis, low, high, pad, grid):
-    """First and last cell along an axis, that of element k, that B(t) has while t is between `low` and `high`."""
+    """First and last cell along an axis that B(t) overlaps for t in [low, high].
+
+    `k` is the index of the pair and the axis in the arrays. Equation 4 of docs/design/culling.md.
+    """
     a, b = get(bounds.lower, k), get(bounds.upper, k)
     least = min(a + low * get(bounds.grow, k), a + high * get(bounds.grow, k)) - pad
     most = max(b + low * get(bounds.swell, k), b + high * get(bounds.swell, k)) + pad
@@ -84,7 +94,7 @@ def _add(table, place, x):
 
 @inlined
 def _add_rectangle(table, side, first_u, last_u, first_v, last_v):
-    """Add 1 to the table, of so many cells a row, whose differences these are, from one cell to the other."""
+    """Add 1 to a rectangle of cells, by its differences in the table, which has `side` numbers a row."""
     _add(table, first_u * side + first_v, 1)
     _add(table, (last_u + 1) * side + first_v, -1)
     _add(table, first_u * side + last_v + 1, -1)
@@ -93,7 +103,7 @@ def _add_rectangle(table, side, first_u, last_u, first_v, last_v):
 
 @inlined
 def _walls(grid, axis, layer, pad):
-    """Between which coordinates all points lie that are in a layer; outermost layers have no outer wall."""
+    """(near, far): the coordinates that bound the points of a layer. Outermost layers have no outer wall."""
     size = 1.0 / np.float64(grid.scale[axis]) if grid.scale[axis] > 0.0 else np.inf
     near = grid.bounds[0, axis] + layer * size - pad if layer > 0 else -np.inf
     far = grid.bounds[0, axis] + (layer + 1) * size + pad if layer < grid.n - 1 else np.inf
@@ -102,9 +112,9 @@ def _walls(grid, axis, layer, pad):
 
 @kernel
 def _mark_layers(ticket, hulls, grid, pad, marked, table):
-    """Worker: mark the cells of layer after layer of each axis in turn.
+    """Worker: mark the cells of one layer after the other, along each axis in turn.
 
-    table : the thread's own memory for (n + 1, n + 1) int32
+    table : (n + 1, n + 1) int32, the thread's own memory
     """
     n = grid.n
     bounds = _Bounds(ptr(hulls.lower), ptr(hulls.upper), ptr(hulls.grow), ptr(hulls.swell))
@@ -127,7 +137,7 @@ def _mark_layers(ticket, hulls, grid, pad, marked, table):
 
 @inlined
 def _mark_sums(table, axis, layer, marked):
-    """Mark the cells of a layer where the sums of the table's differences are not zero."""
+    """Sum the table's differences, and mark the cells of the layer where the sum is not zero."""
     n = len(marked)
     for i in range(n):
         row = np.int32(0)
@@ -146,8 +156,8 @@ def _mark_sums(table, axis, layer, marked):
 def mark_hulls(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:
     """Set to 1 the cells of ``marked``, (n, n, n) uint8, that a segment from a source to a target can meet.
 
-    A layer is one thread's, so a cell is only ever written by others in the pass for another axis, and then also to 1:
-    the order does not matter, as the paper says of its cells.
+    One thread marks a layer. Another thread can write the same cell for another axis only, and it also writes 1. So the
+    order does not matter, as in the paper.
     """
     pad = np.float64(PAD * np.abs(grid.bounds).max())
     own = lambda: (np.empty((grid.n + 1, grid.n + 1), np.int32),)

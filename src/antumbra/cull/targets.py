@@ -1,4 +1,7 @@
-"""Where the shadow rays of a query end: boxes around its light, the paper's destination cells (Sec. 3.1)."""
+"""Ends of a query's shadow rays: boxes around the samples of its light.
+
+They are the destination cells of [Selgrad et al. 2015, Sec. 3.1].
+"""
 
 from typing import NamedTuple
 
@@ -7,26 +10,26 @@ import numpy as np
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from .grid import PAD
 
-MOST = 4  # boxes of one light, at most: twelve cost more than they spared
+MOST = 4  # most boxes of one light; twelve cost more time than they saved
 
 
 class Targets(NamedTuple):
     """Boxes that hold the far ends of a query's segments.
 
-    A light that is somewhere has boxes there. One that moves along with the receiver, as distant and ambient light
-    does, has boxes relative to it: a segment from o ends in o + box. So a distant light of any angular size is a box
-    of directions, scaled to a length that reaches beyond the scene, and needs no destination cells.
+    A light with a position has boxes there. A distant or ambient light has boxes relative to the receiver: a segment
+    from o ends in o + box. So a distant light of any angular size is a box of directions, times a length that reaches
+    beyond the scene. It needs no destination cells.
     """
 
     boxes: np.ndarray  # (k, 2, 3) float64: lower, upper
-    relative: bool  # to the receiver
+    relative: bool  # whether the boxes are relative to the receiver
 
 
 def targets_of(query, cell: np.ndarray) -> Targets:
     """The `Targets` of a ShadowQuery; ``cell``: (3,) extent of a cell of about the grid's size.
 
-    They hold the samples that the query asks, not all of the light. Where these fill a box that is thicker than a
-    cell on every axis, as those of tilted lights and of lists do, they are split into several boxes.
+    They hold the samples that the query asks, not all of the light. If the samples fill a box that is thicker than a
+    cell on every axis, they are split into several boxes. Tilted lights and lists have such samples.
     """
     light = query.light
     if light.kind in (SPHERE, AMBIENT):  # tangent disks lie in the sphere
@@ -38,13 +41,13 @@ def targets_of(query, cell: np.ndarray) -> Targets:
 
 
 def sample_points(query) -> np.ndarray:
-    """(k, 3) float64: all samples of a flat light or a list, of a distant light relative to the receiver."""
+    """(k, 3) float64: all samples of a flat light, a list or a distant light; for the last, relative to the receiver."""
     light = query.light
     return light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
 
 
 def _boxes(points: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
-    """At most so many boxes, (k, 2, 3), around points that lie together."""
+    """At most `most` boxes, (k, 2, 3), each around points that lie together."""
     lower, upper = points.min(0), points.max(0)
     if most == 1 or (upper - lower <= cell).any():
         return np.array([[lower, upper]])
@@ -63,6 +66,6 @@ def _boxes(points: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
 
 
 def _padded(boxes: np.ndarray) -> np.ndarray:
-    """The boxes, grown by what the float32 samples in them may be off."""
+    """The boxes, grown by more than the rounding error of the float32 samples in them."""
     pad = PAD * np.abs(boxes).max()
     return boxes + np.array([[-pad], [pad]])
