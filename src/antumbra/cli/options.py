@@ -1,7 +1,10 @@
-"""Options that several commands have."""
+"""Options that several commands have, and commands that take many as one object."""
 
+import inspect
+from collections.abc import Callable
+from dataclasses import fields
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -46,3 +49,22 @@ SrdhRaysOption = Annotated[
 ]
 
 SCENE_HELP = "A .glb, .gltf, .obj, .ply or .stl file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N."
+
+
+def takes(arguments: type) -> Callable:
+    """Decorator of a command ``f(arguments)``: to Typer, each field of the dataclass `arguments` is a parameter."""
+
+    def wrap(command: Callable[[Any], int]) -> Callable[..., int]:
+        def run(**given) -> int:
+            return command(arguments(**given))
+
+        found: Any = run
+        kind = inspect.Parameter.KEYWORD_ONLY
+        found.__signature__ = inspect.Signature(
+            [inspect.Parameter(f.name, kind, default=f.default, annotation=f.type) for f in fields(arguments)]
+        )
+        found.__annotations__ = {f.name: f.type for f in fields(arguments)}
+        found.__doc__, found.__name__ = command.__doc__, command.__name__
+        return found
+
+    return wrap

@@ -34,7 +34,10 @@ class Hulls(NamedTuple):
 
 
 def hulls_between(sources: np.ndarray, targets, grid) -> Hulls:
-    """The `Hulls` of all pairs of (m, 2, 3) source boxes and `Targets` (equations 1 and 5 of docs/design/culling.md)."""
+    """The `Hulls` of all pairs of (m, 2, 3) source boxes and `Targets`.
+
+    Equations 1 and 5 of docs/design/culling.md.
+    """
     s, t = sources[:, None], targets.boxes[None]
     t = s + t if targets.relative else np.broadcast_to(t, (len(s), *t.shape[1:]))
     grow, swell = t[:, :, 0] - s[:, :, 0], t[:, :, 1] - s[:, :, 1]

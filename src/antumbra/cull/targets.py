@@ -41,7 +41,10 @@ def targets_of(query, cell: np.ndarray) -> Targets:
 
 
 def sample_points(query) -> np.ndarray:
-    """(k, 3) float64: all samples of a flat light, a list or a distant light; for the last, relative to the receiver."""
+    """(k, 3) float64: all samples of a flat light, a list or a distant light.
+
+    Samples of a distant light are relative to the receiver.
+    """
     light = query.light
     return light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
 

@@ -1,6 +1,6 @@
-"""From bits to pictures: the share of a light that is seen, filtered, shaded, mapped to colours and saved.
+"""Makes pictures from occlusion bits: fractions of lights, filtering, shading, tone mapping and files.
 
-- fraction, filter: shares of lights, smoothed over pixels of the same surface
-- irradiance, point_lights, shade: what arrives at a surface, and the image
-- tonemap, heatmap, save: PNG and EXR files
+- fraction, filter: the fraction of a light that each pixel sees, and its filter
+- irradiance, point_lights, shade: irradiance of surfaces, and the image
+- tonemap, heatmap, save: colours, and PNG and EXR files
 """

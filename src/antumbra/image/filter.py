@@ -1,7 +1,7 @@
 """The discontinuity filter of interleaved sampling [Benthin and Wald 2009, Sec. 4.5].
 
-Sixteen neighbouring pixels use sixteen different sample sets, so their mean is an estimate from 16 spp samples, if
-they see the same surface and about the same penumbra. See docs/design/filter.md for what was measured.
+Sixteen neighbouring pixels use sixteen different sample sets. So their mean is an estimate from 16 spp samples, if they
+see the same surface and about the same penumbra. For measurements see docs/design/filter.md.
 """
 
 import math
@@ -15,13 +15,13 @@ from ..query.receivers import NOTHING
 from ..query.surface import Seen, at, points_of, same_surface
 
 NOISE = 2.5
-"""Twice what the estimates of neighbours may differ by, in units of spp**(1/4) samples: the error of spp stratified
-samples of an edge falls as spp**(-3/4) [Mitchell 1996]."""
+"""Twice the accepted difference of a neighbour's estimate, in units of spp**(1/4) samples (equation 4 of
+docs/design/filter.md). The error of spp stratified samples of an edge falls as spp**(-3/4) [Mitchell 1996]."""
 
 
 @inlined
 def _constant(points, counts, y, x):
-    """Are all counts in the window the same? Then there is nothing to filter, whatever the surfaces."""
+    """Whether all counts in the window are the same. Then there is nothing to filter, on any surface."""
     own = at(points, counts, y, x)
     for v in range(max(y - 2, 0), min(y + 3, points.h)):
         for u in range(max(x - 2, 0), min(x + 3, points.w)):
@@ -32,7 +32,7 @@ def _constant(points, counts, y, x):
 
 @inlined
 def _pair(points, counts, limit, y, x, dy, dx):
-    """(sum of counts, number) of those of the pixels (y + dy, x + dx) and (y - dy, x - dx) that are accepted."""
+    """(sum of counts, number) of the accepted pixels among (y + dy, x + dx) and (y - dy, x - dx)."""
     own = at(points, counts, y, x)
     after, before = same_surface(points, y, x, y + dy, x + dx), same_surface(points, y, x, y - dy, x - dx)
     a = at(points, counts, y + dy, x + dx) if after else own
@@ -48,11 +48,12 @@ def _pair(points, counts, limit, y, x, dy, dx):
 def _window(points, counts, limit, y, x):
     """(weighted sum of counts, sum of weights) over the accepted pixels of the window around (y, x).
 
-    Pixels are accepted in opposite pairs, by their mean, since a steady slope of the penumbra does not change that; one
-    by one where the other of the pair sees something else.
+    Pixels are accepted in opposite pairs, by the pair's mean, because a steady slope of the penumbra does not change
+    this mean. A pixel is judged alone if the other pixel of its pair sees another surface. The weights are those of
+    equation 1 of docs/design/filter.md, times 4.
     """
     total, weight = 4 * at(points, counts, y, x), 4
-    for k in range(13, 25):  # the half of the 5 x 5 pixels that comes after (y, x)
+    for k in range(13, 25):  # the pixels of the 5 x 5 window that come after (y, x)
         dy, dx = k // 5 - 2, k % 5 - 2
         s, n = _pair(points, counts, limit, y, x, dy, dx)
         w = (1 if dy == 2 else 2) * (1 if abs(dx) == 2 else 2)
@@ -75,21 +76,22 @@ def _filter_rows(ticket, seen, counts, limit, spp, out):
 
 
 def filtered(seen: Seen, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
-    """(H, W) float32: the share of samples that are not occluded, filtered over 4 x 4 pixels.
+    """(H, W) float32: the fraction of samples that are not occluded, filtered over 4 x 4 pixels.
 
     Parameters
     ----------
     seen : Seen
     counts : (H, W) int
-        How many of a pixel's `spp` samples are occluded; pixel (x, y) used sample set (x mod 4) + 4 (y mod 4).
+        Number of a pixel's `spp` samples that are occluded. Pixel (x, y) used sample set (x mod 4) + 4 (y mod 4).
     spp : int
     threads : int, optional
-        None: all cores. Sums are sums of integers, so the result does not depend on it.
+        None: all cores. The result does not depend on it, because all sums are of integers.
 
     Notes
     -----
-    The window is 4 x 4 pixels around the *centre* of each pixel: 5 x 5 pixels, of which those on the border count half.
-    So each sample set counts once, and where all are accepted the result is the share of 16 spp samples, exactly.
+    The window is 4 x 4 pixels around the *centre* of each pixel. It overlaps 5 x 5 pixels, and those on its border
+    count half. So each sample set counts once. If all pixels are accepted, the result is exactly the fraction of
+    16 spp samples.
     """
     counts, out = np.ascontiguousarray(counts, np.int64), np.empty(counts.shape, np.float32)
     limit = int(NOISE * math.sqrt(math.sqrt(spp)))
@@ -118,10 +120,10 @@ def _smooth_rows(ticket, seen, irradiance, out):
 
 
 def smoothed(seen: Seen, irradiance: np.ndarray, threads=None) -> np.ndarray:
-    """(H, W, 3) float32: irradiance by interleaved lists of lights, averaged over the window of `filtered`.
+    """(H, W, 3) float32: irradiance from interleaved lists of lights, averaged over the window of `filtered`.
 
-    Every pixel of the window that sees the same surface takes part: neighbours ask different lights, so what they get
-    differs by far more than it does between places, and says nothing about shadows.
+    The average includes every pixel of the window that sees the same surface. Neighbours ask different lights. So their
+    irradiance differs far more than it changes from place to place, and the difference says nothing about shadows.
     """
     out = np.empty_like(irradiance)
     run(_smooth_rows, thread_count(threads), new_ticket(len(out), 8), seen, irradiance, out)

@@ -1,4 +1,4 @@
-"""From bits to the fraction of a light that each pixel sees: as it is, filtered, or refined in penumbrae."""
+"""The fraction of a light that each pixel sees, from occlusion bits: unfiltered, filtered, or refined in penumbrae."""
 
 from collections.abc import Callable
 
@@ -13,24 +13,24 @@ from .filter import filtered
 
 
 def is_soft(query: ShadowQuery) -> bool:
-    """Does the share of samples that are occluded estimate how much is seen of one light, which has an extent?
+    """Whether the query's samples estimate the visible fraction of one light that has an extent.
 
-    Without extent, all samples are one point: there are no penumbrae, and nothing is noisy. Of a list, each sample is a
-    light of its own, to be asked by itself, and no other samples would be finer.
+    All samples of a light without extent are one point, so there are no penumbrae and no noise. Each sample of a list
+    is a light of its own, so other samples would not be finer.
     """
     light = query.light
     return light.kind in (SPHERE, AMBIENT) or (light.kind != LIST and bool(light.u.any() or light.v.any()))
 
 
 def as_needed(query: ShadowQuery) -> ShadowQuery:
-    """The query, with one sample if the light has no extent: the others would ask the same again."""
+    """The query, with a single sample if the light has no extent: all its samples would ask the same."""
     if is_soft(query) or query.light.kind == LIST:
         return query
     return query._replace(samples=np.ascontiguousarray(query.samples[:, :1]))
 
 
 def fraction(seen: Seen, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None) -> np.ndarray:
-    """(H, W) float32: the share of samples that are not occluded; filtered if `smooth`, and if that can help."""
+    """(H, W) float32: the fraction of samples that are not occluded; filtered if `smooth` and if the light is soft."""
     spp = query.samples.shape[1]
     if smooth and is_soft(query):
         return filtered(seen, occluded_samples(bits), spp, threads)
@@ -38,7 +38,7 @@ def fraction(seen: Seen, query: ShadowQuery, bits: np.ndarray, smooth: bool, thr
 
 
 def occluded_samples(bits: np.ndarray) -> np.ndarray:
-    """(H, W) int32: how many samples of each pixel are occluded."""
+    """(H, W) int32: the number of occluded samples of each pixel."""
     return np.bitwise_count(bits).sum(-1, dtype=np.int32)
 
 
@@ -51,21 +51,22 @@ def refine_penumbra(
     smooth: bool,
     threads=None,
 ) -> tuple[ShadowQuery, np.ndarray]:
-    """Ask again, with other samples, about the pixels in the penumbra of one light.
+    """Ask again, with other samples, for the pixels in the penumbra of one light.
 
     Parameters
     ----------
     query, bits : ShadowQuery and its answer
     samples : (16, n, 3) float64, in the light's domain; nothing is asked if they are those of the query
-    ask : gives the bits of a query
-    smooth : filter the new fractions, among themselves
+    ask : function that returns the bits of a query
+    smooth : whether the new fractions are filtered, among themselves
 
     Returns
     -------
     query : ShadowQuery
-        What was asked: no receiver (side NOTHING) where nothing is refined.
+        The refining query. It has no receiver (side NOTHING) where nothing is refined.
     fraction : (H, W) float32
-        Where there is a receiver, and `smooth` is false: what a frame with these samples everywhere has there.
+        The new fractions at the receivers of this query. Without `smooth` they equal those of a frame that uses these
+        samples everywhere.
     """
     sides = np.zeros_like(query.sides)
     if is_soft(query) and not np.array_equal(samples, query.samples):

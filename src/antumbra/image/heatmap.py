@@ -1,26 +1,26 @@
-"""Numbers of pixels as colours: panels side by side with one scale for all, and what the colours mean."""
+"""Heat maps: numbers of pixels as colours, in panels side by side, with one scale for all and a colour bar."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-# The map `plasma` of Nathaniel Smith and Stefan van der Walt (CC0), sRGB: each step looks as large as any other, and
-# its lowest colour is not the black of pixels without a number.
+# The colour map `plasma` of Nathaniel Smith and Stefan van der Walt (CC0), in sRGB. It is perceptually uniform. Its
+# lowest colour differs from the black of pixels without a number.
 _RAMP = np.array([
     [13, 8, 135], [49, 5, 151], [76, 2, 161], [102, 0, 167], [126, 3, 168], [149, 17, 161], [170, 35, 149],
     [188, 53, 135], [204, 71, 120], [218, 90, 106], [230, 108, 92], [240, 128, 78], [248, 149, 64], [253, 172, 51],
     [253, 197, 39], [248, 223, 37], [240, 249, 33],
 ], np.float64)  # fmt: skip
-_PERCENTILE = 99.5  # of the numbers, that the scale ends at: a few pixels must not make all others dark
+_PERCENTILE = 99.5  # of the numbers, where the scale ends, so that a few pixels do not make all others dark
 _MOST_TICKS = 8
 _PAPER, _INK, _FAINT = (30, 30, 34), (236, 236, 236), (160, 160, 166)
-_NARROWEST = 240  # room for a panel's labels, in pixels
-_SMALLEST, _LARGEST = 7, 22  # letters, in pixels
+_NARROWEST = 240  # least width for a panel's labels, in pixels
+_SMALLEST, _LARGEST = 7, 22  # font sizes, in pixels
 
 
 def heat_colours(values: np.ndarray, top: float) -> np.ndarray:
-    """(..., 3) uint8: the colours of numbers from 0 to `top`, and of larger ones that of `top`."""
+    """(..., 3) uint8: the colours of numbers from 0 to `top`. Larger numbers get the colour of `top`."""
     at = np.clip(np.asarray(values, np.float64) / top, 0.0, 1.0) * (len(_RAMP) - 1)
     low = np.minimum(at.astype(np.int64), len(_RAMP) - 2)
     part = (at - low)[..., None]
@@ -28,7 +28,7 @@ def heat_colours(values: np.ndarray, top: float) -> np.ndarray:
 
 
 def scale_of(values: np.ndarray) -> np.ndarray:
-    """The numbers beside a scale, from 0 to its end: round ones, at most nine."""
+    """The ticks of a scale, from 0 to its end: at most nine round numbers."""
     top = float(np.percentile(values, _PERCENTILE)) if values.size else 0.0
     if not top > 0.0:
         return np.array([0.0, 1.0])
@@ -40,16 +40,16 @@ def scale_of(values: np.ndarray) -> np.ndarray:
 def heat_map(
     panels: Sequence[np.ndarray], known: np.ndarray, labels: Sequence[Sequence[str]], caption: str
 ) -> np.ndarray:
-    """A picture of panels side by side, each under its lines of text, and a bar that explains their colours below.
+    """Draw panels side by side, each below its lines of text, with a colour bar at the bottom.
 
     Parameters
     ----------
     panels : (h, w) float each, 0 or more
     known : (h, w) bool
         Pixels that have a number; others are black.
-    labels : of each panel some lines, as many for all
+    labels : lines of text of each panel, as many for every panel
     caption : str
-        What the numbers are.
+        The meaning of the numbers.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def heat_map(
 
 
 def _write_ticks(draw, ticks: np.ndarray, x: int, y: int, length: int, letters: int) -> None:
-    """The numbers under a bar: as many as have room."""
+    """Draw the numbers under a bar: as many as have room."""
     font = _font(letters)
     texts = [f"{tick:,.6g}" for tick in ticks]
     texts[-1] += "+"
@@ -94,7 +94,7 @@ def _write_ticks(draw, ticks: np.ndarray, x: int, y: int, length: int, letters: 
 
 
 def _write(draw, at: tuple[int, int], text: str, letters: int, width: int, colour) -> None:
-    """A line of text in the largest letters, up to so many pixels, in which it fits."""
+    """Draw a line of text in the largest font size, up to `letters` pixels, that fits into `width`."""
     while letters > _SMALLEST and _font(letters).getlength(text) > width:
         letters -= 1
     draw.text(at, text, colour, _font(letters))

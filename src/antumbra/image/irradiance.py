@@ -1,4 +1,4 @@
-"""What arrives from a light at the surfaces that pixels see, if nothing is in the way."""
+"""Unoccluded irradiance from a light at the surfaces that pixels see."""
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
 
@@ -13,7 +13,7 @@ from ..scene.lights import DIRECTIONAL, SPHERE
 
 _CROSS = np.array([[0.3, 0.1], [0.9, 0.3], [0.7, 0.9], [0.1, 0.7]])
 _POINTS = {"square": _CROSS, "disk": (2.0 * _CROSS - 1.0) * 0.8, "point": np.zeros((1, 2))}
-"""By domain: points (a, b) that stand for all of a light."""
+"""Domain -> points (a, b) that represent the whole light."""
 
 
 @inlined
@@ -37,7 +37,7 @@ def _row(pointer, x):
 
 @inlined
 def _add_row(position, normal, light, fixed, flat, a, b, totals, w):
-    """Add what a row of pixels gets from point (a, b) of the light. LLVM makes vectors of these loops, one a kind."""
+    """Add a row of pixels' irradiance from point (a, b) of the light. LLVM vectorises the loop of each kind of light."""
     zero = np.float64(0.0)
     if light.kind == SPHERE:
         cx, cy, cz, radius = light.base[0], light.base[1], light.base[2], light.radius
@@ -60,7 +60,7 @@ def _add_row(position, normal, light, fixed, flat, a, b, totals, w):
 
 @kernel
 def _irradiance_rows(ticket, position, normal, side, light, flat, points, out, totals):
-    """Worker: rows of pixels; `totals`: the thread's own memory for a row of float64."""
+    """Worker: compute rows of pixels. `totals` is the thread's own memory for a row of float64."""
     w = side.shape[1]
     zero, one = np.float64(0.0), np.float64(1.0)
     fixed = patch_at(light, zero, zero, zero, zero, zero, one)
@@ -80,9 +80,9 @@ def _irradiance_rows(ticket, position, normal, side, light, flat, points, out, t
 
 
 def irradiance(gbuffer, patch, domain, threads=None) -> np.ndarray:
-    """(H, W) float32: what each pixel's surface would get of a light of intensity 1 if nothing were in the way.
+    """(H, W) float32: irradiance of each pixel's surface from an unoccluded light of intensity 1.
 
-    patch : LightPatch; domain : the light's, of which a few points stand for the light
+    patch : LightPatch; domain : domain of the light, which chooses the few points that represent the light
     """
     flat = np.cross(patch.u, patch.v) if patch.kind != DIRECTIONAL else np.zeros(3)
     length = np.linalg.norm(flat)

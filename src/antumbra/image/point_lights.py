@@ -1,4 +1,4 @@
-"""Shading by many point lights: each sample of such a light is a light of its own, so the bits matter one by one."""
+"""Shading by lists of point lights. Each sample is a light of its own, so shading needs every single bit."""
 
 import numpy as np
 
@@ -9,7 +9,10 @@ from ..query.receivers import NOTHING
 
 @kernel
 def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
-    """Irradiance per candela at a surface with normal n from the light at offset w; `facing`: it shines around m."""
+    """Irradiance per candela at a surface with normal n from a light at offset w.
+
+    If `facing`, the light shines by the cosine around m. The distance squared is clamped to at least `least`.
+    """
     r2 = wx * wx + wy * wy + wz * wz
     cosine = nx * wx + ny * wy + nz * wz  # times the distance
     if not (r2 > 0.0 and cosine > 0.0):
@@ -49,7 +52,7 @@ def _rows(ticket, gbuffer, points, normals, candela, least, bits, out):
 
 
 def list_irradiance(gbuffer, lights, samples, bits, threads=None) -> np.ndarray:
-    """(H, W, 3) float32: what arrives at each pixel's surface from `PointLights`, shadows included; 0 where nothing is.
+    """(H, W, 3) float32: irradiance of each pixel's surface from `PointLights`, shadows included; 0 without a surface.
 
     samples : (16, n, 3) float64 from `light_samples`; bits : (H, W, ceil(n / 64)) uint64, the answer of their query
     """

@@ -1,4 +1,4 @@
-"""Pictures on disk: PNG for looking at, EXR for measuring."""
+"""Writes pictures: PNG files for viewing, EXR files for measurements."""
 
 from pathlib import Path
 
@@ -10,11 +10,14 @@ from .tonemap import automatic_exposure, to_srgb8
 
 SUFFIXES = (".png", ".exr")
 _EXR_MAGIC = b"v/1\x01"
-_NOTE = "antumbra"  # the keyword of a text chunk, the name of an attribute
+_NOTE = "antumbra"  # the keyword of a PNG's text chunk, and the name of an EXR's attribute
 
 
 def check_output(path) -> Path:
-    """`path` if a picture can be written there; InputError, naming the cure, if not. Asked before a long render."""
+    """`path`, if a picture can be written there; otherwise an InputError that names the cure.
+
+    It is called before a long render.
+    """
     return checked_output(path, SUFFIXES)
 
 
@@ -24,7 +27,7 @@ def checked_exposure(exposure) -> float:
 
 
 def frame_exposure(frame) -> float:
-    """The exposure that ``save_frame(frame, "x.png")`` chooses by itself."""
+    """The exposure that ``save_frame(frame, "x.png")`` chooses automatically."""
     return automatic_exposure(frame.image, frame.gbuffer.face >= 0)
 
 
@@ -35,18 +38,21 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     ----------
     frame : Frame
     path : str or path-like
-        ``.png``: 8-bit sRGB with soft highlights. ``.exr``: linear float32 channels R, G, B; visibility.0, ... (a light
-        each); depth.Z (infinite where nothing is seen); normal.X, normal.Y, normal.Z.
+        ``.png``: 8-bit sRGB with soft highlights. ``.exr``: linear float32 channels R, G, B; visibility.0, ... (one for
+        each light); depth.Z (infinite where nothing is seen); normal.X, normal.Y, normal.Z.
     exposure : float or None
         Factor on the light of a PNG; None: automatic. An EXR has no exposure.
     note : str or None
-        Kept in the file, for `note_of`.
+        Text to store in the file; `note_of` reads it.
 
     Raises
     ------
     InputError
-        On another suffix, an exposure that is no positive number, or a path that cannot be written. The file is
-        written under another name and then renamed: it is whole, or as it was before.
+        On another suffix, an exposure that is no positive number, or a path that cannot be written.
+
+    Notes
+    -----
+    The file is written under another name and then renamed. So it is complete, or as it was before.
     """
     path = check_output(path)
     if exposure is not None:
@@ -59,13 +65,13 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
 
 
 def save_png(rgb: np.ndarray, path: Path, note: str | None = None) -> None:
-    """Write (H, W, 3) uint8 sRGB; whole, or not at all."""
+    """Write (H, W, 3) uint8 sRGB: the complete file, or nothing."""
     with replacing(path) as temporary:
         _write_png(rgb, temporary, note)
 
 
 def exr_channels(frame) -> dict[str, np.ndarray]:
-    """Name -> (H, W) float32 (RGB: (H, W, 3)) of everything that an EXR file holds."""
+    """The channels of an EXR file: name -> (H, W) float32 (RGB: (H, W, 3))."""
     channels = {"RGB": frame.image, "depth.Z": frame.gbuffer.depth}
     channels |= {f"normal.{axis}": frame.gbuffer.normal[..., k] for k, axis in enumerate("XYZ")}
     channels |= {f"visibility.{i}": fraction for i, fraction in enumerate(frame.visibility)}
@@ -73,13 +79,13 @@ def exr_channels(frame) -> dict[str, np.ndarray]:
 
 
 def note_of(path: Path) -> str | None:
-    """The note in a picture, read from its header alone; None: there is none, or it is no picture."""
+    """The note in a picture, read from its header alone; None if there is none, or if the file is no picture."""
     try:
         if path.suffix.lower() == ".exr":
             import OpenEXR
 
             with path.open("rb") as stream:
-                if stream.read(4) != _EXR_MAGIC:  # the library would say so on standard error
+                if stream.read(4) != _EXR_MAGIC:  # the library would report it on standard error
                     return None
             with OpenEXR.File(str(path), header_only=True) as file:
                 return file.header().get(_NOTE)
@@ -87,7 +93,7 @@ def note_of(path: Path) -> str | None:
 
         with Image.open(path, formats=("PNG",)) as image:
             return image.info.get(_NOTE)
-    except Exception:  # the libraries raise what they like at bad files
+    except Exception:  # the libraries raise various exceptions for bad files
         return None
 
 
@@ -99,7 +105,7 @@ def _write_png(rgb: np.ndarray, path: Path, note: str | None) -> None:
     chunks.add(b"sRGB", b"\0")
     if note is not None:
         chunks.add_text(_NOTE, note)
-    # Level 1 takes a third of the time of the default, and 15 % more room.
+    # Level 1 takes a third of the default's time, and its files are 15 % larger.
     Image.fromarray(rgb).save(path, format="PNG", compress_level=1, pnginfo=chunks)
 
 
@@ -112,5 +118,5 @@ def _write_exr(channels: dict[str, np.ndarray], path: Path, note: str | None) ->
     try:
         with OpenEXR.File(header, channels) as file:
             file.write(str(path))
-    except RuntimeError as error:  # what the library makes of errors of the system
+    except RuntimeError as error:  # the library turns system errors into RuntimeError
         raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error

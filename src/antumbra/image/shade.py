@@ -1,6 +1,6 @@
 """Simple shading: diffuse surfaces, light falloff, visibility from the query, and a little ambient light.
 
-Ambient occlusion scales the ambient light; lists of point lights come from `image.point_lights`.
+Ambient occlusion scales the ambient light. `image.point_lights` shades lists of point lights.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -18,18 +18,19 @@ from .irradiance import irradiance
 from .point_lights import list_irradiance
 
 AMBIENT = 0.12
-"""Ambient irradiance as a share of the mean direct irradiance that the seen surfaces would get without shadows."""
+"""Ambient irradiance as a share of the mean unoccluded direct irradiance of the visible surfaces."""
 
 _ONE, _SIDEWAYS = np.float32(1.0), np.float32(0.65)
-"""Share of the ambient light that reaches surfaces that face up, and sideways; those that face down get the least."""
+"""Share of the ambient light for surfaces that face up, and for surfaces that face sideways."""
 
 
 def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray:
-    """What a light gives to each pixel's surface, as `shade` takes it.
+    """Irradiance of each pixel's surface from a light, as `shade` takes it.
 
-    (H, W, 3) float32 of `PointLights`, shadows included; (H, W) float32 of other lights, if nothing were in the way and
-    their intensity 1. Ambient occlusion gives nothing by itself. With ``seen``, of the same G-buffer, what comes from
-    interleaved lists is smoothed.
+    - `PointLights`: (H, W, 3) float32, shadows included. If ``seen`` (of the same G-buffer) is given, the irradiance
+      from interleaved lists is smoothed.
+    - Ambient occlusion: zeros, (H, W) float32.
+    - Other lights: (H, W) float32, unoccluded and for intensity 1.
     """
     if light.domain == "list":
         arrived = list_irradiance(gbuffer, light, query.samples, bits, threads)
@@ -40,22 +41,22 @@ def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray
 
 
 class _Rows(NamedTuple):
-    """What `shade` adds up: pointers to float32, and how many images each has."""
+    """The images that `shade` adds up, as pointers, and their numbers."""
 
-    tints: object  # 3 a light
-    irradiances: object  # of each light (H, W)
-    visibility: object  # of each light (H, W)
-    n: int  # lights
-    skies: object  # of each ambient occlusion (H, W)
+    tints: object  # float32 *, (n, 3): colour times intensity of each light
+    irradiances: object  # float32 *, (n, H, W): unoccluded irradiance of each light
+    visibility: object  # float32 *, (n, H, W): visible fraction of each light
+    n: int  # number of lights
+    skies: object  # float32 *, (n_skies, H, W): visible fraction of each ambient occlusion
     n_skies: int
-    more: object  # of each list of lights (H, W, 3)
+    more: object  # float32 *, (n_more, H, W, 3): irradiance of each list of lights, and indirect irradiance
     n_more: int
-    step: int  # H W
+    step: int  # H W, the number of pixels
 
 
 @inlined
 def _light_row(rows, normal, up, ambient, start, w, sums):
-    """The light of w pixels from pixel `start` on: their reds, greens, blues. LLVM makes vectors of these loops."""
+    """Sum the light of w pixels from pixel `start` on, as their reds, greens, blues. LLVM vectorises these loops."""
     for x in range(w):
         open_sky = _ONE
         for k in range(rows.n_skies):
@@ -78,7 +79,7 @@ def _light_row(rows, normal, up, ambient, start, w, sums):
 
 @kernel
 def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility, ambient, skies, more, image, sums):
-    """Worker: rows of pixels; `sums`: the thread's own memory for the colours of one."""
+    """Worker: shade rows of pixels. `sums` is the thread's own memory for the colours of a row."""
     h, w = face.shape
     rows = _Rows(
         ptr(tints), ptr(irradiances), ptr(visibility), len(tints), ptr(skies), len(skies), ptr(more), len(more), h * w
@@ -99,13 +100,13 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility
 
 
 def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", indirect=None, threads=None) -> np.ndarray:
-    """(H, W, 3) float32 linear radiance of diffuse surfaces; 0 where nothing is seen.
+    """(H, W, 3) float32: linear radiance of diffuse surfaces; 0 where no surface is seen.
 
-    colour : (n, 3) float32, of each face
-    lights : lights; arrived : of each from `arriving`; visibility : (H, W) float32 of each
+    colour : (n, 3) float32, the colour of each face
+    lights : list of lights; arrived : the result of `arriving` for each; visibility : (H, W) float32 for each
     ambient : (3,) float32, from `ambient_light` of the whole picture
-    up : "y" or "z", where most of the ambient light comes from
-    indirect : (H, W, 3) float32, irradiance that comes on top; None: none
+    up : "y" or "z", the axis from which most of the ambient light comes
+    indirect : (H, W, 3) float32, additional irradiance; None: none
     """
     shape, shining = gbuffer.face.shape, _shining(lights)
     irradiances, shadows = (_stack([of[k] for k in shining], shape) for of in (arrived, visibility))
@@ -122,9 +123,10 @@ def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", indirec
 
 
 def ambient_light(gbuffer, lights, arrived) -> np.ndarray:
-    """(3,) float32: the ambient irradiance of a picture, by what arrives on average; see AMBIENT.
+    """(3,) float32: the ambient irradiance of a picture, from the mean irradiance of its surfaces; see AMBIENT.
 
-    Where the lights hold indirect light, there is no other; where they are ambient occlusion only, it is 1.
+    It is 0 if the lights include indirect light. If all lights are ambient occlusion, it is the product of their
+    colours and intensities.
     """
     skies = _tints([light for light in lights if light.domain == "hemisphere"]).prod(0)
     if any(getattr(light, "indirect", False) for light in lights):
@@ -141,7 +143,7 @@ def ambient_light(gbuffer, lights, arrived) -> np.ndarray:
 
 
 def _shining(lights) -> list[int]:
-    """Which lights shine as one, dimmed by their visibility."""
+    """Indices of the lights that shading multiplies by their visibility."""
     return [k for k, light in enumerate(lights) if light.domain not in ("hemisphere", "list")]
 
 
@@ -151,7 +153,7 @@ def _tints(lights) -> np.ndarray:
 
 
 def _stack(images, shape) -> np.ndarray:
-    """(k, *shape) float32, also of none; one is not copied."""
+    """(k, *shape) float32: the images as one array, also if there are none. A single image is not copied."""
     if len(images) == 1:
         return images[0][None]
     return np.stack(images) if images else np.empty((0, *shape), np.float32)

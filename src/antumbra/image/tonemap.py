@@ -1,4 +1,4 @@
-"""From linear light to what a screen shows: exposure, highlight roll-off, sRGB."""
+"""Tone mapping of linear light for a screen: exposure, highlight roll-off, sRGB."""
 
 import math
 from functools import cache
@@ -8,18 +8,18 @@ import numpy as np
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Rec. 709 weights of linear red, green and blue."""
 
-PERCENTILE = 97.0  # of the luminance of the pixels that see something ...
-BRIGHT = 0.75  # ... is shown at this share of white: bright, with room above it for highlights
-SHOULDER = 0.6  # up to here light is shown as it is; above it rolls off softly towards white
+PERCENTILE = 97.0  # automatic exposure maps this percentile of the luminance of pixels that see a surface ...
+BRIGHT = 0.75  # ... to this share of white: bright, with room above it for highlights
+SHOULDER = 0.6  # light below this stays linear; light above it rolls off softly towards white
 
-_TOP = 4.0  # the roll-off is white to 8 bits long before this
+_TOP = 4.0  # end of the table; the roll-off reaches 8-bit white long before it
 _ENTRIES = 1 << 16
-_ENOUGH = 1 << 18  # pixels to judge the light by
-_ROWS = 64  # converted at once, so that temporaries stay in the cache
+_ENOUGH = 1 << 18  # pixels that automatic exposure looks at
+_ROWS = 64  # rows that are converted at a time, so that temporaries stay in the cache
 
 
 def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
-    """The factor that shows a picture bright but not clipped; 1.0 where there is no light at all.
+    """The exposure that makes a picture bright but not clipped; 1.0 if there is no light.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
 
 
 def roll_off(x: np.ndarray) -> np.ndarray:
-    """Linear light >= 0 to [0, 1]: itself up to `SHOULDER`, then ever slower towards 1; smooth to first order."""
+    """Map linear light >= 0 to [0, 1]: unchanged up to `SHOULDER`, then towards 1. The first derivative is continuous."""
     room = 1.0 - SHOULDER
     return np.where(x <= SHOULDER, x, 1.0 - room * np.exp(-np.maximum(x - SHOULDER, 0.0) / room))
 
@@ -52,7 +52,7 @@ def linear_to_srgb(x: np.ndarray) -> np.ndarray:
 def to_srgb8(image: np.ndarray, exposure: float) -> np.ndarray:
     """(H, W, 3) uint8 sRGB of linear light times `exposure`, highlights rolled off.
 
-    NaN and negative light are black. A table of 65536 entries stands for the curve: where that curve is steepest, in
+    NaN and negative light are black. A table of 65536 entries approximates the curve. Where the curve is steepest, in
     black, an entry is a fifth of an 8-bit step.
     """
     out = np.empty(image.shape, np.uint8)

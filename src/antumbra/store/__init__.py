@@ -1,6 +1,7 @@
-"""Scenes in a file of pages: chunks of triangles, each with its BVH. Only chunks that rays reach are in memory.
+"""Stores: scenes larger than memory, in one file of chunks. Only chunks that rays reach are in memory.
 
-- layout, meta, directory: the file to the byte; read, write: with checksums
-- build, columns, spool, sort, chunks, top, palette: from scenes of any size to a file
-- scene, residency, resident: a scene whose chunks come and go within a budget
+- layout, meta, directory: the format of the file
+- read, write: reading and writing the file, with checksums
+- build, columns, spool, sort, chunks, top, palette: building a file from scenes of any size
+- scene, residency, resident: a scene whose chunks are loaded and evicted within a memory budget
 """

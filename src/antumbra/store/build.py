@@ -26,31 +26,31 @@ LEAST_MEMORY = 384 << 20
 MOST_TRIANGLES = 2**31 - 1  # so that an int32 holds their indices
 CHUNK = 65536
 _GROUP = 8  # chunks that are sorted in memory at a time
-_BATCH_BYTES = 640  # of memory for each triangle that is distributed at a time: four times what it takes
-_THREAD_BYTES = 64 << 20  # what building a chunk takes, and writing it
+_BATCH_BYTES = 640  # budget for each triangle that is distributed at a time: four times the memory it takes
+_THREAD_BYTES = 64 << 20  # memory that building and writing a chunk takes
 
 Progress = Callable[[str, int, int], None]
-"""Is told what is being done, how much of it is done, and of how much; 0: nobody knows."""
+"""Called with the name of the step, the number of items done, and their total (0: unknown)."""
 
 
 class BuildReport(NamedTuple):
-    """What came of a build."""
+    """The result of a build."""
 
-    path: Path  # of the store
-    triangles: int  # of all scenes
-    chunks: int  # in which they are
-    bytes: int  # of the file
-    seconds: dict[str, float]  # of the phases "read", "sort", "build" and "finish", and "total"
+    path: Path  # path of the store
+    triangles: int  # number of triangles of all scenes
+    chunks: int  # number of chunks
+    bytes: int  # size of the file
+    seconds: dict[str, float]  # time of the phases "read", "sort", "build" and "finish", and "total"
 
 
 def build_compiled(scenes, path: Path, max_memory=LEAST_MEMORY, threads=1, chunk=CHUNK, progress=None) -> BuildReport:
-    """`rendering.building.build_store` for arguments that have been checked, with kernels that have been compiled."""
+    """`rendering.building.build_store`, after the arguments are checked and the kernels are compiled."""
     with replacing(path) as temporary:
         return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
 
 
 class _Build:
-    """One build, with what all its phases need."""
+    """One build: the settings and clocks that all its phases share."""
 
     def __init__(self, folder: Path, max_memory: int, threads: int, chunk: int, progress: Progress | None):
         self.folder, self.chunk, self.progress = folder, chunk, progress
@@ -73,7 +73,7 @@ class _Build:
             spool.close()
 
     def _spooled(self, scenes: Iterable, spool: Spool) -> dict:
-        """Spool all pieces; name, up, cameras, lights and notes of all scenes."""
+        """Spool all pieces; return the name, up axis, cameras, lights and notes of all scenes."""
         names, ups, cameras, lights, notes = [], set(), [], [], []
         for scene in scenes:
             if not isinstance(scene, Scene | StreamedCity):
@@ -97,7 +97,7 @@ class _Build:
         return {"name": name, "up": ups.pop(), "cameras": cameras, "lights": lights, "notes": tuple(notes)}
 
     def _spool(self, source: Source, spool: Spool) -> None:
-        with closing(source.pieces(0.0)) as pieces:  # processes may be making them
+        with closing(source.pieces(0.0)) as pieces:  # other processes may be making the pieces
             for piece in pieces:
                 spool.add(piece)
                 self._say("reading", spool.survey.n_triangles, 0)
@@ -140,6 +140,6 @@ class _Build:
             self.progress(text, done, total)
 
     def _note(self, phase: str) -> None:
-        """The phase ends now."""
+        """Record the time of a phase that ends now."""
         now = perf_counter()
         self.seconds[phase], self._lap = now - self._lap, now

@@ -1,4 +1,4 @@
-"""Chunks out of sorted triangles: cut along Morton cells, each with a tree of its own."""
+"""Cuts sorted triangles into chunks along Morton cells, and builds a tree for each chunk."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -13,13 +13,14 @@ from .palette import palette_of
 from .sort import Group
 from .write import Encoded, encode_chunk
 
-_TINY = 8  # a chunk has at least an 8th of the triangles that it may have, if a neighbour has room for it
+_TINY = 8  # a chunk with fewer than an 8th of the most triangles joins a neighbour that has room
 
 
 def cut(codes: np.ndarray, most: int) -> list[tuple[int, int]]:
-    """First and last + 1 of the chunks of sorted codes: the largest cells of at most so many triangles.
+    """Cut sorted codes into chunks: the largest Morton cells of at most `most` triangles.
 
-    A tiny cell is joined to one beside it where both together are still small enough.
+    A tiny cell is joined to a neighbour if both together have at most `most` triangles. Each chunk is a pair: the index
+    of its first code, and the index behind its last one.
     """
     chunks: list[tuple[int, int]] = []
     for first, last in cut_top(codes, np.int64(0), most)[1].tolist():
@@ -30,14 +31,14 @@ def cut(codes: np.ndarray, most: int) -> list[tuple[int, int]]:
 
 
 def built(triangles: Columns, which: np.ndarray) -> Encoded:
-    """The chunk of some of the triangles, with a tree by the SAH [Wald 2007]."""
+    """Make the chunk of the triangles `which`, with a tree by binned SAH [Wald 2007]."""
     bvh = binned_sah.build(triangles.corners[which].reshape(-1, 3, 3), 1)
     slots = which[bvh.prim_ids]
     return encode_chunk(bvh._replace(prim_ids=triangles.ids[slots]), *palette_of(triangles.colours[slots]))
 
 
 def chunks_of(groups: Iterable[Group], most: int, threads: int) -> Iterator[Encoded]:
-    """All chunks, in the order of the groups; each is built by one thread, `threads` at a time."""
+    """Yield all chunks, in the order of the groups. One thread builds a chunk; `threads` are built at a time."""
     waiting: deque[Future[Encoded]] = deque()
     with ThreadPoolExecutor(threads) as pool:
         try:

@@ -1,4 +1,4 @@
-"""Triangles on their way into a store: in the recentred frame, in memory or in temporary files."""
+"""Columns of triangles while a store is built, in memory or in temporary files, in the recentred frame."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -15,7 +15,7 @@ from .spool import read_into
 
 
 class Columns(NamedTuple):
-    """Some triangles; rows of the arrays belong together."""
+    """Some triangles. A row of each array belongs to the same triangle."""
 
     corners: np.ndarray  # (n, 9) float32, in the recentred frame
     ids: np.ndarray  # (n,) int32: index in the whole scene
@@ -31,13 +31,13 @@ def empty_columns(n: int) -> Columns:
 
 
 Batches = Callable[[], Iterator[Columns]]
-"""Gives all triangles of something, in ascending order of their ids, some at a time; each time anew."""
+"""Returns a new iterator over batches of all triangles, in ascending order of their ids."""
 
 
 def gathered(pieces: Iterator[Piece], origin: np.ndarray, size: int, threads: int) -> Iterator[Columns]:
-    """The triangles of pieces, none of which has more than `size`, in batches of at most so many.
+    """Yield the triangles of pieces in batches of at most `size`. No piece may have more.
 
-    A batch is good until the next one is asked for.
+    A batch is valid until the next one is taken.
     """
     batch, n, first = empty_columns(size), 0, 0
     for piece in pieces:
@@ -55,15 +55,15 @@ def gathered(pieces: Iterator[Piece], origin: np.ndarray, size: int, threads: in
 
 
 class Buckets:
-    """Triangles in temporary files, in consecutive buckets whose sizes are known beforehand."""
+    """Triangles in temporary files, in consecutive buckets. Their sizes are known beforehand."""
 
     def __init__(self, folder: Path, sizes: np.ndarray):
         self._files = [TemporaryFile(dir=folder) for _ in Columns._fields]  # noqa: SIM115 - closed by `close`
         self._starts = np.cumsum(sizes) - sizes
-        self._ends = self._starts.copy()  # of what has been written
+        self._ends = self._starts.copy()  # end of the triangles that have been written
 
     def add(self, bucket: int, triangles: Columns) -> None:
-        """Write triangles behind those that the bucket has."""
+        """Append triangles to a bucket."""
         at = int(self._ends[bucket])
         for file, column in zip(self._files, triangles):
             file.seek(at * _row_bytes(column))
@@ -71,7 +71,7 @@ class Buckets:
         self._ends[bucket] += len(triangles.ids)
 
     def batches(self, bucket: int, size: int) -> Iterator[Columns]:
-        """The triangles of a bucket in the order in which they were written, at most `size` at a time."""
+        """Yield the triangles of a bucket in the order in which they were written, at most `size` at a time."""
         end = int(self._ends[bucket])
         for first in range(int(self._starts[bucket]), end, size):
             batch = empty_columns(min(size, end - first))
@@ -81,9 +81,9 @@ class Buckets:
             yield batch
 
     def close(self) -> None:
-        """Drop the files and give back their room on the disk."""
+        """Delete the files."""
         for file in self._files:
-            with suppress(OSError):  # what is not yet written need not be, if there is no room for it
+            with suppress(OSError):  # buffered data is not needed any more, so a full disk does not matter
                 file.close()
 
 

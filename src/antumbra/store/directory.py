@@ -1,4 +1,4 @@
-"""The end of a store: what stays in memory while it is open."""
+"""The directory at the end of a store. It stays in memory while the store is open."""
 
 from typing import NamedTuple
 
@@ -11,22 +11,22 @@ from .top import Top
 
 
 class Directory(NamedTuple):
-    """What is in it."""
+    """The contents of the directory."""
 
-    meta: Meta
-    chunks: Chunks
-    top: Top
+    meta: Meta  # the scene, besides its triangles
+    chunks: Chunks  # the table of all chunks
+    top: Top  # the tree over the chunks
 
 
 def encode(table: np.ndarray, top: Top, meta: Meta) -> bytes:
-    """Its bytes, filled up to a whole page; `table` is (k,) TABLE."""
+    """The bytes of a directory, filled up with zeros to a whole page; `table` is (k,) TABLE."""
     told = as_json(meta)
     data = COUNTS.pack(len(table), len(top.nodes), len(told)) + table.tobytes() + top.nodes.tobytes() + told
     return data.ljust(pages(len(data)), b"\0")
 
 
 def decode(data: bytes) -> Directory:
-    """What `encode` was given."""
+    """The directory from the bytes that `encode` returned."""
     k, m, length = COUNTS.unpack_from(data)
     table = np.frombuffer(data, TABLE, k, COUNTS.size)
     chunks = Chunks(*(np.ascontiguousarray(table[name]) for name in Chunks._fields))

@@ -1,13 +1,13 @@
-"""The file of a store, version 1: where everything stands, to the byte. All numbers are little-endian.
+"""The file format of a store, version 1. All numbers are little-endian.
 
 ::
 
-    header      one page of 4096 bytes: `HEADER`, zeros, and the CRC-32 of all that in the last four bytes
+    header      one page of 4096 bytes: `HEADER`, zeros, and the CRC-32 of all this in the last four bytes
     chunks      each begins on a page: nodes, corners, prim_ids, palette, index, zeros up to the next page
     directory   begins on a page: `COUNTS`, a `TABLE` row for each chunk, the top tree's nodes, metadata (JSON), zeros
 
-CRC-32 sums run over zeros too, so a byte that changes anywhere is found. The header is written last: a file whose
-writing was interrupted begins with zeros.
+CRC-32 sums include the zeros, so they find a changed byte anywhere. The header is written last. So a file whose writing
+was interrupted begins with zeros.
 """
 
 import struct
@@ -23,10 +23,10 @@ MAGIC = b"ANTUMBRA"
 VERSION = 1
 COMPLETE = 1
 HEADER = struct.Struct("<8sIIQQQI")
-"""Magic, version, COMPLETE, size of the file, where the directory begins, its bytes, its CRC-32."""
-HEADER_CRC = PAGE - 4  # where the header's own CRC-32 stands, in every version
+"""Magic, version, COMPLETE, size of the file, and the directory's offset, size and CRC-32."""
+HEADER_CRC = PAGE - 4  # offset of the header's own CRC-32, in every version
 COUNTS = struct.Struct("<QQQ")
-"""Chunks, nodes of the top tree, bytes of metadata."""
+"""Numbers of chunks, of nodes of the top tree, and of bytes of metadata."""
 
 TABLE = np.dtype(
     [
@@ -40,53 +40,53 @@ TABLE = np.dtype(
         ("root", "<f4", 16),
     ]
 )
-"""A row of the directory; `Chunks` says what the words mean."""
+"""A row of the directory; see `Chunks` for the fields."""
 
 
 class Chunks(NamedTuple):
-    """The chunks of a store, all in memory."""
+    """The table of all chunks of a store, a column for each field. It is always in memory."""
 
-    offset: np.ndarray  # (k,) int64: where each begins in the file, a multiple of PAGE
-    bytes: np.ndarray  # (k,) int64: its length with the zeros behind it, a multiple of PAGE
-    triangles: np.ndarray  # (k,) int64
-    nodes: np.ndarray  # (k,) int64: of its BVH
-    colours: np.ndarray  # (k,) int64: rows of its palette
-    crc: np.ndarray  # (k,) uint32: CRC-32 of all its bytes
-    box: np.ndarray  # (k, 6) float32: lowest, then highest corner; the exact bounds of its triangles
-    root: np.ndarray  # (k, 16) float32: a copy of its root node
+    offset: np.ndarray  # (k,) int64: where the chunk begins in the file, a multiple of PAGE
+    bytes: np.ndarray  # (k,) int64: length of the chunk with its padding, a multiple of PAGE
+    triangles: np.ndarray  # (k,) int64: number of triangles
+    nodes: np.ndarray  # (k,) int64: number of nodes of the chunk's BVH
+    colours: np.ndarray  # (k,) int64: number of rows of the chunk's palette
+    crc: np.ndarray  # (k,) uint32: CRC-32 of all bytes of the chunk
+    box: np.ndarray  # (k, 6) float32: lower, then upper corner; the exact bounds of the chunk's triangles
+    root: np.ndarray  # (k, 16) float32: a copy of the chunk's root node
 
 
 class Chunk(NamedTuple):
-    """A chunk of a scene: views on the file, which must not be written to."""
+    """A chunk of a scene: read-only views of the file."""
 
-    bvh: Bvh  # of its triangles; prim_ids are indices in the whole scene
+    bvh: Bvh  # BVH of the chunk's triangles; prim_ids are indices in the whole scene
     palette: np.ndarray  # (p, 3) float32: the base colours that occur, each once
     index: np.ndarray  # (n,) uint8, uint16 or uint32: slot -> row of the palette
 
 
 class Place(NamedTuple):
-    """Where the arrays of a chunk begin and end, in bytes from its first."""
+    """Offsets of a chunk's arrays, in bytes from the chunk's first byte. An array ends where the next one begins."""
 
     nodes: int
     corners: int
     prim_ids: int
     palette: int
     index: int
-    end: int  # without the zeros behind it
+    end: int  # end of the index, without the padding
 
 
 def pages(n_bytes: int) -> int:
-    """The bytes of as many whole pages as `n_bytes` need."""
+    """`n_bytes`, rounded up to whole pages."""
     return -(-n_bytes // PAGE) * PAGE
 
 
 def index_dtype(colours: int) -> np.dtype:
-    """Of the index into a palette of so many rows."""
+    """The dtype of an index into a palette of `colours` rows."""
     return np.dtype("u1" if colours <= 1 << 8 else "<u2" if colours <= 1 << 16 else "<u4")
 
 
 def places(triangles: int, nodes: int, colours: int) -> Place:
-    """The places of a chunk's arrays."""
+    """The offsets of a chunk's arrays."""
     corners = 64 * nodes
     prim_ids = corners + 36 * triangles
     palette = prim_ids + 4 * triangles
@@ -95,7 +95,7 @@ def places(triangles: int, nodes: int, colours: int) -> Place:
 
 
 def views(data: np.ndarray, triangles: int, nodes: int, colours: int) -> Chunk:
-    """The arrays of a chunk in its bytes, (m,) uint8."""
+    """The arrays of a chunk as views of its bytes, (m,) uint8."""
     at = places(triangles, nodes, colours)
     lines = data[at.nodes : at.corners]
     bvh = Bvh(

@@ -1,4 +1,4 @@
-"""What a store knows of its scene besides triangles, as JSON. Floats are written so that they come back to the bit."""
+"""The metadata of a store: the scene without its triangles, as JSON. Floats survive it bit for bit."""
 
 import json
 from dataclasses import fields
@@ -15,18 +15,18 @@ _CAMERA = ("position", "target", "up", "vfov", "width", "height")
 
 
 class Meta(NamedTuple):
-    """The scene of a store."""
+    """The scene of a store, without its triangles."""
 
-    name: str
+    name: str  # name of the scene
     up: str  # "y" or "z"
     n_triangles: int
-    bounds: np.ndarray  # (2, 3) float64, world
-    origin: np.ndarray  # (3,) float64, world position of the frame's zero
+    bounds: np.ndarray  # (2, 3) float64, world space
+    origin: np.ndarray  # (3,) float64: origin of the recentred frame, in world space
     box: np.ndarray  # (2, 3) float32: exact bounds of all vertices in the recentred frame
     cameras: list[Camera]
     lights: list[Light]
-    notes: tuple[str, ...]  # what the loaders of its sources noted
-    built: dict  # how it was built: names and values
+    notes: tuple[str, ...]  # notes of the loaders that read the sources
+    built: dict  # how the store was built: names and values
 
 
 def as_json(meta: Meta) -> bytes:
@@ -60,6 +60,6 @@ def _light_fields(light: Light) -> dict:
 def _light(values: dict) -> Light:
     name, values["colour"] = values.pop("type"), tuple(values["colour"])
     light = PointLights(**values) if name == PointLights.__name__ else getattr(lights_module, name)(**values)
-    for key, value in values.items():  # a direction that is made unit once more could change its last bit
+    for key, value in values.items():  # overwrite: normalising a direction again could change its last bit
         object.__setattr__(light, key, np.array(value) if isinstance(getattr(light, key), np.ndarray) else value)
     return light

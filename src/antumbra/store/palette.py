@@ -1,4 +1,4 @@
-"""Colours of triangles as rows of a palette: most scenes have few, so a byte for each triangle will do."""
+"""Palettes: colours of triangles as indices of rows. Most scenes have few colours, so an index takes a byte."""
 
 import numpy as np
 
@@ -9,9 +9,9 @@ _NONE = np.int32(-1)
 
 @kernel
 def _index(colours, table, palette, index):
-    """Fill the palette with the colours that occur, in the order they do, and the index; how many there are.
+    """Fill the palette with the colours, in order of occurrence, and fill the index. Return the number of colours.
 
-    `colours` is (n, 3) int32, the bits; `table` (2**b,) int32, of -1: a hash table of more than n rows.
+    `colours` is (n, 3) int32, the bits of float32. `table` is (2**b,) int32, all -1: a hash table of more than n rows.
     """
     last, n = np.int64(len(table) - 1), 0
     for i in range(len(colours)):
@@ -32,7 +32,7 @@ def _index(colours, table, palette, index):
 
 
 def palette_of(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(palette, index) of colours, (n, 3) float32: each of them is ``palette[index]`` to the bit."""
+    """(palette, index) of colours, (n, 3) float32. ``palette[index]`` equals the colours bit for bit."""
     n = len(colours)
     bits = np.ascontiguousarray(colours, np.float32).view(np.int32)
     table = np.full(1 << (2 * n).bit_length(), _NONE)

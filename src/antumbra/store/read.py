@@ -1,4 +1,4 @@
-"""Opening a store. Its chunks are views on the memory-mapped file: the system reads pages when they are touched."""
+"""Opens a store. Chunks are views of the memory-mapped file; the system reads a page when it is first touched."""
 
 import mmap
 import zlib
@@ -17,18 +17,18 @@ _AGAIN = "copy the file again, or build it again"
 class _Mapping:
     """A file's bytes as an array that keeps the mapping alive.
 
-    The array claims to be writable, though the pages are not: to Numba a read-only array has another type, for which
-    every kernel would be compiled once more.
+    The array claims to be writable, though the pages are not. In Numba a read-only array has another type, so every
+    kernel would be compiled again for it.
     """
 
     def __init__(self, mapped: mmap.mmap):
-        self._export = memoryview(mapped)  # as long as it lives, the mapping cannot be closed
+        self._export = memoryview(mapped)  # keeps the mapping from being closed
         address = np.frombuffer(mapped, np.uint8).ctypes.data
         self.__array_interface__ = {"version": 3, "shape": (len(mapped),), "typestr": "|u1", "data": (address, False)}
 
 
 class Store:
-    """A store that is open for reading. Many processes and threads may read one at the same time.
+    """A store that is open for reading. Many processes and threads may read a store at the same time.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Store:
     meta : Meta
     chunks : Chunks
     top : Top
-        The tree over the chunks, in memory as `chunks` is.
+        The tree over the chunks. It is in memory, like `chunks`.
     """
 
     def __init__(self, path: Path, mapped: mmap.mmap, directory: Directory):
@@ -53,12 +53,12 @@ class Store:
         return len(self.chunks.offset)
 
     def chunk(self, k: int) -> Chunk:
-        """Chunk `k` as views on the file; nothing is read or checked yet. They stay good after `close`."""
+        """Chunk `k` as views of the file. This reads and checks nothing. The views stay valid after `close`."""
         c = self.chunks
         return views(self._bytes(k), int(c.triangles[k]), int(c.nodes[k]), int(c.colours[k]))
 
     def check(self, k: int) -> None:
-        """InputError, naming the file and the chunk, if a byte of chunk `k` has changed. Reads all its pages."""
+        """Raise an InputError that names the file and chunk `k` if a byte has changed. Reads all pages of the chunk."""
         if zlib.crc32(self._bytes(k)) != self.chunks.crc[k]:
             first, end = int(self.chunks.offset[k]), int(self.chunks.offset[k] + self.chunks.bytes[k])
             raise InputError(
@@ -66,7 +66,7 @@ class Store:
             )
 
     def release(self, k: int) -> None:
-        """Give back the memory of chunk `k`'s pages; its views stay good, and touching them reads the file again."""
+        """Release the memory of chunk `k`'s pages. Its views stay valid; touching them reads the file again."""
         if self._mapped is None or not hasattr(mmap, "MADV_DONTNEED"):
             return
         first = int(self.chunks.offset[k])
@@ -76,7 +76,7 @@ class Store:
             self._mapped.madvise(mmap.MADV_DONTNEED, first, end - first)
 
     def close(self) -> None:
-        """Let go of the file; it stays mapped as long as there are views of chunks."""
+        """Close the file. It stays mapped as long as there are views of chunks."""
         self._mapped = None
         self._data = np.empty(0, np.uint8)
 
@@ -96,13 +96,13 @@ class Store:
 
 
 def open_store(path) -> Store:
-    """Open a store: its header and its directory are read and checked, its chunks are not touched.
+    """Open a store. This reads and checks its header and its directory, and touches no chunk.
 
     Raises
     ------
     InputError
-        Where there is no such file, or it is no store, was never finished, is of another version, is cut short, or
-        has a damaged header or directory.
+        If the file is missing, is no store, has another version, or its build was not finished. Also if it is cut
+        short, or if its header or directory is damaged.
     """
     path = Path(path)
     checked_file(path, path.name or str(path))
@@ -116,7 +116,7 @@ def open_store(path) -> Store:
 
 
 def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:
-    """Where the directory begins, its bytes and its CRC-32; InputError unless the file is whole."""
+    """Offset, size and CRC-32 of the directory; InputError unless the file is complete."""
     if not any(header[: len(MAGIC)]):
         raise InputError(f"{name}: its build was not finished; build it again")
     if not header.startswith(MAGIC):

@@ -1,7 +1,7 @@
-"""Which chunks of a store are in memory: as many as a budget allows, those of the last frames first.
+"""Keeps chunks of a store in memory, as many as a budget allows.
 
-[Mattausch et al. 2015, Sec. 5.4] trace what is cached first, and overwrite the cache round robin. Here the chunk goes
-that has not been used for longest (or round robin, to compare), and while the cached ones are traced a thread reads the
+[Mattausch et al. 2015, Sec. 5.4] trace the cached chunks first, and overwrite the cache round robin. This module evicts
+the least recently used chunk (or round robin, for comparison). While the cached chunks are traced, threads read the
 others.
 """
 
@@ -19,26 +19,26 @@ from ..trace.forest import ADDRESSES, addresses
 from .read import Store
 
 POLICIES = "lru", "round-robin"
-_READERS = 2  # threads: while nothing can be traced they have all cores
-_GROUP = 16  # chunks that are traced together, if so many are coming: what is behind them need not be read
-_IN_BLOCK = 6  # triangles, fewer than there are in all trees that were looked at
-_BLOCK_BYTES = 4 * 16 * (ROWS + 2) + 64  # of memory for a block: rows, bounds, slots, and a node
+_READERS = 2  # reading threads; while nothing can be traced they have all cores
+_GROUP = 16  # chunks to wait for and trace together: rays that they block need no chunks behind them
+_IN_BLOCK = 6  # triangles in a block, a low estimate: every tree that was examined has more
+_BLOCK_BYTES = 4 * 16 * (ROWS + 2) + 64  # memory for a block: rows, bounds, slots, and a node
 
 
 class Paging(NamedTuple):
-    """What has come and gone."""
+    """Counts of chunks that were requested and read."""
 
-    wanted: int  # chunks, each once for each time that it was wanted
-    cached: int  # how many of them were in memory
+    wanted: int  # requests for chunks
+    cached: int  # requests for chunks that were in memory
     loaded: int  # chunks read
-    bytes: int  # of the file read
+    bytes: int  # bytes of the file read
 
 
 class Resident(NamedTuple):
     """A chunk in memory."""
 
     tree: BlockTree
-    bytes: int  # of memory, at most
+    bytes: int  # upper bound of the memory that the chunk takes
 
 
 class Residency:
@@ -46,8 +46,9 @@ class Residency:
 
     store : Store
     budget : int
-        Bytes of chunks that may be in memory; can be changed between frames.
+        Most bytes of chunks in memory. It can be changed between frames.
     policy : "lru" or "round-robin"
+        Which chunk is evicted first.
     """
 
     def __init__(self, store: Store, budget: int, policy: str = "lru"):
@@ -56,7 +57,7 @@ class Residency:
         self.store, self.budget, self.policy = store, budget, policy
         self.trees = np.zeros((len(store), ADDRESSES), np.int64)
         self.paging = Paging(0, 0, 0, 0)
-        self._chunks: OrderedDict[int, Resident] = OrderedDict()  # the next one to go first
+        self._chunks: OrderedDict[int, Resident] = OrderedDict()  # the next chunk to evict comes first
         self._used = self._coming = 0
         self._pinned: set[int] = set()
         self._checked = np.zeros(len(store), np.bool_)
@@ -71,24 +72,24 @@ class Residency:
         return self._used
 
     def most_of(self, k: int) -> int:
-        """Bytes of memory that chunk `k` will take, or rather less: what is made of it, and its pages."""
+        """Upper bound, in bytes, of the memory for chunk `k`: its block tree and its pages."""
         blocks = int(self.store.chunks.triangles[k]) // _IN_BLOCK + 1
         return blocks * _BLOCK_BYTES + self._pages(k)
 
     def _pages(self, k: int) -> int:
-        """Bytes of chunk `k`'s pages but for its nodes, which are copied."""
+        """Bytes of chunk `k`'s pages without its nodes, which are copied."""
         return int(self.store.chunks.bytes[k]) - 64 * int(self.store.chunks.nodes[k])
 
     def least_budget(self) -> int:
-        """The smallest budget: two chunks, one to be traced and one to be read."""
+        """The smallest budget: two chunks, so that one is traced while another is read."""
         k = int(np.argmax(self.store.chunks.triangles))
         return 2 * self.most_of(k)
 
     def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Generator[np.ndarray, None, None]:
-        """Groups of these chunks, those that are in memory first.
+        """Yield groups of the chunks `parts`. Chunks in memory come first.
 
-        A group's trees stay until the next one is asked for. `still` says of some chunks, before they are read, which
-        are still wanted; the others are left out.
+        A group's trees stay in memory until the next group is taken. Before chunks are read, `still` returns a mask of
+        the chunks that are still needed. The others are left out.
         """
         here = [k for k in parts.tolist() if k in self._chunks]
         missing = deque(k for k in parts.tolist() if k not in self._chunks)
@@ -113,18 +114,18 @@ class Residency:
             self._abandon(coming)
 
     def trim(self) -> None:
-        """Let chunks go until the budget is kept."""
+        """Evict chunks until the budget is kept."""
         while self._chunks and self._used > self.budget:
             self._evict(next(iter(self._chunks)))
 
     def close(self) -> None:
-        """Let all chunks go, and the thread that reads."""
+        """Evict all chunks and stop the reading threads."""
         self._reader.shutdown()
         for k in list(self._chunks):
             self._evict(k)
 
     def _request(self, missing: deque, coming: deque) -> None:
-        """Have as many chunks read as there is room for; at least one if none is coming."""
+        """Start reading as many chunks as there is room for; at least one if none is in memory or being read."""
         while missing and (self._make_room(self.most_of(missing[0])) or not (coming or self._pinned)):
             k = missing.popleft()
             self._coming += self.most_of(k)
@@ -140,17 +141,17 @@ class Residency:
         return free >= size
 
     def _read(self, k: int) -> Resident:
-        """Make the tree of a chunk; runs in the reader's thread."""
+        """Make the tree of a chunk; runs in a reading thread."""
         if not self._checked[k]:
             self.store.check(k)
             self._checked[k] = True
         chunk = self.store.chunk(k)
         tree, size = _apart(block_tree(chunk.bvh, 1))
-        self.store.release(k)  # of what is left only a little is looked at
+        self.store.release(k)  # tracing touches few of the remaining pages
         return Resident(tree, size + self._pages(k))
 
     def _arrived(self, coming: deque) -> list[int]:
-        """Wait for the next chunks; they, and all others that are there already."""
+        """Wait for the next `_GROUP` chunks; return them and all that follow and are read already."""
         group = []
         while coming and (len(group) < _GROUP or coming[0][1].done()):
             k, future = coming.popleft()
@@ -167,7 +168,7 @@ class Residency:
         self._note(loaded=1, bytes=int(self.store.chunks.bytes[k]))
 
     def _abandon(self, coming: deque) -> None:
-        """After an error or an interruption: what is being read is waited for, and the rest not read."""
+        """After an error or an interruption, wait for chunks that are being read, and cancel the others."""
         for k, future in coming:
             future.cancel()
             self._coming -= self.most_of(k)
@@ -188,15 +189,16 @@ class Residency:
 
 
 def _still(missing: deque, still: Callable[[np.ndarray], np.ndarray]) -> deque:
-    """Those of some chunks that are still wanted."""
+    """The chunks of `missing` that are still needed."""
     chunks = np.array(missing, np.int64)
     return deque(chunks[still(chunks)].tolist() if len(chunks) else [])
 
 
 def _apart(tree: BlockTree) -> tuple[BlockTree, int]:
-    """(the tree in memory of its own, that goes back to the system when nobody holds it; bytes of that).
+    """Copy a tree to memory of its own; return the copy and the bytes of that memory.
 
-    Memory that is freed in small pieces would stay with the process, for which the next chunk is of another size.
+    The system gets this memory back when nothing refers to it. The process would keep memory that is freed in small
+    pieces, because the next chunk has another size.
     """
     made = {name: getattr(tree, name) for name in ("nodes", "blocks", "bounds", "slots")}
     places = np.concatenate([[0], np.cumsum([-(-a.nbytes // 64) * 64 for a in made.values()])])

@@ -1,11 +1,11 @@
-"""How much memory a process has had."""
+"""The memory of this process."""
 
 import mmap
 import sys
 
 
 def peak_resident() -> int | None:
-    """Bytes that this process had in memory at its peak, its own and those of mapped files; None: nobody knows."""
+    """Peak resident memory of this process in bytes, mapped files included; None if unknown."""
     try:
         import resource
     except ImportError:  # Windows
@@ -15,7 +15,7 @@ def peak_resident() -> int | None:
 
 
 def resident() -> int:
-    """Bytes that this process has in memory now; its peak where the system does not say."""
+    """Resident memory of this process in bytes; its peak where the system does not report it."""
     try:
         with open("/proc/self/statm") as stream:
             return int(stream.read().split()[1]) * mmap.PAGESIZE

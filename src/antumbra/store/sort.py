@@ -1,9 +1,9 @@
-"""Triangles in the order of their Morton codes, however many there are.
+"""Sorts any number of triangles by their Morton codes.
 
-What does not fit in memory is distributed by the leading bits of the codes. They are counted first, so that each part
-is the largest cell (all codes with the same first bits) with few enough triangles, and its place in the files is known.
-A cell that is still too large is distributed by its next bits. How the triangles are cut in groups depends on them
-alone, not on how much memory there is.
+If the triangles do not fit in memory, they are distributed to buckets in files, by the leading bits of their codes.
+These bits are counted first, so the place of each bucket in the files is known. A cell is all codes with the same first
+bits. A bucket is the largest cell with few enough triangles. A cell that is still too large is distributed by its next
+bits. The triangles alone decide the groups; the amount of memory does not.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,30 +20,30 @@ from .columns import Batches, Buckets, Columns, empty_columns
 
 AXIS_BITS = 21
 CODE_BITS = 3 * AXIS_BITS
-_LEVEL_BITS = 21  # counted at a time: 128 cells along each axis
+_LEVEL_BITS = 21  # bits that are counted at a time: 128 cells along each axis
 
 
 class Group(NamedTuple):
-    """Some triangles that are next to each other in the order of the codes."""
+    """Triangles with consecutive codes."""
 
     triangles: Columns
     codes: np.ndarray  # (n,) int64, ascending
-    order: np.ndarray  # (n,) int32: which of the triangles has each code
+    order: np.ndarray  # (n,) int32: the index of each code's triangle
 
 
 class Sorting(NamedTuple):
-    """What all of a sort has in common."""
+    """The settings of a sort."""
 
     grid: Grid
-    folder: Path  # of temporary files
-    most: int  # triangles in a group
+    folder: Path  # folder of temporary files
+    most: int  # most triangles in a group
     batch: int  # triangles that are distributed at a time
     threads: int
-    heard: Callable[[int], None]  # is told how many triangles have just been counted or distributed
+    heard: Callable[[int], None]  # called with the number of triangles just counted or distributed
 
 
 def grid_over(box: np.ndarray) -> Grid:
-    """The grid of the codes over the bounds of all vertices, (2, 3) float32."""
+    """The Morton grid over the bounds of all vertices, (2, 3) float32."""
     lower, upper = box.astype(np.float64)
     extent = (upper - lower).max()
     factor = np.float32(2.0**AXIS_BITS / (2.0 * extent)) if extent > 0.0 else np.float32(0.0)
@@ -52,10 +52,10 @@ def grid_over(box: np.ndarray) -> Grid:
 
 
 def groups(sorting: Sorting, batches: Batches, n: int, done: Callable[[], None], used: int = 0) -> Iterator[Group]:
-    """All of `n` triangles in groups, which come, and are in themselves, in the order of their codes.
+    """Yield `n` triangles in groups. The groups, and the triangles of each group, are in the order of their codes.
 
-    Triangles of equal codes keep their order. `done` is called when the batches are not needed any more; `used`: the
-    first bits of the codes, which all these triangles share.
+    Triangles of equal codes keep their order. `done` is called when the batches are not needed any more. `used` is the
+    number of leading bits that the codes of all these triangles share.
     """
     if n <= sorting.most or used == CODE_BITS:
         for batch in [_joined(batches(), n)] if n <= sorting.most else batches():
@@ -79,7 +79,7 @@ def groups(sorting: Sorting, batches: Batches, n: int, done: Callable[[], None],
 
 
 def _joined(batches: Iterator[Columns], n: int) -> Columns:
-    """All of a few triangles at once."""
+    """All batches of `n` triangles as one."""
     whole, at = empty_columns(n), 0
     for batch in batches:
         if len(batch.ids) == n:
@@ -104,7 +104,7 @@ def _sorted(sorting: Sorting, triangles: Columns) -> Group:
 
 
 def _counted(sorting: Sorting, batches: Batches, shift: int) -> np.ndarray:
-    """(2 ** _LEVEL_BITS,) int64: how many triangles each cell has."""
+    """(2 ** _LEVEL_BITS,) int64: the number of triangles of each cell."""
     counts = np.zeros(1 << _LEVEL_BITS, np.int64)
     for batch in batches():
         codes, _ = _codes(sorting, batch.corners)
@@ -114,7 +114,10 @@ def _counted(sorting: Sorting, batches: Batches, shift: int) -> np.ndarray:
 
 
 def _cells(counts: np.ndarray, most: int) -> list[tuple[int, int]]:
-    """First and last + 1 of the largest cells with at most so many triangles, or of one that has more, in order."""
+    """The largest cells with at most `most` triangles, and the smallest cells that have more, in order.
+
+    Each is a pair of indices in `counts`: the first, and the one behind the last.
+    """
     before = np.concatenate([[0], np.cumsum(counts)])
     waiting, found = [(0, len(counts))], []
     while waiting:
@@ -129,7 +132,7 @@ def _cells(counts: np.ndarray, most: int) -> list[tuple[int, int]]:
 
 
 def _distribute(sorting: Sorting, batches: Batches, shift: int, cells: list[tuple[int, int]], buckets: Buckets):
-    """Write each triangle to the bucket of its cell; the bits above the cells' are the same in all codes."""
+    """Write each triangle to the bucket of its cell. All codes have the same bits above those of the cells."""
     n_cells = 1 << _LEVEL_BITS
     bucket_of = np.zeros(n_cells, np.uint16 if len(cells) <= 1 << 16 else np.int32)  # 16 bits sort fast
     for k, (first, last) in enumerate(cells):

@@ -1,4 +1,4 @@
-"""The pieces of scenes in a temporary file, in the precision they came in, until the whole is known."""
+"""Spools the pieces of scenes to a temporary file, in their own precision, until all pieces are known."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,11 +14,11 @@ from .layout import index_dtype
 from .palette import palette_of
 
 MOST = 1 << 18
-"""Faces of a piece in the spool, at most."""
+"""The most faces of a piece in the spool."""
 
 
 class _Array(NamedTuple):
-    """Where an array stands."""
+    """An array in the file."""
 
     offset: int
     shape: tuple[int, ...]
@@ -30,12 +30,15 @@ class _Spooled(NamedTuple):
 
     vertices: _Array
     faces: _Array | None
-    colour: tuple[_Array, _Array | None]  # palette, and which row each face has; None: the palette is the colour
+    colour: tuple[_Array, _Array | None]  # palette, and the row of each face; None: the palette is the colour itself
     where: str
 
 
 class Spool:
-    """Pieces of a moment at which none is on its way, in order, in a file without a name; and their survey."""
+    """Pieces in order, in a temporary file without a name, and their survey.
+
+    Read them only when no piece is being added.
+    """
 
     def __init__(self, folder: Path, file: str):
         self.survey = Survey(file)
@@ -43,13 +46,13 @@ class Spool:
         self._pieces: list[_Spooled] = []
 
     def add(self, piece: Piece) -> None:
-        """Write a piece, cut where it is large."""
+        """Write a piece; a large piece is split."""
         self.survey.add(piece)
         for part in _parts(piece, MOST):
             self._pieces.append(self._written(part))
 
     def pieces(self) -> Iterator[Piece]:
-        """All pieces; those that were cut come cut."""
+        """Yield all pieces; large ones stay split."""
         self._stream.flush()
         for vertices, faces, (palette, index), where in self._pieces:
             colour = self._read(palette)
@@ -58,8 +61,8 @@ class Spool:
             yield Piece(self._read(vertices), None if faces is None else self._read(faces), colour, where)
 
     def close(self) -> None:
-        """Drop the file and give back its room on the disk."""
-        with suppress(OSError):  # what is not yet written need not be, if there is no room for it
+        """Delete the file."""
+        with suppress(OSError):  # buffered data is not needed any more, so a full disk does not matter
             self._stream.close()
 
     def _written(self, piece: Piece) -> _Spooled:
@@ -85,13 +88,13 @@ class Spool:
 
 
 def read_into(stream, array: np.ndarray) -> None:
-    """Fill a C-contiguous array from a stream; OSError if there is too little."""
+    """Fill a C-contiguous array from a stream; OSError if the stream is too short."""
     if stream.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
         raise OSError("a temporary file has lost its end")
 
 
 def _parts(piece: Piece, most: int) -> Iterator[Piece]:
-    """A piece as pieces of at most so many faces, which come in the same order."""
+    """Split a piece into pieces of at most `most` faces; faces keep their order."""
     copies, n = len(piece.vertices), faces_of(piece)
     if n == 0:
         return
@@ -106,7 +109,7 @@ def _parts(piece: Piece, most: int) -> Iterator[Piece]:
 
 
 def _run(piece: Piece, copy: int, first: int, last: int) -> Piece:
-    """Some faces of a copy, with the vertices that they use."""
+    """Faces `first` to `last` - 1 of a copy, with the vertices that they use."""
     vertices, colour = piece.vertices[copy], piece.colour
     if colour.ndim > 1:
         colour = colour[first:last]

@@ -1,4 +1,4 @@
-"""The tree over the chunks, which stays in memory."""
+"""The top tree, over the chunks. It stays in memory."""
 
 from typing import NamedTuple
 
@@ -10,17 +10,17 @@ from ..bvh.reinsertion import reinsert
 
 
 class Top(NamedTuple):
-    """A tree whose leaves are chunks: nodes as in `Bvh`, but a link < 0 is ``~(8 * chunk)``, or EMPTY."""
+    """A tree whose leaves are chunks. Nodes are as in `Bvh`, but a link < 0 is ``~(8 * chunk)``, or EMPTY."""
 
     nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
     links: np.ndarray  # (m, 16) int32, the same memory
 
 
 def top_tree(boxes: np.ndarray, threads: int) -> Top:
-    """The tree over boxes of chunks, (k, 6) float32: by the SAH, then by insertion-based optimisation
+    """Build the tree over boxes of chunks, (k, 6) float32: binned SAH, then insertion-based optimisation
     [Bittner et al. 2013].
 
-    Builders take triangles, so a box becomes the triangle without area that has just these bounds.
+    Builders take triangles. So each box becomes a triangle without area that has the same bounds.
     """
     lower, upper = boxes[:, :3], boxes[:, 3:]
     bvh = binned_sah.build(np.stack([lower, upper, lower], axis=1), threads, max_leaf=1)

@@ -1,4 +1,4 @@
-"""Writing a store: chunks one after the other, then the directory, then the header."""
+"""Writes a store: the chunks one after the other, then the directory, then the header."""
 
 import os
 import zlib
@@ -14,16 +14,16 @@ from .top import Top
 
 
 class Encoded(NamedTuple):
-    """A chunk as it stands in the file."""
+    """A chunk as bytes of the file."""
 
     data: np.ndarray  # (bytes,) uint8
-    row: np.ndarray  # () TABLE, but for the offset
+    row: np.ndarray  # () TABLE: the chunk's row of the directory; the writer sets the offset
 
 
 def encode_chunk(bvh: Bvh, palette: np.ndarray, index: np.ndarray) -> Encoded:
-    """The bytes of a chunk: a BVH whose prim_ids count in the whole scene, and its slots' colours.
+    """Encode a chunk: a BVH and the colours of its slots. Its prim_ids are indices in the whole scene.
 
-    `palette` is (p, 3) float32, `index` (n,) of any integer type.
+    `palette` is (p, 3) float32, `index` is (n,) of any integer type.
     """
     n, m, p = len(bvh.prim_ids), len(bvh.nodes), len(palette)
     data = np.zeros(pages(places(n, m, p).end), np.uint8)
@@ -38,12 +38,12 @@ def encode_chunk(bvh: Bvh, palette: np.ndarray, index: np.ndarray) -> Encoded:
 
 
 class Writer:
-    """Writes a store to a file that is open for writing and empty."""
+    """Writes a store to an empty file that is open for writing."""
 
     def __init__(self, stream: BinaryIO):
         self._stream, self._end = stream, PAGE
         self._rows: list[np.ndarray] = []
-        stream.seek(PAGE)  # the header is zeros until the end
+        stream.seek(PAGE)  # the header stays zeros until `finish`
 
     def add(self, chunk: Encoded) -> None:
         """Write the next chunk."""
@@ -54,11 +54,11 @@ class Writer:
 
     @property
     def table(self) -> np.ndarray:
-        """The directory's rows of all chunks so far, (k,) TABLE."""
+        """(k,) TABLE: the directory's rows of all chunks so far."""
         return np.stack(self._rows)
 
     def finish(self, top: Top, meta: Meta) -> int:
-        """Write the directory, and then the header, which makes it a store; the bytes of the file."""
+        """Write the directory, then the header, which completes the store. Return the size of the file."""
         directory = encode(self.table, top, meta)
         self._stream.write(directory)
         self._sync()
@@ -71,6 +71,6 @@ class Writer:
         return size
 
     def _sync(self) -> None:
-        """Wait until the disk has it: some systems report only then that it is full."""
+        """Wait until the disk has all data. Some systems report a full disk only then."""
         self._stream.flush()
         os.fsync(self._stream.fileno())

@@ -1,0 +1,180 @@
+"""The arguments of ``antumbra render`` as they are written, and what they mean."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+from . import arguments
+from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, SppOption, SrdhRaysOption, Threads, UpOption
+from .renderoptions import Asked
+
+
+@dataclass(frozen=True)
+class RenderArguments:
+    """Each field is an argument or option of the command line."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="A .png or .exr file; #### is a frame's number.  [default: SCENE's name.png, here]",
+            metavar="FILE",
+        ),
+    ] = None
+    size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "1024x1024"
+    camera: CameraOption = None
+    light: Annotated[
+        list[str] | None,
+        typer.Option(help="An index, or KIND:...[@INTENSITY]; may be repeated.", metavar="LIGHT", show_default=False),
+    ] = None
+    ao: Annotated[
+        str | None,
+        typer.Option(
+            help="Ambient occlusion by what is nearer than RADIUS (inf: by everything), besides the lights.",
+            metavar="RADIUS[@INTENSITY]",
+            show_default=False,
+        ),
+    ] = None
+    vpl: Annotated[
+        int | None,
+        typer.Option(
+            help="Instead of ambient light, light that bounces once: photons of the first light become point lights.",
+            min=1,
+            max=16384,
+            metavar="PHOTONS",
+            show_default=False,
+        ),
+    ] = None
+    bounce: Annotated[
+        int | None,
+        typer.Option(
+            help="Instead of ambient light, light that bounces once: so many diffuse rays from each pixel.",
+            min=1,
+            max=1024,
+            metavar="RAYS",
+            show_default=False,
+        ),
+    ] = None
+    time: Annotated[
+        float | None, typer.Option(help="Seconds into the animation.  [default: 0]", show_default=False)
+    ] = None
+    frames: Annotated[
+        str | None,
+        typer.Option(
+            help="An animation instead of one picture; LAST is included.",
+            metavar="FIRST:LAST[:STEP]",
+            show_default=False,
+        ),
+    ] = None
+    fps: Annotated[
+        float | None, typer.Option(help="Frames a second of --frames.  [default: 24]", show_default=False)
+    ] = None
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Render frames again that are finished already.")] = (
+        False
+    )
+    up: UpOption = None
+    spp: SppOption = 16
+    sampler: Annotated[
+        str,
+        typer.Option(
+            help="Points on the light: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
+            metavar="NAME",
+        ),
+    ] = "larcher-pillichshammer"
+    filter: Annotated[bool, typer.Option("--filter", help="Smooth noise in penumbrae over 4x4 pixels.")] = False
+    adaptive: Annotated[
+        bool, typer.Option("--adaptive", help="Refine penumbrae with more rays, and edges by sub-pixels.")
+    ] = False
+    adaptive_spp: Annotated[
+        int | None,
+        typer.Option(
+            help="Shadow rays for each refined pixel and light; implies --adaptive.  [default: 4 times --spp]",
+            min=1,
+            max=1024,
+            show_default=False,
+        ),
+    ] = None
+    plan: Annotated[
+        str | None,
+        typer.Option(
+            help="Which methods answer; see antumbra plans.  [default: bsah+multifrusta; of a store bsah+chcrt]",
+            show_default=False,
+        ),
+    ] = None
+    srdh_rays: SrdhRaysOption = None
+    gbuffer: Annotated[GBufferBy, typer.Option(help="How it is found what pixels see.")] = GBufferBy.raster
+    threads: Threads = None
+    max_memory: Annotated[
+        str | None,
+        typer.Option(
+            help="Memory to render a store with, in bytes, or with M or G: 512M.  [default: 4G]",
+            metavar="SIZE",
+            show_default=False,
+        ),
+    ] = None
+    exposure: Annotated[
+        float | None,
+        typer.Option(help="Factor on the light of a .png.  [default: automatic]", show_default=False),
+    ] = None
+    counters: Annotated[bool, typer.Option("--counters", help="Count rays, nodes and tests exactly.")] = False
+    json: Json = False
+    quiet: Quiet = False
+
+    def check(self) -> None:
+        """InputError on options that do not go together."""
+        for name, instead in (("--vpl", self.vpl), ("--bounce", self.bounce)):
+            if self.ao is not None and instead is not None:
+                raise InputError(f"--ao dims the ambient light that {name} replaces; leave one of them out")
+        if self.vpl is not None and self.bounce is not None:
+            raise InputError("--vpl and --bounce are both light that bounces once; leave one of them out")
+        if self.frames is not None:
+            return
+        if self.fps is not None:
+            raise InputError("--fps belongs to --frames FIRST:LAST; leave it out")
+        if self.overwrite:
+            raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
+
+    def options(self) -> Asked:
+        """What they mean.
+
+        Raises
+        ------
+        InputError
+            On text that cannot be read.
+        """
+        given = lambda text, parse, *more: None if text is None else parse(text, *more)
+        adaptive = min(4 * self.spp, 1024) if self.adaptive and self.adaptive_spp is None else self.adaptive_spp
+        asked = Asked(
+            source=self.scene,
+            spec=arguments.parse_scene(self.scene),
+            up=None if self.up is None else self.up.value,
+            size=arguments.parse_size(self.size),
+            camera=given(self.camera, arguments.parse_camera),
+            lights=[arguments.parse_light(text) for text in self.light or []],
+            ambient=[] if self.ao is None else [arguments.parse_ambient(self.ao)],
+            vpl=self.vpl,
+            bounce=self.bounce,
+            spp=self.spp,
+            sampler=self.sampler,
+            filter=self.filter,
+            adaptive=adaptive,
+            plan=self.plan,
+            srdh_rays=given(self.srdh_rays, arguments.parse_srdh_rays),
+            gbuffer=self.gbuffer.value,
+            threads=self.threads,
+            max_memory=given(self.max_memory, arguments.parse_bytes, "--max-memory"),
+            exposure=self.exposure,
+            counters=self.counters,
+            json=self.json,
+            quiet=self.quiet,
+        )
+        if self.frames is None and asked.srdh_rays is not None and asked.srdh_rays.last_frame:
+            raise InputError(
+                "--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no frame before"
+            )
+        return asked
