@@ -1,4 +1,4 @@
-"""The nodes of the top and of the subtrees, made apart, into one array in depth-first order."""
+"""Join the nodes of the top and of the subtrees in one array, in depth-first order."""
 
 from typing import NamedTuple
 
@@ -12,15 +12,15 @@ from .top import Top
 
 
 class Subtrees(NamedTuple):
-    """What has been built below the top."""
+    """The subtrees that threads have built below the top."""
 
-    nodes: np.ndarray  # (m, 16) float32: each subtree's together, depth first; in its links, 1 is its first node
-    shares: np.ndarray  # (s, 3) int64: of each subtree, its first node, how many (0 for a leaf), and the link to it
+    nodes: np.ndarray  # (m, 16) float32: subtree by subtree, depth first; in links, a subtree's first node is 1
+    shares: np.ndarray  # (s, 3) int64: first node, number of nodes (0 for a leaf), link to it, of each subtree
 
 
 @kernel
 def _place(children, counts, node_at, subtree_at, waiting):
-    """`place`, with memory for one link more than the top has nodes."""
+    """`place`; `waiting` is scratch memory for one link more than the top has nodes."""
     waiting[0] = 0 if len(children) else -1
     height, position = 1, 0
     while height > 0:
@@ -38,18 +38,22 @@ def _place(children, counts, node_at, subtree_at, waiting):
 
 
 def place(children, counts, node_at, subtree_at) -> int:
-    """Where each node of the top, and the first of each subtree, comes in depth-first order; the number of nodes.
+    """Number all nodes in depth-first order, and return how many they are.
 
-    `counts` has the nodes of each subtree, `children` the links of the top, as in `Top`.
+    children : links of the top, as in `Top`
+    counts : (s,) nodes of each subtree
+    node_at, subtree_at : filled with the index of each node of the top, and of the first node of each subtree
     """
     return _place(children, counts, node_at, subtree_at, np.empty(len(children) + 1, np.int64))
 
 
 @kernel
 def join_boxes(children, roots, boxes):
-    """Fill the boxes of a top's children, (t, 2, 8) float32, from those of the subtrees' roots, (s, 8) float32.
+    """Fill the boxes of the top's children from the boxes of the subtrees' roots.
 
-    `children` as in `Top`; parents come first.
+    children : as in `Top`, parents first
+    roots : (s, 8) float32
+    boxes : (t, 2, 8) float32, filled
     """
     for t in range(len(children) - 1, -1, -1):
         for side in range(2):
@@ -63,7 +67,7 @@ def join_boxes(children, roots, boxes):
 
 @kernel
 def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
-    """Worker: move the nodes of each subtree to their place and count their links from there."""
+    """Worker: copy the nodes of each subtree to their place, and shift their links."""
     source, target = ptr(subtrees.nodes), ptr(nodes)
     s = take(ticket)
     while s >= 0:
@@ -93,7 +97,7 @@ def top_lines(top: Top, node_at, subtree_links) -> np.ndarray:
 
 
 def assemble(bvh: Bvh, top: Top, subtrees: Subtrees, threads: int) -> Bvh:
-    """`bvh` with all nodes, on a 64-byte line, every left child right behind its parent."""
+    """`bvh` with all nodes, aligned to 64 bytes. Every left child follows its parent in memory."""
     node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty(len(subtrees.shares), np.int64)
     count = place(top.children, subtrees.shares[:, 1], node_at, subtree_at)
     nodes = aligned_empty((count, 16), "f4")

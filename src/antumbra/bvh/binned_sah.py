@@ -1,7 +1,7 @@
 """`bsah`: binned SAH, in parallel [Wald 2007, "On fast construction of SAH-based bounding volume hierarchies"].
 
-The boxes of all triangles become records, which are split top-down (`top_down`). Departures from the paper: few bins
-for few records, and for four records or fewer the best of all trees (`smallest`).
+The boxes of all triangles become records, which are split top-down (`top_down`). There are two departures from the
+paper. Few records get few bins, and four records or fewer get the best of all trees (`smallest`).
 """
 
 from functools import cache
@@ -20,7 +20,7 @@ from .top_down import build_below, largest_subtree
 
 @cache
 def _compile_top() -> None:
-    """Compile, or load, what only large scenes run too, so that the first build of a process readies all later ones."""
+    """Load the kernels that only large scenes run, so that the first build of a process readies all later ones."""
     method = binned(2)
     build_top(2, *make_records(PAIR, method.records, 1), 1, split_by_bins(method, np.float32(1.0), 1))
 
@@ -40,7 +40,7 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -
     Returns
     -------
     Bvh
-        Boxes are the exact bounds of the vertices, not padded. A left child comes right behind its parent.
+        Boxes are the exact bounds of the vertices, without padding. A left child follows its parent in memory.
 
     Raises
     ------
@@ -49,8 +49,8 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -
 
     Notes
     -----
-    Visiting a node costs 1 and a triangle 1. A range is halved where no split has a finite cost, since all its
-    centroids are in one point, and where it has so many records at its depth that MAX_DEPTH is in danger.
+    Visiting a node costs 1, and testing a triangle costs 1. A range is halved if all its centroids coincide, since
+    no split then has a finite cost. It is also halved if its depth leaves no other way to stay within MAX_DEPTH.
     """
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)

@@ -42,7 +42,7 @@ class Bins(NamedTuple):
 
 
 class Mapping(NamedTuple):
-    """From twice a centroid to its bin on each axis: truncate((c - origin) * factor)."""
+    """Maps twice a centroid to its bin on each axis: truncate((c - origin) * factor)."""
 
     origin: object  # f32x4
     factor: object  # f32x4; 0 on an axis along which all centroids are (nearly) the same
@@ -50,8 +50,10 @@ class Mapping(NamedTuple):
 
 
 class Binned(NamedTuple):
-    """The method of `bsah`: ranges lie in `records` after an even number of splits and in `spare` after an odd one,
-    as long as all threads split them together; below, where they were.
+    """The method of `bsah`, with two arrays of records.
+
+    While all threads split ranges together, a range is in `records` at even depths and in `spare` at odd depths. Below
+    that, a range stays in the array in which it is.
     """
 
     records: np.ndarray  # (n, 8) float32
@@ -72,20 +74,20 @@ class BinnedSource(NamedTuple):
 
 @kernel
 def bin_count(n):
-    """Bins for n records: few records do not fill many bins."""
+    """The number of bins for n records: few records do not fill many bins."""
     return min(np.int64(BINS), np.int64(4) + n // 16)
 
 
 @kernel
 def make_mapping(centroids, n):
-    """The mapping of `n` records with this centroid box."""
+    """The `Mapping` of `n` records with this centroid box."""
     n_bins = bin_count(n)
     sides = -(centroids + swap_halves(centroids))
     store_at = stack_f32(16)
     store(store_at, 0, centroids)
     store(store_at, 8, sides)
     factor = (np.float32(n_bins) * _BELOW_ONE) / load4(store_at, 8)
-    factor = select(factor < INF, factor, np.float32(0.0))  # also where it is NaN
+    factor = select(factor < INF, factor, np.float32(0.0))  # NaN becomes 0 too
     return Mapping(load4(store_at, 0), factor, n_bins)
 
 
@@ -119,7 +121,7 @@ def fill_bins(records, first, last, mapping, bins):
 
 @kernel
 def cheapest_split(bins, n_bins, scale):
-    """The split between two bins that costs least."""
+    """The cheapest split between two bins."""
     right = stack_f32(BINS)
     best, best_axis, best_bin = INF, np.int64(-1), np.int64(0)
     for axis in range(3):
@@ -134,23 +136,23 @@ def cheapest_split(bins, n_bins, scale):
             box = minimum(box, load8(bins.boxes, (base + k - 1) * 8))
             count += get(bins.counts, base + k - 1)
             cost = half_area(box, scale) * np.float32(count) + get(right, k)
-            if cost < best:  # never where a side is empty: its infinite area by 0 records is NaN
+            if cost < best:  # false if a side is empty: infinite area * 0 is NaN
                 best, best_axis, best_bin = cost, np.int64(axis), np.int64(k)
     return Split(best_axis, best_bin, best)
 
 
 @kernel
 def goes_left(records, i, axis, origin, factor, limit):
-    """Whether the record's bin on `axis` is less than `limit`; rounds as `fill_bins` does."""
+    """Whether the record's bin on `axis` is less than `limit`, with the rounding of `fill_bins`."""
     centroid = get(records, i * 8 + axis) - get(records, i * 8 + axis + 4)
     return (centroid - origin) * factor < limit
 
 
 @kernel
 def partition(records, first, last, mapping, split):
-    """Reorder the records so that those of the left side come first; the number of the first on the right.
+    """Move the left records of a range to its front, and return the index of the first right record.
 
-    Lomuto's scheme, with both stores made each time: which side the next record is on cannot be predicted.
+    It is Lomuto's scheme with both stores made each time, because the side of the next record is unpredictable.
     """
     origin, factor = extract(mapping.origin, split.axis), extract(mapping.factor, split.axis)
     limit, middle = np.float32(split.place), first

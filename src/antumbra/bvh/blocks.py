@@ -1,8 +1,8 @@
-"""A shallower BVH for bundles of rays: small subtrees become blocks of up to 16 triangles, tested side by side.
+"""A shallower BVH for ray bundles: small subtrees become blocks of up to 16 triangles, one a lane.
 
-Frusta cannot tell apart what is deep down in a tree, so tracing them wants a shallower one [Benthin and Wald 2009,
-Sec. 5]. Here every subtree of at most `BLOCK` triangles is one leaf, whose triangles lie one to a lane, so that
-culling the whole block costs what culling one triangle against 16 frusta does.
+Frusta cannot separate boxes deep in a tree, so a shallower tree is faster [Benthin and Wald 2009, Sec. 5]. Here every
+subtree of at most `BLOCK` triangles is one leaf. Its triangles are one to a lane, so culling a whole block costs as
+much as culling one triangle against 16 frusta.
 """
 
 from typing import NamedTuple
@@ -23,14 +23,14 @@ _WAITING = 2 * MAX_DEPTH
 class BlockTree(NamedTuple):
     """A binary tree over blocks of triangles.
 
-    Nodes are those of `Bvh`, but a link < 0 is a block: ``~link = block * 32 + count``, the count from 0 to 16. A
-    child that is not there is a block of 0 triangles with the box of its sibling (zeros if both are missing). The left
-    child is the one in which a ray is the likelier blocked (`order`).
+    Nodes are as in `Bvh`, but a link < 0 is a block: ``~link = block * 32 + count``, with a count from 0 to 16. A
+    missing child is a block of 0 triangles with the box of its sibling (zeros if both are missing). The left child is
+    the one that blocks more rays (`order`).
     """
 
     nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
     links: np.ndarray  # (m, 16) int32, the same memory
-    blocks: np.ndarray  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; lanes without one repeat the first
+    blocks: np.ndarray  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; unused lanes repeat the first
     bounds: np.ndarray  # (b, 8) float32: centre and half extents of each block's box, x y z and one unused each
     slots: np.ndarray  # (b, 16) int32: slot in `corners` and `prim_ids`, -1 where there is no triangle
     prim_ids: np.ndarray  # (n,) int32, of the Bvh
@@ -40,13 +40,13 @@ class BlockTree(NamedTuple):
 class BlockPointers(NamedTuple):
     """Pointers to the arrays of a `BlockTree`, which must outlive them."""
 
-    nodes: object
-    links: object
-    blocks: object
-    bounds: object
-    slots: object
-    prim_ids: object
-    corners: object
+    nodes: object  # float32 *, 16 a node
+    links: object  # int32 *, the same memory
+    blocks: object  # float32 *, 144 a block
+    bounds: object  # float32 *, 8 a block
+    slots: object  # int32 *, 16 a block
+    prim_ids: object  # int32 *
+    corners: object  # float32 *, 9 a slot
 
 
 @inlined
@@ -68,7 +68,7 @@ def _size(link, below):
 
 @kernel
 def _count_below(links, order, below):
-    """Triangles below each inner node; `order`: parents first."""
+    """Count the triangles below each inner node; `order` has parents first."""
     for i in range(len(order) - 1, -1, -1):
         node = order[i]
         below[node] = _size(links[node, 12], below) + _size(links[node, 13], below)
@@ -76,7 +76,7 @@ def _count_below(links, order, below):
 
 @kernel
 def _repair_empty(nodes, node, left, right):
-    """Give a child that is not there its sibling's box, so that no box is infinite."""
+    """Give a missing child its sibling's box, so that no box is infinite."""
     for axis in range(0, 12, 4):
         for k in (0, 2):
             if left == EMPTY:
@@ -87,8 +87,10 @@ def _repair_empty(nodes, node, left, right):
 
 @kernel
 def _collapse(source, source_links, below, block, nodes, links, roots):
-    """Copy the nodes that stay, depth first; `roots`: old link of each block. (number of nodes, of blocks)."""
-    waiting = stack_array(np.int64, _WAITING, 2)  # old node; word of `links` that wants its new index, -1: none
+    """Copy the nodes above the blocks, depth first, and return (number of nodes, number of blocks)."""
+    # In: source, source_links, of the `Bvh`; below, triangles of each node; block, most triangles of a block
+    # Out: nodes, links, of the `BlockTree`; roots, (n_blocks,) int32 old link of each block
+    waiting = stack_array(np.int64, _WAITING, 2)  # old node; word of `links` for its new index, or -1
     waiting[0, 0], waiting[0, 1] = 0, -1
     height, n, n_blocks = 1, 0, 0
     while height > 0:
@@ -114,7 +116,7 @@ def _collapse(source, source_links, below, block, nodes, links, roots):
 
 @inlined
 def _slots_below(root, links, found):
-    """Write the slots below a link to `found`; how many."""
+    """Write the slots below a link to `found`, and return how many."""
     waiting = stack_i32(64)
     put(waiting, 0, root)
     height, n = 1, 0
@@ -137,7 +139,7 @@ def _slots_below(root, links, found):
 
 @inlined
 def _bound_block(corners, found, n, bounds, at):
-    """Centre and half extents, rounded outwards, of a block's triangles."""
+    """Write the centre and half extents, rounded outwards, of a block's box."""
     for k in range(3):
         low, high = np.float32(np.inf), np.float32(-np.inf)
         for i in range(n):
@@ -161,7 +163,9 @@ def _area(corners, found, n):
 
 @kernel
 def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, areas):
-    """Worker: the rows, the bounds and the triangles' area of each block."""
+    """Worker: write the rows, the bounds and the triangles' total area of each block."""
+    # In: source_links, corners, of the `Bvh`; roots, (b,) link of each block
+    # Out: blocks, bounds, slots, as in `BlockTree`; areas, (b,) float64
     links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
     b = take(ticket)
     while b >= 0:

@@ -1,4 +1,4 @@
-"""A tree cut in a top and many parts below it, so that threads can work on the parts apart."""
+"""Cut a tree into a top and many parts below it, on which threads can work apart."""
 
 from typing import NamedTuple
 
@@ -8,21 +8,21 @@ from ..kernels.jit import kernel
 from ..kernels.simd import load16, ptr, stack_array, store
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 
-PART = 4096  # nodes in a part, at most: what a processor's second cache holds
+PART = 4096  # nodes in a part, at most; they fit in a second-level cache
 _WAITING = MAX_DEPTH + 2
 
 
 class Cut(NamedTuple):
-    """The first nodes of a tree, themselves a tree: its leaves are the parts, ``link = ~(8 * part)``."""
+    """The top of a tree. It is a tree itself, whose leaves are the parts: ``link = ~(8 * part)``."""
 
-    numbers: np.ndarray  # (t,) int64: the nodes of the top, parents first; none if there is one part
-    top: np.ndarray  # (t, 16) float32, 64-byte aligned: a copy of them, with links that count in the top
-    parts: np.ndarray  # (s, 3) int64: link to the part's root (< 0: a leaf), end of its nodes, inner nodes above it
+    numbers: np.ndarray  # (t,) int64: nodes of the top, parents first; empty if there is one part
+    top: np.ndarray  # (t, 16) float32, 64-byte aligned: copies of these nodes, with links within the top
+    parts: np.ndarray  # (s, 3) int64: link to the part's root (< 0: a leaf), end of its nodes, depth
 
 
 @kernel
 def _cut(bvh, sizes, largest, cut):
-    """Fill the cut; (nodes of the top, parts)."""
+    """Fill `cut`, and return (number of nodes of the top, number of parts)."""
     nodes, lines, links = ptr(bvh.nodes), ptr(cut.top), cut.top.view(np.int32)
     waiting = stack_array(np.int64, _WAITING, 4)  # link, end of nodes, depth, 2 * parent in the top + side
     waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(bvh.nodes), 0, -1
@@ -50,13 +50,14 @@ def _cut(bvh, sizes, largest, cut):
 
 
 def cut(bvh: Bvh, sizes: np.ndarray | None = None) -> Cut:
-    """Cut a BVH in parts of at most `PART` nodes.
+    """Cut a BVH into parts of at most `PART` nodes.
 
-    `sizes`, (n_nodes,), has how many nodes there are below each, itself included; or None if nodes stand depth first.
-    Then a part's nodes are those from its root to the end that is given.
+    sizes : (n_nodes,) number of nodes in each node's subtree, or None if nodes are in depth-first order
+
+    With None, a part's nodes are consecutive, from its root to its end.
     """
     n = len(bvh.nodes)
-    room = min(n, MAX_DEPTH * (n // PART))  # for the top: at each depth, large subtrees share all nodes
+    room = min(n, MAX_DEPTH * (n // PART))  # for the top: the large subtrees of one depth have at most n nodes together
     top = aligned_empty((room, 16), "f4")
     cut = Cut(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
     n_top, n_parts = _cut(bvh, sizes, PART, cut)
@@ -64,6 +65,6 @@ def cut(bvh: Bvh, sizes: np.ndarray | None = None) -> Cut:
 
 
 def children_of_top(cut: Cut) -> np.ndarray:
-    """(t, 2) int64: the children of the top's nodes, node of the top or ~part."""
+    """(t, 2) int64: children of the top's nodes, each a node of the top or ~part."""
     links = cut.top.view(np.int32)[:, 12:14].astype(np.int64)
     return np.where(links >= 0, links, ~(~links >> 3))

@@ -1,10 +1,11 @@
-"""`lbvh`: the tree of Morton codes, in parallel [Karras 2012], after [Lauterbach et al. 2009].
+"""`lbvh`: the tree of Morton codes, built in parallel [Karras 2012], after [Lauterbach et al. 2009].
 
-Triangles are sorted by the Morton codes of their centroids. A node is a range of them, cut where the highest bit
-differs; equal codes are told apart by their places, as in the paper. The first levels are cut top-down. The subtrees
-below are made by threads apart, each from its last triangle to its first: what lies right of a gap waits on a stack
-until a higher gap closes it (bottom-up, as by [Apetrei 2014]), so boxes are joined as nodes are made. Nodes are
-counted first, and written from a subtree's last place to its first: depth-first order, in the final array.
+Triangles are sorted by the Morton codes of their centroids. A node is a range of triangles, cut at the highest bit that
+differs. Positions tell equal codes apart, as in the paper. The first levels are cut top-down.
+
+Threads build the subtrees below apart, each from its last triangle to its first, bottom-up as [Apetrei 2014]. The part
+right of a gap waits on a stack until a higher gap closes it. So boxes are joined as nodes are made. Nodes are counted
+first. Then they are written from a subtree's last position to its first, which is depth-first order in the final array.
 """
 
 from typing import NamedTuple
@@ -35,12 +36,12 @@ from .radix_sort import radix_sort
 from .top import Top
 from .top_down import largest_subtree
 
-_LEVELS = 96  # of a tree at most, however deep: 63 bits of a code and 28 of a place
+_LEVELS = 96  # of any tree, at most: 63 bits of a code and 28 of a position
 _RANGES = _LEVELS + 1
 _WAITING = 4 * _LEVELS
 _BOXES = 8 * _LEVELS
 _NO_LEVEL = np.int64(2**63 - 1)
-_AHEAD = 64  # triangles that are fetched in advance
+_AHEAD = 64  # triangles fetched in advance
 
 
 class Sorted(NamedTuple):
@@ -48,26 +49,26 @@ class Sorted(NamedTuple):
 
     codes: np.ndarray  # (n,) int32 or int64
     ids: np.ndarray  # (n,) int32: the triangle of each slot
-    drop: np.int64  # the lowest bits of the codes, which make no nodes
+    drop: np.int64  # number of lowest bits of the codes that make no nodes
 
 
 class Forest(NamedTuple):
     """The subtrees below the top."""
 
     ranges: np.ndarray  # (s, 2) int64: first and last slot
-    counts: np.ndarray  # (s,) int64: nodes
-    places: np.ndarray  # (s,) int64: the first node
-    roots: np.ndarray  # (s, 8) float32: box
-    links: np.ndarray  # (s,) int64: link to it
-    heights: np.ndarray  # (s,) int64: nodes on its longest path
+    counts: np.ndarray  # (s,) int64: number of nodes
+    places: np.ndarray  # (s,) int64: first node
+    roots: np.ndarray  # (s, 8) float32: box of the root
+    links: np.ndarray  # (s,) int64: link to the root
+    heights: np.ndarray  # (s,) int64: nodes on the longest path
 
 
 @inlined
 def _level(codes, i, k, drop):
-    """How high in the tree the slots `i` and `k` part: a number that only orders.
+    """The height in the tree at which the slots `i` and `k` part, as a number that only orders.
 
-    The bits in which the codes differ, read as a number: the gaps that are compared differ in the highest of them.
-    Below all these come the differing bits of the places of equal codes.
+    It is the exclusive or of the two codes, since compared gaps differ in its highest bit. Equal codes are below all
+    others, ordered by the exclusive or of their positions.
     """
     differing = (np.int64(get(codes, i)) ^ np.int64(get(codes, k))) >> drop
     return differing if differing != 0 else (i ^ k) - np.int64(1 << 32)
@@ -93,7 +94,7 @@ def _cut(codes, first, last, drop):
 
 @kernel
 def _cut_top(codes, drop, largest, children, ranges):
-    """Fill the arrays of `cut_top`; (number of nodes, of ranges)."""
+    """Fill the arrays of `cut_top`, and return (number of nodes, number of ranges)."""
     waiting = stack_array(np.int64, _RANGES, 4)  # first and last slot, parent, side
     waiting[0] = 0, len(codes), -1, 0
     height, t, s = 1, 0, 0
@@ -116,7 +117,7 @@ def _cut_top(codes, drop, largest, children, ranges):
 
 
 def cut_top(codes: np.ndarray, drop: np.int64, largest: int) -> tuple[np.ndarray, np.ndarray]:
-    """(children, ranges) of the nodes over more than `largest` triangles, as in `Top`; parents come first."""
+    """(children, ranges) of the nodes over more than `largest` triangles, as in `Top`, parents first."""
     room = len(codes) // largest * _LEVELS + 1
     children, ranges = np.empty((room, 2), np.int64), np.empty((room + 1, 2), np.int64)
     t, s = _cut_top(codes, drop, largest, children, ranges)
@@ -125,7 +126,7 @@ def cut_top(codes: np.ndarray, drop: np.int64, largest: int) -> tuple[np.ndarray
 
 @kernel
 def _count_nodes(ticket, source, max_leaf, forest):
-    """Worker: the nodes of each subtree; each is over more than `max_leaf` triangles."""
+    """Worker: count the nodes of each subtree. A node has more than `max_leaf` triangles."""
     codes = ptr(source.codes)
     levels, ends = stack_i64(_LEVELS), stack_i64(_LEVELS)
     s = take(ticket)
@@ -154,7 +155,9 @@ def _copy_triangle(vertices, id_, corners, slot):
 
 @kernel
 def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
-    """Make the subtree of a range of slots, its nodes before `end_node`; (box, link, height)."""
+    """Build the subtree of a range of slots, with its nodes before `end_node`; returns (box, link, height)."""
+    # In: vertices, float32 *, 9 a triangle; codes, sorted, pointer; drop, max_leaf; first, last, slots
+    # Out: out, a `Tree`: nodes, links, and corners of the slots
     levels, waiting, boxes = stack_i64(_LEVELS), stack_i64(_WAITING), stack_f32(_BOXES)
     ids, node, height, box, link, deep = out.prim_ids, end_node, 0, triangle_box(vertices, 0), np.int64(0), np.int64(0)
     for i in range(last - 1, first - 1, -1):
@@ -188,7 +191,7 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
 
 @kernel
 def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
-    """Worker: the nodes and corners of each subtree."""
+    """Worker: build the nodes and corners of each subtree."""
     out = tree_of(bvh)
     s = take(ticket)
     while s >= 0:
@@ -204,7 +207,7 @@ def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
 
 @kernel
 def _depth(children, forest, heights):
-    """The depth of the whole tree: nodes on its longest path; `heights`: zeros for those of the top's nodes."""
+    """The depth of the whole tree: nodes on its longest path. `heights` has a zero for each node of the top."""
     for t in range(len(children) - 1, -1, -1):
         for side in range(2):
             child = children[t, side]
@@ -236,14 +239,14 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, b
     Parameters
     ----------
     vertices, threads, max_leaf
-        As for `binned_sah.build`; so are the errors, and what is returned.
+        As for `binned_sah.build`. So are the errors and the result.
     bits : int
-        Of a code, for each axis: 10 or 21.
+        Bits of a code for each axis: 10 or 21.
 
     Notes
     -----
-    Every subtree of at most `max_leaf` triangles is a leaf, but for the root. If all bits of the codes make a tree
-    deeper than MAX_DEPTH, which only 63 can, nodes are made from the first bits, as many as are safe.
+    Every subtree of at most `max_leaf` triangles is a leaf, except the root. Codes of 63 bits can make a tree deeper
+    than MAX_DEPTH. Then only the first bits make nodes, as many as are safe.
     """
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)
@@ -253,13 +256,13 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, b
     codes, ids = by_codes(flat, bits, threads)
     bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(0)), max_leaf, threads)
     if depth > MAX_DEPTH:
-        safe = MAX_DEPTH - (n - 1).bit_length()  # equal codes need as many levels as a place has bits
+        safe = MAX_DEPTH - (n - 1).bit_length()  # equal codes need as many levels as a position has bits
         bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
     return bvh
 
 
 def by_codes(flat, bits: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """(codes, ids), (n,) each: triangles, (n, 9) float32, in the order of their Morton codes; `bits` for each axis."""
+    """(codes, ids), (n,) each: triangles `flat`, (n, 9) float32, in the order of their codes of `bits` an axis."""
     n = len(flat)
     codes, ids = np.empty(n, np.int32 if bits == 10 else np.int64), np.empty(n, np.int32)
     centroids = scene_bounds(flat, threads)[1]

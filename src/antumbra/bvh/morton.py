@@ -1,7 +1,7 @@
-"""Morton codes of triangles: the bits of a centroid's cell on x, y and z, taken in turn [Lauterbach et al. 2009].
+"""Morton codes of triangles: the interleaved bits of a centroid's cell on x, y and z [Lauterbach et al. 2009].
 
-A code has 10 bits for each axis in an int32, or 21 in an int64. Cells are cubes: a flat scene is not cut across its
-short side before its long ones.
+A code has 10 bits for each axis in an int32, or 21 in an int64. Cells are cubes, so a flat scene is not cut across its
+short side before its long sides.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ _TEN = np.int32(1023)
 
 
 class Grid(NamedTuple):
-    """From twice a centroid to its cell: truncate((c - origin) * factor)."""
+    """Maps twice a centroid to its cell: truncate((c - origin) * factor)."""
 
     origin: np.ndarray  # (4,) float32
     factor: np.float32  # 0 where all centroids are (nearly) the same
@@ -25,7 +25,7 @@ class Grid(NamedTuple):
 
 
 def grid_of(centroids, bits: int) -> Grid:
-    """The grid of 2 ** bits cubes a side over a centroid box."""
+    """The grid over a centroid box, with 2 ** bits cubes along its longest side."""
     lower, upper = centroids[:4], -centroids[4:]
     with np.errstate(over="ignore", divide="ignore"):
         factor = np.float32(2**bits) / (upper - lower)[:3].max()
@@ -34,7 +34,7 @@ def grid_of(centroids, bits: int) -> Grid:
 
 @inlined
 def _interleave(cells):
-    """The lowest ten bits of each of three lanes, taken in turn: 30 bits."""
+    """The lowest ten bits of each of three lanes, interleaved: 30 bits."""
     x = cells & _TEN
     x = (x | (x << 16)) & 0x030000FF
     x = (x | (x << 8)) & 0x0300F00F
@@ -45,7 +45,7 @@ def _interleave(cells):
 
 @inlined
 def _code(cells, last):
-    """The code of a cell: 30 bits, or 63 if cells have more than ten on each axis."""
+    """The code of a cell: 30 bits, or 63 if cells have more than ten bits on each axis."""
     code = _interleave(cells)
     if last > _TEN:
         code |= _interleave(cells >> 10) << 30 | _interleave(cells >> 20) << 60
@@ -54,7 +54,7 @@ def _code(cells, last):
 
 @kernel
 def write_codes(ticket, vertices, grid, codes, ids):
-    """Worker: the code of each triangle, and its index."""
+    """Worker: write the code of each triangle, and its index."""
     v, out, out_ids = ptr(vertices), ptr(codes), ptr(ids)
     origin, factor, last = load4(grid.origin, 0), grid.factor, grid.last
     first = take(ticket)

@@ -9,13 +9,13 @@ from ..kernels.simd import ptr, stack_array
 
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
-UNORDERED, LEFT_FIRST, FRONT_TO_BACK, BACK_TO_FRONT = range(4)  # which child an any-hit ray visits first
-EMPTY = np.int32(-2147483648)  # link of a child that is not there (only under the root of a scene of 0 or 1 triangles)
+UNORDERED, LEFT_FIRST, FRONT_TO_BACK, BACK_TO_FRONT = range(4)  # orders of children for any-hit rays
+EMPTY = np.int32(-2147483648)  # link of a missing child (only at the root of a scene of 0 or 1 triangles)
 _WAITING = MAX_DEPTH + 2
 
 
 class Bvh(NamedTuple):
-    """A BVH of ``len(prim_ids)`` triangles; node 0 is the root and always there.
+    """A BVH of ``len(prim_ids)`` triangles. Node 0 is the root and always exists.
 
     A node is one 64-byte line that holds the boxes of *both* its children (left L, right R), grouped by axis so that
     one 4-wide register tests a slab of both::
@@ -25,12 +25,12 @@ class Bvh(NamedTuple):
         8..11  z: the same
         12     link of L (int32 bits)
         13     link of R
-        14     which child an any-hit ray visits first, as the builder chose; UNORDERED (0) if it did not
+        14     order of children for any-hit rays, chosen by the builder; else UNORDERED (0)
         15     not used (zero)
 
-    A link >= 0 is the index of an inner node. A link < 0 is a leaf: ``~link = first * 8 + count - 1`` where ``first``
-    is a slot in ``prim_ids`` and ``corners``. A child that is not there has link ``EMPTY`` and the box
-    lower = +inf, upper = -inf, which no ray enters.
+    A link >= 0 is the index of an inner node. A link < 0 is a leaf: ``~link = first * 8 + count - 1``, where ``first``
+    is a slot in ``prim_ids`` and ``corners``. A missing child has link ``EMPTY`` and the box lower = +inf,
+    upper = -inf, which no ray enters.
     """
 
     nodes: np.ndarray  # (n_nodes, 16) float32, 64-byte aligned
@@ -50,13 +50,13 @@ class Tree(NamedTuple):
 
 @inlined
 def tree_of(bvh):
-    """The pointers of a `Bvh`, which must outlive them."""
+    """Pointers to the arrays of a `Bvh`, which must outlive them."""
     return Tree(ptr(bvh.nodes), ptr(bvh.links), ptr(bvh.prim_ids), ptr(bvh.corners))
 
 
 @kernel
 def _write_parents_first(links, order):
-    """Fill the order of `parents_first`; the number of nodes."""
+    """Fill the order of `parents_first`, and return the number of nodes."""
     waiting = stack_array(np.int32, _WAITING)
     waiting[0] = 0
     height, n = 1, 0
@@ -73,27 +73,27 @@ def _write_parents_first(links, order):
 
 
 def parents_first(links: np.ndarray) -> np.ndarray:
-    """(m,) int32, the inner nodes of a `Bvh`, depth first: parents stand before children, left before right ones."""
+    """(m,) int32: the inner nodes of a `Bvh`, depth first. Parents precede children, and left precedes right."""
     order = np.empty(len(links), np.int32)
     return order[: _write_parents_first(links, order)]
 
 
 def boxes_of(nodes: np.ndarray) -> np.ndarray:
-    """(m, 2, 3) float32: lower and upper corners that hold both children of nodes, (m, 16)."""
+    """(m, 2, 3) float32: lower and upper corners of boxes around both children of `nodes`, (m, 16)."""
     planes = nodes[:, :12].reshape(-1, 3, 2, 2)  # axis, bound, child
     return np.stack([planes[:, :, 0].min(2), planes[:, :, 1].max(2)], 1)
 
 
 @inlined
 def middle_and_half(low, high):
-    """(middle, half extent) of an interval of float32, so that middle -+ half holds it."""
+    """(middle, half extent) of a float32 interval, padded: middle -+ half contains it."""
     middle = np.float32(0.5) * low + np.float32(0.5) * high
     half = high - middle if high - middle > middle - low else middle - low
     return middle, half * np.float32(1.0 + 2.0**-22)
 
 
 def aligned_empty(shape: tuple[int, ...], dtype: str) -> np.ndarray:
-    """Uninitialised C-contiguous array that starts on a 64-byte line."""
+    """An uninitialised C-contiguous array, aligned to 64 bytes."""
     dt = np.dtype(dtype)
     size = int(np.prod(shape)) * dt.itemsize
     raw = np.empty(size + 64, np.uint8)

@@ -1,15 +1,20 @@
-"""Which child comes first: that in which a ray is blocked the likelier, or for the least work.
+"""Order the children of nodes for any-hit rays: the child that is likelier to block a ray, or blocks it for less work.
 
-Rays that ask for any hit end at the first one, so a good order saves what comes after it. Here it is fixed when the
-tree is made, and costs nothing when it is walked [Ize and Hansen 2011]. Of the lines that meet a convex body with
-surface S, triangles with the area A inside it are met 2 A / S times on average; if they lie at random, a share of 1 -
-exp(-2 A / S) of the lines meets one. A node's own probability follows from its children's, and those are entered in
-proportion to their surfaces.
+An any-hit ray ends at its first hit, so a good order saves the work after the hit. The order is fixed when the tree is
+made, and costs nothing when it is walked [Ize and Hansen 2011].
 
-Of the children of a `BlockTree`'s node that one comes first which blocks the larger share of the node's rays, unless
-the builder has chosen one. Where a single ray chooses among the boxes that it does enter, the one with the best chance
-to block it for its cost comes first: steps down the tree, of which those that follow a child are taken only by the rays
-that it lets pass.
+Consider a convex body of surface S with triangles of total area A inside. A line through the body meets 2 A / S
+triangles on average. If the triangles lie at random, a fraction 1 - exp(-2 A / S) of the lines meets one. A node's
+probability follows from its children's probabilities. Rays enter children in proportion to their surfaces.
+
+Three functions apply this:
+
+- `likelier_first`: in a `BlockTree`, the child that blocks more of the node's rays comes first, unless the builder has
+  chosen one.
+- `sooner_first`: in a `Bvh`, the child with the larger chance to block a ray for its cost comes first.
+- `soonest_last`: in a `WideBvh`, the same, with the first child in the last lane.
+
+The cost of a child is the expected number of steps in it. Only rays that a child lets pass take the steps after it.
 """
 
 import numpy as np
@@ -32,7 +37,7 @@ def _edge(corners, at, corner):
 
 @inlined
 def triangle_area(corners, slot):
-    """Area of the triangle in a slot of `Bvh.corners`, a pointer."""
+    """Area of the triangle in a slot; `corners` is a pointer to `Bvh.corners`."""
     ux, uy, uz = _edge(corners, slot * 9, 3)
     vx, vy, vz = _edge(corners, slot * 9, 6)
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -41,7 +46,7 @@ def triangle_area(corners, slot):
 
 @inlined
 def surface(nodes, at, other):
-    """Half the surface of the box whose lower x is word `at`, or of its union with the one at `other`."""
+    """Half the surface of the union of two boxes, whose lower x are the words `at` and `other`."""
     x = max(get(nodes, at + 2), get(nodes, other + 2)) - min(get(nodes, at), get(nodes, other))
     y = max(get(nodes, at + 6), get(nodes, other + 6)) - min(get(nodes, at + 4), get(nodes, other + 4))
     z = max(get(nodes, at + 10), get(nodes, other + 10)) - min(get(nodes, at + 8), get(nodes, other + 8))
@@ -59,19 +64,19 @@ def swap_children(words, node):
 
 @inlined
 def _leaf_blocks(surface, area):
-    """The share of the rays through a box, half its surface given, that triangles of this area in it block."""
+    """The fraction of the rays through a box that its triangles block; `surface` is half the box's surface."""
     return 1.0 - np.exp(-area / surface) if surface > 0.0 else 0.0
 
 
 @inlined
 def _blocked(link, surface, areas, inner):
-    """The share of the rays through a child's box that something in it blocks."""
+    """The fraction of the rays through a child's box that the child blocks."""
     return inner[link] if link >= 0 else _leaf_blocks(surface, areas[~link >> 5])
 
 
 @kernel
 def _order_by_chance(nodes, links, order, areas, inner):
-    """`likelier_first`; `order`: parents first, `inner`: zeros for the share of each node's rays that it blocks."""
+    """`likelier_first`; `order` has parents first, `inner` zeros for the fraction of rays that each node blocks."""
     boxes, words = ptr(nodes), ptr(links)
     for i in range(len(order) - 1, -1, -1):
         node = np.int64(order[i])
@@ -86,16 +91,16 @@ def _order_by_chance(nodes, links, order, areas, inner):
 
 
 def likelier_first(nodes, links, areas) -> None:
-    """Put the child first in which a ray is the likelier blocked, in all nodes of a `blocks.BlockTree`.
+    """In all nodes of a `blocks.BlockTree`, put the child that blocks more rays first.
 
-    areas : (b,) of the triangles of each block
+    areas : (b,) total area of each block's triangles
     """
     _order_by_chance(nodes, links, parents_first(links), areas, np.zeros(len(nodes)))
 
 
 @inlined
 def _leaf(corners, link, surface):
-    """(share of the rays through a leaf's box that are blocked, boxes and triangles that one tests)."""
+    """(fraction of the rays through a leaf's box that it blocks, boxes and triangles tested by a ray)."""
     if link == EMPTY:
         return 0.0, 1.0
     first, n, area = np.int64(~link >> 3), np.int64(~link & 7) + 1, 0.0
@@ -106,9 +111,9 @@ def _leaf(corners, link, surface):
 
 @kernel
 def _order_by_cost(bvh, order, blocked, cost):
-    """Put the child with the better chance to block a ray for its cost first, in all nodes.
+    """In all nodes, put the child with the larger chance to block a ray for its cost first.
 
-    blocked, cost : memory for the share of the rays through each node that are blocked, and for what one costs
+    blocked, cost : scratch memory for the fraction of rays that each node blocks, and the cost of a ray in it
     """
     nodes, words, corners = ptr(bvh.nodes), ptr(bvh.links), ptr(bvh.corners)
     block, price, enter = stack_array(np.float64, 2), stack_array(np.float64, 2), stack_array(np.float64, 2)
@@ -130,10 +135,11 @@ def _order_by_cost(bvh, order, blocked, cost):
 
 
 def sooner_first(bvh: Bvh) -> Bvh:
-    """The same tree with its children in the order of RTSAH, from the leaves up [Ize and Hansen 2011].
+    """The same tree with children in the order of RTSAH, chosen from the leaves up [Ize and Hansen 2011].
 
-    A ray that enters both children's boxes is expected to do C_l + (1 - b_l) C_r if it visits the left one first, C
-    the cost of a child and b the share of its rays that it blocks; so the child with the larger b / C comes first.
+    Let C be the cost of a child, and b the fraction of its rays that it blocks. For a ray that enters both boxes and
+    visits the left child first, the expected cost is C_l + (1 - b_l) C_r. So the child with the larger b / C comes
+    first.
     """
     nodes = aligned_empty(bvh.nodes.shape, "f4")
     nodes[:] = bvh.nodes
@@ -152,7 +158,7 @@ def _extent(words, at, first, last):
 
 @inlined
 def _surface_of_lanes(words, at, first, last):
-    """Half the surface of the union of the boxes in lanes first .. last - 1 of the wide node at word `at`."""
+    """Half the surface of the union of the boxes in lanes `first` to `last` - 1 of the wide node at word `at`."""
     x = _extent(words, at, first, last)
     y = _extent(words, at + 2 * WIDTH, first, last)
     z = _extent(words, at + 4 * WIDTH, first, last)
@@ -161,7 +167,7 @@ def _surface_of_lanes(words, at, first, last):
 
 @inlined
 def _arrange(words, at, lanes, n, copy):
-    """Put the n children of the wide node that starts at word `at` in the order of `lanes`."""
+    """Put the n children of the wide node at word `at` in the order of `lanes`."""
     for row in range(0, LINKS + 1, WIDTH):
         for k in range(n):
             copy[k] = get(words, at + row + lanes[k])
@@ -171,11 +177,11 @@ def _arrange(words, at, lanes, n, copy):
 
 @kernel
 def _sort_by_cost(nodes, links, areas, blocked, cost):
-    """`soonest_last`; `blocked`, `cost`: memory for the share of each node's rays that it blocks, and steps of one."""
+    """`soonest_last`; `blocked` and `cost` are scratch memory, as in `_order_by_cost`."""
     words, lanes, copy = ptr(nodes), stack_array(np.int64, WIDTH), stack_array(np.float32, WIDTH)
-    enter, block = stack_array(np.float64, WIDTH), stack_array(np.float64, WIDTH)  # of a node's children
+    enter, block = stack_array(np.float64, WIDTH), stack_array(np.float64, WIDTH)  # of the children
     price = stack_array(np.float64, WIDTH)
-    for node in range(len(nodes) - 1, -1, -1):  # children are numbered after their parents
+    for node in range(len(nodes) - 1, -1, -1):  # children follow their parents
         at, n = node * NODE_WORDS, 0
         while n < WIDTH and links[node, LINKS + n] != NO_CHILD:
             n += 1
@@ -199,8 +205,8 @@ def _sort_by_cost(nodes, links, areas, blocked, cost):
 
 
 def soonest_last(nodes, areas) -> None:
-    """Sort the children of all nodes of a `wide.WideBvh`: the more likely one blocks a ray for its cost, the later.
+    """Sort the children of all nodes of a `wide.WideBvh` by their chance to block a ray for its cost, best last.
 
-    areas : (n_groups,) of the triangles of each group
+    areas : (n_groups,) total area of each group's triangles
     """
     _sort_by_cost(nodes, nodes.view(np.int32), areas, *np.empty((2, len(nodes))))

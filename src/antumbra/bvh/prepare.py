@@ -1,4 +1,4 @@
-"""What every builder begins with: its input checked, the bounds of all triangles, and scenes too small to build."""
+"""The first steps of every builder: input checks, bounds of all triangles, and scenes of less than two triangles."""
 
 import math
 
@@ -11,13 +11,13 @@ from .nodes import EMPTY, MAX_LEAF, Bvh, aligned_empty
 
 CHUNK = 4096  # triangles that a thread bounds at a time
 PAIR = np.array([[0, 0, 0, 1, 0, 0, 0, 1, 0], [2, 2, 2, 3, 2, 2, 2, 3, 2]], np.float32)
-"""Two triangles, the least that can be split: what builders compile their kernels for large scenes with."""
+"""Two triangles, the fewest that can be split. Builders compile their kernels for large scenes with them."""
 
 _CORNERS = [0, 1, 2, 4, 5, 6]  # the words of a box that are coordinates
 
 
 def checked(vertices, max_leaf) -> np.ndarray:
-    """The vertices as (n, 9) float32."""
+    """The checked vertices as (n, 9) float32."""
     vertices = np.asarray(vertices)
     if vertices.ndim != 3 or vertices.shape[1:] != (3, 3) or vertices.dtype != np.float32:
         raise InputError(f"vertices is {vertices.dtype} {vertices.shape}; it must be float32 (n, 3, 3)")
@@ -29,7 +29,7 @@ def checked(vertices, max_leaf) -> np.ndarray:
 
 
 def _bounds(worker, flat, threads, *args):
-    """(box, centroid box) of all triangles, which `worker` bounds in chunks."""
+    """(box, centroid box) of all triangles; `worker` bounds them in chunks."""
     parts = np.empty((-(-len(flat) // CHUNK), PART), np.float32)
     run(worker, threads, new_ticket(len(flat), CHUNK), flat, *args, parts)
     bounds = parts[:, :16].min(axis=0, initial=np.inf)
@@ -40,17 +40,17 @@ def _bounds(worker, flat, threads, *args):
 
 
 def scene_bounds(flat, threads):
-    """(box, centroid box) of all triangles, (n, 9) float32."""
+    """(box, centroid box) of all triangles `flat`, (n, 9) float32."""
     return _bounds(bound_triangles, flat, threads)
 
 
 def make_records(flat, records, threads):
-    """Fill `records`, (n, 8) float32; (box, centroid box) of them all."""
+    """Fill `records`, (n, 8) float32, and return (box, centroid box) of all."""
     return _bounds(write_records, flat, threads, records)
 
 
 def power_of_two_for(box) -> np.float32:
-    """A power of two by which the largest coordinate becomes about 1."""
+    """A power of two that scales the largest coordinate to about 1."""
     largest = float(np.abs(box[_CORNERS]).max())
     return np.float32(2.0 ** min(126, -math.frexp(largest)[1]))
 
@@ -62,7 +62,7 @@ def scale_of(bvh: Bvh) -> np.float32:
 
 
 def tiny(flat) -> Bvh:
-    """The BVH of no triangle or one, (n, 9) float32, whose coordinates are checked as those of many are."""
+    """The BVH of no triangle or one, (n, 9) float32. Coordinates are checked as in larger scenes."""
     scene_bounds(flat, 1)
     n = len(flat)
     nodes = aligned_empty((1, 16), "f4")

@@ -1,4 +1,4 @@
-"""Is a BVH right, and how good is it?"""
+"""Validation of a BVH, its SAH cost, and statistics of its shape."""
 
 from typing import NamedTuple
 
@@ -39,7 +39,7 @@ class Statistics(NamedTuple):
 
 @kernel
 def _bounds_leaf(bvh, box, first, last):
-    """Whether the child box whose first word is `box` is exactly the bounds of the corners in some slots; NaN: no."""
+    """Whether the child box whose first word is `box` is exactly the bounds of the slots' corners; False for NaN."""
     words = ptr(bvh.nodes)
     for k in range(3):
         low, high = np.float32(np.inf), np.float32(-np.inf)
@@ -77,11 +77,11 @@ def _is_empty_box(bvh, box):
 
 @kernel
 def _check_child(bvh, node, side, reached, used):
-    """The fault of one child, or _OK; marks the node it is, or the slots it has."""
+    """The fault of one child, or _OK. Marks the child's node, or the slots of its leaf."""
     n_nodes, n, link = np.int64(len(bvh.nodes)), np.int64(len(bvh.prim_ids)), np.int64(bvh.links[node, 12 + side])
     box = node * 16 + side
     if link == EMPTY:
-        if n_nodes > 1 or n > 1 or n > side:  # the one triangle is on the left
+        if n_nodes > 1 or n > 1 or n > side:  # a single triangle is on the left
             return _MISSING
         return _OK if _is_empty_box(bvh, box) else _NOT_EMPTY
     if link >= 0:
@@ -104,7 +104,7 @@ def _check_child(bvh, node, side, reached, used):
 
 @kernel
 def _check_tree(bvh, reached, used):
-    """(fault, node, side) of the first fault on a walk from the root; fault is _OK if there is none."""
+    """(fault, node, side) of the first fault on a walk from the root; (_OK, 0, 0) if there is none."""
     waiting = stack_array(np.int64, _WAITING, 2)
     waiting[0, 0], waiting[0, 1] = 0, 1
     reached[0] = True
@@ -127,7 +127,7 @@ def _check_tree(bvh, reached, used):
 
 @kernel
 def _check_slots(bvh, vertices, seen):
-    """The first slot whose triangle does not exist, is in an earlier slot too, or has other corners; -1 if none."""
+    """The first slot whose triangle does not exist, is in an earlier slot, or has other corners; -1 if none."""
     for slot in range(len(bvh.prim_ids)):
         prim = np.int64(bvh.prim_ids[slot])
         if prim < 0 or prim >= len(vertices) or seen[prim]:
@@ -158,13 +158,17 @@ def _check_arrays(bvh: Bvh, n: int) -> None:
 def validate(bvh: Bvh, vertices: np.ndarray) -> None:
     """Check that `bvh` is a correct BVH of the triangles `vertices`, (n, 3, 3) float32.
 
-    Correct means: every node but the root has one parent, no path has more than MAX_DEPTH inner nodes, every triangle
-    is in exactly one leaf, the corners are the triangle's, and every box is exactly the bounds of what is below it.
+    In a correct BVH:
+
+    - every node but the root has one parent;
+    - no path has more than MAX_DEPTH inner nodes;
+    - every triangle is in exactly one leaf, and the slot has its corners;
+    - every box is exactly the bounds of the triangles or boxes below it.
 
     Raises
     ------
     ValueError
-        Naming the first fault found, and the node or slot that has it.
+        With the first fault, and its node or slot.
     """
     flat = np.ascontiguousarray(vertices, np.float32).reshape(-1, 9)
     n = len(flat)
@@ -195,7 +199,7 @@ def _half_area(words, a, b):
 
 @kernel
 def _areas(ticket, bvh, sums):
-    """Worker: half the area of the nodes of each chunk, and of its leaves times their triangles, summed."""
+    """Worker: per chunk of nodes, sum half their areas, and half their leaves' areas times the triangles."""
     words = ptr(bvh.nodes)
     first = take(ticket)
     while first >= 0:
@@ -211,11 +215,11 @@ def _areas(ticket, bvh, sums):
 
 
 def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, threads: int | None = 1) -> float:
-    """Expected cost of a ray that meets the root's box, in float64.
+    """The SAH cost: expected cost of a ray that meets the root's box, in float64.
 
-    It is `c_traverse` for each inner node that the ray enters, and `c_intersect` for each triangle in a leaf that it
-    enters; the chance to enter a box is its area over the root's, or 1 if the root has none. No triangles cost 0.
-    The same, bit for bit, for any number of threads.
+    An inner node that the ray enters costs `c_traverse`. Each triangle in a leaf that it enters costs `c_intersect`.
+    The chance to enter a box is its area over the root's area, or 1 if the root has no area. A tree without triangles
+    costs 0. The result is the same, bit for bit, for any number of threads.
     """
     if len(bvh.prim_ids) == 0:
         return 0.0
@@ -229,7 +233,7 @@ def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, thread
 
 @kernel
 def _shape(links, sizes):
-    """Fill the histogram of leaf sizes; the depth."""
+    """Fill the histogram of leaf sizes, and return the depth."""
     waiting = stack_array(np.int64, _WAITING, 2)
     waiting[0, 0], waiting[0, 1] = 0, 1
     height, deepest = 1, 0

@@ -1,7 +1,7 @@
-"""Parallel radix sort of keys with their values, by the least significant digit first.
+"""Parallel radix sort of keys with values, least significant digit first.
 
-Each pass counts the digits of every part of the keys, adds up where the keys of each (digit, part) begin, and moves
-them there in order. A stable sort has one result: parts and threads do not change it.
+Each pass counts the digits in every part of the keys. Prefix sums give the first position of each (digit, part). Then
+keys move there in order. The sort is stable, so its result does not depend on parts or threads.
 """
 
 import numpy as np
@@ -10,14 +10,14 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import get, ptr, ptr_at, put
 
-DIGIT_BITS = 8  # 256 places to write to fit in a first-level cache; with 10 bits, 63 took half as long again
+DIGIT_BITS = 8  # 256 write positions fit in a first-level cache; with 10 bits, `lbvh63` took half as long again
 _DIGITS = 1 << DIGIT_BITS
 _LEAST = 16384  # keys in a part, at least
 
 
 @kernel
 def _count(ticket, keys, shift, counts):
-    """Worker: how often each digit occurs in each part."""
+    """Worker: count each digit in each part."""
     k, mask = ptr(keys), np.int64(_DIGITS - 1)
     first = take(ticket)
     while first >= 0:
@@ -32,7 +32,7 @@ def _count(ticket, keys, shift, counts):
 
 @kernel
 def _begin(counts, n):
-    """Turn counts into where each part puts its first key of each digit; False if all keys have the same digit."""
+    """Turn counts into each part's first position for each digit. False if all keys share one digit."""
     at = 0
     for d in range(_DIGITS):
         before = at
@@ -47,7 +47,9 @@ def _begin(counts, n):
 
 @kernel
 def _scatter(ticket, keys, values, shift, places, to_keys, to_values):
-    """Worker: move each part's keys and values to their places."""
+    """Worker: move each part's keys and values to their positions."""
+    # In: keys, values; shift, first bit of the digit; places, (parts, 256) first positions, which are counted up
+    # Out: to_keys, to_values
     k, v, out_k, out_v, mask = ptr(keys), ptr(values), ptr(to_keys), ptr(to_values), np.int64(_DIGITS - 1)
     first = take(ticket)
     while first >= 0:
@@ -63,13 +65,13 @@ def _scatter(ticket, keys, values, shift, places, to_keys, to_values):
 
 
 def radix_sort(keys, values, bits: int, threads: int):
-    """(keys, values) in ascending order of the keys, equal keys in the order they had.
+    """(keys, values) in ascending order of the keys. Equal keys keep their order.
 
     Parameters
     ----------
-    keys : (n,) int32 or int64, of `bits` bits, which are read without sign
+    keys : (n,) int32 or int64, of `bits` bits, read as unsigned
     values : (n,) int32
-        Both are overwritten; what is returned may be they, or new arrays.
+        Both are overwritten. The results may be the same arrays or new ones.
     """
     n = len(keys)
     part = max(_LEAST, -(-n // (4 * threads)))

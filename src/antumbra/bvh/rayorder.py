@@ -1,11 +1,18 @@
-"""The order of children that suits some rays best, in a tree that is there: by the cost metric of [Feltman et al. 2012,
-Sec. 3.2], of which a builder has only estimates.
+"""Choose the best order of children of a finished tree for sampled rays, by the cost metric of [Feltman et al. 2012,
+Sec. 3.2].
 
-With C the cost of a subtree for a ray and H whether the ray meets something in there, visiting the left child A first
-costs C(A) + (1 - H(A)) C(B), so that the right child B should be first if the sum of H(B) C(A) is larger than that of
-H(A) C(B), over the rays that come to the node. C and H of all subtrees that a ray enters follow from the leaves up; a
-node's own order does not change those of its children, so one pass finds the best order at each node for the rays that
-come there by the orders as they were. Boxes and triangles cost 1 each, so all sums are whole numbers.
+A builder only has estimates of this metric. Let C be the cost of a subtree for a ray, and H whether the ray meets
+something in the subtree. If the left child A comes first, the cost is
+
+    C = C(A) + (1 - H(A)) C(B)                                           (docs/design/srdh.md, eq. 3)
+
+So the right child B should be first if, over the rays that come to the node,
+
+    sum of H(B) C(A)  >  sum of H(A) C(B)                                (docs/design/srdh.md, eq. 4)
+
+C and H of all subtrees that a ray enters follow from the leaves up. A node's own order does not change its children's C
+and H. So one pass finds the best order at each node, for the rays that come there by the old orders. Boxes and
+triangles cost 1 each, so all sums are whole numbers.
 """
 
 from typing import NamedTuple
@@ -36,14 +43,14 @@ _LEVELS = MAX_DEPTH + 2
 
 
 class _Frames(NamedTuple):
-    """The nodes from the root to the one that a ray is at, (_LEVELS,) int64 each."""
+    """The nodes on the path from the root to a ray's current node, (_LEVELS,) int64 each."""
 
-    node: np.ndarray
+    node: np.ndarray  # index of the node
     entered: np.ndarray  # bits of the children whose boxes the ray enters
-    side: np.ndarray  # the child that is due; 2: both are done
-    comes: np.ndarray  # 1 if the ray would come here, by the orders as they are
-    cost: np.ndarray  # of the left child
-    hits: np.ndarray  # 1 if the ray meets something in it
+    side: np.ndarray  # the next child; 2: both are done
+    comes: np.ndarray  # 1 if the ray comes here by the old orders
+    cost: np.ndarray  # cost of the left child
+    hits: np.ndarray  # 1 if the ray meets something in the left child
 
 
 @inlined
@@ -63,7 +70,7 @@ def _children_entered(nodes, node, ray):
 
 @inlined
 def _leaf(bvh, link, met, ray):
-    """(triangles of a leaf, 1 if the ray meets one); `met` has the number of the last ray that met a triangle."""
+    """(triangles of a leaf, 1 if the ray meets one of them); `met` has the last ray that met each triangle."""
     if link == EMPTY:
         return np.int64(0), np.int64(0)
     first, count, hit = ~link >> 3, (~link & 7) + 1, np.int64(0)
@@ -74,11 +81,11 @@ def _leaf(bvh, link, met, ray):
 
 @kernel
 def _weigh(bvh, box_ray, i, met, frames, gains):
-    """Add to each node's gain what ray i would save by visiting the right child first."""
+    """Add to each node's gain the cost that ray i saves if the right child comes first."""
     nodes = ptr(bvh.nodes)
     frames.node[0], frames.side[0], frames.comes[0] = 0, 0, 1
     frames.entered[0] = _children_entered(nodes, 0, box_ray)
-    depth, cost, hit = 0, np.int64(0), np.int64(0)  # the last two: of the child that was done last
+    depth, cost, hit = 0, np.int64(0), np.int64(0)  # cost, hit: of the child that was done last
     while depth >= 0:
         node, side = frames.node[depth], frames.side[depth]
         if side == 1:
@@ -108,7 +115,7 @@ def _weigh(bvh, box_ray, i, met, frames, gains):
 
 @kernel
 def _weigh_rays(ticket, bvh, rays, found, gains, met):
-    """Worker: the gains by each ray; `met`: the thread's own -1 for each triangle."""
+    """Worker: add the gains of each ray. `met` is the thread's own memory, -1 for each triangle."""
     frames = _Frames(
         stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
         stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
@@ -124,7 +131,7 @@ def _weigh_rays(ticket, bvh, rays, found, gains, met):
 
 @kernel
 def _choose(bvh, gains):
-    """Put the children of all nodes in the better order."""
+    """Put the children of all nodes into the better order."""
     words = ptr(bvh.links)
     for node in range(len(bvh.nodes)):
         if gains[node] != 0:
@@ -135,7 +142,7 @@ def _choose(bvh, gains):
 
 @kernel
 def _copy_nodes(bvh, order, numbers, new_nodes, new_links):
-    """Copy the nodes, depth first, which is this order; `numbers`: memory for where each one goes."""
+    """Copy the nodes in `order`, depth first. `numbers` is scratch memory for the new indices."""
     for i in range(len(order)):
         numbers[order[i]] = i
     for i in range(len(order)):
@@ -146,25 +153,25 @@ def _copy_nodes(bvh, order, numbers, new_nodes, new_links):
 
 
 def order_by_rays(bvh: Bvh, threads: int | None = None, *, rays: Intersections | None = None) -> Bvh:
-    """The same tree, the child that comes first chosen for these rays at each node that they tell something about.
+    """The same tree, with the first child of each node chosen for these rays. Where no ray decides, orders stay.
 
     Parameters
     ----------
     bvh : Bvh
-        It is left alone. Orders by distance that a builder has chosen become constant where rays tell something.
+        It is not changed. The builder's orders by distance become constant where rays decide.
     rays : Intersections
-        A sparse sample of the rays that will be traced, with all triangles each of them meets. None, or none: `bvh`
-        itself is the answer.
+        A sparse sample of the rays that will be traced, with all triangles that each ray meets. With None or an
+        empty sample, `bvh` itself is returned.
 
     Returns
     -------
     Bvh
-        With the same bits for any number of threads; a left child comes right behind its parent.
+        The same bits for any number of threads. A left child follows its parent in memory.
 
     Raises
     ------
     InputError
-        If a ray meets a triangle that is not there.
+        If a ray meets a triangle out of range.
     """
     if rays is None or len(rays.origins) == 0 or len(bvh.prim_ids) < 2:
         return bvh

@@ -1,9 +1,8 @@
-"""Sets of shadow rays, with all that each of them meets, as the builder `srdh` takes them down the tree.
+"""Sets of shadow rays with all their hits, as the builder `srdh` passes them down the tree.
 
-A ray set goes to a node's children filtered: each child gets the rays that come to it, by the order in which the
-children are visited, and that enter its box; and of each ray the triangles it meets in there [Feltman et al. 2012, Sec.
-3.4]. Intersections are sparse, so they are a list per ray. Where a triangle goes is told by its centroid alone, so that
-is all that is kept of it.
+Each child of a node gets a filtered ray set [Feltman et al. 2012, Sec. 3.4]. It has the rays that come to the child in
+the order of visits and enter its box. Of each ray, it has the triangles that the ray meets in the child. Hits are
+sparse, so each ray has a list of them. A hit is only a centroid, since that decides the triangle's side of a split.
 """
 
 from typing import NamedTuple
@@ -16,17 +15,17 @@ from ..kernels.simd import as_i32, extract, get, load4, load8, ptr, ptr_at, put,
 from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
 
 RAY = 8  # words: origin, reciprocal direction, first hit, number of hits
-HIT = 4  # words: twice the centroid, as in `bounds.double_centroid`; one not used
+HIT = 4  # words: twice the centroid, as in `bounds.double_centroid`, and one unused
 _TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as this share
-GROW = np.float32(1.0 + 2.0**-20)  # a ray that meets a triangle surely enters its box, or nearly so
+GROW = np.float32(1.0 + 2.0**-20)  # margin of the slab test: a ray that meets a triangle enters its box
 
 
 class Intersections(NamedTuple):
-    """Segments and all triangles that each meets."""
+    """Segments, and all triangles that each segment meets."""
 
     origins: np.ndarray  # (m, 3) float32
     ends: np.ndarray  # (m, 3) float32
-    first: np.ndarray  # (m + 1,) int64: of segment i, from first[i] to first[i + 1] in `prims`
+    first: np.ndarray  # (m + 1,) int64: segment i has `prims` from first[i] to first[i + 1]
     prims: np.ndarray  # (h,) int32, triangle indices
 
 
@@ -38,7 +37,7 @@ class RaySet(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """Pointers to the arrays of a `RaySet`, from some ray and hit on."""
+    """Pointers to the arrays of a `RaySet`, from some ray and some hit on."""
 
     rays: object  # float32 *
     words: object  # int32 *, the same memory
@@ -46,14 +45,14 @@ class Rays(NamedTuple):
 
 
 class Side(NamedTuple):
-    """A number of rays, and of hits: those that go to one side, or lie before some place."""
+    """A number of rays and a number of hits: the size of one side's set, or a position in a `RaySet`."""
 
     rays: int
     hits: int
 
 
 class ShownRay(NamedTuple):
-    """A ray for slab tests; float32 scalars."""
+    """A ray for slab tests: origin and reciprocal direction, float32 scalars."""
 
     ox: object
     oy: object
@@ -64,13 +63,13 @@ class ShownRay(NamedTuple):
 
 
 def check_intersections(found: Intersections, n: int) -> None:
-    """InputError if a segment meets a triangle that is not one of n."""
+    """Raise InputError if a segment meets a triangle out of range for n triangles."""
     if len(found.prims) and not (found.prims.min() >= 0 and found.prims.max() < n):
         raise InputError(f"rays meet triangles {found.prims.min()} to {found.prims.max()}; there are {n}")
 
 
 def bounded_rays(found: Intersections) -> np.ndarray:
-    """(m, RAY) float32: the rays of a `RaySet` of all these segments, ready for slab tests."""
+    """(m, RAY) float32: the rays of a `RaySet` of all segments, ready for slab tests."""
     rays = np.zeros((len(found.origins), RAY), np.float32)
     direction = found.ends - found.origins
     limit = _TINY * np.abs(direction).max(axis=1, initial=np.float32(1e-15), keepdims=True)
@@ -91,7 +90,7 @@ def ray_set(found: Intersections, flat: np.ndarray) -> RaySet:
 
 @inlined
 def rays_of(set_, start):
-    """The pointers to the arrays of a `RaySet`, which must outlive them, from a place (a `Side`) on."""
+    """Pointers to the arrays of a `RaySet`, which must outlive them, from the position `start` (a `Side`) on."""
     rays = ptr_at(ptr(set_.rays), start.rays * RAY)
     return Rays(rays, as_i32(rays), ptr_at(ptr(set_.hits), start.hits * HIT))
 
@@ -107,7 +106,7 @@ def ray_at(rays, i):
 
 @inlined
 def _pierces(box, ray):
-    """Whether a ray enters a box that is not empty; `box` a pointer to one of `bounds`."""
+    """Whether a ray enters a box that is not empty; `box` points to a box in the form of `bounds`."""
     ax, bx = (get(box, 0) - ray.ox) * ray.ix, (-get(box, 4) - ray.ox) * ray.ix
     ay, by = (get(box, 1) - ray.oy) * ray.iy, (-get(box, 5) - ray.oy) * ray.iy
     az, bz = (get(box, 2) - ray.oz) * ray.iz, (-get(box, 6) - ray.oz) * ray.iz
@@ -118,7 +117,7 @@ def _pierces(box, ray):
 
 @inlined
 def _away(box, ray):
-    """The squared distance of twice a box's centre from twice a ray's origin."""
+    """The squared distance between twice a box's centre and twice a ray's origin."""
     two = np.float32(2.0)
     x, y, z = get(box, 0) - get(box, 4), get(box, 1) - get(box, 5), get(box, 2) - get(box, 6)
     x, y, z = x - two * ray.ox, y - two * ray.oy, z - two * ray.oz
@@ -127,7 +126,7 @@ def _away(box, ray):
 
 @inlined
 def _left_first(order, left, right, ray):
-    """Whether a ray visits the left child first; of constant orders, the left child is the first one."""
+    """Whether a ray visits the left child first. In constant orders, the left child is the first."""
     if order == FRONT_TO_BACK:
         return _away(left, ray) <= _away(right, ray)
     if order == BACK_TO_FRONT:
@@ -137,7 +136,9 @@ def _left_first(order, left, right, ray):
 
 @inlined
 def _copy_ray(source, i, target, side, axis, origin, factor, limit, wanted):
-    """Add ray i, with its hits on one side of a split (`wanted`: left), to a child's set; what the child then has."""
+    """Add ray i, with its hits on one side of a split, to a child's set, and return the set's new size, a `Side`."""
+    # In: source, `Rays`; side, size of the child's set; axis, origin, factor, limit, the split; wanted, True for left
+    # Out: target, the child's `Rays`
     at, hit, n = side.rays * RAY, side.hits, np.int64(0)
     store(target.rays, at, load8(source.rays, i * RAY))
     first = np.int64(get(source.words, i * RAY + 6))
@@ -152,13 +153,13 @@ def _copy_ray(source, i, target, side, axis, origin, factor, limit, wanted):
 
 @kernel
 def divide_rays(source, n, mapping, chosen, boxes, left, right):
-    """Write the rays that come to each side of a split to `left` and `right`, with their hits there; two `Side`s.
+    """Write each child's ray set, with its hits, and return both sizes as `Side`s.
 
-    source : Rays, n of them
-    mapping : as for `bins.partition`; left is the side of the lower centroids
-    chosen : the `srdh_cost.RaySplit`
-    boxes : pointer to those of the left and the right side
+    Left is the side of the lower centroids.
     """
+    # In: source, n `Rays`; mapping, as for `bins.partition`; chosen, `srdh_cost.RaySplit`
+    # In: boxes, pointer to the boxes of the left and the right side
+    # Out: left, right, `Rays`
     axis, limit, order = chosen.split.axis, np.float32(chosen.split.place), chosen.order
     origin, factor = extract(mapping.origin, axis), extract(mapping.factor, axis)
     low, high = boxes, ptr_at(boxes, 8)

@@ -1,8 +1,8 @@
-"""New boxes for a BVH whose triangles have moved, and a guard that builds it anew when it has become bad.
+"""Refit a BVH to triangles that have moved, and rebuild it when its SAH cost has grown too much.
 
-Parts of the tree are refitted by threads apart, from the last node to the first: nodes stand depth first, so the boxes
-of a node's children are the last two that were made. The guard goes by the SAH cost, as in [Lauterbach et al. 2006,
-"RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] by a similar measure.
+Threads refit parts of the tree apart, from the last node to the first. Nodes are in depth-first order, so the boxes of
+a node's children are the last two that were made. [Lauterbach et al. 2006, "RT-DEFORM: interactive ray tracing of
+dynamic scenes using BVHs"] rebuild by a similar measure.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from .prepare import checked, scene_bounds, tiny
 from .quality import sah_cost
 from .top import Top
 
-LIMIT = 1.1  # a tree that has come to cost so many times what it did when built is built anew
+LIMIT = 1.1  # a tree is rebuilt if its cost exceeds this factor of its cost when built
 _AHEAD = 32  # slots whose triangles are fetched in advance
 _INF = np.float32(np.inf)
 _BOXES = 8 * (MAX_DEPTH + 2)
@@ -29,7 +29,7 @@ _BOXES = 8 * (MAX_DEPTH + 2)
 
 @inlined
 def _refit_leaf(vertices, link, out):
-    """Copy the corners of a leaf's triangles; their box."""
+    """Copy the corners of a leaf's triangles, and return their box."""
     box, first = splat8(_INF), np.int64(~link >> 3)
     for slot in range(first + (~link & 7), first - 1, -1):
         ahead = np.int64(get(out.prim_ids, max(slot - _AHEAD, 0))) * 9
@@ -44,7 +44,7 @@ def _refit_leaf(vertices, link, out):
 
 @kernel
 def _refit_part(vertices, old, first, last, out):
-    """The nodes from `last` - 1 to `first`, all those below `first`; their box."""
+    """Refit the nodes from `last` - 1 to `first`, a whole subtree, and return its box."""
     boxes, height = stack_f32(_BOXES), 0
     for node in range(last - 1, first - 1, -1):
         left, right = get(old.links, node * 16 + 12), get(old.links, node * 16 + 13)
@@ -69,7 +69,7 @@ def _refit_part(vertices, old, first, last, out):
 
 @kernel
 def _refit_parts(ticket, vertices, bvh, parts, new, boxes):
-    """Worker: the nodes and corners of each part, and its box."""
+    """Worker: refit the nodes and corners of each part, and store its box."""
     v, old, out = ptr(vertices), tree_of(bvh), tree_of(new)
     p = take(ticket)
     while p >= 0:
@@ -80,19 +80,20 @@ def _refit_parts(ticket, vertices, bvh, parts, new, boxes):
 
 
 def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
-    """The same tree around triangles that have moved; the same, bit for bit, for any number of threads.
+    """The same tree with boxes of the moved triangles; the same, bit for bit, for any number of threads.
 
     Parameters
     ----------
     bvh : Bvh
-        Its nodes stand depth first, as every builder makes them. It is left alone; the new one shares its `prim_ids`.
+        Its nodes are in depth-first order, as every builder makes them. It is not changed. The new tree shares its
+        `prim_ids`.
     vertices : (n, 3, 3) float32
-        As for a builder, of as many triangles as `bvh` has, in the same order.
+        As for a builder: as many triangles as `bvh` has, in the same order.
 
     Raises
     ------
     InputError
-        As a builder does; and on another number of triangles.
+        As for a builder; also on another number of triangles.
     """
     flat, threads = checked(vertices, 1), thread_count(threads)
     n = len(flat)
@@ -115,22 +116,22 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
 
 
 class Deforming:
-    """The BVH of a mesh that deforms: refitted as long as that is good, else built anew.
+    """The BVH of a deforming mesh: refitted while its SAH cost stays low, else rebuilt.
 
-    build : as in `bvh.Builder`
-    limit : how many times the SAH cost that it had when built a refitted tree may have
+    build : a builder (`methods.py`)
+    limit : the largest SAH cost of a refitted tree, relative to its cost when built
 
-    A refit is exact: it changes the speed of a query only, never an answer.
+    A refit is exact: it changes the speed of a query, never an answer.
     """
 
     def __init__(self, build: Callable, limit: float = LIMIT):
         self.build, self.limit = build, limit
         self.bvh: Bvh | None = None
-        self.cost = 0.0  # of the tree as it was built
+        self.cost = 0.0  # of the tree when it was built
 
     def update(self, vertices: np.ndarray, threads: int | None = None) -> Bvh:
-        """The BVH of these triangles. Errors: as for a builder."""
-        kept = self.bvh  # once: another thread may put another tree there
+        """The BVH of these triangles. Errors are as for a builder."""
+        kept = self.bvh  # read once: another thread may replace it
         if kept is not None and len(kept.prim_ids) == len(vertices):
             bvh = refit(kept, vertices, threads)
             if sah_cost(bvh, threads=threads) <= self.limit * self.cost:

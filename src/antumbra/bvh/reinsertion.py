@@ -2,13 +2,11 @@
 volume hierarchies"], in its parallel form [Meister and Bittner 2018, "Parallel reinsertion for bounding volume
 hierarchy optimization"].
 
-Each subtree looks for the place in the tree where it would lower the SAH cost most, by branch and bound; all threads
-look at once, in a tree that does not change meanwhile. The moves that were found are then made, the most profitable
-first. This is repeated for some rounds.
+For each subtree, branch and bound finds the place in the tree that lowers the SAH cost most. All threads search at
+once, in a tree that does not change. Then the moves are made, the most profitable first. This repeats for some rounds.
 
-Departure from the papers: moves that stand in each other's way are not excluded beforehand by locks. They are made one
-after the other, each is undone if it does not pay any more, and so the result has the same bits for any number of
-threads.
+Departure from the papers: no locks exclude conflicting moves beforehand. Moves are made one after the other, and a move
+that does not pay any more is undone. So the result has the same bits for any number of threads.
 """
 
 from typing import NamedTuple
@@ -45,19 +43,19 @@ _WAITING = MAX_DEPTH + 2
 _COORDINATES = 0x77  # lanes of a box
 _AREA = 3  # lane of a box that holds half its area
 _CHUNK = 1024  # items that a thread takes at a time
-_FEW = 0.002  # of the items: so few moves end the rounds
-_LEAST = np.float32(2.0**-16)  # of a subtree's area: what a move must gain, at least
+_FEW = 0.002  # fraction of the items: fewer moves end the rounds
+_LEAST = np.float32(2.0**-16)  # least gain of a move, relative to the subtree's area
 
 
 class Loose(NamedTuple):
-    """A tree of m nodes and m + 1 leaves that can be taken apart. Items are the nodes, then the leaves."""
+    """A tree of m nodes and m + 1 leaves in a form for moves. Items are the nodes, then the leaves."""
 
-    parents: np.ndarray  # (2 m + 1,) int32; -1 of the root, which is 0
+    parents: np.ndarray  # (2 m + 1,) int32: item; -1 for the root, item 0
     children: np.ndarray  # (m, 2) int32: items
-    heights: np.ndarray  # (2 m + 1,) int32: nodes on the longest path down; 0 of a leaf
-    boxes: np.ndarray  # (2 m + 1, 8) float32: as in `bounds`, and half the area in the fourth lane
-    links: np.ndarray  # (m + 1,) int32: to each leaf
-    scale: np.float32  # see `top_down.Settings`
+    heights: np.ndarray  # (2 m + 1,) int32: nodes on the longest path down; 0 for a leaf
+    boxes: np.ndarray  # (2 m + 1, 8) float32: as in `bounds`, with half the area in the fourth lane
+    links: np.ndarray  # (m + 1,) int32: links to the leaves
+    scale: np.float32  # see `subtree.Settings`
 
 
 class LooseTree(NamedTuple):
@@ -73,7 +71,7 @@ class LooseTree(NamedTuple):
 
 @inlined
 def _tree_of(loose):
-    """The pointers of a `Loose`, which must outlive them."""
+    """Pointers to the arrays of a `Loose`, which must outlive them."""
     return LooseTree(
         ptr(loose.parents), ptr(loose.children), ptr(loose.heights), ptr(loose.boxes), len(loose.children), loose.scale
     )
@@ -99,7 +97,7 @@ def _sibling(tree, item):
 
 @inlined
 def _join(tree, node):
-    """Box and height of a node, from its children; (how much its area has grown, whether anything has changed)."""
+    """Update box and height of a node from its children; returns (growth of its area, whether anything changed)."""
     left, right = np.int64(get(tree.children, 2 * node)), np.int64(get(tree.children, 2 * node + 1))
     box = minimum(load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
     height = 1 + max(get(tree.heights, left), get(tree.heights, right))
@@ -113,7 +111,7 @@ def _join(tree, node):
 
 @kernel
 def _loosen(bvh, loose):
-    """Fill a loose tree from a BVH whose nodes stand depth first."""
+    """Fill a loose tree from a BVH whose nodes are in depth-first order."""
     nodes, tree, n, pair, leaves = ptr(bvh.nodes), _tree_of(loose), len(bvh.nodes), stack_f32(16), 0
     for node in range(n):
         line = shuffle(load16(nodes, node * 16), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
@@ -134,15 +132,17 @@ def _loosen(bvh, loose):
 
 
 class Found(NamedTuple):
-    """Where an item is to go."""
+    """The best place found for an item."""
 
-    gain: object  # float32: what the tree's SAH cost falls by, times half the area of its root
-    place: object  # int64: the item whose sibling it becomes; -1: it stays
+    gain: object  # float32: decrease of the tree's SAH cost, times half the area of its root
+    place: object  # int64: its new sibling; -1: it stays
 
 
 @kernel
 def _search(tree, item, root, gain, found, waiting, gains):
-    """The best of `found` and the places below `root`; `gain` is what taking the item away has brought."""
+    """The best of `found` and of all places below `root`."""
+    # In: tree, item, root; gain, float32, cost saved by the removal of the item; found, the best `Found` so far
+    # Scratch: waiting, int32 *, and gains, float32 *, _STACK each
     box, area = load8(tree.boxes, item * 8), _area(tree, item)
     put(waiting, 0, root)
     put(gains, 0, gain)
@@ -153,8 +153,8 @@ def _search(tree, item, root, gain, found, waiting, gains):
         merged = half_area(minimum(load8(tree.boxes, here * 8), box), tree.scale)
         if gain - merged > found.gain:
             found = Found(gain - merged, here)
-        below = gain + _area(tree, here) - merged  # `here` would grow
-        if here < tree.n_nodes and below - area > found.gain:  # the new node is no smaller than the item
+        below = gain + _area(tree, here) - merged  # `here` grows
+        if here < tree.n_nodes and below - area > found.gain:  # the new node is at least as large as the item
             for side in range(2):
                 put(waiting, height, get(tree.children, 2 * here + side))
                 put(gains, height, below)
@@ -164,7 +164,7 @@ def _search(tree, item, root, gain, found, waiting, gains):
 
 @kernel
 def _find(tree, item, waiting, gains):
-    """The best place of an item [Meister and Bittner 2018, Alg. 1]: below each of its ancestors' other children."""
+    """The best place of an item, below all its ancestors' other children [Meister and Bittner 2018, Alg. 1]."""
     path = np.int64(get(tree.parents, item))
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)
@@ -182,7 +182,7 @@ def _find(tree, item, waiting, gains):
 
 @kernel
 def _find_places(ticket, loose, gains, places):
-    """Worker: the best place of each item, or -1; children of the root stay."""
+    """Worker: find the best place of each item, or -1. Children of the root stay."""
     tree = _tree_of(loose)
     waiting, scratch = stack_i32(_STACK), stack_f32(_STACK)
     first = take(ticket)
@@ -197,7 +197,7 @@ def _find_places(ticket, loose, gains, places):
 
 @kernel
 def _join_upwards(tree, node):
-    """Join what has changed from a node up; how much all areas have grown."""
+    """Update the changed nodes from `node` up, and return the growth of all areas."""
     grown = np.float32(0.0)
     while node >= 0:
         more, changed = _join(tree, node)
@@ -208,7 +208,7 @@ def _join_upwards(tree, node):
 
 @inlined
 def _put_in_place(tree, new, old):
-    """Make `new` the child that `old` is now."""
+    """Make `new` a child in place of `old`, and return their parent."""
     parent = np.int64(get(tree.parents, old))
     put(tree.children, 2 * parent + (0 if get(tree.children, 2 * parent) == old else 1), new)
     put(tree.parents, new, parent)
@@ -217,7 +217,7 @@ def _put_in_place(tree, new, old):
 
 @kernel
 def _move(tree, item, place):
-    """Make an item the sibling of another, with its parent as theirs; how much all areas have grown."""
+    """Make `item` the sibling of `place`, reuse its parent node as their parent, and return the growth of all areas."""
     node, sibling = np.int64(get(tree.parents, item)), _sibling(tree, item)
     grown = -_area(tree, node)
     grown += _join_upwards(tree, _put_in_place(tree, sibling, node))
@@ -232,7 +232,7 @@ def _move(tree, item, place):
 
 @kernel
 def _can_move(tree, item, place):
-    """Whether the place is one, and not below the item, and its subtree stays within MAX_DEPTH there."""
+    """Whether the move changes the tree, `place` is not below the item, and depth stays within MAX_DEPTH."""
     if get(tree.parents, item) <= 0 or place <= 0 or place == get(tree.parents, item) or place == _sibling(tree, item):
         return False
     node, depth = np.int64(place), 0
@@ -246,7 +246,7 @@ def _can_move(tree, item, place):
 
 @kernel
 def _make_moves(loose, items, places):
-    """Make the moves that still pay, in this order; how many."""
+    """Make the moves that still pay, in this order, and return how many."""
     tree, made = _tree_of(loose), 0
     for k in range(len(items)):
         item, place = np.int64(items[k]), np.int64(places[items[k]])
@@ -261,7 +261,7 @@ def _make_moves(loose, items, places):
 
 @kernel
 def _write(loose, bvh):
-    """The nodes of a loose tree, depth first."""
+    """Write the nodes of a loose tree, depth first."""
     tree, nodes, links = _tree_of(loose), ptr(bvh.nodes), ptr(bvh.links)
     waiting, n = stack_array(np.int64, _WAITING, 2), 0
     waiting[0, 0], waiting[0, 1], height = 0, -1, 1
@@ -295,19 +295,19 @@ def _largest_leaf(links) -> int:
 
 
 def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
-    """A tree of the same triangles that costs less by SAH, or `bvh` itself; the same for any number of threads.
+    """A tree of the same triangles with lower SAH cost, or `bvh` itself; the same for any number of threads.
 
     Parameters
     ----------
     bvh : Bvh
-        Its nodes stand depth first, as every builder makes them. It is left alone.
+        Its nodes are in depth-first order, as every builder makes them. It is not changed.
     rounds : int
-        At most; they end sooner when they move few subtrees.
+        The most rounds. They end sooner when they move few subtrees.
 
     Notes
     -----
-    Leaves move as they are. In the end subtrees become leaves of as many triangles as `bvh` has in one, where that is
-    cheaper.
+    Leaves move as they are. In the end, subtrees become leaves where this is cheaper. These leaves have at most as many
+    triangles as the largest leaf of `bvh`.
     """
     threads, m = thread_count(threads), len(bvh.nodes)
     if m < 3:

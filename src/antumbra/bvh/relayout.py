@@ -1,8 +1,7 @@
-"""A tree of any shape into a `Bvh` in its final form: leaves where they are cheaper, all depth first, by all threads.
+"""Turn a changed tree into a `Bvh` in its final form: cheaper leaves, depth-first order, by all threads.
 
-For what changes finished trees. Whether a subtree of few triangles becomes a leaf follows from the SAH cost of the best
-that can be made of either child [Wald 2007, Sec. 2]. Where a part's nodes and triangles come follows from how many each
-part has.
+Optimisers of finished trees use it. A subtree of few triangles becomes a leaf if that costs no more than the best trees
+of its children, by SAH [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part decide their positions.
 """
 
 from typing import NamedTuple
@@ -23,23 +22,23 @@ _WAITING = 2 * MAX_DEPTH + 2
 
 
 class Choice(NamedTuple):
-    """What becomes of a tree that is cut in s parts."""
+    """The leaves and sizes chosen for a tree that is cut into s parts."""
 
-    is_leaf: np.ndarray  # (n_nodes,) bool: what is below the node becomes a leaf; anything below such a node
-    sizes: np.ndarray  # (s, 2) int64: nodes and triangles that each part then has
+    is_leaf: np.ndarray  # (n_nodes,) bool: the subtree becomes a leaf; undefined below such a node
+    sizes: np.ndarray  # (s, 2) int64: nodes and triangles of each part with these leaves
 
 
 class _Best(NamedTuple):
-    """A stack: the least SAH cost of subtrees, and what they then have."""
+    """A stack of subtrees: least SAH cost, triangles, nodes."""
 
-    costs: np.ndarray  # float64, times half the area of the tree's root
-    triangles: np.ndarray  # int64
-    nodes: np.ndarray  # int64
+    costs: np.ndarray  # (k,) float64: SAH cost times half the area of the tree's root
+    triangles: np.ndarray  # (k,) int64
+    nodes: np.ndarray  # (k,) int64
 
 
 @kernel
 def _price_node(tree, node, best, top, max_leaf):
-    """Put a node on top of the stack in place of its children; whether it becomes a leaf, and the new height."""
+    """Replace a node's children on the stack by the node, and return (whether it becomes a leaf, new height)."""
     cost, triangles, nodes = surface(tree.nodes, node * 16, node * 16 + 1), np.int64(0), np.int64(1)
     area = cost
     for side in range(2):
@@ -53,7 +52,7 @@ def _price_node(tree, node, best, top, max_leaf):
             cost += best.costs[top]
             triangles += best.triangles[top]
             nodes += best.nodes[top]
-    is_leaf = triangles <= max_leaf and area * triangles <= cost and node != 0  # the root never is
+    is_leaf = triangles <= max_leaf and area * triangles <= cost and node != 0  # the root is never a leaf
     best.costs[top] = area * triangles if is_leaf else cost
     best.triangles[top], best.nodes[top] = triangles, 0 if is_leaf else nodes
     return is_leaf, top + 1
@@ -61,7 +60,7 @@ def _price_node(tree, node, best, top, max_leaf):
 
 @kernel
 def _price(tree, root, max_leaf, is_leaf):
-    """Choose which nodes below one become leaves; (nodes, triangles) that the subtree then has."""
+    """Choose the nodes of a subtree that become leaves, and return its (nodes, triangles) with them."""
     waiting, height = stack_array(np.int64, _WAITING), 1
     costs, triangles = stack_array(np.float64, _LEVELS), stack_array(np.int64, _LEVELS)
     best, top = _Best(costs, triangles, stack_array(np.int64, _LEVELS)), 0
@@ -72,7 +71,7 @@ def _price(tree, root, max_leaf, is_leaf):
             height -= 1
             is_leaf[~node], top = _price_node(tree, ~node, best, top, max_leaf)
             continue
-        waiting[height - 1] = ~node  # again when its children are done
+        waiting[height - 1] = ~node  # visited again when its children are done
         for side in range(2):
             link = np.int64(get(tree.links, node * 16 + 12 + side))
             if link >= 0:
@@ -83,7 +82,7 @@ def _price(tree, root, max_leaf, is_leaf):
 
 @kernel
 def _price_parts(ticket, bvh, parts, max_leaf, choice):
-    """Worker: (nodes, triangles) of each part."""
+    """Worker: choose the leaves of each part, and store its (nodes, triangles)."""
     tree = tree_of(bvh)
     p = take(ticket)
     while p >= 0:
@@ -104,7 +103,7 @@ def _copy_slot(source, old, target, new):
 
 @kernel
 def _copy_leaf(source, link, waiting, height, target, slot):
-    """Copy the triangles below a link to the slots from `slot` on; the next free slot. Uses the stack above height."""
+    """Copy the triangles below a link to the slots from `slot` on, and return the next free slot."""
     base = height
     waiting[height, 0] = link
     height += 1
@@ -124,7 +123,7 @@ def _copy_leaf(source, link, waiting, height, target, slot):
 
 @kernel
 def _fetch_part(source, root, queue):
-    """Ask for a part's memory breadth first, so that it is on its way long before it is needed."""
+    """Prefetch a part's memory breadth first, long before `_copy_part` needs it."""
     queue[0] = root
     n, done = 1 if root >= 0 else 0, 0
     while done < n:
@@ -144,7 +143,7 @@ def _fetch_part(source, root, queue):
 
 @kernel
 def _copy_part(source, root, is_leaf, target, node, slot):
-    """Write a part from this node and this slot on; the link to it."""
+    """Write a part from this node and this slot on, and return the link to it."""
     waiting = stack_array(np.int64, _WAITING, 2)  # link, where the new link goes
     waiting[0, 0], waiting[0, 1] = root, -1
     height, first = 1, np.int64(node)
@@ -173,10 +172,10 @@ def _copy_part(source, root, is_leaf, target, node, slot):
 
 @kernel
 def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
-    """Worker: write each part to its place, and the link to it.
-
-    queue : the thread's own memory for as many int32 as a part has triangles
-    """
+    """Worker: write each part to its place, and store the link to it."""
+    # In: bvh; parts, of `Cut`; choice; at, (s, 2) first node and first slot of each part
+    # Out: new, `Bvh`; links, (s,) int64 link to each part
+    # Scratch: queue, the thread's own int32, as many as a part has triangles
     source, target, is_leaf = tree_of(bvh), tree_of(new), choice.is_leaf
     p = take(ticket)
     while p >= 0:
@@ -203,7 +202,7 @@ def _links_of_top(children, node_at, to_parts):
 
 
 def cheapest_leaves(bvh: Bvh, cut: Cut, max_leaf: int, threads: int) -> Choice:
-    """The leaves of at most `max_leaf` triangles with which a tree of two triangles or more costs least."""
+    """The leaves of at most `max_leaf` triangles that give a tree of two triangles or more its least cost."""
     choice = Choice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(cut.parts), 2), np.int64))
     run(_price_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, max_leaf, choice)
     return choice
@@ -215,9 +214,9 @@ def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
     Parameters
     ----------
     bvh : Bvh
-        Its nodes may stand in any order and have anything in the words that are not used.
+        Its nodes may be in any order. Unused words may have any value.
     cut : Cut
-        Of this tree; the nodes of a part may since have been arranged anew, and those of the top too.
+        The cut of this tree. The nodes within a part, or within the top, may have been rearranged since.
     """
     children = children_of_top(cut)
     node_at, nodes_at = np.empty(len(children), np.int64), np.empty(len(cut.parts), np.int64)

@@ -1,7 +1,7 @@
-"""The tree of least SAH cost for up to four records, out of all that there are.
+"""The tree of least SAH cost over up to four records, out of all trees.
 
-Most of a tree's nodes have at most four triangles below them, and there binning is slow and finds little. With n <= 4
-there are at most 11 subsets of two or more records, so the best tree over each subset follows from those over smaller
+Most of a tree's nodes have at most four triangles below them. There binning is slow and finds little. With n <= 4 there
+are at most 11 subsets of two or more records. The best tree over each subset follows from the best trees over smaller
 ones [Karras and Aila 2013, "Fast parallel construction of high-quality bounding volume hierarchies"].
 """
 
@@ -20,7 +20,7 @@ _TODO = 2 * SMALLEST
 
 
 class Plans(NamedTuple):
-    """The best tree over each subset of the records; a subset is the set of bits of its index."""
+    """The best tree over each subset of the records. The bits of a subset's index are its records."""
 
     boxes: object  # pointer, 16 x 8 float32
     cost: object  # pointer, 16 float32
@@ -29,7 +29,7 @@ class Plans(NamedTuple):
 
 @kernel
 def _cheapest_halves(cost, subset):
-    """(cost, left child) of the cheapest way to divide a subset of two or more in two."""
+    """(cost, left child) of the cheapest division of a subset of two or more."""
     low = subset & -subset
     rest = subset ^ low
     best, best_left = INF, low
@@ -46,7 +46,7 @@ def _cheapest_halves(cost, subset):
 
 @kernel
 def _plan(records, first, n, max_leaf, scale, plans):
-    """Fill `plans` for the `n` records from `first` on. Traversal and intersection cost 1 each."""
+    """Fill `plans` for `n` records from `first` on. Visiting a node and testing a triangle cost 1 each."""
     for subset in range(1, 1 << n):
         rest = subset & (subset - 1)
         box = load8(records, (first + lowest_bit(subset)) * 8)
@@ -65,10 +65,12 @@ def _plan(records, first, n, max_leaf, scale, plans):
 
 @kernel
 def build_smallest(records, first, n, settings, out, next_node, slot, is_root):
-    """Write the best tree over 1 to SMALLEST records; the number of the next free node.
+    """Write the best tree over 1 to SMALLEST records, and return the index of the next free node.
 
-    `slot` is the index in ``out.links`` that gets the link to the tree. A root is never a leaf.
+    A root is never a leaf.
     """
+    # In: records, float32 *, from which `n` count from `first` on; settings, max_leaf and scale; is_root, bool
+    # Out: out, a `Tree`, nodes from `next_node` on; out.links[slot], the link to the tree
     plans = Plans(stack_f32(_BOXES), stack_f32(_SUBSETS), stack_i32(_SUBSETS))
     todo = stack_i32(_TODO)
     everything = np.int64((1 << n) - 1)

@@ -1,7 +1,7 @@
-"""What top-down builders differ in: how a range of records is split. Everything else is `top_down`.
+"""The split of a range of records, in which top-down builders differ. They share all else (`top_down`).
 
-A *method* holds the arrays that a builder keeps its records in: `bins.Binned` or `sweep.Swept`. In kernels the
-functions here are those of the method, chosen by its type when they are compiled.
+A *method* holds a builder's arrays of records: `bins.Binned` or `sweep.Swept`. In kernels, the type of the method
+chooses the implementation of the functions here at compile time.
 """
 
 from typing import NamedTuple
@@ -14,33 +14,33 @@ from .nodes import MAX_DEPTH
 
 
 class Split(NamedTuple):
-    """Where a range is split. Those of no finite cost are halved: `axis` is -1."""
+    """The split of a range. A range without a split of finite cost is halved: `axis` is -1."""
 
     axis: object  # int64
-    place: object  # int64: the first bin that goes right (`bins`); the first record that does (`sweep`)
-    cost: object  # float32: half the area of each side by its count of records, added
+    place: object  # int64: the first right bin (`bins`) or the first right record (`sweep`)
+    cost: object  # float32: sum over both sides of half the area times the number of records
 
 
 @kernel
 def no_split():
-    """The split of a range that is to be cut in the middle."""
+    """The split that halves a range."""
     return Split(np.int64(-1), np.int64(0), INF)
 
 
 @kernel
 def must_halve(n, depth):
-    """Whether a node at this depth must have equal halves for its tree to end by MAX_DEPTH.
+    """Whether a node at this depth must be halved, so that its tree ends by MAX_DEPTH.
 
-    If not, either child holds less than 2 ** (MAX_DEPTH - 1 - depth) records: halving suffices from there on.
+    If not, either child has less than 2 ** (MAX_DEPTH - 1 - depth) records, so halving suffices from there on.
     """
     return (n >> (MAX_DEPTH - 1 - depth)) > 0
 
 
 @overloaded("bins", "sweep")
 def source_of(method, depth, scratch):
-    """In kernels: the records, of ranges at this depth, as pointers; the field `records` has them in some order.
+    """In kernels: pointers to the records of ranges at this depth. The field `records` has them in some order.
 
-    `scratch` is a pointer to float32, as many as the method asks for.
+    scratch : pointer to float32, as many as the method needs
     """
 
 
@@ -51,4 +51,4 @@ def find_split(source, first, last, centroids, depth, scale):
 
 @overloaded("bins", "sweep")
 def divide(source, first, last, centroids, split):
-    """In kernels: put the left records of a range before its right ones; the number of the first right one."""
+    """In kernels: move the left records of a range before its right ones, and return the first right record."""

@@ -1,11 +1,17 @@
-"""`srdh`: a BVH, and the order of its children, for shadow rays like those it is shown [Feltman et al. 2012, Sec. 3.4].
+"""`srdh`: a BVH with an order of children, built for a sample of the shadow rays [Feltman et al. 2012, Sec. 3.4].
 
-Records are split top-down as by `bsah`, with the same bins, but by the heuristic of `srdh_cost` as long as rays come to
-a range; where none do, `bsah` goes on. Of the kernels that choose the order of children, the constant ones are free:
-the child to visit first is stored as the left one. Departures from the paper, which `srdh:paper` does not have: leaves
-of more than one triangle, subtrees that cost less than linearly much (`linear`), a few rays spread evenly, as the SAH
-assumes, besides those that are shown (`prior`), and orders chosen once more when the tree is done (`reorder`). Ranges
-of few records have few bins.
+Records are split top-down with the bins of `bsah`. The heuristic of `srdh_cost` chooses the split as long as rays come
+to a range. `bsah` takes over where none do. Traversal kernels choose the child that comes first. Constant kernels are
+free: the first child is stored as the left one.
+
+Departures from the paper, which `srdh:paper` does not have:
+
+- Leaves have more than one triangle.
+- The cost of a subtree grows less than linearly with its triangles (`linear`).
+- A few evenly spread rays, as the SAH assumes, are added to the given rays (`prior`).
+- Orders are chosen once more when the tree is done (`reorder`).
+
+Ranges of few records have few bins.
 """
 
 from functools import cache
@@ -32,50 +38,50 @@ from .subtree import Ranges, Settings, build_range, copy_corners, grow, push_ran
 from .top import build_top
 from .top_down import build_below, largest_subtree
 
-PRIOR = 16.0  # lowers box tests by 1 to 2 % against none, with rays of 16 x 16 pixels
+PRIOR = 16.0  # 1 to 2 % fewer box tests than without a prior, with rays of 16 x 16 pixels
 KERNELS = {"constant": CONSTANT, "distance": DISTANCE, "all": CONSTANT | DISTANCE}
-"""Name -> the traversal kernels to choose from: left or right first; front to back or back to front; all four."""
+"""Name: traversal kernels to choose from. They are left or right first, front to back or back to front, or all four."""
 
 _WAITING = MAX_DEPTH + 1
 _NUMBERS = 4 * _WAITING
 _BOXES = 16 * _WAITING
-_MOST = 1 << 25  # rays of ranges that wait: a GiB
+_MOST = 1 << 25  # rays of waiting ranges: a GiB
 
 
 class RaySettings(NamedTuple):
-    """What all ranges of a scene are built with, below the top."""
+    """The settings and rays of all ranges below the top."""
 
     max_leaf: object  # int64
-    scale: object  # these four as in `srdh_cost.HeuristicSettings`
-    kernels: object
-    prior: object
-    linear: object
-    rays: np.ndarray  # of the `RaySet`s of all ranges that threads build alone
-    hits: np.ndarray
-    spans: np.ndarray  # (s, 4) int64: of each of these ranges the first ray, number of rays, first hit, number of hits
-    rooms: np.ndarray  # (s,) int64: rays that there is room for below each, as `_rooms_for` says
+    scale: object  # float32; this and the next three as in `srdh_cost.HeuristicSettings`
+    kernels: object  # int64
+    prior: object  # float64
+    linear: object  # bool
+    rays: np.ndarray  # (m, RAY) float32: the `RaySet`s of all ranges that threads build alone, joined
+    hits: np.ndarray  # (h, HIT) float32: their hits, joined
+    spans: np.ndarray  # (s, 4) int64: first ray, number of rays, first hit, number of hits of each such range
+    rooms: np.ndarray  # (s,) int64: capacity for rays below each such range (`_rooms_for`)
 
 
 def _rooms_for(n_rays: np.ndarray) -> np.ndarray:
-    """How many rays to have room for below ranges to which so many come, all of which may come to a range at each level
-    that waits, to the one that is divided, and to both its sides. Hardly any of it is ever touched.
+    """The capacity for rays below ranges to which `n_rays` rays come.
 
-    Where that is more than _MOST, ranges that find no room go on by the SAH.
+    All rays may come to the waiting range of each level, to the range that is divided, and to both its sides. Hardly
+    any of this memory is ever touched. The capacity is limited to _MOST. Ranges that find no room continue by the SAH.
     """
     return np.minimum((_WAITING + 3) * n_rays, np.maximum(3 * n_rays, _MOST))
 
 
 def _scratch_words(settings: RaySettings) -> int:
-    """How many float32 a thread needs: the bins of a range, and hits and rays of the ranges that wait.
+    """The float32 that a thread needs: for the bins of a range, and the hits and rays of the waiting ranges.
 
-    Ranges that wait share the hits of the first set, since each is on one side of a split.
+    Waiting ranges share the hits of the first set, since each hit is on one side of a split.
     """
     return int(BIN_WORDS + 3 * HIT * settings.spans[:, 3].max() + RAY * settings.rooms.max())
 
 
 @inlined
 def _from(waiting, start):
-    """The `Rays` from a place, a `Side`, on."""
+    """The `Rays` from the position `start`, a `Side`, on."""
     rays = ptr_at(waiting.rays, start.rays * RAY)
     return Rays(rays, as_i32(rays), ptr_at(waiting.hits, start.hits * HIT))
 
@@ -91,20 +97,20 @@ def _move_down(waiting, start, n, to):
 
 @inlined
 def _beyond(start, n, times):
-    """The place behind some sets of n rays and hits each."""
+    """The position behind `times` sets of n rays and hits each."""
     return Side(start.rays + times * n.rays, start.hits + times * n.hits)
 
 
 @kernel
 def _leaf_is_cheaper(n, depth, n_rays, cost, settings):
-    """Whether a range is better a leaf than split; the root never is."""
+    """Whether a leaf costs less than the split of a range; never for the root."""
     rays = n_rays + settings.prior
     return n <= settings.max_leaf and depth > 0 and not (rays + cost < rays * n)
 
 
 @kernel
 def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
-    """The `RaySplit` of a range; that of axis -1 is better left to `grow`."""
+    """The `RaySplit` of a range. Axis -1 means that `grow` builds the range."""
     if n_rays == 0 or must_halve(last - first, depth):
         return no_ray_split()
     clear_bins(source.bins, mapping.n_bins)
@@ -114,7 +120,7 @@ def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
 
 @kernel
 def _first_set(settings, s, scratch):
-    """`Rays` of the sets that wait, one on the other, those of the range that comes next on top: ray set s alone."""
+    """The stack of waiting ray sets as `Rays`, at first with ray set s alone. The next range's set is on top."""
     first_ray, n_rays, first_hit, n_hits = settings.spans[s]
     rays = ptr_at(scratch, 3 * n_hits * HIT)
     for i in range(n_rays):
@@ -126,7 +132,7 @@ def _first_set(settings, s, scratch):
 
 @kernel
 def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out):
-    """`subtree.grow` from node 1 on, for ray set s; the number of the next free node."""
+    """`subtree.grow` from node 1 on, for ray set s; returns the index of the next free node."""
     ranges, spans = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES)), stack_array(np.int64, _WAITING, 4)
     plain, records, boxes = Settings(settings.max_leaf, settings.scale), source.records, stack_f32(16)
     next_node, waiting = np.int64(1), _first_set(settings, s, ptr_at(source.bins.boxes, BIN_WORDS))
@@ -152,7 +158,7 @@ def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out
         store(boxes, 0, low)
         store(boxes, 8, high)
         near, far = _beyond(start, n, 1), _beyond(start, n, 2)
-        low_at, high_at = (near, far) if chosen.swapped else (far, near)  # the set of the second child lies first
+        low_at, high_at = (near, far) if chosen.swapped else (far, near)  # the second child's set is first in memory
         n_low, n_high = divide_rays(
             _from(waiting, start), n.rays, mapping, chosen, boxes, _from(waiting, low_at), _from(waiting, high_at)
         )
@@ -191,7 +197,7 @@ def _build_range(vertices, source, first, last, depth, box, centroids, settings,
 
 @cache
 def _compile_top() -> None:
-    """Compile, or load, what only large scenes run too, so that the first build of a process readies all later ones."""
+    """Load the kernels that only large scenes run, so that the first build of a process readies all later ones."""
     segment = np.float32([[-1.0, 0.0, 0.1]]), np.float32([[3.0, 3.0, 3.0]])
     rays = ray_set(Intersections(*segment, np.array([0, 1]), np.zeros(1, np.int32)), PAIR)
     method = binned(2)
@@ -211,36 +217,36 @@ def build(
     linear: bool = False,
     reorder: bool = True,
 ) -> Bvh:
-    """Build a BVH for shadow rays like these; the same, bit for bit, for any number of threads.
+    """Build a BVH for shadow rays like `rays`; the same, bit for bit, for any number of threads.
 
     Parameters
     ----------
     vertices, threads, max_leaf
         As for `binned_sah.build`.
     rays : Intersections
-        A sparse sample of the rays that will be traced, with all triangles each of them meets. None, or none: the
-        tree is that of `bsah`.
+        A sparse sample of the rays that will be traced, with all triangles that each ray meets. With None or an
+        empty sample, the tree is that of `bsah`.
     kernels : str
-        A name in `KERNELS`: which traversal kernels the builder chooses from at each node.
+        A name in `KERNELS`: the traversal kernels from which the builder chooses at each node.
     prior : float
-        So many rays that are spread evenly, as the SAH assumes, are added to those that come to a range, so that few
-        rays do not overrule what is likely. 0: as published.
+        Evenly spread rays, as the SAH assumes, that are added to the rays of each range. With them, few rays do not
+        outweigh the SAH. 0 is as published.
     linear : bool
-        Whether a subtree is taken to cost a ray as many steps as it has triangles, as published. If not, it is the
-        power of 3/4 of that, which is nearer to what subtrees do cost and makes better trees.
+        Whether the cost of a subtree is its number of triangles n, as published. Otherwise it is n to the power of
+        3/4, which is nearer to the true cost and makes better trees.
     reorder : bool
-        Whether constant orders are chosen once more in the end, when costs are known (`rayorder`); as published, not.
-        Only where `kernels` are constant.
+        Whether constant orders are chosen once more at the end, when costs are known (`rayorder`). The paper does
+        not. It applies only to constant `kernels`.
 
     Returns
     -------
     Bvh
-        With an order at each node that rays came to. A left child comes right behind its parent.
+        With an order at each node to which rays came. A left child follows its parent in memory.
 
     Raises
     ------
     InputError
-        As `binned_sah.build`; and on unknown kernels, another prior, or rays that meet triangles that are not there.
+        As `binned_sah.build`; also on unknown kernels, an invalid prior, or rays that meet triangles out of range.
     """
     if kernels not in KERNELS:
         raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")

@@ -1,6 +1,6 @@
-"""The first levels of an `srdh` build: those of `top`, with a ray set for each range.
+"""The first levels of an `srdh` build: the levels of `top`, with a ray set for each range.
 
-All threads share the records of a range; its rays are one thread's work.
+All threads share the records of a range. One thread treats its rays.
 """
 
 import numpy as np
@@ -14,18 +14,20 @@ from .splits import Split, must_halve
 from .srdh_cost import HeuristicSettings, RaySplit, no_ray_split, ray_split
 from .top import Top, blocks_of, join_bins, mapping_of_range, set_split, split_blocks
 
-FIRST_RAY, N_RAYS, FIRST_HIT, N_HITS = range(4)  # columns of spans: where a range's rays and hits are in a `RaySet`
+FIRST_RAY, N_RAYS, FIRST_HIT, N_HITS = range(4)  # columns of spans: a range's rays and hits in a `RaySet`
 
 
 @inlined
 def start_of(spans, r):
-    """Where the ray set of range r starts, as a `Side`."""
+    """The start of range r's ray set, as a `Side`."""
     return Side(spans[r, FIRST_RAY], spans[r, FIRST_HIT])
 
 
 @kernel
 def _choose_splits(ticket, level, depth, sets, spans, settings, orders):
-    """Worker: of each range the split, the order of its children, and whether the high side comes first."""
+    """Worker: choose the split of each range, and the order of its children."""
+    # In: level, a `Level`; depth; sets, the `RaySet` of all ranges; spans, (k, 4); settings, `HeuristicSettings`
+    # Out: level.splits and level.places; orders, (k, 2) int32: order, 1 if the high side comes first
     total = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
     r = take(ticket)
     while r >= 0:
@@ -46,7 +48,9 @@ def _choose_splits(ticket, level, depth, sets, spans, settings, orders):
 
 @kernel
 def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
-    """Worker: the ray sets of the children of each range; `children`: their spans, of which the starts are known."""
+    """Worker: write the ray sets of each range's children."""
+    # In: level, sides of `split_blocks`; sets and spans of the ranges; orders of `_choose_splits`
+    # Out: out, the children's `RaySet`; children, (2 k, 4): their spans, with the starts already set
     boxes = stack_f32(16)
     r = take(ticket)
     while r >= 0:
@@ -70,14 +74,14 @@ class RayLevels:
 
     def __init__(self, method: Binned, rays: RaySet, settings: HeuristicSettings, largest: int, threads: int):
         self.method, self.settings, self.largest, self.threads = method, settings, largest, threads
-        # of the ranges that the last level made, in order: how many records, and where their rays are
+        # the ranges of the last level, in order: number of records, and their rays
         self.counts, self.rays = np.array([len(method.records)]), rays
         self.spans = np.array([[0, len(rays.rays), 0, len(rays.hits)]])
-        self.done: list[tuple[RaySet, np.ndarray]] = []  # ranges that are left to threads alone, in order
-        self.orders = [np.empty((0, 2), np.int32)]  # of each level's ranges, as `_choose_splits` writes them
+        self.done: list[tuple[RaySet, np.ndarray]] = []  # ranges that one thread each builds, in order
+        self.orders = [np.empty((0, 2), np.int32)]  # of each level, as `_choose_splits` writes them
 
     def split(self, ranges, boxes, depth):
-        """The `split_level` of `build_top`."""
+        """The `split_level` for `build_top`."""
         large = self.counts > self.largest
         self.done.append((self.rays, self.spans[~large]))
         spans, orders, found = self.spans[large], np.empty((len(ranges), 2), np.int32), []
@@ -100,7 +104,7 @@ class RayLevels:
         return middles, sides
 
     def arranged(self, top: Top) -> Top:
-        """The top that `build_top` has made, with the child to visit first as the left one."""
+        """The top of `build_top`, with the first child of each node on the left."""
         order, swapped = np.concatenate(self.orders).T
         boxes, children = top.boxes.copy(), top.children.copy()
         boxes[swapped != 0] = boxes[swapped != 0, ::-1]
@@ -108,7 +112,7 @@ class RayLevels:
         return top._replace(boxes=boxes, children=children, orders=order)
 
     def sets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The rays, hits and spans of the ranges that are left, in the order of `Top.ranges`."""
+        """(rays, hits, spans) of the remaining ranges, in the order of `Top.ranges`."""
         done = [(rays, span) for rays, spans in [*self.done, (self.rays, self.spans)] for span in spans]
         rays = [r.rays[s[FIRST_RAY] : s[FIRST_RAY] + s[N_RAYS]] for r, s in done]
         hits = [r.hits[s[FIRST_HIT] : s[FIRST_HIT] + s[N_HITS]] for r, s in done]

@@ -1,4 +1,4 @@
-"""One thread's share of a build: everything below a range of records, depth first and in place."""
+"""One thread's share of a build: the subtree of a range of records, depth first and in place."""
 
 from typing import NamedTuple
 
@@ -11,24 +11,24 @@ from .nodes import MAX_DEPTH
 from .smallest import SMALLEST, build_smallest
 from .splits import divide, find_split
 
-_WAITING = MAX_DEPTH + 1  # ranges at a time: the right child at each level, and a left one
+_WAITING = MAX_DEPTH + 1  # waiting ranges: the right child at each level, and a left one
 _NUMBERS = 4 * _WAITING
 _BOXES = 16 * _WAITING
 _AHEAD = 8  # slots whose corners are fetched in advance
 
 
 class Settings(NamedTuple):
-    """What all ranges of a scene are built with."""
+    """Settings for all ranges of a scene."""
 
     max_leaf: object  # int64
-    scale: object  # float32, a power of two: makes the largest coordinate about 1, so that no area overflows
+    scale: object  # float32, a power of two: scales the largest coordinate to about 1, so no area overflows
 
 
 class Ranges(NamedTuple):
     """A stack of ranges to build."""
 
-    numbers: object  # pointer, int32: first, last, depth, slot in links
-    boxes: object  # pointer, float32: box, centroid box
+    numbers: object  # int32 *, 4 a range: first, last, depth, word of `links`
+    boxes: object  # float32 *, 16 a range: box, centroid box
 
 
 @kernel
@@ -44,7 +44,7 @@ def push_range(ranges, height, first, last, depth, slot, box, centroids):
 
 @kernel
 def _leaf_is_cheaper(n, depth, box, split, settings):
-    """Whether a range is better a leaf than split; the root never is."""
+    """Whether a leaf costs less than the split of a range; never for the root."""
     if n > settings.max_leaf or depth == 0:
         return False
     area = half_area(box, settings.scale)
@@ -60,7 +60,7 @@ def write_leaf(records, first, last, out, slot):
 
 @kernel
 def copy_corners(vertices, first, last, out):
-    """The vertices of the triangles in slots `first` to `last` - 1, in slot order."""
+    """Copy the vertices of the triangles in slots `first` to `last` - 1."""
     for i in range(first, last):
         prefetch(vertices, np.int64(get(out.prim_ids, min(i + _AHEAD, last - 1))) * 9)
         source = np.int64(get(out.prim_ids, i)) * 9
@@ -70,11 +70,12 @@ def copy_corners(vertices, first, last, out):
 
 @kernel
 def grow(source, first, last, depth, box, centroids, settings, out, next_node, word):
-    """Build the tree over the records from `first` to `last` - 1; the number of the next free node.
+    """Build the tree over the records from `first` to `last` - 1, and return the index of the next free node.
 
-    Its nodes are `next_node` and those that follow, depth first; of n records come at most n - 1. The link to the tree
-    goes to that word of `out.links`.
+    Its nodes start at `next_node`, depth first. n records make at most n - 1 nodes.
     """
+    # In: source, of `source_of`; first, last, depth; box, centroids, f32x8; settings, `Settings`
+    # Out: out, a `Tree`: nodes, links, prim_ids; out.links[word], the link to the tree
     ranges = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES))
     records = source.records
     height = push_range(ranges, 0, first, last, depth, word, box, centroids)
@@ -103,12 +104,13 @@ def grow(source, first, last, depth, box, centroids, settings, out, next_node, w
 
 @overloaded("srdh")
 def build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
-    """In kernels: build the tree over a range of records, number s of those that threads build alone, as its settings
-    say; the number of nodes made.
+    """In kernels: build the tree over range s of the ranges that one thread builds, and return its number of nodes.
 
-    They are nodes 1, 2, ... of `out`. The left link of node 0 is the link to the tree, and nothing else is written
-    there.
+    The type of `settings` chooses the implementation. The nodes are 1, 2, ... of `out`. The left link of node 0 becomes
+    the link to the tree. The rest of node 0 is not written.
     """
+    # In: vertices, float32 *, 9 a triangle; source, first, last, depth, box, centroids, settings, as for `grow`
+    # Out: out, a `Tree`: nodes, links, prim_ids, corners
 
 
 @overload(build_range)

@@ -1,7 +1,7 @@
-"""The full sweep: of all splits of a range by centroid, on each axis, the one that costs least by the SAH.
+"""The full sweep: the split of least SAH cost among all splits of a range by centroid, on three axes.
 
-Records are sorted by their centroids once for each axis [Wald and Havran 2006, Sec. 4.3, do so for kd-trees], equal
-ones by index; a split divides all three orders, and keeps them.
+Records are sorted by their centroids once for each axis, as [Wald and Havran 2006, Sec. 4.3] do for kd-trees. Equal
+centroids are ordered by index. A split divides all three orders, and keeps them.
 """
 
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from ..kernels.simd import as_i32, get, load8, minimum, ptr, put, splat8, store
 from .bounds import INF, half_area, width
 from .splits import Split, divide, find_split, must_halve, no_split, source_of
 
-SWEEP_WORDS = 8  # of scratch memory for a record
+SWEEP_WORDS = 8  # words of scratch memory for a record
 
 
 class Swept(NamedTuple):
-    """The method of `sweep-sah`: the records in the order of their centroids on each axis; ranges lie alike in all."""
+    """The method of `sweep-sah`: the records sorted by centroid on each axis. A range has the same slots in all three."""
 
     x: np.ndarray  # (n, 8) float32
     y: np.ndarray  # (n, 8) float32
@@ -27,15 +27,15 @@ class Swept(NamedTuple):
 class SweptSource(NamedTuple):
     """Pointers of `Swept`."""
 
-    records: object  # in the order of x
-    y: object
-    z: object
-    scratch: object  # 8 float32 for each record of a range
+    records: object  # float32 *, in the order of x
+    y: object  # float32 *
+    z: object  # float32 *
+    scratch: object  # float32 *, 8 for each record of a range
 
 
 @inlined
 def _order(source, axis):
-    """The records in the order of an axis."""
+    """The records, sorted on an axis."""
     return source.records if axis == 0 else source.y if axis == 1 else source.z
 
 
@@ -46,7 +46,9 @@ def _centroid(records, i, axis):
 
 @kernel
 def _sweep(records, first, last, axis, scale, right, best):
-    """The cheaper of `best` and the best split of a range in this order; `right`: memory for last - first floats."""
+    """The cheaper of `best` and the best split of a range, sorted on `axis`."""
+    # In: records, float32 *; first, last; axis; scale; best, the best `Split` so far
+    # Scratch: right, float32 *, last - first
     box = splat8(INF)
     for i in range(last - 1, first, -1):
         box = minimum(box, load8(records, i * 8))
@@ -62,13 +64,16 @@ def _sweep(records, first, last, axis, scale, right, best):
 
 @kernel
 def _divide_order(records, first, last, axis, centroid, index, scratch):
-    """Move the records before (centroid, index) on `axis` to the front, both sides in their order."""
+    """Move the records before (centroid, index) on `axis` to the front. Both sides keep their order."""
+    # In: first, last; axis, centroid, index: the first right record's axis, double centroid and index word
+    # Out: records, float32 *, reordered
+    # Scratch: scratch, float32 *, 8 for each record
     ids = as_i32(records)
     left, right = first, np.int64(0)
     for i in range(first, last):
         record, c = load8(records, i * 8), _centroid(records, i, axis)
         goes_left = c < centroid or (c == centroid and get(ids, i * 8 + 3) < index)
-        store(records, left * 8, record)  # what it overwrites has been moved; both stores are made each time
+        store(records, left * 8, record)  # overwrites only moved records; both stores are made each time
         store(scratch, right * 8, record)
         left += np.int64(goes_left)
         right += np.int64(not goes_left)

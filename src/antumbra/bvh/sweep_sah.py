@@ -1,7 +1,7 @@
-"""`sweep-sah`: top-down by the full sweep SAH [MacDonald and Booth 1990], as in [Wald 2007, Sec. 3].
+"""`sweep-sah`: a top-down builder by the full sweep SAH [MacDonald and Booth 1990], as in [Wald 2007, Sec. 3].
 
-As `bsah`, but a range is split at the best of all places between two centroids (`sweep`). The first levels are split by
-one thread a range.
+It builds as `bsah` does, but splits a range at the best of all places between two centroids (`sweep`). In the first
+levels, one thread splits a range.
 """
 
 import numpy as np
@@ -22,9 +22,9 @@ from .top_down import build_below, largest_subtree
 
 
 def _in_order(records, axis: int, threads: int):
-    """The records sorted by their centroids on an axis, equal ones by index."""
-    bits = (records[:, axis] - records[:, axis + 4] + np.float32(0.0)).view(np.int32)  # of two zeros only +0
-    keys = bits ^ ((bits >> 31) | np.int32(-(2**31)))  # read without sign, these are in the floats' order
+    """The records sorted by their centroids on an axis. Equal centroids are ordered by index."""
+    bits = (records[:, axis] - records[:, axis + 4] + np.float32(0.0)).view(np.int32)  # -0 becomes +0
+    keys = bits ^ ((bits >> 31) | np.int32(-(2**31)))  # as unsigned numbers, these have the floats' order
     order = radix_sort(keys, np.arange(len(records), dtype=np.int32), 32, threads)[1]
     out = aligned_empty(records.shape, "f4")
     return np.take(records, order, axis=0, out=out)
@@ -32,7 +32,10 @@ def _in_order(records, axis: int, threads: int):
 
 @kernel
 def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, scratch):
-    """Worker: split ranges, and bound both sides of each; `scratch`: the thread's own, for `source_of`."""
+    """Worker: split ranges, and bound both sides of each."""
+    # In: method, `Swept`; ranges, (k, 2) first and last record; boxes, (k, 16); depth; scale
+    # Out: middles, (k,) first right record; sides, (k, 32) box and centroid box of both sides
+    # Scratch: scratch, the thread's own memory for `source_of`
     r = take(ticket)
     while r >= 0:
         first, last = ranges[r]
@@ -50,7 +53,7 @@ def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, s
 
 
 def _split_by_sweep(method: Swept, scale, threads: int):
-    """The `split_level` of `build_top` by which a thread splits a range."""
+    """The `split_level` for `build_top` in which one thread splits a range."""
 
     def split_level(ranges, boxes, depth):
         k, words = len(ranges), SWEEP_WORDS * int((ranges[:, 1] - ranges[:, 0]).max())
@@ -65,7 +68,7 @@ def _split_by_sweep(method: Swept, scale, threads: int):
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
     """Build a BVH by the full sweep SAH; the same, bit for bit, for any number of threads.
 
-    Parameters, errors and what is returned are those of `binned_sah.build`.
+    Parameters, errors and the result are as for `binned_sah.build`.
     """
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)

@@ -1,13 +1,13 @@
-"""`tl-lbvh`: an LBVH made better by treelets [Karras and Aila 2013, "Fast parallel construction of high-quality
-bounding volume hierarchies"].
+"""`tl-lbvh`: an LBVH optimised by treelet restructuring [Karras and Aila 2013, "Fast parallel construction of
+high-quality bounding volume hierarchies"].
 
-The nodes of an LBVH of one triangle a leaf are treated after all nodes below them, in a few rounds, each of which
-treats those of twice as many triangles as the last. Leaves of more triangles are made in the end, where they are
-cheaper.
+The input is an LBVH of one triangle a leaf. Several rounds restructure its nodes, each node after all nodes below it.
+Each round doubles the least number of triangles below a treated node. In the end, subtrees of few triangles become
+leaves where this is cheaper.
 
-The tree is cut in parts, which threads treat alone, and a top, which is treated when they are done. Within each nodes
-wait in a queue until those below them are done, so any that stand there at once have no triangle in common, and sixteen
-are taken at a time.
+The tree is cut into parts, which threads treat alone, and a top, which follows when all parts are done. In each, nodes
+wait in a queue until the nodes below them are done. Nodes in the queue at the same time share no triangle, so sixteen
+are treated at once.
 """
 
 from typing import NamedTuple
@@ -43,8 +43,8 @@ from .treelet import (
     spread,
 )
 
-_LESS = np.float32(1.0 - 2.0**-18)  # a new treelet must cost less than this times the old: more than rounding
-_TOP = 4  # times as many rounds in the top: it has few nodes, and large ones
+_LESS = np.float32(1.0 - 2.0**-18)  # a new treelet must cost less than this times the old: a margin above rounding
+_TOP = 4  # factor of the rounds in the top, whose nodes are few and large
 _WAITING = 2 * MAX_DEPTH + 2
 
 
@@ -60,7 +60,7 @@ def _area_of_node(nodes, node, scale):
 
 @kernel
 def _measure(part, node, rules):
-    """The facts of a node, from those of its children; its cost."""
+    """Compute the facts of a node from its children's facts, and return its cost."""
     costs, areas = as_f32(part.facts), areas_of_children(part.nodes, node, rules.scale)
     count, cost, kept, height = np.int64(0), np.float32(0.0), np.int64(1), np.int64(0)
     for side in range(2):
@@ -75,7 +75,7 @@ def _measure(part, node, rules):
             height = max(height, np.int64(get(part.facts, link * 4 + HEIGHT)))
     area = _area_of_node(part.nodes, node, rules.scale)
     cost, as_leaf = cost + area, area * np.float32(count)
-    if count <= rules.max_leaf and as_leaf <= cost and node != 0:  # the root never is a leaf
+    if count <= rules.max_leaf and as_leaf <= cost and node != 0:  # the root is never a leaf
         cost, kept = as_leaf, np.int64(0)
     put(costs, node * 4 + COST, cost)
     put(part.facts, node * 4 + COUNT, count)
@@ -87,9 +87,9 @@ def _measure(part, node, rules):
 
 @kernel
 def _schedule(part, first, room, least, queue, waiting):
-    """Put the nodes that no other has to be treated before into the queue; how many.
+    """Queue the nodes without treated nodes below them, and return how many.
 
-    Nodes with less than `least` triangles below are not treated in this round.
+    This round treats only nodes with at least `least` triangles below.
     """
     if get(part.facts, first * 4 + COUNT) < least:
         return 0
@@ -117,7 +117,7 @@ def _schedule(part, first, room, least, queue, waiting):
 
 @kernel
 def _round(part, queue, n, batch, rules):
-    """Treat the `n` nodes in the queue, sixteen at once, and then those that have waited for them."""
+    """Treat the `n` nodes in the queue, sixteen at once, then the nodes that waited for them."""
     done = 0
     while done < n:
         lanes = min(LANES, n - done)
@@ -140,7 +140,7 @@ def _round(part, queue, n, batch, rules):
 
 
 class Work(NamedTuple):
-    """A tree that is being made better."""
+    """A tree under optimisation."""
 
     nodes: np.ndarray  # (n, 16) float32
     facts: np.ndarray  # (n, 4) int32: see `Part`
@@ -149,7 +149,7 @@ class Work(NamedTuple):
 
 @inlined
 def _part_of(work, numbers, first):
-    """Some nodes of a tree, those from `first` on; `numbers` is memory for 3 int32 of each."""
+    """The `Part` of a tree's nodes from `first` on; `numbers` is scratch memory, 3 int32 a node."""
     return Part(
         ptr(work.nodes), as_i32(ptr(work.nodes)), ptr(work.facts), ptr(work.is_leaf),
         ptr_at(numbers, -first), ptr_at(numbers, numbers.shape[1] - first),
@@ -159,7 +159,7 @@ def _part_of(work, numbers, first):
 
 @kernel
 def _rounds(part, root, room, least, growth, queue, rules):
-    """Treat the nodes that have `least` triangles below, then those that have `growth` times as many, and so on."""
+    """Treat the nodes with at least `least` triangles below, then with `growth` times as many, and so on."""
     batch, waiting = batch_at(stack_f32(BATCH)), stack_i32(_WAITING)
     for _ in range(rules.rounds):
         ready = _schedule(part, root, room, least, queue, waiting)
@@ -169,7 +169,7 @@ def _rounds(part, root, room, least, growth, queue, rules):
 
 @kernel
 def _restructure_parts(ticket, work, parts, rules):
-    """Worker: treat the nodes of each part, which stand depth first."""
+    """Worker: treat the nodes of each part. They are in depth-first order."""
     numbers = stack_array(np.int32, 4, PART)
     queue = ptr_at(numbers, 3 * numbers.shape[1])
     p = take(ticket)
@@ -185,9 +185,10 @@ def _restructure_parts(ticket, work, parts, rules):
 
 @kernel
 def _restructure_top(work, nodes, least, rules, numbers):
-    """Treat these nodes, parents first, which are those with `least` triangles or more below.
+    """Treat the nodes of the top, all with at least `least` triangles below.
 
-    numbers : memory for 4 int32 of each node of the tree
+    nodes : (t,) int64, parents first
+    numbers : scratch memory, 4 int32 for each node of the tree
     """
     part = _part_of(work, numbers, 0)
     for node in nodes[::-1]:
@@ -196,9 +197,9 @@ def _restructure_top(work, nodes, least, rules, numbers):
 
 
 def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
-    """A cheaper tree, by treelets of a BVH of two triangles or more, depth first and with one triangle a leaf.
+    """Restructure the treelets of a BVH, and return the cheaper tree.
 
-    `bvh` is changed on the way and of no more use.
+    `bvh` has two triangles or more, one triangle a leaf, and nodes in depth-first order. Its arrays are overwritten.
     """
     n = len(bvh.nodes)
     work = Work(bvh.nodes, np.empty((n, 4), np.int32), np.empty(n, np.bool_))
@@ -218,7 +219,7 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
     """Build an LBVH and restructure its treelets; the same, bit for bit, for any number of threads.
 
-    Parameters, errors and what the boxes are: as for `binned_sah.build`.
+    Parameters, errors and boxes are as for `binned_sah.build`.
     """
     checked(vertices, max_leaf)
     bvh = lbvh.build(vertices, threads, 1)

@@ -1,8 +1,8 @@
 """The first levels of a build, by all threads together [Wald 2007].
 
-The ranges of one level are cut in blocks of a fixed size. Threads bin blocks; the bins of a range's blocks are joined
-and its split is chosen; threads then move each block's records, in order, to places in another array that were counted
-beforehand. Nothing depends on which thread does what, so neither does the tree.
+The ranges of one level are cut into blocks of a fixed size. Threads bin the blocks. The bins of a range's blocks are
+joined, and its split is chosen. Then threads move each block's records, in order, to another array, at positions
+counted beforehand. The tree does not depend on which thread takes which block.
 """
 
 from typing import NamedTuple
@@ -44,25 +44,25 @@ BLOCK = 4096  # records
 
 
 class Level(NamedTuple):
-    """The ranges of records that are split at one level, and the blocks they are cut in; `last` is one past the end."""
+    """The ranges of records that are split at one level, and their blocks. `last` is one past the end."""
 
-    ranges: np.ndarray  # (k, 3) int64: first and last record, first block
+    ranges: np.ndarray  # (k, 3) int64: first, last, first block
     boxes: np.ndarray  # (k, 16) float32: box, centroid box
     splits: np.ndarray  # (k, 3) int64: axis or -1, bin, first record on the right
-    blocks: np.ndarray  # (m, 3) int64: range, first and last record
+    blocks: np.ndarray  # (m, 3) int64: range, first, last
     bins: np.ndarray  # (m, BIN_WORDS) float32: the bins of each block, counts as int32
-    places: np.ndarray  # (m, 2) int64: where the block's first left and first right record go
-    sides: np.ndarray  # (m, 32) float32: boxes of what goes left, boxes of what goes right
+    places: np.ndarray  # (m, 2) int64: new positions of the block's first left and first right record
+    sides: np.ndarray  # (m, 32) float32: box and centroid box of the left records, then of the right
 
 
 class Top(NamedTuple):
-    """The nodes of the first levels, and the ranges that are left to build."""
+    """The nodes of the first levels, and the ranges that remain to build."""
 
-    boxes: np.ndarray  # (t, 2, 8) float32: of both children
-    children: np.ndarray  # (t, 2) int64: node of the top, or ~subtree
-    ranges: np.ndarray  # (s, 3) int64, of the subtrees: first and last record, depth
+    boxes: np.ndarray  # (t, 2, 8) float32: boxes of both children
+    children: np.ndarray  # (t, 2) int64: index of a node of the top, or ~subtree
+    ranges: np.ndarray  # (s, 3) int64: first, last, depth of each subtree
     range_boxes: np.ndarray  # (s, 16) float32: box, centroid box
-    orders: np.ndarray | None = None  # (t,) int32: which child comes first, as in `Bvh`; None: UNORDERED
+    orders: np.ndarray | None = None  # (t,) int32: the first child, as in `Bvh`; None: UNORDERED
 
 
 @kernel
@@ -90,7 +90,7 @@ def _bin_blocks(ticket, records, level):
 
 @kernel
 def join_bins(level, first, last, n_bins, total):
-    """The bins of all records in the blocks from `first` to `last` - 1."""
+    """Join the bins of the blocks from `first` to `last` - 1 in `total`."""
     clear_bins(total, n_bins)
     for block in range(first, last):
         bins = _bins_of_block(level, block)
@@ -101,7 +101,7 @@ def join_bins(level, first, last, n_bins, total):
 
 @kernel
 def _count_left(level, block, split, n_bins, middle):
-    """How many records of a block go left."""
+    """The number of a block's records that go left."""
     if split.axis < 0:
         return min(max(middle - level.blocks[block, 1], 0), level.blocks[block, 2] - level.blocks[block, 1])
     bins, count = _bins_of_block(level, block), np.int64(0)
@@ -112,13 +112,13 @@ def _count_left(level, block, split, n_bins, middle):
 
 @kernel
 def blocks_of(level, r):
-    """(first, last + 1) of the blocks of range r."""
+    """(first block, end) of range r."""
     return level.ranges[r, 2], level.ranges[r + 1, 2] if r + 1 < len(level.ranges) else len(level.blocks)
 
 
 @kernel
 def set_split(level, r, split):
-    """Note the split of range r, and where the records of its blocks go."""
+    """Store the split of range r, and the new positions of its blocks' records."""
     n_bins, middle = mapping_of_range(level, r).n_bins, (level.ranges[r, 0] + level.ranges[r, 1]) >> 1
     block, end = blocks_of(level, r)
     left = level.ranges[r, 0]
@@ -136,7 +136,7 @@ def set_split(level, r, split):
 
 @kernel
 def _choose_splits(level, depth, scale):
-    """The split of each range."""
+    """Choose the split of each range."""
     total = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
     for r in range(len(level.ranges)):
         n_bins, split = mapping_of_range(level, r).n_bins, no_split()
@@ -183,7 +183,7 @@ def _move_blocks(ticket, source, target, level):
 
 
 def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
-    """The level of these ranges, (k, 2) first and last record, cut in blocks."""
+    """The `Level` of ranges, (k, 2) first and last record, cut into blocks."""
     counts = -(-(ranges[:, 1] - ranges[:, 0]) // BLOCK)
     start = np.cumsum(counts) - counts
     k, m = len(ranges), int(counts.sum())
@@ -201,7 +201,7 @@ def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
 
 
 def split_by_bins(method: Binned, scale, threads):
-    """The `split_level` of `build_top` by which all threads bin all ranges of a level together."""
+    """The `split_level` for `build_top` in which all threads bin the ranges of a level together."""
 
     def split_level(ranges, boxes, depth):
         return split_blocks(method, ranges, boxes, depth, threads, lambda level: _choose_splits(level, depth, scale))
@@ -210,7 +210,7 @@ def split_by_bins(method: Binned, scale, threads):
 
 
 def split_blocks(method: Binned, ranges, boxes, depth, threads, choose):
-    """Bin the ranges of a level, let `choose` set their splits, and move their records; as `split_level`."""
+    """Bin the ranges of a level, let `choose` set their splits, and move their records. It returns as `split_level`."""
     source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
     level = _cut(ranges, boxes)
     run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
@@ -225,9 +225,9 @@ def build_top(n, box, centroids, largest, split_level) -> Top:
     Parameters
     ----------
     box, centroids : (8,) float32
-        Of all records.
+        Box and centroid box of all records.
     split_level : function of (k, 2) ranges, (k, 16) boxes, depth -> (k,) int64, (k, 32) float32
-        Splits these ranges: the first record on the right of each; box and centroid box of its left and right side.
+        Splits these ranges. It returns the first right record of each, and the box and centroid box of both sides.
     """
     ranges, boxes = np.array([[0, n]]), np.concatenate([box, centroids])[None]
     depth, n_nodes, n_done = 0, 0, 0

@@ -1,7 +1,7 @@
 """The common frame of top-down builders.
 
-The first levels are split by all threads (`top`); each then takes ranges to build alone (`subtree`), largest first; and
-the nodes are put in one array (`assemble`). How ranges are split is the method's affair (`splits`).
+All threads split the first levels together (`top`). Then each thread builds ranges alone, largest first (`subtree`).
+`assemble` puts the nodes in one array. The method splits ranges (`splits`).
 """
 
 from typing import NamedTuple
@@ -17,17 +17,17 @@ from .splits import source_of
 from .subtree import build_range
 from .top import Top
 
-_SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so that threads finish together ...
-_SMALL = 4096  # ... but none of fewer records than this, which one thread builds before others are awake
+_SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so threads finish together
+_SMALL = 4096  # the top splits no range of fewer records: one thread builds it before others are awake
 
 
 def largest_subtree(n: int) -> int:
-    """Ranges of more than this many of `n` records are split by all threads."""
+    """The most records of a range that one thread builds alone, for `n` records in all."""
     return max(_SMALL, n // _SUBTREES)
 
 
 class _Memory(NamedTuple):
-    """What a thread builds a subtree in."""
+    """A thread's memory for building a subtree."""
 
     nodes: np.ndarray  # (largest, 16) float32: nodes of a subtree
     scratch: np.ndarray  # (words,) float32, for `source_of`
@@ -35,7 +35,10 @@ class _Memory(NamedTuple):
 
 @kernel
 def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtrees, next_free, memory):
-    """Worker: build the subtrees, in the order given, and put the nodes of each where there is room."""
+    """Worker: build the subtrees in `order`, and copy the nodes of each to the next free place."""
+    # In: vertices; method, `Binned` or `Swept`; top, `Top`; order, (s,) int64; settings, of `build_range`
+    # Out: bvh, prim_ids and corners; subtrees, `Subtrees`; next_free, (1,) int64, counts nodes
+    # Scratch: memory, the thread's own `_Memory`
     room, scratch = memory.nodes, memory.scratch
     out = Tree(ptr(room), as_i32(room), ptr(bvh.prim_ids), ptr(bvh.corners))
     k = take(ticket)
@@ -53,9 +56,9 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
 
 
 def build_below(flat, method, words: int, top: Top, settings, threads: int) -> tuple[Bvh, Subtrees]:
-    """What comes below the top, over the triangles `flat`, (n, 9) float32, for `assemble` to complete.
+    """Build the subtrees below the top over the triangles `flat`, (n, 9) float32. `assemble` completes the tree.
 
-    `words` is how many float32 of scratch memory `source_of` asks for.
+    words : float32 of scratch memory that `source_of` needs
     """
     n, s = len(flat), len(top.ranges)
     subtrees = Subtrees(aligned_empty((n, 16), "f4"), np.empty((s, 3), np.int64))

@@ -1,11 +1,11 @@
 """Treelet restructuring [Karras and Aila 2013, "Fast parallel construction of high-quality bounding volume
-hierarchies"]: sixteen treelets at once, one a lane.
+hierarchies"] of sixteen treelets at once, one a lane.
 
-A treelet is a node and what is below it, opened at the largest box until seven boxes are left. Of all trees over these
-seven the cheapest is found by dynamic programming over their 127 subsets, and takes the treelet's place.
+A treelet starts with one node. Its largest box is opened until seven boxes are left, the treelet's leaves. Dynamic
+programming over their 127 subsets finds the cheapest of all trees over them, which takes the treelet's place.
 
-Departure from the paper, which gives a treelet to a warp of threads: the dynamic programming goes through the subsets
-in the same order for all treelets, so a lane of a vector does for each.
+Departure from the paper: it gives a treelet to a warp of threads. Here the dynamic programming goes through the subsets
+in the same order for all treelets, so each treelet takes one lane of a vector.
 """
 
 from typing import NamedTuple
@@ -46,7 +46,7 @@ LANES = 16
 _SUBSETS = 1 << LEAVES
 _ALL = _SUBSETS - 1
 _LEAF = _SUBSETS
-_ROW = 6 * LANES  # words of one box of each lane: lower x, y, z, upper x, y, z
+_ROW = 6 * LANES  # words of one box in all lanes: lower x, y, z, upper x, y, z
 _PAIRS = 0  # first words of the arrays of a `Batch`
 _BOXES = _PAIRS + 16 * _INNER * LANES
 _COSTS = _BOXES + _ROW * LEAVES
@@ -65,15 +65,15 @@ _MINUS_ONE = np.float32(-1.0).view(np.int32)
 
 
 class Part(NamedTuple):
-    """Some nodes of a tree, all those below one of them: pointers, to be indexed by the number of the node."""
+    """A subtree: pointers to arrays that the index of a node indexes."""
 
     nodes: object  # float32 *, 16 a node
     links: object  # int32 *, the same memory
-    facts: object  # int32 *, 4 a node, of what is below it: see below
-    is_leaf: object  # bool *: whether it is cheaper to make one leaf of all that
-    rooms: object  # int32 *: the most inner nodes that a path down may have
+    facts: object  # int32 *, 4 a node, of its subtree: COST, COUNT, KEPT, HEIGHT
+    is_leaf: object  # bool *: whether one leaf is cheaper than the subtree
+    rooms: object  # int32 *: most inner nodes that a path down may have
     parents: object  # int32 *: the node's parent in this round; -1 for the root
-    pending: object  # int32 *: children to be treated before the node in this round
+    pending: object  # int32 *: children still to be treated before the node in this round
 
 
 COST = 0  # SAH cost, times half the area of the tree's root: a float32
@@ -83,19 +83,19 @@ HEIGHT = 3  # inner nodes on the longest path down, the node's own included
 
 
 class Batch(NamedTuple):
-    """Sixteen treelets, one a lane; a subset is the set of the bits of its index."""
+    """Sixteen treelets, one a lane. The bits of a subset's index are its leaves."""
 
     pairs: object  # float32 *, [lane][node][side]: boxes as eight words: lower x, y, z, -, upper x, y, z, -
     links: object  # int32 *, [lane][node][side]
-    inner: object  # int32 *, [lane][node]: the nodes opened; the root is the first
+    inner: object  # int32 *, [lane][node]: the opened nodes, the root first
     places: object  # int32 *, [lane][leaf]: 2 * node + side
     areas: object  # float32 *, [lane][leaf]: half the area of the box; _CLOSED for a triangle
-    facts: object  # int32 *, [lane][leaf]: as in `Part`; a single triangle has no cost yet, but a negative number
+    facts: object  # int32 *, [lane][leaf]: as in `Part`; the cost of a single triangle is negative: not yet known
     boxes: object  # float32 *: [leaf][lower and upper x, y, z][lane]
     costs: object  # float32 *, [subset][lane]: half the area, then the least cost of a tree
     counts: object  # float32 *, [subset][lane]: triangles
-    lefts: object  # int32 *, [subset][lane]: the subset that becomes the left child, _LEAF added if a leaf is cheaper
-    unions: object  # float32 *: boxes of all subsets of the first three leaves, and of the last four
+    lefts: object  # int32 *, [subset][lane]: subset of the left child, plus _LEAF if a leaf is cheaper
+    unions: object  # float32 *: boxes of all subsets of the first three leaves, then of the last four
 
 
 @inlined
@@ -104,7 +104,7 @@ def batch_at(memory):
     words = as_i32(memory)
     boxes = ptr_at(memory, _BOXES)
     for k in range(0, _ROW * LEAVES, LANES):
-        store(boxes, k, splat16(np.float32(0.0)))  # for lanes that no treelet is in
+        store(boxes, k, splat16(np.float32(0.0)))  # for lanes without a treelet
     return Batch(
         memory, ptr_at(words, _LINKS), ptr_at(words, _NODES), ptr_at(words, _PLACES), ptr_at(memory, _AREAS),
         ptr_at(words, _FACTS), boxes,
@@ -113,16 +113,16 @@ def batch_at(memory):
 
 
 class Rules(NamedTuple):
-    """What all treelets of a tree are made by."""
+    """Settings for all treelets of a tree."""
 
-    max_leaf: object  # int64: up to so many triangles become one leaf where that is cheaper
-    scale: object  # float32, a power of two: makes the largest coordinate about 1, so that no area overflows
-    rounds: object  # int64; nodes with 7, 14, 28, ... triangles or more are treated in them
+    max_leaf: object  # int64: most triangles of a leaf
+    scale: object  # float32, a power of two: scales the largest coordinate to about 1, so no area overflows
+    rounds: object  # int64; they treat nodes with at least 7, 14, 28, ... triangles
 
 
 @inlined
 def areas_of_children(nodes, node, scale):
-    """Half the area of the box of the left child, of the right child, and twice something else."""
+    """Lanes 0 and 1: half the area of the left and right child's box. Lanes 2 and 3 have no meaning."""
     x, y, z = load4(nodes, node * 16), load4(nodes, node * 16 + 4), load4(nodes, node * 16 + 8)
     x = (shuffle(x, 2, 3, 0, 1) - x) * scale
     y = (shuffle(y, 2, 3, 0, 1) - y) * scale
@@ -152,19 +152,19 @@ def _open(part, k, lane, batch, rules):
 
 @kernel
 def form(part, roots, lanes, batch, rules):
-    """The treelets of some nodes: the largest box is opened until there are LEAVES [Karras and Aila 2013, Sec. 4.2]."""
+    """Form the treelets of `roots`: open the largest box until LEAVES are left [Karras and Aila 2013, Sec. 4.2]."""
     for lane in range(lanes):
         store(batch.areas, lane * 8, splat8(_CLOSED))
-        put(batch.places, lane * 8, 2 * _INNER)  # a place that is free: of the root, the first to be opened
+        put(batch.places, lane * 8, 2 * _INNER)  # a free place for the root, which is opened first
         put(batch.links, lane * 16 + 2 * _INNER, get(roots, lane))
     for k in range(_INNER):
-        for lane in range(lanes):  # side by side: a step waits for the one before it, not for another lane's
+        for lane in range(lanes):  # interleaved: a step depends on its own lane's last step only
             _open(part, k, lane, batch, rules)
 
 
 @kernel
 def spread(part, root, lane, batch):
-    """Facts and boxes of a treelet's leaves to where the dynamic programming reads them."""
+    """Copy facts and boxes of a treelet's leaves to the arrays of the dynamic programming."""
     pairs, links = ptr_at(batch.pairs, lane * _INNER * 16), ptr_at(batch.links, lane * 16)
     facts = ptr_at(batch.facts, lane * 32)
     single = select(iota4() == np.int32(COUNT), splat4(np.int32(1)), np.int32(0))
@@ -176,7 +176,7 @@ def spread(part, root, lane, batch):
             put(batch.boxes, row + k * LANES, get(pairs, place * 8 + k))
             put(batch.boxes, row + (k + 3) * LANES, get(pairs, place * 8 + k + 4))
         link = np.int64(get(links, place))
-        fact = load4(part.facts, (link if link >= 0 else root) * 4)  # any node's for a triangle: this saves a branch
+        fact = load4(part.facts, (link if link >= 0 else root) * 4)  # a triangle reads any node's facts, which saves a branch
         fact = select(splat4(np.int32(link)) >= 0, fact, single)
         store(facts, leaf * 4, fact)
         put(batch.costs, (1 << leaf) * LANES + lane, get(as_f32(facts), leaf * 4 + COST))
@@ -185,7 +185,7 @@ def spread(part, root, lane, batch):
 
 @kernel
 def _unite(boxes, first, n, scale, unions):
-    """The scaled box of every subset of the n leaves from `first` on."""
+    """Write the scaled box of every subset of the n leaves from `first` on to `unions`."""
     for k in range(6):
         store(unions, k * LANES, splat16(_INF if k < 3 else -_INF))
     for subset in range(1, 1 << n):
@@ -197,7 +197,7 @@ def _unite(boxes, first, n, scale, unions):
 
 @kernel
 def price_subsets(batch, scale):
-    """Half the area of every subset's box to `costs`; those of single leaves only where they have no cost yet."""
+    """Write half the area of every subset's box to `costs`. Single leaves keep a known cost."""
     unions, high = batch.unions, ptr_at(batch.unions, 8 * _ROW)
     _unite(batch.boxes, 0, 3, scale, unions)
     _unite(batch.boxes, 3, 4, scale, high)
@@ -219,7 +219,7 @@ def price_subsets(batch, scale):
 
 @kernel
 def plan(batch, rules):
-    """The best tree over each subset, of all there are [Karras and Aila 2013, Algorithm 2]."""
+    """Find the best of all trees over each subset [Karras and Aila 2013, Algorithm 2]."""
     costs, max_leaf = batch.costs, np.float32(rules.max_leaf)
     for subset in range(3, _SUBSETS):
         low = subset & -subset
@@ -250,9 +250,9 @@ def cost_of_best(batch, lane):
 
 @kernel
 def _unfold(batch, lane, subsets, children):
-    """The inner nodes of the best tree, parents first: their subsets, and their children.
+    """Write subsets and children of the best tree's inner nodes, parents first.
 
-    A child is a leaf of the treelet, or LEAVES + the number of an inner node.
+    A child is a leaf of the treelet, or LEAVES + the index of an inner node.
     """
     put(subsets, 0, _ALL)
     n = 1
@@ -269,7 +269,7 @@ def _unfold(batch, lane, subsets, children):
 
 @kernel
 def replace(part, lane, batch):
-    """Put the best tree in the treelet's place, unless a path would become too long."""
+    """Put the best tree in the treelet's place, unless a path becomes too long."""
     subsets, children, links, facts = stack_i32(8), stack_i32(16), stack_i32(16), stack_i32(64)
     boxes, pair = stack_f32(128), stack_f32(16)
     inner = ptr_at(batch.inner, lane * 8)
@@ -282,7 +282,7 @@ def replace(part, lane, batch):
     for i in range(_INNER - 1, -1, -1):
         left, right = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
         subset, at = np.int64(get(subsets, i)), (LEAVES + i) * 4
-        is_leaf = get(batch.lefts, subset * LANES + lane) & _LEAF != 0 and get(inner, i) != 0  # the root never is
+        is_leaf = get(batch.lefts, subset * LANES + lane) & _LEAF != 0 and get(inner, i) != 0  # the root is never a leaf
         kept = 1 + get(facts, left * 4 + KEPT) + get(facts, right * 4 + KEPT)
         put(as_f32(facts), at + COST, get(batch.costs, subset * LANES + lane))
         put(facts, at + COUNT, get(batch.counts, subset * LANES + lane))

@@ -1,4 +1,4 @@
-"""The wide BVH: nodes of eight children and leaves of up to eight triangles, for one ray against eight things at once.
+"""The wide BVH: nodes of eight children, leaves of up to eight triangles. One ray tests eight of either at once.
 
 `widen` makes it from a binary `Bvh` of any builder.
 """
@@ -15,13 +15,13 @@ WIDTH = 8
 NODE_WORDS = 8 * WIDTH
 LINKS = 6 * WIDTH  # word of a node's first link
 GROUP_WORDS = 10 * WIDTH
-NO_CHILD = np.int32(-1)  # link of a child that is not there: a leaf without triangles
+NO_CHILD = np.int32(-1)  # link of a missing child: a leaf without triangles
 
 
 class WideBvh(NamedTuple):
-    """A wide BVH; node 0 is the root and always there. It adds to the `Bvh` that it was made from.
+    """A wide BVH, with the `Bvh` from which it was made. Node 0 is the root and always exists.
 
-    A node is four 64-byte lines: the planes of eight boxes, an 8-wide register each, and the links of the children::
+    A node is four 64-byte lines: planes of eight boxes, one 8-wide register each, and the links of the children::
 
         0..7    lower x      8..15   upper x
         16..23  lower y      24..31  upper y
@@ -29,15 +29,15 @@ class WideBvh(NamedTuple):
         48..55  links (int32 bits)
         56..63  not used (zero)
 
-    Children stand in the lanes from 0 on, and any-hit queries visit them from the last to the first: in that order they
-    are expected to block a ray at the least cost (`order.soonest_last`).
+    Children are in the lanes from 0 on. Any-hit queries visit them from the last to the first, the order of least
+    expected cost to block a ray (`order.soonest_last`).
 
-    A link >= 0 is an inner node. A link < 0 is a leaf: ``~link = group * 16 + count``, count from 1 to 8. A child that
-    is not there has the link `NO_CHILD`, a leaf of no triangles, and a box that no ray enters.
+    A link >= 0 is an inner node. A link < 0 is a leaf: ``~link = group * 16 + count``, count from 1 to 8. A missing
+    child has the link `NO_CHILD`, a leaf of no triangles, and a box that no ray enters.
 
-    A group is five lines: for each of eight triangles, in ten 8-wide registers, the corner v0 (x, y, z), the edges
-    v1 - v0 and v2 - v0, rounded to float32, and the largest magnitude of the edges' components. Lanes from `count`
-    on are zero.
+    A group is five lines, ten 8-wide registers with a lane for each of eight triangles. The registers are the corner v0
+    (x, y, z), the edges v1 - v0 and v2 - v0, rounded to float32, and the largest magnitude of the edges' components.
+    Lanes from `count` on are zero.
     """
 
     nodes: np.ndarray  # (n_nodes, 64) float32, 64-byte aligned
@@ -45,7 +45,7 @@ class WideBvh(NamedTuple):
     groups: np.ndarray  # (n_groups, 80) float32, 64-byte aligned; at least one
     slots: np.ndarray  # (n_groups, 8) int32: lane -> slot of the binary BVH, -1 where there is no triangle
     reach: np.float32  # largest magnitude of a coordinate of the root's boxes; 0 without triangles
-    bvh: Bvh
+    bvh: Bvh  # the binary BVH
 
 
 class WideTree(NamedTuple):
@@ -63,7 +63,7 @@ class WideTree(NamedTuple):
 
 @inlined
 def wide_tree_of(wide):
-    """The pointers of a `WideBvh`, which must outlive them."""
+    """Pointers to the arrays of a `WideBvh`, which must outlive them."""
     return WideTree(
         ptr(wide.nodes), ptr(wide.links), ptr(wide.groups), ptr(wide.slots), ptr(wide.bvh.prim_ids),
         ptr(wide.bvh.corners), wide.reach, tree_of(wide.bvh),

@@ -1,7 +1,7 @@
-"""Make a wide BVH from a binary one, by choosing which of its boxes to keep.
+"""Make a wide BVH from a binary one, by a choice of the boxes to keep.
 
-Of all ways to do so, the one of least cost by the surface area heuristic is found by dynamic programming [Ylitie et al.
-2017, Sec. 3]. To test eight boxes, or eight triangles, costs one.
+Dynamic programming finds the choice of least SAH cost [Ylitie et al. 2017, Sec. 3]. A test of eight boxes, or of eight
+triangles, costs one.
 """
 
 import numpy as np
@@ -13,8 +13,8 @@ from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first
 from .order import soonest_last, triangle_area
 from .wide import GROUP_WORDS, LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh
 
-_PARTS, _WAITING, _NODES = WIDTH + 1, MAX_DEPTH + 2, MAX_DEPTH * WIDTH  # that wait at a time
-_NOWHERE = np.float32(3e38)  # lower planes of the box of a child that is not there; the upper ones are the negative
+_PARTS, _WAITING, _NODES = WIDTH + 1, MAX_DEPTH + 2, MAX_DEPTH * WIDTH  # waiting at a time
+_NOWHERE = np.float32(3e38)  # lower planes of a missing child's box; its upper planes are the negative
 
 
 @inlined
@@ -29,7 +29,7 @@ def _area(nodes, child):
 
 @inlined
 def _divide(costs, node, parts):
-    """(cost, parts on the left) of the cheapest way to make `parts` (>= 2) wide subtrees of both children of a node."""
+    """(cost, parts on the left) of the cheapest division of a node's children into `parts` (>= 2) wide subtrees."""
     best, at = np.float32(np.inf), 1
     for left in range(1, parts):
         cost = costs[2 * node, left] + costs[2 * node + 1, parts - left]
@@ -40,7 +40,7 @@ def _divide(costs, node, parts):
 
 @kernel
 def _price(bvh, order, costs, counts):
-    """Fill, for each child (2 * node + side): the triangles below it; costs[child, k], of at most k wide subtrees."""
+    """Fill, for each child (2 * node + side), its triangles, and costs[child, k] as at most k wide subtrees."""
     nodes = ptr(bvh.nodes)
     for i in range(len(order) - 1, -1, -1):
         for child in range(2 * order[i], 2 * order[i] + 2):
@@ -58,7 +58,7 @@ def _price(bvh, order, costs, counts):
 
 @kernel
 def _children(bvh, costs, node, found):
-    """Write the children (2 * node + side) that the wide node of a binary node has to `found`; how many."""
+    """Write the children (2 * node + side) of a binary node's wide node to `found`, and return how many."""
     waiting, parts = stack_array(np.int64, _PARTS), stack_array(np.int64, _PARTS)
     left = _divide(costs, node, WIDTH)[1]
     waiting[0], parts[0], waiting[1], parts[1] = 2 * node + 1, WIDTH - left, 2 * node, left
@@ -82,7 +82,7 @@ def _children(bvh, costs, node, found):
 
 @kernel
 def _leaf(bvh, child, slots, lane):
-    """Write the slots below a child to slots[lane:]; how many."""
+    """Write the slots below a child to slots[lane:], and return how many."""
     waiting = stack_array(np.int64, _WAITING)
     waiting[0] = bvh.links[child >> 1, 12 + (child & 1)]
     height, n = 1, 0
@@ -111,7 +111,7 @@ def _fill_node(bvh, child, lane, words, at):
 
 @kernel
 def _collapse(bvh, costs, counts, words, links, slots):
-    """Write the nodes, and the slots of each group's lanes; (number of nodes, number of groups)."""
+    """Write the nodes, and the slots of each group's lanes; returns (number of nodes, number of groups)."""
     waiting = stack_array(np.int64, _NODES, 2)  # binary node, wide node
     found = stack_array(np.int64, WIDTH)
     waiting[0] = 0
@@ -143,7 +143,7 @@ def _collapse(bvh, costs, counts, words, links, slots):
 
 @kernel
 def _fill_groups(ticket, corners, slots, groups, areas):
-    """Worker: the triangles of each group, lane by lane, and their area."""
+    """Worker: write the triangles of each group, lane by lane, and their total area."""
     values = ptr(corners)
     first = take(ticket)
     while first >= 0:
@@ -164,11 +164,11 @@ def _fill_groups(ticket, corners, slots, groups, areas):
 
 
 def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
-    """The wide BVH of a binary one; the same for any number of threads."""
+    """The wide BVH of a binary one, the same for any number of threads."""
     n = len(bvh.nodes)
     costs, counts = np.empty((2 * n, WIDTH), np.float32), np.empty(2 * n, np.int32)
     _price(bvh, parents_first(bvh.links), costs, counts)
-    words = aligned_empty(((1 + np.count_nonzero(counts > WIDTH)) * NODE_WORDS,), "f4")  # enough; not all is touched
+    words = aligned_empty(((1 + np.count_nonzero(counts > WIDTH)) * NODE_WORDS,), "f4")  # an upper bound; not all is touched
     slots = np.empty((n + 1) * WIDTH, np.int32)
     n_nodes, n_groups = _collapse(bvh, costs, counts, words, words.view(np.int32), slots)
     nodes = words[: n_nodes * NODE_WORDS].reshape(-1, NODE_WORDS)

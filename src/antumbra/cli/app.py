@@ -1,6 +1,6 @@
-"""The commands, put together: one file a command.
+"""The program ``antumbra``: its commands. Each command has a file of its own.
 
-Nothing heavy (Numba, trimesh, Rich) is imported before a command needs it, so that ``--help`` is there at once.
+Heavy packages (Numba, trimesh, Rich) are not imported before a command needs them. So ``--help`` appears at once.
 """
 
 from typing import Annotated
@@ -49,5 +49,5 @@ def _top(
 
 
 def run(arguments: list[str]) -> object:
-    """Run the command that the arguments name; its exit code, or what it returned."""
+    """Run the command that the arguments name; return its exit code or its return value."""
     return typer.main.get_command(app).main(arguments, prog_name="antumbra", standalone_mode=False)

@@ -1,4 +1,4 @@
-"""What is written on the command line, as objects. Everything here is checked before a scene is loaded."""
+"""Parses command-line arguments. All of them are checked before a scene is loaded."""
 
 import math
 import re
@@ -29,11 +29,11 @@ LIGHT_FORMS = {
     "sphere": "sphere:CX,CY,CZ:RADIUS",
     "sun": "sun:DX,DY,DZ[:ANGULAR_DIAMETER]",
 }
-"""Kind of light -> how it is written."""
+"""Kind of light -> its syntax."""
 
 
 class SceneSpec(NamedTuple):
-    """A scene that is to be opened: a path, or the name of a procedural scene."""
+    """A scene to open: a path, or the name of a procedural scene."""
 
     path: Path | None
     name: str = ""
@@ -42,7 +42,7 @@ class SceneSpec(NamedTuple):
 
     @property
     def stem(self) -> str:
-        """What a picture of the scene is called by default."""
+        """The default name of a picture of the scene, without suffix."""
         if self.path is None:
             return "antumbra"
         folder = self.path.is_dir()
@@ -58,18 +58,18 @@ class CameraSpec(NamedTuple):
 
 
 class Sequence(NamedTuple):
-    """Frames of an animation; frame k shows the moment k / fps."""
+    """Frames of an animation. Frame k shows the time k / fps."""
 
     numbers: range
     fps: float
 
     def time(self, number: int) -> float:
-        """Seconds into the animation."""
+        """The time of a frame, in seconds."""
         return number / self.fps
 
 
 def parse_scene(text: str) -> SceneSpec:
-    """A path, or ``procedural:NAME?triangles=100k&seed=3``."""
+    """Parse a path, or ``procedural:NAME?triangles=100k&seed=3``."""
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
     if not text.startswith(PROCEDURAL):
@@ -84,7 +84,7 @@ def parse_scene(text: str) -> SceneSpec:
 
 
 def parse_count(text: str, what: str) -> int:
-    """A whole number, perhaps with the suffix k (thousand) or M (million): 100k, 2.5M."""
+    """Parse a whole number with an optional suffix k (thousand) or M (million): 100k, 2.5M."""
     match = _COUNT.fullmatch(text.strip())
     value = float(match[1]) * {"": 1, "k": 1_000, "m": 1_000_000}[match[2].lower()] if match else math.nan
     if not value.is_integer() or value >= 1 << 53:
@@ -93,7 +93,7 @@ def parse_count(text: str, what: str) -> int:
 
 
 def parse_bytes(text: str, what: str) -> int:
-    """A number of bytes, perhaps with a suffix k, M, G or T, each 1024 times the one before: 512M, 4G."""
+    """Parse a number of bytes with an optional suffix k, M, G or T, each 1024 times the one before: 512M, 4G."""
     match = _BYTES.fullmatch(text.strip()) if len(text) < 40 else None
     value = float(match[1]) * 1024 ** ["", "k", "m", "g", "t"].index(match[2].lower()) if match else math.nan
     if not value < 1 << 60:
@@ -102,7 +102,7 @@ def parse_bytes(text: str, what: str) -> int:
 
 
 def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
-    """Width and height of a picture, written ``1920x1080``, or ``512`` for a square."""
+    """Parse width and height of a picture: ``1920x1080``, or ``512`` for a square."""
     match = _SIZE.fullmatch(text.strip())
     size = (int(match[1]), int(match[2] or match[1])) if match and len(text) < 20 else (0, 0)
     if not all(1 <= n <= _MAX_SIZE for n in size):
@@ -111,7 +111,7 @@ def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
 
 
 def check_plot(path: Path) -> None:
-    """InputError unless ``--plot`` can be drawn and written to this file."""
+    """Raise an InputError unless ``--plot`` can be drawn and written to this file."""
     from ..output import checked_output
 
     checked_output(path, (".png",))
@@ -122,7 +122,7 @@ def check_plot(path: Path) -> None:
 
 
 def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> Sequence:
-    """``FIRST:LAST[:STEP]``, LAST included, and what stands beside it on the command line."""
+    """Parse ``FIRST:LAST[:STEP]``, LAST included, together with ``--time`` and ``--fps``."""
     match = _FRAMES.fullmatch(text.strip())
     first, last, step = (int(n or 1) for n in match.groups()) if match else (0, -1, 0)
     if not (first <= last and step):
@@ -138,8 +138,10 @@ def parse_frames(text: str, time: float | None = None, fps: float | None = None)
 
 
 def parse_srdh_rays(text: str):
-    """`SrdhRays` written as their number along each side of the picture, or ``all``; ``bounce``; ``last-frame``; with
-    commas between them."""
+    """Parse `SrdhRays`: words with commas between them.
+
+    The words are a number of pixels along each side of the picture, or ``all``; ``bounce``; ``last-frame``.
+    """
     chosen: dict[str, Any] = {}
     with _named(f"--srdh-rays {text}"):
         for part in (p.strip() for p in text.split(",")):
@@ -158,7 +160,7 @@ def parse_srdh_rays(text: str):
 
 
 def parse_camera(text: str) -> int | CameraSpec:
-    """An index, or ``px,py,pz:tx,ty,tz[:vfov]``."""
+    """Parse the index of a camera, or ``px,py,pz:tx,ty,tz[:vfov]``."""
     if _INDEX.fullmatch(text):
         return int(text)
     parts = text.split(":")
@@ -170,7 +172,10 @@ def parse_camera(text: str) -> int | CameraSpec:
 
 
 def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[int, int]):
-    """The camera that `parse_camera` found; None: the scene's first one, or one that shows all of it."""
+    """The camera of a result of `parse_camera`.
+
+    None is the scene's first camera, or one that shows the whole scene if it has none.
+    """
     from ..scene.camera import Camera
 
     if asked is None and not scene.cameras:
@@ -179,15 +184,15 @@ def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[
         return scene.camera(asked or 0, time).resized(*size)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
     view = asked.target - asked.position
-    with np.errstate(over="ignore", invalid="ignore"):  # `Camera` refuses what is too far away
+    with np.errstate(over="ignore", invalid="ignore"):  # `Camera` rejects positions that are too far away
         steep = np.linalg.norm(np.cross(view, up)) <= 1e-6 * np.linalg.norm(view)
-    if steep:  # straight up or down, where the usual up is no direction of the picture
+    if steep:  # the view is straight up or down, so the usual up vector has no direction in the picture
         up = instead
     return Camera(asked.position, asked.target, up, asked.vfov, *size)
 
 
 def parse_light(text: str):
-    """A light written ``KIND:...[@INTENSITY]``, or the index of one of the scene's own lights."""
+    """Parse a light ``KIND:...[@INTENSITY]``, or the index of one of the scene's own lights."""
     if _INDEX.fullmatch(text):
         return int(text)
     body, at, strength = text.partition("@")
@@ -202,7 +207,7 @@ def parse_light(text: str):
 
 
 def parse_ambient(text: str):
-    """Ambient occlusion, written ``RADIUS[@INTENSITY]``; a radius of inf has no limit."""
+    """Parse ambient occlusion: ``RADIUS[@INTENSITY]``. A radius of inf has no limit."""
     from ..scene.lights import AmbientOcclusion
 
     radius, at, strength = text.partition("@")
@@ -214,7 +219,10 @@ def parse_ambient(text: str):
 
 
 def make_lights(asked: list, scene, time: float) -> list:
-    """The lights that `parse_light` found; none: the scene's own, or one above it if it has none."""
+    """The lights of results of `parse_light`.
+
+    An empty list means the scene's own lights, or one light above the scene if it has none.
+    """
     if asked:
         return [scene.light(a, time) if isinstance(a, int) else a for a in asked]
     return [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
@@ -239,7 +247,7 @@ def _light(kind: str, fields: list[str], more: dict):
 
 @contextmanager
 def _named(what: str):
-    """Puts `what` in front of the message of an InputError."""
+    """Put `what` in front of the message of an InputError."""
     try:
         yield
     except InputError as error:

@@ -1,7 +1,7 @@
-"""``antumbra bench``: what the papers measured, measured on this machine, with their figures beside ours.
+"""``antumbra bench``: repeats the measurements of the papers, and prints the papers' figures beside ours.
 
-Its commands come from packages that announce a function under the entry point ``antumbra.bench``, as `antumbra.papers`
-does. They are looked for when the command is used.
+Its commands are functions under the entry point ``antumbra.bench``. `antumbra.papers` announces some; other packages
+can do the same. The program looks for them when the command is used.
 """
 
 from functools import cache
@@ -17,7 +17,7 @@ def _points() -> dict[str, EntryPoint]:
 
 
 class _Announced(TyperGroup):
-    """Finds its commands when it is asked for them."""
+    """A group that finds its commands when it is asked for them."""
 
     def list_commands(self, ctx) -> list[str]:
         return list(_points())
@@ -35,4 +35,4 @@ app = typer.Typer(cls=_Announced, help="Measure what the papers measured.", rich
 
 @app.callback()
 def _bench() -> None:
-    """Tables and plots of the papers, measured here, with the papers' figures beside."""
+    """Measure the tables and plots of the papers on this machine, with the papers' figures beside ours."""

@@ -1,4 +1,4 @@
-"""``antumbra build``: scenes that are larger than memory, as a paged store."""
+"""``antumbra build``: writes scenes that are larger than memory to a store."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,10 +29,10 @@ def build(
 ) -> None:
     """Write SCENEs, as one scene, to a store that need not fit in memory.
 
-    A store holds the triangles in chunks, each with its BVH, and checksums of all that. Several scenes are merged in
-    the order given, as they are at time 0; the cameras and lights of all are kept. procedural:city is made and
-    written block by block, at any size; other scenes are in memory, one at a time, while they are read. The same
-    scenes give the same bytes, whatever --max-memory and --threads are.
+    A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the order
+    given, as they are at time 0. The cameras and lights of all scenes are kept. procedural:city is made and written
+    block by block, at any size. Other scenes are in memory, one at a time, while they are read. The same scenes give
+    the same bytes, for any --max-memory and --threads.
 
     \b
     Examples
@@ -58,7 +58,7 @@ def build(
 
 
 def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool) -> Iterator:
-    """The scenes one after the other; a city as pieces that are still to be made."""
+    """Yield the scenes one after the other. A city is yielded as pieces that are made later."""
     from ..kernels.parallel import thread_count
     from ..scene.generated import StreamedCity
 

@@ -1,4 +1,4 @@
-"""``antumbra culling``: which triangles pre-BVH culling leaves."""
+"""``antumbra culling``: shows the triangles that pre-BVH culling leaves."""
 
 from pathlib import Path
 from typing import Annotated
@@ -31,8 +31,9 @@ def culling(
 ) -> None:
     """Show which triangles of SCENE pre-BVH culling leaves.
 
-    A picture of three: what the camera sees, then the scene from above and from the side, seen through. Triangles that
-    a shadow ray of the camera's pixels may meet are orange, all others blue; receivers are white, lights yellow.
+    The picture has three panels: the camera's view, then the scene from above and from the side, drawn transparent.
+    Orange triangles may meet a shadow ray of the camera's pixels. All other triangles are blue, receivers are white,
+    and lights are yellow.
 
     \b
     Examples

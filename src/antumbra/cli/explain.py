@@ -1,4 +1,4 @@
-"""``antumbra explain``: where the steps of shadow rays go, plan by plan."""
+"""``antumbra explain``: shows where shadow rays spend their steps, plan by plan."""
 
 import math
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..rendering.explanation import Explanation, PlanSteps
 
 _PLANS = "bsah+single:random", "srdh+single"
-_WIDTH = 120  # of the tables, in characters
+_WIDTH = 120  # width of the tables, in characters
 _CAPTION = "box tests of each pixel's rays; black: no rays"
 
 
@@ -67,13 +67,13 @@ def explain(
 ) -> None:
     """Show where plans spend the steps of SCENE's shadow rays.
 
-    A picture for each plan, side by side: the boxes tested for each pixel, in the same colours for all. The tables
-    split them into the classes of the SRDH paper (on the path to the hit, in vain beside it, for rays that nothing
-    blocks), and tell how deep in each tree the triangles lie that block half of all blocked rays.
+    The picture shows a panel for each plan, side by side: the boxes tested for each pixel, in the same colours for all.
+    The tables split box tests into the classes of the SRDH paper: on the path to the hit, in vain beside it, for
+    unblocked rays. They also show how deep in each tree the triangles lie that block half of all blocked rays.
 
-    Plans with the tracers single and single:... walk rays one by one. Others test boxes for bundles of rays: their
-    pictures show the tests in windows of 16x16 pixels, shared among the pixels, and classes are not known. Plans
-    without a builder have no tree, and no steps.
+    Plans with the tracers single and single:... trace rays one by one. Others test boxes for bundles of rays. Their
+    panels show the tests in windows of 16x16 pixels, shared among the pixels, and the classes are unknown. Plans
+    without a builder have no tree and no steps.
 
     \b
     Examples
@@ -145,7 +145,7 @@ def _label(told: "Explanation", one: "PlanSteps") -> str:
 
 
 def _each(n: float, rays: int) -> str:
-    """So many for each ray, for people."""
+    """The mean for each ray, as text."""
     return f"{n / rays:.4g}" if rays else "-"
 
 
@@ -155,7 +155,7 @@ def _ratio(told: "Explanation", one: "PlanSteps") -> str:
 
 
 def _answer(told: "Explanation") -> dict:
-    """What ``--json`` says of the steps; null where there is no ray, or no class is known."""
+    """The steps for ``--json``. A value is null if there is no ray, or if the classes are unknown."""
     from ..trace.rays.steps import CLASSES
 
     first, rays = told.plans[0].box_tests, told.rays or float("nan")
@@ -178,7 +178,7 @@ def _answer(told: "Explanation") -> dict:
 
 
 def _fields(told: "Explanation") -> Iterator[tuple[str, str]]:
-    """What is the same for all plans."""
+    """The fields that are the same for all plans."""
     yield "rays", f"{told.rays:,}" + (f", {100 * told.blocked / told.rays:.3g} % of them blocked" if told.rays else "")
     if told.blocked:
         share = 100 * told.frequent_rays / told.blocked
@@ -187,7 +187,7 @@ def _fields(told: "Explanation") -> Iterator[tuple[str, str]]:
 
 
 def _print_tables(told: "Explanation") -> None:
-    """What differs, for people."""
+    """Print the figures that differ between plans."""
     from ..trace.rays.steps import CLASSES
 
     steps = [
@@ -206,7 +206,7 @@ def _print_tables(told: "Explanation") -> None:
 
 
 def _classes(told: "Explanation", one: "PlanSteps") -> list[str]:
-    """The box tests of each class for each ray, and their share."""
+    """The box tests of each class for each ray, and their shares, as text."""
     if one.classes is None or not one.box_tests:
         return ["-"] * 3
     return [f"{_each(n, told.rays)} ({100 * n / one.box_tests:.0f} %)" for n in one.classes.tolist()]

@@ -1,4 +1,8 @@
-"""Procedural scenes as files for other programs: GLB, OBJ and PLY with base colours."""
+"""Procedural scenes as files for other programs: GLB, OBJ and PLY with base colours.
+
+They are not written by `trimesh`: its GLB has no lights (KHR_lights_punctual), and its colours have 8 bits. The GLB
+files here have lights and linear float colours.
+"""
 
 import json
 import math
@@ -12,30 +16,31 @@ from ..output import checked_output, replacing
 
 SUFFIXES = (".glb", ".obj", ".ply")
 
-_FLOAT, _UNSIGNED_INT, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 5126, 5125, 34962, 34963  # of glTF
+_FLOAT, _UNSIGNED_INT, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 5126, 5125, 34962, 34963  # constants of glTF
 _PRIMITIVE = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}
 _LIGHTS = "KHR_lights_punctual"
 
 
 def check_output(path) -> Path:
-    """`path` if a scene can be written there; InputError, naming the cure, if not."""
+    """`path`, if a scene can be written there; otherwise an InputError that names the cure."""
     return checked_output(path, SUFFIXES)
 
 
 def write_scene(made, name: str, path) -> list[Path]:
-    """Write a generated scene to a .glb, .obj (and .mtl) or .ply file; the files written.
+    """Write a generated scene to a .glb, .obj (and .mtl) or .ply file; return the files written.
 
     Parameters
     ----------
     made : from `antumbra.scene.procedural.generate`
     name : str
-        What the mesh is called.
+        Name of the mesh.
     path : str or path-like
 
     Notes
     -----
-    GLB holds exact linear colours, the camera, and a point light in the middle of the scene's quad light (glTF has no
-    area lights). OBJ and PLY hold triangles and colours in 8 bits. Coordinates are float32 in GLB and PLY.
+    GLB holds exact linear colours, the camera, and a point light in the centre of the scene's quad light (glTF has no
+    area lights). OBJ and PLY hold triangles and colours; those of PLY have 8 bits. Coordinates are float32 in GLB and
+    PLY.
     """
     path = check_output(path)
     if path.suffix.lower() == ".obj":
@@ -80,7 +85,7 @@ def _glb(made, name: str) -> bytes:
 
 
 def _coloured_vertices(made) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions and linear colours ((v, 3) float32 each) and indices ((f, 3) uint32): a vertex has one colour."""
+    """Positions and linear colours, (v, 3) float32 each, and indices, (f, 3) uint32. A vertex has one colour."""
     n = len(made.palette)
     key = np.asarray(made.faces, np.int64) * n + np.asarray(made.colour, np.int64)[:, None]
     used, indices = np.unique(key, return_inverse=True)
@@ -89,7 +94,7 @@ def _coloured_vertices(made) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _camera_node(camera: dict) -> dict:
-    """A glTF camera looks along its node's -Z, with +Y up."""
+    """The node of a camera. A glTF camera looks along its node's -Z, with +Y up."""
     position, target, up = (np.asarray(camera.get(k, (0, 1, 0)), float) for k in ("position", "target", "up"))
     back = (position - target) / np.linalg.norm(position - target)
     right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
@@ -129,7 +134,7 @@ def _ply(made) -> bytes:
 
 
 def _write_obj(made, name: str, path: Path) -> list[Path]:
-    """OBJ keeps colours in a second file beside it."""
+    """Write an OBJ file, and the colours to an .mtl file beside it."""
     library = checked_output(path.with_suffix(".mtl"), (".mtl",))
     lines = [f"mtllib {library.name}", f"o {name}"]
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(made.vertices).tolist()]

@@ -1,4 +1,4 @@
-"""What a person sees when something goes wrong: one line, and an exit code."""
+"""Errors on the command line: one line on standard error, and an exit code."""
 
 import os
 import sys
@@ -12,14 +12,14 @@ from ..errors import InputError
 
 UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
-# Typer does not export the base of its usage errors, and where it lives depends on Typer's version.
+# Typer does not export the base class of its usage errors, and its module depends on Typer's version.
 _UsageError: Any = typer.BadParameter.__mro__[1]
 
 
 def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
-    """The exit code of ``run(arguments)``; whatever it raises becomes one line on standard error.
+    """Run ``run(arguments)`` and return its exit code. Any exception becomes one line on standard error.
 
-    ``--debug`` is understood wherever it stands, since it is usually added to a line that has just failed.
+    ``--debug`` may stand anywhere, because users add it to a command that has just failed.
     """
     _prepare_streams()
     before = arguments[: arguments.index("--")] if "--" in arguments else arguments
@@ -48,8 +48,10 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
 
 
 def _drop_output() -> None:
-    """Send what standard output still holds nowhere: Python would complain, and change the exit code, when it flushes
-    at exit what cannot be written."""
+    """Drop buffered standard output if it cannot be written.
+
+    Otherwise Python would flush it at exit, print an error, and change the exit code.
+    """
     try:
         sys.stdout.flush()
     except (OSError, ValueError):
@@ -58,7 +60,7 @@ def _drop_output() -> None:
 
 
 def explained(error: BaseException) -> tuple[str, int]:
-    """One line about an exception, and the exit code."""
+    """(one line about an exception, exit code)."""
     if isinstance(error, (KeyboardInterrupt, typer.Abort)):
         return "interrupted", INTERRUPTED
     if isinstance(error, InputError):
@@ -76,14 +78,17 @@ def explained(error: BaseException) -> tuple[str, int]:
 
 
 def say(line: str) -> None:
-    """A line for people on standard error."""
+    """Print a line on standard error."""
     text = " ".join(line.split())
     with suppress(OSError, ValueError):
         print("antumbra:", "".join(c if c.isprintable() else "?" for c in text), file=sys.stderr, flush=True)
 
 
 def _prepare_streams() -> None:
-    """Names of files may hold what a terminal's encoding does not, and a stream may be closed: no errors, either."""
+    """Make writing to the standard streams safe.
+
+    A stream may be closed, and file names may have characters that the terminal's encoding lacks.
+    """
     for name in ("stdout", "stderr"):
         stream: Any = getattr(sys, name)
         if stream is None:

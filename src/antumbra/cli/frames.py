@@ -1,8 +1,9 @@
-"""An animation: frame after frame of one scene, state kept in one `Renderer`; what is finished is not done again.
+"""Renders an animation, frame by frame, with one `Renderer` that keeps its state. Finished frames are not repeated.
 
-Every picture holds, as JSON, the settings that it was made with (`Asked.settings`) and its exposure. A frame is
-finished if its file has just those. All frames get one exposure, or a film would flicker: that of the first frame that
-is there or succeeds, unless one is given. So a run that was interrupted goes on with the exposure of its beginning.
+Every picture stores its settings (`Asked.settings`) and its exposure as JSON. A frame is finished if its file has the
+settings of this run. All frames have the same exposure, so that a film does not flicker. It is the exposure of the
+first frame that exists or succeeds, unless one is given. So an interrupted run continues with the exposure of its first
+frame.
 """
 
 import json
@@ -22,22 +23,22 @@ from .renderoptions import Asked, scene_digest
 if TYPE_CHECKING:
     from ..scene.scene import Scene
 
-_HASHES = re.compile(r"#+(?=[^#]*$)")  # the last ones of a name
+_HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
 
 
 class Job(NamedTuple):
-    """An animation that is to be rendered."""
+    """An animation to render."""
 
     asked: Asked
     scene: "Scene"
     load: float  # seconds that reading the scene took
-    pattern: Path
-    overwrite: bool
+    pattern: Path  # path of the pictures, with # for the frame's number
+    overwrite: bool  # whether finished frames are rendered again
 
 
 def output_path(output: Path | None, stem: str, sequence: Sequence | None) -> Path:
-    """Where the picture goes; of a sequence, the name with ``#`` where the frame's number stands."""
+    """The path of the picture. For a sequence, it has ``#`` in place of the frame's number."""
     from ..image.save import check_output
 
     if sequence is None:
@@ -53,13 +54,13 @@ def output_path(output: Path | None, stem: str, sequence: Sequence | None) -> Pa
 
 
 def numbered(pattern: Path, number: int) -> Path:
-    """The file of a frame: its number, with zeros before it, instead of ``####``."""
+    """The file of a frame: its number, with leading zeros, replaces ``####``."""
     return pattern.with_name(_HASHES.sub(lambda hashes: f"{number:0{len(hashes[0])}d}", pattern.name))
 
 
 def render_frames(job: Job, sequence: Sequence, activity: Activity) -> "Animation":
-    """Render what is not finished; what came of it."""
-    job.asked.view(job.scene, 0.0)  # a camera or light that the scene does not have is one error, not one a frame
+    """Render all frames that are not finished."""
+    job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
     job.asked.direct_lights(job.scene, 0.0)
     last = sequence.time(sequence.numbers[-1])
     if last > job.scene.duration and not job.asked.quiet:
@@ -84,24 +85,27 @@ class Animation:
         self.job, self.sequence = job, sequence
         self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
         self.exposure = job.asked.exposure
-        self.seconds: list[float] = []  # of each frame that was rendered, with saving; compilation is not inside
+        self.seconds: list[float] = []  # time of each rendered frame, with saving, without compilation
         self.timings: dict[str, float] = {}  # sums over these frames
-        self.unforeseen: Exception | None = None  # the first error that is no fault of the input
+        self.unforeseen: Exception | None = None  # the first error that the input did not cause
         self.start = perf_counter()
         self._digest = scene_digest(job.asked.spec)
         self._renderer = job.asked.renderer(job.scene)
-        self._replaces = False  # has it been said that older pictures are replaced?
+        self._replaces = False  # whether the user has been told that older pictures are replaced
         if self.exposure is None and not job.overwrite:
             self.exposure = self._first_exposure()
 
     def _settings(self, path: Path, time: float) -> dict:
-        """What the picture of a time depends on."""
+        """The settings that the picture of a time depends on."""
         linear = path.suffix.lower() == ".exr"
         settings = self.job.asked.settings(self.job.scene, self._digest, time)
         return {**settings, "exposure": None if linear else self.job.asked.exposure or "automatic"}
 
     def _first_exposure(self) -> float | None:
-        """That of the first frame that is finished: an earlier one, which failed then, must not change the others'."""
+        """The exposure of the first finished frame; None if there is none.
+
+        So a frame before it, which failed in an earlier run, does not change the exposure of the others.
+        """
         for number in self.sequence.numbers:
             path = numbered(self.job.pattern, number)
             found = _noted(path) if path.exists() else {}
@@ -110,7 +114,7 @@ class Animation:
         return None
 
     def add(self, number: int, activity: Activity, index: int) -> dict:
-        """Render a frame if it is not finished; what ``--json`` says of it. What fails is said, and no exception."""
+        """Render a frame if it is not finished; return its fields for ``--json``. An error is printed, not raised."""
         path, time, count = numbered(self.job.pattern, number), self.sequence.time(number), len(self.sequence.numbers)
         text = f"frame {number}{self._forecast(count - index)}"
         activity.say(text, index, count)
@@ -147,7 +151,10 @@ class Animation:
         return {"state": "rendered", **summary.shot_answer(shot, saved)}
 
     def _is_finished(self, path: Path, settings: dict) -> bool:
-        """Is the file there, with these settings and the others' exposure? If it is the first, they get its own."""
+        """Whether the file exists with these settings and the exposure of the other frames.
+
+        If no exposure is fixed yet, the frames get the exposure of this file.
+        """
         if not path.exists():
             return False
         found = _noted(path)
@@ -164,14 +171,14 @@ class Animation:
         return not differ
 
     def _forecast(self, left: int) -> str:
-        """How long a frame takes, and those that are left."""
+        """The time of the last frame, and an estimate for the remaining ones, as text."""
         if not self.seconds:
             return ""
         each = sum(self.seconds) / len(self.seconds)
         return f" ({report.duration(self.seconds[-1])} the last, about {report.duration(each * left)} left)"
 
     def tell(self) -> int:
-        """Say what came of all frames; the exit code."""
+        """Print a summary of all frames and return the exit code."""
         if self.job.asked.json:
             report.print_json(self._answer())
         elif not self.job.asked.quiet:
@@ -217,7 +224,7 @@ class Animation:
 
 
 def _noted(path: Path) -> dict:
-    """The settings that a picture holds; {} if it holds none."""
+    """The settings that a picture stores; {} if there are none."""
     from ..image.save import note_of
 
     try:

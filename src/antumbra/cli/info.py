@@ -1,4 +1,4 @@
-"""``antumbra info``: what is in a scene."""
+"""``antumbra info``: shows the contents of a scene."""
 
 from collections.abc import Iterator
 from time import perf_counter
@@ -25,10 +25,10 @@ def info(
     check: Annotated[bool, typer.Option("--check", help="Of a store: read all of it and check its checksums.")] = False,
     json: Json = False,
 ) -> None:
-    """Say what is in SCENE.
+    """Show the contents of SCENE.
 
-    Meshes, triangles, instances, bounds, cameras, lights, animation, memory, and what the loader left out; of a store
-    its chunks.
+    It lists meshes, triangles, instances, bounds, cameras, lights, animation, memory, and the loader's notes about
+    parts it left out. For a store it shows its chunks.
 
     \b
     Examples

@@ -1,4 +1,4 @@
-"""Options that several commands have, and commands that take many as one object."""
+"""Options that several commands share, and a decorator for commands that take all options as one object."""
 
 import inspect
 from collections.abc import Callable
@@ -52,7 +52,7 @@ SCENE_HELP = "A .glb, .gltf, .obj, .ply or .stl file, a folder of vertex frames,
 
 
 def takes(arguments: type) -> Callable:
-    """Decorator of a command ``f(arguments)``: to Typer, each field of the dataclass `arguments` is a parameter."""
+    """Decorator of a command ``f(arguments)``. Typer sees each field of the dataclass `arguments` as a parameter."""
 
     def wrap(command: Callable[[Any], int]) -> Callable[..., int]:
         def run(**given) -> int:

@@ -1,4 +1,4 @@
-"""``antumbra plans``: the registries."""
+"""``antumbra plans``: lists the registered methods."""
 
 from typing import Annotated
 
@@ -16,10 +16,10 @@ def plans(
 ) -> None:
     """List the methods and the plans made of them.
 
-    Each method has a description and a paper. A plan is written builder+tracer, with a culler, an optimiser or an
-    updater where one is wanted. The tracer cones walks no BVH, so its plans have no builder. All plans give the same
-    bits; they differ in speed. Plans can name the methods of --papers as any others; the options of cones can be
-    combined, as in cones:spheres:sorted.
+    Each method has a description and a paper. A plan is written builder+tracer, with an optional culler, optimiser or
+    updater. The tracer cones uses no BVH, so its plans have no builder. All plans give the same bits and differ in
+    speed. Plans can name the methods of --papers like any others. The options of cones can be combined, as in
+    cones:spheres:sorted.
 
     \b
     Examples

@@ -1,4 +1,4 @@
-"""What the program is doing, for a person at a terminal, once it takes longer than a second."""
+"""Shows progress on a terminal for operations that take longer than a second."""
 
 import sys
 import threading
@@ -15,9 +15,10 @@ DELAY = 1.0
 
 
 class Activity:
-    """A progress line on standard error while the block runs; nothing where nobody looks, or if all goes fast.
+    """A progress line on standard error while the block runs.
 
-    The line starts from a timer, so it also comes while one long call (reading a file, building a BVH) runs.
+    There is none if standard error is no terminal, or if the block is fast. A timer starts the line, so it appears
+    during a single long call too (reading a file, building a BVH).
     """
 
     def __init__(self, quiet: bool = False, delay: float = DELAY):
@@ -48,16 +49,16 @@ class Activity:
                 self._bar.stop()
 
     def say(self, text: str, done: int = 0, total: int = 0) -> None:
-        """What is being done now, and how much of it is done; total 0: nobody knows."""
+        """Show the current operation, and how much of it is done. `total` 0: unknown."""
         self._text, self._done, self._total = text, done, total
         with self._lock:
             if self._bar is not None:
                 self._update(self._bar)
 
     def parts(self, text: str, count: int, index: int = 0, of: int = 1) -> Callable[[int, int], None]:
-        """A ``progress(done, total)`` for `count` runs one after the other, each of which begins again from few.
+        """A function ``progress(done, total)`` for `count` runs, one after the other. `done` restarts in each run.
 
-        All of them are piece `index` of as many pieces as `of` says.
+        All runs together are piece `index` of `of` pieces.
         """
         run, last = 0, -1
 

@@ -1,4 +1,4 @@
-"""``antumbra render``: from a scene to a picture with exact shadows."""
+"""``antumbra render``: renders a scene with exact shadows."""
 
 from time import perf_counter
 
@@ -14,13 +14,13 @@ from .sceneinput import open_scene
 def render(given: RenderArguments) -> int:
     """Render SCENE with exact shadows.
 
-    Without arguments, the embedded atrium is rendered to antumbra.png. Cameras and lights come from the file at the
-    time given; a scene without a camera is shown whole, one without lights gets a square light above it.
+    Without arguments, it renders the embedded atrium to antumbra.png. Cameras and lights come from the file, at the
+    given time. Without a camera, the whole scene is shown. Without lights, there is a square light above the scene.
 
     \b
     CAMERA
       1                         the second camera of the file
-      0,1.7,8:0,1,0             from 0,1.7,8 towards 0,1,0
+      0,1.7,8:0,1,0             position 0,1.7,8, target 0,1,0
       0,1.7,8:0,1,0:45          ... with a vertical field of view of 45 degrees instead of 60
 
     \b
@@ -30,13 +30,13 @@ def render(given: RenderArguments) -> int:
       quad:CX,CY,CZ:UX,UY,UZ:VX,VY,VZ      a parallelogram around C with the edges U and V
       disk:CX,CY,CZ:NX,NY,NZ:RADIUS        a disk around C that faces N
       sphere:CX,CY,CZ:RADIUS
-      sun:DX,DY,DZ[:ANGULAR_DIAMETER]      shines along D; 0.53 degrees wide, as the sun
+      sun:DX,DY,DZ[:ANGULAR_DIAMETER]      shines along D; 0.53 degrees wide by default, like the sun
       ...@INTENSITY                        candela (sun: lux), 1 by default
 
-    Frame k of --frames shows the moment k / fps; after the animation's end, its end. A frame whose file is there
-    already, from the same scene and options, is not rendered again: repeat a command that was interrupted, and it goes
-    on. All frames have the exposure of the first one, unless --exposure is given. A frame that fails is named, and the
-    others go on; the exit code is 2 then.
+    Frame k of --frames shows the time k / fps; later frames show the animation's end. A frame is not rendered again if
+    its file exists already, from the same scene and options. So an interrupted command continues when you repeat it.
+    All frames have the exposure of the first one, unless --exposure is given. If a frame fails, its error is shown and
+    the others continue; the exit code is then 2.
 
     \b
     Examples

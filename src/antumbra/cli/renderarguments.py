@@ -1,4 +1,4 @@
-"""The arguments of ``antumbra render`` as they are written, and what they mean."""
+"""The arguments of ``antumbra render``, and the options they stand for."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from .renderoptions import Asked
 
 @dataclass(frozen=True)
 class RenderArguments:
-    """Each field is an argument or option of the command line."""
+    """The arguments of the command line: each field is an argument or an option."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     output: Annotated[
@@ -126,7 +126,7 @@ class RenderArguments:
     quiet: Quiet = False
 
     def check(self) -> None:
-        """InputError on options that do not go together."""
+        """Raise an InputError if options do not go together."""
         for name, instead in (("--vpl", self.vpl), ("--bounce", self.bounce)):
             if self.ao is not None and instead is not None:
                 raise InputError(f"--ao dims the ambient light that {name} replaces; leave one of them out")
@@ -140,12 +140,12 @@ class RenderArguments:
             raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
 
     def options(self) -> Asked:
-        """What they mean.
+        """Parse the arguments.
 
         Raises
         ------
         InputError
-            On text that cannot be read.
+            If a text cannot be parsed.
         """
         given = lambda text, parse, *more: None if text is None else parse(text, *more)
         adaptive = min(4 * self.spp, 1024) if self.adaptive and self.adaptive_spp is None else self.adaptive_spp

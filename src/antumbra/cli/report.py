@@ -1,4 +1,4 @@
-"""Answers on standard output: tables for people, or one JSON object for programs."""
+"""Prints answers on standard output: tables for people, or one JSON object for programs."""
 
 import json
 import math
@@ -8,13 +8,13 @@ from dataclasses import fields
 
 
 def print_json(answer: dict) -> None:
-    """One JSON object on one line, at once; what JSON cannot say (infinity, NaN) is null."""
+    """Print one JSON object on one line, and flush it. Infinity and NaN become null."""
     sys.stdout.write(json.dumps(plain(answer), allow_nan=False) + "\n")
     sys.stdout.flush()
 
 
 def print_fields(rows: Iterable[tuple[str, str]]) -> None:
-    """Names and values, one below the other."""
+    """Print names and values, one below the other."""
     from rich.table import Table
 
     grid = Table.grid(padding=(0, 2))
@@ -26,7 +26,7 @@ def print_fields(rows: Iterable[tuple[str, str]]) -> None:
 def print_table(
     headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = (), width: int | None = None
 ) -> None:
-    """A table with headers; columns in `right` hold numbers. `width`: at least so many characters to a line."""
+    """Print a table with headers. Columns in `right` hold numbers. `width` is the least number of characters a line."""
     from rich import box
     from rich.table import Table
 
@@ -37,24 +37,24 @@ def print_table(
 
 
 def duration(seconds: float) -> str:
-    """Seconds for people: 12 ms, 3.45 s, 12 min, 1.5 h."""
+    """Seconds as text: 12 ms, 3.45 s, 12 min, 1.5 h."""
     if seconds >= 600.0:
         return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
     return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1000.0 * seconds:.3g} ms"
 
 
 def size_in_memory(n: int) -> str:
-    """Bytes for people: 12.3 MB."""
+    """Bytes as text: 12.3 MB."""
     return f"{n / 1e6:,.1f} MB"
 
 
 def vector(values) -> str:
-    """Three numbers for people."""
+    """Three numbers as text."""
     return "(" + ", ".join(f"{float(v):.7g}" for v in values) + ")"
 
 
 def light_fields(light) -> dict:
-    """A light as names and values; a list of lights by their number."""
+    """A light as names and values. A list of lights has only the number of its lights."""
     if light.domain == "list":
         return {"type": type(light).__name__, "count": len(light.positions), "interleave": light.interleave}
     return {"type": type(light).__name__, **{f.name: getattr(light, f.name) for f in fields(light)}}
@@ -66,7 +66,7 @@ def camera_fields(camera) -> dict:
 
 
 def srdh_rays_fields(rays) -> dict:
-    """`SrdhRays` that were written on the command line as names and values."""
+    """`SrdhRays` from the command line as names and values."""
     return {name: getattr(rays, name) for name in ("size", "spp", "bounce", "last_frame")}
 
 
@@ -81,11 +81,11 @@ def _print_rows(table, rows, width: int | None = None) -> None:
 
 
 def _encodable(text: str) -> str:
-    return text.encode("utf-8", "backslashreplace").decode()  # names of files may not be Unicode
+    return text.encode("utf-8", "backslashreplace").decode()  # file names may not be valid Unicode
 
 
 def plain(value):
-    """Python's own types, as JSON has them: arrays and tuples become lists, infinite numbers None."""
+    """A value in the types of JSON: arrays and tuples become lists, infinite numbers and NaN become None."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if hasattr(value, "tolist"):

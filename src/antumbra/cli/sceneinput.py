@@ -1,4 +1,4 @@
-"""Scenes and their notes, as every command opens them."""
+"""Opens the scene of a command, and shows the loader's notes."""
 
 import warnings
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ _MOST_NOTES = 5
 
 
 def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "Scene":
-    """The `Scene` that a `SceneSpec` names; what the loader noted is said on standard error."""
+    """The `Scene` that a `SceneSpec` names. The loader's notes appear on standard error."""
     if spec.path is None:
         from .. import procedural
 
@@ -27,7 +27,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
     if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the notes, which are said below
+        warnings.simplefilter("ignore", UserWarning)  # the notes, which are printed below
         scene = load(spec.path, up=up or "y")
     if not quiet:
         for note in scene.notes[:_MOST_NOTES]:

@@ -1,4 +1,4 @@
-"""``antumbra scenes``: the procedural scenes, listed and exported."""
+"""``antumbra scenes``: lists and exports the procedural scenes."""
 
 from pathlib import Path
 from typing import Annotated
@@ -25,8 +25,8 @@ def scenes(
 ) -> None:
     """List the procedural scenes, or export one.
 
-    A GLB file also holds the scene's camera, and a point light where the scene has a quad light, which glTF lacks.
-    To render a procedural scene, name it: antumbra render procedural:city
+    A GLB file also holds the scene's camera and a point light. The point light replaces the scene's quad light, because
+    glTF has none. To render a procedural scene, name it: antumbra render procedural:city
 
     \b
     Examples

@@ -1,4 +1,4 @@
-"""What ``antumbra render`` tells of its pictures, to people and to programs, and the writing of them."""
+"""Writes the pictures of ``antumbra render``, and summarises them as text or JSON."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,11 +18,11 @@ class Saved(NamedTuple):
 
     path: Path
     exposure: float | None  # None: the file holds linear light
-    seconds: float
+    seconds: float  # time of writing it
 
 
 def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = None) -> Saved:
-    """Write the picture; exposure None: automatic."""
+    """Write the picture. Exposure None: automatic."""
     from ..image.save import frame_exposure, save_frame
 
     start = perf_counter()
@@ -35,13 +35,13 @@ def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = 
 
 
 def picture_answer(asked: "Asked", scene: "Scene", load: float, shot: "Shot", saved: Saved) -> dict:
-    """What ``--json`` says of one picture."""
+    """The fields of ``--json`` for a single picture."""
     told = shot_answer(shot, saved)
     return {"scene": scene_answer(asked, scene), **asked.options(), "load": load, **told}
 
 
 def scene_answer(asked: "Asked", scene: "Scene") -> dict:
-    """What ``--json`` says of the scene."""
+    """The fields of ``--json`` for the scene."""
     return {
         "source": asked.source,
         "name": scene.name,
@@ -53,7 +53,7 @@ def scene_answer(asked: "Asked", scene: "Scene") -> dict:
 
 
 def shot_answer(shot: "Shot", saved: Saved) -> dict:
-    """What ``--json`` says of one picture, or of one frame of many."""
+    """The fields of ``--json`` for a single picture, or for one frame of an animation."""
     frame = shot.frame
     seen = frame.gbuffer.face >= 0
     return {
@@ -79,7 +79,7 @@ def shot_answer(shot: "Shot", saved: Saved) -> dict:
 def picture_fields(
     asked: "Asked", scene: "Scene", load: float, shot: "Shot", saved: Saved
 ) -> Iterator[tuple[str, str]]:
-    """What a person is told of one picture."""
+    """The names and values that are printed for a single picture."""
     frame = shot.frame
     yield "picture", str(saved.path)
     moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
@@ -100,12 +100,12 @@ def scene_text(asked: "Asked", scene: "Scene") -> str:
 
 
 def phases_text(seconds: dict[str, float]) -> str:
-    """Seconds of each phase, without those that did not happen."""
+    """The seconds of each phase as text, without phases that did not happen."""
     return ", ".join(f"{name} {report.duration(s)}" for name, s in seconds.items() if s > 0.0)
 
 
 def shot_fields(asked: "Asked", shot: "Shot") -> Iterator[tuple[str, str]]:
-    """From the camera to the plan."""
+    """The names and values from the camera to the plan."""
     camera, frame, spp = shot.camera, shot.frame, asked.spp
     yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
     yield "lights", ", ".join(type(light).__name__ for light in shot.lights)
@@ -141,7 +141,7 @@ def _refined(frame) -> float:
 
 
 def _uncertain(frame) -> float | None:
-    """The share of the triangle tests that float32 left to float64."""
+    """The share of the triangle tests that float32 left to float64; None without counters."""
     if frame.counters is None:
         return None
     return frame.counters["uncertain"] / max(1, frame.counters["triangle_tests"])

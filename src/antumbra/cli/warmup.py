@@ -1,4 +1,4 @@
-"""``antumbra warmup``: compile everything now, so that nothing compiles later."""
+"""``antumbra warmup``: compiles all kernels now, so that none compiles later."""
 
 from time import perf_counter
 from typing import Annotated
@@ -24,7 +24,7 @@ def warmup(
 ) -> None:
     """Compile all kernels now and keep them on disk.
 
-    Otherwise that happens when a kernel is first used: once for each machine and version.
+    Otherwise each kernel is compiled when it is first used, once for each machine and version.
 
     \b
     Examples

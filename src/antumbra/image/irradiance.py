@@ -37,7 +37,7 @@ def _row(pointer, x):
 
 @inlined
 def _add_row(position, normal, light, fixed, flat, a, b, totals, w):
-    """Add a row of pixels' irradiance from point (a, b) of the light. LLVM vectorises the loop of each kind of light."""
+    """Add a row of pixels' irradiance from point (a, b) of the light. LLVM vectorises the loop of each kind."""
     zero = np.float64(0.0)
     if light.kind == SPHERE:
         cx, cy, cz, radius = light.base[0], light.base[1], light.base[2], light.radius

@@ -39,7 +39,7 @@ def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
 
 
 def roll_off(x: np.ndarray) -> np.ndarray:
-    """Map linear light >= 0 to [0, 1]: unchanged up to `SHOULDER`, then towards 1. The first derivative is continuous."""
+    """Map linear light >= 0 to [0, 1]: unchanged up to `SHOULDER`, then towards 1, with a continuous derivative."""
     room = 1.0 - SHOULDER
     return np.where(x <= SHOULDER, x, 1.0 - room * np.exp(-np.maximum(x - SHOULDER, 0.0) / room))
 

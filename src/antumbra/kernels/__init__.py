@@ -1,24 +1,24 @@
-"""What kernels are made of, and how they become machine code. Nothing here knows a scene.
+"""Compiled functions: their building blocks, and their way to machine code. Nothing here knows a scene.
 
-What kernels are made of:
+Building blocks of kernels:
 
 - jit: the decorators `kernel`, `inlined`, `overload`
 - simd/: vectors as values inside kernels; vec: three coordinates at once
-- predicate/: whether a ray meets a triangle, exactly
+- predicate/: the exact test of a ray and a triangle
 - parallel: threads that share the work of one kernel
 
 From a call to machine code, without Numba:
 
-- arguments: the kinds and values of arguments, as words
-- closure, definitions: a digest of all that a kernel is made of
-- loading, cache, code, locks: object files from packs and from the user's folder, linked
+- arguments: the kinds and values of arguments, as 8-byte words
+- closure, definitions: a digest of all code and constants that a kernel reaches
+- loading, cache, code, locks: linking of object files from packs and from the user's folder
 - processor: levels of processors
 
-What is compiled, and by whom:
+Compiling:
 
 - compiling, parts, library, entry, machine, numba_speed, numba_import: Numba and LLVM
-- crew, worker, progress: several processes at once
-- needs, pack: what jobs call, as recorded; packs that wheels bring
+- crew, worker, progress: several compiling processes at once
+- needs: the recorded kernels of each job; pack: packs for wheels
 """
 
 from importlib import import_module
@@ -27,7 +27,7 @@ from . import jit
 
 
 def _late(module: str, name: str):
-    """A function of a module that is imported when the function is called: Numba takes its time."""
+    """A function whose module is imported at its first call, because the import of Numba is slow."""
     return lambda *arguments: getattr(import_module(f"{__name__}.{module}"), name)(*arguments)
 
 

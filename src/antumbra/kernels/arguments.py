@@ -1,7 +1,7 @@
-"""What a kernel is called with and what it returns, as 8-byte words.
+"""Arguments and results of kernels as 8-byte words.
 
-A *key* is the kinds of the arguments, one token for each scalar, array, None, or end of a tuple. It chooses the machine
-code and says how the values are packed.
+A *key* lists the kinds of the arguments, one token for each scalar, array, None, and begin or end of a tuple. The key
+chooses the machine code and the packing of the values.
 """
 
 import ctypes
@@ -19,7 +19,7 @@ SCALARS = {
     "b": "?7x", "f": "f4x", "d": "d",
     "i1": "q", "i2": "q", "i4": "q", "i": "q", "u1": "Q", "u2": "Q", "u4": "Q", "u": "Q",
 }  # fmt: skip
-"""Token of a scalar: how `struct` packs it into a word."""
+"""Token of a scalar: format by which `struct` packs it into a word."""
 
 _TOKENS: dict[type, str] = {
     bool: "b", np.bool_: "b", int: "i", float: "d",
@@ -73,7 +73,7 @@ def array_parts(token: str) -> tuple[str, int, str, bool]:
 
 
 def flatten(arguments: tuple) -> tuple[Key, list]:
-    """The key of arguments, and their values: of an array its address, shape and strides."""
+    """The key of arguments, and their values. The values of an array are its address, shape and strides."""
     key: list[str] = []
     values: list = []
     for argument in arguments:
@@ -108,7 +108,7 @@ def _flatten(x, key, values):
 
 @cache
 def struct_of(key: Key) -> struct.Struct:
-    """How the values of a key are packed."""
+    """The packing of a key's values."""
     return struct.Struct("<" + "".join(map(_packing, key)))
 
 
@@ -119,11 +119,11 @@ def _packing(token: str) -> str:
 
 
 Spec = str | list
-"""What a kernel returns: a scalar's token, `NONE`, or [name of a class or None for a plain tuple, specs]."""
+"""The kind of a result: a scalar's token, `NONE`, or [class name (None for a plain tuple), specs of the items]."""
 
 
 class Result:
-    """Makes what a kernel returns from the words that it wrote."""
+    """Builds a kernel's result from the words that it wrote."""
 
     def __init__(self, spec: Spec):
         self._struct = struct.Struct("<" + "".join(_forms(spec)))

@@ -1,7 +1,7 @@
-"""Where machine code is kept: packs that came with the package, and the user's own folder.
+"""Files of machine code: packs that came with the package, and the user's own folder.
 
-Both find it by the digest of what the kernel is made of (`closure.py`). The user's folder is divided by what compiled
-the code, and by processor level. A pack says in its name which level it is for; whoever made it has tested it.
+Both find code by the kernel's digest (`closure.py`). The user's folder is divided by compiler version and by processor
+level. A pack's name says its level. The maker of a pack has tested it.
 """
 
 import json
@@ -22,7 +22,7 @@ from .code import Code, from_record
 
 _DAY = 86400.0
 UNUSED_DAYS = 60
-"""Code that nobody has loaded for so long is removed."""
+"""Code is removed when nobody has loaded it for this many days."""
 
 _COMPILER = "code", "compiling", "entry", "library", "machine", "numba_speed", "parts", "processor"
 PACKS = Path(__file__).parent / "packs"
@@ -37,20 +37,20 @@ def _user_cache() -> Path:
 
 
 def cache_folder() -> Path:
-    """The user's folder of kernels: ``ANTUMBRA_CACHE``, else in the folder that the system has for caches."""
+    """The user's folder of kernels: ``ANTUMBRA_CACHE``, else a folder in the system's folder for caches."""
     return Path(os.environ.get("ANTUMBRA_CACHE") or _user_cache() / "antumbra")
 
 
 @cache
 def toolchain() -> str:
-    """A name of what compiles: the versions of Numba and llvmlite, and a digest of the compiling modules here."""
+    """The compiler's name: versions of Numba and llvmlite, and a digest of the compiling modules here."""
     sources = "".join(definitions.module_digest(f"antumbra.kernels.{name}") for name in _COMPILER)
     digest = blake2b(sources.encode(), digest_size=4).hexdigest()
     return f"numba-{version('numba')}-llvmlite-{version('llvmlite')}-{digest}"
 
 
 class Folder:
-    """One file for each kernel and kinds of arguments."""
+    """A folder with one file for each kernel and kinds of arguments."""
 
     def __init__(self, root: Path, level: str):
         self.root, self.level, self.path = root, level, root / "kernels" / toolchain() / level
@@ -73,7 +73,7 @@ class Folder:
         return self._file(digest).exists()
 
     def put(self, digest: str, code: Code) -> None:
-        """Keep code. A reader sees all of a file or nothing of it.
+        """Keep code. A reader sees a whole file or none.
 
         Raises
         ------
@@ -99,12 +99,12 @@ class Folder:
         return os.access(self.path, os.W_OK)
 
     def lock(self, digest: str) -> AbstractContextManager[None]:
-        """Held by the process that compiles what belongs under a digest."""
+        """The lock of the process that compiles the kernel of a digest."""
         self.path.mkdir(parents=True, exist_ok=True)
         return locks.held(self.path / f"{digest}.lock")
 
     def prune(self) -> None:
-        """Remove code that nobody has used for long, and what older versions of the package have left."""
+        """Remove code that nobody has used for `UNUSED_DAYS`, and files of older versions of the package."""
         oldest = time.time() - UNUSED_DAYS * _DAY
         for file in self.root.glob("kernels/*/*/*"):
             with suppress(OSError):
@@ -138,7 +138,7 @@ class Pack:
 
 
 def write_pack(folder: Path, level: str, codes: dict[str, Code]) -> Path:
-    """Write a pack of codes by their digests, for a level; its path."""
+    """Write a pack for a level from {digest: code}, and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path, index, offset = _pack_path(folder, level), {}, 0
     with open(path, "wb") as file:
@@ -156,7 +156,7 @@ def _pack_path(folder: Path, level: str) -> Path:
 
 @cache
 def packs(level: str) -> list[Pack]:
-    """The packs for a level that came with the package, or that ``ANTUMBRA_PACKS``, a folder, has."""
+    """The packs for a level, from the folder ``ANTUMBRA_PACKS``, else from the package."""
     try:
         return [Pack(_pack_path(Path(os.environ.get("ANTUMBRA_PACKS") or PACKS), level))]
     except (OSError, ValueError):

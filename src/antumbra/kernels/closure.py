@@ -1,12 +1,12 @@
-"""What a kernel is made of, as a digest: its code and all that it reaches.
+"""The digest of a kernel: of its code, and of all functions and constants that it reaches.
 
-A *part* is a function that Numba compiles or asks: a kernel, an inlined function, an overload and what it calls. The
-own digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it
-names. It covers no line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches, and
-the fields of the classes of its arguments.
+A *part* is a function that Numba compiles or calls: a kernel, an inlined function, or an overload and its callees. The
+digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it names.
+It covers no line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches, and the
+fields of its arguments' classes.
 
 Numba compiles bytecode. So the digest changes when Numba's input changes, and only then. It depends on Python's
-version, and on no path or time. A value of a kind that is not known here is an error: its changes would go unnoticed.
+version, and on no path or time. A value of an unknown kind is an error, because its changes would go unnoticed.
 """
 
 import dis
@@ -30,9 +30,10 @@ _PYTHON = f"{sys.implementation.name} {sys.version_info[0]}.{sys.version_info[1]
 
 
 class _Part:
-    """What goes into the own digest of a function: `text`.
+    """One function's share of a digest.
 
-    reached : the functions that it names
+    text : the bytes to digest
+    reached : the functions that the function names
     homes : the modules of the NamedTuples that it names
     """
 
@@ -99,13 +100,13 @@ class _Part:
             self.reached += [value, *overloads(value)]
 
     def _numba(self, name: str, value: object) -> None:
-        """Numba's own objects: of intrinsics and functions that it compiles, the Python function."""
+        """Add an object of Numba. An intrinsic or a function that Numba compiles counts by its Python function."""
         function = getattr(value, "py_func", getattr(value, "_defn", None))
         self._add(name, _name_of(type(value)), "" if function else str(value))
         self.reached += [function] if isinstance(function, types.FunctionType) else []
 
     def _module(self, name: str, value: types.ModuleType) -> None:
-        """The attributes of a module that the function may mean; those of others belong to their versions."""
+        """Add a module: its name, and the attributes that the function may name. Foreign modules count by name."""
         self._add(name, "module", value.__name__)
         if value.__name__.partition(".")[0] not in _FOREIGN:
             for attribute in sorted(self._attributes & vars(value).keys()):
@@ -119,13 +120,13 @@ class _Part:
 
 
 def _globals_of(code: types.CodeType) -> set[str]:
-    """The globals that a code object names, without the attributes, which may have the same names."""
+    """The globals that a code object names. Attributes may have the same names, and do not count."""
     found, more = set(), 0
     for operation, argument in zip(code.co_code[::2], code.co_code[1::2]):
         argument |= more
         more = argument << 8 if operation == _EXTENDED else 0
         if operation == _LOAD_GLOBAL:
-            found.add(code.co_names[argument >> 1])  # the lowest bit says how it is called
+            found.add(code.co_names[argument >> 1])  # the lowest bit is a flag for calls
     return found
 
 
@@ -134,12 +135,12 @@ def _name_of(cls: type) -> str:
 
 
 def class_text(cls: type) -> tuple:
-    """What kernels know of a class: its name, and of a NamedTuple the fields and defaults."""
+    """A class as kernels see it: its name, and a NamedTuple's fields and defaults."""
     return _name_of(cls), getattr(cls, "_fields", None), repr(getattr(cls, "_field_defaults", None))
 
 
 class _Known(NamedTuple):
-    """A `_Part`, kept."""
+    """The result of a `_Part`, cached."""
 
     digest: bytes
     reached: list[types.FunctionType]
@@ -161,9 +162,9 @@ def _part(function: types.FunctionType) -> _Known:
 
 
 def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[types.FunctionType]:
-    """All functions that a function reaches, itself among them.
+    """All functions that a function reaches, itself included.
 
-    homes : modules of the classes of its arguments, whose overloads count
+    homes : modules of the argument classes; the guest overloads of these modules count
     """
     seen, todo, homes, stubs = {function}, [function], set(homes), []
     while todo:
@@ -183,7 +184,7 @@ def _closure(function: types.FunctionType, homes: frozenset[str]) -> bytes:
 
 
 def kernel_digest(kernel: inlined, key: str) -> str:
-    """The name of a kernel's machine code for arguments of a kind, 32 digits; the same for all processors."""
+    """The name of a kernel's machine code for the argument kinds of `key`: 32 digits, the same for all processors."""
     digest = blake2b(f"{_PYTHON}\n{kernel.name}\n{key}\n".encode(), digest_size=16)
     for cls in _classes_of(key.split()):
         digest.update(repr(class_text(cls)).encode())
@@ -193,7 +194,7 @@ def kernel_digest(kernel: inlined, key: str) -> str:
 
 
 def homes_of(key: str) -> frozenset[str]:
-    """The modules of the classes of a kernel's arguments."""
+    """The modules that define the classes of a kernel's arguments."""
     return frozenset(cls.__module__ for cls in _classes_of(key.split()))
 
 

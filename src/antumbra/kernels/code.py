@@ -1,7 +1,7 @@
-"""Machine code of one kernel for arguments of one kind, and how it is written to files.
+"""Machine code of one kernel for arguments of one kind, and its file format.
 
-A record is ``magic, checksum, length of the description, description (JSON), object file (zlib)``. A record that is
-truncated, changed or foreign is told by its checksum and is nothing.
+A record is ``magic, checksum, length of the description, description (JSON), object file (zlib)``. The checksum shows
+that a record is truncated, changed or foreign. Such a record counts as missing.
 """
 
 import json
@@ -17,22 +17,22 @@ _HEAD = len(_MAGIC) + _SUM
 
 
 class Code(NamedTuple):
-    """What one call from Python needs."""
+    """Everything that a call from Python needs."""
 
     kernel: str  # module:qualname
     key: str  # kinds of the arguments, separated by blanks
-    result: Spec  # what the kernel returns
-    machine: bytes  # an object file; the function's name is made of the digest it is kept under
+    result: Spec  # kind of the result
+    machine: bytes  # object file; the function's name holds the digest (`symbol_of`)
 
     def record(self) -> bytes:
-        """The bytes of a file."""
+        """The record's bytes."""
         about = json.dumps([self.kernel, self.key, self.result]).encode()
         body = len(about).to_bytes(4, "little") + about + zlib.compress(self.machine, 6)
         return _MAGIC + blake2b(body, digest_size=_SUM).digest() + body
 
 
 def symbol_of(digest: str) -> str:
-    """The name of the function in the object file that is kept under a digest."""
+    """The function's name in the object file of a digest."""
     return f"antumbra_{digest}"
 
 

@@ -1,4 +1,4 @@
-"""A kernel made machine code, by Numba and LLVM. Imported only when something must be compiled."""
+"""Compile a kernel to machine code by Numba and LLVM. This module is imported only when something must be compiled."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from .jit import guest_overloads, inlined, kernel, overloads
 from .library import kept_as_ir
 from .numba_speed import faster
 from .parts import generic_part, part_of
-from .simd import operators  # noqa: F401  (what Python's operators mean for vectors)
+from .simd import operators  # noqa: F401  (the meaning of Python's operators for vectors)
 
 _TYPES = {
     "b": types.boolean, "i1": types.int8, "i2": types.int16, "i4": types.int32, "i": types.int64,
@@ -29,7 +29,7 @@ _RUNTIME = "NRT_", "numba_", "Py", "_Py"
 
 
 class Size(NamedTuple):
-    """How large the linked IR of a kernel is, before LLVM optimises."""
+    """The size of a kernel's linked IR, before LLVM optimises."""
 
     functions: int
     instructions: int
@@ -39,7 +39,7 @@ class Size(NamedTuple):
 
 
 def argument_types(key: str) -> tuple[types.Type, ...]:
-    """Numba's types of the arguments that a key tells of."""
+    """Numba's types of the arguments that a key describes."""
     tokens = iter(key.split())
     return tuple(_type(token, tokens) for token in tokens)
 
@@ -59,7 +59,7 @@ def _type(token: str, rest: Iterator[str]) -> types.Type:
 
 
 def result_spec(kind: types.Type) -> Spec:
-    """How `arguments.Result` makes a value of a type."""
+    """The `arguments.Spec` of a result type: it tells `arguments.Result` how to build the value."""
     if isinstance(kind, types.BaseTuple):
         cls = getattr(kind, "instance_class", tuple)
         name = None if cls is tuple else f"{cls.__module__}:{cls.__qualname__}"
@@ -78,7 +78,7 @@ def type_of_global(value) -> types.Type:
     """Numba's type of an intrinsic or of a type."""
     try:
         return cpu_target.typing_context.resolve_value_type(value)
-    except Exception:  # defined since Numba last looked
+    except Exception:  # the value is newer than Numba's last refresh
         cpu_target.target_context.refresh()
         return cpu_target.typing_context.resolve_value_type(value)
 
@@ -100,7 +100,7 @@ def _tell_numba_of_overloads(kernel: inlined, key: str) -> None:
 
 @global_compiler_lock
 def lowered(kernel: kernel, key: str, symbol: str):
-    """(LLVM module of all that a kernel reaches, what it returns)."""
+    """(LLVM module of all that a kernel reaches, `Spec` of its result)."""
     _tell_numba_of_overloads(kernel, key)
     context = cpu_target.target_context
     context.refresh()
@@ -117,19 +117,19 @@ def size_of(module) -> Size:
 
 
 def outside(module) -> list[str]:
-    """What a module calls that the process must have, such as ``sin``."""
+    """Functions that a module calls and the process must provide, such as ``sin``."""
     return sorted(f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm."))
 
 
 def make(kernel: kernel, key: str, digest: str, levels: Sequence[str]) -> list[Code]:
-    """Machine code of a kernel for arguments of a kind, for each of some levels of processors.
+    """Machine code of a kernel for the argument kinds of `key`, one for each level in `levels`.
 
     Raises
     ------
     numba.core.errors.NumbaError
-        If the kernel is not what Numba can compile.
+        If Numba cannot compile the kernel.
     TypeError
-        If it allocates memory, or calls Python.
+        If the kernel allocates memory or calls Python.
     """
     lowered_once, result = lowered(kernel, key, symbol_of(digest))
     codes = []

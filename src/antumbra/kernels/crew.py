@@ -1,8 +1,8 @@
 """Several processes that compile kernels at once, as many as there are cores.
 
 Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process takes
-the next kernel when it has done its last one, the longest first, so that all end together. Kernels that are done are on
-disk: Ctrl-C loses only what was being compiled.
+the next kernel when its last one is done. The longest kernels go first, so that all processes end together. Finished
+kernels are on disk: Ctrl-C loses only the kernels in progress.
 """
 
 import json
@@ -28,15 +28,15 @@ main()
 
 
 class Wanted(NamedTuple):
-    """A kernel, by its name, for arguments of a kind."""
+    """A kernel to compile: its name, and the kinds of its arguments."""
 
     kernel: str  # module:qualname
     key: str  # kinds of the arguments, separated by blanks
-    seconds: float = 0.0  # how long it is likely to take
+    seconds: float = 0.0  # expected time to compile
 
 
 class _Worker(threading.Thread):
-    """One process that compiles, and the thread that tells it what."""
+    """One compiling process, and the thread that sends it requests."""
 
     def __init__(self, levels: Sequence[str], work: SimpleQueue, done: SimpleQueue):
         super().__init__(daemon=True)
@@ -76,7 +76,7 @@ def compile_all(
     processes: int | None = None,
     levels: Sequence[str] | None = None,
 ) -> list[str]:
-    """Compile kernels that are not in the user's cache, and keep them there.
+    """Compile the kernels that the user's cache lacks, and keep them there.
 
     Parameters
     ----------
@@ -85,12 +85,12 @@ def compile_all(
     processes : int, optional
         None means one for each core that this process may use.
     levels : sequence of str, optional
-        Levels of processors; None means that of this one. Numba's part of the work is done once for all.
+        Levels of processors; None means this processor's. Numba's part of the work is done once.
 
     Returns
     -------
     list of str
-        What went wrong, a line each. Those kernels are compiled when they are called, and say it again.
+        Error messages, one for each failed kernel. A call of such a kernel compiles it again, and raises.
     """
     todo = sorted(set(wanted), key=lambda each: -each.seconds)
     work: SimpleQueue = SimpleQueue()

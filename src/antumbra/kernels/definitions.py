@@ -1,7 +1,7 @@
-"""Digests of what modules define, read from their sources: for modules that import Numba, which a digest must not.
+"""Digests of definitions, read from the source of a module. The module is not imported, as it may import Numba.
 
-The digest of a name covers the statements that define it, and those that define what they name, in other modules of the
-package too. Comments and docstrings do not count.
+The digest of a name covers the statements that define it. It also covers, recursively, the definitions of all names in
+these statements, in other modules of the package too. Comments and docstrings do not count.
 """
 
 import ast
@@ -13,7 +13,7 @@ from pathlib import Path
 
 SIMD = "antumbra.kernels.simd"
 _IMPLIED = f"{SIMD}.operators", f"{SIMD}.vectors"
-"""Numba learns from these modules what ``a + b`` of vectors means: no kernel names them."""
+"""Numba learns from these modules the meaning of ``a + b`` for vectors. No kernel names them."""
 
 
 class _Module:
@@ -61,7 +61,7 @@ _module = cache(_Module)
 
 
 def _collect(module: str, name: str, found: dict[tuple[str, str], str]) -> None:
-    """Add the statements that define a name, and what these name, to `found`."""
+    """Add to `found` the statements that define a name, and the definitions of all names in them."""
     if (module, name) in found:
         return
     known = _module(module)
@@ -78,7 +78,7 @@ def _collect(module: str, name: str, found: dict[tuple[str, str], str]) -> None:
 
 @cache
 def digest(module: str, name: str) -> str:
-    """Digest of what a module defines under a name."""
+    """Digest of a name's definition in a module."""
     found: dict[tuple[str, str], str] = {}
     _collect(module, name, found)
     text = repr([module, name, *sorted(found.items())]) + "".join(map(module_digest, _IMPLIED))

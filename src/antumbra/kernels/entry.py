@@ -1,6 +1,6 @@
 """The one function of a kernel that Python calls: ``int64 f(words*, words*)``.
 
-It reads the arguments from 8-byte words (`arguments.flatten`), calls the kernel, and writes what it returns as words.
+It reads the arguments from 8-byte words (`arguments.flatten`), calls the kernel, and writes the result as words.
 The result is 0, or Numba's status if the kernel raised.
 """
 
@@ -29,7 +29,7 @@ class _Words:
         return self.builder.load(self._next())
 
     def read(self, kind):
-        """The LLVM value of an argument of a type."""
+        """The LLVM value of the next argument, of type `kind`."""
         builder = self.builder
         if isinstance(kind, types.Array):
             return self._array(kind)
@@ -63,7 +63,7 @@ class _Words:
         return array._getvalue()
 
     def write(self, kind, value):
-        """Write the LLVM value of a result of a type."""
+        """Write the LLVM value of a result of type `kind`."""
         builder = self.builder
         if isinstance(kind, types.BaseTuple):
             for i, item in enumerate(kind.types):
@@ -86,7 +86,7 @@ class _Words:
 
 
 def entry_library(context, lowered: Lowered, symbol: str) -> Library:
-    """The library of the function that Python calls by a name."""
+    """The library of the function `symbol`, which Python calls."""
     library = Library(context.codegen(), symbol)
     module = library.create_ir_module("entry")
     words = WORD.as_pointer()

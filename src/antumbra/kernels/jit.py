@@ -1,10 +1,12 @@
 """The decorators of compiled functions. Numba is imported only if something must be compiled.
 
-`kernel` marks a function that Python or other kernels call, `inlined` one that LLVM must inline into its callers, and
-`overload` gives a plain function its meaning inside kernels, by the types of its arguments.
+- `kernel` marks a function that Python or other kernels call.
+- `inlined` marks a function that LLVM must inline into its callers.
+- `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
 
-A call from Python finds machine code by the kinds of its arguments (`arguments.py`), in what this process has loaded,
-then in packs and the user's cache (`loading.py`); else Numba compiles it (`compiling.py`).
+A call from Python finds machine code by the kinds of its arguments (`arguments.py`). It looks among the code that this
+process has loaded, then in packs and in the user's cache (`loading.py`). If there is none, Numba compiles the kernel
+(`compiling.py`).
 """
 
 import functools
@@ -20,18 +22,18 @@ _lock = threading.RLock()
 
 
 class Above(NamedTuple):
-    """What stands above this module and has answers for it; `antumbra.kernels` names it."""
+    """Functions of modules that import this one. `antumbra.kernels` sets them."""
 
-    find: Callable | None  # (kernel, key) -> function of packed words: `loading.find`
-    type_of_function: Callable | None  # of an inlined function -> Numba's type: `compiling.type_of_function`
-    type_of_global: Callable | None  # of a value -> Numba's type: `compiling.type_of_global`
+    find: Callable | None  # `loading.find`: (kernel, key) -> function of packed words
+    type_of_function: Callable | None  # `compiling.type_of_function`: inlined function -> Numba's type
+    type_of_global: Callable | None  # `compiling.type_of_global`: value -> Numba's type
 
 
-above = Above(None, None, None)  # until `antumbra.kernels` says so, which is imported before
+above = Above(None, None, None)  # `antumbra.kernels` replaces this when it is imported
 
 
 class inlined:
-    """Decorator of small functions on hot paths: LLVM must inline them, whatever it thinks. Only kernels call them."""
+    """Decorator of small functions on hot paths: LLVM inlines them always. Only kernels call them."""
 
     forced = True
 
@@ -45,7 +47,7 @@ class inlined:
 
     @property
     def _numba_type_(self):
-        """Numba asks for the type of a global by this name."""
+        """Numba reads this attribute for the type of a global."""
         return above.type_of_function(self)
 
     def __call__(self, *arguments):
@@ -53,7 +55,9 @@ class inlined:
 
 
 class kernel(inlined):
-    """Decorator of compiled functions: kept on disk, free of the GIL, IEEE division, no fast-math, no allocation.
+    """Decorator of compiled functions, which are kept on disk and run without the GIL.
+
+    Division follows IEEE 754. There is no fast-math and no allocation.
 
     Arguments are C-contiguous or strided arrays of the machine's byte order, numbers, booleans, None, and tuples and
     NamedTuples of them. The result is a number, a boolean, None, or a tuple of them.
@@ -83,7 +87,7 @@ class kernel(inlined):
         return code(struct_of(key).pack(*values))
 
     def _completed(self, arguments, by_name):
-        """The arguments with those that are given by name or by default."""
+        """All arguments, including those given by name or by default."""
         given = self._defaults | by_name
         try:
             rest = tuple(given.pop(name) for name in self._names[len(arguments) :])
@@ -102,20 +106,20 @@ class kernel(inlined):
 
 
 class _Choices(NamedTuple):
-    """What a plain function means in kernels."""
+    """The meanings of a plain function in kernels: functions that `overload` gave."""
 
-    homes: tuple[str, ...]  # modules that give it meanings for any types
-    given: list  # those meanings
-    guests: list  # meanings that other modules give it for their own NamedTuples
+    homes: tuple[str, ...]  # modules whose meanings are for any types
+    given: list  # the meanings from these modules
+    guests: list  # meanings from other modules, for their own NamedTuples
 
 
 _CHOICES = "_antumbra_choices"
 
 
 def overloaded(*modules: str):
-    """Decorator of a plain function that other modules, named relative to its package, give its meaning in kernels.
+    """Decorator of a plain function whose meanings in kernels are in other modules, named relative to its package.
 
-    They are imported before the function is compiled or a key is made, so that both know the same meanings always.
+    The modules are imported before the function is compiled or digested, so both steps always know the same meanings.
     """
 
     def add(stub):
@@ -127,11 +131,11 @@ def overloaded(*modules: str):
 
 
 def overload(stub: types.FunctionType):
-    """Decorator of what `stub` means in kernels: a function of Numba's types that returns a function, or None.
+    """Decorator of a meaning of `stub` in kernels: a function of Numba's types that returns a function, or None.
 
-    The same as ``numba.extending.overload``, without importing Numba. A module that is neither the stub's nor named by
-    its `overloaded` is a guest: its meaning is for NamedTuples that it defines itself, and returns None for all others.
-    A kernel that takes such a tuple, or names its class, depends on the guest; no other kernel does.
+    It does the same as ``numba.extending.overload``, without importing Numba. A module is a guest if it is neither the
+    stub's own nor named by the stub's `overloaded`. A guest's meaning is for NamedTuples that the guest itself defines,
+    and returns None for all other types. Only kernels that take such a tuple, or name its class, depend on the guest.
     """
 
     def add(function):
@@ -148,7 +152,7 @@ def _choices(stub) -> _Choices | None:
 
 
 def overloads(stub) -> list:
-    """The functions that the stub's module, and those that it names, gave by `overload`; none of other things."""
+    """The meanings that the stub's module, and the modules that it names, gave by `overload`; else an empty list."""
     choices = _choices(stub)
     if choices is None:
         return []
@@ -158,13 +162,13 @@ def overloads(stub) -> list:
 
 
 def guest_overloads(stub) -> list:
-    """The functions that guests gave by `overload`."""
+    """The meanings that guests gave by `overload`."""
     choices = _choices(stub)
     return choices.guests if choices else []
 
 
 class Intrinsic:
-    """Stands for what a module that imports Numba defines, until a kernel that uses it is compiled."""
+    """A placeholder for a name in a module that imports Numba, until a kernel that uses the name is compiled."""
 
     def __init__(self, module: str, name: str):
         self.module, self.name = module, name

@@ -1,7 +1,7 @@
-"""LLVM IR of functions that Numba has lowered, linked only when a kernel that Python calls wants it.
+"""LLVM IR of functions that Numba has lowered, linked only for kernels that Python calls.
 
-Numba's own library optimises every function and makes machine code of it, linked with all that it calls, though only
-kernels that Python calls need that. Here a library is the IR of one function and a list of the libraries it calls.
+Numba's own library optimises every function, links it with its callees and makes machine code of it. Only kernels that
+Python calls need that. Here a library is the IR of one function and a list of the libraries that it calls.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from numba.core import cgutils, codegen
 
 
 class Library(codegen.CodeLibrary):
-    """What Numba calls the code of one function, kept as IR."""
+    """The code of one function, kept as IR. It takes the place of Numba's own `CodeLibrary`."""
 
     def __init__(self, codegen, name):
         super().__init__(codegen, name)
@@ -31,8 +31,10 @@ class Library(codegen.CodeLibrary):
         self._modules.append(module)
 
     def linked(self, visible: str | None = None) -> llvm.ModuleRef:
-        """One module of this library and all that it reaches; of its functions only one is `visible` from outside, or
-        each that is used."""
+        """One module of this library and of all libraries that it reaches.
+
+        Only the function `visible` is visible from outside; with None, every function is.
+        """
         linked = llvm.parse_assembly(str(self._codegen._create_empty_module(self.name)))
         for library in self._closure():
             modules = library._modules if isinstance(library, Library) else [library._get_module_for_linking()]
@@ -45,7 +47,7 @@ class Library(codegen.CodeLibrary):
         return linked
 
     def _closure(self) -> list[codegen.CodeLibrary]:
-        """The libraries that this one reaches, itself first."""
+        """All libraries that this one reaches, itself first."""
         found, todo = {self: None}, [self]
         while todo:
             for library in todo.pop()._callees:
@@ -54,7 +56,7 @@ class Library(codegen.CodeLibrary):
                     todo += [library] if isinstance(library, Library) else []
         return list(found)
 
-    # What follows is asked for by Numba if somebody else's function calls one that was compiled here.
+    # Numba calls the methods below if a function from elsewhere calls one that was compiled here.
 
     def finalize(self):
         self._finalized = True
@@ -76,7 +78,7 @@ class Library(codegen.CodeLibrary):
 
 
 def _simplify(codegen, module: llvm.ModuleRef) -> None:
-    """LLVM's passes within functions: less is linked then, and linked many times."""
+    """Run LLVM's function passes. Smaller IR pays, since a function is linked into many kernels."""
     passes, builder = codegen._function_pass_manager()
     for function in module.functions:
         if not function.is_declaration:
@@ -84,29 +86,29 @@ def _simplify(codegen, module: llvm.ModuleRef) -> None:
 
 
 def _mergeable(module: llvm.ModuleRef) -> llvm.ModuleRef:
-    """A copy that may be linked where the same functions are already."""
+    """A copy that can be linked into a module that already has the same functions."""
     copy = module.clone()
     for function in copy.functions:
         if not function.is_declaration and function.linkage == llvm.Linkage.external:
-            function.linkage = "weak_odr"  # not "linkonce": that is dropped if nobody has asked yet
+            function.linkage = "weak_odr"  # not "linkonce": LLVM drops that if nothing uses the function yet
     return copy
 
 
 def _executable(library, fndesc, environment):
-    """What Numba takes for a function of its own that is ready to be called from Python. Nobody calls it."""
+    """A placeholder for Numba's function that Python can call. Nobody calls it."""
     name = fndesc.qualname.rpartition(".")[2]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, environment, (library,))
 
 
 @contextmanager
 def kept_as_ir(context) -> Iterator[None]:
-    """Within, what Numba compiles for its context of types has libraries of this module, its own functions too.
+    """Within the context, all code that Numba compiles goes into this module's libraries, Numba's own functions too.
 
-    Under Numba's compiler lock, since it changes what Numba does.
+    Call it under Numba's compiler lock, since it changes Numba's behaviour.
     """
     codegen = context.codegen()
     codegen._library_class, context.get_executable = Library, _executable
     try:
         yield
     finally:
-        del codegen._library_class, context.get_executable  # those of the classes are seen again
+        del codegen._library_class, context.get_executable  # the class attributes are visible again

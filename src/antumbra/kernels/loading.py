@@ -1,4 +1,4 @@
-"""Machine code from files into this process, linked by llvmlite. Numba is not needed for it."""
+"""Load machine code from files into this process. llvmlite links it, and Numba is not needed."""
 
 import ctypes
 import sys
@@ -19,7 +19,7 @@ _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_char_p, ctypes.c_char_p)
 
 
 class Event(NamedTuple):
-    """Where machine code came from."""
+    """The source of a kernel's machine code."""
 
     kernel: str
     key: str
@@ -27,7 +27,7 @@ class Event(NamedTuple):
 
 
 events: list[Event] = []
-"""What this process has loaded, in order."""
+"""All kernels that this process has loaded, in order."""
 
 
 @cache
@@ -36,7 +36,7 @@ def user_cache() -> Folder:
 
 
 def find(function: kernel, key: str) -> Callable:
-    """A function of packed arguments that runs a kernel for arguments of a kind: loaded, or compiled and kept."""
+    """A function of packed arguments that runs a kernel: loaded from a file, or compiled and kept."""
     digest = kernel_digest(function, key)
     code, source = _kept(digest) or compiled(function, key, digest)
     events.append(Event(function.name, key, source))
@@ -58,7 +58,7 @@ def is_kept(function: kernel, key: str) -> bool:
 
 
 def compiled(function: kernel, key: str, digest: str) -> tuple[Code, str]:
-    """(code, where it came from): compiled here and kept, or by another process that wanted it at the same time."""
+    """(code, its source). The code is compiled here and kept, or another process compiles it at the same time."""
     folder = user_cache()
     try:
         return kept_or_made(function, key, digest, [folder])[0]
@@ -70,7 +70,7 @@ def compiled(function: kernel, key: str, digest: str) -> tuple[Code, str]:
 
 
 def kept_or_made(function: kernel, key: str, digest: str, folders: Sequence[Folder]) -> list[tuple[Code, str]]:
-    """The same in each of some folders; another process that wants the same waits, and finds it.
+    """(code, its source) for each folder. If another process compiles the kernel, this one waits for its code.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def _engine() -> llvm.ExecutionEngine:
 
 
 def _linked(code: Code, symbol: str) -> Callable:
-    """A function that runs machine code. Under the lock of `jit`."""
+    """A function that runs machine code. Call it under the lock of `jit`."""
     engine, result, name = _engine(), Result(code.result), code.kernel
     engine.add_object_file(llvm.ObjectFileRef.from_data(code.machine))
     engine.finalize_object()

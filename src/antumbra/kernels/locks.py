@@ -1,4 +1,4 @@
-"""A lock between processes: a file that one process holds, until it lets go or ends."""
+"""A lock between processes: a file that one process holds until it releases it or ends."""
 
 import os
 import time
@@ -31,10 +31,10 @@ else:
 
 @contextmanager
 def held(path: Path) -> Iterator[None]:
-    """Hold the lock of this name within; wait for whoever has it. Ctrl-C ends the waiting.
+    """Hold the lock `path` within the context, after waiting for the process that has it. Ctrl-C ends the waiting.
 
-    The file goes at the end. A process that waited for it then holds a file without a name. So look again, within,
-    whether the work is still to be done.
+    The file is removed at the end. A process that waited then holds a file without a name. So callers check again,
+    within the context, whether the work is still to be done.
     """
     handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:

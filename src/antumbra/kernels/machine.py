@@ -5,7 +5,7 @@ from functools import cache
 import llvmlite.binding as llvm
 
 _TRIPLES = {"x86_64": ("x86-64", "x86_64-unknown-linux-gnu"), "aarch64": ("aarch64", "aarch64-unknown-linux-gnu")}
-"""Machine: how the names of its levels begin, and LLVM's name of it, for a machine that is not this one."""
+"""Architecture: (prefix of its levels' names, LLVM's target triple), for compiling on another architecture."""
 
 
 @cache
@@ -26,9 +26,10 @@ def _target_machine(level: str) -> llvm.TargetMachine:
 
 
 def optimised(module: llvm.ModuleRef, level: str) -> llvm.ModuleRef:
-    """The module with its functions inlined and optimised: cheaply first, which brings loops into shape, then fully.
+    """The module with its functions inlined and optimised.
 
-    Nothing is contracted or reordered: floating-point operations stay as they are written.
+    A cheap run of passes brings loops into shape, and a full run follows. Floating-point operations stay as written:
+    none is contracted or reordered.
     """
     machine = _target_machine(level)
     module.triple, module.data_layout = machine.triple, str(machine.target_data)

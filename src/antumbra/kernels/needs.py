@@ -1,8 +1,8 @@
-"""Which kernels a job calls, recorded beforehand in ``needs.json``: so they are compiled at once, by several processes.
+"""The kernels that each job calls, recorded in ``needs.json``. Several processes compile them before the job runs.
 
-The file holds the kernels, with their size, and for each job the numbers of its kernels. A script writes it
-(``scripts/record_kernels.py``), and a test compares it with what jobs call. A kernel that is not recorded is compiled
-when it is first called.
+The file holds the kernels, with their size, and for each job the indices of its kernels. A script writes the file
+(``scripts/record_kernels.py``), and a test compares it with the kernels that jobs call. A kernel that is not recorded
+is compiled at its first call.
 """
 
 import json
@@ -16,17 +16,17 @@ FILE = Path(__file__).with_name("needs.json")
 
 
 class Needs(NamedTuple):
-    """What is in the file."""
+    """The contents of the files."""
 
     kernels: list[Wanted]
-    jobs: dict[str, list[int]]  # name of a job: places in `kernels`
+    jobs: dict[str, list[int]]  # name of a job: indices into `kernels`
 
 
 _files = [FILE]
 
 
 def add(file: Path) -> None:
-    """Look into another file too: of kernels that a package adds to the instrument's."""
+    """Read another file too, with kernels that another package adds, such as `antumbra.papers`."""
     if file not in _files:
         _files.append(file)
         recorded.cache_clear()
@@ -34,7 +34,7 @@ def add(file: Path) -> None:
 
 @cache
 def recorded() -> Needs:
-    """What the files say; nothing of files that are not there."""
+    """The contents of all files. A missing file counts as empty."""
     kernels: list[Wanted] = []
     jobs: dict[str, list[int]] = {}
     for file in _files:
@@ -48,6 +48,6 @@ def recorded() -> Needs:
 
 
 def of_job(name: str) -> set[Wanted] | None:
-    """The kernels that a job calls; None if nothing is recorded of it."""
+    """The kernels that a job calls; None if the job is not recorded."""
     needs = recorded()
     return {needs.kernels[i] for i in needs.jobs[name]} if name in needs.jobs else None

@@ -1,12 +1,12 @@
-"""Numba without what only other programs need of it."""
+"""Import Numba without scipy's linear algebra."""
 
 import sys
 
 
 def import_numba() -> None:
-    """Import Numba's array functions, but not scipy's linear algebra behind them, which takes 0.2 s.
+    """Import Numba's array functions, but not scipy's linear algebra behind them, whose import takes 0.2 s.
 
-    No kernel multiplies matrices. For a process that only compiles: np.dot in kernels is refused then.
+    It is for processes that only compile, since Numba then refuses np.dot in kernels. No kernel multiplies matrices.
     """
     if "scipy.linalg" in sys.modules or "numba.np.arraymath" in sys.modules:
         return

@@ -1,8 +1,8 @@
 """Numba's front end, faster while kernels are compiled.
 
-Numba types and lowers in Python. For kernels of many small functions, most of that time goes into questions that were
-asked before. No change here alters an answer of Numba. All of them are taken back afterwards, so nobody else's use of
-Numba changes. A change that does not fit the installed version is left out.
+Numba types and lowers in Python. For kernels of many small functions, most of that time answers repeated questions. The
+changes here alter no answer of Numba. All of them are undone afterwards, so other uses of Numba do not change. A change
+that does not fit the installed version is left out.
 """
 
 import gc
@@ -15,7 +15,7 @@ from numba.core.types import functions
 
 @contextmanager
 def faster() -> Iterator[None]:
-    """Within, Numba compiles faster. Under its compiler lock."""
+    """Within the context, Numba compiles faster. Call it under Numba's compiler lock."""
     with ExitStack() as changes:
         changes.enter_context(_without_collection())
         for owner, name, value in _CHANGES:
@@ -36,7 +36,7 @@ def _changed(owner, name: str, value) -> Iterator[None]:
 
 @contextmanager
 def _without_collection() -> Iterator[None]:
-    """Numba makes many objects that live on: to look through them is a seventh of all time."""
+    """Turn off garbage collection, which takes a seventh of all time: Numba makes many long-lived objects."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -51,13 +51,13 @@ _resolve = functions.BaseFunction.get_call_type
 
 
 def _remembered_call_type(self, context, args, kws):
-    """A builtin function is asked once what it returns for arguments of some types."""
+    """The result type of a builtin function, asked once for each list of argument types."""
     if kws:
         return _resolve(self, context, args, kws)
     question = (id(self), len(self.templates), tuple(args))
     known = _remembered.get(question)
     if known is None:
-        known = _remembered[question] = self, _resolve(self, context, args, kws)  # `self` lives as long as its id
+        known = _remembered[question] = self, _resolve(self, context, args, kws)  # keeps `self` and its id alive
     return known[1]
 
 
@@ -65,7 +65,7 @@ _LEAVES = {str, int, float, bool, type(None), ir.Loc}
 
 
 def _variables(values, found: list) -> list:
-    """The variables among values, without looking into what can hold none."""
+    """Append the variables among `values` to `found`. Values that hold no variables are skipped."""
     for value in values:
         kind = type(value)
         if kind is ir.Var:
@@ -88,7 +88,7 @@ def _list_vars(self):
 
 
 _CHANGES = (
-    (event, "broadcast", lambda event: None),  # nobody listens to what Numba announces
+    (event, "broadcast", lambda event: None),  # no listener needs Numba's events
     (functions.BaseFunction, "get_call_type", _remembered_call_type),
     (ir.Stmt, "list_vars", _list_vars),
     (ir.Expr, "list_vars", _list_vars),

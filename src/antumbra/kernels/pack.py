@@ -1,7 +1,7 @@
 """Packs of machine code for common processors, which a wheel brings along: ``python -m antumbra.kernels.pack``.
 
-Every kernel that `needs` has recorded is compiled for each level. LLVM compiles for levels that this machine does not
-have, too. Nobody has run such a pack where it was made: the command says so.
+Every kernel that `needs` has recorded is compiled for each level. LLVM also compiles for levels that this machine
+cannot run. The command says so, because nobody has run these packs where they were made.
 """
 
 import argparse
@@ -18,12 +18,12 @@ from .progress import told
 
 
 def make_packs(out: Path, levels: list[str]) -> list[Path]:
-    """Compile all recorded kernels for some levels and write a pack for each; their paths.
+    """Compile all recorded kernels for `levels`, write one pack for each level, and return their paths.
 
     Raises
     ------
     RuntimeError
-        If a kernel cannot be compiled: nothing is written then.
+        If a kernel cannot be compiled. Nothing is written then.
     """
     wanted = recorded().kernels
     digests = [kernel_digest(named(each.kernel), each.key) for each in wanted]

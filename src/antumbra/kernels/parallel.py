@@ -1,7 +1,7 @@
 """Threads that share out the work of one kernel.
 
 A kernel is compiled to run without the GIL, so plain Python threads use every core. Work is handed out
-while it runs: each thread takes the next `chunk` items from a ticket when it has done its last ones, so no
+while it runs. Each thread takes the next `chunk` items from a ticket when its last ones are done, so no
 thread waits for a slower one. A worker is a kernel of this shape::
 
     @kernel
@@ -14,7 +14,7 @@ thread waits for a slower one. A worker is a kernel of this shape::
 
     run(worker, thread_count(None), new_ticket(len(values), 64), values)
 
-Kernels ask for no memory but that of their stack. `run` has other scratch memory made for each thread.
+Kernels allocate no memory but their stack. `run` calls `own` in each thread to make other scratch memory.
 """
 
 import numbers
@@ -36,11 +36,11 @@ __all__ = ["CHUNK", "DONE", "NEXT", "STOP", "N", "Ticket", "new_ticket", "run", 
 Ticket: TypeAlias = np.ndarray
 """(5,) int64: the fields below."""
 
-NEXT = 0  # first item that no thread has taken yet; runs past N at the end
-STOP = 1  # not 0: nothing more is handed out
+NEXT = 0  # first item that no thread has taken; runs past N at the end
+STOP = 1  # not 0: no more items are handed out
 N = 2  # number of items
 CHUNK = 3  # items handed out at a time
-DONE = 4  # for the worker's own count; starts at 0, and nothing here reads it
+DONE = 4  # for the worker's own count; starts at 0, and this module never reads it
 
 _POLL_SECONDS = 0.1
 
@@ -63,14 +63,14 @@ def thread_count(threads: int | None) -> int:
 
 
 def new_ticket(n_items: int, chunk: int) -> Ticket:
-    """A ticket for items 0 to `n_items` - 1, handed out `chunk` (at least 1) at a time; good for one run."""
+    """A ticket for items 0 to `n_items` - 1, handed out `chunk` (at least 1) at a time. A ticket serves one run."""
     return np.array([0, 0, n_items, max(chunk, 1), 0], np.int64)
 
 
 @kernel
 def take(ticket):
-    """The first of the next ``ticket[CHUNK]`` items; -1 when there is none left, or `STOP` is set."""
-    # Adding 0 reads STOP from memory each time; a plain read may be moved out of the worker's loop.
+    """The first of the next ``ticket[CHUNK]`` items; -1 when none is left or `STOP` is set."""
+    # Adding 0 reads STOP from memory each time; LLVM may move a plain read out of the worker's loop.
     if atomic_add(ticket, STOP, 0) != 0:  # type: ignore[call-arg]  # mypy counts the typing context
         return np.int64(-1)
     first = atomic_add(ticket, NEXT, ticket[CHUNK])
@@ -78,7 +78,7 @@ def take(ticket):
 
 
 class _Job:
-    """One `run`: what to call, and what came of it in each thread."""
+    """One `run`: the worker with its arguments, and the outcome in each thread."""
 
     def __init__(self, worker, ticket, args, own, n_threads):
         self.worker, self.ticket, self.args, self.own, self.n_threads = worker, ticket, args, own, n_threads
@@ -86,7 +86,7 @@ class _Job:
         self.outcomes: list[BaseException | None] = []  # one per thread that has finished: None, or its exception
         self.wake: queue.SimpleQueue[None] = (
             queue.SimpleQueue()
-        )  # something arrives here when the last thread has finished
+        )  # receives an item when the last thread has finished
 
     def work(self):
         self.begun.append(None)
@@ -104,7 +104,7 @@ class _Job:
 
 
 class _Thread:
-    """A thread that waits for jobs; it is in `_idle` whenever it has none."""
+    """A thread that waits for jobs. It is in `_idle` whenever it has none."""
 
     def __init__(self):
         self.inbox: queue.SimpleQueue[_Job] = queue.SimpleQueue()
@@ -114,7 +114,7 @@ class _Thread:
         while True:
             job = self.inbox.get()
             outcome = job.work()
-            _idle.append(self)  # before the caller wakes, so that its next run finds this thread
+            _idle.append(self)  # before the caller wakes: its next run finds this thread
             job.finish(outcome)
             del job, outcome  # else the arrays would live until the next job
 
@@ -149,23 +149,23 @@ def run(
     Parameters
     ----------
     worker : kernel (or any function) that takes its work from `ticket`
-        What it returns is dropped.
+        Its result is dropped.
     n_threads : int
-        At least 1; no more are used than there are pieces of work. With 1, and without `progress`, the
-        caller's own thread does the work.
+        At least 1. No more threads are used than there are chunks of items. With 1 thread and without
+        `progress`, the caller's own thread does the work.
     ticket : from `new_ticket`
     own : function of nothing, optional
-        Called in each thread: it makes what only that thread may touch, such as scratch memory.
+        Called in each thread to make the arguments that only this thread may touch, such as scratch memory.
     progress : function of (items handed out, items), optional
         Called in the caller's thread about ten times a second, and once at the end.
 
     Raises
     ------
     Exception
-        The first exception that a worker raised; the others stop at their next piece of work.
+        The first exception that a worker raised. The other workers stop at their next chunk.
     KeyboardInterrupt
-        Raised in the caller's thread while it waits: the workers stop at their next piece of work, and are
-        waited for, before it goes on. A caller's thread that does the work itself hears it only afterwards.
+        Raised in the caller's thread while it waits. The workers stop at their next chunk, and `run` waits
+        for them before it raises. If the caller's own thread does the work, the interrupt comes afterwards.
     """
     total = int(ticket[N])
     n_threads = max(1, min(n_threads, -(-total // int(ticket[CHUNK]))))
@@ -190,7 +190,7 @@ def run(
             try:
                 _wait(job, _POLL_SECONDS)
             except KeyboardInterrupt:
-                continue  # it is being obeyed already
+                continue  # already stopping
         raise
     for outcome in job.outcomes:
         if outcome is not None:

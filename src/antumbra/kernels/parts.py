@@ -1,7 +1,7 @@
-"""What Numba sees of kernels, inlined functions and overloads: parts, compiled for argument types to LLVM IR.
+"""Parts: kernels, inlined functions and overloads as Numba sees them, compiled for argument types to LLVM IR.
 
-A part takes the place of Numba's dispatcher. It leaves out what kernels do not need: entries for Python and C, parallel
-loops, object mode, and memory managed by reference counts.
+A part takes the place of Numba's dispatcher. It leaves out features that kernels do not need: entries for Python and C,
+parallel loops, object mode, and memory managed by reference counts.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ _PASSES = (
 
 
 class _Passes(compiler_machinery.PassManager):
-    """Runs passes without timing, announcing and checking each of them."""
+    """Runs passes without Numba's timing, events and checks of each pass."""
 
     def _runPass(self, index, each, state):
         each.analysis = self._analysis
@@ -68,26 +68,26 @@ class Part:
         self.py_func, self._choose, self._forced = py_func, choose, forced
         self._signature = pysignature(py_func)
         self.lowered: dict[tuple[types.Type, ...], Lowered] = {}
-        self.is_compiling = 0  # Numba asks, for functions that call themselves
+        self.is_compiling = 0  # Numba reads this for functions that call themselves
         self.type = types.Dispatcher(self)
 
     def __repr__(self):
         return self.py_func.__qualname__
 
     def get_call_template(self, args, kws):
-        """Numba's question for what a call with arguments of some types returns."""
+        """Called by Numba: the type that a call with arguments of these types returns."""
         signature, args = self.fold_argument_types(args, kws)
         found, name = self.lower(tuple(args)), self.py_func.__name__
         return typing.make_concrete_template(name, name, [found.signature]), signature, args, {}
 
     def fold_argument_types(self, args, kws):
-        """Numba's question for the types of all arguments, by name and default too."""
+        """Called by Numba: the types of all arguments, given by position, by name or by default."""
         keep = lambda index, parameter, value: value
         default = lambda index, parameter, value: types.Omitted(value)
         return self._signature, fold_arguments(self._signature, args, kws, keep, default, keep)
 
     def get_overload(self, signature):
-        """Numba's question for the key of the code, given to `insert_user_function`."""
+        """Called by Numba: the key of the code, as given to `insert_user_function`."""
         return self.lowered[tuple(signature)]
 
     @property
@@ -95,7 +95,7 @@ class Part:
         return [found.signature for found in self.lowered.values()]
 
     def lower(self, args: tuple[types.Type, ...]) -> Lowered:
-        """Types and LLVM IR for argument types. Under Numba's compiler lock, within `library.kept_as_ir`."""
+        """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `library.kept_as_ir`."""
         found = self.lowered.get(args)
         if found is None:
             typing_context, context = cpu_target.typing_context, cpu_target.target_context
@@ -137,7 +137,7 @@ def part_of(function: inlined) -> Part:
 
 
 def generic_part(stub: Callable) -> Part:
-    """The part of a function that has overloads: the first that knows the types says what is compiled."""
+    """The part of a function with overloads: Numba compiles the first overload that knows the types."""
 
     def choose(args):
         homes = {getattr(getattr(arg, "instance_class", None), "__module__", None) for arg in args}

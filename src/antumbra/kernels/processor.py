@@ -1,7 +1,7 @@
-"""Levels of processors: what machine code may use, so that one pack serves many machines.
+"""Levels of processors: the instructions that machine code may use. One pack serves all machines of a level.
 
 `x86-64-v2`, `-v3` (AVX2, FMA) and `-v4` (AVX-512) are the levels of the x86-64 psABI. `aarch64` has NEON. The default
-is the best level that this processor has; ``ANTUMBRA_LEVEL`` chooses another one.
+is the best level of this processor. ``ANTUMBRA_LEVEL`` chooses another one.
 """
 
 import os
@@ -14,16 +14,16 @@ _V2 = ["cx16", "sahf", "popcnt", "sse3", "ssse3", "sse4.1", "sse4.2"]
 _V3 = [*_V2, *["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"]]
 _V4 = [*_V3, *["avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"]]
 X86 = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
-"""Level: the features that it needs, by LLVM's names. LLVM knows a processor by the name of each level."""
+"""Level: its features, by LLVM's names. The name of a level is also LLVM's name of a processor."""
 
 LEVELS = (*X86, "aarch64")
 OTHER = "generic"
-"""The level of other machines: what LLVM thinks that all of a kind have."""
+"""The level of other machines: LLVM's generic processor."""
 
 
 @cache
 def level() -> str:
-    """The level that kernels are compiled for here."""
+    """The level for which kernels are compiled on this machine."""
     wanted = os.environ.get("ANTUMBRA_LEVEL")
     best = _best()
     if not wanted:
@@ -34,7 +34,7 @@ def level() -> str:
 
 
 def usable(best: str) -> list[str]:
-    """The levels that a machine of a level runs."""
+    """The levels that a machine of level `best` can run."""
     return list(X86)[: list(X86).index(best) + 1] if best in X86 else [best]
 
 

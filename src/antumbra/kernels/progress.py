@@ -1,4 +1,4 @@
-"""Long work tells how far it is: to whoever listens, else to standard error."""
+"""Progress of long work: reported to a listener if there is one, else to standard error."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -6,14 +6,14 @@ from contextlib import contextmanager
 from time import perf_counter
 
 Say = Callable[[str, int, int], None]
-"""Function of (what is being done, how much is done, how much there is)."""
+"""Function of (name of the work, amount done, total amount)."""
 
 _listeners: list[Say] = []
 
 
 @contextmanager
 def heard_by(say: Say) -> Iterator[None]:
-    """Within, `say` is told instead of standard error."""
+    """Within the context, progress goes to `say` instead of standard error."""
     _listeners.append(say)
     try:
         yield
@@ -23,7 +23,7 @@ def heard_by(say: Say) -> Iterator[None]:
 
 @contextmanager
 def told(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Tell that work begins and ends; the function that is given tells how much of how much is done."""
+    """Report the begin and the end of work. The context's value is a function that reports (done, total)."""
     if _listeners:
         say = _listeners[-1]
         yield lambda done, total: say(what, done, total)

@@ -11,7 +11,7 @@ _HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-18)
 
 
 class Vec(NamedTuple):
-    """x, y, z: three float32, or three f32x16."""
+    """Three coordinates: float32 or f32x16."""
 
     x: object
     y: object
@@ -32,13 +32,13 @@ def dots(v, s):
 
 @inlined
 def abs_dot(v, w):
-    """|v| . w of f32x16, component by component."""
+    """|v| . w of f32x16; |v| is taken component by component."""
     return fma(absolute(v.x), w.x, fma(absolute(v.y), w.y, absolute(v.z) * w.z))
 
 
 @inlined
 def abs_dots(v, s):
-    """|v| . s of f32x16 and scalars."""
+    """|v| . s of f32x16 and scalars; |v| is taken component by component."""
     return fma(absolute(v.x), splat16(s.x), fma(absolute(v.y), splat16(s.y), absolute(v.z) * s.z))
 
 
@@ -70,7 +70,7 @@ def minus(a, b):
 
 @inlined
 def times(a, s):
-    """a s, component by component."""
+    """a * s, component by component."""
     return Vec(a.x * s, a.y * s, a.z * s)
 
 
@@ -93,7 +93,7 @@ def total(v):
 
 @inlined
 def middles_and_halves(low, high):
-    """(middles, half extents) of boxes from their lower and upper corners, so that middle -+ half holds each."""
+    """(middles, half extents) of boxes from their corners, padded: middle -+ half contains each box."""
     m = plus(times(low, _HALF), times(high, _HALF))
     up, down = minus(high, m), minus(m, low)
     return m, Vec(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)

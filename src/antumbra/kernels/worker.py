@@ -1,6 +1,6 @@
-"""A process that compiles: it reads what is wanted, a line each, and answers with null or with what went wrong.
+"""A compiling process: it reads one request a line, and answers each with null or with an error message.
 
-A line is the kernel's name, the kinds of its arguments, and the levels of processors, as JSON.
+A request is JSON: the kernel's name, the kinds of its arguments, and the levels of processors.
 """
 
 import json
@@ -13,10 +13,10 @@ from .numba_import import import_numba
 
 
 def main() -> None:
-    """Serve `crew.compile_all` until it closes the pipe. Ctrl-C is the caller's: it ends this process."""
+    """Serve `crew.compile_all` until it closes the pipe. This process ignores Ctrl-C: the caller ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what else is printed must not be taken for an answer
+    os.dup2(2, 1)  # other output must not be taken for an answer
     import_numba()
     from .cache import Folder, cache_folder
     from .closure import kernel_digest

@@ -1,6 +1,13 @@
-"""What exists to reproduce the papers, or to be compared with them; nothing in the rest of the package imports it.
+"""Code that reproduces the papers and compares methods with them. The rest of the package does not import it.
 
-Each folder is a paper: `multi_frusta`, `pre_bvh_culling`, `srdh`, `ray_hierarchy`, `chc_rt`. It holds the variants as
-published (`methods` registers them), `measure`, what the paper published (`published`), `plot`, and `command`, which is
-``antumbra bench <paper>``. Its README says which line of code does which section, table and figure.
+The folders `multi_frusta`, `pre_bvh_culling`, `srdh`, `ray_hierarchy` and `chc_rt` are one paper each. A README maps
+the paper's sections, tables and figures to code. A folder has most of these modules:
+
+- the methods as published, which `methods` registers
+- measure: the measurements
+- published: figures from the paper
+- plot: diagrams
+- command: ``antumbra bench <paper>``
+
+`scenes` has procedural scenes for these benchmarks.
 """

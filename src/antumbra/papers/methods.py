@@ -1,4 +1,4 @@
-"""The methods that exist to reproduce a paper, or to be compared with: plans can name them as they name any other."""
+"""Registers the methods of the papers, as published or for comparison. Plans name them like any other method."""
 
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from .ray_hierarchy.variants import CONES, find_combination
 from .srdh.variants import BUILDERS, ORDERS, in_order
 
 NEEDS = Path(__file__).with_name("needs.json")
-"""Which kernels they call; see `kernels.needs`."""
+"""A table of the kernels that each method calls; see `kernels.needs`."""
 
 CULLERS = {
     "grid32:paper": Culler(
@@ -63,7 +63,7 @@ TRACERS = {
 
 
 def add() -> None:
-    """Register all of them, once in a process (entry point ``antumbra.methods``)."""
+    """Register all methods of the papers, once in a process (entry point ``antumbra.methods``)."""
     for field, methods in ("cull", CULLERS), ("build", BUILDERS), ("trace", TRACERS):
         for name, method in methods.items():
             register(field, name, method)

@@ -1,7 +1,7 @@
-"""What benchmarks look at: a scene, a camera, lights; those that an info.json tells, or the scene's own.
+"""Views of the benchmarks: a scene, a camera and lights. An info.json gives camera and light, or the scene does.
 
-An info.json lies beside a scene file, or in a folder of vertex frames. It has "up", "camera" (position, target, vfov in
-degrees) and "light": a point, or the direction towards a distant light and a fourth number, 0.
+An info.json lies beside a scene file, or in a folder of vertex frames. Its fields are "up", "camera" (position, target,
+vfov in degrees) and "light". A light is a point, or the direction towards a distant light and a fourth number, 0.
 """
 
 import json
@@ -26,12 +26,12 @@ from ..scene.procedural import PROCEDURAL, add_scenes
 from ..scene.scene import Scene
 
 _DIAGONALS = {"bart_robots": 400.0}
-"""What stands for the scene's diagonal where that makes no sense: the robots' city has a sky, twenty times as wide as
-the street in which they and the lamp are. This is the diagonal of what the camera sees."""
+"""Scene -> the diagonal to use instead of the scene's own. The sky of the robots' city is twenty times as wide as the
+street with the robots and the lamp. So this is the diagonal of the part that the camera sees."""
 
 
 class View(NamedTuple):
-    """A scene as a benchmark sees it."""
+    """A scene with the camera and the lights of a benchmark."""
 
     name: str
     scene: Scene
@@ -40,25 +40,28 @@ class View(NamedTuple):
 
 
 LightMaker = Callable[[str, np.ndarray, list[float], np.ndarray], Light]
-"""Name and bounds of a scene, "light" and "up" of its info.json -> light: `point`, or `square` of some size."""
+"""Makes a light from a scene's name, its bounds, and "light" and "up" of its info.json: `point`, or from `square`."""
 
 
 def real_path(name: str, part: str = "scene.glb") -> Path | None:
-    """A file in a folder of $ANTUMBRA_SCENES; None if it is not there."""
+    """The path of a file in folder `name` of $ANTUMBRA_SCENES; None if there is no such file."""
     folder = os.environ.get("ANTUMBRA_SCENES")
     path = Path(folder or ".") / name / part
     return path if folder and path.is_file() else None
 
 
 def file_of(name: str) -> Path | None:
-    """The file of a scene, by the name of its folder or its own; None: there is none, or `name` is procedural."""
+    """The file of a scene, by the name of its folder or of the file; None if there is none, or if it is procedural."""
     add_scenes()
     here = Path(name) if name not in PROCEDURAL and Path(name).is_file() else None
     return real_path(name) or here
 
 
 def named_view(name: str, size: tuple[int, int], make_light: LightMaker, real: tuple[str, ...] = ()) -> View:
-    """The view of a folder of $ANTUMBRA_SCENES, of a procedural scene, or of a scene file; `real`: folders to name."""
+    """The view of a folder of $ANTUMBRA_SCENES, of a procedural scene, or of a scene file.
+
+    `real` : folders of $ANTUMBRA_SCENES that an error message suggests
+    """
     path = file_of(name)
     if path is not None:
         return told_view(name, path, size, make_light)
@@ -69,11 +72,11 @@ def named_view(name: str, size: tuple[int, int], make_light: LightMaker, real: t
 
 
 def told_view(name: str, path: Path, size: tuple[int, int], make_light: LightMaker) -> View:
-    """The view of a scene file, or of a folder of vertex frames, with what its info.json tells."""
+    """The view of a scene file, or of a folder of vertex frames, with the camera and light of its info.json."""
     info = read_info(path)
     up = np.array(info.get("up", [0, 1, 0]), float)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # notes, which `antumbra info` shows
+        warnings.simplefilter("ignore", UserWarning)  # `antumbra info` shows these notes
         scene = load(path, up="z" if up[2] else "y")
     view = own_view(name, scene, size)
     if "camera" in info:
@@ -83,13 +86,13 @@ def told_view(name: str, path: Path, size: tuple[int, int], make_light: LightMak
 
 
 def own_view(name: str, scene: Scene, size: tuple[int, int]) -> View:
-    """A scene with its own camera and lights, or the default ones."""
+    """The view of a scene with its own camera and lights, or with the default ones."""
     camera = scene.cameras[0].resized(*size) if scene.cameras else scene.default_camera(*size)
     return View(name, scene, camera, scene.lights or [scene.default_light()])
 
 
 def open_view(name: str, size: tuple[int, int], named_view: Callable[[str, tuple[int, int]], View]) -> View:
-    """What a benchmark looks at: ``procedural:...`` as `open_scene` makes it, every other name by `named_view`."""
+    """The view of a name. `open_scene` makes ``procedural:...``; `named_view` makes the view of any other name."""
     spec = parse_scene(name)
     if spec.path is not None:
         return named_view(name, size)
@@ -97,20 +100,24 @@ def open_view(name: str, size: tuple[int, int], named_view: Callable[[str, tuple
 
 
 def read_info(path: Path) -> dict:
-    """The info.json in a folder, or beside a file; empty if there is none."""
+    """The fields of the info.json in a folder, or beside a file; empty if there is none."""
     notes = path / "info.json" if path.is_dir() else path.with_name("info.json")
     return json.loads(notes.read_text()) if notes.exists() else {}
 
 
 def point(name: str, bounds: np.ndarray, light: list[float], up: np.ndarray) -> PointLight:
-    """The light of an info.json as a point; of a direction, a point one diagonal of the scene away from its middle."""
+    """The light of an info.json as a point light.
+
+    A direction becomes a point one diagonal of the scene away from the scene's centre.
+    """
     return PointLight(_middle(bounds, light, up)[0])
 
 
 def square(parts: int) -> LightMaker:
-    """The light of an info.json as a square around its middle, its edge one of so many parts of the scene's diagonal.
+    """A `LightMaker` of squares whose edge is 1 / `parts` of the scene's diagonal.
 
-    A point becomes a level square; a direction a square that faces the scene, one diagonal away from its middle.
+    A point becomes a level square around it. A direction becomes a square that faces the scene, one diagonal away from
+    the scene's centre.
     """
     return partial(_square, parts)
 
@@ -122,7 +129,7 @@ def _square(parts: int, name: str, bounds: np.ndarray, light: list[float], up: n
 
 
 def _middle(bounds, light, up) -> tuple[np.ndarray, np.ndarray]:
-    """Of the light of an info.json: (its middle, the unit direction that a square there faces or turns its back to)."""
+    """(centre, unit normal) of a square at the light of an info.json."""
     middle = np.array(light[:3], float)
     if len(light) < 4:
         return middle, up

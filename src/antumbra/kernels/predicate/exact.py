@@ -1,19 +1,22 @@
-"""The contract: when does a ray meet a triangle? Decided exactly, in real arithmetic, on float32 coordinates.
+"""The exact ray-triangle predicate, decided in real arithmetic on float32 coordinates (docs/design/exactness.md).
 
-A ray is the points o + t d with tmin < t < tmax; o and the triangle's corners are float32, d is a sum of two float64
-(a float32 direction, or the exact difference of a light sample and a receiver). It meets a triangle when the *line*
-meets the closed triangle (edges and vertices belong to it) and the one t where it does lies strictly inside the
-interval. A line in the triangle's own plane does not meet it, so a triangle without area never blocks. With a, b, c the
-corners relative to o and n the triangle's normal, all follows from signs of 3 x 3 determinants:
+A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two float64:
+a float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under two
+conditions. The *line* meets the closed triangle, to which edges and vertices belong. The one t at which it does lies
+strictly inside the interval. A line in the triangle's own plane does not meet it, so a triangle without area never
+blocks.
+
+With a, b, c the corners relative to o, and n the triangle's normal, signs of 3 x 3 determinants decide:
 
     e0 = det(d, b, c)   e1 = det(d, c, a)   e2 = det(d, a, b)        e0 + e1 + e2 = d . n
+
     t = det(a, b, c) / (d . n)
 
-All e >= 0 or all <= 0, not all zero: the line meets the triangle. Because the signs are those of the real numbers,
-triangles that share an edge or a vertex see the same line on the same side of it: closed meshes cannot leak.
+The line meets the triangle if all e >= 0 or all e <= 0, and not all are zero. The signs are exact. So all triangles at
+an edge or a vertex agree on the side of it on which a line passes: closed meshes cannot leak.
 
-Here and in `filters`, `corners` is an (n, 9) float32 array, or a pointer to its first number (`simd.ptr`), which hot
-kernels prefer: passing an array costs a reference count.
+Here and in `filters`, `corners` is an (n, 9) float32 array or a pointer to its first number (`simd.ptr`). Hot kernels
+prefer the pointer, since passing an array costs a reference count.
 """
 
 from typing import NamedTuple
@@ -26,7 +29,7 @@ from .expansion import CAPACITY, PRODUCT, add_determinant, sign_of, two_diff, va
 
 
 class Ray(NamedTuple):
-    """One ray in float64: exactly the float32 input. All fields are float64 scalars."""
+    """One ray in float64, equal to the float32 input. All fields are float64 scalars."""
 
     ox: np.float64  # origin
     oy: np.float64
@@ -34,7 +37,7 @@ class Ray(NamedTuple):
     dx: np.float64  # direction, leading part
     dy: np.float64
     dz: np.float64
-    rx: np.float64  # direction, exact remainder (zero for a direction that was given)
+    rx: np.float64  # direction, exact remainder (zero for a float32 direction)
     ry: np.float64
     rz: np.float64
     tmin: np.float64
@@ -43,7 +46,7 @@ class Ray(NamedTuple):
 
 @inlined
 def ray_along(ox, oy, oz, dx, dy, dz, tmin, tmax):
-    """The ray of a float32 origin, a direction, and the open interval (tmin, tmax) in lengths of the direction."""
+    """The ray from a float32 origin and direction, with the open interval (tmin, tmax) in lengths of the direction."""
     f = np.float64
     return Ray(f(ox), f(oy), f(oz), f(dx), f(dy), f(dz), 0.0, 0.0, 0.0, f(tmin), f(tmax))
 
@@ -59,22 +62,22 @@ def segment(ox, oy, oz, lx, ly, lz):
 
 
 class _Work(NamedTuple):
-    """Memory to reckon in."""
+    """Scratch memory for exact arithmetic."""
 
     sum_: object  # an expansion of up to CAPACITY components
-    rows: object  # three vectors of three sums hi, lo
+    rows: object  # three vectors, each of three sums hi + lo
     product: object  # PRODUCT numbers
 
 
-# Determinants; row k of one of them is of corner (its number + k) % 3. They are no literals, nor is the length of an
-# empty expansion: for each literal Numba would compile what takes it once more.
+# Kinds of determinants for `_add`; row k belongs to corner (kind + k) % 3. These constants and the length of an empty
+# expansion are NumPy integers, because Numba would compile a callee anew for each literal.
 _EDGE, _VOLUME, _NORMAL = np.arange(0, 9, 3)
 _EMPTY = np.int64(0)
 
 
 @kernel
 def _set_direction(rows, ray):
-    """The first row is the ray's direction."""
+    """Set row 0 to the ray's direction."""
     put(rows, 0, ray.dx)
     put(rows, 1, ray.rx)
     put(rows, 2, ray.dy)
@@ -85,7 +88,7 @@ def _set_direction(rows, ray):
 
 @kernel
 def _set_difference(rows, row, p, corners, at):
-    """A row is a corner - p, exactly."""
+    """Set a row to corner - p, exactly."""
     for axis in range(3):
         hi, lo = two_diff(np.float64(get(corners, at + axis)), p[axis])
         put(rows, 6 * row + 2 * axis, hi)
@@ -94,10 +97,9 @@ def _set_difference(rows, row, p, corners, at):
 
 @kernel
 def _add(work, n, ray, corners, i, what, scale):
-    """Add a determinant times `scale` to the sum; the new length.
+    """Add `scale` times a determinant to the sum, and return the new length.
 
-    _EDGE + k is e_k; _VOLUME is det(a, b, c), the corners relative to the ray's origin; _NORMAL is d . n, which is
-    det(d, v1 - v0, v2 - v0).
+    what : _EDGE + k for e_k, _VOLUME for det(a, b, c), _NORMAL for d . n = det(d, v1 - v0, v2 - v0)
     """
     f, k = np.float64, 9 * i
     p = ray.ox, ray.oy, ray.oz
@@ -143,7 +145,7 @@ def exact_meets(ray, corners, i):
 
 @kernel
 def exact_t(ray, corners, i):
-    """t of the line's point in the plane of triangle i, correct to float64's last places."""
+    """t at which the line meets the plane of triangle i, correct to float64's last places."""
     work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     volume = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _VOLUME, 1.0))
     return volume / value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0))
@@ -151,9 +153,9 @@ def exact_t(ray, corners, i):
 
 @kernel
 def exact_plane_side(x, y, z, corners, i):
-    """Side of the plane of triangle i on which the point lies: 1 where the normal points, -1, or 0 on the plane.
+    """The side of triangle i's plane on which a point lies: 1 where the normal points, -1 behind, 0 on the plane.
 
-    A triangle without area has no plane: 0 everywhere.
+    A triangle without area has no plane: the side is 0 everywhere.
     """
     work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     ray = ray_along(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0)

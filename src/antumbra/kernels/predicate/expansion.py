@@ -1,10 +1,11 @@
 """Exact signs by expansion arithmetic [Shewchuk 1997, "Adaptive precision floating-point arithmetic"].
 
-An expansion is an unevaluated sum of float64 numbers that do not overlap, smallest first. Everything here starts from
-float32 coordinates, so no product of up to four of them leaves float64's range and every step below is exact. This code
-runs only for the few triangles that the filters of `filters.py` cannot decide, but is part of every kernel that uses
-them. So it is written to be short for LLVM, too, with one place where each function is called: otherwise it takes two
-thirds of the time in which kernels are compiled.
+An expansion is an unevaluated sum of float64 numbers that do not overlap, smallest first. All inputs are float32
+coordinates. So no product of up to four of them leaves float64's range, and every step below is exact.
+
+This code runs only for the few triangles that the filters of `filters.py` cannot decide, but it is part of every kernel
+that uses them. So each function has one call site, which keeps the code short for LLVM. Otherwise this code would take
+two thirds of the time to compile kernels.
 
 Expansions, vectors and products are pointers to float64 (`simd.stack_f64`).
 """
@@ -14,7 +15,7 @@ import numpy as np
 from ..jit import kernel
 from ..simd import get, put
 
-PRODUCT = 64  # numbers: 3 two-part factors and a scale
+PRODUCT = 64  # float64 numbers in a product of a scale and 3 two-part factors
 CAPACITY = 12 * PRODUCT  # components of an expansion: two determinants of 6 products
 _SPLITTER = np.float64(134217729.0)  # 2**27 + 1
 
@@ -42,7 +43,7 @@ def two_product(a, b):
 
 @kernel
 def grow(sum_, n, x):
-    """Add the number x to the expansion of n components in place; the new length (zero components are dropped)."""
+    """Add the number x to the expansion of n components in place, drop zeros, and return the new length."""
     m = 0
     for i in range(n):
         y = get(sum_, i)
@@ -61,7 +62,7 @@ def grow(sum_, n, x):
 
 @kernel
 def _multiply(product, n, hi, lo):
-    """Multiply a sum of n numbers by hi + lo in place; of how many numbers it is then."""
+    """Multiply a sum of n numbers by hi + lo in place, and return the new length."""
     step = 2 if lo == 0.0 else 4
     for i in range(n - 1, -1, -1):
         x, at = get(product, i), step * i
@@ -74,9 +75,10 @@ def _multiply(product, n, hi, lo):
 
 @kernel
 def add_determinant(sum_, n, rows, product, scale):
-    """Add scale * det(rows) to the expansion; the new length.
+    """Add scale * det(rows) to the expansion, and return the new length.
 
-    ``rows``: three vectors, each of three sums hi, lo; ``product``: room for PRODUCT numbers.
+    rows : three vectors, each of three sums hi + lo
+    product : scratch memory of PRODUCT numbers
     """
     for term in range(6):
         i, odd = term % 3, term // 3
@@ -93,7 +95,7 @@ def add_determinant(sum_, n, rows, product, scale):
 
 @kernel
 def sign_of(sum_, n):
-    """Sign of an expansion: -1, 0 or 1. Its largest component comes last and outweighs all others."""
+    """Sign of an expansion: -1, 0 or 1. The largest component comes last and decides the sign."""
     if n == 0:
         return 0
     return 1 if get(sum_, n - 1) > 0.0 else -1

@@ -1,19 +1,19 @@
-"""Fast answers with a proven error bound: float32 first, then float64, then the exact predicate.
+"""Filters of the exact predicate: a float32 test, then a float64 test, each with a proven error bound.
 
-One body serves both precisions. With u the unit roundoff (2**-24 or 2**-53), a = v0 - o, p = v1 - v0, q = v2 - v0,
+One body serves both precisions. Let u be the unit roundoff (2**-24 or 2**-53), a = v0 - o, p = v1 - v0, q = v2 - v0:
 
     r = d x a    e2 = p . r    e1 = -q . r    n = p x q    D = d . n    e0 = D - e1 - e2    T = a . n
 
 Every component of d, a, p, q is one rounded difference (relative error u). A product of three of them inside a sum of
-six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 + u), and the six products sum to at
-most 2 |d|_1 |a|_inf |p|_inf, so to first order
+six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 + u). The six products sum to at most
+2 |d|_1 |a|_inf |p|_inf. Let m = |a|_inf, and s the largest component of p and q. To first order:
 
     |error e1|, |error e2| <= 16 u |d|_1 m s      |error D| <= 16 u |d|_1 s s      |error T| <= 16 u |a|_1 s s
 
-with m = |a|_inf and s the largest component of p and q. e0 adds three such errors and two roundings (at most 10 u
-|d|_1 s max(m, s)), so 60 u |d|_1 s max(m, s) bounds the error of each e. ``_FACTOR`` = 20 leaves room for the second
-order, for the rounding of the bounds themselves and of the comparisons with tmin and tmax. An absolute term covers
-underflow. Where a product could overflow the bound is infinite, so that the answer is UNSURE; no NaN ever decides.
+e0 adds three such errors and two roundings (at most 10 u |d|_1 s max(m, s)). So 60 u |d|_1 s max(m, s) bounds the error
+of each e. ``_FACTOR`` = 20 leaves room for the second order, and for the rounding of the bounds themselves and of the
+comparisons with tmin and tmax. An absolute term covers underflow. Where a product could overflow, the bound is
+infinite, so the answer is UNSURE. No NaN ever decides.
 """
 
 from typing import NamedTuple
@@ -35,8 +35,8 @@ class _Limits(NamedTuple):
 
     u: float  # _FACTOR times the unit roundoff
     three: float
-    tiny: float  # above what underflow can cost
-    large: float  # lengths below this cannot overflow in a product of three
+    tiny: float  # larger than any error from underflow
+    large: float  # a product of three lengths below this cannot overflow
     infinite: float
 
 
@@ -45,21 +45,21 @@ _LIMITS64 = _Limits(*(np.float64(x) for x in (_FACTOR * 2.0**-53, 3, 1e-300, 1e1
 
 
 class Volumes(NamedTuple):
-    """The determinants of a line and a triangle, and bounds of their errors. One float type throughout."""
+    """The determinants of a line and a triangle, and their error bounds. All fields have one float type."""
 
     e0: float
     e1: float
     e2: float
     t: float  # det(a, b, c)
     d: float  # d . n
-    e_error: float  # of each of e0, e1, e2
+    e_error: float  # bound for each of e0, e1, e2
     t_error: float
     d_error: float
 
 
 @inlined
 def _larger(a, b):
-    """max of two numbers that are not NaN; Python's own max compiles to tests for NaN."""
+    """The larger of two numbers that are not NaN. Python's own max compiles to tests for NaN."""
     return a if a > b else b
 
 
@@ -96,14 +96,14 @@ def _volumes(d, a, p, q, limits):
     wide, uss = _larger(m, s), limits.u * s * s
     floor = limits.tiny * (d1 + wide) + limits.tiny
     three = limits.three
-    e_error = three * limits.u * (d1 * s * wide) + floor  # in this order: u d1 could underflow
+    e_error = three * limits.u * (d1 * s * wide) + floor  # in this order, because u * d1 could underflow
     e_error = e_error if _larger(d1, wide) < limits.large else limits.infinite
     return Volumes(det - e1 - e2, e1, e2, volume, det, e_error, three * m * uss + floor, d1 * uss + floor)
 
 
 @inlined
 def volumes32(o, d, corners, i):
-    """`Volumes` in float32: o, d are tuples of three float32, d the ray's direction rounded once."""
+    """`Volumes` in float32. o and d are tuples of three float32, and d is the ray's direction rounded once."""
     k = 9 * i
     x, y, z = get(corners, k), get(corners, k + 1), get(corners, k + 2)
     a = (x - o[0], y - o[1], z - o[2])
@@ -131,7 +131,7 @@ def volumes64(ray, corners, i):
 
 @inlined
 def line_verdict(w):
-    """Does the line meet the closed triangle? The sign of d . n, MISS, or UNSURE."""
+    """Whether the line meets the closed triangle: the sign of d . n, MISS, or UNSURE."""
     low = _smaller(w.e0, _smaller(w.e1, w.e2))
     high = _larger(w.e0, _larger(w.e1, w.e2))
     if low < -w.e_error and high > w.e_error:
@@ -145,9 +145,9 @@ def line_verdict(w):
 
 @inlined
 def verdict(w, tmin, tmax):
-    """Does the ray meet the closed triangle inside (tmin, tmax)? The sign of d . n, MISS, or UNSURE.
+    """Whether the ray meets the closed triangle inside (tmin, tmax): the sign of d . n, MISS, or UNSURE.
 
-    tmin, tmax have the float type of w, and are exact.
+    tmin and tmax have the float type of w, and are exact.
     """
     side = line_verdict(w)
     if side == MISS or side == UNSURE:
@@ -168,17 +168,17 @@ def verdict(w, tmin, tmax):
 
 @kernel
 def meets(ray, corners, i):
-    """Sign of d . n if the ray meets triangle i inside its open interval, else 0: the contract's answer."""
+    """Sign of d . n if the ray meets triangle i inside its open interval, else 0. The answer is exact."""
     side = verdict(volumes64(ray, corners, i), ray.tmin, ray.tmax)
     return exact_meets(ray, corners, i) if side == UNSURE else side
 
 
 @kernel
 def hit_t(ray, corners, i):
-    """t where the line of the ray meets the plane of triangle i, which it is known to meet.
+    """t where the ray's line meets the plane of triangle i. The ray must meet the triangle.
 
-    One fixed float64 expression, so every method finds the same number; relative error at most 2**-29 even for grazing
-    rays (those are evaluated exactly).
+    All methods find the same number, since one float64 expression is fixed. The relative error is at most 2**-29, even
+    for grazing rays: `exact_t` evaluates them.
     """
     w = volumes64(ray, corners, i)
     if w.t_error <= _T_ACCURACY * abs(w.t) and w.d_error <= _T_ACCURACY * abs(w.d):
@@ -188,9 +188,9 @@ def hit_t(ray, corners, i):
 
 @inlined
 def plane(corners, i, x, y, z):
-    """Plane of triangle i in float64: (v0 - (x, y, z), normal n, e).
+    """Plane of triangle i in float64: (v0 - (x, y, z), normal n, error bound e).
 
-    For any point a relative to v0, |a . n - its true value| <= e |a|_inf.
+    For any vector a from v0 to a point, the error of a . n is at most e |a|_inf.
     """
     a, p, q = _edges64(corners, i, x, y, z)
     s = _larger(widest(p), widest(q))
@@ -199,7 +199,7 @@ def plane(corners, i, x, y, z):
 
 @inlined
 def side_of(v0, n, error, x, y, z, corners, i):
-    """`plane_side` where the `plane` of triangle i relative to (0, 0, 0) is known: (v0, n, error)."""
+    """`plane_side` from the `plane` (v0, n, error) of triangle i relative to (0, 0, 0)."""
     f = np.float64
     a = (v0[0] - f(x), v0[1] - f(y), v0[2] - f(z))
     volume = -dot(a, n)
@@ -210,7 +210,7 @@ def side_of(v0, n, error, x, y, z, corners, i):
 
 @kernel
 def plane_side(x, y, z, corners, i):
-    """Side of the plane of triangle i on which a float32 point lies: 1 where the normal points, -1, 0 on the plane."""
+    """The side of triangle i's plane on which a float32 point lies: 1 where the normal points, -1 behind, 0 on it."""
     zero = np.float64(0.0)
     v0, n, error = plane(corners, i, zero, zero, zero)
     return side_of(v0, n, error, x, y, z, corners, i)

@@ -1,22 +1,22 @@
-"""The float32 filter of `filters`, side by side: one ray and eight triangles, or sixteen rays and one triangle.
+"""The float32 filter of `filters` in lanes: one ray and eight triangles, or sixteen rays and one triangle.
 
-The quantities are those of `filters`: a = v0 - o, p, q, r = d x a, n = p x q, e1, e2, D, T, e0 = D - e1 - e2. Every
-component of a, d, p, q is one rounded difference, and each of e1, e2, D, T a sum of six products of three of them, so
-a product collects at most 8 factors (1 + u): 3 from its components, 2 in the cross product, 1 in the dot product and 2
-in its sums. Products and sums fuse where the processor can, which only leaves factors out. Two bounds follow.
+The quantities are as in `filters`: a = v0 - o, p, q, r = d x a, n = p x q, e1, e2, D, T, e0 = D - e1 - e2. Every
+component of a, d, p, q is one rounded difference. Each of e1, e2, D, T is a sum of six products of three components.
+So a product collects at most 8 factors (1 + u): 3 from its components, 2 in the cross product, 1 in the dot product and
+2 in its sums. Where the processor fuses products and sums, there are fewer factors. Two bounds follow.
 
-*Coarse*, for all lanes. The six products sum to at most 2 |d|_1 m s, m = |a|_inf and s the largest component of p and
-q. So |error e1|, |error e2| <= 16 u |d|_1 m s, and |error e0| <= (3 * 16 + 10) u |d|_1 s max(m, s) as in `filters`.
-e1, e2 and e0 / 3 are compared with 20 u |d|_1 s max(m, s); 58 < 3 * 20, and the rest is room for the second order, the
-rounding of e0 / 3 and that of the bound. If one is surely negative and one surely positive, the line misses.
+*Coarse bound*, for all lanes. Let m = |a|_inf, and s the largest component of p and q. The six products sum to at most
+2 |d|_1 m s. So |error e1|, |error e2| <= 16 u |d|_1 m s. As in `filters`, |error e0| <= (3 * 16 + 10) u |d|_1 s max(m,
+s). e1, e2 and e0 / 3 are compared with 20 u |d|_1 s max(m, s). Since 58 < 3 * 20, room is left for the second order and
+for the rounding of e0 / 3 and of the bound. If one e is surely negative and another surely positive, the line misses.
 
-*Fine*, where a lane is left. The error of a sum is at most 8 u P, P the same six products added as magnitudes (its
-permanent), P itself within 6 u. It is much smaller where zeros are: for triangles in planes of the axes, and rays along
-axes. e0 carries 8 u (P_D + P_e1 + P_e2) and two more roundings of at most u times the same; tmin D adds a rounding to
-D. So 12 u P bounds each with room as above.
+*Fine bound*, where a lane remains. The error of a sum is at most 8 u P. P is the sum of the same six products as
+magnitudes (the permanent), computed within 6 u. The fine bound is much smaller where components are zero: for triangles
+in axis-aligned planes, and rays along axes. e0 carries 8 u (P_D + P_e1 + P_e2) and two more roundings of at most u
+times the same sum. tmin D adds a rounding to D. So 12 u P bounds each quantity, with the same room as above.
 
-An absolute term covers underflow. Where a product could overflow, `unit` is infinite, and nothing is decided: every
-decision below is a comparison with a bound that comes out *true*, which infinity and NaN never do.
+An absolute term covers underflow. Where a product could overflow, `unit` is infinite and the test decides nothing. A
+decision needs a comparison with a bound that comes out *true*, and comparisons with infinity and NaN never do.
 """
 
 from typing import NamedTuple
@@ -29,11 +29,11 @@ from ..simd import absolute, any_lane, bits, flip_sign, fma, maximum, minimum, s
 _COARSE = np.float32(20.0 * 2.0**-24)
 _FINE = np.float32(12.0 / 20.0)  # of the coarse unit
 _THIRD = np.float32(1.0 / 3.0)
-_TINY = np.float32(1e-37)  # above what underflow can cost, for each unit of length
+_TINY = np.float32(1e-37)  # larger than any error from underflow, for each unit of length
 
 
 class FilterRays(NamedTuple):
-    """What `meet` wants to know of rays, one a lane; all float32 vectors."""
+    """Rays for `meet`, one a lane. All fields are float32 vectors."""
 
     ox: object
     oy: object
@@ -44,11 +44,11 @@ class FilterRays(NamedTuple):
     tmin: object
     tmax: object  # may be inf
     unit: object  # 20 u, or inf where a product could overflow
-    floor: object  # what underflow can cost at most
+    floor: object  # largest error from underflow
 
 
 class FilterTriangles(NamedTuple):
-    """Triangles, one a lane; all float32 vectors. The edges are rounded differences of the corners."""
+    """Triangles, one a lane. All fields are float32 vectors. The edges are rounded differences of the corners."""
 
     x: object  # v0
     y: object
@@ -64,9 +64,10 @@ class FilterTriangles(NamedTuple):
 
 @inlined
 def error_unit(tame, dx, dy, dz, reach):
-    """(unit, floor) of `FilterRays`, vectors; no coordinate in play is larger than `reach`.
+    """(unit, floor) of `FilterRays`, as vectors.
 
-    tame : mask of the lanes in which |d|_inf and reach are at most 2^40, so that no product of three overflows
+    tame : mask of the lanes in which |d|_inf and reach are at most 2^40, so no product of three overflows
+    reach : upper bound of the magnitudes of all coordinates
     """
     span = absolute(dx) + absolute(dy) + absolute(dz) + (reach + reach)
     return select(tame, span * np.float32(0.0) + _COARSE, np.float32(np.inf)), fma(span, _TINY, _TINY)
@@ -79,9 +80,11 @@ def _sum3(ax, bx, ay, by, az, bz):
 
 @inlined
 def meet(r, t):
-    """(hits, positive, unsure) of each lane's ray and triangle: bit masks, bit k is lane k.
+    """(hits, positive, unsure) of each lane's ray and triangle, as bit masks: bit k is lane k.
 
-    hits: the ray surely meets the triangle inside (tmin, tmax); positive, where it is a hit: d . n > 0. unsure: it may.
+    hits : the ray surely meets the triangle inside (tmin, tmax)
+    positive : d . n > 0; valid for hits
+    unsure : the ray may meet the triangle
     """
     ax, ay, az = t.x - r.ox, t.y - r.oy, t.z - r.oz
     rx, ry, rz = fma(r.dy, az, -(r.dz * ay)), fma(r.dz, ax, -(r.dx * az)), fma(r.dx, ay, -(r.dy * ax))

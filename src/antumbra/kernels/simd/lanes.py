@@ -1,4 +1,4 @@
-"""What is done to the lanes of vectors: make, choose, combine, convert, permute, reduce."""
+"""Operations on the lanes of vectors: make, choose, combine, convert, permute, reduce."""
 
 from llvmlite import ir
 from numba.core import types
@@ -109,8 +109,8 @@ def _make_extremum(name, f32_name, i32_name):
             pair = as_vectors(context, builder, vector, (a, b), values)
             if vector.is_i32:
                 return call_llvm(builder, f"llvm.{i32_name}.{vector.suffix}", pair[0].type, pair)
-            # With nnan and nsz this is one instruction, and stays one inside a masked select. The other way
-            # to write it, select(a < b, a, b), is as good alone, but becomes logic on masks there.
+            # With nnan and nsz this is one instruction, also inside a masked select. select(a < b, a, b) is as
+            # good alone, but becomes logic on masks inside a masked select.
             flags = ("nnan", "nsz")
             return call_llvm(builder, f"llvm.{f32_name}.{vector.suffix}", pair[0].type, pair, flags)
 
@@ -125,7 +125,7 @@ maximum = _make_extremum("maximum", "maxnum", "smax")
 
 @intrinsic
 def fma(typingctx, a, b, c):
-    """a * b + c; one rounding where the target has the instruction, two where it has not."""
+    """a * b + c, rounded once where the target has the instruction, else twice."""
     vector = _check_common("fma", (a, b, c), types.float32)
 
     def codegen(context, builder, sig, values):
@@ -138,7 +138,7 @@ def fma(typingctx, a, b, c):
 
 @intrinsic
 def absolute(typingctx, a):
-    """Without the sign. The most negative int32 has no counterpart and stays as it is."""
+    """The absolute value. The most negative int32 has no counterpart and stays as it is."""
     _check_vector("absolute", a, types.float32, types.int32)
 
     def codegen(context, builder, sig, values):
@@ -152,7 +152,7 @@ def absolute(typingctx, a):
 
 @intrinsic
 def square_root(typingctx, a):
-    """Correctly rounded, as IEEE 754 says; NaN of what is negative."""
+    """The square root, correctly rounded as IEEE 754 says; NaN for negative lanes."""
     _check_vector("square_root", a, types.float32)
 
     def codegen(context, builder, sig, values):
@@ -177,7 +177,7 @@ def flip_sign(typingctx, a, s):
 
 @intrinsic
 def to_f32(typingctx, v):
-    """i32 -> f32, rounded to nearest."""
+    """Convert i32 to f32, rounded to nearest."""
     _check_vector("to_f32", v, types.int32)
     result = Vector(types.float32, v.lanes)
 
@@ -189,7 +189,7 @@ def to_f32(typingctx, v):
 
 @intrinsic
 def to_i32(typingctx, v):
-    """f32 -> i32, truncated towards zero; unspecified for NaN and for what an int32 cannot hold."""
+    """Convert f32 to i32, truncated towards zero; unspecified for NaN and for values outside int32."""
     _check_vector("to_i32", v, types.float32)
     result = Vector(types.int32, v.lanes)
 
@@ -209,7 +209,7 @@ def _permute(builder, value, indices):
 
 @intrinsic
 def swap_halves(typingctx, v):
-    """The upper half of the lanes first."""
+    """The upper half of the lanes, then the lower half."""
     if not isinstance(v, Vector):
         reject("swap_halves", v, cure="needs a vector")
 
@@ -222,7 +222,7 @@ def swap_halves(typingctx, v):
 
 @intrinsic
 def join(typingctx, a, b):
-    """The lanes of `a`, then those of `b`: a vector of twice as many."""
+    """The lanes of `a`, then the lanes of `b`: a vector of twice the width."""
     if not isinstance(a, Vector) or a != b or a.lanes == 16:
         reject("join", a, b, cure="needs two vectors of one type, of 4 or 8 lanes")
 
@@ -235,7 +235,7 @@ def join(typingctx, a, b):
 
 @intrinsic
 def compress(typingctx, mask, v):
-    """The lanes of `v` where the mask is set, moved to the front in order; what follows them is unspecified."""
+    """The lanes of `v` where the mask is set, moved to the front in order. All lanes after them are unspecified."""
     if not isinstance(v, Vector) or v.element == types.boolean or mask != Vector(types.boolean, v.lanes):
         reject("compress", mask, v, cure="needs a mask and a vector of float32 or int32 of as many lanes")
 
@@ -307,7 +307,7 @@ def _make_reduction(name, f32_name, i32_name):
     def reduction(typingctx, v):
         """The smallest (`reduce_min`) or largest (`reduce_max`) lane, unspecified if one is NaN.
 
-        `reduce_and`: the bits that all lanes of an i32 vector have.
+        `reduce_and` gives the bits that all lanes of an i32 vector share.
         """
         _check_vector(name, v, *((types.float32, types.int32) if f32_name else (types.int32,)))
 

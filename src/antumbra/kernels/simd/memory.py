@@ -1,8 +1,8 @@
-"""Vectors and scalars from and to memory: arrays, raw pointers, memory on the stack. No bound is checked.
+"""Load and store vectors and scalars: arrays, raw pointers, memory on the stack. Bounds are not checked.
 
 `a` is a C-contiguous array of any number of dimensions, or a pointer from `ptr`, `ptr_at`, `as_f32`,
-`as_i32` or `stack_*`; `i` counts its elements from the first one. A negative `i` is an address before the
-first element: it does not wrap around.
+`as_i32` or `stack_*`. `i` is the index of an element, from the first one. A negative `i` is an address before
+the first element: it does not wrap around.
 """
 
 from math import prod
@@ -18,7 +18,7 @@ _STACK_ALIGNMENT = 64  # bytes: one cache line, one AVX-512 register
 
 
 def _check(function, a, i=types.int64, writes=False):
-    """Reject what is not (array or pointer, integer)."""
+    """Reject arguments other than (array or pointer, integer)."""
     if isinstance(a, types.Array):
         if a.layout != "C":
             reject(function, a, cure="pass a C-contiguous array (numpy.ascontiguousarray)")
@@ -36,13 +36,13 @@ def _first(context, builder, a, value):
 
 
 def _address(context, builder, sig, values):
-    """Pointer to element `i`, for a signature that starts with (a, i)."""
+    """Pointer to element `i`. The signature starts with (a, i)."""
     index = context.cast(builder, values[1], sig.args[1], types.int64)
     return builder.gep(_first(context, builder, sig.args[0], values[0]), [index])
 
 
 def _vector_of(function, a, lanes):
-    """The vector type that `a`'s elements fill."""
+    """The vector type with the element type of `a`."""
     if a.dtype not in (types.float32, types.int32):
         reject(function, a, cure="elements must be float32 or int32 (as_i32 or as_f32 reads others' bits)")
     return Vector(a.dtype, lanes)
@@ -85,7 +85,7 @@ broadcast4, broadcast8, broadcast16 = (_make_broadcast(lanes) for lanes in (4, 8
 
 @intrinsic
 def gather(typingctx, a, i):
-    """Elements of `a`, one for each lane of the indices `i`, i32; no lane is left out."""
+    """Elements of `a` at the i32 indices `i`, one a lane. All lanes are loaded."""
     _check("gather", a)
     if not (isinstance(i, Vector) and i.element == types.int32):
         reject("gather", a, i, cure="the indices must be a vector of int32")
@@ -123,7 +123,7 @@ def store(typingctx, a, i, v):
 
 @intrinsic
 def get(typingctx, p, i):
-    """Element i of `p`, a scalar, without the test for a negative index that ``p[i]`` makes."""
+    """Element i of `p`, a scalar. Unlike ``p[i]``, it does not test for a negative index."""
     _check("get", p, i)
 
     def codegen(context, builder, sig, values):
@@ -168,7 +168,7 @@ def ptr_at(typingctx, a, i):
 def _make_cast(name, element):
     @intrinsic
     def cast(typingctx, p):
-        """The same address, its bits seen as another element type."""
+        """The same address as a pointer to another element type."""
         _check(name, p)
 
         def codegen(context, builder, sig, values):
@@ -183,7 +183,7 @@ def _make_cast(name, element):
 def _make_address(name, element):
     @intrinsic
     def at_address(typingctx, address):
-        """Pointer to what lies at an address, an integer such as ``array.ctypes.data``."""
+        """Pointer to an address, which is an integer such as ``array.ctypes.data``."""
         if not isinstance(address, types.Integer):
             reject(name, address, cure="needs an integer")
 
@@ -262,7 +262,7 @@ def stack_array(typingctx, dtype, n, m=None):
 
 @intrinsic
 def prefetch(typingctx, p, i):
-    """Ask for the cache line of element i; any address will do, even one outside the array."""
+    """Prefetch the cache line of element i. Any address is allowed, even one outside the array."""
     _check("prefetch", p, i)
 
     def codegen(context, builder, sig, values):
@@ -293,8 +293,7 @@ def _make_atomic(name, operation, element):
 atomic_add = _make_atomic("atomic_add", "add", types.int64)
 atomic_or = _make_atomic("atomic_or", "or", types.int32)
 atomic_and = _make_atomic("atomic_and", "and", types.int32)
-"""Add `x` to element i of an int64 array, or combine it with that of an int32 array, undivided among threads; the
-element's old value.
+"""Atomic update of element i by `x`: `atomic_add` of an int64 array, `atomic_or` and `atomic_and` of an int32 array.
 
-Orders nothing else: other memory written before it may be seen late by the other threads.
+They return the element's old value. They order no other memory: other threads may see earlier writes late.
 """

@@ -1,7 +1,7 @@
-"""Python's operators on vectors, each lowered to one LLVM instruction; a scalar is repeated in all lanes.
+"""Python's operators on vectors, each lowered to one LLVM instruction. A scalar is repeated in all lanes.
 
-Templates and `lower_builtin` rather than `numba.extending.overload`, which would compile a function of its
-own for every operator and pair of types.
+The operators use templates and `lower_builtin`. `numba.extending.overload` would compile a separate function
+for every operator and pair of types.
 """
 
 import operator
@@ -14,7 +14,7 @@ from .vectors import Vector, as_vectors, common_vector
 
 
 def _binary(op, emit, *elements, inplace=None, compares=False):
-    """Give `op`, and its in-place form, to vectors of `elements`; `emit(builder, vector, a, b)` writes it."""
+    """Define `op` and its in-place form for vectors of `elements`; `emit(builder, vector, a, b)` makes the code."""
 
     class Template(AbstractTemplate):
         def generic(self, args, kws):
@@ -37,7 +37,7 @@ def _binary(op, emit, *elements, inplace=None, compares=False):
 
 
 def _unary(op, emit, *elements):
-    """Give the unary `op` to the vectors of `elements`."""
+    """Define the unary `op` for vectors of `elements`."""
 
     class Template(AbstractTemplate):
         def generic(self, args, kws):
@@ -53,7 +53,7 @@ def _unary(op, emit, *elements):
 
 
 def _method(f32=None, i32=None):
-    """An emitter that is the IR builder's method `f32` or `i32`, by the element type."""
+    """An emitter that calls the IR builder's method `f32` or `i32`, chosen by the element type."""
 
     def emit(builder, vector, *values):
         return getattr(builder, f32 if vector.is_f32 else i32)(*values)
@@ -62,7 +62,7 @@ def _method(f32=None, i32=None):
 
 
 def _comparison(symbol):
-    """Ordered, so false where a lane is NaN, except ``!=``, which is true there: as for Python's floats."""
+    """An emitter of comparisons. Like Python's floats, a NaN lane compares false, except for ``!=``, which is true."""
 
     def emit(builder, vector, a, b):
         if vector.is_i32:

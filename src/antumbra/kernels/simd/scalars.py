@@ -1,4 +1,4 @@
-"""The operations on the bits of an int64 that walking a mask needs."""
+"""Bit operations on an int64, for loops over the set lanes of a mask."""
 
 from llvmlite import ir
 from numba.core import types
@@ -28,7 +28,7 @@ lowest_bit = _make_bit_count("lowest_bit", "llvm.cttz.i64", 0)
 
 @intrinsic
 def highest_bit(typingctx, x):
-    """Index of the highest bit that is set; -1 for 0."""
+    """Index of the highest set bit; -1 for 0."""
     if not isinstance(x, types.Integer):
         reject("highest_bit", x, cure="needs an integer")
 

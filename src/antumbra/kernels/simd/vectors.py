@@ -1,6 +1,6 @@
-"""The vector types, and how an argument becomes a vector: it is one already, or a scalar that is repeated.
+"""The vector types, and the conversion of arguments to vectors: a scalar is repeated in all lanes.
 
-A vector is a *value* to Numba, as a float is: it has no address, is never boxed for Python, and lives in a
+A vector is a *value* to Numba, as a float is. It has no address, is never boxed for Python, and lives in a
 register. LLVM splits a vector that is wider than the target's registers.
 """
 
@@ -23,7 +23,7 @@ I64 = ir.IntType(64)
 
 
 class Vector(types.Type):
-    """Numba type of `lanes` values of one element type: float32, int32 or boolean (a mask)."""
+    """The Numba type of `lanes` values of one element type: float32, int32 or boolean (a mask)."""
 
     def __init__(self, element, lanes):
         self.element = element
@@ -40,7 +40,7 @@ class Vector(types.Type):
 
     @property
     def suffix(self):
-        """The end of the name of an LLVM intrinsic on vectors of these numbers, such as ``v8f32``."""
+        """The suffix of LLVM intrinsics on this vector type, such as ``v8f32``."""
         return f"v{self.lanes}{'f32' if self.is_f32 else 'i32'}"
 
 
@@ -61,17 +61,17 @@ mask4, mask8, mask16 = (Vector(types.boolean, lanes) for lanes in (4, 8, 16))
 
 
 def reject(function, *args, cure) -> NoReturn:
-    """Stop the typing of `function` with one line that names the argument types and the cure."""
+    """Raise a typing error of `function` that names the argument types and the cure."""
     raise errors.TypingError(f"antumbra.kernels.simd.{function}({', '.join(str(a) for a in args)}): {cure}")
 
 
 def accepts(vector, arg):
-    """Whether `arg` is `vector` itself or a scalar that may be repeated in all of its lanes."""
+    """Whether `arg` is `vector` itself or a scalar that can be repeated in its lanes."""
     return arg == vector or isinstance(arg, _SCALARS[vector.element])
 
 
 def common_vector(args):
-    """The one vector type that every argument is, or as a scalar is repeated to; None where there is none."""
+    """The one vector type among the arguments, if all others are scalars that can be repeated to it; else None."""
     vectors = {arg for arg in args if isinstance(arg, Vector)}
     if len(vectors) != 1:
         return None
@@ -88,7 +88,7 @@ def repeat(builder, value, lanes):
 
 
 def as_vectors(context, builder, vector, arg_types, values):
-    """The values as `vector`s; scalars are converted to its element type and repeated."""
+    """The values as `vector`s. Scalars are converted to the element type and repeated."""
     return [
         value if arg == vector else repeat(builder, context.cast(builder, value, arg, vector.element), vector.lanes)
         for arg, value in zip(arg_types, values)

@@ -1,1 +1,7 @@
-"""[Mattausch et al. 2015]: aggressive thresholds (`variants`); its tables: `measure`, `stores`, `tables`, `plot`."""
+"""CHC+RT [Mattausch et al. 2015].
+
+- variants: the tracers of its aggressive mode
+- rays, views: the rays and the walkthroughs that are measured
+- measure, stores: the measurements, in memory and out of core
+- kinds, tables, plot, published, command: ``antumbra bench chc-rt``
+"""

@@ -1,4 +1,4 @@
-"""``antumbra bench chc-rt``: what occlusion culling for rays costs and saves, in memory and out of core."""
+"""``antumbra bench chc-rt``: cost and gain of occlusion culling for rays, in memory and out of core."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -68,12 +68,14 @@ def chc_rt(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """CHC+RT beside tracing from the root: times, phases, queries, what is paged [Mattausch et al. 2015].
+    """CHC+RT beside tracing from the root: times, phases, queries, paging [Mattausch et al. 2015].
 
-    Near and far walkthroughs, whose state is kept from frame to frame: primary rays, 20 rays of ambient occlusion and
-    20 diffuse rays for each pixel, 16 shadow rays to a light with an area. Times are medians over the frames after the
-    first (Table 2), by phase (Figure 8), with queries and bytes moved (Table 3), by randomisation of directions (Table
-    5) and in aggressive mode (Table 4); of a store its hits, its two ways to make room, and aggressive mode.
+    There is a near and a far walkthrough, and CHC+RT keeps its state from frame to frame. Each pixel has primary rays,
+    20 rays of ambient occlusion, 20 diffuse rays, and 16 shadow rays to an area light.
+
+    Times are medians over the frames after the first. The tables show times (Table 2), phases (Figure 8), queries and
+    bytes moved (Table 3), randomised directions (Table 5) and aggressive mode (Table 4). With a store, they show its
+    hit rate, two ways to make room, and aggressive mode.
 
     \b
     Examples
@@ -155,7 +157,7 @@ def chc_rt(
 
 
 def _checked_tables(tables, scene, store, max_memory) -> tuple[Table, ...]:
-    """The tables that are wanted, in their order; InputError on options that do not go together."""
+    """The requested tables, in order; InputError on options that do not go together."""
     if store is None and max_memory is not None:
         raise InputError("--max-memory is for --store; leave it out")
     if store is not None and scene:

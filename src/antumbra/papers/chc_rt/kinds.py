@@ -1,4 +1,4 @@
-"""The tables of ``antumbra bench chc-rt``."""
+"""The names of the tables of ``antumbra bench chc-rt``."""
 
 from enum import StrEnum
 

@@ -1,7 +1,7 @@
-"""The figures of the paper on CHC+RT, measured here: walkthroughs of 60 frames [Mattausch et al. 2015, Sec. 7].
+"""Measures the tables of the CHC+RT paper: walkthroughs of 60 frames [Mattausch et al. 2015, Sec. 7].
 
-Methods take their turns within each frame, on the same rays, and their answers are compared there. CHC+RT is in every
-frame, since it remembers the one before; the others, which do not, are in some of them.
+Methods take turns within each frame, on the same rays. Their answers are compared there. CHC+RT takes part in every
+frame, because it keeps state from the frame before. The other methods keep no state and take part in some frames.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -29,7 +29,7 @@ from .views import Place, Walk
 
 CHCRT = tracer_name(0)
 SAMPLERS = tuple(name for name in ROTATIONS if ":" in name)
-"""What Table 5 compares: directions are rotated from pixel to pixel not at all, by 18 and 36 degrees, and fully."""
+"""The samplers of Table 5: rotations from pixel to pixel by 0, 18 and 36 degrees, and full rotations."""
 
 Say = Callable[[str], None]
 PHASES = ("phase 1", "phase 2", "phase 3")
@@ -37,19 +37,23 @@ _OPTIONS = Options()
 
 
 class Pace(NamedTuple):
-    """How a walkthrough is gone through."""
+    """The length of a walkthrough."""
 
-    frames: int
-    compared: int  # in how many of them the methods that remember nothing have their turns
-    limit: float  # seconds after which no further frame begins, but for the second
+    frames: int  # number of frames
+    compared: int  # number of frames in which the methods without state take part
+    limit: float  # seconds after which no further frame begins, except the second
 
     def takes_part(self, method: Method, frame: int) -> bool:
-        """Has a method its turn in a frame? All but CHC+RT from the second one on, spread evenly."""
+        """Whether a method takes part in a frame.
+
+        CHC+RT takes part in every frame. The others take part from the second frame on, in frames that are spread
+        evenly.
+        """
         every = max(1, -(-(self.frames - 1) // self.compared))
         return isinstance(method, Culling) or (frame > 0 and (frame - 1) % every == 0) or self.frames == 1
 
     def along(self, walk: Walk, what: str, say: Say) -> Iterator[tuple[int, Camera]]:
-        """(frame, camera) until time is over, told of one by one."""
+        """Yield (frame, camera) until the time limit, and report each frame to `say`."""
         start = perf_counter()
         for frame in range(self.frames):
             if frame > 1 and perf_counter() - start > self.limit:
@@ -63,21 +67,21 @@ class Turn(NamedTuple):
 
     scene: str
     view: str  # name of the walk
-    sampler: str  # of AO and diffuse rays
-    kind: str  # one of KINDS
+    sampler: str  # sampler of AO and diffuse rays
+    kind: str  # kind of rays, one of KINDS
     method: str
     frame: int
     rays: int
     seconds: float
-    told: dict[str, float]  # by CHC+RT: seconds of PHASES, queries and pairs; of a store what came and went
-    differs: int  # rays with another answer than the first method's
+    told: dict[str, float]  # statistics of CHC+RT: seconds of PHASES, queries, pairs; with a store, chunks and bytes
+    differs: int  # rays whose answer differs from the first method's
     error: float | None = (
-        None  # mean absolute difference from its picture, 0 to 255; None unless the method neglects rays
+        None  # mean absolute difference from the exact picture, 0 to 255; None unless the method is aggressive
     )
 
 
 class InCore:
-    """A place in memory: its triangles, and what all methods trace them by."""
+    """A place in memory: its triangles, and the acceleration structures of all methods."""
 
     def __init__(self, place: Place, threads: int, options: Options = _OPTIONS):
         self.place, self.threads, self._options = place, threads, options
@@ -93,12 +97,12 @@ class InCore:
         self._parts = parts_of(self._tree, options)
 
     def culling(self, threshold: int = 0) -> Culling:
-        """CHC+RT that has seen nothing yet."""
+        """CHC+RT without state from earlier frames."""
         scheduled = Scheduled(self._parts, self._options._replace(threshold=threshold))
         return Culling(tracer_name(threshold), scheduled, self.threads)
 
     def plain(self) -> list[Plain]:
-        """The plans that remember nothing."""
+        """The plans that keep no state."""
         return [Plain(plan, self._bvh, self._tree, self.threads) for plan in PLANS]
 
     def asked(self, camera: Camera, sampler: str) -> Asked:
@@ -110,8 +114,11 @@ class InCore:
 def walk_through(
     core: InCore, walk: Walk, methods: Sequence[Method], kinds: Iterable[str], sampler: str, pace: Pace, say: Say
 ) -> list[Turn]:
-    """The turns of all methods in a walkthrough; the first is CHC+RT as it is, which the others' answers are compared
-    with. InputError if the camera sees nothing when it begins."""
+    """The turns of all methods in a walkthrough.
+
+    The first method is exact CHC+RT. The answers of the others are compared with its answers. InputError if the camera
+    of the first frame sees nothing.
+    """
     turns: list[Turn] = []
     for frame, camera in pace.along(walk, f"{core.place.name}, {walk.name}", say):
         asked = core.asked(camera, sampler)
@@ -131,14 +138,14 @@ def walk_through(
 
 
 def begin(methods: Iterable[Method]) -> None:
-    """A new frame begins."""
+    """Begin a new frame."""
     for method in methods:
         if isinstance(method, Culling):
             method.scheduled.begin()
 
 
 def told_by(method: Method) -> Callable[[], dict[str, float]]:
-    """Function -> sums of what CHC+RT has told since now; nothing by other methods."""
+    """A function that sums the statistics of CHC+RT since this call. For other methods it returns an empty dict."""
     if not isinstance(method, Culling):
         return dict
     scheduled, first = method.scheduled, len(method.scheduled.told)
@@ -151,7 +158,7 @@ def told_by(method: Method) -> Callable[[], dict[str, float]]:
 
 
 def _error(asked: Asked, truth, found, method: Method, kind: str) -> float | None:
-    """Mean absolute difference of two pictures of diffuse light, where a method neglects rays."""
+    """Mean absolute difference of two pictures of diffuse light; None unless the method is aggressive."""
     if not (isinstance(method, Culling) and method.scheduled.options.threshold and kind == DIFFUSE):
         return None
     colour = asked.surfaces.triangles.colour
@@ -164,10 +171,11 @@ def error_of(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def bled(surfaces: Surfaces, met: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """(H, W, 3) uint8: what is seen, lit by the colours that its diffuse rays meet, as if all were lit alike, and by a
-    white sky.
+    """(H, W, 3) uint8: a picture of colour bleeding.
 
-    `met`: of each pass the colours of triangles, and which of them each pixel's ray has met, or -1.
+    Each surface is lit by a white sky and by the colours of the triangles that its diffuse rays hit. All triangles count
+    as equally lit. `met` holds, for each pass, the colours of triangles, and the triangle that each pixel's ray hit, or
+    -1.
     """
     face = surfaces.gbuffer.face
     light = np.zeros((*face.shape, 3), np.float32)
@@ -179,7 +187,10 @@ def bled(surfaces: Surfaces, met: Sequence[tuple[np.ndarray, np.ndarray]]) -> np
 
 
 def times(core: InCore, pace: Pace, plain: bool, say: Say) -> list[Turn]:
-    """Table 2, Table 3 and Fig. 8: rays of all kinds, near and far; `plain`: by the plans that remember nothing too."""
+    """Measure Table 2, Table 3 and Fig. 8: rays of all kinds, near and far.
+
+    `plain` : whether the plans without state are measured too
+    """
     turns = []
     for walk in core.place.walks:
         methods = [core.culling(), *(core.plain() if plain else [])]
@@ -188,7 +199,7 @@ def times(core: InCore, pace: Pace, plain: bool, say: Say) -> list[Turn]:
 
 
 def randomisation(core: InCore, pace: Pace, say: Say) -> list[Turn]:
-    """Table 5: AO and diffuse rays near by, whose directions are rotated from pixel to pixel by more and more."""
+    """Measure Table 5: AO and diffuse rays in the near walk, with growing rotations from pixel to pixel."""
     near, turns = core.place.walks[0], []
     for sampler in SAMPLERS:
         turns += walk_through(core, near, [core.culling()], (AO, DIFFUSE), sampler, pace, say)
@@ -196,7 +207,7 @@ def randomisation(core: InCore, pace: Pace, say: Say) -> list[Turn]:
 
 
 def aggressive(core: InCore, pace: Pace, say: Say) -> list[Turn]:
-    """Table 4: diffuse rays, of which a few in each tile are neglected."""
+    """Measure Table 4: diffuse rays in aggressive mode."""
     turns = []
     for walk in core.place.walks:
         methods = [core.culling(threshold) for threshold in THRESHOLDS]
@@ -205,28 +216,31 @@ def aggressive(core: InCore, pace: Pace, say: Say) -> list[Turn]:
 
 
 def of(turns: Iterable[Turn], **fields) -> list[Turn]:
-    """The turns with these values, in the order of their frames."""
+    """The turns whose fields have these values, in the order of their frames."""
     return [turn for turn in turns if all(getattr(turn, name) == value for name, value in fields.items())]
 
 
 def rows_of(turns: Iterable[Turn], *fields: str) -> list[dict]:
-    """The values that some fields have together, in order of appearance."""
+    """The distinct combinations of values of some fields, in order of appearance."""
     return [dict(zip(fields, values)) for values in dict.fromkeys(tuple(getattr(t, f) for f in fields) for t in turns)]
 
 
 def first(turns: list[Turn]) -> float | None:
-    """Seconds of the first frame of all; None: it is not among these."""
+    """Seconds of frame 0; None if it is not among the turns."""
     return next((t.seconds for t in turns if t.frame == 0), None)
 
 
 def later(turns: list[Turn]) -> list[Turn]:
-    """The turns after the first frame; that one if there is no other."""
+    """The turns after the first frame; the first one if there is no other."""
     return [t for t in turns if t.frame > 0] or turns
 
 
 def typical(turns: list[Turn], name: str = "seconds") -> float:
-    """The median over the frames after the first: of the seconds, of something told (0 if it is not), or of "before",
-    the seconds in no phase, which make cells and more."""
+    """The median over the frames after the first of a value.
+
+    `name` is "seconds", a statistic of CHC+RT (0 if there is none), or "before". "before" is the time outside all
+    phases, which includes making cells.
+    """
     return median(_value(turn, name) for turn in later(turns))
 
 
@@ -237,6 +251,6 @@ def _value(turn: Turn, name: str) -> float:
 
 
 def speedup(ours: list[Turn], theirs: list[Turn]) -> float:
-    """How many times as long another method takes in the frames in which it has its turn."""
+    """The time of another method relative to ours, in the frames in which it takes part."""
     frames = {t.frame for t in later(theirs)}
     return typical(theirs) / median(t.seconds for t in ours if t.frame in frames)

@@ -1,4 +1,4 @@
-"""Figures 7 and 8 of the paper on CHC+RT: curves frame by frame, and bars of the phases."""
+"""Draws Figures 7 and 8 of the CHC+RT paper: curves frame by frame, and bars of the phases."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ _COLOURS = ("0.7", "tab:blue", "tab:orange", "tab:red")
 
 
 def write_plot(turns: list[Turn], path: Path) -> None:
-    """A row for each scene and view: bars on the left, curves on the right, a panel for each kind of rays."""
+    """Write a plot with a row for each scene and view: bars on the left, then curves, a panel for each kind of rays."""
     from matplotlib.figure import Figure
 
     walks, kinds = rows_of(turns, "scene", "view"), rows_of(turns, "kind")

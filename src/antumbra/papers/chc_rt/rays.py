@@ -1,6 +1,6 @@
-"""The rays of a frame by their kinds, and the methods that trace them: CHC+RT, and plain tracing from the root.
+"""The kinds of rays of a frame, and the methods that trace them: CHC+RT, and plain tracing from the root.
 
-Only tracing is timed: rays are made before, and what they meet is shaded by nobody.
+Times are of tracing only. Rays are made before, and their hits are not shaded.
 """
 
 from collections.abc import Iterator
@@ -29,46 +29,46 @@ from ...trace.rays import bounce
 from .views import Place
 
 PRIMARY, AO, DIFFUSE, SOFT = KINDS = ("primary", "AO", "diffuse", "soft shadows")
-PASSES, SPP = 20, 16  # rays a pixel of AO and diffuse light, and of soft shadows
-SAMPLER = "halton:36"  # of AO and diffuse rays
+PASSES, SPP = 20, 16  # rays for each pixel: of AO and of diffuse light; of soft shadows
+SAMPLER = "halton:36"  # sampler of AO and diffuse rays
 
 PLANS = {
     "bsah+single": KINDS,
     "bsah+packet16": (AO, SOFT),
     "bsah+multifrusta": (PRIMARY, AO, SOFT),
 }
-"""Plan -> the kinds of rays that it traces in a way of its own."""
+"""Plan -> the kinds of rays for which it has a method of its own."""
 
 Question = CameraRays | RayPass | ShadowQuery
 Answer = tuple[np.ndarray, ...]
-"""Of a shadow query (bits,); else (face, t), each pixel by pixel."""
+"""(bits,) for a shadow query; otherwise (face, t), one for each pixel."""
 
 
 class Asked(NamedTuple):
     """The rays of one frame."""
 
     camera: CameraRays
-    surfaces: Surfaces  # that the camera sees
-    shadows: dict[str, ShadowQuery]  # of AO and SOFT
-    directions: np.ndarray  # of each diffuse pass, see `query.diffuse.Passes`
+    surfaces: Surfaces  # the surfaces that the camera sees
+    shadows: dict[str, ShadowQuery]  # AO and SOFT -> query
+    directions: np.ndarray  # directions of the diffuse passes, see `query.diffuse.Passes`
 
     @property
     def shape(self) -> tuple[int, int]:
         return self.camera.height, self.camera.width
 
     def questions(self, kind: str) -> Iterator[Question]:
-        """What a frame asks of a kind of rays, one after the other."""
+        """Yield the questions of a frame for a kind of rays, one after the other."""
         if kind == PRIMARY:
             yield self.camera
         elif kind == DIFFUSE:
-            for directions in self.directions:  # made one by one: all of them would take much memory
+            for directions in self.directions:  # one pass at a time, to save memory
                 rays = diffuse_rays(self.surfaces.gbuffer, self.shadows[AO].origins, directions)
                 yield rays._replace(skip=self.surfaces.ids.reshape(-1))
         else:
             yield self.shadows[kind]
 
     def rays(self, kind: str) -> int:
-        """How many rays a frame has of a kind."""
+        """The number of rays of a kind in a frame."""
         if kind == PRIMARY:
             return self.camera.width * self.camera.height
         query = self.shadows[SOFT if kind == SOFT else AO]
@@ -76,7 +76,7 @@ class Asked(NamedTuple):
 
 
 def asked_of(place: Place, camera: Camera, surfaces: Surfaces, sampler: str, threads: int) -> Asked:
-    """The rays that start at what a camera sees."""
+    """The camera's rays, and all rays that start at the surfaces it sees."""
     lights = [AmbientOcclusion(place.reach), place.light]
     samples = [light_samples(lights[0], PASSES, sampler), light_samples(lights[1], SPP)]
     queries = surface_queries(surfaces, lights, samples, threads=threads)
@@ -86,7 +86,7 @@ def asked_of(place: Place, camera: Camera, surfaces: Surfaces, sampler: str, thr
 
 @kernel
 def _pixel_rays(ticket, rays, origins, directions):
-    """Worker: the rays of rows of pixels."""
+    """Worker: make the rays of rows of pixels."""
     o = rays.origin
     y0 = take(ticket)
     while y0 >= 0:
@@ -99,7 +99,7 @@ def _pixel_rays(ticket, rays, origins, directions):
 
 
 def _camera_pass(rays: CameraRays, threads: int) -> RayPass:
-    """The rays of a camera, one a pixel."""
+    """The rays of a camera, one for each pixel."""
     m = rays.width * rays.height
     made = RayPass(np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.full(m, -1, np.int32))
     run(_pixel_rays, threads, new_ticket(rays.height, 8), rays, made.origins, made.directions)
@@ -107,7 +107,7 @@ def _camera_pass(rays: CameraRays, threads: int) -> RayPass:
 
 
 class Culling:
-    """CHC+RT, with what it saw in the frame before."""
+    """CHC+RT, with its state from the frame before."""
 
     def __init__(self, name: str, scheduled: Scheduled, threads: int):
         self.name, self.scheduled, self.threads, self.kinds = name, scheduled, threads, KINDS
@@ -123,7 +123,7 @@ class Culling:
 
 
 class Plain:
-    """A plan without memory, which begins at the root."""
+    """A plan that keeps no state and traces from the root."""
 
     def __init__(self, plan: str, bvh: Bvh, tree: BlockTree, threads: int):
         self.name, self.kinds, self.bvh, self.tree, self.threads = plan, PLANS[plan], bvh, tree, threads
@@ -151,7 +151,7 @@ def _bits(query: ShadowQuery, trace, threads: int) -> np.ndarray:
 
 
 def timed(method: Method, asked: Asked, kind: str) -> tuple[float, list[Answer]]:
-    """(seconds to trace the rays of a kind, what was found)."""
+    """(seconds to trace the rays of a kind, answers)."""
     seconds, found = 0.0, []
     for question in asked.questions(kind):
         start = perf_counter()
@@ -161,7 +161,7 @@ def timed(method: Method, asked: Asked, kind: str) -> tuple[float, list[Answer]]
 
 
 def differing(one: list[Answer], other: list[Answer]) -> int:
-    """To how many rays two methods gave different answers."""
+    """The number of rays for which two methods give different answers."""
     n = 0
     for a, b in zip(one, other, strict=True):
         if len(a) == 1:

@@ -1,6 +1,7 @@
-"""The same walkthroughs where only a part of the triangles is in memory [Mattausch et al. 2015, Sec. 5.4, Tables 3, 4].
+"""Measures walkthroughs out of core: only a part of the triangles is in memory.
 
-The policies come one after the other, since each may fill the memory; what the second reads, the system may still have.
+They are those of [Mattausch et al. 2015, Sec. 5.4, Tables 3 and 4]. The eviction policies run one after the other,
+because each may fill the memory. The system may still cache pages that the second one reads.
 """
 
 from collections.abc import Iterator
@@ -28,7 +29,7 @@ from .views import Place, Walk
 def out_of_core(
     place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say
 ) -> tuple[list[Turn], list[tuple[str, bytes]]]:
-    """(the turns of both policies, which are their methods; (frame, digest) of all answers)."""
+    """(the turns of both eviction policies, (frame, digest) of all answers). The method of a turn is its policy."""
     turns, digests = [], []
     for walk in place.walks:
         for policy in POLICIES:
@@ -42,7 +43,7 @@ def out_of_core(
 
 @contextmanager
 def _opened(place: Place, max_memory: int | None, threads: int) -> Iterator[Paged]:
-    """The store of a place, of which nothing is in memory yet."""
+    """The store of a place, with no chunk in memory."""
     if not is_paged(place.scene):
         raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
     renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
@@ -56,7 +57,7 @@ def _opened(place: Place, max_memory: int | None, threads: int) -> Iterator[Page
 
 
 def aggressive(place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say) -> list[Turn]:
-    """Table 4 where it matters most: diffuse rays, of which a few in each tile are neglected. The camera's are not."""
+    """Measure Table 4 out of core, where it matters most: diffuse rays in aggressive mode. Camera rays stay exact."""
     turns = []
     for walk in place.walks:
         pictures: list[np.ndarray] = []
@@ -69,8 +70,11 @@ def aggressive(place: Place, max_memory: int | None, threads: int, pace: Pace, s
 def _bleed_through(
     place: Place, walk: Walk, paged: Paged, threshold: int, pictures: list[np.ndarray], pace: Pace, say: Say
 ) -> list[Turn]:
-    """The turns of one threshold; `pictures`, of all frames, are made by 0 and compared with by the others, which go as
-    far."""
+    """The turns of one threshold.
+
+    Threshold 0 appends the picture of each frame to `pictures`. Other thresholds compare their pictures with these, in
+    the same frames.
+    """
     exact, threads = paged.accelerated.prepared, paged.threads
     by = Scheduled(exact.parts, exact.options._replace(threshold=threshold))
     name = tracer_name(threshold)
@@ -99,13 +103,13 @@ def _bleed_through(
 
 
 def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
-    """What has come and gone since then."""
+    """The paging counts since `before`."""
     after = paged.residency.paging
     return {name: b - a for name, a, b in zip(after._fields, before, after)}
 
 
 def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
-    """The turns of one policy, and digests of its answers."""
+    """(the turns of one policy, digests of its answers)."""
     policy, threads = paged.residency.policy, paged.threads
     method = Culling(policy, paged.accelerated.prepared, threads)
     turns: list[Turn] = []
@@ -116,7 +120,7 @@ def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
         asked: Asked | None = None
         for kind in KINDS:
             before, told = paged.residency.paging, told_by(method)
-            if asked is None:  # of the camera's rays: with the surfaces, whose triangles are in the chunks
+            if asked is None:  # the time of camera rays includes making the surfaces, whose triangles are in the chunks
                 began = perf_counter()
                 surfaces = paged.look(camera)
                 seconds = perf_counter() - began
@@ -133,6 +137,6 @@ def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
 
 
 def hit_rate(turns: list[Turn]) -> float:
-    """The share of the chunks that were wanted, and were in memory."""
+    """The share of requested chunks that were in memory."""
     wanted = sum(t.told["wanted"] for t in turns)
     return sum(t.told["cached"] for t in turns) / wanted if wanted else 1.0

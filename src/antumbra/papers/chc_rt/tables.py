@@ -1,4 +1,4 @@
-"""The tables of ``antumbra bench chc-rt``, beside the paper's."""
+"""Prints the tables of ``antumbra bench chc-rt``, beside the paper's."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from .measure import Turn
 from .rays import PLANS
 from .stores import hit_rate
 
-_WIDTH = 170  # characters
+_WIDTH = 170  # width of the tables, in characters
 _ROW = ("scene", "view", "kind")
 
 
@@ -27,7 +27,7 @@ def _paper(scene: str, *cells: str) -> tuple[str, ...]:
 
 
 def _print_times(turns: list[Turn]) -> None:
-    """Table 2."""
+    """Print Table 2."""
     table, best = [], 0.0
     for row in bench.rows_of(turns, *_ROW):
         ours = bench.of(turns, **row, method=bench.CHCRT)
@@ -55,13 +55,13 @@ def _print_times(turns: list[Turn]) -> None:
 
 
 def _told(turns: list[Turn]) -> Iterator[tuple[tuple[str, ...], list[Turn]]]:
-    """(first cells of a row, its turns) of what CHC+RT has told of."""
+    """(first cells of a row, its turns) for all turns that have statistics of CHC+RT."""
     for row in bench.rows_of([t for t in turns if t.told], *_ROW, "method"):
         yield _cells(row), bench.of(turns, **row)
 
 
 def _print_phases(turns: list[Turn]) -> None:
-    """Fig. 8 as a table."""
+    """Print Fig. 8 as a table."""
     table = []
     for row, mine in _told(turns):
         parts = [bench.typical(mine, phase) for phase in bench.PHASES]
@@ -73,7 +73,7 @@ def _print_phases(turns: list[Turn]) -> None:
 
 
 def _print_queries(turns: list[Turn]) -> None:
-    """Table 3."""
+    """Print Table 3."""
     names = "queries", "multi_queries", "traced pairs", "visible", "invisible"
     table = []
     for row, mine in _told(turns):
@@ -91,7 +91,7 @@ def _print_queries(turns: list[Turn]) -> None:
 
 
 def _print_randomisation(turns: list[Turn]) -> None:
-    """Table 5."""
+    """Print Table 5."""
     table = []
     for row in bench.rows_of(turns, *_ROW):
         mine = [bench.typical(bench.of(turns, **row, sampler=s)) for s in bench.SAMPLERS]
@@ -104,7 +104,7 @@ def _print_randomisation(turns: list[Turn]) -> None:
 
 
 def _print_aggressive(turns: list[Turn]) -> None:
-    """Table 4."""
+    """Print Table 4."""
     table = []
     for row in bench.rows_of(turns, "scene", "view", "method"):
         mine, exact = bench.of(turns, **row), bench.of(turns, **{**row, "method": bench.CHCRT})
@@ -129,7 +129,7 @@ def _print_aggressive(turns: list[Turn]) -> None:
 
 
 def _print_store(turns: list[Turn]) -> None:
-    """What is read, by both policies."""
+    """Print the chunks and bytes that both eviction policies read."""
     table = []
     for row, mine in _told(turns):
         begun, after = mine[0].told, bench.later(mine)

@@ -1,19 +1,22 @@
-"""The tracers ``chcrt:N``, which may neglect what few rays see [Mattausch et al. 2015, Sec. 7]: they are not exact."""
+"""The tracers ``chcrt:N`` of the aggressive mode [Mattausch et al. 2015, Sec. 7]. They are not exact.
+
+They leave out subtrees that few rays of a tile may meet.
+"""
 
 from ...chcrt.options import Options
 from ...methods import Tracer, by_culling
 
 THRESHOLDS = 0, 20, 100, 200
-"""Rays of a tile that may be neglected; 0: none, as `chcrt` does."""
+"""The most rays of a tile for which a subtree is left out; 0: none is left out, as in `chcrt`."""
 
 
 def tracer_name(threshold: int) -> str:
-    """The name of the tracer that may neglect so many rays of a tile."""
+    """The name of the tracer with this threshold."""
     return f"chcrt:{threshold}" if threshold else "chcrt"
 
 
 def find_aggressive(text: str) -> tuple[str, Tracer] | None:
-    """(name, tracer) of one of THRESHOLDS."""
+    """(name, tracer) of an aggressive tracer's name; None if it is no such name."""
     for n in THRESHOLDS[1:]:
         if text == tracer_name(n):
             about = f"as chcrt, but subtrees that at most {n} rays of a tile may meet are left out: not exact"

@@ -1,5 +1,7 @@
-"""What the benchmark of CHC+RT walks through: a street and a bird's eye view of the city; of other scenes a few steps
-from their own camera, and all of them from afar [Mattausch et al. 2015, Sec. 7].
+"""Walkthroughs of the CHC+RT benchmark [Mattausch et al. 2015, Sec. 7].
+
+The city has a walk along a street and a bird's eye view. Any other scene has a few steps from its own camera, and a
+view of the whole scene from afar.
 """
 
 from typing import NamedTuple
@@ -16,27 +18,27 @@ from .. import views
 from ..views import View, real_path, square
 
 REAL = ("sanmiguel_lite",)
-"""Folders of $ANTUMBRA_SCENES that are walked through where they are there."""
+"""Folders of $ANTUMBRA_SCENES that are measured if they exist."""
 
 CITY = "procedural:city?triangles="
-_EYE = 1.7  # metres above the street
-_LANE = 1.5  # beside its middle, where no cars are
-_FIRST, _LAST = 55.0, -5.0  # of the way along the street
-_CITY_REACH, _REACH = 2.0, 1 / 200  # how far AO rays go: metres, or of the scene's diagonal
-_STEP = 1 / 100  # of the diagonal, for a walk from a camera
+_EYE = 1.7  # height of the eye above the street, in metres
+_LANE = 1.5  # distance from the middle of the street, in metres; there are no cars here
+_FIRST, _LAST = 55.0, -5.0  # z of both ends of the walk along the street
+_CITY_REACH, _REACH = 2.0, 1 / 200  # length of AO rays: in metres, or as a share of the scene's diagonal
+_STEP = 1 / 100  # length of a walk from a camera, as a share of the diagonal
 _TURN = np.radians(15.0)
-_NEARER = 0.6  # of the distance from which all of a scene's bounding sphere is seen: most scenes are flat
+_NEARER = 0.6  # share of the distance from which the whole bounding sphere is visible: most scenes are flat
 
 
 class Walk(NamedTuple):
-    """A walkthrough: straight from one place to another."""
+    """A walkthrough along a straight line."""
 
     name: str  # "near" or "far"
     first: Camera
     last: Camera
 
     def camera(self, frame: int, frames: int) -> Camera:
-        """That of one of so many frames."""
+        """The camera of frame `frame` of `frames`."""
         share = frame / max(frames - 1, 1)
         a, b = self.first, self.last
         position, target = ((1.0 - share) * getattr(a, k) + share * getattr(b, k) for k in ("position", "target"))
@@ -44,27 +46,27 @@ class Walk(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A scene, and how it is walked through."""
+    """A scene and its walkthroughs."""
 
     name: str
     scene: Scene
     light: Light
-    reach: float  # of ambient occlusion, world units
+    reach: float  # radius of ambient occlusion, in world units
     walks: tuple[Walk, Walk]  # near and far
 
 
 def default_names(triangles: int) -> list[str]:
-    """What is walked through if nothing is named."""
+    """The scenes that are measured if none is named."""
     return [f"{CITY}{triangles}", *(name for name in REAL if real_path(name))]
 
 
 def named_view(name: str, size: tuple[int, int]) -> View:
-    """The view of a folder of $ANTUMBRA_SCENES, of a procedural scene, of a scene file or of a store."""
+    """The view of a folder of $ANTUMBRA_SCENES, a procedural scene, a scene file or a store."""
     return views.named_view(name, size, square(10), REAL)
 
 
 def check_in_memory(view: View) -> None:
-    """InputError if the scene is in a store."""
+    """Raise an InputError if the scene is in a store."""
     if is_paged(view.scene):
         raise InputError(f"{view.name}: is a store; name it with --store instead of --scene")
 
@@ -82,7 +84,7 @@ def place_of(view: View) -> Place:
 
 
 def _street(scene: Scene, size: tuple[int, int]) -> tuple[Camera, Camera]:
-    """Along the street that is nearest to the middle of the city."""
+    """The first and the last camera along the street that is nearest to the centre of the city."""
     low, high = scene.bounds
     blocks = round(float(high[0] - low[0]) / PITCH)
     x = _LANE + (PITCH / 2 if blocks % 2 else 0.0)
@@ -92,7 +94,7 @@ def _street(scene: Scene, size: tuple[int, int]) -> tuple[Camera, Camera]:
 
 
 def _steps(camera: Camera, length: float) -> tuple[Camera, Camera]:
-    """Ahead, and to the side with the eyes."""
+    """The camera, and the camera after a step ahead and a turn to the side."""
     ahead = camera.target - camera.position
     step = length / np.linalg.norm(ahead) * ahead
     position = camera.position + step
@@ -101,19 +103,19 @@ def _steps(camera: Camera, length: float) -> tuple[Camera, Camera]:
 
 
 def _nearer(camera: Camera) -> Camera:
-    """The camera, nearer to what it looks at."""
+    """The camera, moved nearer to its target."""
     position = camera.target + _NEARER * (camera.position - camera.target)
     return Camera(position, camera.target, camera.up, camera.vfov, camera.width, camera.height)
 
 
 def _turned(camera: Camera, centre) -> Camera:
-    """The camera after a part of a flight around a place."""
+    """The camera after it has flown a part of a circle around `centre`."""
     position = _around(camera.position, centre, camera.up)
     return Camera(position, camera.target, camera.up, camera.vfov, camera.width, camera.height)
 
 
 def _around(point, centre, up) -> np.ndarray:
-    """A point turned around an axis through another one."""
+    """A point, rotated around the axis `up` through `centre`."""
     axis, v = up / np.linalg.norm(up), point - centre
     along = np.dot(v, axis) * axis
     return centre + along + np.cos(_TURN) * (v - along) + np.sin(_TURN) * np.cross(axis, v)

@@ -1,1 +1,6 @@
-"""[Benthin and Wald 2009], as published: `frusta`, `cornerrays`, `frustaleaf`, `packet256`; its tables: `measure`."""
+"""Multi-frusta tracing as published [Benthin and Wald 2009].
+
+- frusta, cornerrays, frustaleaf: the tracers `multifrusta:...`
+- packet256: the packets of Sec. 5.2
+- measure, published, command: ``antumbra bench multi-frusta``
+"""

@@ -1,4 +1,4 @@
-"""``antumbra bench multi-frusta``: Tables 1 and 2, and Figure 6, of the paper on multi-frusta tracing."""
+"""``antumbra bench multi-frusta``: Tables 1 and 2, and Figure 6, of the multi-frusta paper."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,10 +27,11 @@ def multi_frusta(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Multi-frusta tracing beside packets: what is accessed, tested, and how long it takes [Benthin and Wald 2009].
+    """Multi-frusta tracing beside packets: accesses, tests and times [Benthin and Wald 2009].
 
-    One thread, 16 shadow rays a pixel to a square light. The paper's tracer and ours against packets of 16 rays (Table
-    1), three ways of frustum shrinking (Table 2), lights of 1/4 to 8 times the edge (Figure 6). All give the same bits.
+    Each run uses one thread and 16 shadow rays a pixel to a square light. Table 1 compares the paper's tracer and ours
+    with packets of 16 rays. Table 2 compares three ways of frustum shrinking. Figure 6 has lights of 1/4 to 8 times the
+    edge. All give the same bits.
 
     \b
     Examples

@@ -1,13 +1,13 @@
-"""The frusta of multi-frusta tracing as the paper has them: from each of 16 receivers to all of its samples.
+"""The frusta of the paper: one from each of 16 receivers to all of its samples [Benthin and Wald 2009, Sec. 4].
 
-A receiver's samples lie in a rectangle [a_low, a_high] x [b_low, b_high] of the light's patch, points base + a u + b v.
-The segments to its four corners are the *corner rays* [Benthin and Wald 2009, Sec. 4.2, 4.4], and the box of the
-samples bounds the directions for the traversal (Sec. 4.1). Lanes are receivers.
+A receiver's samples lie in a rectangle [a_low, a_high] x [b_low, b_high] of the light's patch, with points
+base + a u + b v. The segments to its four corners are the *corner rays* (Sec. 4.2, 4.4). The box of the samples bounds
+the directions for the traversal (Sec. 4.1). Lanes are receivers.
 
-Samples and corners are rounded: each lies off its true place on the patch, along every axis, by a few units in the last
-place of |base| + |u| + |v|. `OFF` is a bound of both together (16 units), and what a corner ray says holds for the
-samples only beyond what so small a shift can change. Where the samples do not lie on a rectangle (lists of lights,
-ambient light) `OFF` is infinite: corner rays say nothing, and only the box bounds the frusta.
+Rounding moves samples and corners off their exact positions on the patch. The error along every axis is a few units in
+the last place of |base| + |u| + |v|. `OFF` bounds both errors together (16 units). A corner ray culls samples only by a
+margin that exceeds this error. Lists of lights and ambient light have no rectangle. Then `OFF` is infinite, corner rays
+cull nothing, and only the box bounds the frusta.
 """
 
 from typing import NamedTuple
@@ -48,15 +48,15 @@ FRUSTA_FLOATS = 33 * 16
 
 
 class Frusta(NamedTuple):
-    """16 frusta: pointers to float32."""
+    """16 frusta, as pointers to float32."""
 
-    own: object  # rows of 16 lanes: the patch and rectangle, corner rays (x, y, z of each), their lengths, box
-    parameters: object  # (a, b) of the samples: rows of 16 samples, two a receiver
+    own: object  # float32 *, rows of 16 lanes: patch, rectangle, corner rays (x, y, z of each), their lengths, box
+    parameters: object  # float32 *, rows of 16 samples: a and b of each receiver's samples
 
 
 @kernel
 def _load_patches(query, shape, rays, own):
-    """The patch as each receiver sees it, and `OFF`."""
+    """Store the light's patch for each receiver, and `OFF`."""
     y0, x0 = first_pixel(rays.pixel, 0)
     for lane in range(16):
         there = lane if rays.rows >> lane & 1 else lowest_bit(rays.rows)
@@ -72,7 +72,7 @@ def _load_patches(query, shape, rays, own):
 
 @inlined
 def _corner(own, a, b, origins):
-    """Rays to the points (a, b) of the patches."""
+    """Directions from the receivers to the points (a, b) of the patches."""
     base, u, v = rows(own, _BASE, 16), rows(own, _U, 16), rows(own, _V, 16)
     point = Vec(fma(b, v.x, fma(a, u.x, base.x)), fma(b, v.y, fma(a, u.y, base.y)), fma(b, v.z, fma(a, u.z, base.z)))
     return minus(point, origins)
@@ -91,7 +91,7 @@ def _box_span(own):
 
 @inlined
 def _aim(own, tile):
-    """Corner rays and spans from the rectangles."""
+    """Compute corner rays and their lengths from the rectangles."""
     origins, span = rows(tile.origins, 0, 16), splat16(_F(0.0))
     for corner in range(4):
         a = load16(own, _A_LOW if corner & 1 == 0 else _A_HIGH)
@@ -105,14 +105,14 @@ def _aim(own, tile):
 
 @inlined
 def _range(values, there):
-    """(least, largest) of some of 16 numbers."""
+    """(least, largest) of those of 16 numbers whose lanes are set in the mask `there`."""
     far = _F(np.inf)
     return reduce_min(select(there, values, splat16(far))), reduce_max(select(there, values, splat16(-far)))
 
 
 @inlined
 def _bound_rectangle(frusta, r, samples):
-    """The rectangle of some samples (bits) of receiver r."""
+    """Store the rectangle of the samples (bits) of receiver r."""
     there = mask_from_bits16(samples)
     low, high = _range(load16(frusta.parameters, r * 32), there)
     put(frusta.own, _A_LOW + r, low)
@@ -124,7 +124,7 @@ def _bound_rectangle(frusta, r, samples):
 
 @inlined
 def _bound_directions(rays, frusta, r, samples):
-    """The box of some samples (bits) of receiver r, relative to it."""
+    """Store the box of the samples (bits) of receiver r, relative to the receiver."""
     there = mask_from_bits16(samples)
     for k in range(3):
         o = get(rays.tile.origins, 16 * k + r)
@@ -135,7 +135,7 @@ def _bound_directions(rays, frusta, r, samples):
 
 @kernel
 def make_frusta(query, samples, job, rays, own):
-    """The `Frusta` of a tile, to all samples of the chunk; `own`: memory for them."""
+    """Make the `Frusta` of a tile, to all samples of the chunk, in the memory `own`."""
     frusta = Frusta(own, ptr_at(ptr(samples.parameters), job.chunk * 512))
     if rays.rows != 0:
         _load_patches(query, job.shape, rays, own)
@@ -148,9 +148,9 @@ def make_frusta(query, samples, job, rays, own):
 
 @kernel
 def shrink(rays, frusta, which, directions, counters):
-    """Shrink the frusta `which` (bits, at least one) to the rays that are left [Sec. 5.3].
+    """Shrink the frusta `which` (bits, at least one) to their unblocked rays (Sec. 5.3).
 
-    Corner rays always (*CR*), the bounds of the directions only if asked for (*FS*).
+    This always shrinks the corner rays (*CR*). With `directions`, it shrinks the bounds of the directions too (*FS*).
     """
     while which != 0:
         r = lowest_bit(which)
@@ -165,6 +165,6 @@ def shrink(rays, frusta, which, directions, counters):
 
 @inlined
 def frusta_as_shafts(rays, frusta):
-    """`Shafts` of the 16 frusta."""
+    """The 16 frusta as `Shafts`."""
     o, low, high = rows(rays.tile.origins, 0, 16), rows(frusta.own, _D_LOW, 16), rows(frusta.own, _D_HIGH, 16)
     return Shafts(o.x, o.y, o.z, o.x, o.y, o.z, low.x, low.y, low.z, high.x, high.y, high.z)

@@ -1,13 +1,18 @@
-"""`multifrusta:paper`: multi-frusta tracing as published, beside which `multifrusta` is this package's own variant.
+"""`multifrusta:paper`: multi-frusta tracing as published [Benthin and Wald 2009, Sec. 3 and 4, Appendix A].
 
-16 frusta at once, each with one receiver as its origin and all of the light as its base, through a shallow tree
-[Benthin and Wald 2009, Sec. 3 and 4, Appendix A]; corner rays cull at leaves, and then 16 rays of one frustum are
-tested side by side. Frusta end when all their rays are blocked. Where it departs: either side of a triangle blocks
-(unless faces are culled), the left child is visited first, directions that contain zero need no second test (see
-`slabs`), and float32 decides only what is sure.
+The tracer `multifrusta` is this package's own variant. Here 16 frusta go through a shallow tree together. A frustum
+begins at one receiver, and its base is the whole light. At leaves, corner rays cull frusta; then 16 rays of one frustum
+are tested side by side. A frustum ends when all its rays are blocked.
 
-Three ways to go on with fewer rays than a frustum began with (Sec. 5.3, Table 2) are tracers of their own: rays against
-the boxes of leaves, smaller rectangles on the light, and smaller bounds of directions as well.
+Differences from the paper:
+
+- Either side of a triangle blocks, unless the query culls faces.
+- The left child is visited first.
+- Intervals of directions that contain zero need no second test (see `trace.slabs`).
+- Float32 decides only certain cases.
+
+Sec. 5.3 and Table 2 shrink frusta to their unblocked rays, in three ways. Each is a tracer: rays are tested against the
+boxes of leaves, rectangles on the light shrink, and bounds of directions shrink as well.
 """
 
 from functools import partial
@@ -41,16 +46,16 @@ from .frustaleaf import WORK, trace_block
 
 
 class Shrinking(NamedTuple):
-    """What is done about rays that are blocked already."""
+    """How a frustum shrinks to its unblocked rays (Sec. 5.3)."""
 
-    leaf_boxes: bool = False  # rays are tested against the boxes of leaves (*Ray-AABB*)
-    corners: bool = False  # after each leaf corner rays are taken from the rays that are left (*CR*)
-    directions: bool = False  # the bounds of directions too (*FS*)
+    leaf_boxes: bool = False  # test rays against the boxes of leaves (*Ray-AABB*)
+    corners: bool = False  # after a leaf, compute corner rays from the unblocked rays (*CR*)
+    directions: bool = False  # compute the bounds of directions from them too (*FS*)
 
 
 @inlined
 def open_frusta(rays):
-    """Bits of the frusta that have a ray left."""
+    """Bits of the frusta that have an unblocked ray."""
     alive, left_rows = np.int64(0), rays.rows
     while left_rows != 0:
         r = lowest_bit(left_rows)
@@ -62,7 +67,7 @@ def open_frusta(rays):
 
 @kernel
 def _reach_box(tree, place, mask, rays, counters):
-    """Those of the frusta in `mask` that have a ray left which meets a leaf's box."""
+    """Bits of the frusta in `mask` with an unblocked ray that meets a leaf's box."""
     reached, box = np.int64(0), (place >> 4) * 16 + (place & 1)
     while mask != 0:
         r = lowest_bit(mask)
@@ -80,7 +85,7 @@ def _reach_box(tree, place, mask, rays, counters):
 
 @kernel
 def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
-    """Trace the frusta from where they are; whether they must go on with new bounds or when some rays are settled."""
+    """Continue the traversal. Return whether it must go on, with new bounds or after deferred tests are settled."""
     alive = open_frusta(rays)
     slabs = slabs_of(frusta_as_shafts(rays, frusta), alive)
     at = next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
@@ -105,7 +110,7 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
 
 @kernel
 def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking):
-    """Worker: tiles."""
+    """Worker: trace tiles."""
     scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
     own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))

@@ -1,9 +1,11 @@
 """A block of triangles against 16 frusta, one triangle at a time [Benthin and Wald 2009, Sec. 4.2, Fig. 2].
 
-First the triangle against all frusta side by side: which side of its plane the receiver and the light are on, which is
-backface culling where only one side blocks; then the four corner rays against its edges. The receivers' side of the
-plane says which sign the edge functions of a hit have, so one edge with all corner rays on the wrong side culls; where
-float32 cannot say it, two edges with opposite signs do. Then, for every frustum that is left, its 16 rays.
+1. The triangle is tested against all frusta side by side. The test finds the sides of its plane that the receiver and
+   the light are on. This culls back faces if only one side blocks.
+2. The four corner rays are tested against its edges. The receiver's side of the plane gives the sign of a hit's edge
+   functions. So one edge with all corner rays on the wrong side culls a frustum. If float32 cannot tell the side, two
+   edges with opposite signs cull it.
+3. The 16 rays of every remaining frustum are tested.
 """
 
 from typing import NamedTuple
@@ -22,14 +24,14 @@ from .cornerrays import CORNERS, OFF, SPAN
 
 _F = np.float32
 _ZERO = _F(0.0)
-WORK = LANES  # float32 of scratch memory
+WORK = LANES  # float32 words of scratch memory
 
 
 class Leaf(NamedTuple):
-    """What a block did to the frusta: bits."""
+    """The frusta that a block changed."""
 
-    done: int  # of those that have no ray left
-    struck: int  # of those that lost some and have some left
+    done: int  # bits of the frusta that have no unblocked ray left
+    struck: int  # bits of the frusta that lost a ray and have others left
 
 
 @inlined
@@ -39,13 +41,13 @@ def _scalars(p, at):
 
 @inlined
 def _triangle(block, i):
-    """`raytest.Triangle` i of a block."""
+    """Triangle i of a block, as a `raytest.Triangle`."""
     return triangle_along(_scalars(block, i), _scalars(block, 48 + i), _scalars(block, 96 + i))
 
 
 @inlined
 def _missed(frusta, lanes, triangle, wide, facing):
-    """mask16 of the frusta that surely miss a triangle."""
+    """mask16 of the frusta that certainly miss a triangle."""
     off, size, t, n = load16(frusta.own, OFF), triangle.size, lanes.t, lanes.n
     e = fma(off * wide, splat16(size * _F(18.1)), lanes.e)
     te = fma(off, splat16(size * size * _F(6.1)), lanes.te)
@@ -68,7 +70,7 @@ def _missed(frusta, lanes, triangle, wide, facing):
 
 @kernel
 def _cull(tree, slot, block, i, rays, frusta, facing, work):
-    """Bits of the frusta that may meet triangle i of a block; what their rays need is in `work`."""
+    """Bits of the frusta that may meet triangle i of a block. It stores the data for their ray tests in `work`."""
     own = bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
     origins, triangle = rows(rays.tile.origins, 0, 16), _triangle(block, i)
     lanes = seen_from(origins, load16(frusta.own, SPAN), triangle)
@@ -83,7 +85,7 @@ def _cull(tree, slot, block, i, rays, frusta, facing, work):
 
 @inlined
 def _test_frustum(slot, rays, r, facing, work, aside, counters):
-    """Test the rays of frustum r against a triangle; bits of those that it blocks."""
+    """Test the rays of frustum r against a triangle; return the bits of the rays that it blocks."""
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(directions_of(rays, r), kept_lane(work, r), facing)
     left = open_rays(rays, r)
@@ -94,7 +96,7 @@ def _test_frustum(slot, rays, r, facing, work, aside, counters):
 
 @kernel
 def trace_block(tree, code, mask, rays, frusta, facing, work, aside, counters):
-    """Test the frusta in `mask` against a block; the `Leaf`. `rays`: by sample."""
+    """Test the frusta in `mask` against a block; return the `Leaf`. The lanes of `rays` are samples."""
     block, done, struck = ptr_at(tree.blocks, (code >> 5) * (ROWS * 16)), np.int64(0), np.int64(0)
     for i in range(code & 31):
         slot = np.int64(get(tree.slots, (code >> 5) * 16 + i))

@@ -1,11 +1,12 @@
-"""The tables of "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009], measured here.
+"""Measures tables of "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009].
 
-Table 1: how much less multi-frusta tracing accesses and tests than packets of 16 rays, and how much faster it is.
-Table 2: three ways of frustum shrinking. Figure 6: lights from 1/4 to 8 times the edge.
+- Table 1: accesses, tests and time of multi-frusta tracing, compared with packets of 16 rays.
+- Table 2: three ways of frustum shrinking.
+- Figure 6: lights from 1/4 to 8 times the edge.
 
-The light is a level square whose edge is 1/40 of the scene's diagonal. Counts are of shadow rays only, 16 samples a
-pixel; the paper's include primary rays. Times are processor times of one thread, of tracing alone, in turns. They do
-not hold what a scene's tree costs.
+The light is a level square whose edge is 1/40 of the scene's diagonal. Counts include shadow rays only, 16 samples a
+pixel; the paper's include primary rays. Times are processor times of one thread. They are of tracing alone, without
+building trees. Tracers take turns.
 """
 
 import statistics
@@ -34,37 +35,37 @@ BASELINES = TABLE1[:2]
 TABLE2 = ("multifrusta:paper", "multifrusta:leaf-boxes", "multifrusta:corners", "multifrusta:full")
 FIGURE6 = ("multifrusta:paper", "multifrusta")
 SIZES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Edges of the light in Figure 6, by the usual one."""
+"""Edges of the light in Figure 6, relative to the usual one."""
 
 REAL = ("sponza_crytek", "bart_robots")
-EDGE = 40  # parts of the scene's diagonal
+EDGE = 40  # the usual edge of the light is 1 / EDGE of the scene's diagonal
 
 Rows = dict[str, dict[str, float]]
-"""Tracer -> its counters, and "seconds" where it was timed."""
+"""Tracer -> its counters, and "seconds" if it was timed."""
 
 
 class Case(NamedTuple):
-    """A scene with what is asked of it."""
+    """A scene that is prepared for all tracers."""
 
     name: str
     triangles: Triangles
     gbuffer: GBuffer
-    prepared: dict[str, object]  # tracer -> what it traces
-    light: QuadLight  # of the usual size
+    prepared: dict[str, object]  # tracer -> its acceleration structure
+    light: QuadLight  # the light of the usual size
 
 
 def default_names() -> list[str]:
-    """The paper's two scenes as far as they are there, and a procedural one."""
+    """The scenes in `REAL` that exist, and a procedural scene."""
     return [*(name for name in REAL if real_path(name)), "forest"]
 
 
 def quad_view(name: str, size: tuple[int, int]) -> View:
-    """The view of a scene's name, its light a square."""
+    """The view of a named scene, with a square light."""
     return named_view(name, size, square(EDGE), REAL)
 
 
 def case_of(view: View) -> Case:
-    """A scene prepared for every tracer that walks a BVH.
+    """Prepare a view for every tracer of the tables.
 
     Raises
     ------
@@ -95,19 +96,19 @@ def query_of(case: Case, size: float = 1.0) -> ShadowQuery:
 
 
 def answer(case: Case, tracer: str, query: ShadowQuery, counters: np.ndarray | None = None) -> np.ndarray:
-    """(h, w, 1) uint64 bits by a tracer, in one thread."""
+    """(h, w, 1) uint64: the bits of a query by a tracer, in one thread."""
     bits = np.zeros((*query.sides.shape, 1), np.uint64)
     TRACERS[tracer].trace(case.prepared[tracer], query, bits, 1, counters, None)
     return bits
 
 
 def measure(case: Case, tracers: tuple[str, ...], query: ShadowQuery, rounds: int) -> Rows:
-    """Counters and median seconds of tracers, which take their turns; without seconds if there are no rounds.
+    """Measure counters and median seconds of tracers, which take turns. Without rounds there are no seconds.
 
     Raises
     ------
     RuntimeError
-        If two of them give different bits.
+        If two tracers give different bits.
     """
     results: Rows = {}
     seconds: dict[str, list[float]] = {t: [] for t in tracers}
@@ -117,7 +118,7 @@ def measure(case: Case, tracers: tuple[str, ...], query: ShadowQuery, rounds: in
         if not np.array_equal(answer(case, tracer, query, counters), truth):
             raise RuntimeError(f"{case.name}: {tracer} and {tracers[0]} give different bits")
         results[tracer] = as_dict(counters)
-        answer(case, tracer, query)  # compiles
+        answer(case, tracer, query)  # compile the kernels without counters
     for _ in range(rounds):
         for tracer in tracers:
             start = time.thread_time()
@@ -127,7 +128,7 @@ def measure(case: Case, tracers: tuple[str, ...], query: ShadowQuery, rounds: in
 
 
 def tables(case: Case, rounds: int, say: Callable[[str], None]) -> dict:
-    """ "table 1" and "table 2": Rows; "figure 6": edge of the light -> Rows."""
+    """Measure all tables of a case. "table 1" and "table 2" are Rows; "figure 6" maps edges of the light to Rows."""
     say(f"{case.name}, Table 1")
     one = measure(case, TABLE1, query_of(case), rounds)
     say(f"{case.name}, Table 2")

@@ -1,8 +1,8 @@
-"""`packet256`: 16 packets of 16 shadow rays together through the shallow tree.
+"""`packet256`: traces 16 packets of 16 shadow rays together through the shallow tree [Benthin and Wald 2009, Sec. 5.2].
 
-[Benthin and Wald 2009, Sec. 5.2]: at each node every active packet's rays are tested against both children, which makes
-two new masks of packets. The tree, corner culling and the ray tests at leaves are those of `multifrusta:paper`; only
-the traversal is replaced. A packet is one receiver's rays to its samples.
+At each node, the rays of every active packet are tested against both children. This gives two new masks of packets. The
+tree, corner culling and the ray tests at leaves are those of `multifrusta:paper`; only the traversal differs. A packet
+holds one receiver's rays to its samples.
 """
 
 import numpy as np
@@ -32,8 +32,8 @@ from .cornerrays import FRUSTA_FLOATS, make_frusta
 from .frusta import open_frusta
 from .frustaleaf import WORK, trace_block
 
-_PACKET = 24 * 16  # float32: lines of the slabs, r and k each
-_WAYS = 4  # int32: whether all rays go the same ways, and each axis' near plane
+_PACKET = 24 * 16  # float32 words of a packet: r and k of its slab bounds
+_WAYS = 4  # int32 words of a packet: whether all rays have the same signs, and the near plane of each axis
 _ALL_PACKETS, _ALL_WAYS = 16 * _PACKET, 16 * _WAYS
 
 
@@ -63,7 +63,7 @@ def _mixed(packet, axis):
 
 @kernel
 def _prepare_packet(rays, r, packet, ways):
-    """Keep what the slab tests of packet r need."""
+    """Store the constants of the slab tests of packet r."""
     s = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), open_rays(rays, r))
     put(ways, 0, 1 if s.uniform else 0)
     if s.uniform:
@@ -87,7 +87,7 @@ def _prepare(rays, alive, packets, ways):
 
 @inlined
 def _children(nodes, link, packet, ways):
-    """(bits of a packet's rays that meet the left child's box, of those that meet the right one's)."""
+    """(left, right): bits of a packet's rays that meet the box of each child."""
     if get(ways, 0) != 0:
         return children_uniform(
             nodes, link, _uniform(packet, ways, 0), _uniform(packet, ways, 1), _uniform(packet, ways, 2)
@@ -97,7 +97,7 @@ def _children(nodes, link, packet, ways):
 
 @inlined
 def _packets_in(tree, at, rays, packets, ways, counters):
-    """(bits of the packets that have a ray in the left child's box, of those in the right one's)."""
+    """(left, right): bits of the packets with an unblocked ray that meets the box of each child."""
     waiting, in_left, in_right = at.mask, np.int64(0), np.int64(0)
     count(counters, NODES, 1)
     while waiting != 0:
@@ -115,7 +115,7 @@ def _packets_in(tree, at, rays, packets, ways, counters):
 
 @kernel
 def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
-    """Trace the packets from where they are; whether they must go on when some rays are settled."""
+    """Continue the traversal. Return whether it must go on after deferred tests are settled."""
     alive = open_frusta(rays)
     at = popped(tree.links, saved(scratch.at, alive), scratch.stack, alive)
     while at.mask != 0:
@@ -135,7 +135,7 @@ def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
 
 @kernel
 def _trace_packets(ticket, arrays, query, samples, job, out, counters):
-    """Worker: tiles."""
+    """Worker: trace tiles."""
     scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
     own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     packets, ways = stack_f32(_ALL_PACKETS), stack_i32(_ALL_WAYS)

@@ -1,10 +1,10 @@
-"""What [Benthin and Wald 2009] published: the ranges over its scenes."""
+"""Figures that [Benthin and Wald 2009] published."""
 
 COLUMNS = ("triangles", "candidates", "box_tests", "triangle_tests")
-"""The paper's #tris, +culling, #AABB and #isec, as our counters name them."""
+"""Names of our counters for the paper's #tris, +culling, #AABB and #isec."""
 
 TABLE1 = ("1.9-3.7", "5.0-10.1", "14.1-23.8", "1.0-1.4", "3.3-6.1")
-"""How many times less than packets of 16 rays: each of COLUMNS, and seconds."""
+"""Ranges over the paper's scenes: packets of 16 rays divided by multi-frusta, for each of COLUMNS and for seconds."""
 
 TABLE2 = {
     "multifrusta:paper": "0 0 0 0",
@@ -12,4 +12,4 @@ TABLE2 = {
     "multifrusta:corners": "0 -14 0 -21",
     "multifrusta:full": "-8 -18 -2 -23",
 }
-"""Change of COLUMNS in %, in the scene T-Rex."""
+"""Changes of COLUMNS in per cent, in the scene T-Rex."""

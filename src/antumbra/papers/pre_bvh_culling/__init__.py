@@ -1,1 +1,1 @@
-"""[Selgrad et al. 2015], as published: `lines`; its tables and figures: `measure`, `plot`."""
+"""Pre-BVH culling as published [Selgrad et al. 2015]: `lines`. Its tables and figures: `measure`, `plot`."""

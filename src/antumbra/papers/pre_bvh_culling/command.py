@@ -1,4 +1,4 @@
-"""``antumbra bench pre-bvh-culling``: times to image with culling and without, and what grids cost."""
+"""``antumbra bench pre-bvh-culling``: times to image with culling and without, and the cost of grids."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +13,7 @@ from ...errors import InputError
 if TYPE_CHECKING:
     from .measure import GridRow, TimeToImage
 
-_WIDTH = 150  # of the tables, in characters
+_WIDTH = 150  # width of the tables, in characters
 
 
 def pre_bvh_culling(
@@ -90,7 +90,7 @@ def _ms(seconds: float) -> str:
 
 
 def _print_times(times: "list[TimeToImage]") -> None:
-    """Table 3, the paper's ratios to LBVH in brackets, and Figure 7's break-even points."""
+    """Print Table 3, with the paper's ratios to LBVH in brackets, and the break-even points of Figure 7."""
     from .measure import SAMPLES, break_even
     from .published import REMAINING, TIME_TO_IMAGE
 
@@ -115,7 +115,7 @@ def _print_times(times: "list[TimeToImage]") -> None:
 
 
 def _print_grids(rows: "list[GridRow]") -> None:
-    """Table 4, with the paper's share of the triangles and its time to mark cells in brackets."""
+    """Print Table 4, with the paper's share of the triangles and its time to mark cells in brackets."""
     from .published import GRIDS
 
     table = []

@@ -1,9 +1,10 @@
-"""The published way to mark cells [Selgrad et al. 2015, Sec. 3.2]: lines between cells, and their neighbours.
+"""Marks cells as published: along lines between cells, with all neighbours [Selgrad et al. 2015, Sec. 3.2].
 
-A line is walked from the middle of every source cell to the middle of every destination cell [Amanatides and Woo 1987],
-and each cell it meets is marked with its one-ring. That is conservative: a point of a segment between two cells is, on
-no axis, more than half a cell from the point of the line at the same share of its length. `swept` marks fewer cells,
-in less time; this is here to be compared with.
+The module walks a line from the centre of every source cell to the centre of every destination cell [Amanatides and Woo
+1987]. It marks each cell on the line with its one-ring. This is conservative. Take a point of a segment between two
+cells, and the point of the line at the same parameter. They are at most half a cell apart on each axis.
+
+The module `cull.swept` marks fewer cells in less time. This one serves for comparison.
 """
 
 import numpy as np
@@ -14,7 +15,7 @@ from ...kernels.parallel import new_ticket, run, take
 
 
 def _cells_of(boxes: np.ndarray, grid) -> np.ndarray:
-    """(m, 3) int64: the cells that (k, 2, 3) boxes overlap, each once."""
+    """(m, 3) int64: the cells that (k, 2, 3) boxes overlap, without repetitions."""
     held = np.zeros((grid.n,) * 3, np.bool_)
     ranges = np.empty(boxes.shape, np.int64)
     _write_ranges(boxes.astype(np.float32), grid, ranges)
@@ -34,7 +35,7 @@ def _write_ranges(boxes, grid, ranges):
 
 @inlined
 def _first_crossing(a, b):
-    """Of a line between the middles of cells a and b, on one axis: step, t of the first wall, t between walls."""
+    """(step, t of the first wall, t between walls) on one axis, for the line between the centres of cells a and b."""
     if a == b:
         return np.int64(0), np.inf, np.inf
     between = 1.0 / np.float64(abs(b - a))
@@ -43,7 +44,7 @@ def _first_crossing(a, b):
 
 @inlined
 def _walk(ax, ay, az, bx, by, bz, met):
-    """Mark the cells that the line from the middle of one cell to that of another meets; through an edge: all at it."""
+    """Mark the cells on the line from the centre of cell a to the centre of cell b."""
     sx, tx, dx = _first_crossing(ax, bx)
     sy, ty, dy = _first_crossing(ay, by)
     sz, tz, dz = _first_crossing(az, bz)
@@ -60,7 +61,7 @@ def _walk(ax, ay, az, bx, by, bz, met):
 
 @kernel
 def _walk_all(ticket, sources, ends, met):
-    """Worker: the lines from each source cell. All write 1, so it does not matter who comes first."""
+    """Worker: walk the lines from each source cell. All threads write 1, so their order does not matter."""
     i = take(ticket)
     while i >= 0:
         for k in range(len(ends)):
@@ -69,8 +70,10 @@ def _walk_all(ticket, sources, ends, met):
 
 
 def mark_lines(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:
-    """As `swept.mark_hulls`, for a grid that holds the targets too. The paper has no lights that move with the
-    receiver: for those, everything is marked."""
+    """Mark cells like `swept.mark_hulls`, for a grid that holds the targets too.
+
+    The paper has no lights that move with the receiver. For such lights, all cells are marked.
+    """
     if targets.relative:
         marked[:] = 1
         return

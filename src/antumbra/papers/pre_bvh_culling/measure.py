@@ -1,7 +1,7 @@
-"""The tables and the plot of the paper on pre-BVH culling [Selgrad et al. 2015, Tables 1 to 4, Fig. 7], measured here.
+"""Measures the tables and the plot of the pre-BVH culling paper [Selgrad et al. 2015, Tables 1 to 4, Fig. 7].
 
-Time to image is what the paper counts: culling, building and tracing, without the G-buffer and the shading. All
-methods trace with the same tracer, take their turns within each round, and the median of the rounds counts.
+As in the paper, time to image is the time of culling, building and tracing, without the G-buffer and the shading. All
+methods use the same tracer and take turns within each round. The median of the rounds counts.
 """
 
 from collections.abc import Callable, Iterable
@@ -21,9 +21,9 @@ from .lines import mark_lines
 from .published import METHODS
 from .views import CullingView
 
-SAMPLES = (1, 10, 100)  # a pixel and light
+SAMPLES = (1, 10, 100)  # samples for each pixel and light
 GRIDS = (16, 32, 64, 128, 256)
-PUBLISHED_GRIDS = (16, 32, 64)  # for which the published marking ends in a time that is worth waiting for
+PUBLISHED_GRIDS = (16, 32, 64)  # finer grids take too long with the published marking
 
 
 class TimeToImage(NamedTuple):
@@ -34,21 +34,21 @@ class TimeToImage(NamedTuple):
     cull: float
     build: float
     trace: dict[int, float]  # samples -> seconds
-    remaining: float  # share of the triangles that the BVH has
-    bits: bytes  # a digest of the answer
+    remaining: float  # share of the triangles that are in the BVH
+    bits: bytes  # digest of the answer
 
     def total(self, spp: int) -> float:
         return self.cull + self.build + self.trace[spp]
 
 
 class GridRow(NamedTuple):
-    """One grid in one view: seconds, and the share of the triangles that is left."""
+    """One grid in one view: seconds, and the share of the triangles that are left."""
 
     figure: str
-    grid: int
+    grid: int  # cells along an axis
     published: bool  # marked by lines, in a grid over the whole scene
-    remaining: float
-    steps: dict[str, float]  # of STEPS
+    remaining: float  # share of the triangles that are left
+    steps: dict[str, float]  # step of STEPS -> seconds
     build: dict[str, float]  # builder -> seconds
     trace: dict[str, float]  # builder -> seconds with one sample; empty if not measured
 
@@ -56,11 +56,11 @@ class GridRow(NamedTuple):
 def times_to_image(
     view: CullingView, tracer: str, threads: int, rounds: int, say: Callable[[str], None]
 ) -> list[TimeToImage]:
-    """Table 3 of one view; InputError if its camera sees nothing."""
+    """Measure Table 3 for one view; InputError if its camera sees nothing."""
     renderers = {m: Renderer(view.scene, f"{part}+{tracer}", threads) for m, part in METHODS.items()}
     seconds: dict[str, dict[Any, list[float]]] = {m: {} for m in METHODS}
     bits: dict[str, bytes] = {}
-    for turn in range(-1, rounds):  # the first is only to be ready
+    for turn in range(-1, rounds):  # the first turn only warms up
         for method, renderer in renderers.items():
             for spp in SAMPLES if turn >= 0 else SAMPLES[:1]:
                 say(f"{view.figure}, {method}, {spp} samples, round {max(turn, 0) + 1} of {rounds}")
@@ -95,7 +95,7 @@ def _remaining(view, renderer) -> float:
 
 
 def grid_rows(view: CullingView, tracer: str, threads: int, rounds: int, say: Callable[[str], None]) -> list[GridRow]:
-    """Table 4 of one view: our grids, and those marked as published."""
+    """Measure Table 4 for one view: our grids, and grids that are marked as published."""
     renderers = {b: Renderer(view.scene, f"{b}+{tracer}", threads) for b in ("lbvh", "tl-lbvh")}
     triangles, queries = _queries(view, renderers["lbvh"], 1)
     rows = []
@@ -117,7 +117,7 @@ def grid_rows(view: CullingView, tracer: str, threads: int, rounds: int, say: Ca
 
 
 def _steps(triangles, queries, threads, n, options) -> dict[str, float]:
-    """Seconds of each step of culling once."""
+    """Cull once; return the seconds of each step."""
     last, seconds = perf_counter(), dict.fromkeys(STEPS, 0.0)
 
     def lap(step: str) -> None:
@@ -131,7 +131,7 @@ def _steps(triangles, queries, threads, n, options) -> dict[str, float]:
 
 
 def _traced(renderer, builder, triangles, culled, queries) -> tuple[float, float]:
-    """Seconds to build a BVH of what is left, and to trace the queries."""
+    """(seconds to build a BVH of the triangles that are left, seconds to trace the queries)."""
     start = perf_counter()
     ready = renderer.build(triangles, culled)
     built = perf_counter()
@@ -141,12 +141,15 @@ def _traced(renderer, builder, triangles, culled, queries) -> tuple[float, float
 
 
 def seconds_a_sample(t: TimeToImage) -> float:
-    """What each further sample costs."""
+    """Seconds of each further sample."""
     return (t.trace[SAMPLES[-1]] - t.trace[SAMPLES[0]]) / (SAMPLES[-1] - SAMPLES[0])
 
 
 def break_even(slow: TimeToImage, fast: TimeToImage) -> float:
-    """With how many samples the method that builds more slowly has caught up; inf if it never does (Fig. 7)."""
+    """The number of samples from which `slow` is as fast as `fast`; inf if it never is (Fig. 7).
+
+    `slow` takes longer to build.
+    """
     first = SAMPLES[0]
     behind = slow.total(first) - fast.total(first)
     gain = seconds_a_sample(fast) - seconds_a_sample(slow)
@@ -156,7 +159,7 @@ def break_even(slow: TimeToImage, fast: TimeToImage) -> float:
 
 
 def mean_rows(rows: Iterable[GridRow]) -> list[GridRow]:
-    """The means over all views, grid by grid."""
+    """The means over all views, for each grid."""
     rows, found = list(rows), []
     for published in (False, True):
         for n in GRIDS:

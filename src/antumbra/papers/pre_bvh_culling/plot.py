@@ -1,4 +1,4 @@
-"""Figure 7 of the paper on pre-BVH culling: time to image over samples, normalised to BSAH."""
+"""Draws Figure 7 of the pre-BVH culling paper: time to image over samples, relative to BSAH."""
 
 from pathlib import Path
 
@@ -9,14 +9,14 @@ from .measure import SAMPLES, TimeToImage, break_even, seconds_a_sample
 
 
 def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
-    """Seconds to an image with any number of samples: straight lines between those measured, and on after the last."""
+    """Time to image in seconds for any number of samples, by linear interpolation and extrapolation."""
     traced = np.array([t.trace[s] for s in SAMPLES])
     beyond = np.maximum(spp - SAMPLES[-1], 0) * seconds_a_sample(t)
     return t.cull + t.build + np.interp(spp, SAMPLES, traced) + beyond
 
 
 def write_plot(times: list[TimeToImage], path: Path) -> None:
-    """One panel for each view; dots where BSAH has caught up with a method."""
+    """Write a plot with a panel for each view. A dot marks where BSAH breaks even with a method."""
     from matplotlib.figure import Figure
 
     figures = list(dict.fromkeys(t.figure for t in times))

@@ -1,4 +1,4 @@
-"""What the paper on pre-BVH culling measured on its GPU [Selgrad et al. 2015, Tables 1 to 4]; milliseconds."""
+"""Figures that the pre-BVH culling paper measured on a GPU [Selgrad et al. 2015, Tables 1 to 4], in milliseconds."""
 
 METHODS = {
     "LBVH": "lbvh",
@@ -7,7 +7,7 @@ METHODS = {
     "TL-LBVH culled": "grid32+tl-lbvh",
     "BSAH": "bsah",
 }
-"""The paper's name -> the same as part of a plan."""
+"""The paper's name of a method -> part of a plan."""
 
 TIME_TO_IMAGE = {
     "Figure 3": {
@@ -39,10 +39,10 @@ TIME_TO_IMAGE = {
         "BSAH": (0.0, 879.400, 9.041, 888.441, 969.810, 1783.500),
     },
 }
-"""Table 3: of each view and method, cull, build, trace with 1 sample, and the sum with 1, 10 and 100 samples."""
+"""Table 3: view -> method -> times of culling, building, tracing 1 sample, and sums with 1, 10 and 100 samples."""
 
 REMAINING = {"Figure 3": 0.45, "Figure 4": 0.60, "Figure 5": 0.60, "Figure 6": 0.04}
-"""Captions of Figures 3 to 6: the share of the triangles that is left."""
+"""Captions of Figures 3 to 6: the share of the triangles that are left."""
 
 GRIDS = {
     16: (0.34, 0.319, 0.074, 4.323, 4.716, 15.464, 15.430, 95.601, 11.496),
@@ -51,5 +51,5 @@ GRIDS = {
     128: (0.17, 0.904, 11.880, 8.515, 21.299, 8.989, 12.889, 49.942, 10.095),
     256: (0.16, 2.995, 534.021, 16.388, 553.404, 8.458, 12.538, 46.145, 9.874),
 }
-"""Table 4: of each grid, the share left; sources, marking, triangles and all of culling; build and trace with LBVH, and
-with TL-LBVH."""
+"""Table 4: grid -> (share of the triangles that are left, then times). The times are of sources, marking, triangles and
+all culling; of building and tracing with LBVH; of building and tracing with TL-LBVH."""

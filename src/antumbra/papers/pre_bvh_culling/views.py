@@ -1,4 +1,4 @@
-"""The four views of the paper on pre-BVH culling, as near as can be told from its pictures."""
+"""The four views of the pre-BVH culling paper, reconstructed from its pictures."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +18,7 @@ _SPONZA = {
     "Figure 4": ((1180.0, 230.0, -40.0), (-1100.0, 150.0, 20.0)),
     "Figure 5": ((-1020.0, 640.0, 420.0), (700.0, 520.0, 330.0)),
 }
-"""Figure -> position and target of the camera: along the court, all of it, and in the upper gallery."""
+"""Figure -> position and target of the camera: along the court, over the whole court, and in the upper gallery."""
 
 
 class CullingView(NamedTuple):
@@ -33,8 +33,8 @@ class CullingView(NamedTuple):
 def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: int) -> list[CullingView]:
     """The views of Figures 3 to 5, in Crytek's Sponza, and of Figure 6, in a procedural cellar.
 
-    Without Sponza (a file whose units are centimetres; or $ANTUMBRA_SCENES/sponza_crytek/scene.glb) the first three
-    are one view of the procedural atrium, with as many triangles.
+    Sponza is a file in centimetres, or $ANTUMBRA_SCENES/sponza_crytek/scene.glb. Without it, one view of the procedural
+    atrium, with as many triangles, takes the place of the first three.
     """
     cellar = procedural("cellar", triangles=cellar_triangles)
     last = CullingView("Figure 6", cellar, cellar.cameras[0].resized(*size), list(cellar.lights))
@@ -49,7 +49,7 @@ def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: 
 
 
 def _in_sponza(figure: str, scene: Scene, size) -> CullingView:
-    """Two area lights: a large one over the open roof, and a smaller one behind the camera."""
+    """A view in Sponza, with two area lights: a large one over the open roof, and a smaller one behind the camera."""
     position, target = (np.array(p) for p in _SPONZA[figure])
     above = QuadLight((-900.0, 1400.0, -250.0), (1800.0, 0.0, 0.0), (0.0, 0.0, 450.0), intensity=2e6)
     ahead = (target - position) / np.linalg.norm(target - position)

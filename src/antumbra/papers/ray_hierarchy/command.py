@@ -1,4 +1,4 @@
-"""``antumbra bench ray-hierarchy``: what hierarchies over the rays visit, and how long they take."""
+"""``antumbra bench ray-hierarchy``: nodes that ray hierarchies visit, and their times."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +13,7 @@ from ..views import open_view
 if TYPE_CHECKING:
     from .measure import Cost, Seen, Spread
 
-_WIDTH = 170  # of the tables, in characters
+_WIDTH = 170  # width of the tables, in characters
 
 
 def ray_hierarchy(
@@ -42,10 +42,10 @@ def ray_hierarchy(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Ray hierarchies: nodes, times and how they vary [Olsson and Assarsson 2011].
+    """Ray hierarchies: nodes, times and their variation [Olsson and Assarsson 2011].
 
-    One point light, one shadow ray for each pixel. The variants of the report's Table 1 and ours, over the frames of
-    BART's robots and in views of its museum (Figures 6 and 7, Table 2), and in still scenes.
+    There is one point light, and one shadow ray for each pixel. It measures the variants of the report's Table 1 and
+    ours. The scenes are the frames of BART's robots and views of its museum (Figures 6 and 7, Table 2), and still ones.
 
     \b
     Examples
@@ -106,7 +106,7 @@ def _ms(seconds: float) -> str:
 
 
 def _print_pictures(seen: "list[Seen]", costs: "list[Cost]") -> None:
-    """Figures 6 and 7 as tables."""
+    """Print Figures 6 and 7 as tables."""
     from .measure import PLANS, of
 
     asked = [(s.picture, f"{s.triangles:,}", f"{s.rays:,}", f"{100 * s.blocked / s.rays:.0f}") for s in seen]
@@ -131,7 +131,7 @@ def _print_pictures(seen: "list[Seen]", costs: "list[Cost]") -> None:
 
 
 def _print_museum(costs: "list[Cost]") -> None:
-    """Table 2, the report's figures in brackets."""
+    """Print Table 2, with the report's figures in brackets."""
     from . import published as paper
     from .measure import of
 
@@ -152,7 +152,7 @@ def _print_museum(costs: "list[Cost]") -> None:
 
 
 def _print_claims(seen: "list[Seen]", costs: "list[Cost]", spreads: "list[Spread]") -> None:
-    """What the text says about the figures."""
+    """Print our figures for the claims of the report's text."""
     from . import measure as bench
     from . import published as paper
 
@@ -179,7 +179,7 @@ def _print_claims(seen: "list[Seen]", costs: "list[Cost]", spreads: "list[Spread
 
 
 def _print_spreads(spreads: "list[Spread]") -> None:
-    """How much the times of Figure 6(b) vary."""
+    """Print the variation of the times of Figure 6(b)."""
     if not spreads:
         print("No animation is looked at, so nothing is said about how times vary (Figure 6b)\n")
         return

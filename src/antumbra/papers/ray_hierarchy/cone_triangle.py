@@ -1,9 +1,12 @@
-"""A triangle against cones: the precise test, the sphere test, and which cones are covered [Olsson and Assarsson 2011].
+"""Tests a triangle against cones: the precise test, the sphere test, and the test for covered cones.
 
-With c = n . w the farthest that a cone of half-angle a goes along a unit vector n is cos(acos(c) - a) of a ray's
-length, c cos a + sqrt(1 - c^2) sin a, or all of it if n is in the cone. So a plane is tested without a projection, and
-the distances of Sec. 3.2 come out: -c / sin a is an edge's distance from the unit circle's centre. What rounding can
-cost is added to the side of "perhaps".
+They are those of [Olsson and Assarsson 2011, Sec. 3.2 and 3.3]. Let n be a unit vector, w and a the axis and half-angle
+of a cone, and c = n . w. The largest extent of the cone along n, as a share of a ray's length, is
+
+    cos(acos(c) - a) = c cos a + sqrt(1 - c^2) sin a
+
+or 1 if n is in the cone. So a plane is tested without a projection. The distances of Sec. 3.2 follow: -c / sin a is an
+edge's distance from the centre of the unit circle. Tests are conservative: error bounds make a cone "possible".
 """
 
 import numpy as np
@@ -16,18 +19,19 @@ from ...rayhierarchy.planes import sphere_of
 from ...rayhierarchy.rows import COVERS, INNER, OUTER, number16, put_number, put_whole, whole
 
 SPHERE, DIRECTIONS, EXACT = 32, 37, 46
-"""Where a row has the sphere around a triangle (unit vector to its centre, radius in units of the centre's distance,
-distance of what is nearest in it), the unit vectors to the corners, and whether all rays end in the apex."""
+"""Places in a row. SPHERE: the triangle's bounding sphere. It has the unit vector to its centre, its radius relative to
+the centre's distance, and the distance of its nearest point. DIRECTIONS: the unit vectors to the corners. EXACT:
+whether all rays end in the apex."""
 
 _F = np.float32
-_E = _F(2.0**-20)  # above the rounding of products of unit vectors
-TINY = np.float64(1e-30)  # vectors shorter than it have no direction
-_NEAR = _F(2.0**-10)  # a corner so near to a cone's axis is in it, or says nothing
+_E = _F(2.0**-20)  # exceeds the rounding error of products of unit vectors
+TINY = np.float64(1e-30)  # shorter vectors have no direction
+_NEAR = _F(2.0**-10)  # a corner that is nearer to a cone's axis gives no tangential plane
 
 
 @inlined
 def unit_of(v):
-    """(v / |v|, |v|); a vector of no length stays as it is."""
+    """(v / |v|, |v|); a vector without length becomes 0."""
     length = np.sqrt(dot3(v, v))
     s = 1.0 / length if length > TINY else np.float64(0.0)
     return (v[0] * s, v[1] * s, v[2] * s), length
@@ -45,7 +49,7 @@ def _put_plane(row, at, plane):
 
 @kernel
 def write_cone_row(view, shape, row):
-    """Write the row of a triangle's `Shape`; it may block something of any cone."""
+    """Write the row of a triangle's `Shape`. Return True: no triangle is rejected here."""
     corners = shape.a, shape.b, shape.c
     for k in range(4):
         _put_plane(row, OUTER + 4 * k, shape.outer[k])
@@ -68,20 +72,20 @@ def write_cone_row(view, shape, row):
 
 @inlined
 def _along(group, ways, row, at):
-    """f32x16: n . w of the vector at a place of a row."""
+    """f32x16: n . w of the vector n at index `at` of a row."""
     y = fma(load16(group, ways), number16(row, at + 1), load16(group, 2 * ways) * number16(row, at + 2))
     return fma(load16(group, 0), number16(row, at), y)
 
 
 @inlined
 def _sine(c):
-    """f32x16: at least sqrt(1 - c^2)."""
+    """f32x16: an upper bound of sqrt(1 - c^2)."""
     return square_root(maximum(_F(1.0) - c * c, _F(0.0)) + _E)
 
 
 @inlined
 def _may_reach(group, ways, row, at):
-    """mask16 of the cones that have a ray end where the outer plane at a place of a row is not negative."""
+    """mask16 of the cones that may have a ray end on the positive side of the outer plane at index `at` of a row."""
     c, cos, sin = _along(group, ways, row, at), load16(group, 3 * ways), load16(group, 4 * ways)
     k = select(c >= cos - _E, splat16(_F(1.0)), fma(c, cos, _sine(c) * sin)) + _E
     m = number16(row, at + 3)
@@ -103,9 +107,10 @@ def _meets_sphere(group, ways, row):
 
 @inlined
 def _beside(cos, sin, p, length, z, others, heights):
-    """mask16 of the cones that the tangential plane towards a corner parts from all corners (Fig. 4b).
+    """mask16 of the cones that the tangential plane towards a corner separates from all corners (Fig. 4b).
 
-    p, z : the corner's direction, across the axis and along it; others, heights: those of all three
+    p, z : the corner's direction, across the axis and along it
+    others, heights : the same for all three corners
     """
     s = cos / length
     found = (length > _NEAR) & (cos > _F(0.0))
@@ -116,10 +121,10 @@ def _beside(cos, sin, p, length, z, others, heights):
 
 @inlined
 def _in_shadow(group, ways, row):
-    """mask16 of the cones that a tangential plane parts from the triangle; or that leave it outside, if they are wide.
+    """mask16 of the cones that miss the triangle: a tangential plane separates them, or a wide cone leaves it outside.
 
-    The distances from the edges alone cannot tell cones in the "triangle shadow", near a corner. Cones wider than a
-    half-space are the complement of one that is convex, and miss what has all corners in it.
+    The distances from the edges alone do not reject cones in the "triangle shadow", near a corner. A cone wider than a
+    half-space is the complement of a convex cone. It misses the triangle if all corners lie in this convex cone.
     """
     w, cos, sin = rows(group, 0, ways), load16(group, 3 * ways), load16(group, 4 * ways)
     at = DIRECTIONS
@@ -134,14 +139,14 @@ def _in_shadow(group, ways, row):
 
 @inlined
 def _across(row, at, w, z):
-    """`Vec`: the part of a corner's direction that is at right angles to the axes."""
+    """`Vec`: the component of a corner's direction at right angles to the axes."""
     x, y = number16(row, at) - z * w.x, number16(row, at + 1) - z * w.y
     return Vec(x, y, number16(row, at + 2) - z * w.z)
 
 
 @inlined
 def possible_cones(group, row, ways, alive, spheres):
-    """Those of the `alive` cones of a group (bits) with rays that the triangle may block."""
+    """Bits of the `alive` cones of a group with rays that the triangle may block."""
     if spheres:
         return bits(_meets_sphere(group, ways, row)) & alive
     found = _may_reach(group, ways, row, OUTER) & _may_reach(group, ways, row, OUTER + 4)
@@ -154,7 +159,7 @@ def possible_cones(group, row, ways, alive, spheres):
 
 @inlined
 def _all_beyond(group, ways, row, at):
-    """mask16 of the cones whose rays all end where the inner plane at a place of a row is positive (Sec. 3.3)."""
+    """mask16 of the cones whose rays all end on the positive side of the inner plane at index `at` (Sec. 3.3)."""
     c, cos, sin = _along(group, ways, row, at), load16(group, 3 * ways), load16(group, 4 * ways)
     k = fma(c, cos, -(_sine(c) * sin)) - _E
     narrow = (c > _F(0.0)) & (cos > _F(0.0)) & (k > _F(0.0))
@@ -164,7 +169,7 @@ def _all_beyond(group, ways, row, at):
 
 @inlined
 def covered_cones(group, row, ways):
-    """Bits of the cones whose rays the triangle blocks, all of them."""
+    """Bits of the cones whose rays are all blocked by the triangle (early accept, Sec. 3.3)."""
     if whole(row, COVERS) == 0:
         return np.int64(0)
     found = _all_beyond(group, ways, row, INNER) & _all_beyond(group, ways, row, INNER + 4)

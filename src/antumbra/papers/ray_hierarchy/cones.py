@@ -1,6 +1,7 @@
-"""Nodes as cones with a common apex [Olsson and Assarsson 2011].
+"""Nodes of a ray hierarchy as cones with a common apex [Olsson and Assarsson 2011].
 
-A cone has a unit axis w and a half-angle a in [0, pi], and knows the shortest and the longest of its rays (Sec. 4.3).
+A cone has a unit axis w and a half-angle a in [0, pi]. It stores the lengths of its shortest and its longest ray
+(Sec. 4.3).
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from ...rayhierarchy.rays import block_of
 from ...rayhierarchy.view import relative
 from .cone_triangle import TINY, covered_cones, possible_cones, unit_of, write_cone_row
 
-ROWS = 7  # of a node: the axis, cos a, sin a, the shortest and the longest ray
+ROWS = 7  # rows of a node: x, y and z of the axis, cos a, sin a, lengths of the shortest and the longest ray
 _MORE, _LESS = np.float64(1.0 + 2.0**-20), np.float64(1.0 - 2.0**-20)
 
 
@@ -34,18 +35,21 @@ def _plus(a, b):
 
 @inlined
 def _wider(w, axis, c, s, cos, sin):
-    """(c, s), cosine and sine of the largest angle so far to `w`, or of that to a cone around `axis`."""
+    """(cosine, sine) of the larger of two angles to `w`: that of (c, s), and that of a cone's far side.
+
+    The cone has the unit vector `axis`, and `cos` and `sin` of its half-angle.
+    """
     n = cross(w, axis)
     across, along = np.sqrt(dot(n, n)), dot(w, axis)
     far, side = along * cos - across * sin, across * cos + along * sin
-    if side < 0.0:  # more than all around
+    if side < 0.0:  # an angle of more than pi: all directions
         return np.float64(-1.0), np.float64(0.0)
     return (far, side) if far < c else (c, s)
 
 
 @inlined
 def _put_cone(group, ways, lane, w, c, s, shortest, longest):
-    """Write a cone, its angle and lengths a little larger."""
+    """Write a cone. Its angle and its range of lengths grow a little, to cover rounding."""
     for k in range(3):
         put(group, k * ways + lane, w[k])
     put(group, 3 * ways + lane, max(c - 2.0**-22 * (s + 2.0**-22), -1.0))
@@ -56,7 +60,7 @@ def _put_cone(group, ways, lane, w, c, s, shortest, longest):
 
 @inlined
 def _ray_of(view, leaves, at):
-    """(direction from the apex, length) of the ray whose receiver is at a place of a leaf."""
+    """(direction from the apex, length) of the ray to the receiver at index `at` of a leaf."""
     p = leaves.origins
     x, y, z = get(p, at), get(p, at + leaves.ways), get(p, at + 2 * leaves.ways)
     return unit_of(relative(view, (np.float64(x), np.float64(y), np.float64(z))))
@@ -64,7 +68,7 @@ def _ray_of(view, leaves, at):
 
 @kernel
 def _cone_of_leaf(view, leaves, leaf, group, lane):
-    """The cone around the rays of a leaf."""
+    """Write the cone around the rays of a leaf; return whether the leaf has any."""
     ways, z, lanes = leaves.ways, np.float64(0.0), np.int64(get(leaves.lanes, leaf))
     w, first = (z, z, z), 3 * block_of(leaves, leaf) * ways
     for i in range(ways):
@@ -95,7 +99,10 @@ def _axis(children, ways, i):
 
 @inlined
 def _angle(children, ways, i):
-    """(cosine, sine) of the half-angle of a cone: from the smaller of the two, the other says little in float32."""
+    """(cosine, sine) of a cone's half-angle.
+
+    They follow from the smaller of the stored numbers, because in float32 the larger one is less accurate.
+    """
     cos, sin = np.float64(get(children, 3 * ways + i)), np.float64(get(children, 4 * ways + i))
     if cos > sin:
         return np.sqrt(1.0 - sin * sin), sin
@@ -104,7 +111,7 @@ def _angle(children, ways, i):
 
 @kernel
 def _cone_of_nodes(children, alive, ways, group, lane):
-    """The cone around a group."""
+    """Write the cone around a group of cones."""
     z = np.float64(0.0)
     w = (z, z, z)
     for i in range(ways):

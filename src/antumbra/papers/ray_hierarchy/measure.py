@@ -1,8 +1,8 @@
-"""Figures 6 and 7 and Table 2 of the report on ray hierarchies, measured here [Olsson and Assarsson 2011].
+"""Measures Figures 6 and 7 and Table 2 of the report on ray hierarchies [Olsson and Assarsson 2011].
 
-Each variant makes its cones from the shadow rays of a picture, one for each pixel, and sends the triangles through
-them. Seconds are of the phase `trace` of a frame, which here includes making the cones. Variants take their turns
-within each round, and the median of the rounds counts. What would take too long, by a smaller picture, is left out.
+Each variant makes cones from the shadow rays of a picture, one for each pixel, and traces the triangles through them.
+Times are of the phase `trace` of a frame, which includes making the cones. Variants take turns within each round. The
+median of the rounds counts. Smaller pictures predict the time of a variant; if it is too long, the variant is left out.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,58 +20,61 @@ from .views import Picture
 
 OURS, BEST = "cones", "PreciseSorted"
 PLANS = {OURS: "cones", **{name: f"cones:{name}" for name in VARIANTS}}
-"""Variant -> plan: ours, then those of Table 1 by the report's names."""
+"""Variant -> plan: our variant, then those of Table 1 by the report's names."""
 
 REFERENCE = "lbvh+single"
-"""The plan whose bits all variants must have."""
+"""All variants must have the bits of this plan."""
 
 SHRINK = (8, 4)
-"""Parts of the width and the height at which each variant is tried before. Nodes, and with them seconds, are expected
-to grow from one doubling to the next as they do between the two, but not faster than the rays."""
+"""Divisors of the width and the height for the smaller pictures, which are traced first. The prediction assumes that
+nodes and seconds grow with every doubling by the same factor as between these two, but not faster than the rays."""
 
 
 class Seen(NamedTuple):
-    """What a picture asks."""
+    """The shadow rays of a picture."""
 
     picture: str
-    of: str  # the scene's name
+    of: str  # name of the scene
     frame: int | None  # number within its animation
     triangles: int
     rays: int
     blocked: int
-    bits: bytes  # a digest of the answer of REFERENCE
+    bits: bytes  # digest of the answer of REFERENCE
 
 
 class Cost(NamedTuple):
-    """What one variant does for one picture; None: left out, as it would have taken too long."""
+    """The cost of one variant in one picture. None: it was left out, because it would have taken too long."""
 
     picture: str
     variant: str  # a key of PLANS
-    predicted: float  # seconds, by smaller pictures
+    predicted: float  # seconds, predicted from smaller pictures
     predicted_nodes: float
     nodes: int | None = None  # cones visited
     tests: int | None = None  # ray tests, of up to 16 rays each
-    seconds: float | None = None  # of the phase `trace`
-    bits: bytes | None = None  # a digest of the answer
+    seconds: float | None = None  # time of the phase `trace`
+    bits: bytes | None = None  # digest of the answer
 
 
 class Spread(NamedTuple):
-    """How the seconds of one variant vary over the frames of an animation."""
+    """The variation of the times of one variant over the frames of an animation."""
 
     of: str
     variant: str
-    frames: int  # that were measured
-    missing: int  # that were left out
+    frames: int  # frames that were measured
+    missing: int  # frames that were left out
     median: float
     ratio: float  # longest / shortest
-    quartiles: float  # between the first and the third
+    quartiles: float  # third quartile - first quartile
     deviation: float  # standard deviation / mean
 
 
 def measure(
     picture: Picture, threads: int, rounds: int, limit: float, say: Callable[[str], None]
 ) -> tuple[Seen, list[Cost]]:
-    """All variants in one picture; InputError if its camera sees nothing. limit: seconds a variant may take."""
+    """Measure all variants in one picture; InputError if its camera sees nothing.
+
+    limit : the most seconds that a variant may take
+    """
     renderers = {name: Renderer(picture.scene, plan, threads) for name, plan in PLANS.items()}
 
     def trace(name: str, renderer: Renderer, shrink=1, counters=False) -> Frame:
@@ -88,7 +91,7 @@ def measure(
     laps: dict[str, list[float]] = {name: [] for name in counted}
     for turn in range(rounds):
         for name, first in counted.items():
-            if turn == 0 or (turn + 1) * first.timings["trace"] <= limit:  # one round of what takes long
+            if turn == 0 or (turn + 1) * first.timings["trace"] <= limit:  # slow variants have one round
                 laps[name].append(trace(name, renderers[name]).timings["trace"])
     costs = []
     for name in PLANS:
@@ -102,13 +105,13 @@ def measure(
 
 
 def _counts(frame: Frame) -> tuple[int, int]:
-    """(nodes, tests) that a frame counted."""
+    """(nodes, tests) from a frame's counters."""
     assert frame.counters is not None
     return frame.counters["nodes"], frame.counters["triangle_tests"]
 
 
 def _predicted(smallest: Frame, small: Frame) -> tuple[float, float]:
-    """(seconds, nodes) of the whole picture."""
+    """Predict (seconds, nodes) of the full picture from two smaller ones."""
     nodes = _counts(small)[0]
     doublings = np.log2(SHRINK[1]) / np.log2(SHRINK[0] / SHRINK[1])
     growth = min((nodes / max(_counts(smallest)[0], 1)) ** doublings, SHRINK[1] ** 2)
@@ -122,25 +125,28 @@ def _seen(picture: Picture, frame: Frame) -> Seen:
 
 
 def answers(seen: Iterable[Seen], costs: Iterable[Cost]) -> list[tuple[str, bytes]]:
-    """(picture, digest) of all answers, to be compared."""
+    """(picture, digest) of all answers, for `papers.answers.agree`."""
     return [(s.picture, s.bits) for s in seen] + [(c.picture, c.bits) for c in costs if c.bits is not None]
 
 
 def of(costs: Iterable[Cost], picture: str, variant: str) -> Cost:
-    """What a variant does for a picture."""
+    """The cost of a variant in a picture."""
     return next(c for c in costs if (c.picture, c.variant) == (picture, variant))
 
 
 def fewest(costs: Iterable[Cost], picture: str, among: Iterable[str]) -> str:
-    """The variant that visits the fewest nodes, the first of them if several do; "" if all were left out."""
+    """The variant that visits the fewest nodes, the first one of equals; "" if all were left out."""
     costs = list(costs)
     found = [c for c in (of(costs, picture, variant) for variant in among) if c.nodes is not None]
     return min(found, key=lambda c: c.nodes or 0).variant if found else ""
 
 
 def cut(costs: Iterable[Cost], unsorted: str, sorted_: str) -> tuple[float, str, bool]:
-    """How many times as many nodes are visited without sorting, and the picture where that is most; is it measured, or
-    predicted of a variant that was left out? (nan, "", False) if no node was visited by the sorted one."""
+    """The largest reduction of nodes by sorting, as (ratio, picture, measured).
+
+    `measured` is False if the unsorted variant was left out, so that its nodes are predicted. The result is
+    (nan, "", False) if the sorted variant visited no node.
+    """
     costs, found = list(costs), []
     for a in (c for c in costs if c.variant == unsorted):
         b = of(costs, a.picture, sorted_)
@@ -151,7 +157,7 @@ def cut(costs: Iterable[Cost], unsorted: str, sorted_: str) -> tuple[float, str,
 
 
 def spreads(seen: Iterable[Seen], costs: Iterable[Cost]) -> list[Spread]:
-    """Of each animation with at least two frames, and each variant that was measured in two of them."""
+    """The spreads of each animation with at least two frames, and of each variant that was measured in two of them."""
     seen, costs, rows = list(seen), list(costs), []
     for name in dict.fromkeys(s.of for s in seen if s.frame is not None):
         frames = [s.picture for s in seen if s.of == name]

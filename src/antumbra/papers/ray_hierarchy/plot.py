@@ -1,4 +1,4 @@
-"""Figures 6 and 7 of the report on ray hierarchies, as measured here."""
+"""Draws Figures 6 and 7 of the report on ray hierarchies, as measured here."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ _WIDTH, _STYLES, _MARKERS = 7.0, ("-", "--", ":", "-."), "osD^vP*X"
 
 
 def write_plot(seen: list[Seen], costs: list[Cost], path: Path) -> None:
-    """Nodes and time of each picture by variant."""
+    """Write a plot of the nodes and the time of each variant in each picture."""
     from matplotlib.figure import Figure
 
     sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(seen)), 5.5), layout="constrained")
@@ -22,8 +22,10 @@ def write_plot(seen: list[Seen], costs: list[Cost], path: Path) -> None:
 
 
 def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], fields, label: str, scale: float) -> None:
-    """A colour for each variant; frames of one animation are joined. What was left out is a hollow mark where it was
-    predicted."""
+    """Draw each variant in a colour. Lines join the frames of an animation.
+
+    A hollow mark shows the predicted value of a variant that was left out.
+    """
     field, predicted = fields
     for k, variant in enumerate(PLANS):
         style = {"color": f"C{k}", "marker": _MARKERS[k % 8], "markersize": 4}
@@ -42,6 +44,6 @@ def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], fields, label: st
 
 
 def _runs(seen: list[Seen]) -> list[tuple[int, int]]:
-    """(first, end) of pictures that are frames of the same animation, and of every other one by itself."""
+    """(first, end) of runs of pictures: frames of the same animation, or a single picture."""
     starts = [k for k, s in enumerate(seen) if k == 0 or s.frame is None or s.of != seen[k - 1].of]
     return list(zip(starts, [*starts[1:], len(seen)]))

@@ -1,11 +1,11 @@
-"""What the report on ray hierarchies measured on its GPU [Olsson and Assarsson 2011, Sec. 5, Tables 1 and 2]."""
+"""Figures that the report on ray hierarchies measured on a GPU [Olsson and Assarsson 2011, Sec. 5, Tables 1 and 2]."""
 
 VARIANTS = ("Spheres", "SpheresSorted", "Precise", "PreciseSorted", "PreciseSEA", "PreciseEATP", "PreciseSEATP")
-"""Table 1: tests of spheres or precise ones, of rays as the picture has them or sorted (S), with early accept (EA), and
-with two passes (TP)."""
+"""Table 1: sphere tests or precise tests; rays in the picture's order or sorted (S); with early accept (EA); with two
+passes (TP)."""
 
 MEASURED = VARIANTS[:4]
-"""Those of Figure 6 and Table 2; the others are in Figure 7, beside PreciseSorted."""
+"""The variants of Figure 6 and Table 2. The others are in Figure 7, beside PreciseSorted."""
 
 NODES = {
     "Spheres": (19.89e6, 317.91e6, 5.77e6, 2199.22e6),
@@ -13,7 +13,7 @@ NODES = {
     "Precise": (17.58e6, 292.84e6, 2.25e6, 2163.30e6),
     "PreciseSorted": (0.82e6, 2.24e6, 2.20e6, 1.97e6),
 }
-"""Table 2: cones visited in four views of the museum, of which the third has most screen coherence, the last least."""
+"""Table 2: cones visited in four views of the museum. The third has the most screen coherence, the last the least."""
 
 MILLISECONDS = {
     "Spheres": (29.40, 446.10, 10.53, 3771.55),
@@ -21,9 +21,9 @@ MILLISECONDS = {
     "Precise": (38.50, 557.91, 8.26, 4172.61),
     "PreciseSorted": (10.65, 13.40, 12.63, 12.60),
 }
-"""Table 2: time of the shadows in the same views."""
+"""Table 2: time of the shadows in the same views, in milliseconds."""
 
 
 def cut(unsorted: str, sorted_: str) -> float:
-    """How many times as many nodes are visited without sorting, in the view where sorting helps most."""
+    """The ratio of nodes visited without and with sorting, in the view where sorting helps most."""
     return max(a / b for a, b in zip(NODES[unsorted], NODES[sorted_]))

@@ -1,4 +1,4 @@
-"""The tracers ``cones:...``: the variants of the report, and any other combination of the options."""
+"""The tracers ``cones:...``: the report's variants, and any other combination of the options."""
 
 from ...errors import InputError
 from ...methods import Tracer, by_cones
@@ -24,8 +24,10 @@ _WORDS = {
 
 
 def with_words(*words: str) -> Options:
-    """The options that words name. Without "boxes", nodes are the report's cones; they are tested precisely (Sec. 3.2)
-    unless "spheres" is among the words."""
+    """The options that the words name.
+
+    Without "boxes", nodes are the report's cones. Without "spheres", they are tested precisely (Sec. 3.2).
+    """
     flags = {word.replace("-", "_"): True for word in words if word not in ("boxes", "precise")}
     return Options(nodes=None if "boxes" in words else Cones, **flags)
 
@@ -39,7 +41,7 @@ TABLE_1 = {
     "PreciseEATP": with_words("precise", "early-accept", "two-pass"),
     "PreciseSEATP": with_words("precise", "sorted", "early-accept", "two-pass"),
 }
-"""The variants that the report evaluates, by their names there."""
+"""The variants that the report evaluates, by the report's names."""
 
 CONES: dict[str, tuple[Options, str]] = {
     **{f"cones:{word}": (with_words(word), text) for word, text in _WORDS.items()},
@@ -49,12 +51,14 @@ CONES: dict[str, tuple[Options, str]] = {
 
 
 def combination(name: str) -> Options | None:
-    """The options of a name such as ``cones:spheres:sorted``, each word once, in any order; None: it is no such name.
+    """The options of a name such as ``cones:spheres:sorted``; None if it is no such name.
+
+    Each word may occur once, in any order.
 
     Raises
     ------
     InputError
-        On options that exclude each other.
+        If two options exclude each other.
     """
     family, *words = name.split(":")
     if family != "cones" or not words or len(set(words)) < len(words) or not set(words) <= set(_WORDS):
@@ -66,7 +70,10 @@ def combination(name: str) -> Options | None:
 
 
 def find_combination(text: str) -> tuple[str, Tracer] | None:
-    """(name with its words in the order of the table, tracer) of a combination of options."""
+    """(canonical name, tracer) of a combination of options.
+
+    The canonical name has its words in the order of `_WORDS`.
+    """
     options = combination(text)
     if options is None:
         return None

@@ -1,6 +1,6 @@
-"""What the benchmark of ray hierarchies looks at: BART's robots in motion, its museum from four places, still scenes.
+"""Views of the ray hierarchy benchmark: BART's robots in motion, its museum from four places, and still scenes.
 
-One point light shines in each picture.
+Each picture has one point light.
 """
 
 from pathlib import Path
@@ -16,11 +16,11 @@ from ..views import View, point, real_path, told_view
 
 ROBOTS, MUSEUM = "bart_robots", "bart_museum8_subdivided"
 MOVING = (ROBOTS, MUSEUM)
-"""Folders of $ANTUMBRA_SCENES whose vertex frames are looked at; of all others it is the still scene.glb."""
+"""Folders of $ANTUMBRA_SCENES whose vertex frames are used. All other folders give their still scene.glb."""
 
 REAL = (*MOVING, "sponza_crytek", "synthetic_garden_foxes")
 MADE = ("atrium", "forest")
-"""Procedural scenes that are looked at where no real one is there. Neither moves."""
+"""Procedural scenes for machines without the real ones. Neither moves."""
 
 _MUSEUM = {
     "hall": (1.0, None),
@@ -28,16 +28,17 @@ _MUSEUM = {
     "wall": (1.0, ((1.8, 1.8, 1.2), (5.0, 1.6, -0.8), 60.0)),
     "in the cloud": (1.75, ((-0.6, 2.7, 0.6), (0.5, 2.4, -0.6), 75.0)),
 }
-"""In the order of Table 2: seconds, and position, target and vfov (None: those of info.json). The first and the third
-see large surfaces, the others the far wall between hundreds of small triangles that hang in the air."""
+"""Place -> (seconds, (position, target, vfov) of the camera, None: from info.json), in the order of Table 2. The first
+and the third see large surfaces. The others see the far wall between hundreds of small triangles that hang in the air.
+"""
 
 
 class Picture(NamedTuple):
     """A scene at one moment."""
 
     name: str
-    of: str  # the scene's name
-    frame: int | None  # number within an animation; None: it is looked at once, or from another place each time
+    of: str  # name of the scene
+    frame: int | None  # number within an animation; None: the scene is still, or each picture has another camera
     scene: Scene
     camera: Camera
     light: Light
@@ -45,13 +46,13 @@ class Picture(NamedTuple):
 
 
 def default_names() -> list[str]:
-    """What is looked at if nothing is named."""
+    """The scenes that are measured if none is named."""
     real = [name for name in REAL if real_path(name, "frames.npy" if name in MOVING else "scene.glb")]
     return real or list(MADE)
 
 
 def named_view(name: str, size: tuple[int, int]) -> View:
-    """The view of a folder of $ANTUMBRA_SCENES, of a procedural scene, of a scene file or a folder of vertex frames."""
+    """The view of a folder of $ANTUMBRA_SCENES, a procedural scene, a scene file, or a folder of vertex frames."""
     frames = real_path(name, "frames.npy") if name in MOVING else Path(name) / "frames.npy"
     if frames and frames.is_file():
         return told_view(frames.parent.resolve().name, frames.parent, size, point)
@@ -59,7 +60,7 @@ def named_view(name: str, size: tuple[int, int]) -> View:
 
 
 def with_point(view: View) -> View:
-    """The view with a point in the middle of its first light as its only light."""
+    """The view with a single light: a point in the centre of its first light."""
     light, bounds = view.lights[0], view.scene.bounds
     patch = light.patch(view.scene.origin, float(np.linalg.norm(bounds[1] - bounds[0])))
     middle = patch.base + (patch.u + patch.v) / 2 if light.domain == "square" else patch.base
@@ -67,12 +68,12 @@ def with_point(view: View) -> View:
 
 
 def times_of(scene: Scene, frames: int) -> list[float]:
-    """So many moments, spread evenly through the animation; one of a scene that does not move."""
+    """`frames` times, spread evenly over the animation; a single time for a still scene."""
     return np.linspace(0.0, scene.duration, frames).tolist() if scene.animated else [0.0]
 
 
 def pictures(view: View, frames: int) -> list[Picture]:
-    """The museum from four places, other scenes that move in so many frames, and still ones once."""
+    """The pictures of a view: the museum from four places, another animation in `frames` frames, a still scene once."""
     name, scene, camera, (light, *_) = view
     if name == MUSEUM:
         return [

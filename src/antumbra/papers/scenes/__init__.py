@@ -1,4 +1,7 @@
-"""Scenes like those of the papers, which only their benches need: `cellar`, `museum` and `blinds`, with their parts."""
+"""Procedural scenes like those of the papers: `cellar`, `museum` and `blinds`, with their parts.
+
+Only the benchmarks of the papers need them.
+"""
 
 from ...scene.procedural import Recipe, register
 from .blinds import blinds
@@ -13,6 +16,6 @@ SCENES = {
 
 
 def add() -> None:
-    """Register them (entry point ``antumbra.scenes``)."""
+    """Register the scenes (entry point ``antumbra.scenes``)."""
     for name, recipe in SCENES.items():
         register(name, recipe)

@@ -1,4 +1,4 @@
-"""Soft things: cushions, a bed with its cover, an armchair. They stand on y = 0 and look to +z."""
+"""Soft furniture: cushions, a bed with its cover, an armchair. They stand on y = 0 and face +z."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from .furniture import SKETCH
 
 
 def creases(rng, x, z, waves: int = 9) -> np.ndarray:
-    """Heights of 0 to about 1 of a cloth that lies in folds at x, z (metres): ridges that bend, and fade in places."""
+    """Heights, 0 to about 1, of a cloth with folds at x, z (metres). The ridges bend, and fade in places."""
     total = 0.0
     for _ in range(waves):
         angle, metres, a, b = rng.uniform((0.0, 0.18, 0.0, 0.0), (np.pi, 0.75, 6.3, 6.3))
@@ -21,10 +21,10 @@ def creases(rng, x, z, waves: int = 9) -> np.ndarray:
 
 
 def cushion(size, n: int, rng, edge: float, wrinkle: float, colour: int) -> Mesh:
-    """A stuffed cushion of `size` (3,), n cells along its longer side; it lies on y = 0.
+    """A stuffed cushion of `size` (3,), with n cells along its longer side. It lies on y = 0.
 
-    edge : how soon its faces meet: 2 for a pillow, 8 for upholstery
-    wrinkle : metres
+    edge : sharpness of the edge where its faces meet: 2 for a pillow, 8 for upholstery
+    wrinkle : height of the creases in metres
     """
     w, h, length = size
     m, k = (max(3, round(n * side / max(w, length))) for side in (w, length))
@@ -41,7 +41,7 @@ def cushion(size, n: int, rng, edge: float, wrinkle: float, colour: int) -> Mesh
 
 
 def _over(s, half: float, r: float):
-    """Where a cloth lies that is drawn over an edge of radius r at `half`: (outward offset, drop) at arc length s."""
+    """(outward offset, drop) at arc length s of a cloth that lies over an edge of radius r at `half`."""
     beyond = np.maximum(np.abs(s) - (half - r), 0.0)
     angle = np.minimum(beyond / r, np.pi / 2)
     rest = np.maximum(beyond - r * np.pi / 2, 0.0)
@@ -50,10 +50,11 @@ def _over(s, half: float, r: float):
 
 
 def cover(size, drop: float, n: int, rng, rise: float, colours) -> Mesh:
-    """A cover over a mattress of `size` ((2,): x, z) whose top is y = 0 and whose head is z = 0.
+    """A quilted cover over a mattress of `size` ((2,): x, z). The mattress has its top at y = 0 and its head at z = 0.
 
-    It hangs `drop` metres over the sides and the foot, lies in creases `rise` high and is quilted; n cells across.
-    colours : two of them, in broad stripes
+    The cover hangs `drop` metres over the sides and the foot. Its creases are `rise` high. It has n cells across.
+
+    colours : two colours, in broad stripes
     """
     w, length = size
     k = max(3, round(n * (length + drop) / (w + 2 * drop)))
@@ -76,7 +77,7 @@ def cover(size, drop: float, n: int, rng, rise: float, colours) -> Mesh:
 
 
 def headboard(width: float, height: float, n: int, colour: int) -> Mesh:
-    """An upholstered board with buttons in a diamond pattern, its back in z = 0."""
+    """An upholstered board with buttons in a diamond pattern. Its back lies in the plane z = 0."""
     m = max(2, round(n * height / width))
     x = np.linspace(-width / 2, width / 2, n + 1)[:, None]
     y = np.linspace(0.0, height, m + 1)[None]
@@ -89,7 +90,7 @@ def headboard(width: float, height: float, n: int, colour: int) -> Mesh:
 
 
 def bed(width: float, length: float, d: float, rng) -> Mesh:
-    """A bed from z = 0 (its head) on: frame, mattress, cover, turned sheet, four pillows and a throw at the foot."""
+    """A bed with its head at z = 0: frame, mattress, cover, turned sheet, pillows and a throw at the foot."""
     top, bevel = 0.52, 0.01 if d > SKETCH else 0.0
     foot = box((width + 0.1, 0.5, 0.06), (0, 0.25, length + 0.2), p.DARK_WOOD, bevel)
     rails = [
@@ -130,7 +131,7 @@ def bed(width: float, length: float, d: float, rng) -> Mesh:
 
 
 def armchair(d: float, rng) -> Mesh:
-    """An armchair: seat, back and arms upholstered, a small cushion, turned feet."""
+    """An armchair: an upholstered seat, back and arms, a small cushion, turned feet."""
     n = steps(30, d, 4)
     seat = cushion((0.62, 0.2, 0.64), n, rng, 8.0, 0.02, p.TERRACOTTA)
     base = cushion((0.84, 0.2, 0.76), steps(16, d, 4), rng, 12.0, 0.0, p.TERRACOTTA + 3)

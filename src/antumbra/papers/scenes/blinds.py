@@ -1,4 +1,4 @@
-"""A bedroom at a low sun: all light comes through the Venetian blinds of one wide window, and most of it is stopped."""
+"""A bedroom at low sun. All light comes through the Venetian blinds of one wide window, and they block most of it."""
 
 import numpy as np
 
@@ -15,16 +15,16 @@ from .sculptures import painting
 from .toys import beach_ball, bear, blocks, rings, train
 from .window import LINTEL, SILL, WALL, curtains, frame, pierced, venetian
 
-HALF_X, HALF_Z, HEIGHT = 2.7, 2.95, 2.85  # of the room, from wall to wall; the window is in the wall at -HALF_X
-RUG = (0.3, 0.85, 2.3, 1.6)  # middle (x, z) and size of the rug
-SUN = (21.0, 13.5, 26.0)  # degrees from the window's normal to +z, degrees up, metres from the window
-TILTS = (-18.0, -20.0, -16.0, -21.0)  # degrees, of the slats of each blind: their room sides are raised
-WEAVE = ((0.45, 90), (0.32, 64))  # cells of the rug's ground in x and z: per root of its triangles, and at most
+HALF_X, HALF_Z, HEIGHT = 2.7, 2.95, 2.85  # half widths and height of the room; the window is in the wall at -HALF_X
+RUG = (0.3, 0.85, 2.3, 1.6)  # centre (x, z) and size of the rug
+SUN = (21.0, 13.5, 26.0)  # degrees from the window's normal towards +z, degrees up, metres from the window
+TILTS = (-18.0, -20.0, -16.0, -21.0)  # degrees, slats of each blind: their room sides are raised
+WEAVE = ((0.45, 90), (0.32, 64))  # for x and z: (cells of the rug's ground per root of its triangles, most cells)
 CAMERA = {"position": (2.3, 1.62, 2.5), "target": (-0.72, 0.76, -1.7), "up": (0.0, 1.0, 0.0), "vfov": 66.0}
 
 
 def blinds(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
-    """Mesh, camera and light of the bedroom with about `triangles` triangles."""
+    """Mesh, camera and light of the bedroom, with about `triangles` triangles."""
 
     def build(d):
         room = _shell(d, np.random.default_rng([seed, 0])) + _window(d, np.random.default_rng([seed, 1]))
@@ -36,7 +36,7 @@ def blinds(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
 
 
 def _sun() -> dict:
-    """A strip of light far outside: as long as four metres along the slats, hardly higher than the sun seems."""
+    """A strip light far outside: four metres along the slats, and little higher than the sun looks."""
     azimuth, height = np.radians(SUN[:2])
     to = np.array([-np.cos(azimuth) * np.cos(height), np.sin(height), np.sin(azimuth) * np.cos(height)])
     u = np.array([0.0, 0.0, 4.0])
@@ -46,7 +46,7 @@ def _sun() -> dict:
 
 
 def _shell(d: float, rng) -> list[Part]:
-    """Floor of boards, three plain walls and the window's, ceiling, skirting, cornice, door."""
+    """Floor of boards, the three plain walls, ceiling, skirting, cornice, door."""
     x, z, h = HALF_X, HALF_Z, HEIGHT
     boards = tiles(-x - 0.05, x + 0.05, -z - 0.05, z + 0.05, 3, steps(40, d, 8), rng, p.OAK, None, 0.008, 0.003)
     skirting = [(EMBED, -EMBED), (-0.016, -EMBED), (-0.02, 0.07), (-0.012, 0.1), (EMBED, 0.105)]
@@ -65,7 +65,7 @@ def _shell(d: float, rng) -> list[Part]:
 
 
 def _window(d: float, rng) -> list[Part]:
-    """The wall with the window, its blinds, each turned a little differently, and its curtains."""
+    """The wall with the window, its blinds and its curtains. Each blind has a slightly different tilt."""
     wall = pierced((-HALF_Z - 0.17, -0.19), (HALF_Z + 0.17, HEIGHT + 0.09), WALL)
     tilts = np.radians(TILTS) + rng.normal(0.0, 0.01, len(TILTS))
     parts = [put(wall), *frame(d), *venetian(tilts, d, rng), *curtains(LINTEL + 0.08, p.TEAL, d, rng)]
@@ -73,7 +73,7 @@ def _window(d: float, rng) -> list[Part]:
 
 
 def _furniture(d: float, rng) -> list[Part]:
-    """What stands along the walls and hangs on them and from the ceiling."""
+    """Furniture along the walls, pictures on them, and a chandelier."""
     back, right = -HALF_Z, HALF_X
     table, low = drawers(0.5, 0.52, 0.4, 2, 1, d), drawers(1.3, 0.84, 0.45, 3, 2, d)
     lamp, n = table_lamp(0.46, d), steps(30, d, 2)
@@ -117,7 +117,7 @@ def _clutter(d: float, rng) -> list[Part]:
 
 
 def _pattern(u, v) -> np.ndarray:
-    """Materials of the rug at u, v in -1 to 1: a border, and diamonds in it."""
+    """Materials of the rug at u, v in [-1, 1]: a border around diamonds."""
     edge = np.maximum(np.abs(u) * 1.15, np.abs(v)) + 0.0 * u
     diamond = np.abs((2.2 * u) % 1.0 - 0.5) + np.abs((1.5 * v) % 1.0 - 0.5)
     inside = np.where(diamond < 0.2, p.OCHRE, np.where(diamond < 0.3, p.BLUE, p.RED))
@@ -125,7 +125,7 @@ def _pattern(u, v) -> np.ndarray:
 
 
 def _rug(rng, triangles: int) -> list[Part]:
-    """A rug of about `triangles` triangles: most of them make its pile, in fibres of two."""
+    """A rug of about `triangles` triangles. Most of them are its pile, two triangles for each fibre."""
     x, z, w, length = RUG
     u, v = (np.linspace(-1.0, 1.0, min(most, steps(share * triangles**0.5, 1.0, 6)) + 1) for share, most in WEAVE)
     ground = np.stack(np.broadcast_arrays(x + w / 2 * u[:, None], 0.012, z + length / 2 * v), axis=-1)

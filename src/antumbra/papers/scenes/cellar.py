@@ -1,4 +1,4 @@
-"""Vaulted cellars on several levels: a maze of rooms of which any place sees very little."""
+"""Vaulted cellars on several levels: a maze of rooms. From any place, very little of it is visible."""
 
 from typing import NamedTuple
 
@@ -12,22 +12,22 @@ from ...scene.procedural.shapes import Mesh, box, boxes, merge, shell, steps
 
 ROOM, WALL, HEIGHT = 6.0, 0.5, 3.5  # metres from room to room; thickness and height of the walls
 LEVEL = 4.2  # metres from floor to floor
-CROWN = 3.2  # of the vaults
-DOOR, DOOR_SPRING = 0.75, 1.95  # half the width of a doorway, and where its arch springs
-FULL_ROOM = 9_000  # triangles; cellars that are allowed more have more rooms
+CROWN = 3.2  # height of the vaults' crowns
+DOOR, DOOR_SPRING = 0.75, 1.95  # half the width of a doorway, and the height where its arch begins
+FULL_ROOM = 9_000  # triangles of a room; a larger budget makes more rooms
 
 
 class _Maze(NamedTuple):
-    """Rooms on a grid of levels x nx x nz, and what lies between them."""
+    """Rooms on a grid of levels x nx x nz, and the openings between them."""
 
     rooms: np.ndarray  # (n, 3) int: level, i, j
     east: np.ndarray  # (n,) bool: a doorway leads to room (level, i + 1, j)
     south: np.ndarray  # (n,) bool: a doorway leads to room (level, i, j + 1)
-    stairs: np.ndarray  # (n,) bool: stairs lead up from here
-    shape: tuple[int, int, int]
+    stairs: np.ndarray  # (n,) bool: stairs lead up from the room
+    shape: tuple[int, int, int]  # levels, nx, nz
 
     def centres(self) -> np.ndarray:
-        """(n, 3) float: middles of the floors; the middle of the lowest level is at x = z = 0."""
+        """(n, 3) float: centres of the floors. The centre of each level is at x = z = 0."""
         _, nx, nz = self.shape
         level, i, j = self.rooms.T
         return np.stack(
@@ -36,7 +36,7 @@ class _Maze(NamedTuple):
 
 
 def _maze(n: int, rng) -> _Maze:
-    """A spanning tree on every level (each room opens east or south), and stairs between levels."""
+    """A random maze: a spanning tree on every level (each room opens east or south), and stairs between levels."""
     levels = 1 if n < 8 else 2 if n < 24 else 3 if n < 200 else 5
     nx = max(2, round(np.sqrt(n / levels)))
     nz = max(2, round(n / levels / nx))
@@ -54,7 +54,7 @@ def _maze(n: int, rng) -> _Maze:
 
 
 def cellar(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
-    """Mesh, camera and light of the cellar with about `triangles` triangles."""
+    """Mesh, camera and light of the cellar, with about `triangles` triangles."""
     maze = _maze(max(4, round(triangles / FULL_ROOM)), np.random.default_rng([seed, 0]))
     each = triangles / len(maze.rooms) / FULL_ROOM
     parts = fitted(lambda d: _structure(maze, d, np.random.default_rng([seed, 1])), round(0.5 * triangles), each**0.5)
@@ -74,7 +74,7 @@ def cellar(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
 def _structure(maze: _Maze, d: float, rng) -> list[Part]:
     """Floors, walls with and without doorways, piers, vaults, pillars, stairs."""
     at, (_, nx, nz), (_, i, j) = maze.centres(), maze.shape, maze.rooms.T
-    hole = np.zeros(len(at), bool)  # rooms into which stairs come up: no floor
+    hole = np.zeros(len(at), bool)  # rooms without a floor, where stairs come up
     hole[nx * nz :] = maze.stairs[: -nx * nz] if len(at) > nx * nz else False
     half = ROOM / 2
     n = steps(7, d, 2)
@@ -101,7 +101,7 @@ def _structure(maze: _Maze, d: float, rng) -> list[Part]:
 
 
 def _supports(maze: _Maze, d: float, at, hole, rng) -> list[Part]:
-    """Vaults, the piers in the corners, pillars in the middle of some rooms, and stairs."""
+    """Vaults, piers in the corners, pillars in the centres of some rooms, and stairs."""
     _, i, j = maze.rooms.T
     half, above = ROOM / 2, ~maze.stairs
     pier = box((0.84, LEVEL - 0.06, 0.84), (0, (LEVEL - 0.06) / 2 - 2 * EMBED, 0), p.LIMESTONE)
@@ -125,7 +125,7 @@ def _supports(maze: _Maze, d: float, at, hole, rng) -> list[Part]:
 
 
 def _view_room(maze: _Maze) -> np.ndarray:
-    """(n,) bool: the room of the camera."""
+    """(n,) bool: True for the camera's room."""
     levels, nx, nz = maze.shape
     return (maze.rooms == [levels // 2, (nx - 1) // 2, nz // 2]).all(axis=1)
 
@@ -142,7 +142,10 @@ def _wall(rng, d: float) -> Mesh:
 
 
 def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[Part]:
-    """Things along the walls: in most places and as fine as `triangles` allow, or coarse and in fewer places."""
+    """Objects along the walls.
+
+    They fill most places, in as much detail as `triangles` allow. A small budget gives coarse objects in fewer places.
+    """
 
     def build(d, share):
         return _things(maze, d, share, np.random.default_rng(seed))
@@ -154,7 +157,7 @@ def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[Part]:
 
 
 def _things(maze: _Maze, d: float, share: float, rng) -> list[Part]:
-    """Barrels, crates, shelves of bottles and vases, clear of the doorways, in a `share` of the places there are."""
+    """Barrels, crates, shelves of bottles and vases, in a `share` of the places, clear of the doorways."""
     at = maze.centres()[~maze.stairs]
     view = _view_room(maze)[~maze.stairs]
     slots = np.array(
@@ -163,7 +166,7 @@ def _things(maze: _Maze, d: float, share: float, rng) -> list[Part]:
     )
     spots = at[:, None] + np.insert(slots, 1, 0.0, axis=1)
     keep = rng.random(spots.shape[:2]) < share
-    keep &= ~(view[:, None] & (slots[:, 0] < 0) & (np.abs(slots[:, 1]) > 1.0))  # there are the camera and the light
+    keep &= ~(view[:, None] & (slots[:, 0] < 0) & (np.abs(slots[:, 1]) > 1.0))  # places of the camera and the light
     spots = spots[keep] + rng.uniform(-0.03, 0.03, (np.sum(keep), 3)) * [1, 0, 1]
     face = np.broadcast_to(
         np.where(

@@ -1,4 +1,4 @@
-"""Furniture of wood and metal: drawers, lamps, a bookcase, a chandelier, a door. It stands on y = 0 and looks to +z."""
+"""Furniture of wood and metal: drawers, lamps, a bookcase, a chandelier, a door. It stands on y = 0 and faces +z."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ...scene.procedural.parts import Part, assemble, moved, put
 from ...scene.procedural.props import SINK, shelf, vase
 from ...scene.procedural.shapes import Mesh, arc, box, frame_ring, loft, merge, revolve, shell, steps, tubes
 
-SKETCH = 0.12  # up to this detail there are only the plainest forms
+SKETCH = 0.12  # up to this detail, shapes are as plain as possible
 
 SPINES = (p.RED, p.BLUE, p.OCHRE, p.PINE, p.SLATE, p.CLAY, p.TEAL, p.LIMESTONE)
 
@@ -40,7 +40,7 @@ def drawers(width: float, height: float, depth: float, rows: int, columns: int, 
 
 
 def table_lamp(height: float, d: float, colour=p.TEAL) -> Mesh:
-    """A lamp with a turned foot and a pleated shade, open above and below."""
+    """A lamp with a turned foot and a pleated shade. The shade is open at the top and at the bottom."""
     h = height
     foot = np.concatenate(
         [
@@ -60,7 +60,7 @@ def table_lamp(height: float, d: float, colour=p.TEAL) -> Mesh:
 
 
 def book(d: float, colour: int) -> Mesh:
-    """A book 1 x 1 x 1 that stands on y = 0, its rounded spine to +z; above a detail of `SKETCH` with pages."""
+    """A book of size 1 x 1 x 1. It stands on y = 0, and its rounded spine faces +z. Above `SKETCH` it has pages."""
     if d <= SKETCH:
         return box((1, 1, 1), (0, 0.5, 0), colour)
     n = steps(7, d, 2)
@@ -79,7 +79,7 @@ def book(d: float, colour: int) -> Mesh:
 
 def bookcase(width: float, height: float, depth: float, boards: int, d: float, rng) -> list[Part]:
     """A shelf full of books, with a vase or a gap here and there."""
-    share = min(1.0, 1.2 * d**0.5)  # of coarse books there are fewer, and they are thicker
+    share = min(1.0, 1.2 * d**0.5)  # at low detail there are fewer and thicker books
     kinds = [book(d, colour) for colour in SPINES]
     where, size, turn, kind = [], [], [], []
     for board in range(boards):
@@ -107,7 +107,7 @@ def bookcase(width: float, height: float, depth: float, boards: int, d: float, r
 
 
 def chandelier(drop: float, d: float) -> list[Part]:
-    """A chandelier that hangs `drop` metres from y = 0: turned body, curved arms with candles, strings of beads."""
+    """A chandelier that hangs `drop` metres below y = 0: turned body, curved arms with candles, strings of beads."""
     n, arms, reach = steps(10, d, 2), 8, 0.42
     body = np.concatenate(
         [
@@ -155,7 +155,7 @@ def _beads(ends, turn, d: float) -> Mesh:
 
 
 def door(width: float, height: float, d: float) -> Mesh:
-    """A door with four panels in its frame, in front of the wall at z = 0."""
+    """A door with four panels, in its frame, in front of the wall at z = 0."""
     bevel = 0.008 if d > SKETCH else 0.0
     ring = frame_ring(
         [(0.0, -0.03), (0.1, -0.03), (0.1, 0.03), (0.02, 0.045), (0.0, 0.02)], width / 2, height / 2, p.WHITE

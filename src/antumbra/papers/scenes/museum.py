@@ -1,4 +1,4 @@
-"""Museum halls with sculptures, paintings and display cases: most triangles sit in a few small things."""
+"""Museum halls with sculptures, paintings and display cases. A few small objects have most of the triangles."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ from ...scene.procedural.props import bench, vase
 from ...scene.procedural.shapes import Mesh, box, boxes, frame_ring, merge, raised, revolve, steps
 from .sculptures import ammonite, blob, knot, painting, rain, ribbon, twist, vortex
 
-WIDTH, DEPTH, HEIGHT = 14.0, 17.0, 6.4  # of a hall, from wall to wall
+WIDTH, DEPTH, HEIGHT = 14.0, 17.0, 6.4  # size of a hall, from wall to wall
 WALL = 0.6
 SKY_X, SKY_Z = 3.2, 4.2  # half the size of the skylight
-FULL_HALL = 110_000  # triangles; museums that are allowed more have more halls
+FULL_HALL = 110_000  # triangles of a hall; a larger budget makes more halls
 
 
 def museum(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
-    """Mesh, camera and light of the museum with about `triangles` triangles."""
+    """Mesh, camera and light of the museum, with about `triangles` triangles."""
     halls = max(1, round(triangles / FULL_HALL))
     nx = max(1, round(np.sqrt(halls / 2.0)))
     nz = max(1, round(halls / nx))
@@ -33,7 +33,7 @@ def museum(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
 
 
 def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
-    """Floors, walls with doorways between halls, cornices, ceilings around skylights with their bars."""
+    """Floors, walls, doorways between halls, cornices, ceilings, and skylights with bars."""
     n, m = steps(14, d, 4), steps(17, d, 5)
     hx, hz = WIDTH / 2, DEPTH / 2
     floor = tiles(-hx - 0.05, hx + 0.05, -hz - 0.05, hz + 0.05, n, m, rng, p.MARBLE, p.SANDSTONE, 0.02, 0.004)
@@ -71,7 +71,7 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
         closed = box((length, high, WALL - 0.02), (0, high / 2 - EMBED, 0), p.TEAL)
         shift = np.array([0, 0, (DEPTH + WALL) / 2]) if horizontal else np.array([(WIDTH + WALL) / 2, 0, 0])
         turn = 0.0 if horizontal else np.pi / 2
-        inner = (j > 0) if horizontal else (i < nx - 1)  # the wall on this side has a hall behind it
+        inner = (j > 0) if horizontal else (i < nx - 1)  # there is a hall behind the wall on this side
         outer = (j == nz - 1) if horizontal else (i == 0)
         parts += [
             put(open_, at[inner] + shift, turn),
@@ -107,7 +107,7 @@ def _plinth(width: float, height: float, colour=p.PLASTER) -> Mesh:
 
 
 def _case(treasure: Mesh) -> Mesh:
-    """A display case without its glass: base, slender frame, and a treasure inside."""
+    """A display case without its glass: base, slender frame, and an exhibit inside."""
     h, w = 0.85, 0.8
     posts = [(s * w / 2, h + 0.35, t * w / 2) for s in (-1, 1) for t in (-1, 1)]
     rails = [(s * w / 2 * (axis == 0), h + 0.72, s * w / 2 * (axis == 1)) for axis in (0, 1) for s in (-1, 1)]
@@ -118,7 +118,7 @@ def _case(treasure: Mesh) -> Mesh:
 
 
 def _exhibits(at, budget: float, rng) -> list[Part]:
-    """The works, each hall alike in what there is but not in how it stands; a few take most of the triangles."""
+    """The works of art. Every hall has about the same works, at other angles. A few have most of the triangles."""
     each = budget / len(at)
     shares = np.array([0.2, 0.26, 0.16, 0.12, 0.1, 0.07, 0.05, 0.04]) * each
     works = [

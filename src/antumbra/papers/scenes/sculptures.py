@@ -1,4 +1,4 @@
-"""Works of art for the museum, each of about a given number of triangles; they stand on y = 0 or hang from above."""
+"""Works of art for the museum, with about a given number of triangles. They stand on y = 0 or hang from above."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from ...scene.procedural.shapes import Mesh, block, box, boxes, capped, frame_ri
 
 
 def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, int]:
-    """Cells (along, around) of a surface of about `triangles`, `aspect` times as many along."""
+    """Cells (along, around) of a surface of about `triangles` triangles, with `aspect` times as many cells along."""
     around = max(least, round(np.sqrt(max(triangles, 8.0) / 2.0 / aspect)))
     return max(3 * least, round(triangles / 2.0 / around)), around
 
 
 def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRONZE) -> Mesh:
-    """A torus knot of a bar with ribs that wind around it, 3 `size` wide; closed."""
+    """A closed torus knot, 3 `size` wide, of a bar with ribs that wind around it."""
     n, k = _resolution(triangles, 10.0)
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
     r = size * (1.0 + 0.42 * np.cos(loops * t))
@@ -54,7 +54,7 @@ def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> Mesh:
 
 
 def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> Mesh:
-    """A column whose star-shaped section turns and shrinks on its way up."""
+    """A column with a star-shaped section that turns and shrinks towards the top."""
     n, k = _resolution(triangles, 2.0)
     k = max(12, k)
     t = np.linspace(0.0, 1.0, n + 1)[:, None]
@@ -94,7 +94,7 @@ def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> Mesh:
 
 
 def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[Part]:
-    """Drops of bronze that hang on wires and together make a wave: kinetic art at one moment."""
+    """A kinetic sculpture at one moment: drops of bronze that hang on wires and form a wave."""
     nx, nz = (17, 14) if triangles > 12_000 else (11, 9) if triangles > 3000 else (5, 4)
     each = max(8.0, triangles / (nx * nz) - 12)
     k = int(np.clip(np.sqrt(each), 4, 200))
@@ -133,7 +133,7 @@ def vortex(triangles: float, height=4.6) -> list[Part]:
 
 
 def painting(width: float, height: float, n: int, rng) -> Mesh:
-    """An abstract picture in a gilded frame; it hangs in the x-y plane around its middle and looks to +z."""
+    """An abstract picture in a gilded frame. Its centre is the origin; it lies in the x-y plane and faces +z."""
     x, z = np.linspace(-width / 2, width / 2, n + 1), np.linspace(-height / 2, height / 2, n + 1)
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / width, (z[1:] + z[:-1]) / height, indexing="ij"), axis=-1)
     centre, radius = rng.uniform(-0.5, 0.5, (9, 2)), rng.uniform(0.15, 0.5, 9)

@@ -22,7 +22,7 @@ def _ball(radius, segments: int, colour: int) -> Mesh:
 
 
 def bear(height: float, d: float) -> Mesh:
-    """A teddy bear that sits and looks to +z."""
+    """A teddy bear that sits and faces +z."""
     k = steps(22, d, 6)
     fur, pale = p.CLAY, p.LIMESTONE
     pieces = [
@@ -55,7 +55,7 @@ def beach_ball(radius: float, d: float) -> Mesh:
 
 
 def blocks(d: float) -> Mesh:
-    """Seven wooden blocks: a stack of three, and four that lie about."""
+    """Seven wooden blocks: a stack of three, and four on the floor."""
     cube = box((0.07, 0.07, 0.07), (0, 0.034, 0), 0, 0.005 if d > SKETCH else 0.0)
     at = [
         (0, 0, 0),
@@ -70,7 +70,7 @@ def blocks(d: float) -> Mesh:
 
 
 def rings(d: float) -> Mesh:
-    """Rings on a rod, the largest lowest."""
+    """Rings on a rod, with the largest at the bottom."""
     m, k = steps(8, d, 2), steps(22, d, 6)
     meshes = [revolve([(0.012, -SINK / 4), (0.012, 0.24), (0.02, 0.25), (0.012, 0.28), (0.0, 0.285)], k, p.WHITE)]
     for i in range(5):
@@ -81,7 +81,7 @@ def rings(d: float) -> Mesh:
 
 
 def train(d: float) -> Mesh:
-    """A wooden engine and two waggons along x."""
+    """A wooden engine with two wagons, along x."""
     bevel = 0.004 if d > SKETCH else 0.0
     wheel = revolve(
         [(0.0, -0.012), (0.026, -0.012), (0.026, 0.012), (0.008, 0.016), (0.0, 0.016)], steps(16, d, 5), p.RED

@@ -9,17 +9,17 @@ from ...scene.procedural.props import cloth
 from ...scene.procedural.shapes import Mesh, arc, box, boxes, loft, merge, revolve, shell, steps, tubes
 from .furniture import SKETCH
 
-WALL = 0.32  # metres, thickness
-SILL, LINTEL, WIDTH = 0.25, 2.62, 4.9  # the opening
+WALL = 0.32  # thickness in metres
+SILL, LINTEL, WIDTH = 0.25, 2.62, 4.9  # lower edge, upper edge and width of the opening
 PANELS = 4
-HANG = 0.1  # metres from the wall's inner face out to the middle of the slats
-DEPTH = 0.05  # of a slat
-SLATS = 56  # of a panel, at full detail
-COARSE = 0.3  # up to this detail the slats have no rungs under them
+HANG = 0.1  # metres from the wall's inner face outwards to the centre of the slats
+DEPTH = 0.05  # depth of a slat
+SLATS = 56  # slats of a panel at full detail
+COARSE = 0.3  # up to this detail, slats have no rungs below them
 
 
 def pierced(low, high, thickness: float, colour=p.PLASTER) -> Mesh:
-    """A wall from `low` to `high` ((2,): x, y) with the window's opening in it."""
+    """A wall from `low` to `high` ((2,): x, y) with the opening of the window."""
     hole = np.array([(-WIDTH / 2, SILL), (WIDTH / 2, SILL), (WIDTH / 2, LINTEL), (-WIDTH / 2, LINTEL)])
     edge = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
     sections = np.zeros((4, 4, 3))
@@ -29,7 +29,7 @@ def pierced(low, high, thickness: float, colour=p.PLASTER) -> Mesh:
 
 
 def frame(d: float) -> list[Part]:
-    """The window's frame with mullions behind the gaps between the blinds, transoms, and a board on the sill."""
+    """The window's frame: mullions behind the gaps between the blinds, a transom, and a board on the sill."""
     middle, height, bevel = (SILL + LINTEL) / 2, LINTEL - SILL, 0.008 if d > SKETCH else 0.0
     x = np.linspace(-WIDTH / 2, WIDTH / 2, PANELS + 1)
     post = box((0.07, height + EMBED, 0.06), colour=p.WHITE, bevel=bevel)
@@ -46,9 +46,9 @@ def frame(d: float) -> list[Part]:
 
 
 def slat(length: float, width: float, d: float, ladders) -> Mesh:
-    """A curved slat along x around its zero, hollow side down, with a rung of every ladder (at x) under it."""
+    """A curved slat along x, centred at the origin, hollow side down, with a rung of every ladder (at x) below it."""
     n, m = steps(12, d), steps(4, d, 2)
-    t = np.sin(np.linspace(-0.5, 0.5, n + 1) * np.pi)[:, None]  # closer at the ends, which are rounded
+    t = np.sin(np.linspace(-0.5, 0.5, n + 1) * np.pi)[:, None]  # denser at the rounded ends
     s = np.linspace(-0.5, 0.5, m + 1)[None]
     z = width * s * (1.0 - 0.4 * np.abs(t) ** 40 if n > 4 else 1.0)
     sag = 0.04 * width * np.sin(np.pi * t * length / 2 / ladders[-1]) ** 2 if n > 4 else 0.0  # between the ladders
@@ -63,7 +63,7 @@ def slat(length: float, width: float, d: float, ladders) -> Mesh:
 
 
 def panel(width: float, height: float, tilt: float, d: float, rng) -> list[Part]:
-    """One blind, `height` long from y = 0 down, around x = z = 0: head rail, slats turned by `tilt`, cords, rod."""
+    """One blind, around x = z = 0, from y = 0 down to -`height`: head rail, slats turned by `tilt`, cords, rod."""
     n = min(SLATS, steps(SLATS, d**0.5, 12))
     rail, foot = 0.06, 0.03
     pitch = (height - rail - foot) / n
@@ -84,7 +84,7 @@ def panel(width: float, height: float, tilt: float, d: float, rng) -> list[Part]
 
 
 def _strings(width: float, height: float, reach: float, ladders, d: float) -> list[Part]:
-    """The ladders' cords before and behind the slats, the cord that lifts them, and the rod that turns them."""
+    """The ladders' cords in front of and behind the slats, the lift cord, and the tilt rod."""
     y = np.linspace(-0.05, 0.02 - height, steps(12, d, 2) + 1)
     cords = np.stack([np.stack([0.0 * y + x, y, 0.0 * y + s * reach], axis=1) for x in ladders for s in (-1.0, 1.0)])
     front = 0.5 * DEPTH + 0.016
@@ -105,7 +105,7 @@ def _strings(width: float, height: float, reach: float, ladders, d: float) -> li
 
 
 def venetian(tilts, d: float, rng) -> list[Part]:
-    """A blind in each part of the opening, its slats turned by (PANELS,) radians; above 0 their room sides hang."""
+    """A blind in each part of the opening. `tilts` (PANELS,), radians, turn the slats; above 0 room sides hang down."""
     each = WIDTH / PANELS
     x = (np.arange(PANELS) - (PANELS - 1) / 2) * each
     parts = []
@@ -115,7 +115,7 @@ def venetian(tilts, d: float, rng) -> list[Part]:
 
 
 def curtains(top: float, colour: int, d: float, rng) -> list[Part]:
-    """Two curtains drawn aside, in folds, on a rod with rings at height `top`."""
+    """Two curtains, drawn aside in folds, on a rod at height `top`."""
     nx, ny, wide = steps(64, d, 6), steps(40, d, 3), 0.5
     half, z = WIDTH / 2 + 0.14, 0.15
     rod = np.stack([np.linspace(-1.0, 1.0, 5) * (half + 0.3), 0 * np.ones(5) + top, 0 * np.ones(5) + z], axis=1)

@@ -1,1 +1,1 @@
-"""[Feltman et al. 2012], as published: `variants`; its figures and Table 1: `measure`, `times`, `plot`."""
+"""SRDH as published [Feltman et al. 2012]: `variants`. Its figures and Table 1: `measure`, `times`, `plot`."""

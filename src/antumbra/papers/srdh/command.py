@@ -1,4 +1,4 @@
-"""``antumbra bench srdh``: what trees that are made for shadow rays cost and save."""
+"""``antumbra bench srdh``: cost and gain of trees that are built for shadow rays."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .measure import Counted
     from .times import BuildTimes, RenderTimes
 
-_WIDTH = 150  # of the tables, in characters
+_WIDTH = 150  # width of the tables, in characters
 
 
 def srdh(
@@ -44,11 +44,10 @@ def srdh(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Trees and orders for shadow rays: box tests, build times, traced time [Feltman et al. 2012].
+    """Trees and orders for shadow rays: box tests, build times, trace times [Feltman et al. 2012].
 
-    Counts are of the shadow rays from what the camera sees, and from what one diffuse ray from each of those points
-    meets (Figures 2, 4, 5); build times are those of Table 1; what is traced is the light that comes straight to what
-    the camera sees.
+    Box tests are counted for shadow rays from visible surfaces, and from the hits of one diffuse ray from each of these
+    points (Figures 2, 4, 5). Build times are those of Table 1. Trace times are of direct light at the visible surfaces.
 
     \b
     Examples
@@ -108,7 +107,7 @@ def _percent(share: float) -> str:
 
 
 def _print_orders(rows: "list[Counted]") -> None:
-    """Figure 2 as a table, after what the rays are."""
+    """Print the numbers of rays, then Figure 2 as a table."""
     from . import measure as bench
 
     asked, table = [], []
@@ -128,7 +127,7 @@ def _print_orders(rows: "list[Counted]") -> None:
 
 
 def _print_saved(rows: "list[Counted]") -> None:
-    """What the text says about Figure 2."""
+    """Print the savings that the paper's text derives from Figure 2."""
     from . import measure as bench
     from . import published as paper
 
@@ -148,7 +147,7 @@ def _print_saved(rows: "list[Counted]") -> None:
 
 
 def _print_pixels(rows: "list[Counted]") -> None:
-    """Figure 4 as a table."""
+    """Print Figure 4 as a table."""
     from . import measure as bench
     from . import published as paper
 
@@ -169,7 +168,7 @@ def _print_pixels(rows: "list[Counted]") -> None:
 
 
 def _print_kernels(rows: "list[Counted]") -> None:
-    """Figure 5 as a table."""
+    """Print Figure 5 as a table."""
     from . import measure as bench
 
     methods = (bench.CONSTANT, bench.DISTANCE, bench.PUBLISHED)
@@ -183,7 +182,7 @@ def _print_kernels(rows: "list[Counted]") -> None:
 
 
 def _print_builds(times: "list[BuildTimes]") -> None:
-    """Table 1, and what a renderer pays that has no other tree."""
+    """Print Table 1, and the build times of a renderer that has no other tree."""
     from . import published as paper
     from .times import PIXELS
 
@@ -210,7 +209,7 @@ def _print_builds(times: "list[BuildTimes]") -> None:
 
 
 def _print_renders(times: "list[RenderTimes]") -> None:
-    """What each tracer gains."""
+    """Print the gain of each tracer."""
     from .times import BUILDS, SPP, TRACERS
 
     table = []

@@ -1,8 +1,8 @@
-"""The figures of the paper on SRDH, measured here: box tests, exactly [Feltman et al. 2012, Fig. 2, 4 and 5].
+"""Measures Figures 2, 4 and 5 of the SRDH paper: exact counts of box tests [Feltman et al. 2012].
 
-Shadow rays start at what the camera sees and at what one diffuse ray from each of those points meets. All trees have
-one triangle in each leaf, and rays are walked one by one. The pre-render of k x k pixels takes so many of the picture's
-own, spread evenly, with `PRERENDER_SPP` samples of each light or more, and bounces of their own.
+Shadow rays start at the surfaces that the camera sees, and at the hits of one diffuse ray from each of these points.
+All trees have one triangle in each leaf. Rays are traced one by one. A pre-render of k x k pixels takes k x k pixels of
+the picture, spread evenly. They have `PRERENDER_SPP` samples of each light or more, and bounces of their own.
 """
 
 from collections.abc import Callable, Iterable
@@ -26,14 +26,14 @@ from ...trace.rays.steps import UNOCCLUDED, count_steps
 from ..views import View
 from .variants import BUILDERS, ORDERS
 
-BASE = "random"  # everything is measured by this order
+BASE = "random"  # all counts are relative to this order
 SAH_ORDERS = (BASE, "front-to-back", "back-to-front", "rtsah")
 PUBLISHED, CONSTANT, DISTANCE, OURS = "srdh, published", "constant kernels", "distance kernels", "srdh"
 PIXELS = (8, 16, 32, 64, 128, 256)
-"""Widths of the pre-renders of Fig. 4; after them come all pixels."""
+"""Widths of the pre-renders of Fig. 4; the figure ends with all pixels."""
 
 PRERENDER_SPP = 4
-"""Samples of a light in pre-renders, at least. With one, 16 x 16 pixels are 300 rays; the paper has up to 5,505."""
+"""The fewest samples of a light in pre-renders. With one, 16 x 16 pixels give 300 rays; the paper has up to 5,505."""
 
 _paper = BUILDERS["srdh:paper"].build
 METHODS: dict[str, tuple[Callable, int]] = {
@@ -42,7 +42,7 @@ METHODS: dict[str, tuple[Callable, int]] = {
     DISTANCE: (partial(_paper, kernels="distance"), SRDH),
     OURS: (partial(srdh.build, max_leaf=1), BUILT),
 }
-"""Method -> what builds its trees, and the order in which they are walked. The last is the builder `srdh`."""
+"""Method -> (function that builds its trees, traversal order). The last one is the builder `srdh`."""
 
 
 class Counted(NamedTuple):
@@ -50,11 +50,11 @@ class Counted(NamedTuple):
 
     scene: str
     method: str  # one of SAH_ORDERS or METHODS
-    pixels: int | None  # width of the pre-render; None: all rays were shown, or none had to be
-    triangles: int  # of the scene
+    pixels: int | None  # width of the pre-render; None: all rays were representative, or the method needs none
+    triangles: int  # triangles of the scene
     rays: int
-    blocked: int  # of the rays
-    boxes: tuple[int, ...]  # boxes tested, by trace.steps.CLASSES
+    blocked: int  # rays that are blocked
+    boxes: tuple[int, ...]  # boxes tested, by trace.rays.steps.CLASSES
     tested: int  # triangles tested
 
     @property
@@ -77,11 +77,14 @@ class Workload:
         self._seen = self._queries(self._gbuffer, self._samples)
 
     def queries(self) -> list[ShadowQuery]:
-        """All that is asked."""
+        """All shadow queries: of the visible surfaces, and of the bounces."""
         return [*self._seen, *self._bounce(None, self._samples, self.sah)]
 
     def shown(self, pixels: int | None, bvh: Bvh | None) -> Shown:
-        """The rays of a pre-render, or (None) all; `bvh`: of all triangles, for their bounce and for what they meet."""
+        """The representative rays: those of a pre-render, or all (`pixels` None).
+
+        `bvh` holds all triangles. It traces the bounces and finds the triangles that the rays meet.
+        """
         asked, samples = SrdhRays(size=pixels, spp=MAX_SPP, bounce=True), self._prerendered if pixels else self._samples
         seen = [query._replace(samples=sets) for query, sets in zip(self._seen, samples)]
         return Showing(asked, self.threads).show(seen, self.triangles, bvh, partial(self._bounce, pixels, samples))
@@ -128,7 +131,7 @@ def count_view(
 
 
 def of(rows: Iterable[Counted], scene: str, method: str, pixels: int | None = None) -> Counted:
-    """The row of a scene and method."""
+    """The row of a scene, a method and a pre-render."""
     return next(r for r in rows if (r.scene, r.method, r.pixels) == (scene, method, pixels))
 
 
@@ -138,21 +141,24 @@ def scenes_of(rows: Iterable) -> list[str]:
 
 
 def relative(rows: Iterable[Counted], row: Counted) -> float:
-    """The box tests of a row, by those of random order in the same scene."""
+    """The box tests of a row, relative to random order in the same scene."""
     return row.total / of(rows, row.scene, BASE).total
 
 
 def saved(rows: Iterable[Counted], row: Counted, than: str = BASE) -> float:
-    """The share of the box tests that a method saves against another one."""
+    """The share of the box tests that a row saves compared with method `than`."""
     return 1.0 - row.total / of(rows, row.scene, than).total
 
 
 def saved_unoccluded(rows: Iterable[Counted], row: Counted) -> float:
-    """The same for rays that nothing blocks, of which all orders of one tree test as many; 0 if there are none."""
+    """The share of box tests of unoccluded rays that a row saves; 0 if there are none.
+
+    All orders of a tree test the same number of boxes for an unoccluded ray.
+    """
     before = of(rows, row.scene, BASE).boxes[UNOCCLUDED]
     return 1.0 - row.boxes[UNOCCLUDED] / before if before else 0.0
 
 
 def beyond_all(rows: Iterable[Counted], row: Counted) -> float:
-    """By which share a tree for a pre-render's rays costs more than that for all of them."""
+    """The extra box tests of a tree for a pre-render's rays, as a share of those of the tree for all rays."""
     return row.total / of(rows, row.scene, row.method).total - 1.0

@@ -1,4 +1,4 @@
-"""Figures 2 and 4 of the paper on SRDH: bars of box tests, and curves over the size of the pre-render."""
+"""Draws Figures 2 and 4 of the SRDH paper: bars of box tests, and curves over the size of the pre-render."""
 
 from pathlib import Path
 
@@ -15,11 +15,11 @@ _CLASSES = (
     (FALSE, "false hits of occluded rays", 0.6),
     (PATH, "path to the hit", 0.3),
 )
-"""From below, as in the paper: class, label, and how opaque its part of a bar is."""
+"""(class, label, opacity) of the parts of a bar, from the bottom, as in the paper."""
 
 
 def write_plot(rows: list[Counted], path: Path) -> None:
-    """Bars above, a group for each scene; curves below, a colour for each."""
+    """Write a plot: bars at the top, in a group for each scene; curves at the bottom, in a colour for each scene."""
     from matplotlib.figure import Figure
 
     scenes = scenes_of(rows)
@@ -53,7 +53,7 @@ def _draw_bars(panel, rows: list[Counted], scenes: list[str]) -> None:
 
 
 def _draw_curves(panel, rows: list[Counted], scenes: list[str]) -> None:
-    last = 2 * PIXELS[-1]  # where all rays are drawn
+    last = 2 * PIXELS[-1]  # the abscissa of "all rays"
     for k, scene in enumerate(scenes):
         for method, style in ((PUBLISHED, "-"), (OURS, "--")):
             found = [relative(rows, of(rows, scene, method, pixels)) for pixels in (*PIXELS, None)]

@@ -1,6 +1,6 @@
-"""Seconds: of building for shadow rays [Feltman et al. 2012, Table 1], and what they save when a picture is traced.
+"""Measures build times of trees for shadow rays [Feltman et al. 2012, Table 1], and the trace time they save.
 
-Methods take their turns within each round, and the median of the rounds counts.
+Methods take turns within each round. The median of the rounds counts.
 """
 
 from collections.abc import Callable
@@ -18,32 +18,35 @@ from .variants import BUILDERS
 PIXELS = (16, 32)  # widths of the pre-renders of Table 1
 TRACERS = ("single", "multifrusta", "packet16", "wide")
 BUILDS = ("bsah", "srdh")
-SPP = 16  # of the pictures that are traced
+SPP = 16  # samples of the pictures that are traced
 
 
 class BuildTimes(NamedTuple):
-    """Seconds to build for the rays of one pre-render; those of `Workload`."""
+    """Seconds to build trees for the rays of one pre-render of a `Workload`."""
 
     scene: str
-    pixels: int  # its width
+    pixels: int  # width of the pre-render
     triangles: int
     rays: int
-    hits: int  # triangles that they meet
+    hits: int  # intersections of the rays with triangles
     sah_single: float  # bsah with one triangle in a leaf
     sah: float  # bsah
-    rays_by_sah: float  # the rays, and what they meet, by that tree
+    rays_by_sah: float  # making the rays, and finding their intersections by the bsah tree
     published: float  # srdh:paper
-    rays_by_lbvh: float  # the rays, and what they meet, by an lbvh that is built for that
+    rays_by_lbvh: float  # making the rays, and finding their intersections by an lbvh that is built for this
     srdh: float
 
     @property
     def both(self) -> float:
-        """As published: a SAH tree, and one for shadow rays, over the SAH tree alone; one triangle in a leaf."""
+        """Time to build a SAH tree and a tree for shadow rays, relative to the SAH tree alone.
+
+        This is the paper's ratio, with one triangle in a leaf.
+        """
         return (self.sah_single + self.rays_by_sah + self.published) / self.sah_single
 
     @property
     def instead(self) -> float:
-        """As a `Renderer` does it, which needs no other tree than that for shadow rays: over bsah."""
+        """Time to build the tree for shadow rays alone, as a `Renderer` does, relative to bsah."""
         return (self.rays_by_lbvh + self.srdh) / self.sah
 
 
@@ -56,15 +59,15 @@ class RenderTimes(NamedTuple):
     rays: int
     built: float
     traced: float
-    bits: bytes  # a digest of the answer
+    bits: bytes  # digest of the answer
 
 
 def build_times(view: View, spp: int, threads: int | None, rounds: int, say: Callable[[str], None]) -> list[BuildTimes]:
-    """Table 1 of one view; InputError if its camera sees nothing."""
+    """Measure Table 1 for one view; InputError if its camera sees nothing."""
     work = Workload(view, spp, threads)
     laps: dict[int, list[dict[str, float]]] = {k: [] for k in PIXELS}
     counts = {}
-    for turn in range(-1, rounds):  # the first is only to be ready
+    for turn in range(-1, rounds):  # the first turn only warms up
         for k in PIXELS:
             say(f"{view.name}, building for {k} x {k} pixels, round {max(turn, 0) + 1} of {rounds}")
             seconds, counts[k] = _build_once(work, k)
@@ -75,7 +78,7 @@ def build_times(view: View, spp: int, threads: int | None, rounds: int, say: Cal
 
 
 def _build_once(work: Workload, pixels: int) -> tuple[dict[str, float], tuple[int, int]]:
-    """(seconds of each part, (rays, hits))."""
+    """Build all trees once; return (seconds of each part, (rays, hits))."""
     vertices, threads, seconds = work.triangles.vertices, work.threads, {}
 
     def timed(part: str, do: Callable):
@@ -94,12 +97,12 @@ def _build_once(work: Workload, pixels: int) -> tuple[dict[str, float], tuple[in
 
 
 def render_times(view: View, threads: int | None, rounds: int, say: Callable[[str], None]) -> list[RenderTimes]:
-    """Each of BUILDS with each of TRACERS, shown the rays that a `Renderer` shows by default."""
+    """Measure each of BUILDS with each of TRACERS. The representative rays are the default of a `Renderer`."""
     plans = [(build, tracer) for tracer in TRACERS for build in BUILDS]
     renderers = {plan: Renderer(view.scene, "+".join(plan), threads) for plan in plans}
     seconds: dict[Any, list[tuple[float, float]]] = {plan: [] for plan in plans}
     found: dict[Any, tuple[int, bytes]] = {}
-    for turn in range(-1, rounds):  # the first is only to be ready
+    for turn in range(-1, rounds):  # the first turn only warms up
         for plan, renderer in renderers.items():
             say(f"{view.name}, {renderer.plan}, round {max(turn, 0) + 1} of {rounds}")
             frame = renderer.render(view.camera, view.lights, spp=SPP if turn >= 0 else 1)

@@ -1,4 +1,4 @@
-"""What [Feltman et al. 2012] compares: traversal orders (Sec. 3.1), as ``single:...``, and builders (Sec. 4.3)."""
+"""Methods of [Feltman et al. 2012]: traversal orders (Sec. 3.1), as ``single:...``, and builders (Sec. 4.3)."""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,10 +13,10 @@ from ...trace.rays.single import trace_shadow
 
 
 class Order(NamedTuple):
-    """A traversal order of any-hit: the number that `walk` takes, and how a `Bvh` is made ready for it."""
+    """A traversal order of any-hit rays."""
 
-    value: int
-    prepare: Callable[[Bvh], Bvh]
+    value: int  # the number that `walk` takes
+    prepare: Callable[[Bvh], Bvh]  # prepares a BVH for this order
     description: str
     paper: str
 
@@ -66,7 +66,7 @@ BUILDERS = {
 
 
 def in_order(order: Order) -> Tracer:
-    """The tracer `single` with an order of its own."""
+    """The tracer `single` with another traversal order."""
 
     def prepare(bvh, threads=None):
         return Ordered(order.prepare(bvh), order.value)

@@ -1,17 +1,17 @@
-"""What the benchmark of SRDH looks at: real scenes with area lights, and generated ones with much occlusion."""
+"""Views of the SRDH benchmark: real scenes with area lights, and procedural ones with much occlusion."""
 
 from .. import views
 from ..views import View, real_path, square
 
 REAL = ("sponza_crytek", "zdm2", "godot_room", "bart_robots", "sanmiguel_lite")
-"""Folders of $ANTUMBRA_SCENES that are looked at where they are there, each a scene.glb and an info.json."""
+"""Folders of $ANTUMBRA_SCENES that are measured if they exist. Each has a scene.glb and an info.json."""
 
 MADE = ("blinds", "cellar", "atrium")
-"""Of the procedural scenes the first is always looked at, the others where there is no real one."""
+"""Procedural scenes. The first is always measured, the others only if there is no real scene."""
 
 
 def default_names() -> list[str]:
-    """What is looked at if nothing is named."""
+    """The scenes that are measured if none is named."""
     real = [name for name in REAL if real_path(name)]
     return [*real, MADE[0]] if real else list(MADE)
 
