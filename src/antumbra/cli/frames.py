@@ -20,7 +20,7 @@ from .progress import Activity
 from .renderoptions import Asked, scene_digest
 
 if TYPE_CHECKING:
-    from ..scene.scene import Scene
+    from ..scene.any_scene import AnyScene
 
 _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last ones of a name
 STATES = "rendered", "finished", "failed"
@@ -30,7 +30,7 @@ class Job(NamedTuple):
     """An animation that is to be rendered."""
 
     asked: Asked
-    scene: "Scene"
+    scene: "AnyScene"
     load: float  # seconds that reading the scene took
     pattern: Path
     overwrite: bool

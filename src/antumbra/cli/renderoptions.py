@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from ..rendering.frame import Frame
     from ..rendering.renderer import Renderer
     from ..rendering.srdh_rays import SrdhRays
+    from ..scene.any_scene import AnyScene
     from ..scene.camera import Camera
     from ..scene.lights import Light
-    from ..scene.scene import Scene
 
 
 class Asked(NamedTuple):
@@ -55,26 +55,26 @@ class Asked(NamedTuple):
             check_srdh_rays(self.srdh_rays, parse_plan(self.plan or DEFAULT_PLAN))
         sample_sets(self.spp, self.sampler)
 
-    def about(self, scene: "Scene") -> "Asked":
+    def about(self, scene: "AnyScene") -> "Asked":
         """The same, with the plan that suits the scene if none was named."""
         from ..rendering.paged import default_plan
 
         return self if self.plan is not None else self._replace(plan=default_plan(scene))
 
-    def renderer(self, scene: "Scene") -> "Renderer":
+    def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer
 
         return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays, self.max_memory)
 
-    def view(self, scene: "Scene", time: float) -> "Camera":
+    def view(self, scene: "AnyScene", time: float) -> "Camera":
         """The camera at a time."""
         return arguments.make_camera(self.camera, scene, time, self.size)
 
-    def direct_lights(self, scene: "Scene", time: float) -> "list[Light]":
+    def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, but for those that photons become."""
         return arguments.make_lights(self.lights, scene, time) + self.ambient
 
-    def shot(self, scene: "Scene", renderer: "Renderer", time: float, progress) -> "Shot":
+    def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress) -> "Shot":
         """A frame at a time; ``progress(text, runs)`` gives the function that hears of so many tracings."""
         from .. import virtual_point_lights
         from ..rendering.paged import is_paged
@@ -95,7 +95,7 @@ class Asked(NamedTuple):
         rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
         return {**{name: getattr(self, name) for name in names}, "srdh_rays": rays}
 
-    def settings(self, scene: "Scene", digest: str, time: float) -> dict:
+    def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
         """All that the picture of a time depends on, as JSON has it: with the same settings it has the same bits.
 
         Not the plan if it is exact, its rays, the G-buffer's method and the threads, which change nothing; nor the

@@ -3,7 +3,7 @@
 from ..checks import whole_number
 from ..kernels.parallel import thread_count
 from ..output import checked_output
-from ..scene.scene import Scene
+from ..scene.any_scene import AnyScene
 from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, Progress, build_compiled
 from ..store.layout import STORE_SUFFIX
 from .warm import warm_up_store
@@ -47,7 +47,7 @@ def build_store(
         On scenes without triangles, too far apart or with other up axes; a path that cannot be written, or a full
         disk, and then nothing is left behind.
     """
-    scenes = [scenes] if isinstance(scenes, Scene) else scenes
+    scenes = [scenes] if isinstance(scenes, AnyScene) else scenes
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
     max_memory = whole_number(max_memory, "max_memory", LEAST_MEMORY, 1 << 60)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)

@@ -8,10 +8,10 @@ import numpy as np
 
 from ...errors import InputError
 from ...rendering.paged import is_paged
+from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.procedural.city import PITCH
-from ...scene.scene import Scene
 from .. import views
 from ..views import View, real_path, square
 
@@ -47,7 +47,7 @@ class Place(NamedTuple):
     """A scene, and how it is walked through."""
 
     name: str
-    scene: Scene
+    scene: AnyScene
     light: Light
     reach: float  # of ambient occlusion, world units
     walks: tuple[Walk, Walk]  # near and far
@@ -81,7 +81,7 @@ def place_of(view: View) -> Place:
     return Place(view.name, scene, view.lights[0], reach, walks)
 
 
-def _street(scene: Scene, size: tuple[int, int]) -> tuple[Camera, Camera]:
+def _street(scene: AnyScene, size: tuple[int, int]) -> tuple[Camera, Camera]:
     """Along the street that is nearest to the middle of the city."""
     low, high = scene.bounds
     blocks = round(float(high[0] - low[0]) / PITCH)
