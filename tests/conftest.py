@@ -9,7 +9,7 @@ from hypothesis import settings
 
 from antumbra.kernels.needs import recorded
 from antumbra.methods import add_plugins
-from antumbra.rendering.warm import compile_missing, missing_of
+from antumbra.rendering.ready import compile_missing, missing_of
 
 pytest_plugins = ["command_line"]
 add_plugins()  # so that registries are the same in all tests, and what is recorded is that of all methods
