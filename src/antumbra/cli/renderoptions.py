@@ -57,9 +57,9 @@ class Asked(NamedTuple):
 
     def about(self, scene: "AnyScene") -> "Asked":
         """The same, with the plan that suits the scene if none was named."""
-        from ..rendering.paged import default_plan
+        from ..rendering.renderer import source_kind
 
-        return self if self.plan is not None else self._replace(plan=default_plan(scene))
+        return self if self.plan is not None else self._replace(plan=source_kind(scene).default_plan)
 
     def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer
@@ -77,12 +77,11 @@ class Asked(NamedTuple):
     def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress) -> "Shot":
         """A frame at a time; ``progress(text, runs)`` gives the function that hears of so many tracings."""
         from .. import virtual_point_lights
-        from ..rendering.paged import is_paged
 
         camera, lights = self.view(scene, time), self.direct_lights(scene, time)
         if self.vpl is not None:
             lights.append(virtual_point_lights(scene, lights[0], self.vpl, time=time, threads=self.threads))
-        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + is_paged(scene)
+        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
         frame = renderer.render(
             camera, lights, spp=self.spp, time=time, counters=self.counters, sampler=self.sampler, filter=self.filter,
             adaptive=self.adaptive, progress=progress("tracing shadow rays", runs), bounce=self.bounce,

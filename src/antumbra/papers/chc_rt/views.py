@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...rendering.paged import is_paged
 from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.procedural.city import PITCH
+from ...store.scene import PagedScene
 from .. import views
 from ..views import View, real_path, square
 
@@ -65,7 +65,7 @@ def named_view(name: str, size: tuple[int, int]) -> View:
 
 def check_in_memory(view: View) -> None:
     """InputError if the scene is in a store."""
-    if is_paged(view.scene):
+    if isinstance(view.scene, PagedScene):
         raise InputError(f"{view.name}: is a store; name it with --store instead of --scene")
 
 
