@@ -18,7 +18,7 @@ from antumbra.methods import BUILDERS
 from antumbra.plan import Plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
-from antumbra.rendering.warm import warm_up
+from antumbra.rendering.render_jobs import warm_up
 from antumbra.trace.primary.trace import trace_primary
 from comparison import compare, options_of, start
 from contest import HEAD, OURS, Contender, contest, line, rows

@@ -91,15 +91,15 @@ class _Ours:
 
     def __init__(self, plan: str, view: View, threads: int):
         self.name = self.how = plan
-        self.renderer = Renderer(view.scene, plan, threads)
+        self.accelerator = Renderer(view.scene, plan, threads).accelerator
 
     def shadows(self, asked):
         start = perf_counter()
-        culled = self.renderer.culled(asked.triangles, [asked.query])
+        culled = self.accelerator.culled(asked.triangles, [asked.query])
         cut = perf_counter()
-        ready = self.renderer.build(asked.triangles, culled)
+        ready = self.accelerator.build(asked.triangles, culled)
         built = perf_counter()
-        bits = self.renderer.answer(ready, asked.query)
+        bits = self.accelerator.answer(ready, asked.query)
         return {"cull": cut - start, "build": built - cut, "trace": perf_counter() - built}, bits
 
 

@@ -26,7 +26,7 @@ from antumbra.kernels.parallel import thread_count
 from antumbra.methods import BUILDERS, TRACERS
 from antumbra.plan import Plan, parse_plan
 from antumbra.rayhierarchy.soup import soup_of
-from antumbra.rendering.warm import warm_up
+from antumbra.rendering.render_jobs import warm_up
 from comparison import compare, options_of, start
 from contest import HEAD, OURS, Contender, contest, line, rows
 from peer_contenders import embree_contenders, embree_scenes, other_peers

@@ -3,17 +3,18 @@
 import numpy as np
 
 import oracle
+from antumbra.plan import parse_plan
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
-from antumbra.rendering.renderer import Renderer
+from antumbra.rendering.accelerate import Accelerator
+from antumbra.rendering.in_memory import see
 
 
 def query_of(scene, camera, light, spp, time=0.0):
     """(triangles, ShadowQuery) of what a camera sees."""
-    renderer = Renderer(scene, threads=2)
     triangles = scene.triangles(time)
-    gbuffer = renderer.see(triangles, camera, None)
+    gbuffer = see(triangles, camera, threads=2)
     return triangles, shadow_queries(triangles, gbuffer, [light], [light_samples(light, spp)])[0]
 
 
@@ -35,6 +36,6 @@ def true_occlusion(triangles, query):
 
 def answer(plan, triangles, query, threads=2, counters=None):
     """(h, w, spp) bool by a plan."""
-    renderer = Renderer(None, plan, threads)
-    ready = renderer.build(triangles, renderer.culled(triangles, [query]), renderer.show(triangles, [query]))
-    return unpack(renderer.answer(ready, query, counters), query.samples.shape[1])
+    make = Accelerator(parse_plan(plan), threads)
+    ready = make.build(triangles, make.culled(triangles, [query]), make.show(triangles, [query]))
+    return unpack(make.answer(ready, query, counters), query.samples.shape[1])

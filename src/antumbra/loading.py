@@ -3,6 +3,7 @@
 import os
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,11 +13,14 @@ from .scene.scene import Scene, checked_up
 from .scene.source import Source
 from .store.layout import STORE_SUFFIX
 
+if TYPE_CHECKING:
+    from .store.scene import PagedScene
+
 GLTF_SUFFIXES = (".glb", ".gltf")
 MESH_SUFFIXES = (".obj", ".ply", ".stl")
 
 
-def load(path, *, up: str = "y") -> Scene:
+def load(path, *, up: str = "y") -> "Scene | PagedScene":
     """Read a scene.
 
     Parameters
@@ -31,7 +35,7 @@ def load(path, *, up: str = "y") -> Scene:
 
     Returns
     -------
-    Scene
+    Scene or PagedScene
         With base colours from vertex colours, material colours and the mean colours of textures; of a store a
         `PagedScene`, whose triangles stay on disk.
 
@@ -65,7 +69,7 @@ def load(path, *, up: str = "y") -> Scene:
     return scene
 
 
-def _read(path: Path, up: str) -> Scene:
+def _read(path: Path, up: str) -> "Scene | PagedScene":
     # Readers are imported when needed: trimesh alone takes longer to import than most scenes to load.
     name = path.name or str(path)
     if path.is_dir():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antumbra.rendering.renderer import Renderer
+from antumbra.rendering.accelerate import Accelerator
 
 SMALL = "procedural:atrium?triangles=2000"
 CLASSES = ["path to the hit", "false hits", "unoccluded"]
@@ -83,8 +83,8 @@ def test_without_triangles_that_block(cli, square_obj):
 
 
 def test_plans_that_differ_are_a_bug_and_leave_no_picture(explain, monkeypatch, tmp_path):
-    answer = Renderer.answer
-    monkeypatch.setattr(Renderer, "answer", lambda self, *a: answer(self, *a) ^ np.uint64(self.plan.build == "srdh"))
+    answer = Accelerator.answer
+    monkeypatch.setattr(Accelerator, "answer", lambda self, *a: answer(self, *a) ^ np.uint64(self.plan.build == "srdh"))
     done = explain()
     assert (done.code, done.out) == (1, "") and "please report this" in done.err and done.err.count("\n") == 1
     assert os.listdir(tmp_path) == []

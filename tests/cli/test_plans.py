@@ -5,7 +5,7 @@ import pytest
 from antumbra import Plan
 from antumbra.methods import KINDS, own_methods
 from antumbra.plan import all_plans, covering_plans, parse_plan
-from antumbra.rendering import warm
+from antumbra.rendering import ready
 
 
 @pytest.mark.parametrize("papers", [False, True])
@@ -38,7 +38,7 @@ def done(monkeypatch):
         names.extend(job.name for job in jobs)
         return 3
 
-    monkeypatch.setattr(warm, "make_ready_all", make_ready_all)
+    monkeypatch.setattr(ready, "make_ready_all", make_ready_all)
     return names
 
 

@@ -5,10 +5,11 @@ import pytest
 
 import antumbra as at
 from antumbra.methods import TRACERS
+from antumbra.plan import parse_plan
 from antumbra.query.shadow import segments
 from antumbra.rendering import explanation
+from antumbra.rendering.accelerate import Accelerator
 from antumbra.rendering.explanation import WINDOW, Moment, explain, trace_windows
-from antumbra.rendering.renderer import Renderer
 from antumbra.trace.counters import BOX_TESTS, COUNTERS, TRIANGLE_TESTS, new_counters
 from antumbra.trace.rays.orders import BUILT, Ordered
 from antumbra.trace.rays.steps import count_steps
@@ -71,11 +72,11 @@ def test_rays_that_nothing_blocks_do_not_care_for_the_order(scene, moment):
 
 
 def test_frequent_blockers_are_the_fewest_that_block_half(scene, moment, told):
-    renderer = Renderer(scene, ONE_BY_ONE[0])
+    accelerator = Accelerator(parse_plan(ONE_BY_ONE[0]), 2)
     hits = np.zeros(scene.n_triangles, np.int64)
     for light in moment.lights:
         triangles, query = query_of(scene, moment.camera, light, SPP)
-        hits += count_steps(renderer.build(triangles).prepared, query, len(hits)).hits
+        hits += count_steps(accelerator.build(triangles).prepared, query, len(hits)).hits
     assert hits.sum() == told.blocked and hits[told.frequent].sum() == told.frequent_rays
     assert (np.diff(hits[told.frequent]) <= 0).all() and hits[told.frequent[0]] == hits.max()
     assert told.frequent_rays >= told.blocked / 2 > told.frequent_rays - hits[told.frequent[-1]]
@@ -84,9 +85,9 @@ def test_frequent_blockers_are_the_fewest_that_block_half(scene, moment, told):
 
 def test_steps_are_those_that_the_tracer_counts(scene, moment):
     """Ray by ray, so that no last blocker is tried first."""
-    renderer = Renderer(scene, "bsah+single", 1)
+    accelerator = Accelerator(parse_plan("bsah+single"), 1)
     triangles, query = query_of(scene, moment.camera.resized(8, 6), moment.lights[0], 2)
-    ready = renderer.build(triangles)
+    ready = accelerator.build(triangles)
     steps = count_steps(Ordered(ready.bvh, BUILT), query, scene.n_triangles)
     counted = np.zeros((6, 8, len(COUNTERS)), np.int64)
     for y, x in np.ndindex(6, 8):
@@ -94,7 +95,7 @@ def test_steps_are_those_that_the_tracer_counts(scene, moment):
         own = query.samples[(x & 3) + 4 * (y & 3)]
         for s in range(2):
             ray = one._replace(samples=np.ascontiguousarray(np.broadcast_to(own[s : s + 1], (16, 1, 3))))
-            renderer.answer(ready, ray, counted[y, x])
+            accelerator.answer(ready, ray, counted[y, x])
     assert (steps.boxes.sum(axis=-1) == counted[..., BOX_TESTS]).all() and steps.boxes.any()
     assert (steps.triangles == counted[..., TRIANGLE_TESTS]).all()
 
@@ -102,11 +103,11 @@ def test_steps_are_those_that_the_tracer_counts(scene, moment):
 @pytest.mark.parametrize("tracer", ["single", "wide", "multifrusta", "packet16", "packet16:samples", "packet256"])
 @pytest.mark.parametrize("light", [0, 1])
 def test_windows_add_up_to_the_tracers_own_counters(scene, moment, tracer, light):
-    renderer = Renderer(scene, f"bsah+{tracer}", 2)
+    accelerator = Accelerator(parse_plan(f"bsah+{tracer}"), 2)
     triangles, query = query_of(scene, moment.camera, moment.lights[light], SPP)
-    ready, tally = renderer.build(triangles), new_counters()
-    bits, tests = trace_windows(renderer, ready, query)
-    assert (bits == renderer.answer(ready, query, tally)).all() and bits.any()
+    ready, tally = accelerator.build(triangles), new_counters()
+    bits, tests = trace_windows(accelerator, ready, query)
+    assert (bits == accelerator.answer(ready, query, tally)).all() and bits.any()
     assert (
         tests.shape == (-(-24 // WINDOW), -(-40 // WINDOW), 2)
         and (tests[..., 0] > 0).all()
@@ -142,14 +143,14 @@ def test_rays_after_a_bounce(scene, moment):
 
 
 def test_plans_that_differ_are_reported(scene, moment, monkeypatch):
-    answer = Renderer.answer
+    answer = Accelerator.answer
 
     def wrong(self, *arguments):
         bits = answer(self, *arguments)
         bits[3, 5] ^= np.uint64(self.plan.build == "lbvh")
         return bits
 
-    monkeypatch.setattr(Renderer, "answer", wrong)
+    monkeypatch.setattr(Accelerator, "answer", wrong)
     with pytest.raises(RuntimeError, match=r"bsah\+single and lbvh\+single differ .* 2 pixels.*please report this"):
         explain(scene, [moment], ["bsah+single", "lbvh+single"], spp=1)
 

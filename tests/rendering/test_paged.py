@@ -38,7 +38,7 @@ def _renderer(path, chunks=None, policy="lru"):
     """With a budget of so many of the largest chunks; None: of 4 GiB."""
     renderer = Renderer(at.load(path), None, 2)
     if chunks is not None:
-        paged = renderer.paged
+        paged = renderer.source
         paged.residency = Residency(paged.store, paged.residency.least_budget() // 2 * chunks, policy)
         scheduled = paged.accelerated.prepared
         scheduled.parts = scheduled.parts._replace(trees=paged.residency.trees, memory=paged.residency)
@@ -69,8 +69,8 @@ def test_pictures_are_those_in_memory(city, chunks, policy):
         loaded += told["loaded"]
         assert told["wanted"] >= told["cached"] + told["loaded"] > 0
         if chunks is not None:
-            assert renderer.paged.residency.used <= renderer.paged.residency.budget
-    assert (loaded > 2 * len(renderer.paged.store)) == (chunks is not None)
+            assert renderer.source.residency.used <= renderer.source.residency.budget
+    assert (loaded > 2 * len(renderer.source.store)) == (chunks is not None)
 
 
 @pytest.mark.parametrize("normals", [None, (0.0, 1.0, 0.0)])
@@ -88,7 +88,7 @@ def test_points_see_lights_as_they_do_in_memory(city, light, normals):
     for _ in range(2):
         got = at.visibility(scene, points, light, normals, spp=20, threads=2)
         np.testing.assert_array_equal(got.bits, truth.bits)
-    paging = scene.__dict__["_renderer"][1].paged.paging()
+    paging = scene.__dict__["_renderer"][1].source.paging()
     assert paging["loaded"] == 0 and paging["cached"] > 0
 
 
@@ -187,13 +187,13 @@ def test_five_million_triangles_in_a_tenth_of_their_size(tmp_path):
     scene = at.load(path)
     camera, lights = scene.cameras[0].resized(256, 256), scene.lights
     renderer = _renderer(path, 0)
-    renderer.paged.residency.budget = max(tenth, renderer.paged.residency.least_budget())
-    assert renderer.paged.residency.budget == tenth
+    renderer.source.residency.budget = max(tenth, renderer.source.residency.least_budget())
+    assert renderer.source.residency.budget == tenth
     whole = at.procedural("city", triangles=5_000_000)
     expected = at.render(whole, camera, lights, spp=4, threads=2)
     for _ in range(2):
         _same(renderer.render(camera, lights, spp=4), expected)
-        assert renderer.paged.residency.used <= tenth
+        assert renderer.source.residency.used <= tenth
     del whole, expected
     memory = 640 << 20
     told = subprocess.run([sys.executable, "-c", _RENDER, str(path), str(memory)], capture_output=True, check=True)
@@ -205,7 +205,7 @@ def test_five_million_triangles_in_a_tenth_of_their_size(tmp_path):
 def test_an_interruption_while_chunks_are_read_leaves_the_renderer_as_it_was(city):
     scene, path = city
     renderer, camera = _renderer(path, 9), _cameras(scene)[0]
-    residency = renderer.paged.residency
+    residency = renderer.source.residency
 
     def interrupt(done, total):
         raise KeyboardInterrupt

@@ -234,7 +234,7 @@ def test_hits_of_a_frame_of_other_triangles_are_not_shown(scene, moving, given):
     cellar, asked = query_of(scene, scene.cameras[0].resized(*SIZE), scene.lights[0], 1)
     soup, other = query_of(moving, CAMERA, LIGHT, 1)
     for triangles, query in ((cellar, asked), (soup, other), (cellar, asked)):
-        one.build(triangles, None, one.show(triangles, [query]))
+        one.accelerator.build(triangles, None, one.accelerator.show(triangles, [query]))
         vertices, rays = given[-1]
         assert len(vertices) == len(triangles.vertices) > rays.prims.max() >= 0
         assert rows(rays.origins, rays.ends) <= rows(*_segments(query))
@@ -259,7 +259,7 @@ def test_a_refined_edge_does_not_change_what_the_next_frame_is_shown(given):
     one.render(camera, light, spp=1, adaptive=16)
     blockers = [blocker[0].tobytes() in {(v + scene.origin).tobytes() for v in vertices} for vertices, _ in given]
     assert blockers == [True, False]
-    shown = one.showing.last
+    shown = one.accelerator.showing.last
     truth = oracle.all_hits(scene.triangles().vertices, *shown.segments[:3])
     np.testing.assert_array_equal(as_matrix(shown.met, 4), truth)
     assert truth[:, 1].any()

@@ -10,6 +10,7 @@ from antumbra.kernels import needs
 from antumbra.kernels.arguments import named
 from antumbra.plan import Plan, covering_plans, parse_plan
 from antumbra.rendering import warm
+from antumbra.rendering.render_jobs import rendering_job
 
 NAMES = [job.name for job in warm.jobs(papers=True)]
 CALLED = """
@@ -55,11 +56,11 @@ def test_jobs_call_what_is_recorded(names):
 def test_a_plan_that_nobody_recorded_is_put_together():
     plan = parse_plan("grid32+lbvh+packet16")
     assert str(plan) not in {str(p) for p in covering_plans(papers=True)}
-    found = warm.rendering(plan).kernels()
+    found = rendering_job(plan).kernels()
     names = {each.kernel.partition(":")[0].removeprefix("antumbra.") for each in found}
     assert {"bvh.lbvh", "cull.relevance", "trace.packets.packet16"} <= names
     assert found < {each for name in NAMES for each in needs.of_job(name)}
-    assert warm.rendering(Plan()).kernels() == needs.of_job("bsah+multifrusta (raster)")
+    assert rendering_job(Plan()).kernels() == needs.of_job("bsah+multifrusta (raster)")
 
 
 def test_the_size_of_kernels_is_as_recorded(capsys):

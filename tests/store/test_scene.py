@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.scene.any_scene import AnyScene
 from antumbra.scene.scene import Scene
 from bvh_scenes import scattered
 from stores import built
@@ -34,14 +35,20 @@ def test_it_is_like_the_scene(both):
         lambda scene: scene.triangles(),
         lambda scene: scene.colours,
         lambda scene: scene.occluded([0.0, 1, 0], [0.0, 1, 0]),
-        lambda scene: list(scene.source.pieces(0.0)),
+        lambda scene: at.build_store(scene, scene.store.path.with_name("again.antumbra")),
     ],
-    ids=["triangles", "colours", "rays", "pieces"],
+    ids=["triangles", "colours", "rays", "build"],
 )
 def test_all_triangles_are_not_to_be_had(both, monkeypatch, ask):
     monkeypatch.setattr("antumbra.rendering.queries.warm_up_rays", lambda: None)
     with pytest.raises(at.InputError, match=r"(is paged|is in a store).*chcrt"):
         ask(both[1])
+
+
+def test_it_stands_beside_scenes_in_memory(both):
+    scene, paged = both
+    assert isinstance(scene, AnyScene) and isinstance(paged, AnyScene) and not isinstance(paged, Scene)
+    assert {name for name in dir(scene) if name[0] != "_"} - {"from_arrays", "source"} <= set(dir(paged))
 
 
 def test_what_is_not_there(both):

@@ -17,8 +17,8 @@ _WAITING = MAX_DEPTH + 2
 class Bvh(NamedTuple):
     """A BVH of ``len(prim_ids)`` triangles. Node 0 is the root and always exists.
 
-    A node is one 64-byte line that holds the boxes of *both* its children (left L, right R), grouped by axis so that
-    one 4-wide register tests a slab of both::
+    A node is one 64-byte line with the boxes of *both* its children (left L, right R). They are grouped by axis, so one
+    4-wide register tests a slab of both::
 
         0..3   x: L.lower  R.lower  L.upper  R.upper
         4..7   y: the same

@@ -103,7 +103,7 @@ def _copy_slot(source, old, target, new):
 
 @kernel
 def _copy_leaf(source, link, waiting, height, target, slot):
-    """Copy the triangles below a link to the slots from `slot` on, and return the next free slot."""
+    """Copy the triangles below a link to slots from `slot` on; returns the next free slot. Stacks above `height`."""
     base = height
     waiting[height, 0] = link
     height += 1

@@ -1,15 +1,17 @@
 """The Shadow Ray Distribution Heuristic of all candidate splits of a range at once [Feltman et al. 2012, Sec. 3.3].
 
-A plane between two bins parts a range P in P1 and P2. The cost of a split for the rays R that come to it is
+A plane between two bins parts a range P into P1 and P2. The cost of a split for the rays R that come to the range is
+(docs/design/srdh.md, eq. 1)
 
     sum over r of  (1 - k'(r) H(P2, r)) I(P1, r) |P1| + (1 - k(r) H(P1, r)) I(P2, r) |P2|
 
-where I says that the ray enters the box, H that it meets something in there, and k is 1 where the left child is visited
-first, k' = 1 - k. From plane to plane boxes only grow on one side and shrink on the other. So along an axis a ray
-enters left boxes from some plane on and right ones up to some plane, and the same goes for what it meets. For constant
-k, then, four counts of rays at each plane, which histograms of these places give, are the whole sum. Planes lie side by
-side in the lanes of a register when a ray is tested against their boxes. Orders by distance, which need not be so well
-behaved, are counted plane by plane.
+I is 1 if the ray enters the box, and H is 1 if it meets something in there. k is 1 if the ray visits the left child
+first, and k' = 1 - k.
+
+From plane to plane, boxes only grow on one side and shrink on the other. So along an axis, a ray enters left boxes from
+one plane on, and right boxes up to another plane. The same holds for hits. For constant k, the sum follows from four
+counts of rays at each plane. Histograms of the ray's four planes give the counts. A ray is tested against the boxes of
+all planes in the lanes of registers. Orders by distance lack this structure, and are counted plane by plane.
 """
 
 from typing import NamedTuple
@@ -46,10 +48,10 @@ from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
 from .rayset import GROW, HIT, RAY, ray_at
 from .splits import Split, no_split
 
-CONSTANT, DISTANCE = 1, 2  # sets of kernels to choose from: left or right first; front to back or back to front
+CONSTANT, DISTANCE = 1, 2  # sets of traversal kernels: left or right first; front to back or back to front
 
 LANES = 16
-_BOX = 6 * BINS  # words of one side's boxes on one axis: lower x, y, z, upper x, y, z, a plane to a lane
+_BOX = 6 * BINS  # words of one side's boxes on one axis: lower x, y, z, upper x, y, z, one plane a lane
 _BOXES = 6 * _BOX
 _COUNTS = 6 * BINS
 _ROW = BINS + 2
@@ -60,52 +62,52 @@ _ONE = np.float32(1.0)
 
 
 class HeuristicSettings(NamedTuple):
-    """What the heuristic of all ranges is computed with."""
+    """Settings of the heuristic for all ranges."""
 
-    scale: object  # float32, a power of two: makes the largest coordinate about 1, so that no area overflows
-    kernels: object  # int64: sets of kernels to choose from
-    prior: object  # float64: how many rays that are spread evenly, as the SAH assumes, are added to those counted
-    linear: object  # bool: a subtree of n triangles is taken to cost n, as published; else n to the power of 3/4
+    scale: object  # float32, a power of two: scales the largest coordinate to about 1, so no area overflows
+    kernels: object  # int64: CONSTANT, DISTANCE, or both
+    prior: object  # float64: evenly spread rays, as the SAH assumes, that are added to the counted rays
+    linear: object  # bool: whether a subtree of n triangles costs n, as published; else n to the power of 3/4
 
 
 class Sides(NamedTuple):
-    """Both sides of all planes; side s (0: left) on axis a is number 2 a + s. Left of plane k are the bins below k."""
+    """Both sides of all planes. Side s (0: left) on axis a has number 2 a + s. The bins below k are left of plane k."""
 
-    boxes: object  # pointer, _BOX words a side; empty ones lower = +inf, upper = -inf
-    counts: object  # pointer to float32, BINS a side: triangles
+    boxes: object  # float32 *, _BOX words a side; empty boxes have lower = +inf, upper = -inf
+    counts: object  # float32 *, BINS a side: triangles
 
 
 class Counts(NamedTuple):
-    """What is counted of rays."""
+    """Counts of rays at planes."""
 
-    places: object  # pointer to int32, 4 rows of _ROW an axis: histograms
-    visits: object  # pointer to float32, 4 rows of BINS an axis: rays at each plane
+    places: object  # int32 *, 4 rows of _ROW an axis: histograms
+    visits: object  # float32 *, 4 rows of BINS an axis: rays at each plane
 
 
-# rows of `Counts.places`: planes from which on, or up to which, rays enter a side's box, or come to it
+# rows of `Counts.places`: first plane (left) or last plane (right) at which a ray enters a side's box, or comes to it
 _ENTERS_LEFT, _COMES_LEFT, _ENTERS_RIGHT, _COMES_RIGHT = range(4)
-# rows of `Counts.visits`: rays that visit a side if the closer child comes first, or the farther one
+# rows of `Counts.visits`: rays that visit a side if the closer child comes first, or if the farther one does
 _LEFT_NEAR, _RIGHT_NEAR, _LEFT_FAR, _RIGHT_FAR = range(4)
 
 
 class RaySplit(NamedTuple):
-    """A split, the order of its children, and whether the right one comes first in a constant order."""
+    """A split with the order of its children."""
 
     split: Split
-    order: object  # int64
-    swapped: object  # bool
+    order: object  # int64, as in `nodes`
+    swapped: object  # bool: whether the right child comes first in a constant order
     cost: object  # float32: the heuristic, with the prior
 
 
 @kernel
 def no_ray_split():
-    """The split of a range that rays have no say in."""
+    """The split of a range without rays."""
     return RaySplit(no_split(), np.int64(UNORDERED), False, INF)
 
 
 @inlined
 def _put_side(sides, number, k, box, count, one):
-    """Write one side of plane k; `one`: memory for 8 float32."""
+    """Write one side of plane k; `one` is scratch memory of 8 float32."""
     store(one, 0, box)
     at = number * _BOX + k
     for axis in range(3):
@@ -116,7 +118,7 @@ def _put_side(sides, number, k, box, count, one):
 
 @kernel
 def bound_sides(bins, n_bins, sides):
-    """Fill `Sides` from the bins of a range, up to a whole number of LANES; what is beyond the bins is empty."""
+    """Fill `Sides` from the bins of a range, padded with empty sides to a multiple of LANES."""
     one, end = stack_f32(8), (n_bins + LANES - 1) // LANES * LANES
     for axis in range(3):
         base, box, count = axis * n_bins, splat8(INF), np.int64(0)
@@ -136,7 +138,7 @@ def bound_sides(bins, n_bins, sides):
 
 @inlined
 def _entered16(boxes, at, ray, near, far):
-    """Bits of 16 planes whose boxes, at word `at`, the ray enters; near, far: rows of the planes it meets so, x 3."""
+    """Bits of the planes whose boxes a ray enters, of 16 at word `at`; near, far: rows of near and far bounds."""
     x0, x1 = load16(boxes, at + near[0]) - ray.ox, load16(boxes, at + far[0]) - ray.ox
     y0, y1 = load16(boxes, at + near[1]) - ray.oy, load16(boxes, at + far[1]) - ray.oy
     z0, z1 = load16(boxes, at + near[2]) - ray.oz, load16(boxes, at + far[2]) - ray.oz
@@ -147,7 +149,7 @@ def _entered16(boxes, at, ray, near, far):
 
 @inlined
 def _entered(boxes, number, ray, near, far, n_bins):
-    """Bits of the planes on whose side `number` the ray enters the box."""
+    """Bits of the planes at which the ray enters the box of side `number`."""
     found = _entered16(boxes, number * _BOX, ray, near, far)
     if n_bins > LANES:
         found |= _entered16(boxes, number * _BOX + LANES, ray, near, far) << LANES
@@ -156,7 +158,7 @@ def _entered(boxes, number, ray, near, far, n_bins):
 
 @inlined
 def _closer16(boxes, left, right, ray):
-    """Bits of 16 planes whose left box has the centre that is closer to the ray's origin."""
+    """Bits of the planes, of 16, at which the left box's centre is closer to the ray's origin."""
     two, near, far = np.float32(2.0), splat16(np.float32(0.0)), splat16(np.float32(0.0))
     origin = ray.ox, ray.oy, ray.oz
     for axis in range(3):
@@ -169,7 +171,7 @@ def _closer16(boxes, left, right, ray):
 
 @inlined
 def _put_bins_met(rays, i, mapping, n_bins, lowest, highest):
-    """Write the lowest and highest bin, on each axis, of the triangles that ray i meets; BINS and -1 without any."""
+    """Write the lowest and highest bin of ray i's hits on each axis; BINS and -1 without hits."""
     top = np.int32(n_bins - 1)
     low, high = splat4(np.int32(BINS)), splat4(np.int32(-1))
     first = np.int64(get(rays.words, i * RAY + 6))
@@ -196,10 +198,11 @@ def _add_lanes(memory, at, lanes):
 
 @inlined
 def _count_places(places, axis, first, last, lowest, highest):
-    """Note from and up to which planes a ray enters boxes, and comes to them, of constant orders.
+    """Count the planes at which a ray starts or ends to enter boxes, and to come to them, for constant orders.
 
-    first : the first plane whose left box it enters; last : the last one whose right box
-    lowest, highest : bins of what it meets; on the left from plane lowest + 1 on, on the right up to plane highest
+    first : the first plane whose left box the ray enters
+    last : the last plane whose right box it enters
+    lowest, highest : bins of its hits; hits are on the left from plane lowest + 1 on, on the right up to plane highest
     """
     at = axis * 4 * _ROW
     _add(places, at + _ENTERS_LEFT * _ROW + first)
@@ -210,7 +213,7 @@ def _count_places(places, axis, first, last, lowest, highest):
 
 @inlined
 def _count_visits(visits, axis, first, last, lowest, highest, closer):
-    """Note at which planes a ray visits each side if the closer, or the farther, child comes first."""
+    """Count the planes at which a ray visits each side if the closer, or the farther, child comes first."""
     at, all_ = axis * 4 * BINS, (np.int64(1) << BINS) - 1
     enters_left, enters_right = (all_ << first) & all_, all_ >> (BINS - 1 - last)
     clear_left, clear_right = all_ >> (BINS - 1 - min(lowest, BINS - 1)), (all_ << (highest + 1)) & all_
@@ -222,7 +225,7 @@ def _count_visits(visits, axis, first, last, lowest, highest, closer):
 
 @kernel
 def count_rays(rays, n, mapping, sides, kernels, counts):
-    """Count n rays at all planes; the number of their hits."""
+    """Count n rays at all planes, and return the number of their hits."""
     lowest, highest, n_hits, n_bins = stack_i32(4), stack_i32(4), np.int64(0), mapping.n_bins
     for k in range(_PLACES):
         put(counts.places, k, 0)
@@ -252,7 +255,7 @@ def count_rays(rays, n, mapping, sides, kernels, counts):
 
 @inlined
 def _side_area(boxes, number, half, scale):
-    """Half the area of one side's boxes of 16 planes, scaled; 0 where they are empty."""
+    """Half the scaled area of one side's boxes at 16 planes; 0 for empty boxes."""
     at, none = number * _BOX + half, splat16(np.float32(0.0))
     x = (load16(boxes, at + 3 * BINS) - load16(boxes, at)) * scale
     y = (load16(boxes, at + 4 * BINS) - load16(boxes, at + BINS)) * scale
@@ -262,7 +265,7 @@ def _side_area(boxes, number, half, scale):
 
 @kernel
 def _subtree_costs(sides, end, linear, costs):
-    """Write what each side's subtree is taken to cost a ray that enters it, from its number of triangles."""
+    """Write the estimated cost of each side's subtree for a ray, from its triangles (docs/design/srdh.md, eq. 2)."""
     for number in range(6):
         for k in range(end):
             n = get(sides.counts, number * BINS + k)
@@ -271,7 +274,7 @@ def _subtree_costs(sides, end, linear, costs):
 
 @inlined
 def _sum_places(places, axis, end, visits):
-    """Histograms of places on one axis -> rays that enter, and come to, each side at each plane, in 4 rows of BINS."""
+    """Sum one axis' histograms to the rays that enter, and come to, each side at each plane: 4 rows of BINS."""
     row = axis * 4 * _ROW
     enters, comes = np.int32(0), np.int32(0)
     for k in range(end):
@@ -290,7 +293,7 @@ def _sum_places(places, axis, end, visits):
 
 @inlined
 def _cheaper(best, cost, axis, half, order, swapped):
-    """The better one of the best split so far and the cheapest of 16 planes with an order; the first one of equals."""
+    """The cheaper of `best` and the cheapest of 16 planes in an order. The earlier wins at equal costs."""
     least = reduce_min(cost)
     if least < best.cost:
         k = half + lowest_bit(bits(cost == splat16(least)))
@@ -300,23 +303,25 @@ def _cheaper(best, cost, axis, half, order, swapped):
 
 @inlined
 def _costs(visits, left, right, half, c1, c2, even):
-    """The heuristic of 16 planes at which so many rays visit the left and the right side (rows of `visits`)."""
+    """The heuristic of 16 planes."""
+    # In: visits, with rows `left` and `right`: rays that visit each side; half, first plane
+    # In: c1, c2, f32x16, cost of each side's subtree; even, f32x16, cost for the evenly spread rays
     return load16(visits, left * BINS + half) * c1 + load16(visits, right * BINS + half) * c2 + even
 
 
 @kernel
 def cheapest_ray_split(sides, counts, n_bins, n_hits, box, settings):
-    """The split, and the order of its children, of the least heuristic.
+    """The split and order of children with the least heuristic.
 
-    n_hits : of all rays; without any, all orders cost the same
-    box : of the range
+    n_hits : hits of all rays; without hits, all orders cost the same
+    box : the range's box
     """
     best, kernels, end = no_ray_split(), settings.kernels, (n_bins + LANES - 1) // LANES * LANES
     constant = LEFT_FIRST if n_hits > 0 else UNORDERED
     costs, visits = stack_f32(_COUNTS), stack_f32(_SUMS)
     _subtree_costs(sides, end, settings.linear, costs)
     area, prior, zero = half_area(box, settings.scale), np.float32(settings.prior), splat16(np.float32(0.0))
-    share = prior / area  # infinite, or NaN, where the box has next to no area: then there is no prior
+    share = prior / area  # infinite or NaN for a box of almost no area, which gets no prior
     share = share if share < INF else np.float32(0.0)
     for axis in range(3):
         _sum_places(counts.places, axis, end, visits)
@@ -342,9 +347,9 @@ def cheapest_ray_split(sides, counts, n_bins, n_hits, box, settings):
 
 @kernel
 def ray_split(bins, rays, n, mapping, box, settings):
-    """The cheapest `RaySplit` of a range whose bins are filled, for n rays.
+    """The cheapest `RaySplit` of a range for n rays. The range's bins are filled.
 
-    settings : of the fields of `HeuristicSettings`
+    settings : has the fields of `HeuristicSettings`
     """
     sides = Sides(stack_f32(_BOXES), stack_f32(_COUNTS))
     counts = Counts(stack_i32(_PLACES), stack_f32(_VISITS))

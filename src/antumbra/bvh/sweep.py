@@ -17,7 +17,7 @@ SWEEP_WORDS = 8  # words of scratch memory for a record
 
 
 class Swept(NamedTuple):
-    """The method of `sweep-sah`: the records sorted by centroid on each axis. A range has the same slots in all three."""
+    """The method of `sweep-sah`: the records sorted by centroid on each axis. A range has the same place in each."""
 
     x: np.ndarray  # (n, 8) float32
     y: np.ndarray  # (n, 8) float32

@@ -176,7 +176,7 @@ def spread(part, root, lane, batch):
             put(batch.boxes, row + k * LANES, get(pairs, place * 8 + k))
             put(batch.boxes, row + (k + 3) * LANES, get(pairs, place * 8 + k + 4))
         link = np.int64(get(links, place))
-        fact = load4(part.facts, (link if link >= 0 else root) * 4)  # a triangle reads any node's facts, which saves a branch
+        fact = load4(part.facts, (link if link >= 0 else root) * 4)  # for a triangle any node, without a branch
         fact = select(splat4(np.int32(link)) >= 0, fact, single)
         store(facts, leaf * 4, fact)
         put(batch.costs, (1 << leaf) * LANES + lane, get(as_f32(facts), leaf * 4 + COST))
@@ -282,7 +282,7 @@ def replace(part, lane, batch):
     for i in range(_INNER - 1, -1, -1):
         left, right = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
         subset, at = np.int64(get(subsets, i)), (LEAVES + i) * 4
-        is_leaf = get(batch.lefts, subset * LANES + lane) & _LEAF != 0 and get(inner, i) != 0  # the root is never a leaf
+        is_leaf = get(batch.lefts, subset * LANES + lane) & _LEAF != 0 and get(inner, i) != 0  # never the root
         kept = 1 + get(facts, left * 4 + KEPT) + get(facts, right * 4 + KEPT)
         put(as_f32(facts), at + COST, get(batch.costs, subset * LANES + lane))
         put(facts, at + COUNT, get(batch.counts, subset * LANES + lane))

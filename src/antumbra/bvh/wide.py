@@ -36,8 +36,8 @@ class WideBvh(NamedTuple):
     child has the link `NO_CHILD`, a leaf of no triangles, and a box that no ray enters.
 
     A group is five lines, ten 8-wide registers with a lane for each of eight triangles. The registers are the corner v0
-    (x, y, z), the edges v1 - v0 and v2 - v0, rounded to float32, and the largest magnitude of the edges' components.
-    Lanes from `count` on are zero.
+    (x, y, z), the edges v1 - v0 and v2 - v0, and the largest magnitude of the edges' components. The edges are rounded
+    to float32. Lanes from `count` on are zero.
     """
 
     nodes: np.ndarray  # (n_nodes, 64) float32, 64-byte aligned

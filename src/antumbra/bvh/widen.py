@@ -168,7 +168,7 @@ def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
     n = len(bvh.nodes)
     costs, counts = np.empty((2 * n, WIDTH), np.float32), np.empty(2 * n, np.int32)
     _price(bvh, parents_first(bvh.links), costs, counts)
-    words = aligned_empty(((1 + np.count_nonzero(counts > WIDTH)) * NODE_WORDS,), "f4")  # an upper bound; not all is touched
+    words = aligned_empty(((1 + np.count_nonzero(counts > WIDTH)) * NODE_WORDS,), "f4")  # at most; not all is touched
     slots = np.empty((n + 1) * WIDTH, np.int32)
     n_nodes, n_groups = _collapse(bvh, costs, counts, words, words.view(np.int32), slots)
     nodes = words[: n_nodes * NODE_WORDS].reshape(-1, NODE_WORDS)

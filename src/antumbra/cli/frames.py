@@ -21,7 +21,7 @@ from .progress import Activity
 from .renderoptions import Asked, scene_digest
 
 if TYPE_CHECKING:
-    from ..scene.scene import Scene
+    from ..scene.any_scene import AnyScene
 
 _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
@@ -31,7 +31,7 @@ class Job(NamedTuple):
     """An animation to render."""
 
     asked: Asked
-    scene: "Scene"
+    scene: "AnyScene"
     load: float  # seconds that reading the scene took
     pattern: Path  # path of the pictures, with # for the frame's number
     overwrite: bool  # whether finished frames are rendered again

@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from ..rendering.frame import Frame
     from ..rendering.renderer import Renderer
     from ..rendering.srdh_rays import SrdhRays
+    from ..scene.any_scene import AnyScene
     from ..scene.camera import Camera
     from ..scene.lights import Light
-    from ..scene.scene import Scene
 
 
 class Asked(NamedTuple):
@@ -55,34 +55,33 @@ class Asked(NamedTuple):
             check_srdh_rays(self.srdh_rays, parse_plan(self.plan or DEFAULT_PLAN))
         sample_sets(self.spp, self.sampler)
 
-    def about(self, scene: "Scene") -> "Asked":
+    def about(self, scene: "AnyScene") -> "Asked":
         """The same, with the plan that suits the scene if none was named."""
-        from ..rendering.paged import default_plan
+        from ..rendering.renderer import source_kind
 
-        return self if self.plan is not None else self._replace(plan=default_plan(scene))
+        return self if self.plan is not None else self._replace(plan=source_kind(scene).default_plan)
 
-    def renderer(self, scene: "Scene") -> "Renderer":
+    def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer
 
         return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays, self.max_memory)
 
-    def view(self, scene: "Scene", time: float) -> "Camera":
+    def view(self, scene: "AnyScene", time: float) -> "Camera":
         """The camera at a time."""
         return arguments.make_camera(self.camera, scene, time, self.size)
 
-    def direct_lights(self, scene: "Scene", time: float) -> "list[Light]":
+    def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, but for those that photons become."""
         return arguments.make_lights(self.lights, scene, time) + self.ambient
 
-    def shot(self, scene: "Scene", renderer: "Renderer", time: float, progress) -> "Shot":
+    def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress) -> "Shot":
         """A frame at a time; ``progress(text, runs)`` gives the function that hears of so many tracings."""
         from .. import virtual_point_lights
-        from ..rendering.paged import is_paged
 
         camera, lights = self.view(scene, time), self.direct_lights(scene, time)
         if self.vpl is not None:
             lights.append(virtual_point_lights(scene, lights[0], self.vpl, time=time, threads=self.threads))
-        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + is_paged(scene)
+        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
         frame = renderer.render(
             camera, lights, spp=self.spp, time=time, counters=self.counters, sampler=self.sampler, filter=self.filter,
             adaptive=self.adaptive, progress=progress("tracing shadow rays", runs), bounce=self.bounce,
@@ -95,7 +94,7 @@ class Asked(NamedTuple):
         rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
         return {**{name: getattr(self, name) for name in names}, "srdh_rays": rays}
 
-    def settings(self, scene: "Scene", digest: str, time: float) -> dict:
+    def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
         """All that the picture of a time depends on, as JSON has it: with the same settings it has the same bits.
 
         Not the plan if it is exact, its rays, the G-buffer's method and the threads, which change nothing; nor the

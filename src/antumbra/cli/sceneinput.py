@@ -8,13 +8,13 @@ from .arguments import SceneSpec
 from .failures import say
 
 if TYPE_CHECKING:
-    from ..scene.scene import Scene
+    from ..scene.any_scene import AnyScene
 
 _MOST_NOTES = 5
 
 
-def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "Scene":
-    """The `Scene` that a `SceneSpec` names. The loader's notes appear on standard error."""
+def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "AnyScene":
+    """The scene that a `SceneSpec` names; what the loader noted is said on standard error."""
     if spec.path is None:
         from .. import procedural
 

@@ -9,7 +9,7 @@ from . import report
 
 if TYPE_CHECKING:
     from ..rendering.frame import Frame
-    from ..scene.scene import Scene
+    from ..scene.any_scene import AnyScene
     from .renderoptions import Asked, Shot
 
 
@@ -34,14 +34,14 @@ def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = 
     return Saved(path, exposure, perf_counter() - start)
 
 
-def picture_answer(asked: "Asked", scene: "Scene", load: float, shot: "Shot", saved: Saved) -> dict:
-    """The fields of ``--json`` for a single picture."""
+def picture_answer(asked: "Asked", scene: "AnyScene", load: float, shot: "Shot", saved: Saved) -> dict:
+    """What ``--json`` says of one picture."""
     told = shot_answer(shot, saved)
     return {"scene": scene_answer(asked, scene), **asked.options(), "load": load, **told}
 
 
-def scene_answer(asked: "Asked", scene: "Scene") -> dict:
-    """The fields of ``--json`` for the scene."""
+def scene_answer(asked: "Asked", scene: "AnyScene") -> dict:
+    """What ``--json`` says of the scene."""
     return {
         "source": asked.source,
         "name": scene.name,
@@ -77,7 +77,7 @@ def shot_answer(shot: "Shot", saved: Saved) -> dict:
 
 
 def picture_fields(
-    asked: "Asked", scene: "Scene", load: float, shot: "Shot", saved: Saved
+    asked: "Asked", scene: "AnyScene", load: float, shot: "Shot", saved: Saved
 ) -> Iterator[tuple[str, str]]:
     """The names and values that are printed for a single picture."""
     frame = shot.frame
@@ -95,7 +95,7 @@ def picture_fields(
         yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were left to float64"
 
 
-def scene_text(asked: "Asked", scene: "Scene") -> str:
+def scene_text(asked: "Asked", scene: "AnyScene") -> str:
     return f"{asked.source}, {scene.n_triangles:,} triangles"
 
 

@@ -33,7 +33,8 @@ def warmup(
     """
     from ..kernels.loading import user_cache
     from ..plan import parse_plan
-    from ..rendering.warm import jobs, make_ready_all
+    from ..rendering.ready import make_ready_all
+    from ..rendering.warm import jobs
 
     wanted = jobs([parse_plan(text) for text in plan] if plan else None)
     start = perf_counter()

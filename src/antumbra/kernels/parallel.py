@@ -84,9 +84,7 @@ class _Job:
         self.worker, self.ticket, self.args, self.own, self.n_threads = worker, ticket, args, own, n_threads
         self.begun: list[None] = []  # one None per thread that has begun; appending to a list is atomic
         self.outcomes: list[BaseException | None] = []  # one per thread that has finished: None, or its exception
-        self.wake: queue.SimpleQueue[None] = (
-            queue.SimpleQueue()
-        )  # receives an item when the last thread has finished
+        self.wake: queue.SimpleQueue[None] = queue.SimpleQueue()  # receives an item when the last thread has finished
 
     def work(self):
         self.begun.append(None)

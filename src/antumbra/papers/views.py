@@ -19,11 +19,11 @@ from ..cli.arguments import parse_scene
 from ..cli.sceneinput import open_scene
 from ..errors import InputError
 from ..loading import load
+from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
 from ..scene.generated import procedural
 from ..scene.lights import Light, PointLight, QuadLight, tangents
 from ..scene.procedural import PROCEDURAL, add_scenes
-from ..scene.scene import Scene
 
 _DIAGONALS = {"bart_robots": 400.0}
 """Scene -> the diagonal to use instead of the scene's own. The sky of the robots' city is twenty times as wide as the
@@ -34,7 +34,7 @@ class View(NamedTuple):
     """A scene with the camera and the lights of a benchmark."""
 
     name: str
-    scene: Scene
+    scene: AnyScene
     camera: Camera
     lights: list[Light]
 
@@ -85,8 +85,8 @@ def told_view(name: str, path: Path, size: tuple[int, int], make_light: LightMak
     return view._replace(lights=[make_light(name, scene.bounds, info["light"], up)]) if "light" in info else view
 
 
-def own_view(name: str, scene: Scene, size: tuple[int, int]) -> View:
-    """The view of a scene with its own camera and lights, or with the default ones."""
+def own_view(name: str, scene: AnyScene, size: tuple[int, int]) -> View:
+    """A scene with its own camera and lights, or the default ones."""
     camera = scene.cameras[0].resized(*size) if scene.cameras else scene.default_camera(*size)
     return View(name, scene, camera, scene.lights or [scene.default_light()])
 

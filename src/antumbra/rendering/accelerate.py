@@ -1,17 +1,21 @@
-"""From triangles to what a plan's tracer takes: build, optimise or update a tree, prepare it."""
+"""From triangles to what a plan's tracer takes, and to its answers: build, optimise or update a tree, prepare it."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ..bvh.blocks import block_tree
 from ..bvh.nodes import Bvh
+from ..chcrt.trace import Scheduled
 from ..cull.cull import Culled
 from ..errors import InputError
 from ..methods import BUILDERS, CULLERS, OPTIMISERS, UPDATERS
 from ..plan import Plan
+from ..query.shadow import ShadowQuery
 from ..rayhierarchy.soup import soup_of
 from ..scene.triangles import Triangles
-from .srdh_rays import Showing, Shown, SrdhRays, check_srdh_rays
+from .srdh_rays import Bounce, Showing, Shown, SrdhRays, check_srdh_rays
 
 
 class Accelerated(NamedTuple):
@@ -21,9 +25,19 @@ class Accelerated(NamedTuple):
     bvh: Bvh | None  # of those that are left; prim_ids counts in all; None: the tracer walks none
     prepared: Any  # what the plan's tracer takes: the BVH, something made from it, or a `Soup` of those left
 
+    @property
+    def scheduled(self) -> Scheduled | None:
+        """The state of a tracer that remembers the frames before; None of others."""
+        return self.prepared if isinstance(self.prepared, Scheduled) else None
+
+    def begin(self) -> None:
+        """A frame begins, or another question of points."""
+        if self.scheduled is not None:
+            self.scheduled.begin()
+
 
 class Accelerator:
-    """Makes by a plan what its tracer takes; keeps what the plan's updates need from one tree to the next.
+    """Makes by a plan what its tracer takes, and has it answer; keeps what updates need from one tree to the next.
 
     Parameters
     ----------
@@ -45,9 +59,7 @@ class Accelerator:
         """The triangles that segments of these queries can meet; None if the plan culls nothing."""
         return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
 
-    def show(
-        self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Callable | None = None
-    ) -> Shown | None:
+    def show(self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Bounce | None = None) -> Shown | None:
         """The rays that this plan's builder is shown for these queries; None if it wants none. See `Showing.show`."""
         return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
 
@@ -95,6 +107,10 @@ class Accelerator:
         """The arguments of a method that wants rays; `bvh`: of the triangles, if there is one."""
         return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
 
+    def of_all(self, triangles: Triangles) -> Accelerated:
+        """All triangles for the camera's rays: in the plan's tree, or in one that is made for them."""
+        return self.build(triangles) if self.one_tree else self.for_camera(triangles)
+
     def for_camera(self, triangles: Triangles) -> Accelerated:
         """What the camera's rays are traced through where the plan has no BVH, or one that is made for shadow rays."""
         bvh = BUILDERS["bsah"].build(triangles.vertices, self.threads)
@@ -107,3 +123,9 @@ class Accelerator:
         """
         made = soup_of(triangles, culled) if bvh is None else bvh
         return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads))
+
+    def answer(self, accelerated: Accelerated, query: ShadowQuery, tally=None, progress=None) -> np.ndarray:
+        """The bits of a query by this plan's tracer, (h, w, ceil(spp / 64)) uint64."""
+        bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+        self.plan.tracer.trace(accelerated.prepared, query, bits, self.threads, tally, progress)
+        return bits

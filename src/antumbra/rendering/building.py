@@ -1,12 +1,15 @@
 """Building a store, as users ask for it."""
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 from ..checks import whole_number
 from ..kernels.parallel import thread_count
 from ..output import checked_output
-from ..scene.scene import Scene
+from ..scene.any_scene import AnyScene
 from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, Progress, build_compiled
 from ..store.layout import STORE_SUFFIX
-from .warm import warm_up_store
+from .ready import Job, fixed_job, make_ready, small_scene
 
 
 def build_store(
@@ -47,9 +50,19 @@ def build_store(
         On scenes without triangles, too far apart or with other up axes; a path that cannot be written, or a full
         disk, and then nothing is left behind.
     """
-    scenes = [scenes] if isinstance(scenes, Scene) else scenes
+    scenes = [scenes] if isinstance(scenes, AnyScene) else scenes
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
     max_memory = whole_number(max_memory, "max_memory", LEAST_MEMORY, 1 << 60)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
-    warm_up_store()
+    make_ready(store_job)
     return build_compiled(scenes, path, max_memory, threads, chunk, progress)
+
+
+def store_job() -> Job:
+    """Building a store."""
+
+    def work():
+        with TemporaryDirectory() as folder:
+            build_compiled([small_scene()], Path(folder) / "small.antumbra", threads=2, chunk=64)
+
+    return fixed_job("building stores", work)

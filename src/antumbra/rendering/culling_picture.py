@@ -11,8 +11,8 @@ from ..query.picture import shadow_queries
 from ..query.receivers import NOTHING
 from ..query.sampling import light_samples
 from ..scene.lights import FIXED, LIST, SPHERE, check_lights
+from .render_jobs import warm_up
 from .renderer import Renderer
-from .warm import warm_up
 
 KEPT, DROPPED = np.array([1.0, 0.33, 0.03], np.float32), np.array([0.04, 0.16, 0.6], np.float32)
 RECEIVER, LIGHT = np.array([1.0, 1.0, 1.0], np.float32), np.array([1.0, 0.9, 0.1], np.float32)
@@ -34,9 +34,9 @@ class CullingPicture(NamedTuple):
 def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0, threads=None) -> CullingPicture:
     """Which triangles a culler leaves; the arguments are those of `antumbra.render`, ``culler`` a name in CULLERS."""
     lights, renderer = check_lights(lights), Renderer(scene, f"{culler}+bsah+single", threads)
-    warm_up(renderer.plan, renderer.gbuffer)
+    warm_up(renderer.plan, renderer.source.gbuffer)
     triangles = scene.triangles(time, threads)
-    gbuffer = renderer.see(triangles, camera, None)
+    gbuffer = renderer.see(triangles, camera)
     samples = [light_samples(light, spp) for light in lights]
     queries = shadow_queries(triangles, gbuffer, lights, samples, threads=renderer.threads)
     start = perf_counter()

@@ -24,11 +24,11 @@ from ..scene.triangles import Triangles
 from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
 from ..trace.rays.orders import BUILT, Ordered
 from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
-from .accelerate import Accelerated
-from .job import bounced_queries
-from .renderer import Renderer
-from .srdh_rays import check_srdh_rays
-from .warm import warm_up, warm_up_bounce, warm_up_steps
+from .accelerate import Accelerated, Accelerator
+from .in_memory import see
+from .ready import Job, fixed_job, make_ready, small_scene, small_view
+from .render_jobs import warm_up, warm_up_bounce
+from .srdh_rays import bounced_queries, check_srdh_rays
 
 WINDOW = 16  # pixels; what tracers trace together lies within
 
@@ -122,10 +122,20 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     moments = [moment._replace(lights=check_lights(moment.lights)) for moment in moments]
     for plan in plans:
         warm_up(plan, "raster")
-    warm_up_steps()
+    make_ready(steps_job)
     if srdh_rays is not None and srdh_rays.bounce:
         warm_up_bounce()
     return explain_compiled(scene, moments, plans, spp, thread_count(threads), srdh_rays, say)
+
+
+def steps_job() -> Job:
+    """What `antumbra explain` counts."""
+
+    def work():
+        camera, lights = small_view()
+        explain_compiled(small_scene(), [Moment(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2)
+
+    return fixed_job("counted steps", work)
 
 
 def explained_plans(plans) -> list[Plan]:
@@ -143,7 +153,7 @@ def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=No
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)
-        walked = _walk(Renderer(scene, plan, threads, srdh_rays=srdh_rays if plan.wants_rays else None), pictures)
+        walked = _walk(Accelerator(plan, threads, srdh_rays if plan.wants_rays else None), pictures)
         if i == 0:
             first, frequent = walked, _frequent(walked.steps.hits)
         _check_bits(first, walked)
@@ -156,35 +166,37 @@ def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=No
 def _picture(scene, moment: Moment, spp: int, threads: int) -> _Picture:
     """The queries of a moment; the same for every plan."""
     triangles = scene.triangles(moment.time, threads)
-    gbuffer = Renderer(scene, threads=threads).see(triangles, moment.camera)
+    gbuffer = see(triangles, moment.camera, None, threads)
     samples = [light_samples(light, spp) for light in moment.lights]
     queries = shadow_queries(triangles, gbuffer, moment.lights, samples, threads=threads)
     return _Picture(triangles, gbuffer, moment.lights, samples, queries)
 
 
-def _build(renderer: Renderer, picture: _Picture) -> Accelerated:
+def _build(accelerator: Accelerator, picture: _Picture) -> Accelerated:
     """The tree of a plan for a picture, as a frame has it."""
     triangles, gbuffer, lights, samples, queries = picture
-    bounce = bounced_queries(renderer, triangles, gbuffer, lights, samples)
-    shown = renderer.show(triangles, queries, bounce=bounce)
-    return renderer.build(triangles, renderer.culled(triangles, queries), shown)
+    bounce = bounced_queries(accelerator.showing, triangles, gbuffer, lights, samples)
+    shown = accelerator.show(triangles, queries, bounce=bounce)
+    return accelerator.build(triangles, accelerator.culled(triangles, queries), shown)
 
 
-def _walk(renderer: Renderer, pictures: list[_Picture]) -> _Walked:
+def _walk(accelerator: Accelerator, pictures: list[_Picture]) -> _Walked:
     """Trace the last picture, having built for all, and count."""
     for picture in pictures:
-        ready = _build(renderer, picture)
-    queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), renderer.threads
+        ready = _build(accelerator, picture)
+    queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), accelerator.threads
     one_by_one = isinstance(ready.prepared, Ordered)
     ordered = ready.prepared if one_by_one else Ordered(ready.bvh, BUILT)
     steps = add_steps([count_steps(ordered, query, n, threads) for query in queries])
     if one_by_one:
-        return _Walked(renderer.plan, ready, steps, [renderer.answer(ready, query) for query in queries], None)
-    bits, tests = zip(*(trace_windows(renderer, ready, query) for query in queries))
-    return _Walked(renderer.plan, ready, steps, list(bits), np.sum(tests, axis=0))
+        return _Walked(accelerator.plan, ready, steps, [accelerator.answer(ready, query) for query in queries], None)
+    bits, tests = zip(*(trace_windows(accelerator, ready, query) for query in queries))
+    return _Walked(accelerator.plan, ready, steps, list(bits), np.sum(tests, axis=0))
 
 
-def trace_windows(renderer: Renderer, accelerated: Accelerated, query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
+def trace_windows(
+    accelerator: Accelerator, accelerated: Accelerated, query: ShadowQuery
+) -> tuple[np.ndarray, np.ndarray]:
     """(bits, tests) of a query, window by window; tests: (rows, columns, 2) int64, of boxes and of triangles.
 
     A window begins at a multiple of 16 pixels, as a block of 4 x 4 pixels does that share their samples: the bits are
@@ -193,7 +205,7 @@ def trace_windows(renderer: Renderer, accelerated: Accelerated, query: ShadowQue
     h, w = query.sides.shape
     rows, columns = -(-h // WINDOW), -(-w // WINDOW)
     bits = np.zeros((h, w, -(-query.samples.shape[1] // 64)), np.uint64)
-    tests, alone = np.zeros((rows, columns, 2), np.int64), Renderer(renderer.scene, renderer.plan, 1)
+    tests, alone = np.zeros((rows, columns, 2), np.int64), Accelerator(accelerator.plan, 1)
 
     def trace(window):
         y, x = divmod(window, columns)
@@ -202,7 +214,7 @@ def trace_windows(renderer: Renderer, accelerated: Accelerated, query: ShadowQue
         bits[part] = alone.answer(accelerated, _part(query, part), tally)
         tests[y, x] = tally[[BOX_TESTS, TRIANGLE_TESTS]]
 
-    with ThreadPoolExecutor(renderer.threads) as pool:
+    with ThreadPoolExecutor(accelerator.threads) as pool:
         list(pool.map(trace, range(rows * columns)))
     return bits, tests
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from ..query.diffuse import Passes, diffuse_rays
+from ..query.diffuse import diffuse_rays
 from ..query.picture import Surfaces
 from ..trace.rays.bounce import Nearest
-from .job import Job
+from .state import FrameState, ask_all, picture, queries_of
 
 _BLACK = np.zeros(3, np.float32)
 
 
-def indirect_light(job: Job, surfaces: Surfaces, origins, passes: Passes, nearest: Nearest) -> np.ndarray:
+def indirect_light(state: FrameState, surfaces: Surfaces, origins, nearest: Nearest) -> np.ndarray:
     """(H, W, 3) float32: irradiance by light that has bounced once, from as many diffuse rays as there are passes.
 
     origins : (H, W, 3) float32, the receivers of the surfaces
@@ -20,11 +20,12 @@ def indirect_light(job: Job, surfaces: Surfaces, origins, passes: Passes, neares
     radiance where they end: of diffuse surfaces that only lights shine on, with their shadows. Rays that end nowhere
     bring nothing.
     """
-    gbuffer, ids = surfaces.gbuffer, surfaces.ids.reshape(-1)
+    passes, gbuffer, ids = state.request.passes, surfaces.gbuffer, surfaces.ids.reshape(-1)
+    assert passes is not None
     radiance = np.zeros((*gbuffer.face.shape, 3))
     for k, directions in enumerate(passes.directions):
-        rays = diffuse_rays(gbuffer, origins, directions, job.threads)._replace(skip=ids)
+        rays = diffuse_rays(gbuffer, origins, directions, state.threads)._replace(skip=ids)
         met = nearest(rays, gbuffer.face.shape)
-        queries = job.queries(met, [of_light[k] for of_light in passes.lights])
-        radiance += job.picture(met, queries, [job.ask(query) for query in queries], _BLACK)
+        queries = queries_of(state, met, [of_light[k] for of_light in passes.lights])
+        radiance += picture(state, met, ask_all(state, queries), _BLACK)
     return (np.pi / len(passes.directions) * radiance).astype(np.float32)

@@ -1,7 +1,7 @@
-"""Scenes in a store: what a `Renderer` does otherwise where not all triangles are in memory."""
+"""Scenes in a store: chunks come into memory when rays want them, within a budget, and go again."""
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,74 +10,82 @@ from ..chcrt.parts import parts_of_chunks
 from ..chcrt.trace import Scheduled, camera_hits, nearest_hits
 from ..checks import whole_number
 from ..errors import InputError
-from ..plan import DEFAULT_PLAN, Plan
+from ..plan import Plan
 from ..query.diffuse import RayPass
 from ..query.gbuffer import from_hits
 from ..query.picture import Surfaces
 from ..scene.triangles import Triangles
+from ..store.residency import Residency
 from ..store.resident import resident
+from ..store.scene import PagedScene
 from ..trace.forest import Hits
-from ..trace.rays.bounce import surfaces_met
-from .accelerate import Accelerated
-
-if TYPE_CHECKING:
-    from ..store.read import Store
+from ..trace.rays.bounce import Nearest, surfaces_met
+from .accelerate import Accelerated, Accelerator
+from .ready import Job, fixed_job, make_ready
 
 MAX_MEMORY = 4 << 30
 _PIXEL_BYTES = 320  # of a frame's arrays: rays, hits, surfaces, cells, the image and what makes it
 _SPARE = 48 << 20  # for what is allocated here and there
 
 
-def is_paged(scene) -> bool:
-    """Is the scene in a store?"""
-    return hasattr(scene, "store")
+def paged_job() -> Job:
+    """Rendering a scene in a store, besides the job of its plan."""
+    work = lambda: radix_sort(np.zeros(2, np.int64), np.zeros(2, np.int32), 40, 2)
+    return fixed_job("scenes in a store", work)
 
 
-def default_plan(scene) -> str:
-    """The plan that a scene is rendered by if none is given."""
-    return str(Plan(trace="chcrt")) if is_paged(scene) else DEFAULT_PLAN
+class Paged:
+    """A scene in a store, with those of its chunks that are in memory; see `RenderSource` for what its methods are for.
 
+    Parameters
+    ----------
+    scene : PagedScene
+    accelerator : Accelerator
+        Its plan says how the store's trees are traced.
+    gbuffer : str
+        Of no effect: only rays find the triangles of a store, with the bits that rasterisation would give.
+    max_memory : int or None
+        Bytes that the process may have in memory at any time; None: 4 GiB.
 
-def paged(scene, plan: Plan, threads: int, max_memory: int | None) -> "Paged | None":
-    """What renders a scene in a store; None: all triangles are in memory.
+    Attributes
+    ----------
+    accelerated : Accelerated
+        The plan's tracer takes it; it holds no triangles.
+    residency : Residency
 
     Raises
     ------
     InputError
-        On a plan that needs all triangles, or a `max_memory` for what is in memory anyway.
-    """
-    if not is_paged(scene):
-        if max_memory is not None:
-            raise InputError(f"max_memory is for scenes in a store, and {scene.name} is in memory; leave it out")
-        return None
-    given = [name for name in (plan.cull, plan.optimise, plan.update) if name]
-    if plan.tracer.culling is None or given or plan.build != Plan().build:
-        raise InputError(
-            f"plan {str(plan)!r}: {scene.name} is in a store, whose trees are built; use {Plan(trace='chcrt')}"
-        )
-    most = MAX_MEMORY if max_memory is None else whole_number(max_memory, "max_memory", 1, 1 << 60)
-    return Paged(scene, plan, threads, most)
-
-
-class Paged:
-    """A scene in a store, with those of its chunks that are in memory.
-
-    accelerated : Accelerated
-        What the plan's tracer takes; its triangles are none.
-    residency : store.residency.Residency
+        On a plan that needs all triangles, or a `max_memory` out of range.
     """
 
-    def __init__(self, scene, plan: Plan, threads: int, max_memory: int):
-        from ..store.residency import Residency
+    default_plan: ClassVar = str(Plan(trace="chcrt"))
+    keeps_read: ClassVar = True
+    looks: ClassVar = 1
+    gbuffer = "rays"
 
-        self.scene, self.threads, self.max_memory = scene, threads, max_memory
-        store: Store = scene.store
-        self.store, self.residency = store, Residency(store, max_memory)
+    def __init__(
+        self, scene: PagedScene, accelerator: Accelerator, gbuffer: str = "rays", max_memory: int | None = None
+    ):
+        plan = accelerator.plan
+        if plan.tracer.culling is None or plan.cull or plan.optimise or plan.update or plan.build != Plan().build:
+            raise InputError(
+                f"plan {str(plan)!r}: {scene.name} is in a store, whose trees are built; use {self.default_plan}"
+            )
+        most = MAX_MEMORY if max_memory is None else whole_number(max_memory, "max_memory", 1, 1 << 60)
+        store = scene.store
+        self.scene, self.threads, self.max_memory = scene, accelerator.threads, most
+        self.store, self.residency = store, Residency(store, most)
         self._before = self.residency.paging
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
-        assert plan.tracer.culling is not None  # `paged` has looked
         scheduled = Scheduled(parts, plan.tracer.culling)
         self.accelerated: Accelerated = Accelerated(self._triangles(np.empty((0, 2), np.int32)), None, scheduled)
+
+    def warm_up(self) -> None:
+        make_ready(paged_job)
+
+    def check_adaptive(self) -> None:
+        raise InputError(f"{self.scene.name}: adaptive sampling wants all triangles at once; leave it out")
 
     def begin(self, pixels: int, words: int) -> None:
         """A frame of so many pixels and words of bits begins: the chunks get what memory it leaves."""
@@ -103,18 +111,32 @@ class Paged:
             )
         return budget
 
+    def moment(self, time: float) -> tuple[Triangles, Accelerated]:
+        return self.accelerated.triangles, self.accelerated
+
+    for_points = moment
+
+    def keep(self, accelerated: Accelerated) -> None:
+        pass
+
+    def box(self, triangles: Triangles) -> np.ndarray:
+        return self.store.meta.box
+
     def paging(self) -> dict[str, int]:
-        """What has come and gone in this frame."""
+        """Counts of chunks that came and went in this frame."""
         now, before = self.residency.paging, self._before
         return {name: a - b for name, a, b in zip(now._fields, now, before)}
 
-    def look(self, camera, progress=None) -> Surfaces:
-        """The surfaces that a camera sees."""
+    def look(self, camera, triangles=None, whole=None, progress=None) -> Surfaces:
+        """The surfaces that a camera sees; the triangles are the store's."""
         rays = camera.rays(self.scene.origin)
         return self._surfaces(
             camera_hits(self.accelerated.prepared, rays, self.threads, progress),
             lambda face, t, triangles: from_hits(face, t, triangles, rays, self.threads),
         )
+
+    def nearest_in(self, whole: Accelerated) -> Nearest:
+        return self.nearest
 
     def nearest(self, rays: RayPass, shape: tuple[int, int], by: Scheduled | None = None) -> Surfaces:
         """The surfaces that a pass of rays over a picture of this shape meets first, traced by the plan's tracer or by

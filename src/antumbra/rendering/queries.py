@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..plan import DEFAULT_PLAN
-from ..query.bounds import bounds, reach_of
+from ..query.bounds import reach_of
 from ..query.rays import Arguments, Hit, HitArrays, as_array, cull_value, ray_arguments
 from ..query.receivers import FREE, point_receivers
 from ..query.sampling import light_samples
@@ -18,9 +18,9 @@ from ..scene.lights import check_lights
 from ..scene.point_lights import PointLights
 from ..trace.rays.batch import trace_batch
 from .accelerate import Accelerated
-from .paged import is_paged
-from .renderer import Renderer
-from .warm import warm_up, warm_up_paged, warm_up_rays
+from .ready import Job, fixed_job, make_ready, small_scene
+from .render_jobs import warm_up
+from .renderer import Renderer, source_kind
 
 
 class Visibility(NamedTuple):
@@ -34,16 +34,17 @@ def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated
     """The scene's triangles and BVH at a time; those of all plans for the last time asked are kept with the scene.
 
     Plans that differ only in their tracer share triangles and BVH, or the triangles if they have none.
+
+    plan : one that builds the same tree for every question
+
+    Raises
+    ------
+    InputError
+        If the scene is in a store, and the plan needs its triangles.
     """
-    renderer, time = Renderer(scene, plan, threads), scene.clamped(time)
-    kept = scene.__dict__.get("_accelerated")
-    if kept is None or kept[0] != time:
-        kept = scene.__dict__["_accelerated"] = (time, {})
-    plan, plans = renderer.plan, kept[1]
-    if plan not in plans:
-        built = next((made for other, made in list(plans.items()) if other.tree == plan.tree), None)
-        plans[plan] = renderer.prepare(built.triangles, built.bvh) if built else renderer.accelerate(time)
-    return plans[plan]
+    _, ready = Renderer(scene, plan, threads).source.for_points(time)
+    assert ready is not None
+    return ready
 
 
 def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time, threads) -> HitArrays:
@@ -57,6 +58,23 @@ def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time
     if not trace_batch(wide, arguments.ray_list(cull_faces), any_hit, out, threads):
         arguments.check()
     return out
+
+
+def warm_up_rays() -> None:
+    """`Scene.occluded` and `Scene.closest_hit`."""
+    make_ready(rays_job)
+
+
+def rays_job() -> Job:
+    """Ray queries."""
+
+    def work():
+        arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0]
+        scene = small_scene()
+        for any_hit in True, False:
+            trace_list(scene, arguments, any_hit, 0, 0.0, 1)
+
+    return fixed_job("ray queries", work)
 
 
 def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_faces, threads):
@@ -78,7 +96,7 @@ def visibility(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or PagedScene
     points : (..., 3) float, world; anything with DLPack
     light : a light
         Ambient occlusion needs normals. Of a list of lights each point asks all: bit s is light s.
@@ -113,54 +131,54 @@ def visibility(
     samples = light_samples(light, spp, sampler)
     if normals is None and light.domain == "hemisphere":
         raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
-    world = points.astype(np.float64).reshape(-1, 3)
-    if not np.isfinite(world).all():
-        raise InputError("points hold NaN or infinity")
-    local = world - scene.origin
-    if normals is None:
-        origins, unit = local.astype(np.float32), np.empty((0, 0, 3))
-    else:
-        unit = _unit_normals(normals, points.shape)
-        origins = point_receivers(local, unit, world, points.dtype == np.float32)
-    warm_up(renderer.plan, renderer.gbuffer)
-    ready, paged = None, renderer.paged
-    if paged is not None:
-        warm_up_paged()
-        paged.begin(len(local), -(-samples.shape[1] // 64))
-        ready = paged.accelerated
-    elif not (renderer.plan.cull or renderer.showing):
-        ready = accelerated(scene, time, threads, renderer.plan)
-    triangles = scene.triangles(time, threads) if ready is None else ready.triangles
-    box = np.stack(bounds(triangles.vertices, threads)) if paged is None else paged.store.meta.box
-    no_faces = np.full((1, len(local)), -1, np.int32)
+    origins, unit = _receivers(scene, points, normals)
+    accelerator, source = renderer.accelerator, renderer.source
+    warm_up(renderer.plan, source.gbuffer)
+    source.warm_up()
+    source.begin(len(origins), -(-samples.shape[1] // 64))
+    triangles, ready = source.for_points(time)
+    reach = reach_of(source.box(triangles), origins, threads) if len(origins) else 1.0
+    no_faces = np.full((1, len(origins)), -1, np.int32)
     query = ShadowQuery(
         origins[None],
         no_faces,
-        np.full((1, len(local)), FREE if normals is None else 1, np.int8),
+        np.full((1, len(origins)), FREE if normals is None else 1, np.int8),
         unit if normals is None else unit[None],
         triangles.vertices.reshape(-1, 9),
-        light.patch(triangles.origin, reach_of(box, origins, threads) if len(origins) else 1.0),
+        light.patch(triangles.origin, reach),
         samples,
         cull_value(cull_faces),
         no_faces,
     )
     if ready is None:
-        ready = renderer.build(triangles, renderer.culled(triangles, [query]), renderer.show(triangles, [query]))
-    if renderer.plan.tracer.keeps:
-        ready.prepared.begin()
-    bits = renderer.answer(ready, query)
+        culled, shown = accelerator.culled(triangles, [query]), accelerator.show(triangles, [query])
+        ready = accelerator.build(triangles, culled, shown)
+    ready.begin()
+    bits = accelerator.answer(ready, query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
     return Visibility(bits, fraction_lit(bits, samples.shape[1]))
 
 
 def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
-    """A renderer of this scene; of a store the one that answered this thread before, with all that it has read."""
-    if not is_paged(scene):
+    """A renderer of this scene; if it keeps what is read, the one that answered this thread before."""
+    if not source_kind(scene).keeps_read:
         return Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
     asked, kept = (plan, threads, max_memory, get_ident()), scene.__dict__.get("_renderer")
     if kept is None or kept[0] != asked:
         kept = scene.__dict__["_renderer"] = asked, Renderer(scene, plan, threads, max_memory=max_memory)
     return kept[1]
+
+
+def _receivers(scene, points, normals) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) float32 points in the recentred frame, off their surfaces; and (n, 3) float64 unit normals, or none."""
+    world = points.astype(np.float64).reshape(-1, 3)
+    if not np.isfinite(world).all():
+        raise InputError("points hold NaN or infinity")
+    local = world - scene.origin
+    if normals is None:
+        return local.astype(np.float32), np.empty((0, 0, 3))
+    unit = _unit_normals(normals, points.shape)
+    return point_receivers(local, unit, world, points.dtype == np.float32), unit
 
 
 def _unit_normals(normals, shape) -> np.ndarray:

@@ -18,8 +18,13 @@ from ..checks import points, whole_number
 from ..errors import InputError
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
+from ..query.picture import shadow_queries
 from ..query.shadow import ShadowQuery, segments
+from ..trace.rays.bounce import bounced
 from ..trace.rays.intersections import intersections
+
+Bounce = Callable[[Bvh], list[ShadowQuery]]
+"""A `Bvh` of all triangles -> the queries of surfaces that diffuse rays meet in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,11 +199,11 @@ class Showing:
         self.last: Shown | None = None  # of the frame before, if that is asked for
         self.n_triangles = 0  # of that frame
 
-    def show(self, queries, triangles, bvh: Bvh | None = None, bounce: Callable | None = None) -> Shown:
+    def show(self, queries, triangles, bvh: Bvh | None = None, bounce: Bounce | None = None) -> Shown:
         """The rays of these queries, or instead.
 
         bvh : of all triangles, if there is one
-        bounce : function of a `Bvh` of all triangles -> queries of the surfaces that diffuse rays meet, for a picture
+        bounce : of a picture, if such rays are asked for
         """
         if self.asked.origins is not None:
             return Shown(_given(self.asked, triangles.origin, queries[0].cull_faces), bvh)
@@ -226,3 +231,17 @@ def check_srdh_rays(srdh_rays: SrdhRays | None, *plans: Plan) -> None:
     if srdh_rays is not None and not any(plan.wants_rays for plan in plans):
         names = ", ".join(map(str, plans))
         raise InputError(f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh")
+
+
+def bounced_queries(showing: Showing | None, triangles, gbuffer: GBuffer, lights, samples, facing=0) -> Bounce | None:
+    """Asks for the light where diffuse rays end, one from each pixel shown; None if the builder wants none of them."""
+    if showing is None or not showing.asked.bounce:
+        return None
+    asked, threads = showing.asked, showing.threads
+
+    def bounce(bvh: Bvh) -> list[ShadowQuery]:
+        surfaces = bounced(sparse_gbuffer(gbuffer, asked), triangles, bvh, threads=threads)
+        fewer = [fewer_samples(sets, asked.spp) for sets in samples]
+        return shadow_queries(triangles, surfaces, lights, fewer, facing, threads)
+
+    return bounce

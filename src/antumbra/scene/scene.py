@@ -3,16 +3,16 @@
 import numpy as np
 
 from ..errors import InputError
-from . import engine, framing
+from .any_scene import AnyScene
 from .camera import Camera
-from .mesh import MeshInfo, make_mesh
+from .mesh import make_mesh
 from .recentre import frame_origin
 from .source import Source, StaticMeshes
 from .survey import Survey, faces_of
 from .triangles import Triangles
 
 
-class Scene:
+class Scene(AnyScene):
     """Triangles, cameras and lights in world space, at any time between 0 and `duration`.
 
     Made by `antumbra.load`, `antumbra.procedural` or `Scene.from_arrays`. Coordinates are evaluated in
@@ -47,9 +47,7 @@ class Scene:
 
     def __init__(self, source: Source, *, name: str = "scene", up: str = "y", notes: tuple[str, ...] = ()):
         self.name, self.up, self.notes = name, checked_up(up), tuple(notes)
-        self.duration = float(source.duration)
-        self.meshes: list[MeshInfo] = source.meshes
-        self.source = source
+        self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
         self.bounds, self.colours = _survey(source)
         self.origin = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
@@ -86,21 +84,6 @@ class Scene:
     def n_triangles(self) -> int:
         return len(self.colours)
 
-    @property
-    def animated(self) -> bool:
-        """Whether anything can change between time 0 and `duration`."""
-        return self.duration > 0.0
-
-    @property
-    def cameras(self) -> list[Camera]:
-        """The perspective cameras of the file at time 0, 1024 pixels high."""
-        return list(self._cameras)
-
-    @property
-    def lights(self) -> list:
-        """The lights of the file (KHR_lights_punctual) at time 0."""
-        return list(self._lights)
-
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
 
@@ -124,100 +107,11 @@ class Scene:
         face_id = np.arange(self.n_triangles, dtype=np.int32)
         return Triangles(vertices, self.origin.copy(), face_id, self.colours)
 
-    def camera(self, index: int = 0, time: float = 0.0) -> Camera:
-        """Camera `index` of the file as it is at `time`."""
-        if not 0 <= index < len(self._cameras):
-            raise InputError(f"{self.name}: there is no camera {index}; the scene has {len(self._cameras)}")
-        return self.source.cameras(self.clamped(time))[index]
+    def _cameras_at(self, time: float) -> list[Camera]:
+        return self.source.cameras(time)
 
-    def light(self, index: int = 0, time: float = 0.0):
-        """Light `index` of the file as it is at `time`."""
-        if not 0 <= index < len(self._lights):
-            raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
-        return self.source.lights(self.clamped(time))[index]
-
-    def default_camera(self, width: int = 1024, height: int = 1024) -> Camera:
-        """Three-quarter view from a little above, with the bounding sphere of the scene in view."""
-        return framing.default_camera(self.bounds, self.up, width, height)
-
-    def default_light(self):
-        """A `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
-        return framing.default_light(self.bounds, self.up)
-
-    def occluded(
-        self,
-        origins,
-        directions=None,
-        tmin=0.0,
-        tmax=np.inf,
-        skip_face=None,
-        time=0.0,
-        *,
-        cull_faces=None,
-        threads=None,
-    ) -> np.ndarray:
-        """Whether anything blocks each ray strictly between tmin and tmax. Exact: see the contract in the docs.
-
-        Parameters
-        ----------
-        origins, directions : (..., 3) float, world
-            Broadcast against each other; or `origins` alone with shape (..., 6). Anything with DLPack in host memory.
-            Float64 origins are recentred before they are rounded to float32. Directions need not be unit.
-        tmin, tmax : float or (...) float
-            In lengths of the direction; 0 <= tmin. A hit at exactly tmin or tmax does not count.
-        skip_face : int or (...) int, optional
-            A face that does not count, for rays that start on a known face; -1 for none.
-        time : float
-            Seconds. The BVH of the last time asked is kept.
-        cull_faces : None, "front" or "back"
-            Faces that turn this side to the ray do not block it.
-        threads : int, optional
-            None: all cores.
-
-        Returns
-        -------
-        (...) bool
-
-        Raises
-        ------
-        InputError
-            On shapes that do not broadcast, NaN or infinite origins or directions, a zero direction, a negative or
-            infinite tmin, or NaN in tmax.
-        """
-        return engine.ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
-
-    def closest_hit(
-        self,
-        origins,
-        directions=None,
-        tmin=0.0,
-        tmax=np.inf,
-        skip_face=None,
-        time=0.0,
-        *,
-        cull_faces=None,
-        threads=None,
-    ):
-        """The nearest hit of each ray strictly between tmin and tmax; arguments and errors as for `occluded`.
-
-        Returns
-        -------
-        Hit
-            t (...) float64, in lengths of the direction, inf on a miss; face (...) int32, -1 on a miss;
-            u, v (...) float32, weights of the face's second and third corner. Of faces that are equally near in
-            float64, the one with the lowest index.
-        """
-        return engine.ask(self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
-
-    def clamped(self, time) -> float:
-        """`time` within 0 .. `duration`; InputError unless it is a number."""
-        try:
-            time = float(time)
-        except (TypeError, ValueError):
-            time = np.nan
-        if np.isnan(time):
-            raise InputError(f"{self.name}: time must be a number of seconds from 0 to {self.duration:g}")
-        return min(max(time, 0.0), self.duration)
+    def _lights_at(self, time: float) -> list:
+        return self.source.lights(time)
 
     def __repr__(self) -> str:
         moving = f", duration={self.duration:g}" if self.animated else ""

@@ -17,6 +17,7 @@ from ..scene.source import Source
 from .chunks import chunks_of
 from .columns import gathered
 from .meta import Meta
+from .scene import PagedScene
 from .sort import Sorting, grid_over, groups
 from .spool import MOST, Spool
 from .top import top_tree
@@ -76,6 +77,8 @@ class _Build:
         """Spool all pieces; return the name, up axis, cameras, lights and notes of all scenes."""
         names, ups, cameras, lights, notes = [], set(), [], [], []
         for scene in scenes:
+            if isinstance(scene, PagedScene):
+                raise scene.refusal()
             if not isinstance(scene, Scene | StreamedCity):
                 raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as antumbra.load gives")
             self._spool(scene.source, spool)

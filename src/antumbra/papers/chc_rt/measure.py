@@ -20,8 +20,8 @@ from ...image.tonemap import to_srgb8
 from ...plan import parse_plan
 from ...query.picture import Surfaces, surfaces_of
 from ...query.sampling import ROTATIONS
+from ...rendering.render_jobs import warm_up, warm_up_indirect
 from ...rendering.renderer import Renderer
-from ...rendering.warm import warm_up, warm_up_indirect
 from ...scene.camera import Camera
 from .rays import AO, DIFFUSE, KINDS, PLANS, SAMPLER, Answer, Asked, Culling, Method, Plain, asked_of, differing, timed
 from .variants import THRESHOLDS, tracer_name

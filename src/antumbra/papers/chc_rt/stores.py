@@ -15,10 +15,11 @@ import numpy as np
 
 from ...chcrt.trace import Scheduled
 from ...errors import InputError
-from ...rendering.paged import Paged, is_paged
+from ...rendering.paged import Paged
+from ...rendering.render_jobs import warm_up, warm_up_indirect
 from ...rendering.renderer import Renderer
-from ...rendering.warm import warm_up, warm_up_indirect
 from ...store.residency import POLICIES
+from ...store.scene import PagedScene
 from ..answers import digest
 from .measure import CHCRT, Pace, Say, Turn, begin, bled, error_of, told_by
 from .rays import DIFFUSE, KINDS, SAMPLER, SPP, Asked, Culling, asked_of, timed
@@ -43,17 +44,18 @@ def out_of_core(
 
 @contextmanager
 def _opened(place: Place, max_memory: int | None, threads: int) -> Iterator[Paged]:
-    """The store of a place, with no chunk in memory."""
-    if not is_paged(place.scene):
+    """The store of a place, of which nothing is in memory yet."""
+    if not isinstance(place.scene, PagedScene):
         raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
     renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
     warm_up(renderer.plan, "rays")
     warm_up_indirect("rays")
-    assert renderer.paged is not None
+    paged = renderer.source
+    assert isinstance(paged, Paged)
     try:
-        yield renderer.paged
+        yield paged
     finally:
-        renderer.paged.residency.close()
+        paged.residency.close()
 
 
 def aggressive(place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say) -> list[Turn]:

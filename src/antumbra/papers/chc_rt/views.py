@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...rendering.paged import is_paged
+from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.procedural.city import PITCH
-from ...scene.scene import Scene
+from ...store.scene import PagedScene
 from .. import views
 from ..views import View, real_path, square
 
@@ -49,7 +49,7 @@ class Place(NamedTuple):
     """A scene and its walkthroughs."""
 
     name: str
-    scene: Scene
+    scene: AnyScene
     light: Light
     reach: float  # radius of ambient occlusion, in world units
     walks: tuple[Walk, Walk]  # near and far
@@ -66,8 +66,8 @@ def named_view(name: str, size: tuple[int, int]) -> View:
 
 
 def check_in_memory(view: View) -> None:
-    """Raise an InputError if the scene is in a store."""
-    if is_paged(view.scene):
+    """InputError if the scene is in a store."""
+    if isinstance(view.scene, PagedScene):
         raise InputError(f"{view.name}: is a store; name it with --store instead of --scene")
 
 
@@ -83,8 +83,8 @@ def place_of(view: View) -> Place:
     return Place(view.name, scene, view.lights[0], reach, walks)
 
 
-def _street(scene: Scene, size: tuple[int, int]) -> tuple[Camera, Camera]:
-    """The first and the last camera along the street that is nearest to the centre of the city."""
+def _street(scene: AnyScene, size: tuple[int, int]) -> tuple[Camera, Camera]:
+    """Along the street that is nearest to the middle of the city."""
     low, high = scene.bounds
     blocks = round(float(high[0] - low[0]) / PITCH)
     x = _LANE + (PITCH / 2 if blocks % 2 else 0.0)

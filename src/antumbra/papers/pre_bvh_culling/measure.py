@@ -15,6 +15,7 @@ from ...cull.cull import STEPS, cull
 from ...errors import InputError
 from ...query.picture import shadow_queries
 from ...query.sampling import light_samples
+from ...rendering.accelerate import Accelerator
 from ...rendering.renderer import Renderer
 from ..answers import digest
 from .lines import mark_lines
@@ -91,7 +92,7 @@ def _queries(view: CullingView, renderer: Renderer, spp: int):
 
 def _remaining(view, renderer) -> float:
     triangles, queries = _queries(view, renderer, 1)
-    return len(renderer.culled(triangles, queries).kept) / len(triangles.vertices)
+    return len(renderer.accelerator.culled(triangles, queries).kept) / len(triangles.vertices)
 
 
 def grid_rows(view: CullingView, tracer: str, threads: int, rounds: int, say: Callable[[str], None]) -> list[GridRow]:
@@ -108,7 +109,7 @@ def grid_rows(view: CullingView, tracer: str, threads: int, rounds: int, say: Ca
             steps = {step: median(lap[step] for lap in laps) for step in STEPS}
             build, trace = {}, {}
             for builder, renderer in () if published else renderers.items():
-                times = [_traced(renderer, builder, triangles, culled, queries) for _ in range(rounds)]
+                times = [_traced(renderer.accelerator, triangles, culled, queries) for _ in range(rounds)]
                 build[builder], trace[builder] = (median(column) for column in zip(*times))
             rows.append(
                 GridRow(view.figure, n, published, len(culled.kept) / len(triangles.vertices), steps, build, trace)
@@ -130,13 +131,13 @@ def _steps(triangles, queries, threads, n, options) -> dict[str, float]:
     return seconds
 
 
-def _traced(renderer, builder, triangles, culled, queries) -> tuple[float, float]:
-    """(seconds to build a BVH of the triangles that are left, seconds to trace the queries)."""
+def _traced(accelerator: Accelerator, triangles, culled, queries) -> tuple[float, float]:
+    """Seconds to build a BVH of what is left, and to trace the queries."""
     start = perf_counter()
-    ready = renderer.build(triangles, culled)
+    ready = accelerator.build(triangles, culled)
     built = perf_counter()
     for query in queries:
-        renderer.answer(ready, query)
+        accelerator.answer(ready, query)
     return built - start, perf_counter() - built
 
 

@@ -1,0 +1,119 @@
+"""Scenes in memory: all triangles are there, and any plan can trace them."""
+
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from ..bvh.blocks import BlockTree
+from ..chcrt.surfaces import nearest_scheduled, primary_hits
+from ..errors import InputError
+from ..plan import DEFAULT_PLAN, Plan
+from ..query.bounds import bounds
+from ..query.gbuffer import GBuffer, from_hits
+from ..query.picture import Surfaces, surfaces_of
+from ..query.raster import rasterise
+from ..scene.scene import Scene
+from ..scene.triangles import Triangles
+from ..trace.primary.trace import trace_primary
+from ..trace.rays.bounce import Nearest, nearest_surfaces
+from .accelerate import Accelerated, Accelerator
+
+
+class InMemory:
+    """A scene whose triangles are in memory; see `RenderSource` for what its methods are for.
+
+    Parameters
+    ----------
+    scene : Scene
+    accelerator : Accelerator
+        Builds the trees, and knows the plan.
+    gbuffer : "raster" or "rays"
+    max_memory : None
+        Raises InputError if it is given.
+    """
+
+    default_plan: ClassVar = DEFAULT_PLAN
+    keeps_read: ClassVar = False
+    looks: ClassVar = 0
+
+    def __init__(self, scene: Scene, accelerator: Accelerator, gbuffer: str = "raster", max_memory: int | None = None):
+        if max_memory is not None:
+            raise InputError(f"max_memory is for scenes in a store, and {scene.name} is in memory; leave it out")
+        self.scene, self.gbuffer = scene, gbuffer
+        self._accelerator, self.threads = accelerator, accelerator.threads
+        self._last: Accelerated | None = None  # of the frames before, where that can be used again
+
+    def warm_up(self) -> None:
+        pass
+
+    def check_adaptive(self) -> None:
+        pass
+
+    def begin(self, pixels: int, words: int) -> None:
+        pass
+
+    def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        if self._last is None:
+            return self.scene.triangles(time, self.threads), None
+        return self._last.triangles, self._last
+
+    def for_points(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        plan = self._accelerator.plan
+        if plan.cull or plan.wants_rays:
+            return self.scene.triangles(time, self.threads), None
+        ready = self.accelerated(time)
+        return ready.triangles, ready
+
+    def accelerated(self, time: float) -> Accelerated:
+        """The scene's triangles and BVH at a time; the scene keeps those of all plans for the last time asked.
+
+        Plans that differ only in their tracer share triangles and BVH, or the triangles if they have none.
+        """
+        make, time = self._accelerator, self.scene.clamped(time)
+        kept: tuple[float, dict[Plan, Accelerated]] | None = self.scene.__dict__.get("_accelerated")
+        if kept is None or kept[0] != time:
+            kept = self.scene.__dict__["_accelerated"] = (time, {})
+        plan, plans = make.plan, kept[1]
+        if plan not in plans:
+            built = next((made for other, made in list(plans.items()) if other.tree == plan.tree), None)
+            if built is None:
+                plans[plan] = make.build(self.scene.triangles(time, self.threads))
+            else:
+                plans[plan] = make.prepare(built.triangles, built.bvh)
+        return plans[plan]
+
+    def keep(self, accelerated: Accelerated) -> None:
+        """Keep the tree if its tracer remembers frames, and the next ones have the same triangles in the same tree."""
+        plan = self._accelerator.plan
+        if plan.tracer.keeps and not (self.scene.animated or plan.cull or plan.wants_rays):
+            self._last = accelerated
+
+    def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None) -> Surfaces:
+        return surfaces_of(see(triangles, camera, whole if self.gbuffer == "rays" else None, self.threads), triangles)
+
+    def nearest_in(self, whole: Accelerated) -> Nearest:
+        triangles, threads = whole.triangles, self.threads
+        if whole.scheduled is not None:
+            return partial(nearest_scheduled, scheduled=whole.scheduled, triangles=triangles, threads=threads)
+        assert whole.bvh is not None
+        return partial(nearest_surfaces, bvh=whole.bvh, triangles=triangles, threads=threads)
+
+    def box(self, triangles: Triangles) -> np.ndarray:
+        return np.stack(bounds(triangles.vertices, self.threads))
+
+    def paging(self) -> None:
+        return None
+
+
+def see(triangles: Triangles, camera, whole: Accelerated | None = None, threads: int | None = None) -> GBuffer:
+    """The G-buffer of a camera: by rasterisation, or by rays where there is a BVH of all triangles."""
+    rays = camera.rays(triangles.origin)
+    if whole is None:
+        face, t = rasterise(triangles.vertices.reshape(-1, 9), rays, threads)
+    elif whole.scheduled is not None:
+        face, t = primary_hits(whole.scheduled, rays, threads)
+    else:
+        tree = whole.prepared if isinstance(whole.prepared, BlockTree) else whole.bvh
+        face, t = trace_primary(tree, rays, threads)
+    return from_hits(face, t, triangles, rays, threads)

@@ -1,0 +1,163 @@
+"""One frame, pass by pass: evaluate, see, trace, filter, refine, bounce, shade, and the sub-pixels of edges."""
+
+import numpy as np
+
+from ..image.filter import smoothed
+from ..image.fraction import as_needed, fraction, refine_penumbra
+from ..image.shade import ambient_light
+from ..query.picture import Surfaces, surfaces_of
+from ..query.receivers import NOTHING
+from ..query.refine import edges
+from ..query.subpixels import block_copies, block_means, subpixel_gbuffer
+from ..query.surface import Seen, seen_by
+from ..trace.counters import as_dict
+from ..trace.rays.bounce import Nearest
+from .accelerate import Accelerator
+from .frame import Frame
+from .indirect import indirect_light
+from .source import RenderSource
+from .srdh_rays import bounced_queries
+from .state import FrameState, Request, Traced, accelerate, arriving_at, ask, ask_all, picture, queries_of, shaded
+
+
+def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Frame:
+    """Make a frame; all kernels that it calls should be ready."""
+    state = FrameState(source, accelerator, request)
+    evaluate(state)
+    surfaces = look(state)
+    traced = trace(state, surfaces)
+    seen, visibility = lit(state, surfaces, traced)
+    edge = refined = indirect = None
+    if request.finer is not None:
+        edge, refined = refine(state, seen, traced, visibility)
+    if request.passes is not None:
+        indirect = bounce(state, surfaces, seen, traced)
+    image, ambient = shade(state, surfaces, seen, traced, visibility, indirect)
+    if edge is not None and edge.any():
+        divide(state, edge, image, ambient, indirect)
+    gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
+    counted = None if state.tally is None else as_dict(state.tally)
+    scheduled = None if state.ready.scheduled is None else state.ready.scheduled.told
+    return Frame(
+        image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
+        scheduled, source.paging(),
+    )  # fmt: skip
+
+
+def evaluate(state: FrameState) -> None:
+    """The triangles at the frame's time; and their tree, if the camera's rays want it."""
+    source, camera, samples = state.source, state.request.camera, state.request.samples
+    source.begin(camera.width * camera.height, sum(-(-sets.shape[1] // 64) for sets in samples))
+    state.triangles, state.whole = source.moment(state.request.time)
+    state.clock.lap("evaluate")
+    if source.gbuffer == "rays" and state.whole is None:
+        state.whole = state.accelerator.of_all(state.triangles)
+        state.clock.lap("build")
+
+
+def look(state: FrameState) -> Surfaces:
+    """The surfaces that the camera sees."""
+    if state.whole is not None:
+        state.whole.begin()
+    surfaces = state.source.look(state.request.camera, state.triangles, state.whole, state.request.progress)
+    state.triangles = surfaces.triangles
+    state.view = state.request.camera.rays(surfaces.triangles.origin)
+    state.clock.lap("gbuffer")
+    return surfaces
+
+
+def trace(state: FrameState, surfaces: Surfaces) -> Traced:
+    """The shadow rays of all pixels, through a tree that answers those of refined penumbrae too."""
+    request, maker, whole = state.request, state.accelerator, state.whole
+    queries = queries_of(state, surfaces, request.samples)
+    state.clock.lap("trace")
+    finer = [] if request.finer is None else [q._replace(samples=s) for q, s in zip(queries, request.finer.penumbra)]
+    around = bounced_queries(
+        maker.showing, state.triangles, surfaces.gbuffer, request.lights, request.samples, request.facing
+    )
+    state.shown = maker.show(state.triangles, queries, None if whole is None else whole.bvh, around)
+    accelerate(state, [*queries, *finer], whole if maker.one_tree else None)
+    state.source.keep(state.ready)
+    traced = ask_all(state, queries)
+    state.clock.lap("trace")
+    return traced
+
+
+def lit(state: FrameState, surfaces: Surfaces, traced: Traced) -> tuple[Seen, list[np.ndarray]]:
+    """The seen surfaces, as filters take them; and the share of each light that each pixel sees, filtered if wanted."""
+    seen = seen_by(surfaces.gbuffer, state.view)
+    visibility = [fraction(seen, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
+    state.clock.lap("filter")
+    return seen, visibility
+
+
+def refine(
+    state: FrameState, seen: Seen, traced: Traced, visibility: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ask again in penumbrae, and replace their visibility.
+
+    Returns (H, W) bool twice: edges, whose sub-pixels `divide` asks; and all refined pixels.
+    """
+    finer, more = state.request.finer, lambda query: ask(state, query)
+    assert finer is not None
+    edge = edges(seen, state.triangles.colour, state.threads)
+    refined = edge.copy()
+    for i, (query, bits, samples) in enumerate(zip(*traced, finer.penumbra)):
+        asked, better = refine_penumbra(seen, query, bits, samples, more, state.request.smooth, state.threads)
+        chosen = asked.sides != NOTHING
+        visibility[i] = np.where(chosen, better, visibility[i])
+        refined |= chosen
+    state.clock.lap("trace")
+    return edge, refined
+
+
+def bounce(state: FrameState, surfaces: Surfaces, seen: Seen, traced: Traced) -> np.ndarray:
+    """(H, W, 3) float32: irradiance by light that has bounced once, filtered if wanted."""
+    nearest = open_to_all(state)
+    indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
+    state.clock.lap("trace")
+    if state.request.smooth:
+        indirect = smoothed(seen, indirect, state.threads)
+        state.clock.lap("filter")
+    return indirect
+
+
+def open_to_all(state: FrameState) -> Nearest:
+    """Make ready for queries of any surfaces, whatever was culled; and find the nearest hits of ray passes so."""
+    maker = state.accelerator
+    if maker.plan.cull:
+        own = state.whole if maker.one_tree else None
+        state.ready = own or maker.build(state.triangles, None, state.shown)
+    whole = state.ready if maker.one_tree else state.whole or maker.for_camera(state.triangles)
+    state.clock.lap("build")
+    return state.source.nearest_in(whole)
+
+
+def shade(
+    state: FrameState, surfaces: Surfaces, seen: Seen, traced: Traced, visibility, indirect
+) -> tuple[np.ndarray, np.ndarray]:
+    """The image, (H, W, 3) float32; and its ambient light, (3,) float32, none where light bounces."""
+    arrived = arriving_at(state, surfaces, traced, seen if state.request.smooth else None)
+    ambient = np.zeros(3, np.float32)
+    if indirect is None:
+        ambient = ambient_light(surfaces.gbuffer, state.request.lights, arrived)
+    image = shaded(state, surfaces, arrived, visibility, ambient, indirect)
+    state.clock.lap("shade")
+    return image, ambient
+
+
+def divide(state: FrameState, edge: np.ndarray, image: np.ndarray, ambient: np.ndarray, indirect) -> None:
+    """Ask sixteen sub-pixels of each edge, and put their mean into the image."""
+    triangles, finer = state.triangles, state.request.finer
+    assert finer is not None
+    pixels = surfaces_of(subpixel_gbuffer(triangles, state.view, edge, state.threads), triangles)
+    state.clock.lap("gbuffer")
+    queries = [as_needed(query) for query in queries_of(state, pixels, finer.edges)]
+    state.clock.lap("trace")
+    accelerate(state, queries, state.ready)
+    traced = ask_all(state, queries)
+    state.clock.lap("trace")
+    around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
+    blocks = picture(state, pixels, traced, ambient, around)
+    image[edge] = block_means(blocks, int(np.count_nonzero(edge)))
+    state.clock.lap("shade")

@@ -1,0 +1,107 @@
+"""The jobs of rendering: frames by a plan, and what filters, refinement and light that bounces take besides."""
+
+import numpy as np
+
+from ..kernels import needs
+from ..plan import Plan, parse_plan
+from ..query.diffuse import diffuse_passes
+from ..query.refine import finer_samples
+from ..query.sampling import light_samples
+from ..scene.camera import Camera
+from ..scene.lights import QuadLight
+from .accelerate import Accelerator
+from .in_memory import InMemory
+from .passes import draw
+from .ready import Job, fixed_job, make_ready, small_scene, small_view
+from .srdh_rays import SrdhRays
+from .state import Request
+
+
+def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
+    """All that rendering by this plan calls. `counters`: with those that count, if a tracer has them apart."""
+    make_ready(rendering_job, plan, gbuffer, counters and plan.tracer.counts_apart)
+    if plan.trace == "cones":
+        make_ready(wide_lights_job)
+
+
+def warm_up_quality() -> None:
+    """The filter and adaptive sampling; they are the same for every plan."""
+    make_ready(quality_job)
+
+
+def warm_up_bounce() -> None:
+    """The diffuse rays that `SrdhRays` can ask for."""
+    make_ready(bounce_job)
+
+
+def warm_up_indirect(gbuffer: str) -> None:
+    """Light that bounces; it is the same for every plan."""
+    make_ready(indirect_job, gbuffer)
+
+
+def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:
+    """Rendering by a plan. Of a plan that nobody recorded the kernels are those of plans that share its methods."""
+    name = lambda p: f"{p} ({gbuffer}{', counted' if counters else ''})"
+    plain = lambda p: needs.of_job(f"{p} ({gbuffer})") or set()
+
+    def kernels():
+        found = needs.of_job(name(plan))
+        if found is not None:
+            return found
+        tracing = needs.of_job(name(Plan(trace=plan.trace)))
+        if tracing is None:
+            return None
+        usual = plain(Plan(trace="single"))
+        for field in ("cull", "build", "optimise", "update"):
+            method = getattr(plan, field)
+            if method not in (None, getattr(Plan(), field)):
+                with_it = plain(Plan(**{"trace": "single", field: method}))
+                tracing = (tracing - (usual - with_it)) | (with_it - usual)
+        return tracing
+
+    return Job(name(plan), lambda: _render_small(plan, gbuffer, counters=counters), kernels)
+
+
+def quality_job() -> Job:
+    """The filter, and adaptive sampling."""
+    return fixed_job("filter and refinement", lambda: _render_small(Plan(), "raster", quality=True))
+
+
+def bounce_job() -> Job:
+    """Diffuse rays that a builder is shown."""
+    plan = parse_plan("srdh+single")
+    return fixed_job("a diffuse bounce", lambda: _render_small(plan, "raster", srdh_rays=SrdhRays(bounce=True)))
+
+
+def wide_lights_job() -> Job:
+    """Lights that cones see as more than a point."""
+
+    def work():
+        light = QuadLight(np.array([-1, 0.5, -1]), np.array([2, 0, 0]), np.array([0, 0, 2]))
+        view = Camera((0, 2, 3), (0, 0, 0), width=96, height=96), [light]
+        _render_small(Plan(trace="cones"), "raster", view=view, spp=16)
+
+    return fixed_job("cones, wide lights", work)
+
+
+def indirect_job(gbuffer: str = "raster") -> Job:
+    """Light that bounces."""
+    return fixed_job(f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, passes=1))
+
+
+def _render_small(plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1):
+    """A frame of the small scene; `passes`: of diffuse rays, `view`: (camera, lights)."""
+    scene, accelerator = small_scene(), Accelerator(plan, 2, srdh_rays)
+    camera, lights = view or small_view(quality, sky=not passes)
+    request = Request(
+        camera,
+        lights,
+        [light_samples(light, spp) for light in lights],
+        counters=counters,
+        smooth=quality,
+        finer=finer_samples(lights, 2, "hammersley") if quality else None,
+        passes=diffuse_passes(lights, passes, "hammersley") if passes else None,
+    )
+    if accelerator.showing is None:  # of all triangles: culling leaves too few for all of a builder; the frame refits
+        accelerator.build(scene.triangles(0.0, 2))
+    draw(InMemory(scene, accelerator, gbuffer), accelerator, request)

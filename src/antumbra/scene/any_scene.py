@@ -1,0 +1,146 @@
+"""A scene, wherever its triangles are: `Scene` has them in memory, a store's `PagedScene` on disk."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from ..errors import InputError
+from . import engine, framing
+from .camera import Camera
+from .mesh import MeshInfo
+
+
+class AnyScene(ABC):
+    """Name, bounds, cameras and lights of a scene, and its answers to rays; see `Scene` for the attributes."""
+
+    name: str
+    up: str  # "y" or "z"
+    notes: tuple[str, ...]
+    duration: float  # seconds
+    meshes: list[MeshInfo]
+    bounds: np.ndarray  # (2, 3) float64, world
+    origin: np.ndarray  # (3,) float64, world
+    _cameras: list[Camera]  # at time 0
+    _lights: list
+
+    @property
+    @abstractmethod
+    def n_triangles(self) -> int: ...
+
+    @abstractmethod
+    def _cameras_at(self, time: float) -> list[Camera]:
+        """The cameras at a time within 0 .. `duration`."""
+
+    @abstractmethod
+    def _lights_at(self, time: float) -> list:
+        """The lights at a time within 0 .. `duration`."""
+
+    @property
+    def animated(self) -> bool:
+        """Whether anything can change between time 0 and `duration`."""
+        return self.duration > 0.0
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """The perspective cameras of the file at time 0, 1024 pixels high."""
+        return list(self._cameras)
+
+    @property
+    def lights(self) -> list:
+        """The lights of the file (KHR_lights_punctual) at time 0."""
+        return list(self._lights)
+
+    def camera(self, index: int = 0, time: float = 0.0) -> Camera:
+        """Camera `index` of the file as it is at `time`."""
+        if not 0 <= index < len(self._cameras):
+            raise InputError(f"{self.name}: there is no camera {index}; the scene has {len(self._cameras)}")
+        return self._cameras_at(self.clamped(time))[index]
+
+    def light(self, index: int = 0, time: float = 0.0):
+        """Light `index` of the file as it is at `time`."""
+        if not 0 <= index < len(self._lights):
+            raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
+        return self._lights_at(self.clamped(time))[index]
+
+    def default_camera(self, width: int = 1024, height: int = 1024) -> Camera:
+        """Three-quarter view from a little above, with the bounding sphere of the scene in view."""
+        return framing.default_camera(self.bounds, self.up, width, height)
+
+    def default_light(self):
+        """A `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
+        return framing.default_light(self.bounds, self.up)
+
+    def occluded(
+        self,
+        origins,
+        directions=None,
+        tmin=0.0,
+        tmax=np.inf,
+        skip_face=None,
+        time=0.0,
+        *,
+        cull_faces=None,
+        threads=None,
+    ) -> np.ndarray:
+        """Whether anything blocks each ray strictly between tmin and tmax. Exact: see the contract in the docs.
+
+        Parameters
+        ----------
+        origins, directions : (..., 3) float, world
+            Broadcast against each other; or `origins` alone with shape (..., 6). Anything with DLPack in host memory.
+            Float64 origins are recentred before they are rounded to float32. Directions need not be unit.
+        tmin, tmax : float or (...) float
+            In lengths of the direction; 0 <= tmin. A hit at exactly tmin or tmax does not count.
+        skip_face : int or (...) int, optional
+            A face that does not count, for rays that start on a known face; -1 for none.
+        time : float
+            Seconds. The BVH of the last time asked is kept.
+        cull_faces : None, "front" or "back"
+            Faces that turn this side to the ray do not block it.
+        threads : int, optional
+            None: all cores.
+
+        Returns
+        -------
+        (...) bool
+
+        Raises
+        ------
+        InputError
+            On shapes that do not broadcast, NaN or infinite origins or directions, a zero direction, a negative or
+            infinite tmin, or NaN in tmax.
+        """
+        return engine.ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
+
+    def closest_hit(
+        self,
+        origins,
+        directions=None,
+        tmin=0.0,
+        tmax=np.inf,
+        skip_face=None,
+        time=0.0,
+        *,
+        cull_faces=None,
+        threads=None,
+    ):
+        """The nearest hit of each ray strictly between tmin and tmax; arguments and errors as for `occluded`.
+
+        Returns
+        -------
+        Hit
+            t (...) float64, in lengths of the direction, inf on a miss; face (...) int32, -1 on a miss;
+            u, v (...) float32, weights of the face's second and third corner. Of faces that are equally near in
+            float64, the one with the lowest index.
+        """
+        return engine.ask(self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
+
+    def clamped(self, time) -> float:
+        """`time` within 0 .. `duration`; InputError unless it is a number."""
+        try:
+            time = float(time)
+        except (TypeError, ValueError):
+            time = np.nan
+        if np.isnan(time):
+            raise InputError(f"{self.name}: time must be a number of seconds from 0 to {self.duration:g}")
+        return min(max(time, 0.0), self.duration)
