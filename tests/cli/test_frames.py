@@ -181,12 +181,12 @@ def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
 
 
 def test_a_bug_in_one_frame_is_told_and_the_others_go_on(film, monkeypatch):
-    shot = asked.Asked.shot
+    shot = asked.RenderOptions.shot
 
     def stumbling(self, scene, renderer, time, progress):
         return shot(self, scene, renderer, time, progress) if time != 2 else 1 / 0
 
-    monkeypatch.setattr(asked.Asked, "shot", stumbling)
+    monkeypatch.setattr(asked.RenderOptions, "shot", stumbling)
     done = film("--json")
     assert states(done, code=1) == ["rendered", "rendered", "failed", "rendered"]
     assert "frame 2: unexpected ZeroDivisionError" in done.err and "--debug" in done.err

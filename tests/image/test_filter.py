@@ -7,7 +7,7 @@ import antumbra as at
 from antumbra.image.filter import filtered, smoothed
 from antumbra.image.fraction import occluded_samples
 from antumbra.query.receivers import NOTHING
-from antumbra.query.surface import Seen
+from antumbra.query.surface import PictureSurfaces
 
 H, W, SPP = 14, 18, 16
 PIXEL = 0.01
@@ -19,7 +19,9 @@ def _wall(faces=None):
     position = np.stack([x * PIXEL, y * PIXEL, np.zeros_like(x)], -1).astype(np.float32)
     normal = np.broadcast_to(np.float32([0, 0, 1]), position.shape).copy()
     face = np.arange(H * W, dtype=np.int32).reshape(H, W) if faces is None else faces
-    return Seen(position, normal, face, np.ones((H, W), np.float32), np.ones((H, W), np.int8), np.float32(PIXEL))
+    return PictureSurfaces(
+        position, normal, face, np.ones((H, W), np.float32), np.ones((H, W), np.int8), np.float32(PIXEL)
+    )
 
 
 def _noise(mean, seed=0):

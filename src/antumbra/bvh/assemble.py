@@ -8,7 +8,7 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import new_ticket, run, take
 from ..kernels.simd import load8, load16, minimum, ptr, store
 from .nodes import Bvh, aligned_empty
-from .top import Top
+from .top import UpperLevels
 
 
 class Subtrees(NamedTuple):
@@ -40,7 +40,7 @@ def _place(children, counts, node_at, subtree_at, waiting):
 def place(children, counts, node_at, subtree_at) -> int:
     """Number all nodes in depth-first order, and return how many they are.
 
-    children : links of the top, as in `Top`
+    children : links of the top, as in `UpperLevels`
     counts : (s,) nodes of each subtree
     node_at, subtree_at : filled with the index of each node of the top, and of the first node of each subtree
     """
@@ -51,7 +51,7 @@ def place(children, counts, node_at, subtree_at) -> int:
 def join_boxes(children, roots, boxes):
     """Fill the boxes of the top's children from the boxes of the subtrees' roots.
 
-    children : as in `Top`, parents first
+    children : as in `UpperLevels`, parents first
     roots : (s, 8) float32
     boxes : (t, 2, 8) float32, filled
     """
@@ -80,7 +80,7 @@ def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
         s = take(ticket)
 
 
-def top_lines(top: Top, node_at, subtree_links) -> np.ndarray:
+def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
     """(t, 16) float32: the nodes of the top."""
     t = len(top.children)
     lines = np.zeros((t, 16), np.float32)
@@ -96,7 +96,7 @@ def top_lines(top: Top, node_at, subtree_links) -> np.ndarray:
     return lines
 
 
-def assemble(bvh: Bvh, top: Top, subtrees: Subtrees, threads: int) -> Bvh:
+def assemble(bvh: Bvh, top: UpperLevels, subtrees: Subtrees, threads: int) -> Bvh:
     """`bvh` with all nodes, aligned to 64 bytes. Every left child follows its parent in memory."""
     node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty(len(subtrees.shares), np.int64)
     count = place(top.children, subtrees.shares[:, 1], node_at, subtree_at)

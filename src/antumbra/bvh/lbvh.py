@@ -33,7 +33,7 @@ from .morton import grid_of, write_codes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .prepare import CHUNK, checked, scene_bounds, tiny
 from .radix_sort import radix_sort
-from .top import Top
+from .top import UpperLevels
 from .top_down import largest_subtree
 
 _LEVELS = 96  # of any tree, at most: 63 bits of a code and 28 of a position
@@ -52,7 +52,7 @@ class Sorted(NamedTuple):
     drop: np.int64  # number of lowest bits of the codes that make no nodes
 
 
-class Forest(NamedTuple):
+class MortonForest(NamedTuple):
     """The subtrees below the top."""
 
     ranges: np.ndarray  # (s, 2) int64: first and last slot
@@ -117,7 +117,7 @@ def _cut_top(codes, drop, largest, children, ranges):
 
 
 def cut_top(codes: np.ndarray, drop: np.int64, largest: int) -> tuple[np.ndarray, np.ndarray]:
-    """(children, ranges) of the nodes over more than `largest` triangles, as in `Top`, parents first."""
+    """(children, ranges) of the nodes over more than `largest` triangles, as in `UpperLevels`, parents first."""
     room = len(codes) // largest * _LEVELS + 1
     children, ranges = np.empty((room, 2), np.int64), np.empty((room + 1, 2), np.int64)
     t, s = _cut_top(codes, drop, largest, children, ranges)
@@ -221,13 +221,13 @@ def _emit(flat, source: Sorted, max_leaf: int, threads: int):
     children, ranges = cut_top(source.codes, source.drop, largest_subtree(n))
     t, s = len(children), len(ranges)
     numbers = [np.empty(s, np.int64) for _ in range(4)]
-    forest = Forest(ranges, numbers[0], numbers[1], np.empty((s, 8), np.float32), numbers[2], numbers[3])
+    forest = MortonForest(ranges, numbers[0], numbers[1], np.empty((s, 8), np.float32), numbers[2], numbers[3])
     run(_count_nodes, threads, new_ticket(s, 1), source, max_leaf, forest)
     node_at = np.empty(t, np.int64)
     nodes = aligned_empty((place(children, forest.counts, node_at, forest.places), 16), "f4")
     bvh = Bvh(nodes, nodes.view(np.int32), source.ids, np.empty((n, 9), np.float32))
     run(_build_subtrees, threads, new_ticket(s, 1), flat, source, max_leaf, forest, bvh)
-    top = Top(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
+    top = UpperLevels(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
     join_boxes(children, forest.roots, top.boxes)
     nodes[node_at] = top_lines(top, node_at, forest.links)
     return bvh, _depth(children, forest, np.zeros(t, np.int64))

@@ -36,7 +36,7 @@ class RaySet(NamedTuple):
     hits: np.ndarray  # (h, HIT) float32
 
 
-class Rays(NamedTuple):
+class RaySetPointers(NamedTuple):
     """Pointers to the arrays of a `RaySet`, from some ray and some hit on."""
 
     rays: object  # float32 *
@@ -92,7 +92,7 @@ def ray_set(found: Intersections, flat: np.ndarray) -> RaySet:
 def rays_of(set_, start):
     """Pointers to the arrays of a `RaySet`, which must outlive them, from the position `start` (a `Side`) on."""
     rays = ptr_at(ptr(set_.rays), start.rays * RAY)
-    return Rays(rays, as_i32(rays), ptr_at(ptr(set_.hits), start.hits * HIT))
+    return RaySetPointers(rays, as_i32(rays), ptr_at(ptr(set_.hits), start.hits * HIT))
 
 
 @inlined
@@ -137,8 +137,8 @@ def _left_first(order, left, right, ray):
 @inlined
 def _copy_ray(source, i, target, side, axis, origin, factor, limit, wanted):
     """Add ray i, with its hits on one side of a split, to a child's set, and return the set's new size, a `Side`."""
-    # In: source, `Rays`; side, size of the child's set; axis, origin, factor, limit, the split; wanted, True for left
-    # Out: target, the child's `Rays`
+    # In: source, `RaySetPointers`; side, size of the set; axis, origin, factor, limit, the split; wanted, True for left
+    # Out: target, the child's `RaySetPointers`
     at, hit, n = side.rays * RAY, side.hits, np.int64(0)
     store(target.rays, at, load8(source.rays, i * RAY))
     first = np.int64(get(source.words, i * RAY + 6))
@@ -157,9 +157,9 @@ def divide_rays(source, n, mapping, chosen, boxes, left, right):
 
     Left is the side of the lower centroids.
     """
-    # In: source, n `Rays`; mapping, as for `bins.partition`; chosen, `srdh_cost.RaySplit`
+    # In: source, n `RaySetPointers`; mapping, as for `bins.partition`; chosen, `srdh_cost.RaySplit`
     # In: boxes, pointer to the boxes of the left and the right side
-    # Out: left, right, `Rays`
+    # Out: left, right, `RaySetPointers`
     axis, limit, order = chosen.split.axis, np.float32(chosen.split.place), chosen.order
     origin, factor = extract(mapping.origin, axis), extract(mapping.factor, axis)
     low, high = boxes, ptr_at(boxes, 8)

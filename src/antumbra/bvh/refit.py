@@ -19,7 +19,7 @@ from .cut import children_of_top, cut
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .prepare import checked, scene_bounds, tiny
 from .quality import sah_cost
-from .top import Top
+from .top import UpperLevels
 
 LIMIT = 1.1  # a tree is rebuilt if its cost exceeds this factor of its cost when built
 _AHEAD = 32  # slots whose triangles are fetched in advance
@@ -111,7 +111,7 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     join_boxes(children, part_boxes, boxes)
     roots = pieces.parts[:, 0]
     orders = pieces.top.view(np.int32)[:, 14]
-    nodes[pieces.numbers] = top_lines(Top(boxes, children, roots, part_boxes, orders), pieces.numbers, roots)
+    nodes[pieces.numbers] = top_lines(UpperLevels(boxes, children, roots, part_boxes, orders), pieces.numbers, roots)
     return new
 
 

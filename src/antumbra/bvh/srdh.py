@@ -30,7 +30,7 @@ from .bounds import range_bounds, write_boxes
 from .nodes import MAX_DEPTH, Bvh
 from .prepare import PAIR, checked, make_records, power_of_two_for
 from .rayorder import order_by_rays
-from .rayset import HIT, RAY, Intersections, Rays, Side, check_intersections, divide_rays, ray_set
+from .rayset import HIT, RAY, Intersections, RaySetPointers, Side, check_intersections, divide_rays, ray_set
 from .splits import must_halve
 from .srdh_cost import CONSTANT, DISTANCE, HeuristicSettings, no_ray_split, ray_split
 from .srdh_top import RayLevels
@@ -81,9 +81,9 @@ def _scratch_words(settings: RaySettings) -> int:
 
 @inlined
 def _from(waiting, start):
-    """The `Rays` from the position `start`, a `Side`, on."""
+    """The `RaySetPointers` from the position `start`, a `Side`, on."""
     rays = ptr_at(waiting.rays, start.rays * RAY)
-    return Rays(rays, as_i32(rays), ptr_at(waiting.hits, start.hits * HIT))
+    return RaySetPointers(rays, as_i32(rays), ptr_at(waiting.hits, start.hits * HIT))
 
 
 @kernel
@@ -120,14 +120,14 @@ def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
 
 @kernel
 def _first_set(settings, s, scratch):
-    """The stack of waiting ray sets as `Rays`, at first with ray set s alone. The next range's set is on top."""
+    """The stack of waiting ray sets as `RaySetPointers`: at first ray set s alone. The next set is on top."""
     first_ray, n_rays, first_hit, n_hits = settings.spans[s]
     rays = ptr_at(scratch, 3 * n_hits * HIT)
     for i in range(n_rays):
         store(rays, i * RAY, load8(settings.rays, (first_ray + i) * RAY))
     for i in range(n_hits):
         store(scratch, i * HIT, load4(settings.hits, (first_hit + i) * HIT))
-    return Rays(rays, as_i32(rays), scratch)
+    return RaySetPointers(rays, as_i32(rays), scratch)
 
 
 @kernel

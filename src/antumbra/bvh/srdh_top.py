@@ -12,7 +12,7 @@ from .bins import BIN_BOXES, BIN_COUNTS, Binned, Bins, cheapest_split
 from .rayset import HIT, RAY, RaySet, Side, divide_rays, rays_of
 from .splits import Split, must_halve
 from .srdh_cost import HeuristicSettings, RaySplit, no_ray_split, ray_split
-from .top import Top, blocks_of, join_bins, mapping_of_range, set_split, split_blocks
+from .top import UpperLevels, blocks_of, join_bins, mapping_of_range, set_split, split_blocks
 
 FIRST_RAY, N_RAYS, FIRST_HIT, N_HITS = range(4)  # columns of spans: a range's rays and hits in a `RaySet`
 
@@ -103,7 +103,7 @@ class RayLevels:
         self.orders.append(orders)
         return middles, sides
 
-    def arranged(self, top: Top) -> Top:
+    def arranged(self, top: UpperLevels) -> UpperLevels:
         """The top of `build_top`, with the first child of each node on the left."""
         order, swapped = np.concatenate(self.orders).T
         boxes, children = top.boxes.copy(), top.children.copy()

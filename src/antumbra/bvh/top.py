@@ -55,7 +55,7 @@ class Level(NamedTuple):
     sides: np.ndarray  # (m, 32) float32: box and centroid box of the left records, then of the right
 
 
-class Top(NamedTuple):
+class UpperLevels(NamedTuple):
     """The nodes of the first levels, and the ranges that remain to build."""
 
     boxes: np.ndarray  # (t, 2, 8) float32: boxes of both children
@@ -219,7 +219,7 @@ def split_blocks(method: Binned, ranges, boxes, depth, threads, choose):
     return level.splits[:, 2], np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
 
 
-def build_top(n, box, centroids, largest, split_level) -> Top:
+def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
     """Split `n` records until each range has at most `largest`.
 
     Parameters
@@ -246,7 +246,7 @@ def build_top(n, box, centroids, largest, split_level) -> Top:
         node_boxes.append(sides.reshape(k, 4, 8)[:, ::2])
         ranges = np.column_stack([ranges[:, 0], middles, middles, ranges[:, 1]]).reshape(2 * k, 2)
         boxes, depth = sides.reshape(2 * k, 16), depth + 1
-    return Top(
+    return UpperLevels(
         np.concatenate(node_boxes),
         np.concatenate(children)[1:].reshape(-1, 2),
         np.concatenate(done),

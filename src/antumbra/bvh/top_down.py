@@ -15,7 +15,7 @@ from .assemble import Subtrees
 from .nodes import Bvh, Tree, aligned_empty
 from .splits import source_of
 from .subtree import build_range
-from .top import Top
+from .top import UpperLevels
 
 _SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so threads finish together
 _SMALL = 4096  # the top splits no range of fewer records: one thread builds it before others are awake
@@ -36,7 +36,7 @@ class _Memory(NamedTuple):
 @kernel
 def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtrees, next_free, memory):
     """Worker: build the subtrees in `order`, and copy the nodes of each to the next free place."""
-    # In: vertices; method, `Binned` or `Swept`; top, `Top`; order, (s,) int64; settings, of `build_range`
+    # In: vertices; method, `Binned` or `Swept`; top, `UpperLevels`; order, (s,) int64; settings, of `build_range`
     # Out: bvh, prim_ids and corners; subtrees, `Subtrees`; next_free, (1,) int64, counts nodes
     # Scratch: memory, the thread's own `_Memory`
     room, scratch = memory.nodes, memory.scratch
@@ -55,7 +55,7 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
         k = take(ticket)
 
 
-def build_below(flat, method, words: int, top: Top, settings, threads: int) -> tuple[Bvh, Subtrees]:
+def build_below(flat, method, words: int, top: UpperLevels, settings, threads: int) -> tuple[Bvh, Subtrees]:
     """Build the subtrees below the top over the triangles `flat`, (n, 9) float32. `assemble` completes the tree.
 
     words : float32 of scratch memory that `source_of` needs

@@ -1,7 +1,7 @@
 """Renders an animation, frame by frame, with one `Renderer` that keeps its state. Finished frames are not repeated.
 
-Every picture stores its settings (`Asked.settings`) and its exposure as JSON. A frame is finished if its file has the
-settings of this run. All frames have the same exposure, so that a film does not flicker. It is the exposure of the
+Every picture stores its settings (`RenderOptions.settings`) and its exposure as JSON. A frame is finished if its file
+has the settings of this run. All frames have the same exposure, so that a film does not flicker. It is the exposure of the
 first frame that exists or succeeds, unless one is given. So an interrupted run continues with the exposure of its first
 frame.
 """
@@ -18,7 +18,7 @@ from . import report, summary
 from .arguments import Sequence
 from .failures import BAD_INPUT, explained, say
 from .progress import Activity
-from .renderoptions import Asked, scene_digest
+from .renderoptions import RenderOptions, scene_digest
 
 if TYPE_CHECKING:
     from ..scene.any_scene import AnyScene
@@ -27,10 +27,10 @@ _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
 
 
-class Job(NamedTuple):
+class AnimationJob(NamedTuple):
     """An animation to render."""
 
-    asked: Asked
+    asked: RenderOptions
     scene: "AnyScene"
     load: float  # seconds that reading the scene took
     pattern: Path  # path of the pictures, with # for the frame's number
@@ -58,7 +58,7 @@ def numbered(pattern: Path, number: int) -> Path:
     return pattern.with_name(_HASHES.sub(lambda hashes: f"{number:0{len(hashes[0])}d}", pattern.name))
 
 
-def render_frames(job: Job, sequence: Sequence, activity: Activity) -> "Animation":
+def render_frames(job: AnimationJob, sequence: Sequence, activity: Activity) -> "Animation":
     """Render all frames that are not finished."""
     job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
     job.asked.direct_lights(job.scene, 0.0)
@@ -81,7 +81,7 @@ def render_frames(job: Job, sequence: Sequence, activity: Activity) -> "Animatio
 class Animation:
     """The frames of a run so far."""
 
-    def __init__(self, job: Job, sequence: Sequence):
+    def __init__(self, job: AnimationJob, sequence: Sequence):
         self.job, self.sequence = job, sequence
         self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
         self.exposure = job.asked.exposure

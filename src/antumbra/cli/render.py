@@ -3,7 +3,7 @@
 from time import perf_counter
 
 from . import arguments, report, summary
-from .frames import Job, output_path, render_frames
+from .frames import AnimationJob, output_path, render_frames
 from .options import takes
 from .progress import Activity
 from .renderarguments import RenderArguments
@@ -67,7 +67,7 @@ def render(given: RenderArguments) -> int:
         load = perf_counter() - start
         activity.say("preparing")
         if sequence is not None:
-            animation = render_frames(Job(asked, opened, load, path, given.overwrite), sequence, activity)
+            animation = render_frames(AnimationJob(asked, opened, load, path, given.overwrite), sequence, activity)
         else:
             shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, activity.parts)
             activity.say("writing the picture")

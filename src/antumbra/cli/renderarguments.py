@@ -9,7 +9,7 @@ import typer
 from ..errors import InputError
 from . import arguments
 from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, SppOption, SrdhRaysOption, Threads, UpOption
-from .renderoptions import Asked
+from .renderoptions import RenderOptions
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class RenderArguments:
         if self.overwrite:
             raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
 
-    def options(self) -> Asked:
+    def options(self) -> RenderOptions:
         """Parse the arguments.
 
         Raises
@@ -149,7 +149,7 @@ class RenderArguments:
         """
         given = lambda text, parse, *more: None if text is None else parse(text, *more)
         adaptive = min(4 * self.spp, 1024) if self.adaptive and self.adaptive_spp is None else self.adaptive_spp
-        asked = Asked(
+        asked = RenderOptions(
             source=self.scene,
             spec=arguments.parse_scene(self.scene),
             up=None if self.up is None else self.up.value,

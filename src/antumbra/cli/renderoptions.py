@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..scene.lights import Light
 
 
-class Asked(NamedTuple):
+class RenderOptions(NamedTuple):
     """The options of ``antumbra render``."""
 
     source: str  # the scene as it was written
@@ -55,7 +55,7 @@ class Asked(NamedTuple):
             check_srdh_rays(self.srdh_rays, parse_plan(self.plan or DEFAULT_PLAN))
         sample_sets(self.spp, self.sampler)
 
-    def about(self, scene: "AnyScene") -> "Asked":
+    def about(self, scene: "AnyScene") -> "RenderOptions":
         """The same, with the plan that suits the scene if none was named."""
         from ..rendering.renderer import source_kind
 

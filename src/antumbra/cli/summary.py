@@ -10,7 +10,7 @@ from . import report
 if TYPE_CHECKING:
     from ..rendering.frame import Frame
     from ..scene.any_scene import AnyScene
-    from .renderoptions import Asked, Shot
+    from .renderoptions import RenderOptions, Shot
 
 
 class Saved(NamedTuple):
@@ -34,14 +34,14 @@ def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = 
     return Saved(path, exposure, perf_counter() - start)
 
 
-def picture_answer(asked: "Asked", scene: "AnyScene", load: float, shot: "Shot", saved: Saved) -> dict:
-    """What ``--json`` says of one picture."""
+def picture_answer(asked: "RenderOptions", scene: "AnyScene", load: float, shot: "Shot", saved: Saved) -> dict:
+    """The fields of ``--json`` for a single picture."""
     told = shot_answer(shot, saved)
     return {"scene": scene_answer(asked, scene), **asked.options(), "load": load, **told}
 
 
-def scene_answer(asked: "Asked", scene: "AnyScene") -> dict:
-    """What ``--json`` says of the scene."""
+def scene_answer(asked: "RenderOptions", scene: "AnyScene") -> dict:
+    """The fields of ``--json`` for the scene."""
     return {
         "source": asked.source,
         "name": scene.name,
@@ -77,7 +77,7 @@ def shot_answer(shot: "Shot", saved: Saved) -> dict:
 
 
 def picture_fields(
-    asked: "Asked", scene: "AnyScene", load: float, shot: "Shot", saved: Saved
+    asked: "RenderOptions", scene: "AnyScene", load: float, shot: "Shot", saved: Saved
 ) -> Iterator[tuple[str, str]]:
     """The names and values that are printed for a single picture."""
     frame = shot.frame
@@ -95,7 +95,7 @@ def picture_fields(
         yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were left to float64"
 
 
-def scene_text(asked: "Asked", scene: "AnyScene") -> str:
+def scene_text(asked: "RenderOptions", scene: "AnyScene") -> str:
     return f"{asked.source}, {scene.n_triangles:,} triangles"
 
 
@@ -104,7 +104,7 @@ def phases_text(seconds: dict[str, float]) -> str:
     return ", ".join(f"{name} {report.duration(s)}" for name, s in seconds.items() if s > 0.0)
 
 
-def shot_fields(asked: "Asked", shot: "Shot") -> Iterator[tuple[str, str]]:
+def shot_fields(asked: "RenderOptions", shot: "Shot") -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the plan."""
     camera, frame, spp = shot.camera, shot.frame, asked.spp
     yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"

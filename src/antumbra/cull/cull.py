@@ -16,7 +16,7 @@ from ..kernels.parallel import thread_count
 from ..query.bounds import bounds
 from .grid import Grid, grid_over
 from .relevance import marks_of, relevant
-from .sources import FINEST, Tiles, bounds_of, sources_of, tiles_of
+from .sources import FINEST, ReceiverTiles, bounds_of, sources_of, tiles_of
 from .swept import mark_hulls
 from .targets import targets_of
 
@@ -80,12 +80,12 @@ def cull(
     return Culled(kept, packed.reshape(-1, 3, 3), grid, marked, *counts.tolist())
 
 
-def _groups(queries, threads) -> list[tuple[Tiles, list]]:
+def _groups(queries, threads) -> list[tuple[ReceiverTiles, list]]:
     """Group the queries that share their receivers; leave out queries without receivers.
 
     The receivers of a group are sorted into tiles once.
     """
-    groups: dict[tuple[int, int], tuple[Tiles, list]] = {}
+    groups: dict[tuple[int, int], tuple[ReceiverTiles, list]] = {}
     for query in queries:
         key = id(query.origins), id(query.sides)
         if key not in groups:

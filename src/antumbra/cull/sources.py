@@ -20,7 +20,7 @@ _PARTS = 16  # most tables of cells; a table is a megabyte
 _INF = np.float32(np.inf)
 
 
-class Tiles(NamedTuple):
+class ReceiverTiles(NamedTuple):
     """Receivers in tiles, with the box of each tile."""
 
     origins: np.ndarray  # (h, w, 3) float32
@@ -98,25 +98,25 @@ def _bound_cells(ticket, tiles, grid, cells):
         part = take(ticket)
 
 
-def tiles_of(query, threads: int) -> Tiles:
+def tiles_of(query, threads: int) -> ReceiverTiles:
     """The receivers of a ShadowQuery, in tiles."""
     h, w = query.sides.shape
     rows = TILE if h >= TILE else 1
     columns = TILE * TILE // rows
     count = -(-h // rows) * -(-w // columns)
-    tiles = Tiles(query.origins, query.sides, rows, columns, np.empty((count, 8), np.float32))
+    tiles = ReceiverTiles(query.origins, query.sides, rows, columns, np.empty((count, 8), np.float32))
     run(_bound_tiles, threads, new_ticket(count, 64), tiles)
     return tiles
 
 
-def bounds_of(tiles: Tiles) -> tuple[np.ndarray, np.ndarray] | None:
+def bounds_of(tiles: ReceiverTiles) -> tuple[np.ndarray, np.ndarray] | None:
     """Lower and upper corner, (3,) float64, of all receivers; None if there are none."""
     if not (tiles.boxes[:, 0] <= tiles.boxes[:, 4]).any():
         return None
     return tiles.boxes[:, :3].min(0).astype(np.float64), tiles.boxes[:, 4:7].max(0).astype(np.float64)
 
 
-def sources_of(tiles: Tiles, grid, threads: int) -> np.ndarray:
+def sources_of(tiles: ReceiverTiles, grid, threads: int) -> np.ndarray:
     """(m, 2, 3) float64: for each cell of a grid that has receivers, the box around them."""
     parts = min(threads, _PARTS)
     cells = np.empty((parts, grid.n**3, 8), np.float32)

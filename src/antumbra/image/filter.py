@@ -12,7 +12,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import ptr
 from ..query.receivers import NOTHING
-from ..query.surface import Seen, at, points_of, same_surface
+from ..query.surface import PictureSurfaces, at, points_of, same_surface
 
 NOISE = 2.5
 """Twice the accepted difference of a neighbour's estimate, in units of spp**(1/4) samples (equation 4 of
@@ -75,7 +75,7 @@ def _filter_rows(ticket, seen, counts, limit, spp, out):
         y0 = take(ticket)
 
 
-def filtered(seen: Seen, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
+def filtered(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(H, W) float32: the fraction of samples that are not occluded, filtered over 4 x 4 pixels.
 
     Parameters
@@ -119,7 +119,7 @@ def _smooth_rows(ticket, seen, irradiance, out):
         y0 = take(ticket)
 
 
-def smoothed(seen: Seen, irradiance: np.ndarray, threads=None) -> np.ndarray:
+def smoothed(seen: PictureSurfaces, irradiance: np.ndarray, threads=None) -> np.ndarray:
     """(H, W, 3) float32: irradiance from interleaved lists of lights, averaged over the window of `filtered`.
 
     The average includes every pixel of the window that sees the same surface. Neighbours ask different lights. So their

@@ -7,7 +7,7 @@ import numpy as np
 from ..query.receivers import NOTHING
 from ..query.refine import penumbra
 from ..query.shadow import ShadowQuery, fraction_lit
-from ..query.surface import Seen
+from ..query.surface import PictureSurfaces
 from ..scene.lights import AMBIENT, LIST, SPHERE
 from .filter import filtered
 
@@ -29,7 +29,7 @@ def as_needed(query: ShadowQuery) -> ShadowQuery:
     return query._replace(samples=np.ascontiguousarray(query.samples[:, :1]))
 
 
-def fraction(seen: Seen, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None) -> np.ndarray:
+def fraction(seen: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None) -> np.ndarray:
     """(H, W) float32: the fraction of samples that are not occluded; filtered if `smooth` and if the light is soft."""
     spp = query.samples.shape[1]
     if smooth and is_soft(query):
@@ -43,7 +43,7 @@ def occluded_samples(bits: np.ndarray) -> np.ndarray:
 
 
 def refine_penumbra(
-    seen: Seen,
+    seen: PictureSurfaces,
     query: ShadowQuery,
     bits: np.ndarray,
     samples: np.ndarray,

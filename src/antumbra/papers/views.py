@@ -86,7 +86,7 @@ def told_view(name: str, path: Path, size: tuple[int, int], make_light: LightMak
 
 
 def own_view(name: str, scene: AnyScene, size: tuple[int, int]) -> View:
-    """A scene with its own camera and lights, or the default ones."""
+    """The view of a scene with its own camera and lights, or with the default ones."""
     camera = scene.cameras[0].resized(*size) if scene.cameras else scene.default_camera(*size)
     return View(name, scene, camera, scene.lights or [scene.default_light()])
 

@@ -8,7 +8,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import as_i32, get, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from .raster_cull import BLOCK, careful_box, make_padding, quick_boxes, transpose
-from .raster_setup import TILE, View
+from .raster_setup import TILE, RasterView
 
 _LEAST_CHUNK, _MOST_CHUNKS = 16 * BLOCK, 256  # of triangles; as many chunks as keep many threads busy
 _MOST_COUNTS = 1 << 22  # of the table (chunks, tiles)
@@ -18,7 +18,7 @@ _BOUNDS = _BUCKETS + 1
 _INFINITY = 0x7F800000  # the bits of float32's infinity
 
 
-class Seen(NamedTuple):
+class Survivors(NamedTuple):
     """The triangles that culling leaves. Only slots named by `Bins.slot` are filled; other pages stay untouched."""
 
     triangle: np.ndarray  # (n,) int32
@@ -29,7 +29,7 @@ class Seen(NamedTuple):
 class Bins(NamedTuple):
     """What each tile may see. Tile k owns slot[first[k]:first[k + 1]], triangles in ascending order."""
 
-    seen: Seen
+    seen: Survivors
     first: np.ndarray  # (tiles + 1,) int64
     slot: np.ndarray  # (pairs,) int32: index into the arrays of `seen`
 
@@ -123,13 +123,13 @@ def _fill(ticket, size, columns, left, cursors, box, slots):
         chunk = take(ticket)
 
 
-def bin_triangles(corners, view: View, threads: int) -> Bins:
+def bin_triangles(corners, view: RasterView, threads: int) -> Bins:
     """Cull the triangles ((n, 9) float32) and list the rest by tile."""
     n, columns = len(corners), tiles_across(view.width)
     tiles = columns * tiles_across(view.height)
     size = max(_LEAST_CHUNK, -(-n // max(1, min(_MOST_CHUNKS, _MOST_COUNTS // tiles))))
     chunks = -(-n // size)
-    seen = Seen(np.empty(n, np.int32), np.empty((n, 4), np.int16), np.empty(n, np.float32))
+    seen = Survivors(np.empty(n, np.int32), np.empty((n, 4), np.int16), np.empty(n, np.float32))
     left, counts = np.empty(chunks, np.int64), np.empty((chunks, tiles), np.int64)
     run(_cull, threads, new_ticket(n, size), corners, view, make_padding(view), columns, seen, left, counts)
     first = np.zeros(tiles + 1, np.int64)

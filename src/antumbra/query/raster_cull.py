@@ -12,7 +12,7 @@ import numpy as np
 from ..kernels.jit import inlined, kernel
 from ..kernels.predicate.filters import widest
 from ..kernels.simd import absolute, bits, fma, get, load8, maximum, minimum, put, select, store, to_f32, to_i32
-from .raster_setup import View, corner_from, pixel_vector
+from .raster_setup import RasterView, corner_from, pixel_vector
 
 BLOCK = 64  # triangles bounded together
 _F = np.float32
@@ -39,7 +39,7 @@ class Padding(NamedTuple):
     usable: bool  # no: rounding moves rays so far that nothing can be culled
 
 
-def make_padding(view: View) -> Padding:
+def make_padding(view: RasterView) -> Padding:
     """Rays are moved by their rounding, and a corner is placed with an error of 8 u norm distance / depth."""
     if not view.shift_z < 0.25:
         return Padding(*[0.0] * 9, False)

@@ -43,7 +43,7 @@ _TINY = 1e-37  # more than float32 loses by underflow
 _HUGE = 1e30  # less than float32 overflows at, with room for sums
 
 
-class View(NamedTuple):
+class RasterView(NamedTuple):
     """A camera in pixel coordinates: float64 numbers; no arrays, whose reference counts threads would fight over."""
 
     eye_x: float
@@ -71,8 +71,8 @@ class View(NamedTuple):
     volume_error: float  # V above
 
 
-def make_view(rays) -> View:
-    """The `View` of `CameraRays`; InputError where its pixels are too close for float64's range."""
+def make_view(rays) -> RasterView:
+    """The `RasterView` of `CameraRays`; InputError where its pixels are too close for float64's range."""
     rows, turn = _inverse(rays.corner + 0.5 * rays.dx + 0.5 * rays.dy, rays.dx, rays.dy)
     norm = np.abs(rows).sum(1) * _SLACK
     if not norm.max() < _HUGE:
@@ -83,7 +83,7 @@ def make_view(rays) -> View:
     slope_error = 48 * _U * (x * y + STRIDE * z * (x + y))
     bounds = (z, x, y, shift[0], shift_x, shift_y, slope_error, 200 * _U * x * y * z)
     eye = rays.origin.tolist()
-    return View(*eye, *rows.ravel().tolist(), turn, int(rays.width), int(rays.height), *map(float, bounds))
+    return RasterView(*eye, *rows.ravel().tolist(), turn, int(rays.width), int(rays.height), *map(float, bounds))
 
 
 def _inverse(*columns):

@@ -53,7 +53,7 @@ _FLAT = _F(1e-20)  # an edge function that rises less than this a pixel limits n
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
 
 
-class Tile(NamedTuple):
+class RasterTile(NamedTuple):
     """Pointers to the state of a tile: pixel (x, y) of it is element y * STRIDE + x."""
 
     low: object  # float32: least possible depth key of the face; -inf where there is none
@@ -216,7 +216,7 @@ def _finish(tile, window, corners, rays, face, t):
 @kernel
 def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters, order):
     """Worker: whole tiles of the picture, each by one thread. `order`: the thread's own memory for the longest list."""
-    tile = Tile(stack_f32(_CELLS), stack_f32(_CELLS), stack_i32(_CELLS), stack_i32(_CELLS), stack_i32(16))
+    tile = RasterTile(stack_f32(_CELLS), stack_f32(_CELLS), stack_i32(_CELLS), stack_i32(_CELLS), stack_i32(16))
     counts = stack_array(np.int64, _COUNTS)
     for c in range(_COUNTS):
         counts[c] = 0

@@ -11,7 +11,7 @@ from ..scene.lights import MAX_SPP
 from ..scene.point_lights import N_SETS
 from .receivers import NOTHING
 from .sampling import light_samples
-from .surface import Seen, points_of, same_surface
+from .surface import PictureSurfaces, points_of, same_surface
 
 VISIBLE = np.float32(1.0 / 16.0)
 """Linear base colours that differ by more, in red, green or blue, make an edge."""
@@ -53,7 +53,7 @@ def _penumbra_rows(ticket, seen, counts, spp, out):
         y0 = take(ticket)
 
 
-def penumbra(seen: Seen, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
+def penumbra(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(H, W) bool: pixels whose samples disagree, or disagree with a neighbour's on the same surface.
 
     counts : (H, W) int, how many of a pixel's `spp` samples of one light are occluded
@@ -90,7 +90,7 @@ def _edge_rows(ticket, seen, colour, out):
         y0 = take(ticket)
 
 
-def edges(seen: Seen, colour: np.ndarray, threads=None) -> np.ndarray:
+def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray:
     """(H, W) bool: pixels beside one that sees another surface, another colour, or nothing.
 
     colour : (n, 3) float32, of each face

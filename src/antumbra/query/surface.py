@@ -15,7 +15,7 @@ APART = np.float32(0.5)
 """Each of two points of one smooth surface is this near to the other's tangent plane, in widths of a pixel there."""
 
 
-class Seen(NamedTuple):
+class PictureSurfaces(NamedTuple):
     """The surfaces in a G-buffer, as `same_surface` asks about them; (H, W, ...) arrays of `query.gbuffer.GBuffer`."""
 
     position: np.ndarray
@@ -26,14 +26,14 @@ class Seen(NamedTuple):
     pixel: float  # float32, width of a pixel at depth 1
 
 
-def seen_by(gbuffer, rays) -> Seen:
+def seen_by(gbuffer, rays) -> PictureSurfaces:
     """What the camera of these `CameraRays` sees."""
     pixel = np.float32(np.linalg.norm(rays.dy))
-    return Seen(gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.depth, gbuffer.side, pixel)
+    return PictureSurfaces(gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.depth, gbuffer.side, pixel)
 
 
 class Points(NamedTuple):
-    """Pointers to the arrays of a `Seen`, for hot kernels; pixel (y, x) is element y w + x."""
+    """Pointers to the arrays of a `PictureSurfaces`, for hot kernels; pixel (y, x) is element y w + x."""
 
     position: object  # float32 *, 3 a pixel
     normal: object  # float32 *, 3 a pixel
@@ -47,7 +47,7 @@ class Points(NamedTuple):
 
 @inlined
 def points_of(seen):
-    """The pointers of a `Seen`, which must outlive them."""
+    """The pointers of a `PictureSurfaces`, which must outlive them."""
     h, w = seen.face.shape
     return Points(
         ptr(seen.position), ptr(seen.normal), ptr(seen.face), ptr(seen.depth), ptr(seen.side), h, w, seen.pixel

@@ -9,7 +9,7 @@ from ..query.picture import Surfaces, surfaces_of
 from ..query.receivers import NOTHING
 from ..query.refine import edges
 from ..query.subpixels import block_copies, block_means, subpixel_gbuffer
-from ..query.surface import Seen, seen_by
+from ..query.surface import PictureSurfaces, seen_by
 from ..trace.counters import as_dict
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerator
@@ -17,7 +17,7 @@ from .frame import Frame
 from .indirect import indirect_light
 from .source import RenderSource
 from .srdh_rays import bounced_queries
-from .state import FrameState, Request, Traced, accelerate, arriving_at, ask, ask_all, picture, queries_of, shaded
+from .state import FrameState, Request, TracedLights, accelerate, arriving_at, ask, ask_all, picture, queries_of, shaded
 
 
 def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Frame:
@@ -66,7 +66,7 @@ def look(state: FrameState) -> Surfaces:
     return surfaces
 
 
-def trace(state: FrameState, surfaces: Surfaces) -> Traced:
+def trace(state: FrameState, surfaces: Surfaces) -> TracedLights:
     """The shadow rays of all pixels, through a tree that answers those of refined penumbrae too."""
     request, maker, whole = state.request, state.accelerator, state.whole
     queries = queries_of(state, surfaces, request.samples)
@@ -83,7 +83,7 @@ def trace(state: FrameState, surfaces: Surfaces) -> Traced:
     return traced
 
 
-def lit(state: FrameState, surfaces: Surfaces, traced: Traced) -> tuple[Seen, list[np.ndarray]]:
+def lit(state: FrameState, surfaces: Surfaces, traced: TracedLights) -> tuple[PictureSurfaces, list[np.ndarray]]:
     """The seen surfaces, as filters take them; and the share of each light that each pixel sees, filtered if wanted."""
     seen = seen_by(surfaces.gbuffer, state.view)
     visibility = [fraction(seen, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
@@ -92,7 +92,7 @@ def lit(state: FrameState, surfaces: Surfaces, traced: Traced) -> tuple[Seen, li
 
 
 def refine(
-    state: FrameState, seen: Seen, traced: Traced, visibility: list[np.ndarray]
+    state: FrameState, seen: PictureSurfaces, traced: TracedLights, visibility: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ask again in penumbrae, and replace their visibility.
 
@@ -111,7 +111,7 @@ def refine(
     return edge, refined
 
 
-def bounce(state: FrameState, surfaces: Surfaces, seen: Seen, traced: Traced) -> np.ndarray:
+def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights) -> np.ndarray:
     """(H, W, 3) float32: irradiance by light that has bounced once, filtered if wanted."""
     nearest = open_to_all(state)
     indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
@@ -134,7 +134,7 @@ def open_to_all(state: FrameState) -> Nearest:
 
 
 def shade(
-    state: FrameState, surfaces: Surfaces, seen: Seen, traced: Traced, visibility, indirect
+    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, visibility, indirect
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, (H, W, 3) float32; and its ambient light, (3,) float32, none where light bounces."""
     arrived = arriving_at(state, surfaces, traced, seen if state.request.smooth else None)

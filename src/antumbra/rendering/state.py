@@ -35,7 +35,7 @@ class Request(NamedTuple):
     passes: Passes | None = None  # of diffuse rays; None: no light bounces
 
 
-class Traced(NamedTuple):
+class TracedLights(NamedTuple):
     """Queries, one a light, and their answers."""
 
     queries: list[ShadowQuery]
@@ -100,12 +100,12 @@ def ask(state: FrameState, query: ShadowQuery) -> np.ndarray:
     return state.accelerator.answer(state.ready, query, state.tally, state.request.progress)
 
 
-def ask_all(state: FrameState, queries: list[ShadowQuery]) -> Traced:
+def ask_all(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
     """The bits of all these queries."""
-    return Traced(queries, [ask(state, query) for query in queries])
+    return TracedLights(queries, [ask(state, query) for query in queries])
 
 
-def arriving_at(state: FrameState, surfaces: Surfaces, traced: Traced, seen=None) -> list[np.ndarray]:
+def arriving_at(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:
     """The light that each lamp sends to each pixel's surface; see `image.shade.arriving`."""
     of_lights = zip(state.request.lights, *traced)
     return [arriving(surfaces.gbuffer, light, query, b, seen, state.threads) for light, query, b in of_lights]
@@ -117,7 +117,7 @@ def shaded(state: FrameState, surfaces: Surfaces, arrived, visibility, ambient, 
     return shade(surfaces.gbuffer, colour, lights, arrived, visibility, ambient, up, indirect, state.threads)
 
 
-def picture(state: FrameState, surfaces: Surfaces, traced: Traced, ambient, indirect=None) -> np.ndarray:
+def picture(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient, indirect=None) -> np.ndarray:
     """The image of some surfaces by these bits, as they are."""
     shares = [fraction_lit(b, query.samples.shape[1], state.threads) for query, b in zip(*traced)]
     return shaded(state, surfaces, arriving_at(state, surfaces, traced), shares, ambient, indirect)

@@ -8,13 +8,13 @@ from ..checks import number, vector, whole_number
 from ..errors import InputError
 
 MAX_SIZE = 32768  # pixels, each way
-_FARTHEST = 1e30  # so that float32 holds all differences of coordinates
+_FARTHEST = 1e30  # float32 holds all differences of coordinates below this
 
 
 class CameraRays(NamedTuple):
-    """What kernels need of a camera, in the recentred frame of a scene.
+    """A camera's rays for kernels, in the recentred frame of a scene.
 
-    The ray of pixel (x, y), x right and y down, starts at ``origin`` and has the direction
+    The ray of pixel (x, y), x right and y down, starts at ``origin``. Its direction is
     ``float32(corner + (x + 0.5) * dx + (y + 0.5) * dy)``, evaluated in float64 in that order, component by component.
     The direction's component along the view axis is 1, so t is the depth.
     """
@@ -23,12 +23,12 @@ class CameraRays(NamedTuple):
     corner: np.ndarray  # (3,) float64, direction to the image's upper left corner
     dx: np.ndarray  # (3,) float64, one pixel to the right
     dy: np.ndarray  # (3,) float64, one pixel down
-    width: int
+    width: int  # pixels
     height: int
 
 
 class Camera:
-    """Pinhole camera in world space; right-handed, looking from ``position`` to ``target``.
+    """A pinhole camera in world space, right-handed. It looks from ``position`` to ``target``.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Camera:
         return Camera(self.position, self.target, self.up, self.vfov, width, height)
 
     def rays(self, origin) -> CameraRays:
-        """The rays of the pixels in the frame whose zero is at world position ``origin`` ((3,) float64)."""
+        """The pixels' rays in the frame whose zero is at world position ``origin`` ((3,) float64)."""
         view = self.target - self.position
         view = view / np.linalg.norm(view)
         right = np.cross(view, self.up)

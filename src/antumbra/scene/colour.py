@@ -1,4 +1,4 @@
-"""Base colours: sRGB to linear light, and the mean colour of a texture."""
+"""Base colours: conversion of sRGB to linear light, and mean colours of textures."""
 
 import io
 import warnings
@@ -7,11 +7,11 @@ import numpy as np
 
 MAX_PIXELS = 1 << 26
 SMALL_PIXELS = 1 << 22
-PIXELS_PER_BYTE = 2048  # more than that in a picture that is not small is a decompression bomb
+PIXELS_PER_BYTE = 2048  # a picture that is not small and has more is a decompression bomb
 
 
 def srgb_to_linear(value) -> np.ndarray:
-    """sRGB in [0, 1] as linear light (IEC 61966-2-1), float64."""
+    """Convert sRGB in [0, 1] to linear light (IEC 61966-2-1), float64."""
     value = np.asarray(value, np.float64)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
@@ -20,9 +20,9 @@ BYTE_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0)
 
 
 def mean_linear(data: bytes) -> np.ndarray:
-    """Mean colour ((3,) float64, linear) of an sRGB picture (PNG, JPEG or WebP); alpha is not looked at.
+    """The mean colour ((3,) float64, linear) of an sRGB picture (PNG, JPEG or WebP). Alpha is ignored.
 
-    Raises ValueError, saying why, for a picture that cannot be decoded or would be unreasonably large.
+    Raises ValueError, with the reason, if the picture cannot be decoded or is unreasonably large.
     """
     from PIL import Image
 
@@ -34,7 +34,7 @@ def mean_linear(data: bytes) -> np.ndarray:
                 if max(image.size) > 1024:
                     image.draft("RGB", (256, 256))  # a JPEG is decoded at a fraction of its size
                 counts = np.array(image.convert("RGB").histogram(), np.float64).reshape(3, 256)
-    except Exception as error:  # Pillow's decoders raise a dozen kinds on damaged files
+    except Exception as error:  # Pillow's decoders raise a dozen kinds of errors on damaged files
         raise ValueError(str(error) or type(error).__name__) from error
     return counts @ BYTE_TO_LINEAR / counts[0].sum()
 

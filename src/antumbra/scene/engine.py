@@ -1,7 +1,7 @@
-"""What answers the rays that a `Scene` is asked: it is above scenes, so the package names it here.
+"""The link from `Scene` to the ray queries, which import scenes and not the other way round.
 
-``ask(scene, any_hit, rays, time, cull_faces, threads)`` gives (...) bool if `any_hit`, else a `Hit`. `rays` are the
-first five arguments of `Scene.occluded`.
+The package registers the function with `use`. ``ask(scene, any_hit, rays, time, cull_faces, threads)`` gives (...) bool
+if `any_hit`, else a `Hit`. `rays` are the first five arguments of `Scene.occluded`.
 """
 
 from collections.abc import Callable
@@ -10,10 +10,10 @@ _finders: list[Callable[[], Callable]] = []
 
 
 def use(finder: Callable[[], Callable]) -> None:
-    """Let ``finder()`` give the function `ask`; it is called when the first ray is asked."""
+    """Let ``finder()`` return the function behind `ask`. Each query calls it."""
     _finders[:] = [finder]
 
 
 def ask(*arguments):
-    """Hand the question on."""
+    """Answer a query by the registered function."""
     return _finders[0]()(*arguments)

@@ -1,4 +1,4 @@
-"""Paths: what may be read, and what a file may refer to."""
+"""Checks of paths: files that may be read, and references from a file to others."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 
 
 def checked_file(path: Path, where: str) -> Path:
-    """`path` if it is an ordinary file (a pipe or device could block for ever)."""
+    """`path`, if it is an ordinary file. A pipe or device could block for ever."""
     if not path.exists():
         raise InputError(f"{where}: no such file; check the path")
     if not path.is_file():
@@ -21,7 +21,7 @@ def checked_file(path: Path, where: str) -> Path:
 
 
 def sibling(folder: Path, uri: str, where: str) -> Path:
-    """The file that the relative `uri` in a scene names; InputError unless it is in the scene's `folder`."""
+    """The file of a relative `uri` in a scene. Raises InputError unless it is in the scene's `folder`."""
     name = unquote(uri)
     shown = uri if len(uri) <= 80 else uri[:77] + "..."
     if _SCHEME.match(uri) or uri.startswith(("//", "\\\\")):

@@ -15,17 +15,17 @@ from .mesh import MeshInfo, check_finite, face_colours, used_faces
 from .source import Piece
 
 FILES = ("frames.npy", "faces.npy", "face_rgba.npy", "info.json")
-"""What is read of a folder; only the first two must be there."""
+"""The files that are read from a folder. Only the first two are required."""
 
-FRAMES_PER_SECOND = 24.0  # where info.json says nothing of time
+FRAMES_PER_SECOND = 24.0  # if info.json has no times
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _SPAN = re.compile(r"\bt\s*=\s*(-?[0-9.]{1,20})\s*\.\.\s*(-?[0-9.]{1,20})")
 
 
 class VertexFrames:
-    """Vertices at several times, straight lines in between (see `antumbra.scene.source.Source`).
+    """Vertices at several times, interpolated linearly in between (see `antumbra.scene.source.Source`).
 
-    The frames stay on disk, memory-mapped; a frame is read, and checked, when a time asks for it.
+    The frames stay on disk, memory-mapped. A frame is read and checked when a time needs it.
     """
 
     def __init__(self, file: str, frames, faces, colour, times: np.ndarray):
@@ -50,7 +50,7 @@ class VertexFrames:
         return []
 
     def _frame(self, k: int) -> np.ndarray:
-        """(1, v, 3), float32 if that is what the file holds, else float64."""
+        """Frame k, (1, v, 3): float32 if the file holds float32, else float64."""
         frame = self._frames[k]
         dtype = np.float32 if frame.dtype == np.float32 else np.float64
         vertices = np.ascontiguousarray(frame if self._used is None else frame[self._used], dtype)
@@ -59,7 +59,7 @@ class VertexFrames:
 
 
 def read_frames(folder: Path) -> tuple[VertexFrames, list[str]]:
-    """The source of a folder with frames.npy and faces.npy, and notes."""
+    """(source, notes) of a folder with frames.npy and faces.npy."""
     name = folder.resolve().name
     missing = [f for f in FILES[:2] if not (folder / f).exists()]
     if missing:
@@ -77,12 +77,12 @@ def read_frames(folder: Path) -> tuple[VertexFrames, list[str]]:
 
 
 def mapped_array(path: Path, where: str) -> np.ndarray:
-    """A .npy file, memory-mapped once its header agrees with its size; nothing is unpickled."""
+    """A .npy file, memory-mapped after a check of its header against its size. Nothing is unpickled."""
     checked_file(path, where)
     with path.open("rb") as stream:
         try:
             shape, fortran, dtype = _HEADERS[npy.read_magic(stream)](stream)
-        except Exception as error:  # the header is Python source; its parser raises what it likes
+        except Exception as error:  # the header is Python source, whose parser raises many kinds of errors
             raise InputError(f"{where}: not a numpy array file; write it with numpy.save") from error
         offset = stream.tell()
     if dtype.hasobject or dtype.kind not in "fiu":
@@ -104,7 +104,7 @@ def _linear(rgba: np.ndarray, where: str) -> np.ndarray:
 
 
 def _times(path: Path, count: int, where: str) -> np.ndarray:
-    """Seconds of the frames: "times" of info.json, or evenly over a span it tells in words ("t=0.0..2.5")."""
+    """The frames' times in seconds: "times" of info.json, or evenly spread over its span ("t=0.0..2.5")."""
     info = {}
     if path.exists():
         checked_file(path, where)

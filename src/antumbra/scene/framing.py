@@ -1,4 +1,4 @@
-"""A camera and a light for a scene that brings none."""
+"""The default camera and light for a scene without its own."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ AZIMUTH, ELEVATION = np.radians(35.0), np.radians(25.0)
 
 
 def axes(up: str) -> np.ndarray:
-    """Right, up and towards-the-viewer ((3, 3) float64 rows) of a scene whose up axis is "y" or "z"."""
+    """The right, up and towards-the-viewer axes ((3, 3) float64 rows) of a scene with up axis "y" or "z"."""
     if up == "z":
         return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     return np.eye(3)
 
 
 def default_camera(bounds: np.ndarray, up: str, width: int, height: int) -> Camera:
-    """Three-quarter view from a little above, the bounding sphere of `bounds` ((2, 3), world) in view."""
+    """A three-quarter view from a little above, which shows the bounding sphere of `bounds` ((2, 3), world)."""
     right, upward, towards = axes(up)
     centre, radius = _sphere(bounds)
     half = np.arctan(np.tan(np.radians(VFOV) / 2.0) * min(1.0, width / height))
@@ -28,9 +28,9 @@ def default_camera(bounds: np.ndarray, up: str, width: int, height: int) -> Came
 
 
 def default_light(bounds: np.ndarray, up: str) -> QuadLight:
-    """A square as wide as the radius of the bounding sphere of `bounds`, above it and to the viewer's left.
+    """A square light above the bounding sphere of `bounds`, to the viewer's left, as wide as the sphere's radius.
 
-    Its intensity lights a surface at the centre that faces it so that white looks white.
+    Under its intensity, a white surface at the centre that faces the light looks white.
     """
     right, upward, towards = axes(up)
     centre, radius = _sphere(bounds)

@@ -1,7 +1,7 @@
-"""Pieces of a scene as triangles: moved between two moments, recentred, rounded, face after face, on all cores.
+"""Turn pieces of a scene into triangles: interpolate in time, recentre, round, and copy by face, on all cores.
 
-Kernels get addresses, not arrays: whether an array is read-only or memory-mapped, or has float32 or float64 numbers,
-makes them no other kernels, and none is compiled while a frame is timed.
+Kernels take addresses, not arrays. So read-only, memory-mapped, float32 and float64 arrays all use the same kernels,
+and none is compiled while a frame is timed.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -21,7 +21,7 @@ _LIMIT = np.float32(MAX_EXTENT)
 
 @inlined
 def _recentre_rows(first, last, a, b, share, origin, out):
-    """Write (1 - share) a + share b - origin in float64, rounded once; is all of it finite and near enough?"""
+    """Write (1 - share) a + share b - origin, computed in float64 and rounded once. True if all is finite and near."""
     rest, fine = 1.0 - share, True
     for i in range(3 * first, 3 * last, 3):
         for k in range(3):
@@ -34,7 +34,10 @@ def _recentre_rows(first, last, a, b, share, origin, out):
 
 @kernel
 def _recentre(ticket, single, a, b, share, origin, out, faults):
-    """Worker: rows of vertices at the addresses a and b, which are float32 if `single`, else float64."""
+    """Worker: recentre rows of vertices."""
+    # In: a, b, addresses of (n, 3) vertices at two moments, float32 if `single`, else float64
+    # In: share, of b, float64; origin, (3,) float64
+    # Out: out, address of (n, 3) float32; faults, (1,) bool, set if a vertex is not finite or too far
     zero, p = (origin[0], origin[1], origin[2]), f32_at(out)
     first = take(ticket)
     while first >= 0:
@@ -50,7 +53,7 @@ def _recentre(ticket, single, a, b, share, origin, out, faults):
 
 @kernel
 def _gather(ticket, local, vertices, faces, n, out):
-    """Worker: the corners of the faces of each copy; `local` and `faces` are addresses, n faces a copy."""
+    """Worker: write the corners of each copy's faces; `local`, `faces`, `out` are addresses, n the faces a copy."""
     positions, indices, rows = f32_at(local), i32_at(faces), f32_at(out)
     first = take(ticket)
     while first >= 0:
@@ -67,12 +70,12 @@ def _gather(ticket, local, vertices, faces, n, out):
 
 
 def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> int:
-    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32); how many there were.
+    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32), and return how many.
 
     Raises
     ------
     InputError
-        Where vertices are not finite, or too far from `origin`.
+        If vertices are not finite, or too far from `origin`.
     """
     copies, n_vertices = piece.vertices.shape[:2]
     if piece.faces is None:
@@ -88,7 +91,7 @@ def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> i
 
 
 def _recentred(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
-    """The vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`."""
+    """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`."""
     dtype = np.dtype(np.float32 if piece.vertices.dtype == np.float32 else np.float64)
     a = np.ascontiguousarray(piece.vertices, dtype)
     b = a if piece.towards is None else np.ascontiguousarray(piece.towards, dtype)

@@ -12,7 +12,7 @@ from .source import Piece, StaticMeshes
 
 
 class _Generated(StaticMeshes):
-    """A mesh with the camera and the light that suit it."""
+    """Meshes with their own camera and light."""
 
     def __init__(self, meshes, file, camera, light):
         super().__init__(meshes, file)
@@ -26,15 +26,15 @@ class _Generated(StaticMeshes):
 
 
 def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0) -> Scene:
-    """A procedural scene with a camera and a quad light; the same for the same arguments, everywhere.
+    """A procedural scene with a camera and a quad light. Equal arguments give the same scene on every machine.
 
     Parameters
     ----------
     name : "atrium", "city", "forest"; or "cellar", "museum", "blinds", the scenes of the papers
     triangles : int, optional
-        About how many (within 10 %); each scene has its own default.
+        Number of triangles, met within 10 %. Each scene has its own default.
     seed : int
-        Other seeds scatter the clutter differently.
+        Another seed scatters the clutter differently.
 
     Raises
     ------
@@ -51,17 +51,16 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
 
 
 class StreamedCity:
-    """``procedural("city", ...)`` for who looks at its pieces only: they are never all in memory.
+    """``procedural("city", ...)`` as a stream of pieces, which are never all in memory.
 
-    Its name, up axis, camera, light and pieces are those of the `Scene`, whose faces they give in the same order; and
-    it is its own source.
+    Name, up axis, camera, light and pieces are as in the `Scene`, with faces in the same order. It is its own source.
 
     Parameters
     ----------
     triangles, seed
-        As of `procedural`.
+        As for `procedural`.
     processes : int
-        That make its blocks.
+        Number of processes that make its blocks.
     """
 
     name = "city"
@@ -84,7 +83,7 @@ class StreamedCity:
         return self
 
     def pieces(self, time: float) -> Iterator[Piece]:
-        """A block at a time."""
+        """The blocks of the city, one at a time."""
         from .procedural import PALETTE
         from .procedural.stream import streamed_blocks
 

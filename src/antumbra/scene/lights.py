@@ -1,4 +1,4 @@
-"""Lights, and the one form in which kernels know them all: a patch seen from a receiver."""
+"""Lights, and their common form for kernels: a patch seen from a receiver."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,15 +10,15 @@ from ..checks import vector, whole_number
 from ..errors import InputError
 
 FIXED, DIRECTIONAL, SPHERE, LIST, AMBIENT = 0, 1, 2, 3, 4
-"""Kinds of `LightPatch`; the first three are flat: the samples' heights c are 0."""
+"""Kinds of `LightPatch`. The first three are flat: the samples' heights c are 0."""
 
-MAX_INTENSITY = 1e30  # so that float32 holds it times a colour, over the square of a distance
+MAX_INTENSITY = 1e30  # float32 holds it times a colour, over the square of a distance
 
 MAX_SPP = 1024
-"""Samples that a receiver can ask of a light."""
+"""The most samples of a light for one receiver."""
 
 FLAT = np.full(3, -0.0)
-"""w of flat patches: c w is -0.0 for c = 0, and x + -0.0 is x to the last bit, even if x is -0.0."""
+"""w of flat patches: for c = 0, c w is -0.0, and x + -0.0 has the bits of x, even for x = -0.0."""
 
 
 Vector = Sequence[float] | np.ndarray
@@ -30,43 +30,47 @@ WHITE = 1.0, 1.0, 1.0
 class LightPatch(NamedTuple):
     """A light in the recentred frame of a scene, float64; `antumbra.query.samples.patch_at` places it for a receiver.
 
-    Seen from a receiver, every light is a patch: its points are base + a u + b v + c w, with (a, b, c) from the light's
-    `domain`. A point is a patch without extent; a distant light's patch moves along with the receiver; a sphere's
-    patch is the disk in which the receiver's tangent cone touches it; ambient light's is the hemisphere around the
-    receiver's normal; a list of lights is a patch whose samples are the lights.
+    Seen from a receiver, every light is a patch with the points base + a u + b v + c w. (a, b, c) is from the light's
+    `domain`.
+
+    - A point light is a patch without extent.
+    - A distant light's patch moves along with the receiver.
+    - A sphere's patch is the disk in which the receiver's tangent cone touches the sphere.
+    - Ambient light's patch is the hemisphere around the receiver's normal.
+    - A list of lights is a patch whose samples are the lights.
     """
 
     kind: int  # FIXED, DIRECTIONAL, SPHERE, LIST or AMBIENT
-    base: np.ndarray  # (3,): corner or centre; DIRECTIONAL: from the receiver to the patch's centre
+    base: np.ndarray  # (3,) corner or centre; DIRECTIONAL: from the receiver to the patch's centre
     u: np.ndarray  # (3,) edge or radius
-    v: np.ndarray  # (3,)
-    w: np.ndarray  # (3,), FLAT unless the kind is LIST or AMBIENT
+    v: np.ndarray  # (3,) edge or radius
+    w: np.ndarray  # (3,) FLAT, unless the kind is LIST or AMBIENT
     radius: float  # of a SPHERE, or of an AMBIENT hemisphere
 
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """What all lights have.
+    """The base class of all lights.
 
     intensity : float
-        0 to 1e30: candela along the light's axis (lux for a distant light); only shading uses it.
+        0 to 1e30: candela along the light's axis, or lux for a distant light. Only shading uses it.
     colour : (3,) float
-        Linear RGB; only shading uses it.
+        Linear RGB. Only shading uses it.
     """
 
     intensity: float = field(default=1.0, kw_only=True)
     colour: Vector = field(default=WHITE, kw_only=True)
 
     domain = "point"
-    """Where (a, b, c) live: "square" [0, 1]^2, "disk" of radius 1 or "point" (0, 0), with c = 0; "hemisphere" above the
-    disk; "list": the light brings samples of its own."""
+    """The domain of (a, b, c). With c = 0: "square" [0, 1]^2, "disk" of radius 1, or "point" (0, 0). Otherwise: "hemisphere"
+    above the disk, or "list" of the light's own samples."""
 
     def samples(self, spp: int) -> int:
-        """How many samples of this light a receiver asks when a query says `spp`."""
+        """The samples of this light for each receiver of a query with `spp`."""
         return spp
 
     def patch(self, origin, reach: float) -> LightPatch:
-        """The light in the frame whose zero is at world position `origin`; no distance in the scene reaches `reach`."""
+        """The light in the frame whose zero is at world position `origin`; scene distances are below `reach`."""
         raise NotImplementedError
 
     def area(self) -> float:
@@ -105,7 +109,7 @@ class PointLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class QuadLight(Light):
-    """A parallelogram corner + a u + b v, 0 <= a, b <= 1 (all (3,), world); seen from both sides."""
+    """A parallelogram corner + a u + b v, 0 <= a, b <= 1 (all (3,), world). It shines to both sides."""
 
     corner: np.ndarray
     u: np.ndarray
@@ -134,7 +138,7 @@ class QuadLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class DiskLight(Light):
-    """A disk around `center` ((3,), world) with `normal` ((3,), any length) and `radius` > 0; seen from both sides."""
+    """A disk around `center` ((3,), world) with `normal` ((3,), any length) and `radius` > 0; shines to both sides."""
 
     center: np.ndarray
     normal: np.ndarray
@@ -171,8 +175,8 @@ class DiskLight(Light):
 class SphereLight(Light):
     """A sphere around `center` ((3,), world) with `radius` > 0.
 
-    A receiver samples the disk in which its tangent cone touches the sphere, which covers exactly the directions in
-    which the sphere is seen. From inside the sphere it is the great disk facing the receiver.
+    A receiver samples the disk in which its tangent cone touches the sphere. The disk covers exactly the directions
+    in which the receiver sees the sphere. For a receiver inside the sphere, it is the great disk facing the receiver.
     """
 
     center: np.ndarray
@@ -197,7 +201,7 @@ class SphereLight(Light):
         return _fixed(self.center, origin=origin)._replace(kind=SPHERE, radius=float(self.radius))
 
 
-_FARTHEST = 2.0**125  # as for coordinates: sums of two, and differences of sums, are finite
+_FARTHEST = 2.0**125  # as for coordinates: sums of two, and differences of such sums, are finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,9 +209,9 @@ class DirectionalLight(Light):
     """A distant disk such as the sun.
 
     direction : (3,) float, any length
-        From the light *into* the scene, as glTF has it.
+        From the light *into* the scene, as in glTF.
     angular_diameter : float
-        Degrees, 0 <= angular_diameter < 180; the sun's 0.53 by default, 0 for parallel rays.
+        Degrees, 0 <= angular_diameter < 180. The default is the sun's 0.53; 0 gives parallel rays.
     """
 
     direction: np.ndarray
@@ -246,16 +250,16 @@ class DirectionalLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class AmbientOcclusion(Light):
-    """Light from everywhere: each receiver asks the hemisphere around its own normal, to a distance of `radius`.
+    """Light from everywhere: each receiver samples the hemisphere around its normal, to a distance of `radius`.
 
-    Directions are cosine-weighted [Malley's method], so the share of open ones is the share of a uniform sky's
-    irradiance that arrives. In a picture it scales the ambient light, as do `intensity` and `colour`, and does not
-    shine by itself. Points ask it only where they have normals.
+    Directions are cosine-weighted [Malley's method]. So the fraction of open directions is the fraction of a uniform
+    sky's irradiance that arrives. In a picture it scales the ambient light, as do `intensity` and `colour`. It does not
+    shine by itself. Points without normals cannot sample it.
 
     radius : float or None
-        World units; blockers that are farther away do not count. None or infinity: all of the scene counts.
+        World units. Blockers farther away do not count. None or infinity: all blockers count.
     spp : int or None
-        Samples a receiver, 1 to 1024; None: as many as the query asks of its other lights.
+        Samples for each receiver, 1 to 1024. None: as many as for the query's other lights.
     """
 
     radius: float | None = None
@@ -303,7 +307,7 @@ def _check_radius(light):
 
 
 def check_lights(lights) -> list[Light]:
-    """The lights as a list; InputError unless they are lights."""
+    """The lights as a list. Raises InputError on anything that is no light."""
     lights = [lights] if isinstance(lights, Light) else list(lights)
     if not lights:
         raise InputError("no lights; give at least one, for example scene.default_light()")

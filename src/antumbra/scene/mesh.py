@@ -1,4 +1,4 @@
-"""Indexed triangles as a scene stores them, and the checks that every loader shares."""
+"""Indexed triangles as a scene stores them, and the checks that all loaders share."""
 
 from typing import NamedTuple
 
@@ -10,16 +10,16 @@ WHITE = np.ones(3, np.float32)
 
 
 class Mesh(NamedTuple):
-    """Triangles in their own frame, in the precision they came in."""
+    """Triangles in their own frame, in the precision of their file or array."""
 
     name: str
-    positions: np.ndarray  # (v, 3) float32 or float64, every one used by some face
-    faces: np.ndarray | None  # (f, 3) int32; None: three positions in a row are a face
+    positions: np.ndarray  # (v, 3) float32 or float64; faces use all of them
+    faces: np.ndarray | None  # (f, 3) int32; None: every three positions are a face
     colour: np.ndarray  # (3,) or (f, 3) float32, linear, in [0, 1]
 
 
 class MeshInfo(NamedTuple):
-    """What there is to say about a mesh: its triangles are counted once, however often it is instanced."""
+    """A summary of a mesh. Its triangles are counted once, not for each instance."""
 
     name: str
     triangles: int
@@ -27,7 +27,7 @@ class MeshInfo(NamedTuple):
 
 
 def make_mesh(name: str, positions, faces, colour, where: str) -> Mesh:
-    """A checked `Mesh`; `where` is what errors call it. Positions that no face uses are dropped."""
+    """A checked `Mesh`; `where` names it in errors. Positions that no face uses are dropped."""
     if faces is None:
         positions = np.array(positions)
     else:
@@ -42,7 +42,7 @@ def n_faces(positions: np.ndarray, faces: np.ndarray | None) -> int:
 
 
 def used_faces(faces: np.ndarray, n_vertices: int, where: str) -> tuple[np.ndarray, np.ndarray | None]:
-    """Faces as int32 into the vertices that some face uses, and which those are ((v,) bool; None: all)."""
+    """(faces as int32 into the used vertices, which vertices some face uses: (v,) bool, or None for all)."""
     faces = check_faces(faces, n_vertices, where)
     used = np.zeros(n_vertices, bool)
     used[faces.reshape(-1)] = True
@@ -53,7 +53,7 @@ def used_faces(faces: np.ndarray, n_vertices: int, where: str) -> tuple[np.ndarr
 
 
 def check_faces(faces: np.ndarray, n_vertices: int, where: str) -> np.ndarray:
-    """`faces` as (f, 3) int32, or InputError naming the first face that reaches beyond the vertices."""
+    """`faces` as (f, 3) int32. Raises InputError with the first face that uses a missing vertex."""
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         raise InputError(f"{where}: faces must be whole numbers of shape (f, 3), not {faces.dtype} {faces.shape}")
     if faces.size and (faces.min() < 0 or faces.max() >= n_vertices):
@@ -66,7 +66,7 @@ def check_faces(faces: np.ndarray, n_vertices: int, where: str) -> np.ndarray:
 
 
 def check_finite(positions: np.ndarray, where: str) -> None:
-    """InputError naming the first vertex that is NaN or infinite."""
+    """Raise InputError with the first vertex that is NaN or infinite."""
     if positions.size == 0 or (np.isfinite(positions.min()) and np.isfinite(positions.max())):
         return
     bad = int(np.argmax(~np.isfinite(positions).all(axis=-1)))
@@ -76,7 +76,7 @@ def check_finite(positions: np.ndarray, where: str) -> None:
 
 
 def face_colours(colour, count: int, where: str) -> np.ndarray:
-    """One linear colour ((3,)) or one for each face ((f, 3)), as float32 in [0, 1]."""
+    """The checked linear colour as float32 in [0, 1]: one ((3,)) or one for each face ((f, 3))."""
     if colour is None:
         return WHITE
     colour = np.asarray(colour)

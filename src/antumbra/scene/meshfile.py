@@ -1,4 +1,4 @@
-"""OBJ, PLY and STL through trimesh, which parses; numbers are checked here."""
+"""OBJ, PLY and STL files: trimesh parses them, and this module checks their numbers."""
 
 import io
 import logging
@@ -14,7 +14,7 @@ from .files import checked_file, sibling
 from .mesh import Mesh, make_mesh
 from .source import StaticMeshes
 
-logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks, which would reach the screen
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
 
 MAX_SIDE_FILE = 1 << 28
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
@@ -22,7 +22,7 @@ _OBJ_ZERO = re.compile(rb"^\s*f\s(?:[^\n]*\s)?0+(?=[/\s]|$)", re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
-    """The source of an .obj, .ply or .stl file, and notes on what was left out."""
+    """(source, notes) of an .obj, .ply or .stl file. The notes list everything that was left out."""
     import trimesh
 
     data, file, kind = path.read_bytes(), path.name, path.suffix.lower()[1:]
@@ -43,7 +43,7 @@ def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
 
 
 class FolderResolver(Mapping):
-    """Gives trimesh the material and texture files in the scene's folder, and none from elsewhere."""
+    """Gives trimesh the material and texture files in the scene's folder, and no others."""
 
     def __init__(self, folder: Path, file: str):
         self.notes: list[str] = []
@@ -51,7 +51,7 @@ class FolderResolver(Mapping):
         self._means: dict[str, np.ndarray] = {}
 
     def get(self, name: str, default=None) -> bytes:
-        """Contents of the file `name`; what cannot be read is noted and raises OSError."""
+        """The contents of the file `name`. An unreadable file is noted and raises OSError."""
         where = f"{self._file}: file {name[:80]!r}"
         try:
             name = name.strip().replace("\\", "/")
@@ -67,13 +67,13 @@ class FolderResolver(Mapping):
         return self.get(name)
 
     def __iter__(self):
-        return iter(())  # what there is, is not listed
+        return iter(())  # files are not listed
 
     def __len__(self) -> int:
         return 0
 
     def mean(self, name: str) -> np.ndarray:
-        """Mean linear colour ((3,) float64) of a texture; white where it cannot be read."""
+        """The mean linear colour ((3,) float64) of a texture; white if it cannot be read."""
         if name not in self._means:
             try:
                 self._means[name] = mean_linear(self.get(name))
@@ -90,12 +90,12 @@ def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
     positions, faces = np.asarray(part.vertices), np.asarray(part.faces)
     if positions.ndim != 2 or positions.shape[1] != 3:
         raise InputError(f"{where} has vertices of {positions.shape[-1]} numbers; a vertex is x y z")
-    mesh = make_mesh(name, positions, faces, None, where)  # indices are good from here on
+    mesh = make_mesh(name, positions, faces, None, where)  # checks the indices
     return mesh._replace(colour=_colour(part.visual, faces, textures).astype(np.float32))
 
 
 def _colour(visual, faces: np.ndarray, textures: FolderResolver) -> np.ndarray:
-    """Linear base colour, (3,) or (f, 3): vertices and faces have sRGB bytes, materials (Kd) linear ones."""
+    """The linear base colour, (3,) or (f, 3). Vertices and faces have sRGB bytes, materials (Kd) linear bytes."""
     if visual.kind == "vertex":
         return BYTE_TO_LINEAR[np.asarray(visual.vertex_colors)[:, :3]][faces].mean(axis=1)
     if visual.kind == "face":
@@ -109,7 +109,7 @@ def _colour(visual, faces: np.ndarray, textures: FolderResolver) -> np.ndarray:
 
 
 def _check_ply(data: bytes, file: str) -> None:
-    """InputError when the header declares more elements than the file has room for."""
+    """Raise InputError if the header declares more elements than fit in the file."""
     head, end, body = data.partition(b"end_header")
     if not data.startswith(b"ply") or not end:
         raise InputError(f"{file}: no PLY header; is this a PLY file?")
@@ -121,7 +121,7 @@ def _check_ply(data: bytes, file: str) -> None:
 
 
 def _check_stl(data: bytes, file: str) -> None:
-    """InputError when a binary STL is shorter than its header says (trimesh would take it for empty text)."""
+    """Raise InputError if a binary STL is shorter than its header says. trimesh takes it for empty text."""
     if data.lstrip().startswith(b"solid") and b"facet" in data:
         return
     needed = 84 + 50 * int.from_bytes(data[80:84], "little")
@@ -130,7 +130,7 @@ def _check_stl(data: bytes, file: str) -> None:
 
 
 def _check_obj(data: bytes, file: str) -> None:
-    """InputError for the vertex number 0, which the format does not have and trimesh takes for 1."""
+    """Raise InputError on vertex number 0, which is invalid in OBJ. trimesh takes it for 1."""
     match = _OBJ_ZERO.search(data)
     if match:
         line = data.count(b"\n", 0, match.end()) + 1

@@ -1,4 +1,4 @@
-"""Many point lights as one: the light samples of a query are the lights of a list."""
+"""Many point lights as one light, whose samples are the lights of a list."""
 
 from dataclasses import dataclass, field
 
@@ -12,29 +12,29 @@ N_SETS = 16  # sample sets of a query, one for each pixel of a 4x4 block
 
 @dataclass(frozen=True, eq=False)
 class PointLights(Light):
-    """A list of k point lights that are asked as the samples of one light, such as the virtual point lights of instant
-    radiosity [Keller 1997].
+    """A list of k point lights, sampled as one light, such as virtual point lights of instant radiosity [Keller 1997].
 
-    Without `interleave`, each receiver asks all lights: sample s is light s. With it, lights are dealt to the 16 sample
-    sets, each set a spread of all, and a receiver asks those of its own set only: 16 times fewer rays. Shading weighs
-    a light by 16 over the number of sets that it is in, so the mean over a block of 4x4 pixels is the sum of all lights
-    (Sec. 6.1 of the multi-frusta paper): the estimate is unbiased, and its noise is a pattern of 4x4 pixels.
+    Without `interleave`, each receiver samples all lights: sample s is light s. With it, the lights are dealt to the 16
+    sample sets, so that each set is spread over all of them. A receiver samples the lights of its own set only, with 16
+    times fewer rays. Shading weighs a light by 16 over the number of sets that it is in. So the mean over a block of
+    4x4 pixels is the sum of all lights (Sec. 6.1 of the multi-frusta paper). The estimate is unbiased, and its noise is
+    a pattern of 4x4 pixels.
 
     positions : (k, 3) float
         In world units.
     intensities : float or (k,) float
-        Candela of each light, times `intensity`; along the normal where there are normals.
+        Candela of each light, times `intensity`. With normals, it is the intensity along the normal.
     colours : (3,) or (k, 3) float
         Linear RGB of each light, times `colour`.
     normals : (3,) or (k, 3) float, or None
-        Lights on a surface: they shine into the half-space around the normal, by its cosine. None: all around.
+        Normals of lights on a surface. They shine into the normal's half-space, by the cosine. None: all around.
     interleave : bool
-        At most 1024 lights without, 16 x 1024 with it.
+        Whether each receiver samples one set only. At most 1024 lights without it, 16 x 1024 with it.
     indirect : bool
-        The lights stand for light that has bounced, so a picture needs no other ambient light and gets none.
+        The lights stand for bounced light, so a picture gets no other ambient light.
     nearest : float
-        World units; shading takes no light as nearer than this. Lights that stand for an area are too bright for
-        receivers next to them, 1 / distance^2 having a pole; this clamps it, at the price of some darkness in corners.
+        Least distance in shading, in world units. Lights that stand for an area are too bright for receivers next to
+        them, since 1 / distance^2 has a pole. The clamp darkens corners a little.
     """
 
     positions: np.ndarray
@@ -79,7 +79,7 @@ class PointLights(Light):
 
     @property
     def sets(self) -> np.ndarray:
-        """(16, n) int: which light each sample of each set is; all of 0 .. k - 1 in each set without `interleave`."""
+        """(16, n) int: the light of each sample of each set. Without `interleave`, each set has all k lights."""
         k = len(self.positions)
         if not self.interleave:
             return np.broadcast_to(np.arange(k), (N_SETS, k))
@@ -88,14 +88,14 @@ class PointLights(Light):
         return order[dealt].reshape(-1, N_SETS).T  # neighbours in space go to different sets
 
     def weights(self) -> np.ndarray:
-        """(16, n, 3) float64: what each sample of each set counts, as candela of red, green and blue."""
+        """(16, n, 3) float64: the weight of each sample of each set, in candela of red, green and blue."""
         candela = self.intensity * self.intensities[:, None] * self.colours * np.asarray(self.colour)
         times = np.bincount(self.sets.ravel(), minlength=len(candela))
         return (N_SETS / times[:, None] * candela)[self.sets]
 
 
 def _z_order(positions: np.ndarray) -> np.ndarray:
-    """(k,) int64: the place of each point on a space-filling curve through their bounding box."""
+    """(k,) int64: the position of each point on a space-filling curve through their bounding box."""
     lower, extent = positions.min(0), np.ptp(positions, axis=0).max()
     cells = ((positions - lower) * (1023.0 / extent if extent > 0.0 else 0.0)).astype(np.int64)
     bits = np.arange(10)
@@ -104,7 +104,7 @@ def _z_order(positions: np.ndarray) -> np.ndarray:
 
 
 def _rows(value, k, width, what) -> np.ndarray:
-    """`value` as (k, width) float64, repeated if it is for all lights; k None: any."""
+    """`value` as (k, width) float64. One value for all lights is repeated. k None allows any number of rows."""
     try:
         array = np.asarray(value, np.float64)
         if width == 1:

@@ -1,4 +1,4 @@
-"""What a `Scene` asks of the geometry behind it, and the simplest such source: meshes that never move."""
+"""The interface of a `Scene` to its geometry, and its simplest implementation: meshes that never move."""
 
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
@@ -12,9 +12,9 @@ class Piece(NamedTuple):
     """Part of a scene at one moment: `k` copies of a mesh, in world space."""
 
     vertices: np.ndarray  # (k, v, 3) float32 or float64, world
-    faces: np.ndarray | None  # (f, 3) int32; None: three vertices in a row are a face
+    faces: np.ndarray | None  # (f, 3) int32; None: every three vertices are a face
     colour: np.ndarray  # (3,) or (f, 3) float32, linear
-    where: str  # what errors call it
+    where: str  # name in errors
     towards: np.ndarray | None = None  # (k, v, 3): vertices are (1 - share) * vertices + share * towards
     share: float = 0.0
 
@@ -22,12 +22,12 @@ class Piece(NamedTuple):
 class Source(Protocol):
     """Geometry, cameras and lights as a function of time in seconds, 0 <= time <= duration."""
 
-    file: str  # what errors call it
+    file: str  # name in errors
     duration: float
     meshes: list[MeshInfo]
 
     def pieces(self, time: float) -> Iterator[Piece]:
-        """The pieces, in an order and with faces that are the same at every time."""
+        """The pieces. Their order and faces are the same at every time."""
         ...
 
     def cameras(self, time: float) -> list: ...
@@ -36,7 +36,7 @@ class Source(Protocol):
 
 
 class StaticMeshes:
-    """Meshes whose own frame is the world's."""
+    """Meshes in world space that never move."""
 
     duration = 0.0
 

@@ -1,4 +1,4 @@
-"""How far a scene reaches, from its pieces one after the other."""
+"""The bounds of a scene, from its pieces one after the other."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from .source import Piece
 
 
 def faces_of(piece: Piece) -> int:
-    """The faces of each copy."""
+    """The number of faces of each copy."""
     return piece.vertices.shape[1] // 3 if piece.faces is None else len(piece.faces)
 
 
 class Survey:
-    """The number of triangles, and the bounds, of the pieces that were added; `file` is what errors call them."""
+    """The number of triangles and the bounds of all added pieces; `file` names them in errors."""
 
     def __init__(self, file: str):
         self.file, self.n_triangles = file, 0
@@ -23,12 +23,12 @@ class Survey:
         """Count a piece that does not move."""
         count = len(piece.vertices) * faces_of(piece)
         if count:
-            self._lower = np.minimum(self._lower, piece.vertices.min(axis=(0, 1)))  # NaN stays, and fails below
+            self._lower = np.minimum(self._lower, piece.vertices.min(axis=(0, 1)))  # NaN stays, and fails in `bounds`
             self._upper = np.maximum(self._upper, piece.vertices.max(axis=(0, 1)))
         self.n_triangles += count
 
     def bounds(self) -> np.ndarray:
-        """(2, 3) float64; InputError where there are no triangles, or they reach too far."""
+        """(2, 3) float64: lower and upper corner. Raises InputError without triangles, or if the scene is too large."""
         if self.n_triangles == 0:
             raise InputError(f"{self.file}: no triangles; export the scene with its meshes triangulated")
         if not (self._upper - self._lower <= MAX_EXTENT).all():

@@ -1,4 +1,4 @@
-"""Triangles: what a scene is at one moment, ready for kernels."""
+"""Triangles: a scene at one moment, ready for kernels."""
 
 from typing import NamedTuple
 

@@ -64,7 +64,7 @@ class Chunk(NamedTuple):
     index: np.ndarray  # (n,) uint8, uint16 or uint32: slot -> row of the palette
 
 
-class Place(NamedTuple):
+class ChunkPlace(NamedTuple):
     """Offsets of a chunk's arrays, in bytes from the chunk's first byte. An array ends where the next one begins."""
 
     nodes: int
@@ -85,13 +85,13 @@ def index_dtype(colours: int) -> np.dtype:
     return np.dtype("u1" if colours <= 1 << 8 else "<u2" if colours <= 1 << 16 else "<u4")
 
 
-def places(triangles: int, nodes: int, colours: int) -> Place:
+def places(triangles: int, nodes: int, colours: int) -> ChunkPlace:
     """The offsets of a chunk's arrays."""
     corners = 64 * nodes
     prim_ids = corners + 36 * triangles
     palette = prim_ids + 4 * triangles
     index = palette + 12 * colours
-    return Place(0, corners, prim_ids, palette, index, index + triangles * index_dtype(colours).itemsize)
+    return ChunkPlace(0, corners, prim_ids, palette, index, index + triangles * index_dtype(colours).itemsize)
 
 
 def views(data: np.ndarray, triangles: int, nodes: int, colours: int) -> Chunk:

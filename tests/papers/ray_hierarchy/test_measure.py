@@ -8,7 +8,7 @@ from antumbra.errors import InputError
 from antumbra.papers.answers import agree
 from antumbra.papers.ray_hierarchy import measure as bench
 from antumbra.papers.ray_hierarchy import published as paper
-from antumbra.papers.ray_hierarchy.measure import PLANS, Cost, Seen
+from antumbra.papers.ray_hierarchy.measure import PLANS, Cost, PictureRays
 from antumbra.papers.ray_hierarchy.views import Picture, pictures, with_point
 from antumbra.papers.views import own_view
 from antumbra.plan import parse_plan
@@ -63,8 +63,8 @@ def made_costs(picture: str, **nodes: int | None) -> list[Cost]:
     ]
 
 
-def seen_in(picture: str, frame: int | None = None, of: str = "film") -> Seen:
-    return Seen(picture, of, frame, 100, 10, 4, b"1")
+def seen_in(picture: str, frame: int | None = None, of: str = "film") -> PictureRays:
+    return PictureRays(picture, of, frame, 100, 10, 4, b"1")
 
 
 def test_what_sorting_cuts():

@@ -23,9 +23,23 @@ from ...query.sampling import ROTATIONS
 from ...rendering.render_jobs import warm_up, warm_up_indirect
 from ...rendering.renderer import Renderer
 from ...scene.camera import Camera
-from .rays import AO, DIFFUSE, KINDS, PLANS, SAMPLER, Answer, Asked, Culling, Method, Plain, asked_of, differing, timed
+from .rays import (
+    AO,
+    DIFFUSE,
+    KINDS,
+    PLANS,
+    SAMPLER,
+    Answer,
+    Culling,
+    FrameRays,
+    Method,
+    Plain,
+    asked_of,
+    differing,
+    timed,
+)
 from .variants import THRESHOLDS, tracer_name
-from .views import Place, Walk
+from .views import Walk, WalkPlace
 
 CHCRT = tracer_name(0)
 SAMPLERS = tuple(name for name in ROTATIONS if ":" in name)
@@ -83,7 +97,7 @@ class Turn(NamedTuple):
 class InCore:
     """A place in memory: its triangles, and the acceleration structures of all methods."""
 
-    def __init__(self, place: Place, threads: int, options: Options = _OPTIONS):
+    def __init__(self, place: WalkPlace, threads: int, options: Options = _OPTIONS):
         self.place, self.threads, self._options = place, threads, options
         plans = [parse_plan(plan) for plan in (*PLANS, "bsah+chcrt")]
         for plan in plans:
@@ -105,7 +119,7 @@ class InCore:
         """The plans that keep no state."""
         return [Plain(plan, self._bvh, self._tree, self.threads) for plan in PLANS]
 
-    def asked(self, camera: Camera, sampler: str) -> Asked:
+    def asked(self, camera: Camera, sampler: str) -> FrameRays:
         """The rays of a frame."""
         surfaces = surfaces_of(self._renderer.see(self.triangles, camera), self.triangles)
         return asked_of(self.place, camera, surfaces, sampler, self.threads)
@@ -157,7 +171,7 @@ def told_by(method: Method) -> Callable[[], dict[str, float]]:
     return told
 
 
-def _error(asked: Asked, truth, found, method: Method, kind: str) -> float | None:
+def _error(asked: FrameRays, truth, found, method: Method, kind: str) -> float | None:
     """Mean absolute difference of two pictures of diffuse light; None unless the method is aggressive."""
     if not (isinstance(method, Culling) and method.scheduled.options.threshold and kind == DIFFUSE):
         return None

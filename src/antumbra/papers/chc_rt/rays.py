@@ -26,7 +26,7 @@ from ...scene.camera import Camera, CameraRays
 from ...scene.lights import AmbientOcclusion
 from ...trace.primary.trace import trace_primary
 from ...trace.rays import bounce
-from .views import Place
+from .views import WalkPlace
 
 PRIMARY, AO, DIFFUSE, SOFT = KINDS = ("primary", "AO", "diffuse", "soft shadows")
 PASSES, SPP = 20, 16  # rays for each pixel: of AO and of diffuse light; of soft shadows
@@ -44,7 +44,7 @@ Answer = tuple[np.ndarray, ...]
 """(bits,) for a shadow query; otherwise (face, t), one for each pixel."""
 
 
-class Asked(NamedTuple):
+class FrameRays(NamedTuple):
     """The rays of one frame."""
 
     camera: CameraRays
@@ -75,13 +75,13 @@ class Asked(NamedTuple):
         return int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
 
 
-def asked_of(place: Place, camera: Camera, surfaces: Surfaces, sampler: str, threads: int) -> Asked:
+def asked_of(place: WalkPlace, camera: Camera, surfaces: Surfaces, sampler: str, threads: int) -> FrameRays:
     """The camera's rays, and all rays that start at the surfaces it sees."""
     lights = [AmbientOcclusion(place.reach), place.light]
     samples = [light_samples(lights[0], PASSES, sampler), light_samples(lights[1], SPP)]
     queries = surface_queries(surfaces, lights, samples, threads=threads)
     directions = diffuse_passes([place.light], PASSES, sampler).directions
-    return Asked(camera.rays(surfaces.triangles.origin), surfaces, dict(zip((AO, SOFT), queries)), directions)
+    return FrameRays(camera.rays(surfaces.triangles.origin), surfaces, dict(zip((AO, SOFT), queries)), directions)
 
 
 @kernel
@@ -150,7 +150,7 @@ def _bits(query: ShadowQuery, trace, threads: int) -> np.ndarray:
     return bits
 
 
-def timed(method: Method, asked: Asked, kind: str) -> tuple[float, list[Answer]]:
+def timed(method: Method, asked: FrameRays, kind: str) -> tuple[float, list[Answer]]:
     """(seconds to trace the rays of a kind, answers)."""
     seconds, found = 0.0, []
     for question in asked.questions(kind):

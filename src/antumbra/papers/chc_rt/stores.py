@@ -22,13 +22,13 @@ from ...store.residency import POLICIES
 from ...store.scene import PagedScene
 from ..answers import digest
 from .measure import CHCRT, Pace, Say, Turn, begin, bled, error_of, told_by
-from .rays import DIFFUSE, KINDS, SAMPLER, SPP, Asked, Culling, asked_of, timed
+from .rays import DIFFUSE, KINDS, SAMPLER, SPP, Culling, FrameRays, asked_of, timed
 from .variants import THRESHOLDS, tracer_name
-from .views import Place, Walk
+from .views import Walk, WalkPlace
 
 
 def out_of_core(
-    place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say
+    place: WalkPlace, max_memory: int | None, threads: int, pace: Pace, say: Say
 ) -> tuple[list[Turn], list[tuple[str, bytes]]]:
     """(the turns of both eviction policies, (frame, digest) of all answers). The method of a turn is its policy."""
     turns, digests = [], []
@@ -43,8 +43,8 @@ def out_of_core(
 
 
 @contextmanager
-def _opened(place: Place, max_memory: int | None, threads: int) -> Iterator[Paged]:
-    """The store of a place, of which nothing is in memory yet."""
+def _opened(place: WalkPlace, max_memory: int | None, threads: int) -> Iterator[Paged]:
+    """The store of a place, with no chunk in memory."""
     if not isinstance(place.scene, PagedScene):
         raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
     renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
@@ -58,7 +58,7 @@ def _opened(place: Place, max_memory: int | None, threads: int) -> Iterator[Page
         paged.residency.close()
 
 
-def aggressive(place: Place, max_memory: int | None, threads: int, pace: Pace, say: Say) -> list[Turn]:
+def aggressive(place: WalkPlace, max_memory: int | None, threads: int, pace: Pace, say: Say) -> list[Turn]:
     """Measure Table 4 out of core, where it matters most: diffuse rays in aggressive mode. Camera rays stay exact."""
     turns = []
     for walk in place.walks:
@@ -70,7 +70,7 @@ def aggressive(place: Place, max_memory: int | None, threads: int, pace: Pace, s
 
 
 def _bleed_through(
-    place: Place, walk: Walk, paged: Paged, threshold: int, pictures: list[np.ndarray], pace: Pace, say: Say
+    place: WalkPlace, walk: Walk, paged: Paged, threshold: int, pictures: list[np.ndarray], pace: Pace, say: Say
 ) -> list[Turn]:
     """The turns of one threshold.
 
@@ -110,7 +110,7 @@ def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
     return {name: b - a for name, a, b in zip(after._fields, before, after)}
 
 
-def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
+def _walk_through(place: WalkPlace, walk: Walk, paged: Paged, pace: Pace, say: Say):
     """(the turns of one policy, digests of its answers)."""
     policy, threads = paged.residency.policy, paged.threads
     method = Culling(policy, paged.accelerated.prepared, threads)
@@ -119,7 +119,7 @@ def _walk_through(place: Place, walk: Walk, paged: Paged, pace: Pace, say: Say):
     for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, {policy}", say):
         paged.begin(camera.width * camera.height, -(-SPP // 64))
         begin([method])
-        asked: Asked | None = None
+        asked: FrameRays | None = None
         for kind in KINDS:
             before, told = paged.residency.paging, told_by(method)
             if asked is None:  # the time of camera rays includes making the surfaces, whose triangles are in the chunks

@@ -45,7 +45,7 @@ class Walk(NamedTuple):
         return Camera(position, target, a.up, a.vfov, a.width, a.height)
 
 
-class Place(NamedTuple):
+class WalkPlace(NamedTuple):
     """A scene and its walkthroughs."""
 
     name: str
@@ -66,12 +66,12 @@ def named_view(name: str, size: tuple[int, int]) -> View:
 
 
 def check_in_memory(view: View) -> None:
-    """InputError if the scene is in a store."""
+    """Raise an InputError if the scene is in a store."""
     if isinstance(view.scene, PagedScene):
         raise InputError(f"{view.name}: is a store; name it with --store instead of --scene")
 
 
-def place_of(view: View) -> Place:
+def place_of(view: View) -> WalkPlace:
     """A scene with its two walks."""
     scene, size = view.scene, (view.camera.width, view.camera.height)
     city = scene.name == "city"
@@ -80,11 +80,11 @@ def place_of(view: View) -> Place:
     far = _nearer(scene.default_camera(*size))
     reach = _CITY_REACH if city else _REACH * diagonal
     walks = Walk("near", *near), Walk("far", far, _turned(far, far.target))
-    return Place(view.name, scene, view.lights[0], reach, walks)
+    return WalkPlace(view.name, scene, view.lights[0], reach, walks)
 
 
 def _street(scene: AnyScene, size: tuple[int, int]) -> tuple[Camera, Camera]:
-    """Along the street that is nearest to the middle of the city."""
+    """The first and the last camera along the street that is nearest to the centre of the city."""
     low, high = scene.bounds
     blocks = round(float(high[0] - low[0]) / PITCH)
     x = _LANE + (PITCH / 2 if blocks % 2 else 0.0)

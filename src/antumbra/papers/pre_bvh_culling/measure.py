@@ -132,7 +132,7 @@ def _steps(triangles, queries, threads, n, options) -> dict[str, float]:
 
 
 def _traced(accelerator: Accelerator, triangles, culled, queries) -> tuple[float, float]:
-    """Seconds to build a BVH of what is left, and to trace the queries."""
+    """(seconds to build a BVH of the triangles that are left, seconds to trace the queries)."""
     start = perf_counter()
     ready = accelerator.build(triangles, culled)
     built = perf_counter()

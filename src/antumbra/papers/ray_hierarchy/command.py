@@ -11,7 +11,7 @@ from ...cli.progress import Activity
 from ..views import open_view
 
 if TYPE_CHECKING:
-    from .measure import Cost, Seen, Spread
+    from .measure import Cost, PictureRays, Spread
 
 _WIDTH = 170  # width of the tables, in characters
 
@@ -63,7 +63,7 @@ def ray_hierarchy(
     if plot is not None:
         arguments.check_plot(plot)
     n_threads = thread_count(threads)
-    seen: list[Seen] = []
+    seen: list[PictureRays] = []
     costs: list[Cost] = []
     with Activity(quiet) as activity:
         activity.say("opening the scenes")
@@ -105,7 +105,7 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:,.1f}"
 
 
-def _print_pictures(seen: "list[Seen]", costs: "list[Cost]") -> None:
+def _print_pictures(seen: "list[PictureRays]", costs: "list[Cost]") -> None:
     """Print Figures 6 and 7 as tables."""
     from .measure import PLANS, of
 
@@ -151,7 +151,7 @@ def _print_museum(costs: "list[Cost]") -> None:
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
-def _print_claims(seen: "list[Seen]", costs: "list[Cost]", spreads: "list[Spread]") -> None:
+def _print_claims(seen: "list[PictureRays]", costs: "list[Cost]", spreads: "list[Spread]") -> None:
     """Print our figures for the claims of the report's text."""
     from . import measure as bench
     from . import published as paper

@@ -30,7 +30,7 @@ SHRINK = (8, 4)
 nodes and seconds grow with every doubling by the same factor as between these two, but not faster than the rays."""
 
 
-class Seen(NamedTuple):
+class PictureRays(NamedTuple):
     """The shadow rays of a picture."""
 
     picture: str
@@ -70,7 +70,7 @@ class Spread(NamedTuple):
 
 def measure(
     picture: Picture, threads: int, rounds: int, limit: float, say: Callable[[str], None]
-) -> tuple[Seen, list[Cost]]:
+) -> tuple[PictureRays, list[Cost]]:
     """Measure all variants in one picture; InputError if its camera sees nothing.
 
     limit : the most seconds that a variant may take
@@ -118,13 +118,13 @@ def _predicted(smallest: Frame, small: Frame) -> tuple[float, float]:
     return float(growth * small.timings["trace"]), float(growth * nodes)
 
 
-def _seen(picture: Picture, frame: Frame) -> Seen:
+def _seen(picture: Picture, frame: Frame) -> PictureRays:
     blocked = int(np.bitwise_count(frame.bits[0]).sum())
     shown = picture.name, picture.of, picture.frame, picture.scene.n_triangles
-    return Seen(*shown, frame.rays, blocked, digest(frame.bits))
+    return PictureRays(*shown, frame.rays, blocked, digest(frame.bits))
 
 
-def answers(seen: Iterable[Seen], costs: Iterable[Cost]) -> list[tuple[str, bytes]]:
+def answers(seen: Iterable[PictureRays], costs: Iterable[Cost]) -> list[tuple[str, bytes]]:
     """(picture, digest) of all answers, for `papers.answers.agree`."""
     return [(s.picture, s.bits) for s in seen] + [(c.picture, c.bits) for c in costs if c.bits is not None]
 
@@ -156,7 +156,7 @@ def cut(costs: Iterable[Cost], unsorted: str, sorted_: str) -> tuple[float, str,
     return max(found, default=(np.nan, "", False))
 
 
-def spreads(seen: Iterable[Seen], costs: Iterable[Cost]) -> list[Spread]:
+def spreads(seen: Iterable[PictureRays], costs: Iterable[Cost]) -> list[Spread]:
     """The spreads of each animation with at least two frames, and of each variant that was measured in two of them."""
     seen, costs, rows = list(seen), list(costs), []
     for name in dict.fromkeys(s.of for s in seen if s.frame is not None):

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from ...output import replacing
-from .measure import PLANS, Cost, Seen, of
+from .measure import PLANS, Cost, PictureRays, of
 
 _WIDTH, _STYLES, _MARKERS = 7.0, ("-", "--", ":", "-."), "osD^vP*X"
 
 
-def write_plot(seen: list[Seen], costs: list[Cost], path: Path) -> None:
+def write_plot(seen: list[PictureRays], costs: list[Cost], path: Path) -> None:
     """Write a plot of the nodes and the time of each variant in each picture."""
     from matplotlib.figure import Figure
 
@@ -21,7 +21,7 @@ def write_plot(seen: list[Seen], costs: list[Cost], path: Path) -> None:
         sheet.savefig(temporary, format="png", dpi=110)
 
 
-def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], fields, label: str, scale: float) -> None:
+def _draw_pictures(panel, seen: list[PictureRays], costs: list[Cost], fields, label: str, scale: float) -> None:
     """Draw each variant in a colour. Lines join the frames of an animation.
 
     A hollow mark shows the predicted value of a variant that was left out.
@@ -43,7 +43,7 @@ def _draw_pictures(panel, seen: list[Seen], costs: list[Cost], fields, label: st
     panel.grid(alpha=0.3)
 
 
-def _runs(seen: list[Seen]) -> list[tuple[int, int]]:
+def _runs(seen: list[PictureRays]) -> list[tuple[int, int]]:
     """(first, end) of runs of pictures: frames of the same animation, or a single picture."""
     starts = [k for k, s in enumerate(seen) if k == 0 or s.frame is None or s.of != seen[k - 1].of]
     return list(zip(starts, [*starts[1:], len(seen)]))

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED, tiles
-from ...scene.procedural.parts import Part, assemble, count, fitted, moved, put
+from ...scene.procedural.parts import ScenePart, assemble, count, fitted, moved, put
 from ...scene.procedural.plants import UP, agave, blades, shrub, sphere_directions, unit
 from ...scene.procedural.props import pot
 from ...scene.procedural.shapes import Mesh, block, box, frame_ring, merge, raised, steps
@@ -45,7 +45,7 @@ def _sun() -> dict:
     return {"corner": tuple(middle - u / 2 - v / 2), "u": tuple(u), "v": tuple(v)}
 
 
-def _shell(d: float, rng) -> list[Part]:
+def _shell(d: float, rng) -> list[ScenePart]:
     """Floor of boards, the three plain walls, ceiling, skirting, cornice, door."""
     x, z, h = HALF_X, HALF_Z, HEIGHT
     boards = tiles(-x - 0.05, x + 0.05, -z - 0.05, z + 0.05, 3, steps(40, d, 8), rng, p.OAK, None, 0.008, 0.003)
@@ -64,7 +64,7 @@ def _shell(d: float, rng) -> list[Part]:
     ]
 
 
-def _window(d: float, rng) -> list[Part]:
+def _window(d: float, rng) -> list[ScenePart]:
     """The wall with the window, its blinds and its curtains. Each blind has a slightly different tilt."""
     wall = pierced((-HALF_Z - 0.17, -0.19), (HALF_Z + 0.17, HEIGHT + 0.09), WALL)
     tilts = np.radians(TILTS) + rng.normal(0.0, 0.01, len(TILTS))
@@ -72,7 +72,7 @@ def _window(d: float, rng) -> list[Part]:
     return moved(parts, (-HALF_X, 0.0, 0.0), np.pi / 2)
 
 
-def _furniture(d: float, rng) -> list[Part]:
+def _furniture(d: float, rng) -> list[ScenePart]:
     """Furniture along the walls, pictures on them, and a chandelier."""
     back, right = -HALF_Z, HALF_X
     table, low = drawers(0.5, 0.52, 0.4, 2, 1, d), drawers(1.3, 0.84, 0.45, 3, 2, d)
@@ -94,7 +94,7 @@ def _furniture(d: float, rng) -> list[Part]:
     ]
 
 
-def _clutter(d: float, rng) -> list[Part]:
+def _clutter(d: float, rng) -> list[ScenePart]:
     """Plants and toys."""
     leaves = palm(rng, steps(13, d, 4), steps(16, d, 3), 0.7, 0.62, d)
     ficus = shrub(rng, steps(420, d * d, 14), 0.3, 0.8, 0.13 / max(1.0, d**0.5))
@@ -124,7 +124,7 @@ def _pattern(u, v) -> np.ndarray:
     return np.where(edge > 0.93, p.LIMESTONE, np.where(edge > 0.82, p.BLUE, inside))
 
 
-def _rug(rng, triangles: int) -> list[Part]:
+def _rug(rng, triangles: int) -> list[ScenePart]:
     """A rug of about `triangles` triangles. Most of them are its pile, two triangles for each fibre."""
     x, z, w, length = RUG
     u, v = (np.linspace(-1.0, 1.0, min(most, steps(share * triangles**0.5, 1.0, 6)) + 1) for share, most in WEAVE)

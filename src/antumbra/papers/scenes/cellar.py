@@ -6,7 +6,7 @@ import numpy as np
 
 from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED, column, doorway, stairs, tiles, vault, voussoirs
-from ...scene.procedural.parts import Part, assemble, count, fitted, put
+from ...scene.procedural.parts import ScenePart, assemble, count, fitted, put
 from ...scene.procedural.props import barrel, bottle, crate, shelf, vase
 from ...scene.procedural.shapes import Mesh, box, boxes, merge, shell, steps
 
@@ -71,7 +71,7 @@ def cellar(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
     return assemble(parts), camera, light
 
 
-def _structure(maze: _Maze, d: float, rng) -> list[Part]:
+def _structure(maze: _Maze, d: float, rng) -> list[ScenePart]:
     """Floors, walls with and without doorways, piers, vaults, pillars, stairs."""
     at, (_, nx, nz), (_, i, j) = maze.centres(), maze.shape, maze.rooms.T
     hole = np.zeros(len(at), bool)  # rooms without a floor, where stairs come up
@@ -100,7 +100,7 @@ def _structure(maze: _Maze, d: float, rng) -> list[Part]:
     return parts + _supports(maze, d, at, hole, rng)
 
 
-def _supports(maze: _Maze, d: float, at, hole, rng) -> list[Part]:
+def _supports(maze: _Maze, d: float, at, hole, rng) -> list[ScenePart]:
     """Vaults, piers in the corners, pillars in the centres of some rooms, and stairs."""
     _, i, j = maze.rooms.T
     half, above = ROOM / 2, ~maze.stairs
@@ -141,7 +141,7 @@ def _wall(rng, d: float) -> Mesh:
     return shell(front, front * [1, 1, -1], p.SANDSTONE + stone)
 
 
-def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[Part]:
+def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[ScenePart]:
     """Objects along the walls.
 
     They fill most places, in as much detail as `triangles` allow. A small budget gives coarse objects in fewer places.
@@ -156,7 +156,7 @@ def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[Part]:
     return fitted(lambda d: build(d, 0.85), triangles, detail)
 
 
-def _things(maze: _Maze, d: float, share: float, rng) -> list[Part]:
+def _things(maze: _Maze, d: float, share: float, rng) -> list[ScenePart]:
     """Barrels, crates, shelves of bottles and vases, in a `share` of the places, clear of the doorways."""
     at = maze.centres()[~maze.stairs]
     view = _view_room(maze)[~maze.stairs]

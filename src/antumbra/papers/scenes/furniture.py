@@ -4,7 +4,7 @@ import numpy as np
 
 from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED
-from ...scene.procedural.parts import Part, assemble, moved, put
+from ...scene.procedural.parts import ScenePart, assemble, moved, put
 from ...scene.procedural.props import SINK, shelf, vase
 from ...scene.procedural.shapes import Mesh, arc, box, frame_ring, loft, merge, revolve, shell, steps, tubes
 
@@ -77,7 +77,7 @@ def book(d: float, colour: int) -> Mesh:
     return merge(shell(front, inside, colour + 4 * band + np.zeros((len(outer) - 1, 1), int)), pages)
 
 
-def bookcase(width: float, height: float, depth: float, boards: int, d: float, rng) -> list[Part]:
+def bookcase(width: float, height: float, depth: float, boards: int, d: float, rng) -> list[ScenePart]:
     """A shelf full of books, with a vase or a gap here and there."""
     share = min(1.0, 1.2 * d**0.5)  # at low detail there are fewer and thicker books
     kinds = [book(d, colour) for colour in SPINES]
@@ -106,7 +106,7 @@ def bookcase(width: float, height: float, depth: float, boards: int, d: float, r
     return [part for part in [*parts, put(lid), *tops] if len(part.offset)]
 
 
-def chandelier(drop: float, d: float) -> list[Part]:
+def chandelier(drop: float, d: float) -> list[ScenePart]:
     """A chandelier that hangs `drop` metres below y = 0: turned body, curved arms with candles, strings of beads."""
     n, arms, reach = steps(10, d, 2), 8, 0.42
     body = np.concatenate(

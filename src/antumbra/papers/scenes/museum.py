@@ -4,7 +4,7 @@ import numpy as np
 
 from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED, doorway, tiles
-from ...scene.procedural.parts import Part, assemble, count, fitted, put
+from ...scene.procedural.parts import ScenePart, assemble, count, fitted, put
 from ...scene.procedural.props import bench, vase
 from ...scene.procedural.shapes import Mesh, box, boxes, frame_ring, merge, raised, revolve, steps
 from .sculptures import ammonite, blob, knot, painting, rain, ribbon, twist, vortex
@@ -32,7 +32,7 @@ def museum(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
     return assemble(parts), camera, light
 
 
-def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
+def _halls(at, i, j, nx, nz, d, rng) -> list[ScenePart]:
     """Floors, walls, doorways between halls, cornices, ceilings, and skylights with bars."""
     n, m = steps(14, d, 4), steps(17, d, 5)
     hx, hz = WIDTH / 2, DEPTH / 2
@@ -82,7 +82,7 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[Part]:
     return [part for part in parts + _fittings(at, d, rng) if len(part.offset)]
 
 
-def _fittings(at, d, rng) -> list[Part]:
+def _fittings(at, d, rng) -> list[ScenePart]:
     """Paintings on the walls, and benches."""
     n = steps(20, d, 2)
     wide, tall = painting(2.3, 1.6, n, rng), painting(1.4, 1.9, n, rng)
@@ -117,7 +117,7 @@ def _case(treasure: Mesh) -> Mesh:
     return merge(_plinth(w + 0.1, h, p.DARK_WOOD), frame, inside)
 
 
-def _exhibits(at, budget: float, rng) -> list[Part]:
+def _exhibits(at, budget: float, rng) -> list[ScenePart]:
     """The works of art. Every hall has about the same works, at other angles. A few have most of the triangles."""
     each = budget / len(at)
     shares = np.array([0.2, 0.26, 0.16, 0.12, 0.1, 0.07, 0.05, 0.04]) * each

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...scene.procedural import palette as p
-from ...scene.procedural.parts import Part, assemble, put, tilted, turned
+from ...scene.procedural.parts import ScenePart, assemble, put, tilted, turned
 from ...scene.procedural.plants import unit
 from ...scene.procedural.shapes import Mesh, block, box, boxes, capped, frame_ring, loft, merge, revolve
 
@@ -93,7 +93,7 @@ def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> Mesh:
     return loft(points - [0.0, points[..., 1].min() + 0.03, 0.0], colour, closed=True)
 
 
-def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[Part]:
+def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[ScenePart]:
     """A kinetic sculpture at one moment: drops of bronze that hang on wires and form a wave."""
     nx, nz = (17, 14) if triangles > 12_000 else (11, 9) if triangles > 3000 else (5, 4)
     each = max(8.0, triangles / (nx * nz) - 12)
@@ -116,7 +116,7 @@ def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[Part]:
     return [put(drop, np.stack([x, y, z], axis=1), shade=tone), put(merge(wires, rails, beams))]
 
 
-def vortex(triangles: float, height=4.6) -> list[Part]:
+def vortex(triangles: float, height=4.6) -> list[ScenePart]:
     """Plates that wind up around a mast and fan out."""
     n = int(np.clip(triangles / 44.0, 12, 4000))
     t = (np.arange(n) + 0.5) / n
@@ -128,7 +128,7 @@ def vortex(triangles: float, height=4.6) -> list[Part]:
     )
     plate = box((2.0, 0.05, 0.22), (0, 0, 0), p.RED, 0.008)
     at = np.stack([0 * t, 0.5 + (height - 0.8) * t, 0 * t], axis=1).astype(np.float32)
-    whirl = Part(plate, at, (matrix * scale[:, None]).astype(np.float32), (np.arange(n) % 3).astype(np.uint8))
+    whirl = ScenePart(plate, at, (matrix * scale[:, None]).astype(np.float32), (np.arange(n) % 3).astype(np.uint8))
     return [whirl, put(revolve([(0.09, -0.1), (0.05, height)], 10, p.IRON))]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED
-from ...scene.procedural.parts import Part, moved, put
+from ...scene.procedural.parts import ScenePart, moved, put
 from ...scene.procedural.props import cloth
 from ...scene.procedural.shapes import Mesh, arc, box, boxes, loft, merge, revolve, shell, steps, tubes
 from .furniture import SKETCH
@@ -28,7 +28,7 @@ def pierced(low, high, thickness: float, colour=p.PLASTER) -> Mesh:
     return loft(sections, colour, closed=True)
 
 
-def frame(d: float) -> list[Part]:
+def frame(d: float) -> list[ScenePart]:
     """The window's frame: mullions behind the gaps between the blinds, a transom, and a board on the sill."""
     middle, height, bevel = (SILL + LINTEL) / 2, LINTEL - SILL, 0.008 if d > SKETCH else 0.0
     x = np.linspace(-WIDTH / 2, WIDTH / 2, PANELS + 1)
@@ -62,7 +62,7 @@ def slat(length: float, width: float, d: float, ladders) -> Mesh:
     return merge(body, tubes(rungs, np.full(3, 0.0014), 3, p.WHITE))
 
 
-def panel(width: float, height: float, tilt: float, d: float, rng) -> list[Part]:
+def panel(width: float, height: float, tilt: float, d: float, rng) -> list[ScenePart]:
     """One blind, around x = z = 0, from y = 0 down to -`height`: head rail, slats turned by `tilt`, cords, rod."""
     n = min(SLATS, steps(SLATS, d**0.5, 12))
     rail, foot = 0.06, 0.03
@@ -83,7 +83,7 @@ def panel(width: float, height: float, tilt: float, d: float, rng) -> list[Part]
     return parts if d <= SKETCH else parts + _strings(width, height, 0.5 * chord * np.cos(tilt), ladders, d)
 
 
-def _strings(width: float, height: float, reach: float, ladders, d: float) -> list[Part]:
+def _strings(width: float, height: float, reach: float, ladders, d: float) -> list[ScenePart]:
     """The ladders' cords in front of and behind the slats, the lift cord, and the tilt rod."""
     y = np.linspace(-0.05, 0.02 - height, steps(12, d, 2) + 1)
     cords = np.stack([np.stack([0.0 * y + x, y, 0.0 * y + s * reach], axis=1) for x in ladders for s in (-1.0, 1.0)])
@@ -104,7 +104,7 @@ def _strings(width: float, height: float, reach: float, ladders, d: float) -> li
     ]
 
 
-def venetian(tilts, d: float, rng) -> list[Part]:
+def venetian(tilts, d: float, rng) -> list[ScenePart]:
     """A blind in each part of the opening. `tilts` (PANELS,), radians, turn the slats; above 0 room sides hang down."""
     each = WIDTH / PANELS
     x = (np.arange(PANELS) - (PANELS - 1) / 2) * each
@@ -114,7 +114,7 @@ def venetian(tilts, d: float, rng) -> list[Part]:
     return parts
 
 
-def curtains(top: float, colour: int, d: float, rng) -> list[Part]:
+def curtains(top: float, colour: int, d: float, rng) -> list[ScenePart]:
     """Two curtains, drawn aside in folds, on a rod at height `top`."""
     nx, ny, wide = steps(64, d, 6), steps(40, d, 3), 0.5
     half, z = WIDTH / 2 + 0.14, 0.15

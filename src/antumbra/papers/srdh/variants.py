@@ -12,7 +12,7 @@ from ...trace.rays.orders import NEAREST, RANDOM, SRDH, Ordered
 from ...trace.rays.single import trace_shadow
 
 
-class Order(NamedTuple):
+class TraversalOrder(NamedTuple):
     """A traversal order of any-hit rays."""
 
     value: int  # the number that `walk` takes
@@ -23,21 +23,25 @@ class Order(NamedTuple):
 
 _SEC_3_1 = f"{FELTMAN}, Sec. 3.1"
 
-ORDERS: dict[str, Order] = {
-    "random": Order(RANDOM, unchanged, "either child with the same chance", _SEC_3_1),
-    "left-first": Order(LEFT_FIRST, unchanged, "the children as they are stored", _SEC_3_1),
-    "front-to-back": Order(FRONT_TO_BACK, unchanged, "the child whose centre is closer to the ray's origin", _SEC_3_1),
-    "back-to-front": Order(BACK_TO_FRONT, unchanged, "the child whose centre is farther from it", _SEC_3_1),
-    "nearest": Order(
+ORDERS: dict[str, TraversalOrder] = {
+    "random": TraversalOrder(RANDOM, unchanged, "either child with the same chance", _SEC_3_1),
+    "left-first": TraversalOrder(LEFT_FIRST, unchanged, "the children as they are stored", _SEC_3_1),
+    "front-to-back": TraversalOrder(
+        FRONT_TO_BACK, unchanged, "the child whose centre is closer to the ray's origin", _SEC_3_1
+    ),
+    "back-to-front": TraversalOrder(BACK_TO_FRONT, unchanged, "the child whose centre is farther from it", _SEC_3_1),
+    "nearest": TraversalOrder(
         NEAREST, unchanged, "the child whose box the ray enters first", "Ize 2013, Robust BVH ray traversal"
     ),
-    "rtsah": Order(
+    "rtsah": TraversalOrder(
         LEFT_FIRST,
         sooner_first,
         "the child that is expected to block the ray for less work, by how dense it is",
         "Ize and Hansen 2011, RTSAH traversal order for occlusion rays",
     ),
-    "srdh": Order(SRDH, unchanged, "as the builder chose at each node, either child where it did not", _SEC_3_1),
+    "srdh": TraversalOrder(
+        SRDH, unchanged, "as the builder chose at each node, either child where it did not", _SEC_3_1
+    ),
 }
 """Name -> order."""
 
@@ -65,7 +69,7 @@ BUILDERS = {
 """Name -> builder."""
 
 
-def in_order(order: Order) -> Tracer:
+def in_order(order: TraversalOrder) -> Tracer:
     """The tracer `single` with another traversal order."""
 
     def prepare(bvh, threads=None):

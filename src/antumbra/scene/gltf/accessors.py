@@ -1,4 +1,4 @@
-"""Accessors: numbers in buffers, bounds checked, with sparse values and normalised integers."""
+"""Accessors: bounds-checked numbers in buffers, with sparse values and normalised integers."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 class Accessors:
-    """The accessors of a document; each is decoded once while the reader lives."""
+    """The accessors of a document. Each is decoded once in the lifetime of this object."""
 
     def __init__(self, document: Document):
         self._document = document
@@ -24,7 +24,7 @@ class Accessors:
         return len(self._fields)
 
     def floats(self, index: int, *kinds: str) -> np.ndarray:
-        """(count, width) float32 where so stored; float64 from integers, normalised if the file says so."""
+        """(count, width): stored float32 as it is; integers as float64, normalised if the file says so."""
         values = self._raw(index, kinds)
         if values.dtype.kind == "f":
             return values
@@ -34,7 +34,7 @@ class Accessors:
         return np.maximum(scaled, -1.0)
 
     def finite(self, index: int, *kinds: str) -> np.ndarray:
-        """`floats` as float64, none of them NaN or infinite."""
+        """`floats` as float64. Raises InputError on NaN or infinity."""
         values = self.floats(index, *kinds).astype(np.float64)
         if not np.isfinite(values).all():
             raise InputError(f"{self._fields[index].where} holds NaN or infinity; export the file again")
@@ -60,7 +60,7 @@ class Accessors:
         count, sparse = fields.whole("count"), fields.object("sparse")
         if "bufferView" in fields:
             values = self._view(fields, count, width, dtype)
-        else:  # zeros; every real one is a companion of data in a buffer, so no longer than that
+        else:  # zeros; real ones accompany data in a buffer, so they are no longer than that data
             if count > self._available:
                 raise fields.bad("count", f"at most {self._available}, the bytes in buffers, without bufferView")
             values = np.zeros((count, width), dtype)
@@ -79,7 +79,7 @@ class Accessors:
         return values
 
     def _view(self, fields: Fields, count: int, width: int, dtype: np.dtype) -> np.ndarray:
-        """(count, width) window into a buffer, after checking view and buffer are large enough."""
+        """A (count, width) window into a buffer, after a check that view and buffer are large enough."""
         view = self._views[fields.whole("bufferView", high=len(self._views))]
         number = view.whole("buffer", high=len(self._document.buffers))
         buffer = self._document.buffers[number]

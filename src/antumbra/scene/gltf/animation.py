@@ -1,4 +1,4 @@
-"""Keyframes: what an animation channel is worth at a time."""
+"""Keyframes: the value of an animation channel at a time."""
 
 from typing import NamedTuple
 
@@ -20,16 +20,16 @@ class Track(NamedTuple):
     path: str  # "translation", "rotation", "scale" or "weights"
     interpolation: str
     times: np.ndarray  # (k,) float64, seconds, never decreasing
-    values: np.ndarray  # (k, c) float64; CUBICSPLINE: (k, 3, c), in-tangent, value, out-tangent
+    values: np.ndarray  # (k, c) float64; CUBICSPLINE: (k, 3, c) of in-tangent, value, out-tangent
 
 
 def read_tracks(
     root: Fields, accessors: Accessors, nodes: Nodes, n_weights: list[int]
 ) -> tuple[list[Track], list[str]]:
-    """The channels of all animations, and notes.
+    """The (tracks, notes) of all animations.
 
-    Animations play together. Where several drive the same property of a node (as the clips of one character
-    do), the first in the file drives it and the others are left out, as in viewers that play the first clip.
+    Animations play together. Several may drive the same property of a node, as the clips of one character do. Then
+    the first in the file counts and the others are left out, as in viewers that play the first clip.
     """
     tracks: dict[tuple[int, str], Track] = {}
     left_out: list[str] = []
@@ -49,7 +49,7 @@ def read_tracks(
 
 
 def sample(track: Track, time: float) -> np.ndarray:
-    """The value ((c,) float64) of a track at `time`; before the first and after the last key it is theirs."""
+    """The value ((c,) float64) of a track at `time`. Outside the keys, it is the nearest key's value."""
     times, values = track.times, track.values
     keys = values[:, 1] if track.interpolation == CUBICSPLINE else values
     k = int(np.searchsorted(times, time, side="right")) - 1
@@ -67,7 +67,7 @@ def sample(track: Track, time: float) -> np.ndarray:
 
 
 def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
-    """Spherical linear interpolation of unit quaternions, the short way round."""
+    """Spherical linear interpolation of unit quaternions, by the shorter arc."""
     cosine = float(a @ b)
     sign = -1.0 if cosine < 0.0 else 1.0
     angle = np.arccos(min(abs(cosine), 1.0))
@@ -79,7 +79,7 @@ def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
 
 
 def _hermite(before: np.ndarray, after: np.ndarray, t: float, step: float, rotation: bool) -> np.ndarray:
-    """Cubic Hermite spline; tangents are per second, so they scale with the key interval."""
+    """A cubic Hermite spline. Tangents are per second, so they scale with the key interval."""
     t2, t3 = t * t, t * t * t
     value = (
         (2 * t3 - 3 * t2 + 1) * before[1]
@@ -128,7 +128,7 @@ def _track(channel, samplers, accessors: Accessors, nodes: Nodes, n_weights: lis
 
 
 def _unit_keys(values: np.ndarray, sampler: Fields) -> np.ndarray:
-    """Rotation keys normalised (the tangents of a spline stay as they are)."""
+    """Rotation keys, normalised. The tangents of a spline are not changed."""
     values = values.copy()
     keys = values[:, 1] if values.ndim == 3 else values
     lengths = np.linalg.norm(keys, axis=1, keepdims=True)

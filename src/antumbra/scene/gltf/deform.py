@@ -13,9 +13,9 @@ from .primitives import Primitive
 class Skin(NamedTuple):
     """Joints and their inverse bind matrices."""
 
-    joints: np.ndarray  # (j,) int64 node indices
+    joints: np.ndarray  # (j,) int64, node indices
     inverse_bind: np.ndarray  # (j, 4, 4) float64
-    where: str
+    where: str  # name in errors
 
 
 def read_skins(root: Fields, accessors: Accessors, n_nodes: int) -> list[Skin]:
@@ -34,7 +34,7 @@ def read_skins(root: Fields, accessors: Accessors, n_nodes: int) -> list[Skin]:
 
 
 def check_skin(primitive: Primitive, skin: Skin) -> None:
-    """InputError when the primitive names joints that the skin does not have."""
+    """Raise InputError if the primitive uses joints that the skin does not have."""
     if primitive.joints is not None and primitive.joints.size and primitive.joints.max() >= len(skin.joints):
         raise InputError(
             f"{primitive.where} uses joint {primitive.joints.max()}, but {skin.where} has {len(skin.joints)}"
@@ -55,7 +55,7 @@ def morphed(primitive: Primitive, weights: np.ndarray) -> np.ndarray:
 def skinned(positions: np.ndarray, primitive: Primitive, skin: Skin, world: np.ndarray) -> np.ndarray:
     """World positions ((1, v, 3) float64) of a skinned mesh: the weighted mean over its joints' transforms.
 
-    `world` ((n, 4, 4)) are the nodes' matrices; that of the node which holds the mesh plays no part.
+    `world` ((n, 4, 4)) has the nodes' world matrices. The matrix of the mesh's own node is not used.
     """
     assert primitive.joints is not None and primitive.weights is not None
     matrices = (world[skin.joints] @ skin.inverse_bind)[:, :3]

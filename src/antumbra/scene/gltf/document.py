@@ -1,4 +1,4 @@
-"""A glTF file and the bytes it refers to, sizes checked before anything is read."""
+"""A glTF file and its buffers, with sizes checked before anything is read."""
 
 import base64
 import binascii
@@ -25,7 +25,7 @@ CURE = "decompress it first, for example with: npx @gltf-transform/cli copy in.g
 
 
 class Document(NamedTuple):
-    """A glTF file: its JSON, and its buffers as bytes (None for a buffer without data)."""
+    """A glTF file: JSON, and buffers as bytes (None for a buffer without data)."""
 
     file: str
     folder: Path
@@ -34,7 +34,7 @@ class Document(NamedTuple):
 
 
 def open_document(path: Path) -> Document:
-    """Read a .glb or .gltf (told apart by content) and the buffers in or beside it."""
+    """Read a .glb or .gltf file, and the buffers in or beside it. The content decides between the two."""
     data, file = path.read_bytes(), path.name
     text, binary = split_glb(data, file) if data[:4] == GLB_MAGIC else (data, None)
     root = parse(text, file)

@@ -1,4 +1,4 @@
-"""JSON objects read with checks: every error names the file, the place and what belongs there."""
+"""Checked reading of JSON objects. Every error names the file, the field and its expected value."""
 
 import json
 import math
@@ -12,7 +12,7 @@ _MAX_WHOLE = 2**53
 
 
 class Fields:
-    """One JSON object; `where` is what errors call it, such as ``a.glb: nodes[3] "Door"``."""
+    """One JSON object; `where` names it in errors, such as ``a.glb: nodes[3] "Door"``."""
 
     __slots__ = ("_data", "where")
 
@@ -23,7 +23,7 @@ class Fields:
         self.where = where
 
     def place(self, key: str) -> str:
-        """What errors call the field `key`."""
+        """The name of the field `key` in errors."""
         return f"{self.where} {key}" if self.where.endswith(":") else f"{self.where}.{key}"
 
     def __contains__(self, key: str) -> bool:
@@ -42,7 +42,7 @@ class Fields:
         return default if value is default else self._number(value, key)
 
     def numbers(self, key: str, length: int | None, default=REQUIRED):
-        """A list of finite numbers as float64, of the given length or any (None)."""
+        """A list of finite numbers as float64, of the given length, or of any length (None)."""
         value = self._value(key, default, "a list of numbers")
         if value is default:
             return default
@@ -52,7 +52,7 @@ class Fields:
         return np.array([self._number(v, key) for v in value], np.float64)
 
     def indices(self, key: str, count: int) -> list[int]:
-        """A list of whole numbers below `count`; empty where there is none."""
+        """A list of whole numbers below `count`; empty if the field is missing."""
         value = self._value(key, None, "a list")
         if value is None:
             return []
@@ -80,7 +80,7 @@ class Fields:
         return None if value is None else Fields(value, self.place(key))
 
     def objects(self, key: str) -> "list[Fields]":
-        """A list of JSON objects; empty where there is none."""
+        """A list of JSON objects; empty if the field is missing."""
         value = self._value(key, None, "a list")
         if value is None:
             return []
@@ -89,7 +89,7 @@ class Fields:
         return [Fields(v, f"{self.place(key)}[{i}]{_name(v)}") for i, v in enumerate(value)]
 
     def mapping(self, key: str, count: int) -> dict[str, int]:
-        """An object whose values are whole numbers below `count`, as {name: number}."""
+        """An object of whole numbers below `count`, as {name: number}."""
         fields = self.object(key)
         return {} if fields is None else {k: fields.whole(k, high=count) for k in fields._data}
 

@@ -1,4 +1,4 @@
-"""Base colours of materials: factor times the mean colour of the texture, linear light."""
+"""Base colours of materials: factor times the texture's mean colour, in linear light."""
 
 from pathlib import Path
 
@@ -14,9 +14,9 @@ MAX_IMAGE_BYTES = 1 << 28
 
 
 class Materials:
-    """Colours of the materials that are asked for; textures are decoded once, those that cannot be are white.
+    """Colours of materials. A texture is decoded once, when a material needs it. Unreadable textures are white.
 
-    Alpha is not looked at: a cut-out leaf is its whole rectangle.
+    Alpha is ignored: a cut-out leaf is its whole rectangle.
     """
 
     def __init__(self, document: Document):
@@ -29,7 +29,7 @@ class Materials:
         self.notes: list[str] = []
 
     def colour(self, primitive: Fields) -> np.ndarray:
-        """Base colour ((3,) float64 in [0, 1]) of a primitive's material; white without one."""
+        """The base colour ((3,) float64 in [0, 1]) of a primitive's material; white without a material."""
         index = primitive.whole("material", None, high=len(self._materials))
         if index is None:
             return np.ones(3)
@@ -43,7 +43,7 @@ class Materials:
             "baseColorFactor",
             "baseColorTexture",
         )
-        if model is None:  # the older way, archived but common
+        if model is None:  # the older extension, archived but common
             model = material.extension("KHR_materials_pbrSpecularGlossiness")
             factor, texture = "diffuseFactor", "diffuseTexture"
         if model is None:

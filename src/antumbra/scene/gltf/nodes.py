@@ -9,25 +9,25 @@ from ...errors import InputError
 from .fields import Fields
 
 SINGULAR = 1e-12
-"""A matrix with unit columns and a smaller determinant has no inverse worth the name."""
+"""A matrix with unit columns and a smaller determinant counts as singular."""
 
 
 class Nodes(NamedTuple):
-    """All nodes of a file; the pose at rest."""
+    """All nodes of a file, in the pose at rest."""
 
     fields: list[Fields]
     translation: np.ndarray  # (n, 3) float64
     rotation: np.ndarray  # (n, 4) float64, quaternion x y z w, unit
     scale: np.ndarray  # (n, 3) float64
-    matrix: np.ndarray  # (n, 4, 4) float64, in place of the three where `fixed`
+    matrix: np.ndarray  # (n, 4, 4) float64, used instead of the three above where `fixed`
     fixed: np.ndarray  # (n,) bool
     parent: np.ndarray  # (n,) int64, -1 for a root
     levels: list[np.ndarray]  # node indices by depth, roots first
-    visible: np.ndarray  # (n,) bool, reached from the scene that is shown
+    visible: np.ndarray  # (n,) bool, whether the default scene reaches the node
 
 
 def read_nodes(root: Fields) -> Nodes:
-    """The nodes of a file, and which of them its default scene shows."""
+    """The nodes of a file, with the nodes of its default scene marked visible."""
     fields = root.objects("nodes")
     n = len(fields)
     children = [f.indices("children", n) for f in fields]
@@ -46,7 +46,7 @@ def read_nodes(root: Fields) -> Nodes:
 
 
 def local_matrices(translation, rotation, scale) -> np.ndarray:
-    """Translation times rotation times scale ((..., 4, 4) float64); quaternions are unit x, y, z, w."""
+    """Translation times rotation times scale ((..., 4, 4) float64). Quaternions are unit x, y, z, w."""
     x, y, z, w = np.moveaxis(np.asarray(rotation, np.float64), -1, 0)
     matrices = np.zeros((*x.shape, 4, 4))
     matrices[..., 0, 0], matrices[..., 1, 1] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z)
@@ -60,14 +60,14 @@ def local_matrices(translation, rotation, scale) -> np.ndarray:
 
 
 def posed(nodes: Nodes, translation, rotation, scale) -> np.ndarray:
-    """(n, 4, 4) float64: local matrices of all nodes, from these values or a node's own matrix."""
+    """(n, 4, 4) float64: local matrices of all nodes, from these values or from a node's own matrix."""
     local = local_matrices(translation, rotation, scale)
     local[nodes.fixed] = nodes.matrix[nodes.fixed]
     return local
 
 
 def world_matrices(nodes: Nodes, local: np.ndarray) -> np.ndarray:
-    """(n, 4, 4) float64: every node's transform to world space, level by level from the roots."""
+    """(n, 4, 4) float64: each node's transform to world space, computed level by level from the roots."""
     world = local.copy()
     for level in nodes.levels[1:]:
         world[level] = world[nodes.parent[level]] @ local[level]
@@ -77,8 +77,7 @@ def world_matrices(nodes: Nodes, local: np.ndarray) -> np.ndarray:
 def transformed(points: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     """`points` ((v, 3)) under each of `matrices` ((k, 4, 4) float64): (k, v, 3) float64.
 
-    Written out in one fixed order of operations rather than as a matrix product, whose rounding depends on
-    the machine's BLAS.
+    The order of operations is fixed. The rounding of a matrix product would depend on the machine's BLAS.
     """
     x, y, z = (points[:, i].astype(np.float64) for i in range(3))
     out = np.empty((len(matrices), len(points), 3))
@@ -89,7 +88,7 @@ def transformed(points: np.ndarray, matrices: np.ndarray) -> np.ndarray:
 
 
 def carriers(nodes: Nodes, what: np.ndarray) -> np.ndarray:
-    """(n,) bool: nodes that are in `what` ((n,) bool) or have one below them."""
+    """(n,) bool: nodes in `what` ((n,) bool) and all their ancestors."""
     carry = what.copy()
     for level in reversed(nodes.levels[1:]):
         np.logical_or.at(carry, nodes.parent[level], carry[level])
@@ -97,7 +96,7 @@ def carriers(nodes: Nodes, what: np.ndarray) -> np.ndarray:
 
 
 def singular(matrices: np.ndarray) -> np.ndarray:
-    """(n,) bool: which (n, 4, 4) transforms have no inverse, judged independently of their scale."""
+    """(n,) bool: which of (n, 4, 4) transforms have no inverse. Their scale does not matter."""
     linear = matrices[:, :3, :3]
     lengths = np.linalg.norm(linear, axis=1)
     with np.errstate(all="ignore"):
@@ -105,7 +104,7 @@ def singular(matrices: np.ndarray) -> np.ndarray:
 
 
 def check_invertible(nodes: Nodes, needed: np.ndarray) -> None:
-    """InputError naming the first node of `needed` ((n,) bool) whose transform at rest has no inverse."""
+    """Raise InputError with the first node of `needed` ((n,) bool) whose transform at rest has no inverse."""
     local = posed(nodes, nodes.translation, nodes.rotation, nodes.scale)
     bad = np.flatnonzero(needed & singular(local))
     if len(bad):
@@ -136,7 +135,7 @@ def _parents(fields: list[Fields], children: list[list[int]]) -> np.ndarray:
 
 
 def _levels(fields: list[Fields], parent: np.ndarray) -> list[np.ndarray]:
-    """Node indices by depth; InputError where parents run in a circle."""
+    """Node indices by depth. Raises InputError on a cycle of parents."""
     depth = np.full(len(parent), -1, np.int64)
     for i in range(len(parent)):
         path = []

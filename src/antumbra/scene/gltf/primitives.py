@@ -1,4 +1,4 @@
-"""Mesh primitives: triangles, strips and fans, with what skins and morph targets need."""
+"""Mesh primitives: triangles, strips and fans, with the data for skins and morph targets."""
 
 from typing import NamedTuple
 
@@ -17,8 +17,8 @@ class Primitive(NamedTuple):
     """A mesh primitive with triangles."""
 
     mesh: Mesh
-    where: str  # what errors call it
-    targets: np.ndarray | None  # (t, v, 3) float, displacements of morph targets
+    where: str  # name in errors
+    targets: np.ndarray | None  # (t, v, 3) float32 or float64, displacements of morph targets
     joints: np.ndarray | None  # (v, j) int32, indices into the joints of a skin
     weights: np.ndarray | None  # (v, j) float64, their sum 1
 
@@ -28,7 +28,7 @@ class Primitive(NamedTuple):
 
 
 def read_primitive(fields: Fields, name: str, accessors: Accessors, materials: Materials) -> Primitive | None:
-    """A primitive, or None for points, lines and what else has no triangles."""
+    """A primitive, or None if it has no triangles, as points and lines."""
     mode = fields.whole("mode", TRIANGLES, high=7)
     attributes = fields.mapping("attributes", len(accessors))
     if mode < TRIANGLES or "POSITION" not in attributes:
@@ -55,7 +55,7 @@ def read_primitive(fields: Fields, name: str, accessors: Accessors, materials: M
 
 
 def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> np.ndarray | None:
-    """(f, 3) indices; None for three vertices in a row."""
+    """(f, 3) vertex indices; None if every three vertices are a face."""
     index = fields.whole("indices", None, high=len(accessors))
     corners = None if index is None else accessors.whole(index, "SCALAR")[:, 0]
     count = n_vertices if corners is None else len(corners)
@@ -86,7 +86,7 @@ def _targets(fields: Fields, accessors: Accessors, rows) -> np.ndarray | None:
 
 
 def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple:
-    """Joints and weights of all sets (JOINTS_0, JOINTS_1, ...) side by side, weights summing to 1."""
+    """(joints, weights) of all sets (JOINTS_0, JOINTS_1, ...) side by side. Weights sum to 1."""
     joints, weights = [], []
     for n in range(len(attributes)):
         if f"JOINTS_{n}" not in attributes or f"WEIGHTS_{n}" not in attributes:
@@ -96,14 +96,14 @@ def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple
     if not joints:
         return None, None
     joint, weight = np.concatenate(joints, axis=1).astype(np.int64), np.concatenate(weights, axis=1)
-    joint[weight == 0.0] = 0  # what exporters leave there means nothing
+    joint[weight == 0.0] = 0  # exporters leave arbitrary joints here
     total = weight.sum(axis=1, keepdims=True)
     weight[:, 0] += (total == 0.0)[:, 0]  # a vertex without weights follows its first joint
     return joint.astype(np.int32), weight / np.where(total == 0.0, 1.0, total)
 
 
 def _colour(fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials) -> np.ndarray:
-    """Base colour: material, times the mean of a face's vertex colours; (3,) or (f, 3) float32, linear."""
+    """The base colour: material times the mean of a face's vertex colours; (3,) or (f, 3) float32, linear."""
     colour = materials.colour(fields)
     if "COLOR_0" not in attributes:
         return colour.astype(np.float32)

@@ -30,23 +30,23 @@ from .primitives import Primitive, read_primitive
 from .views import Views
 
 MAX_TRIANGLES = 2**31 - 1
-_BATCH = 1 << 18  # vertices of one mesh's copies evaluated at once
+_BATCH = 1 << 18  # vertices of a mesh's copies that are evaluated at once
 
 
 class Draw(NamedTuple):
-    """A mesh at a node: what is evaluated at each time."""
+    """A mesh at a node, evaluated at each time."""
 
     node: int
     primitives: list[Primitive]
-    weights: np.ndarray  # (t,) float64, of the morph targets, at rest
+    weights: np.ndarray  # (t,) float64, weights of the morph targets at rest
     skin: Skin | None
-    copies: np.ndarray | None  # (k, 4, 4) float64, of EXT_mesh_gpu_instancing, within the node
+    copies: np.ndarray | None  # (k, 4, 4) float64, transforms of EXT_mesh_gpu_instancing within the node
 
 
 class GltfSource:
     """Geometry, cameras and lights of a glTF file (see `antumbra.scene.source.Source`).
 
-    Faces come in the order of nodes in the file, then of primitives, then of instances.
+    Faces are in the order of nodes in the file, then of primitives, then of instances.
     """
 
     def __init__(self, file: str, meshes: list[MeshInfo], nodes: Nodes, draws, tracks, views: Views):
@@ -69,7 +69,7 @@ class GltfSource:
         return self._views.lights(self._pose(time)[0])
 
     def _pose(self, time: float) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        """The nodes' world matrices ((n, 4, 4)) and the animated morph weights by node."""
+        """(world matrices of the nodes, (n, 4, 4); {node: animated morph weights})."""
         nodes, weights = self._nodes, {}
         moved = {p: getattr(nodes, p).copy() for p in ("translation", "rotation", "scale")}
         for track in self._tracks:
@@ -82,7 +82,7 @@ class GltfSource:
 
 
 def read_gltf(path: Path) -> tuple[GltfSource, list[str]]:
-    """The source of a .glb or .gltf file, and notes on what was left out."""
+    """(source, notes) of a .glb or .gltf file. The notes list everything that was left out."""
     document = open_document(path)
     root, accessors, materials = document.root, Accessors(document), Materials(document)
     nodes = read_nodes(root)
@@ -99,7 +99,7 @@ def read_gltf(path: Path) -> tuple[GltfSource, list[str]]:
 
 
 class _Mesh:
-    """A mesh of the file; its primitives are read when a node shows it."""
+    """A mesh of the file. Its primitives are read when a node shows it."""
 
     def __init__(self, fields: Fields, index: int):
         self.fields = fields
@@ -138,7 +138,7 @@ def _draws(document: Document, accessors, materials, nodes: Nodes, meshes, held)
 
 
 def _weights(node: Fields, mesh: _Mesh) -> np.ndarray:
-    """Morph weights at rest: the node's, else the mesh's, else zero."""
+    """Morph weights at rest: from the node, else from the mesh, else zero."""
     for fields in (node, mesh.fields):
         weights = fields.numbers("weights", None, None)
         if weights is not None and len(weights):
@@ -194,7 +194,7 @@ def _check_size(file: str, draws: list[Draw]) -> None:
 
 
 def _check_transforms(nodes: Nodes, draws, tracks: list[Track], views: Views) -> None:
-    """Transforms that show something must have an inverse at rest, unless their scale is animated."""
+    """Check that the transforms of visible things have an inverse at rest, unless their scale is animated."""
     holds = np.zeros(len(nodes.fields), bool)
     for draw in draws:
         holds[draw.node] = draw.skin is None

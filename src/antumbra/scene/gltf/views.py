@@ -1,4 +1,4 @@
-"""Cameras and KHR_lights_punctual lights as nodes place them."""
+"""Cameras and KHR_lights_punctual lights, placed by nodes."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from ..lights import DirectionalLight, Light, PointLight
 from .fields import Fields
 from .nodes import Nodes
 
-HEIGHT = 1024  # of a camera's picture, in pixels; glTF gives only the proportions
+HEIGHT = 1024  # pixels of a camera's picture; glTF gives only the aspect ratio
 EXTENSION = "KHR_lights_punctual"
 
 
 class Views:
-    """The perspective cameras and the lights that a file's scene shows, in the order of their nodes."""
+    """The perspective cameras and the lights of a file's scene, in the order of their nodes."""
 
     def __init__(self, root: Fields, nodes: Nodes):
         self.notes: list[str] = []
@@ -26,7 +26,7 @@ class Views:
         return [node for node, _, _ in self._cameras] + [node for node, *_ in self._lights]
 
     def cameras(self, world: np.ndarray) -> list[Camera]:
-        """Cameras looking along -Z of their nodes, given the nodes' world matrices."""
+        """The cameras, which look along -Z of their nodes; `world` has the nodes' world matrices."""
         cameras = []
         for node, vfov, width in self._cameras:
             position, up, backward = (
@@ -38,7 +38,7 @@ class Views:
         return cameras
 
     def lights(self, world: np.ndarray) -> list[Light]:
-        """Lights, shining along -Z of their nodes where they have a direction."""
+        """The lights. Directional lights shine along -Z of their nodes."""
         lights: list[Light] = []
         for node, kind, intensity, colour in self._lights:
             if kind == "directional":

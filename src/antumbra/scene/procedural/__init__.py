@@ -1,4 +1,4 @@
-"""Procedural scenes, at any size, without a file: atrium, city and forest, and those that packages add."""
+"""Procedural scenes of any size, without a file: atrium, city, forest, and scenes that other packages add."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -41,7 +41,7 @@ class ProceduralScene(NamedTuple):
 
 
 class Recipe(NamedTuple):
-    """How a scene is made."""
+    """The function that makes a scene, with its description and default size."""
 
     function: Callable  # (triangles, seed) -> mesh, camera, light
     description: str
@@ -53,7 +53,7 @@ PROCEDURAL = {
     "city": Recipe(city, "streets and blocks of houses and towers around a park", 500_000),
     "forest": Recipe(forest, "a path through trees, ferns and grass", 300_000),
 }
-"""The scenes by name."""
+"""All scenes by name."""
 
 
 def register(name: str, recipe: Recipe) -> None:
@@ -62,12 +62,12 @@ def register(name: str, recipe: Recipe) -> None:
 
 
 def add_scenes() -> None:
-    """Add the scenes of all packages that announce some under the entry point ``antumbra.scenes``."""
+    """Add the scenes of all packages with an entry point ``antumbra.scenes``."""
     plugins.add("antumbra.scenes")
 
 
 def find_scene(name: str) -> Recipe:
-    """A scene's recipe, also one that a package adds.
+    """The recipe of a scene, also of a scene that another package adds.
 
     Raises
     ------
@@ -82,17 +82,17 @@ def find_scene(name: str) -> Recipe:
 
 
 def generate(name: str, triangles: int | None = None, seed: int = 0) -> ProceduralScene:
-    """The scene `name`, the same for the same arguments.
+    """Make the scene `name`. Equal arguments give the same scene.
 
     Parameters
     ----------
     name : str
         A key of `PROCEDURAL`, or of a package's scenes.
     triangles : int, optional
-        `LEAST` to `MOST`. Met within 10 % from 10 000 on; below that a scene may have more, because there is a
-        coarsest version of it. By default what suits the scene.
+        `LEAST` to `MOST`, met within 10 % from 10 000 on. Below that, a scene may have more, since it has a coarsest
+        version. The default is the recipe's.
     seed : int
-        0 or more; other seeds place and shape things differently.
+        0 or more. Another seed places and shapes things differently.
 
     Raises
     ------

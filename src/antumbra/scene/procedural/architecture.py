@@ -1,4 +1,4 @@
-"""Columns, arches, vaults, walls, floors, stairs: building parts around their own zero, standing on y = 0."""
+"""Columns, arches, vaults, walls, floors, stairs: parts of buildings around their own origin, standing on y = 0."""
 
 import numpy as np
 
@@ -7,14 +7,14 @@ from .parts import assemble, put
 from .plants import blades
 from .shapes import Mesh, arc, block, box, grid, heightfield, lofts, merge, prism, revolve, steps
 
-EMBED = 0.02  # metres by which parts reach into their neighbours: no gaps, no coplanar faces
+EMBED = 0.02  # metres that parts reach into their neighbours, against gaps and coplanar faces
 
 
 def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p.LIMESTONE) -> Mesh:
     """A column with plinth, attic base, tapered shaft, bell capital with `leaves` around it, and abacus.
 
-    `n` sets how round the mouldings are: with 3 or more a flute is `n` facets wide, with 2 three; with 1 the shaft is
-    plain, and with 0 the column is as simple as can be.
+    `n` sets the facets of the mouldings. A flute has `n` facets for `n` >= 3, and three facets for `n` = 2. The shaft is
+    plain for `n` = 1. For `n` = 0 the column has its simplest form.
     """
     r, per = radius, 1 if n < 2 else max(3, n)
     low, high = 1.4 * r, height - 2.0 * r
@@ -40,7 +40,7 @@ def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p
     if per > 1:
         scale = 1.0 - 0.085 * np.tile(np.sin(np.pi * np.arange(per) / per) ** 0.6, flutes)
         first, last = shaft[:1].copy(), shaft[-1:].copy()
-        shaft[[0, -1], 1] += 0.12 * r, -0.12 * r  # flutes end a little before the shaft does
+        shaft[[0, -1], 1] += 0.12 * r, -0.12 * r  # flutes end a little before the shaft
         fluted = [np.ones((len(np.concatenate(base)) + 1, len(scale))), np.tile(scale, (len(shaft), 1))]
         shaft = np.concatenate([first, shaft, last])
         fluted.append(np.ones((len(astragal) + len(bell) + 2, len(scale))))
@@ -90,7 +90,7 @@ def baluster(height: float, detail: float, colour=p.LIMESTONE) -> Mesh:
 
 
 def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) -> Mesh:
-    """The wall above a round arch of `radius` that springs at y = 0, up to y = `top`; along x, `depth` in z."""
+    """The wall along x above a round arch of `radius`, from its springing at y = 0 to y = `top`, `depth` thick in z."""
     curve = arc((0, 0), radius, 180, 0, n)
     end = np.array([[radius + EMBED, 0.0]])
     lower = np.concatenate([end * [-1, 1], curve, end])
@@ -103,12 +103,12 @@ def doorway(width: float, half: float, spring: float, height: float, depth: floa
     sill = np.array([(width / 2, -EMBED), (half, -EMBED)])
     lower = np.concatenate([sill * [-1, 1], curve, sill[::-1]])
     x = np.concatenate([[-width / 2, -1.2 * half], curve[:, 0], [1.2 * half, width / 2]])
-    x[[2, -3]] = -1.1 * half, 1.1 * half  # not above the jambs: no flat triangles
+    x[[2, -3]] = -1.1 * half, 1.1 * half  # not above the jambs, against flat triangles
     return prism(lower, np.stack([x, np.full(len(x), height)], axis=1), depth, colour)
 
 
 def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, colour=p.LIMESTONE) -> Mesh:
-    """The stones of a round arch that springs at y = 0, alternately light and dark, with open joints."""
+    """The stones of a round arch that springs at y = 0, light and dark in turn, with open joints."""
     joint = 0.012 / radius
     edges = np.linspace(np.pi, 0.0, stones + 1)
     angle = np.linspace(edges[:-1] - joint, edges[1:] + joint, n + 1).T  # (stones, n + 1)
@@ -121,8 +121,8 @@ def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, co
 
 
 def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> Mesh:
-    """A groin vault over a square bay of half width `half`, `crown` high in the middle; solid up to y = `top`."""
-    radius = 1.2 * half  # less than half circles: the corners stay blunt
+    """A groin vault over a square bay of half width `half`, `crown` high in the middle, solid up to y = `top`."""
+    radius = 1.2 * half  # less than half circles, so the corners stay blunt
     x = half * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * n + 1))
     barrel = crown - radius + np.sqrt(radius**2 - x**2)
     y = np.maximum(barrel[:, None], barrel)
@@ -134,7 +134,7 @@ def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> Me
 
 
 def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0.03, relief=0.008) -> Mesh:
-    """A floor of nx x nz tiles whose tops lie within `relief` / 2 of y = 0, bevelled into joints below."""
+    """A floor of nx x nz tiles with tops within `relief` / 2 of y = 0, bevelled into the joints."""
     lines = []
     for a, b, n in ((x0, x1, nx), (z0, z1, nz)):
         corner = np.linspace(a, b, n + 1)
@@ -154,7 +154,7 @@ def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0
 
 
 def ashlar(width: float, height: float, depth: float, course: float, rng, colour=p.SANDSTONE) -> Mesh:
-    """A wall along x in running bond, shown by shades; its face at z = 0 looks to +z, its back is at -depth."""
+    """A wall along x in running bond, shown by shades. Its face at z = 0 looks to +z, and its back is at -depth."""
     nx, ny = max(2, round(width / course)), max(1, round(height / course))
     i, j = np.indices((nx, ny))
     stone = (i + j % 2) // 2
@@ -166,8 +166,8 @@ def ashlar(width: float, height: float, depth: float, course: float, rng, colour
 
 
 def stairs(n: int, width: float, rise: float, run: float, colour=p.SANDSTONE) -> Mesh:
-    """A flight of n steps going up along +x from the origin, with a sloping underside; `width` in z."""
+    """A flight of n steps that rises along +x from the origin, `width` wide in z, with a sloping underside."""
     i = np.arange(2 * n + 1)
     upper = np.stack([i // 2 * run, (i + 1) // 2 * rise], axis=1)
     soffit = np.maximum(i / 2 * rise - 2.0 * rise, -EMBED)
-    return prism(upper, np.stack([i / 2 * run, soffit], axis=1), width, colour)  # this order: no flat triangles
+    return prism(upper, np.stack([i / 2 * run, soffit], axis=1), width, colour)  # this order avoids flat triangles

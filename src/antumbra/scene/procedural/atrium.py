@@ -1,10 +1,10 @@
-"""A courtyard of two storeys of arcades under an open roof: the scene that is shown when none is named."""
+"""A courtyard with arcades on two storeys under an open roof. It is the default scene."""
 
 import numpy as np
 
 from . import palette as p
 from .courtyard import BAY, COARSE, HALF_X, HALF_Z, LEVEL, RADIUS, SKETCH, SPRING, STEP, architecture, around, at_height
-from .parts import Part, assemble, count, fitted, put
+from .parts import ScenePart, assemble, count, fitted, put
 from .plants import agave, bush, ivy, shrub
 from .props import SINK, bench, cloth, crate, pot, vase
 from .shapes import Mesh, arc, loft, merge, raised, revolve, steps
@@ -28,7 +28,7 @@ def atrium(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
     return assemble(parts), CAMERA, LIGHT
 
 
-def _furniture(d: float, rng) -> list[Part]:
+def _furniture(d: float, rng) -> list[ScenePart]:
     """The fountain, pots with plants, amphorae, benches, crates, curtains and banners."""
     pots = np.array([(-2.9, 5.6), (4.3, 4.2), (-4.2, -1.4), (4.3, -6.6), (-4.1, -8.8), (3.9, 9.0)])
     leaves = palm(rng, steps(15, d, 4), steps(18, d, 3), 2.3, 1.75, d)
@@ -45,7 +45,7 @@ def _furniture(d: float, rng) -> list[Part]:
     return parts + _cloths(d, rng)
 
 
-def _fountain(d: float) -> list[Part]:
+def _fountain(d: float) -> list[ScenePart]:
     """An octagonal basin, a bowl on a stem, and water in both."""
     n = steps(5, d, 2)
     r, inner, h = 1.75, 1.45, 0.55
@@ -89,7 +89,7 @@ def _fountain(d: float) -> list[Part]:
 FOUNTAIN = (0.0, 0.6)
 
 
-def _clutter(d: float, rng) -> list[Part]:
+def _clutter(d: float, rng) -> list[ScenePart]:
     """Amphorae in groups, benches between the columns, crates in a corner, clipped bushes."""
     many = max(1, round(d**0.5))
     spots, turns = around(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
@@ -119,7 +119,7 @@ def _clutter(d: float, rng) -> list[Part]:
     return parts
 
 
-def _cloths(d: float, rng) -> list[Part]:
+def _cloths(d: float, rng) -> list[ScenePart]:
     """Banners over the balustrade and curtains gathered in some of the lower arches."""
     nx, ny = steps(16, d, 3), steps(12, d, 2)
     middles, facing = around(BAY, corners=False)
@@ -137,8 +137,8 @@ def _cloths(d: float, rng) -> list[Part]:
     return parts
 
 
-def _hanging_plants(rng, leaves: int) -> Part:
-    """Ivy that falls from the balustrade in tufts, made of exactly `leaves` leaves."""
+def _hanging_plants(rng, leaves: int) -> ScenePart:
+    """Ivy that hangs from the balustrade in tufts, of exactly `leaves` leaves."""
     edge, _ = around(BAY / 2, corners=False)
     edge = edge[rng.permutation(len(edge))[: max(1, len(edge) * 2 // 5)]]
     per = 9

@@ -1,4 +1,4 @@
-"""Towers, houses, cars and street furniture for the city; each stands on y = 0 around its own zero."""
+"""Towers, houses, cars and street furniture for the city. Each stands on y = 0 around its own origin."""
 
 from typing import NamedTuple
 
@@ -7,38 +7,38 @@ import numpy as np
 from . import palette as p
 from .shapes import Mesh, arc, box, boxes, capped, merge, prism, revolve, shell, steps, tubes
 
-FLOOR = 3.4  # metres from floor to floor
-_RECESS, _REVEAL = 0.28, 0.07  # how deep windows lie in the wall, and how slanted their sides are
+FLOOR = 3.4  # metres between floors
+_RECESS, _REVEAL = 0.28, 0.07  # depth of windows in the wall, and slant of their sides
 
 
 class Style(NamedTuple):
-    """How a facade is made."""
+    """The style of a facade."""
 
-    bay: float  # metres from window to window
-    share: float  # of the bay that is window
-    relief: bool  # windows lie deeper than the wall; else they are only coloured
-    wall: int
-    glass: int
-    ledge: float  # how far a ledge at every floor stands out; 0: none
+    bay: float  # metres between windows
+    share: float  # fraction of the bay that is window
+    relief: bool  # whether windows are recessed; else they are only coloured
+    wall: int  # row of the palette
+    glass: int  # row of the palette
+    ledge: float  # metres that a ledge at every floor stands out; 0: none
 
 
 class Lines(NamedTuple):
     """Grid lines of a facade along one direction."""
 
     at: np.ndarray  # (n,) metres
-    inset: np.ndarray  # (n,) 1 where panes lie, else 0
-    pane: np.ndarray  # (n,) bool: between this line and the next there is a pane
+    inset: np.ndarray  # (n,) 1 for recessed lines, else 0
+    pane: np.ndarray  # (n,) bool: whether a pane follows the line
 
 
 def tower_cost(width: float, depth: float, floors: int, style: Style) -> int:
-    """How many triangles a `tower` has."""
+    """The number of triangles of a `tower`."""
     bays = 2 * (max(1, round(width / style.bay)) + max(1, round(depth / style.bay)))
     lines = (4 if style.relief else 2) + (3 if style.ledge > 0.0 else 0)
     return 2 * (bays * (4 if style.relief else 2) + 4) * (floors * lines + 6)
 
 
 def _side(length: float, style: Style) -> Lines:
-    """The lines of a side, its first corner included."""
+    """The vertical lines of a side, with its first corner."""
     n = max(1, round(length / style.bay))
     step = length / n
     a = max(0.5 * step * (1.0 - style.share), min(0.5, 0.3 * step))
@@ -53,7 +53,7 @@ def _side(length: float, style: Style) -> Lines:
 
 
 def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, np.ndarray]:
-    """The horizontal lines from below the ground to the roof, and how far out the wall is at each."""
+    """(horizontal lines from below the ground to the roof, outward offset of the wall at each)."""
     sill, head, d = 0.8, FLOOR - 0.6, style.ledge
     if style.relief:
         y, inset, pane = [sill, sill + _REVEAL, head - _REVEAL, head], [0, 1, 1, 0], [0, 1, 0, 0]
@@ -104,7 +104,7 @@ def tower(width: float, depth: float, floors: int, style: Style, rng, base=0.0, 
 
 
 def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -> Mesh:
-    """A round tower with a ledge at every floor and a flat cone of a roof."""
+    """A round tower with a ledge at every floor and a roof in the form of a flat cone."""
     y = (np.arange(floors)[:, None] * FLOOR + [0.3, FLOOR - 0.5, FLOOR - 0.45, FLOOR - 0.02]).ravel()
     r = radius + np.tile([0.0, 0.0, 0.45, 0.45], floors)
     top = floors * FLOOR

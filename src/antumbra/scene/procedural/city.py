@@ -1,4 +1,4 @@
-"""A city, block by block: it can be made in one piece, or streamed at sizes that do not fit into memory."""
+"""A city, block by block, in one piece or streamed at sizes that do not fit into memory."""
 
 from collections.abc import Iterator
 from itertools import chain
@@ -8,26 +8,26 @@ import numpy as np
 
 from . import palette as p
 from .buildings import FLOOR, Style, antenna, billboard, car, cooler, house, lamp, round_tower, tank, tower, tower_cost
-from .parts import Part, assemble, count, put
+from .parts import ScenePart, assemble, count, put
 from .plants import bush
 from .request import checked
 from .shapes import Mesh, arc, box, boxes, grid, merge, revolve, steps
 from .trees import BareTree, bare_tree, tree
 
-PITCH, STREET = 70.0, 15.0  # metres from block to block; width of the streets
+PITCH, STREET = 70.0, 15.0  # metres between blocks; width of the streets
 KERB = 0.16
-FULL_BLOCK = 20_000  # triangles; cities that are allowed more have more blocks
-GROUP = 64  # blocks that share a budget: what one has less than its part, those after it have more
+FULL_BLOCK = 20_000  # triangles; a larger budget makes more blocks
+GROUP = 64  # blocks that share a budget: triangles that a block leaves go to later blocks
 _WALLS = (p.BRICK, p.SANDSTONE, p.PLASTER, p.TERRACOTTA, p.LIMESTONE, p.CONCRETE)
 _PAINTS = (p.RED, p.BLUE, p.WHITE, p.IRON, p.OCHRE, p.TEAL)
 
 
 class _Plan(NamedTuple):
-    """What the blocks share."""
+    """Data shared by all blocks."""
 
     n: int  # blocks along each side
     budget: int  # triangles for each block
-    detail: float
+    detail: float  # of props and plants, at most 1
     props: list[Mesh]  # cars, then lamp, tank, cooler, antenna, billboard
     trees: list[BareTree]
 
@@ -78,15 +78,15 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
 
     Notes
     -----
-    Memory stays that of one block. The camera and the light are those of `city_view`.
+    Memory use is that of one block. `city_view` gives the camera and the light.
     """
     return _pieces(*checked("city", triangles, seed))
 
 
 def city_groups(triangles: int, seed: int, first: int = 0, step: int = 1) -> Iterator[Iterator[Mesh]]:
-    """The pieces of every `step`-th group of blocks from the `first` on.
+    """The pieces of every `step`-th group of blocks, from group `first` on.
 
-    Groups do not depend on each other, so several processes can make a city; the arguments have been checked.
+    Groups do not depend on each other, so several processes can make a city. The arguments have been checked.
     """
     plan = _plan(triangles)
     for k in range(first * GROUP, plan.n**2, step * GROUP):
@@ -113,7 +113,7 @@ def city(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
 
 
 def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> Mesh:
-    """A block with the streets on two of its sides, in its place, of about `budget` triangles."""
+    """A block in its place, with the streets on two of its sides, of about `budget` triangles."""
     middle = (np.array([i, j]) - (plan.n - 1) / 2.0) * PITCH
     central = np.exp(-((np.linalg.norm(middle) / (0.45 * plan.n * PITCH)) ** 2))
     parts = _ground(plan) + _street(plan, rng)
@@ -135,7 +135,7 @@ def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> Mesh:
     return mesh
 
 
-def _ground(plan: _Plan) -> list[Part]:
+def _ground(plan: _Plan) -> list[ScenePart]:
     """Asphalt, the pavement with its kerb, and markings."""
     h, q = PITCH / 2, (PITCH - STREET) / 2
     x = np.array([-h, h])
@@ -149,13 +149,13 @@ def _ground(plan: _Plan) -> list[Part]:
     marks = marks[np.abs(marks[:, [0, 2]]).min(axis=1) < q]
     sizes = np.where(np.abs(marks[:, :1]) > q, [[0.18, 0.03, 2.2]], [[2.2, 0.03, 0.18]])
     stripe = -STREET / 2 + 2.0 + np.arange(7) * 1.9 + 0.8
-    stripe = np.where(stripe > 0.0, stripe - PITCH, stripe) + h  # all on this block's own ground
+    stripe = np.where(stripe > 0.0, stripe - PITCH, stripe) + h  # keeps all stripes on this block's ground
     zebra = np.stack([0 * stripe + q - 3.0, 0 * stripe, stripe], axis=1)
     lines = boxes(np.concatenate([sizes, np.tile([[2.8, 0.03, 0.7]], (7, 1))]), np.concatenate([marks, zebra]), p.WHITE)
     return [put(road), put(pavement)] + ([put(lines)] if plan.detail > 0.4 else [])
 
 
-def _street(plan: _Plan, rng) -> list[Part]:
+def _street(plan: _Plan, rng) -> list[ScenePart]:
     """Cars along the streets and lamps on the pavement."""
     q = (PITCH - STREET) / 2
     n = round(7 * plan.detail)
@@ -196,7 +196,7 @@ def _lots(rng, x0, x1, z0, z1, least: float) -> list[tuple]:
     return _lots(rng, x0, x1, z0, m, least) + _lots(rng, x0, x1, m, z1, least)
 
 
-def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[Part]:
+def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[ScenePart]:
     q = (PITCH - STREET) / 2 - 4.0
     lots = _lots(rng, -q, q, -q, q, max(10.0 + 3.0 * central, 2.0 * q / np.sqrt(max(budget, 400.0) / 400.0)))
     parts, roofs = [], []
@@ -210,7 +210,7 @@ def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[Part]:
 
 
 def _building(rng, w: float, d: float, central: float, budget: float):
-    """A building on a lot of w x d metres, and free places on its roof."""
+    """(mesh of a building on a lot of w x d metres, free places on its roof)."""
     wall, glass = _WALLS[rng.integers(len(_WALLS))], p.GLASS
     kind = rng.random()
     floors = int(rng.integers(2, 6) + round(rng.gamma(2.0, 1.6) * central))
@@ -235,7 +235,7 @@ def _building(rng, w: float, d: float, central: float, budget: float):
 
 
 def _affordable(budget: float, w: float, d: float, floors: int, style: Style) -> Style:
-    """`style` with flat instead of recessed windows, or wider bays, until it costs no more than `budget`."""
+    """`style`, with flat windows or wider bays where needed to cost no more than `budget`."""
     for relief in (True, False):
         for bay in (style.bay, 1.3 * style.bay):
             choice = style._replace(relief=relief, bay=bay)
@@ -248,7 +248,7 @@ def _affordable(budget: float, w: float, d: float, floors: int, style: Style) ->
 
 
 def _stepped(rng, w: float, d: float, floors: int, budget: float, wall: int):
-    """A tower of three tiers."""
+    """(mesh of a tower of three tiers, a place on its roof)."""
     meshes, base = [], 0.0
     tiers = np.maximum(1, np.round(floors * np.array([0.45, 0.33, 0.22])).astype(int))
     for n, size in zip(tiers, (1.0, 0.76, 0.5)):
@@ -258,15 +258,15 @@ def _stepped(rng, w: float, d: float, floors: int, budget: float, wall: int):
     return merge(*meshes), np.array([[0.0, base, 0.0]])
 
 
-def _roof_things(plan: _Plan, rng, spots: np.ndarray) -> list[Part]:
+def _roof_things(plan: _Plan, rng, spots: np.ndarray) -> list[ScenePart]:
     kind = rng.choice(4, len(spots), p=[0.25, 0.5, 0.15, 0.1])
     turn = rng.integers(0, 4, len(spots)) * np.pi / 2
     pairs = [(plan.props[7 + k], kind == k) for k in range(4)]
     return [put(mesh, spots[chosen], turn[chosen]) for mesh, chosen in pairs if chosen.any()]
 
 
-def _park(plan: _Plan, rng) -> list[Part]:
-    """Lawn with paths around a round pond."""
+def _park(plan: _Plan, rng) -> list[ScenePart]:
+    """A lawn with paths around a round pond."""
     q = (PITCH - STREET) / 2 - 2.5
     lawn = box((2 * q, 0.3, 2 * q), (0, 0.1, 0), p.GRASS)
     paths = boxes([(2 * q + 0.6, 0.3, 2.6), (2.6, 0.304, 2 * q + 0.6)], [(0, 0.12, 0), (0, 0.122, 0)], p.TRAVERTINE)
@@ -286,11 +286,11 @@ def _park(plan: _Plan, rng) -> list[Part]:
     return [put(lawn), put(paths), put(rim), put(water), put(jet), hedges]
 
 
-def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[Part]:
-    """Trees with as many leaves as bring the block to its budget."""
+def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[ScenePart]:
+    """Trees, with leaves that use up the block's budget."""
     bare = len(plan.trees[0].wood.faces)
     n = int(np.clip(budget / (bare + 4 * 40), 0, len(spots)))
-    parts: list[Part] = []
+    parts: list[ScenePart] = []
     for k, colour in enumerate((p.LEAF, p.PINE) if n > 3 else (p.LEAF,) if n else ()):
         at = np.insert(spots[k : n : 2 if n > 3 else 1], 1, KERB, axis=1)
         share = budget / n if k == 0 and n > 3 else (budget - count(parts)) / len(at)

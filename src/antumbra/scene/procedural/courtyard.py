@@ -4,23 +4,23 @@ import numpy as np
 
 from . import palette as p
 from .architecture import EMBED, arch, ashlar, baluster, column, tiles, vault, voussoirs
-from .parts import Part, put
+from .parts import ScenePart, put
 from .shapes import arc, box, frame_ring, steps
 
-BAY = 4.0  # metres from column to column
-HALF_X, HALF_Z = 6.0, 12.0  # of the rectangle on which the columns stand: 3 x 6 bays
+BAY = 4.0  # metres between columns
+HALF_X, HALF_Z = 6.0, 12.0  # half sides of the rectangle of columns: 3 x 6 bays
 GALLERY = 4.0  # depth of the galleries around it
 STEP = 0.16  # height of the galleries' floor over the courtyard's
-SPRING, LEVEL = 3.6, 5.9  # where the lower arches spring; the upper floor
+SPRING, LEVEL = 3.6, 5.9  # height at which the lower arches spring; height of the upper floor
 UPPER_SPRING, EAVES = 8.3, 9.75
 PIER, WALL = 0.84, 0.62  # width of the piers over the columns, thickness of the arcade walls
 RADIUS, UPPER_RADIUS = (BAY - PIER) / 2, (BAY / 2 - 0.5) / 2
-COARSE = 0.24  # up to this detail there are no voussoirs, small arches and ribs
-SKETCH = 0.12  # up to this detail there are only the plainest forms
+COARSE = 0.24  # up to this detail, there are no voussoirs, small arches or ribs
+SKETCH = 0.12  # up to this detail, there are only the plainest forms
 
 
 def around(spacing: float, half_x=HALF_X, half_z=HALF_Z, corners=True):
-    """Places (k, 2) every `spacing` metres around the rectangle, and the turn that makes +z look to the court."""
+    """(places, (k, 2), every `spacing` metres around the rectangle; turns that make +z look to the court)."""
     nx, nz = round(2 * half_x / spacing), round(2 * half_z / spacing)
     start = 0.0 if corners else 0.5
     x = -half_x + spacing * (np.arange(nx) + start)
@@ -40,8 +40,8 @@ def at_height(places, y) -> np.ndarray:
     return np.insert(np.asarray(places, np.float64), 1, y, axis=1)
 
 
-def architecture(d: float, rng) -> list[Part]:
-    """Everything that is built; below a detail of `COARSE` without what makes it rich."""
+def architecture(d: float, rng) -> list[ScenePart]:
+    """The whole building. Below a detail of `COARSE`, its ornaments are left out."""
     corners, _ = around(BAY)
     middles, facing = around(BAY, corners=False)
     box_height = LEVEL - 0.27 - SPRING
@@ -58,7 +58,7 @@ def architecture(d: float, rng) -> list[Part]:
     return [*parts, *_upper_storey(d), *_floors(d, rng), *_mouldings(d), *_galleries(d, rng)]
 
 
-def _upper_storey(d: float) -> list[Part]:
+def _upper_storey(d: float) -> list[ScenePart]:
     """Slender columns on pedestals, small arches, and the balustrade between them."""
     high = LEVEL + 0.9
     places, _ = around(BAY / 2 if d > COARSE else BAY)
@@ -92,8 +92,8 @@ def _upper_storey(d: float) -> list[Part]:
     return parts
 
 
-def _floors(d: float, rng) -> list[Part]:
-    """Courtyard and galleries: tiles; a kerb under the columns; the slab and the beams over the galleries."""
+def _floors(d: float, rng) -> list[ScenePart]:
+    """The tiles of courtyard and galleries, and a kerb under the columns."""
     edge_x, edge_z = HALF_X - 0.55, HALF_Z - 0.55
     wide = min(0.9, max(0.2, 0.9 / d**0.5)) if d > COARSE else 3.0
     nx, nz = round(2 * edge_x / wide), round(2 * edge_z / wide)
@@ -111,7 +111,7 @@ def _floors(d: float, rng) -> list[Part]:
     return [*parts, put(frame_ring(kerb, HALF_X, HALF_Z, p.MARBLE))]
 
 
-def _mouldings(d: float) -> list[Part]:
+def _mouldings(d: float) -> list[ScenePart]:
     """Cornices, floor slab, rails and roof: profiles around the whole court."""
     n = steps(4, d)
     cornice = np.concatenate(
@@ -152,12 +152,12 @@ def _mouldings(d: float) -> list[Part]:
     return parts
 
 
-def _galleries(d: float, rng) -> list[Part]:
+def _galleries(d: float, rng) -> list[ScenePart]:
     """Vaults and transverse arches below, timber ceiling above, and the walls behind."""
     bays, facing = around(BAY, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2)
     half = BAY / 2 - 0.22
     ribs, turns = around(BAY)
-    first = [0, 3, 9, 12]  # the corners: two ribs start there
+    first = [0, 3, 9, 12]  # the corners, where two ribs start
     ribs, turns = np.concatenate([ribs, ribs[first]]), np.concatenate([turns, turns[np.roll(first, 1)]])
     out = -np.stack([np.sin(turns), np.cos(turns)], axis=1)
     cross = at_height(ribs + out * GALLERY / 2, SPRING)

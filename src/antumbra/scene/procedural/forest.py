@@ -3,12 +3,12 @@
 import numpy as np
 
 from . import palette as p
-from .parts import Part, assemble, count, put
+from .parts import ScenePart, assemble, count, put
 from .plants import fern, grass
 from .shapes import Mesh, grid, merge, revolve, steps, tubes
 from .trees import bare_tree, conifer, tree
 
-SPACING = 4.6  # metres from tree to tree
+SPACING = 4.6  # metres between trees
 
 
 class _Ground:
@@ -23,11 +23,11 @@ class _Ground:
         self.phase, self.size = rng.uniform(0.0, 2.0 * np.pi, k), 0.022 * wavelength
 
     def path(self, z):
-        """Where the path's middle is at z."""
+        """The x of the path's middle at z."""
         return 2.2 * np.sin(z / 8.0 + 0.4) - 1.0
 
     def off_path(self, x, z):
-        """Metres from the path's middle."""
+        """The distance from the path's middle, in metres."""
         return np.abs(x - self.path(z))
 
     def height(self, x, z):
@@ -63,7 +63,7 @@ def forest(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
 
 
 def _sun(half: float) -> dict:
-    """A square far up on the left that faces the middle."""
+    """A square light far up on the left, facing the middle."""
     middle = (20.0 + 1.1 * half) * np.array([-0.52, 0.8, -0.22])
     u = np.cross([0.0, 1.0, 0.0], middle)
     v = np.cross(middle, u)
@@ -87,7 +87,7 @@ def _terrain(ground: _Ground, budget: float, rng) -> Mesh:
 
 
 def _scattered(ground: _Ground, n: int, rng, clear: float, eye, around=2.5) -> np.ndarray:
-    """About n places on a jittered grid, off the path and away from the eye."""
+    """About n places (k, 2) on a jittered grid, off the path and away from the eye."""
     k = int(np.ceil(np.sqrt(n)))
     line = (np.arange(k) + 0.5) / k * 2.0 - 1.0
     xz = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2) * ground.half
@@ -96,7 +96,7 @@ def _scattered(ground: _Ground, n: int, rng, clear: float, eye, around=2.5) -> n
     return xz[(ground.off_path(xz[:, 0], xz[:, 1]) > clear) & (far > around)]
 
 
-def _trees(ground: _Ground, n: int, budget: float, eye, rng) -> list[Part]:
+def _trees(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]:
     """Oaks near the path, birches here and there, spruces towards the edges."""
     xz = _scattered(ground, n, rng, 1.9, eye, 3.2)
     edge = np.maximum(ground.off_path(xz[:, 0], xz[:, 1]), np.abs(xz[:, 1]) - 0.4 * ground.half) / ground.half
@@ -128,7 +128,7 @@ def _kind_of_tree(kind: int, each: float, detail: float, rng) -> Mesh:
     return tree(rng, bare, leaves, float(np.clip(10.0 / np.sqrt(leaves), 0.1, 1.2)), colour)
 
 
-def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[Part]:
+def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]:
     """Lumpy rocks, fallen logs and mushrooms."""
     detail = float(np.clip(np.sqrt(budget / (n * 120.0)), 0.25, 4.0))
     parts = []
@@ -159,7 +159,7 @@ def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[Part]:
 
 
 def _seen(ground: _Ground, n: int, eye, rng, clear: float) -> np.ndarray:
-    """n places off the path, the denser the nearer they are to the eye, in front of it."""
+    """n places (n, 2) off the path and in front of the eye, denser near it."""
     xz = np.empty((0, 2))
     while len(xz) < n:
         r = 1.2 + 1.5 * ground.half * rng.random(3 * n + 8) ** 1.25
@@ -171,8 +171,8 @@ def _seen(ground: _Ground, n: int, eye, rng, clear: float) -> np.ndarray:
     return xz[:n]
 
 
-def _undergrowth(ground: _Ground, budget: int, eye, rng) -> list[Part]:
-    """Ferns off the path, and grass that uses up the budget."""
+def _undergrowth(ground: _Ground, budget: int, eye, rng) -> list[ScenePart]:
+    """Ferns off the path, and grass for the rest of the budget."""
     detail = float(np.clip((max(budget, 1) / 100_000) ** 0.25, 0.5, 2.0))
     parts = []
     for _ in range(3):

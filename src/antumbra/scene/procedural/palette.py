@@ -1,4 +1,4 @@
-"""The materials that all procedural scenes share: 32 of them, each in 8 slightly different shades."""
+"""The 32 materials of all procedural scenes, each in 8 slightly different shades."""
 
 from typing import Final
 
@@ -93,5 +93,5 @@ PALETTE: Final = _palette()
 
 
 def shades(rng: np.random.Generator, n: int) -> np.ndarray:
-    """(n,) uint8: random shades, to be added to a material."""
+    """(n,) uint8: random shades, to add to a material."""
     return rng.integers(0, SHADES, n, dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""A scene in the making: meshes and where their copies stand; counted cheaply, put together at the end."""
+"""Parts of a scene: meshes with the positions of their copies. They are counted cheaply and assembled at the end."""
 
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import numpy as np
 from .shapes import Mesh
 
 
-class Part(NamedTuple):
+class ScenePart(NamedTuple):
     """Copies of a mesh: vertices of copy i are ``matrix[i] @ vertex + offset[i]``."""
 
     mesh: Mesh
@@ -35,8 +35,8 @@ def tilted(angle) -> np.ndarray:
     return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(-1, 3, 3)
 
 
-def put(mesh: Mesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0) -> Part:
-    """Copies of a mesh at (k, 3) places: scaled ((k,) or (k, 3)), tilted about X, then turned about Y (radians)."""
+def put(mesh: Mesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0) -> ScenePart:
+    """Copies of a mesh at (k, 3) positions: scaled ((k,) or (k, 3)), tilted about X, then turned about Y (radians)."""
     offset = np.atleast_2d(np.asarray(at, np.float32))
     k = len(offset)
     matrix = turned(turn)
@@ -48,22 +48,22 @@ def put(mesh: Mesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0)
     elif scale.ndim == 2:
         scale = scale[:, None, :]
     matrix = np.broadcast_to((matrix * scale).astype(np.float32), (k, 3, 3))
-    return Part(mesh, offset, matrix, np.broadcast_to(np.asarray(shade, np.uint8), (k,)))
+    return ScenePart(mesh, offset, matrix, np.broadcast_to(np.asarray(shade, np.uint8), (k,)))
 
 
-def moved(parts: Iterable[Part], at=(0.0, 0.0, 0.0), turn=0.0) -> list[Part]:
-    """The parts, turned about Y (radians) as one and then moved by `at` (3,)."""
+def moved(parts: Iterable[ScenePart], at=(0.0, 0.0, 0.0), turn=0.0) -> list[ScenePart]:
+    """The parts, turned about Y (radians) as one, then moved by `at` (3,)."""
     around = turned(turn)[0].astype(np.float32)
     shift = np.asarray(at, np.float32)
     return [part._replace(offset=part.offset @ around.T + shift, matrix=around @ part.matrix) for part in parts]
 
 
-def count(parts: Iterable[Part]) -> int:
-    """How many triangles the parts have, without making them."""
+def count(parts: Iterable[ScenePart]) -> int:
+    """The number of triangles of the parts, without assembling them."""
     return sum(part.n_triangles for part in parts)
 
 
-def assemble(parts: Iterable[Part]) -> Mesh:
+def assemble(parts: Iterable[ScenePart]) -> Mesh:
     """All copies of all parts as one mesh."""
     parts = [part for part in parts if part.n_triangles]
     n_vertices = sum(len(part.offset) * len(part.mesh.vertices) for part in parts)
@@ -83,14 +83,14 @@ def assemble(parts: Iterable[Part]) -> Mesh:
     return Mesh(vertices, faces, colour)
 
 
-def fitted(build: Callable[[float], list[Part]], triangles: int, detail: float, near=0.93) -> list[Part]:
-    """`build(detail)` with the detail at which it has just under `triangles` triangles, found from a first guess.
+def fitted(build: Callable[[float], list[ScenePart]], triangles: int, detail: float, near=0.93) -> list[ScenePart]:
+    """`build(detail)` with the detail that gives just under `triangles` triangles, found from a first guess.
 
-    The square of the detail, with which tessellation grows, is sought by false position; counts go up in steps, so
-    anything from the share `near` on will do. If even the coarsest has more, that one is taken.
+    The number of triangles grows with the square of the detail, which false position finds. Counts grow in steps, so
+    any count from `near` * `triangles` on is accepted. If even the coarsest version has more, it is taken.
     """
-    x, low, high = detail**2, (0.0, 0.0), (np.inf, np.inf)  # (square of the detail, triangles) on either side
-    best: list[Part] = []
+    x, low, high = detail**2, (0.0, 0.0), (np.inf, np.inf)  # (square of the detail, triangles) below and above
+    best: list[ScenePart] = []
     for _ in range(12):
         parts = build(np.sqrt(x))
         n = count(parts)

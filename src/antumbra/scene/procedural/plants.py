@@ -1,4 +1,4 @@
-"""Leaves, shrubs, palms, trees, ferns and grass. Leaves are thin: open, two-sided surfaces."""
+"""Leaves, shrubs, ivy, ferns, grass and bushes. Leaves are thin: open, two-sided surfaces."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ UP = np.array([0.0, 1.0, 0.0])
 
 
 def unit(v) -> np.ndarray:
-    """Vectors along the last axis at length 1."""
+    """Vectors along the last axis, scaled to length 1."""
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
 
 
@@ -24,11 +24,12 @@ def blades(base, along, facing, length, width, droop, segments: int, ribs=2, col
     """k leaves: pointed ribbons that start at `base` and grow `along`.
 
     base, along, facing : (k, 3)
-        `facing` is about where their upper sides look.
+        Start, direction of growth, and approximate direction of the upper side.
     length, width, droop : (k,) or one
-        The tip bends against `facing` by droop x length.
-    segments : int >= 2; ribs : 2 flat, or 3 with a folded midrib
-        2 (segments - 1) triangles, or 4 (segments - 1).
+        The tip bends away from `facing` by droop x length.
+    segments : int, at least 2
+    ribs : 2 for flat leaves, or 3 for a folded midrib
+        A leaf has 2 (segments - 1) triangles, or 4 (segments - 1) with a midrib.
     colour : one, or (k,)
     """
     along = unit(np.asarray(along, np.float64))

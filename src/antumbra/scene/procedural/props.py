@@ -1,11 +1,11 @@
-"""Things that stand about: vases, pots, crates, barrels, benches, bottles, shelves, cloth. They stand on y = 0."""
+"""Props: vases, pots, crates, barrels, benches, bottles, shelves, cloth. They stand on y = 0."""
 
 import numpy as np
 
 from . import palette as p
 from .shapes import Mesh, arc, box, boxes, lofts, merge, revolve, shell, steps, tubes
 
-SINK = 0.015  # metres that things reach into the floor, so that they neither float nor share its plane
+SINK = 0.015  # metres that props reach into the floor, against gaps and coplanar faces
 
 
 def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11) -> Mesh:
@@ -42,7 +42,7 @@ def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11
 
 
 def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> Mesh:
-    """A flower pot, filled with earth to just under its rim."""
+    """A flower pot, filled with earth to just below its rim."""
     h, r = height, radius
     wall = [
         (0.0, -SINK),
@@ -60,7 +60,7 @@ def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> Mes
 
 
 def crate(size, planks: int, colour=p.OAK) -> Mesh:
-    """A wooden box: a core behind `planks` planks on every side but the lowest; below 2 planks a plain box."""
+    """A wooden box: a core with `planks` planks on every side but the bottom. Below 2 planks it is a plain box."""
     w, h, d = size
     if planks < 2:
         return box((w, h + SINK, d), (0, (h - SINK) / 2, 0), colour)
@@ -154,7 +154,7 @@ def cloth(
     colour=p.RED,
     trim=p.OCHRE,
 ) -> Mesh:
-    """A hanging cloth 1 cm thick: top edge at y = 0, along x; `sway` gathers it to one side at half height."""
+    """A hanging cloth 1 cm thick, with its top edge at y = 0 along x. `sway` gathers it to one side at half height."""
     u, v = np.linspace(-0.5, 0.5, nx + 1)[:, None], np.linspace(0.0, 1.0, ny + 1)[None]
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)
     wave = np.sin(2 * np.pi * folds * u + phase[0] + 0.6 * v) + 0.4 * np.sin(2 * np.pi * folds * 1.7 * u + phase[1] - v)

@@ -1,13 +1,13 @@
-"""What may be asked for."""
+"""Checks of the arguments of procedural scenes."""
 
 from ...errors import InputError
 
 LEAST, MOST = 1_000, 400_000_000
-"""How many triangles may be asked for."""
+"""The limits of the number of triangles."""
 
 
 def checked(name: str, triangles, seed) -> tuple[int, int]:
-    """`triangles` and `seed` of the scene `name` as integers, or InputError."""
+    """`triangles` and `seed` of the scene `name` as integers. Raises InputError if one is invalid."""
     return _whole(name, "triangles", triangles, LEAST, MOST), _whole(name, "seed", seed, 0, 2**63 - 1)
 
 

@@ -1,4 +1,4 @@
-"""Small closed meshes from grids of points. Faces turn counter-clockwise seen from outside; +Y is up."""
+"""Small closed meshes from grids of points. Faces are counter-clockwise seen from outside; +Y is up."""
 
 from functools import lru_cache
 from itertools import product
@@ -16,12 +16,12 @@ class Mesh(NamedTuple):
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """`np.cross` of (..., 3) arrays, without what that spends on small ones."""
+    """`np.cross` of (..., 3) arrays, without its overhead for small arrays."""
     return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
 
 def steps(number: float, detail: float, least: int = 1) -> int:
-    """A tessellation count that is `number` at detail 1 and grows with it."""
+    """A tessellation count that grows with detail, and is `number` at detail 1."""
     return max(least, round(number * detail))
 
 
@@ -41,7 +41,7 @@ def raised(mesh: Mesh, y: float) -> Mesh:
 
 
 def outward(mesh: Mesh) -> Mesh:
-    """A closed mesh with its faces turned the right way: positive volume."""
+    """A closed mesh with its faces turned outward: its volume is positive."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) - mesh.vertices[0] for i in range(3))
     if np.sum(np.cross(a, b) * c) < 0.0:
         return mesh._replace(faces=mesh.faces[:, ::-1])
@@ -58,13 +58,13 @@ def _split(index: np.ndarray, flip: np.ndarray | None = None) -> np.ndarray:
 
 
 def _colours(colour, n: int) -> np.ndarray:
-    """`colour`, one or per cell, as (n,) uint8."""
+    """`colour`, one value or one a cell, as (n,) uint8."""
     colour = np.asarray(colour, np.uint8).reshape(-1)
     return np.repeat(colour, n // len(colour))
 
 
 def grid(points, colour=0, flip=None) -> Mesh:
-    """An open surface through (m, n, 3) points, facing (along n) x (along m); colour one or (m-1, n-1)."""
+    """An open surface through (m, n, 3) points, facing (along n) x (along m); colour: one, or (m - 1, n - 1)."""
     points = np.asarray(points, np.float32)
     index = np.arange(points.shape[0] * points.shape[1], dtype=np.int32).reshape(points.shape[:2])
     faces = _split(index, flip)
@@ -80,7 +80,7 @@ def heightfield(x, z, height, colour=0) -> Mesh:
 
 @lru_cache(maxsize=64)
 def _rim(m: int, n: int) -> np.ndarray:
-    """The boundary vertices of an m x n grid, in the direction in which its faces pass them."""
+    """The boundary vertices of an m x n grid, in the winding order of its faces."""
     index = np.arange(m * n, dtype=np.int32).reshape(m, n)
     return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
 
@@ -130,8 +130,8 @@ def _loft_faces(n: int, k: int, closed: bool) -> np.ndarray:
 def lofts(sections, colour=0, closed=False) -> Mesh:
     """Solids through (c, n, k, 3) sections: c bodies of n loops of k points, in one mesh.
 
-    Seen from the last section the loops turn counter-clockwise. Ends are capped by a fan, so the end loops must be
-    convex; `closed` joins the last loop to the first. colour: one, or one for each body.
+    Seen from the last section, the loops are counter-clockwise. Fans cap the ends, so the end loops must be convex.
+    `closed` joins the last loop to the first instead. colour: one, or one for each body.
     """
     sections = np.asarray(sections, np.float32)
     c, n, k = sections.shape[:3]
@@ -141,14 +141,14 @@ def lofts(sections, colour=0, closed=False) -> Mesh:
 
 
 def loft(sections, colour=0, closed=False) -> Mesh:
-    """The solid through (n, k, 3) sections, whichever way they turn; see `lofts`."""
+    """The solid through (n, k, 3) sections, which may turn either way; see `lofts`."""
     return outward(lofts(np.asarray(sections)[None], colour, closed))
 
 
 def capped(rings, low, high, colour=0) -> Mesh:
     """The solid through (n, k, 3) loops, closed by fans around the points `low` and `high` ((3,)).
 
-    Seen from `high` the loops turn counter-clockwise. colour: one, or (n - 1) k of the cells and 2 k of the fans.
+    Seen from `high`, the loops are counter-clockwise. colour: one, or (n - 1) k for the cells and 2 k for the fans.
     """
     rings = np.asarray(rings, np.float32)
     n, k = rings.shape[:2]
@@ -168,10 +168,10 @@ def capped(rings, low, high, colour=0) -> Mesh:
 
 
 def revolve(profile, segments: int, colour=0, scale=None) -> Mesh:
-    """A solid of revolution about +Y through (k, 2) points (radius, height); its ends are closed on the axis.
+    """A solid of revolution about +Y through (k, 2) points (radius, height). Its ends are closed on the axis.
 
     scale : (k, segments), optional
-        Factors of the radius, for flutes and ribs.
+        Factors for the radius, for flutes and ribs.
     """
     profile = np.asarray(profile, np.float32)
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
@@ -200,7 +200,7 @@ def _corner(signs) -> int:
 
 
 def _box_faces(bevelled: bool) -> np.ndarray:
-    """Faces of a box; bevelled, corner c has three vertices 3 c + axis, each lying in the face of that axis."""
+    """Faces of a box. If bevelled, corner c has three vertices 3 c + axis, each in the face of that axis."""
     per = 3 if bevelled else 1
     points = np.repeat(_SIGNS.astype(float), per, axis=0)
     if bevelled:
@@ -222,7 +222,7 @@ _BOX, _BEVELLED = _box_faces(False), _box_faces(True)
 
 
 def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> Mesh:
-    """A box of `size` (3,) around `centre`; bevelled by `bevel` metres: 12 or 44 triangles."""
+    """A box of `size` (3,) around `centre`, bevelled by `bevel` metres: 12 triangles, or 44 with bevels."""
     half = np.asarray(size, np.float64) / 2.0
     if bevel > 0.0:
         inset = half - np.minimum(bevel, 0.45 * half) * (1.0 - np.eye(3))
@@ -241,7 +241,7 @@ def boxes(sizes, centres, colour=0) -> Mesh:
 
 
 def arc(centre, radius, start: float, end: float, n: int) -> np.ndarray:
-    """(n + 1, 2) points of an arc around `centre`, angles in degrees; radius: one or (2,)."""
+    """(n + 1, 2) points of an arc around `centre`. Angles are in degrees; radius: one, or (2,)."""
     angle = np.radians(np.linspace(start, end, n + 1))
     return np.asarray(centre) + np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
 
@@ -254,7 +254,7 @@ def prism(lower, upper, depth: float, colour=0) -> Mesh:
 
 
 def frame_ring(profile, half_x: float, half_z: float, colour=0) -> Mesh:
-    """A moulding around a rectangle, mitred: a closed (k, 2) profile of (outward offset, height)."""
+    """A mitred moulding around a rectangle, with a closed (k, 2) profile of (outward offset, height)."""
     profile = np.asarray(profile, np.float32)
     sx, sz = np.array([1, 1, -1, -1])[:, None], np.array([1, -1, -1, 1])[:, None]
     out, y = profile[:, 0], np.broadcast_to(profile[:, 1], (4, len(profile)))
@@ -263,7 +263,7 @@ def frame_ring(profile, half_x: float, half_z: float, colour=0) -> Mesh:
 
 
 def tubes(paths, radii, sides: int, colour=0) -> Mesh:
-    """Round bars along (c, n, 3) paths with (c, n) or (n,) radii > 0; closed."""
+    """Closed round bars along (c, n, 3) paths with (c, n) or (n,) radii > 0."""
     paths = np.asarray(paths, np.float64)
     tangent = np.gradient(paths, axis=1)
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)

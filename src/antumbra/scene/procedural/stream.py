@@ -1,6 +1,6 @@
-"""The blocks of a city, made by several processes: groups of blocks in turn, each sent through a pipe when it is done.
+"""The blocks of a city, made by several processes. They take groups of blocks in turn, and send each through a pipe.
 
-Processes are started by name, not forked or spawned: that disturbs neither the threads of this one nor its main module.
+Processes start by module name. Unlike fork or spawn, this does not disturb this process's threads or main module.
 """
 
 import os
@@ -20,7 +20,7 @@ _PACKAGE = Path(__file__).parents[3]
 
 
 def streamed_blocks(triangles: int, seed: int, processes: int) -> Iterator[Mesh]:
-    """What `city_blocks` yields, made by so many processes; the arguments have been checked."""
+    """The blocks of `city_blocks`, made by `processes` processes. The arguments have been checked."""
     workers = [_started(triangles, seed, k, processes) for k in range(processes)]
     try:
         for worker in cycle(workers):
@@ -28,7 +28,7 @@ def streamed_blocks(triangles: int, seed: int, processes: int) -> Iterator[Mesh]
             while blocks < GROUP and (block := _received(worker.stdout)) is not None:
                 yield block
                 blocks += 1
-            if blocks < GROUP:  # that was the last group
+            if blocks < GROUP:  # the last group
                 break
         if worker.wait() != 0:
             raise RuntimeError("a process that makes blocks of the city has failed")
@@ -40,7 +40,7 @@ def streamed_blocks(triangles: int, seed: int, processes: int) -> Iterator[Mesh]
 
 
 def _started(triangles: int, seed: int, first: int, step: int) -> subprocess.Popen:
-    """A process that makes every `step`-th group. Ctrl-C is for its parent, which ends it."""
+    """A process that makes every `step`-th group. Ctrl-C goes to its parent, which ends it."""
     paths = [str(_PACKAGE), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in paths if p), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", __name__, *map(str, (triangles, seed, first, step))]
@@ -48,7 +48,7 @@ def _started(triangles: int, seed: int, first: int, step: int) -> subprocess.Pop
 
 
 def _received(pipe) -> Mesh | None:
-    """The next block, its numbers of vertices and faces before it; None at the end."""
+    """The next block, sent after its numbers of vertices and faces; None at the end."""
     sizes = np.zeros(2, np.int64)
     if pipe.readinto(sizes.view(np.uint8).data) == 0:
         return None
@@ -61,7 +61,7 @@ def _received(pipe) -> Mesh | None:
 
 
 def _send(pipe, triangles: int, seed: int, first: int, step: int) -> None:
-    """In a process: write the blocks of its groups; each group is done before it is sent."""
+    """In a process: write the blocks of its groups. A group is finished before it is sent."""
     for group in city_groups(triangles, seed, first, step):
         for block in list(group):
             sizes = np.array([len(block.vertices), len(block.faces)], np.int64)

@@ -52,7 +52,7 @@ def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: 
 
 
 def branches(rng, base, along, length, number: int, n: int):
-    """`number` curved paths (k * number, n + 1, 3) from each of the (k, m, 3) paths in `base`, and their directions."""
+    """(curved paths, (k * number, n + 1, 3); their directions): `number` from each of the (k, m, 3) paths `base`."""
     k, m = base.shape[:2]
     where = rng.uniform(0.35, 1.0, (k, number)) * (m - 1)
     low = np.minimum(where.astype(int), m - 2)
@@ -71,7 +71,7 @@ class BareTree(NamedTuple):
     """A tree without its leaves."""
 
     wood: Mesh
-    twigs: np.ndarray  # (k, 3, 3) paths
+    twigs: np.ndarray  # (k, 3, 3) paths of three points
     tips: np.ndarray  # (k, 3) directions of the twigs
     height: float
 
