@@ -120,12 +120,6 @@ def set_bit(asking, i, s):
     put(asking.bits, at, get(asking.bits, at) | np.uint64(1) << np.uint64(s & 63))
 
 
-@inlined
-def bit_at(asking, i, s):
-    """Is sample s of receiver i known to be blocked?"""
-    return get(asking.bits, i * asking.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) != 0
-
-
 @kernel
 def _light_side(asking, view, face):
     """The side of a triangle's plane on which all ends of segments from receivers near it are; 0: not known."""
