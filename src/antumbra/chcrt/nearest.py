@@ -19,14 +19,11 @@ from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.filters import hit_t, meets
 from ..kernels.simd import (
-    absolute,
     bits,
     get,
     load16,
     lowest_bit,
-    maximum,
     popcount,
-    prefetch,
     ptr,
     ptr_at,
     put,
@@ -35,10 +32,11 @@ from ..kernels.simd import (
     stack_i32,
     store,
 )
-from ..kernels.vec import broadcasts, cross, dot, largest, minus, rows, total
+from ..kernels.vec import broadcasts, rows
+from ..trace.blocktest import fetch
 from ..trace.descent import rays_as_shafts, slabs_of
 from ..trace.forest import Hits, forest_pointers, item, list_of, root_in, tree_in
-from ..trace.raytest import decide_signs, error_bounds
+from ..trace.raytest import ray_meets
 from .camera import BEYOND
 from .cells import (
     FAR,
@@ -154,22 +152,6 @@ def _write(picture, hits, looks, y0, x0, valid, cell):
         )  # fmt: skip
 
 
-@inlined
-def _candidates(numbers, o, d, limit):
-    """(bits of the triangles of a block that a ray surely meets, of those float32 cannot say).
-
-    o, d : the ray's origin and whole length in all lanes
-    limit : those surely beyond it are left out
-    """
-    a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
-    n, r = cross(p, q), cross(d, a)
-    e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
-    e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))
-    hit, unsure = decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, np.int64(0))
-    beyond = bits(absolute(t) - te > (absolute(dn) + te + te) * limit)
-    return hit & ~beyond, unsure & ~beyond
-
-
 @kernel
 def _meets(cell, lane, length, corners, slot):
     """Whether a ray meets a triangle, exactly."""
@@ -212,7 +194,7 @@ def _trace_block(tree, k, code, mask, cell, lengths):
         lane = lowest_bit(mask)
         mask &= mask - 1
         o, d = broadcasts(cell.rays, lane, 16), broadcasts(cell.rays, 48 + lane, 16)
-        hit, unsure = _candidates(numbers, o, d, get(cell.limits, lane))
+        hit, unsure = ray_meets(o, d, numbers, np.int64(0), get(cell.limits, lane))
         hit, unsure = hit & present, unsure & present
         while hit | unsure != 0:
             i = lowest_bit(hit | unsure)
@@ -220,16 +202,6 @@ def _trace_block(tree, k, code, mask, cell, lengths):
             if hit >> i & 1 != 0 or _meets(cell, lane, length, tree.corners, slot):
                 _keep(cell, lane, length, tree, k, slot)
             hit, unsure = hit & ~(np.int64(1) << i), unsure & ~(np.int64(1) << i)
-
-
-@inlined
-def _fetch(tree, link):
-    """Ask for the node or the block behind a link."""
-    if link >= 0:
-        prefetch(tree.nodes, link * 16)
-    else:
-        for row in range(BLOCK_ROWS):
-            prefetch(tree.blocks, ((~link >> 5) * BLOCK_ROWS + row) * 16)
 
 
 @kernel
@@ -254,7 +226,7 @@ def _walk(tree, k, link, mask, slabs, cell, lengths, stack, entries):
                     link, mask = (second, right) if swap else (first, left)
                 else:
                     link, mask = (first, left) if left != 0 else (second, right)
-                _fetch(tree, link)
+                fetch(tree, link)
                 continue
         elif ~link & 31 != 0:
             _trace_block(tree, k, ~link, mask, cell, lengths)

@@ -159,7 +159,7 @@ def _is_blocked(origins, ends, ways, own, lane, soup, clusters, facing, unit, co
         i = lowest_bit(near)
         near &= near - 1
         count(counters, TRIANGLE_TESTS, 1)
-        hit, unsure = ray_meets(o, d, ptr_at(clusters.numbers, _NUMBERS * i), facing)
+        hit, unsure = ray_meets(o, d, ptr_at(clusters.numbers, _NUMBERS * i), facing, None)
         if (hit | unsure) != 0:
             others = ~bits(load16(clusters.prims, LANES * i) == np.int32(own))
             if hit & others != 0:

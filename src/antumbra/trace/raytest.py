@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined
-from ..kernels.simd import bits, broadcast16, fma, get, maximum, minimum, splat16, store
+from ..kernels.simd import absolute, bits, broadcast16, fma, get, maximum, minimum, splat16, store
 from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, total
 
 _F = np.float32
@@ -145,10 +145,17 @@ def kept_lane(memory, k):
 
 
 @inlined
-def ray_meets(o, d, numbers, facing):
-    """(bits of the 16 triangles of a block that a ray from o along d surely meets, of those float32 cannot say)."""
+def ray_meets(o, d, numbers, facing, limit):
+    """(bits of the 16 triangles of a block that a ray from o along d surely meets, of those float32 cannot say).
+
+    limit : those surely beyond it are left out, None: there is none; o, d, limit in all lanes
+    """
     a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, r = cross(p, q), cross(d, a)
     e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
     e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))
-    return decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, facing)
+    hit, unsure = decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, facing)
+    if limit is None:
+        return hit, unsure
+    beyond = bits(absolute(t) - te > (absolute(dn) + te + te) * limit)
+    return hit & ~beyond, unsure & ~beyond

@@ -5,13 +5,13 @@ Multi-frusta tracing [Benthin and Wald 2009] for area lights.
 
 import numpy as np
 
-from ...bvh.blocks import ROWS
 from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
 from ...scene.lights import LIST
 from ..beams import make_beams
+from ..blocktest import fetch
 from ..counters import N_COUNTERS, SHEAF_TILES, add_counters, cleared, count, new_counters
 from ..deferred import ASIDE, settle_aside
 from ..descent import NOWHERE, left, next_leaf, nowhere, save, saved, slabs_of
@@ -95,17 +95,6 @@ def _leaf(tree, code, mask, asked, bundle, scratch, counters):
 
 
 @inlined
-def _fetch(tree, code):
-    """Ask for a block's numbers before they are needed."""
-    block = code >> 5
-    numbers = ptr_at(tree.blocks, block * (ROWS * 16))
-    prefetch(tree.bounds, block * 8)
-    for row in range(ROWS):
-        prefetch(numbers, row * 16)
-    prefetch(tree.slots, block * 16)
-
-
-@inlined
 def _walk_tree(tree, slabs, at, alive, asked, bundle, scratch, counters):
     """Trace lanes through a tree from `at`: (where they are, 0 lanes if they are done; those in `alive` that are left).
 
@@ -116,7 +105,8 @@ def _walk_tree(tree, slabs, at, alive, asked, bundle, scratch, counters):
     while True:
         at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
         if at.mask != 0:
-            _fetch(tree, ~at.link)
+            prefetch(tree.bounds, (~at.link >> 5) * 8)
+            fetch(tree, at.link)
         if mask & alive != 0:
             if np.int64(get(scratch.aside, 0)) > ASIDE:
                 put(scratch.at, WAITING, code)

@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import ROWS, BlockTree, block_tree
+from ...bvh.blocks import BlockTree, block_tree
 from ...bvh.nodes import MAX_DEPTH, boxes_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, take, thread_count
-from ...kernels.simd import bits, get, load16, popcount, prefetch, ptr, put, stack_f32, stack_f64, stack_i32, store
+from ...kernels.simd import bits, get, load16, popcount, ptr, put, stack_f32, stack_f64, stack_i32, store
 from ...query.raster_setup import direction_error, make_view
+from ..blocktest import fetch
 from ..forest import Forest, Hits, forest_pointers, item, list_of, root_in, tree_in, whole
 from .frusta import FLOATS, bound_directions, meet_mixed, meet_uniform, prepare
 from .pixelblock import ASIDE, CELLS, PIXELS, Pixels, trace_block
@@ -66,18 +67,6 @@ class _Scratch(NamedTuple):
     entries: object  # where the frusta enter what is on the stack
 
 
-@inlined
-def _fetch(tree, link):
-    """Ask for the node or the block behind a link; in large scenes, waiting for memory is what takes longest."""
-    if link >= 0:
-        prefetch(tree.nodes, link * 16)
-        return
-    block = ~link >> 5
-    for row in range(ROWS):
-        prefetch(tree.blocks, (block * ROWS + row) * 16)
-    prefetch(tree.slots, block * 16)
-
-
 @kernel
 def _walk(forest, k, alive, picture, tile, scratch):
     """Trace the frusta in `alive` (bits) through tree k. Each block waits until the next one is found, while memory
@@ -101,9 +90,9 @@ def _walk(forest, k, alive, picture, tile, scratch):
             if left | right != 0:
                 first, second = np.int64(get(links, at + 12)), np.int64(get(links, at + 13))
                 if left != 0:
-                    _fetch(tree, first)
+                    fetch(tree, first)
                 if right != 0:
-                    _fetch(tree, second)
+                    fetch(tree, second)
                 mask = left
                 if right != 0:
                     both = left & right
