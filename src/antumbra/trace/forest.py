@@ -12,8 +12,7 @@ import numpy as np
 from ..bvh.blocks import BlockPointers, BlockTree
 from ..kernels.jit import inlined
 from ..kernels.simd import f32_at, get, i32_at, ptr
-from .descent import At
-from .slabs import children_mixed, children_uniform
+from .descent import At, children
 
 ADDRESSES = 7  # int64 of a tree in the table: the addresses of its arrays but that of links, then the link to its root
 CORNERS, ROOT = 5, 6
@@ -116,11 +115,7 @@ def item(forest, i):
 @inlined
 def start_in(forest, k, slabs, alive):
     """Where the walk through tree k begins of those lanes in `alive` that meet its box; mask 0: none does."""
-    if slabs.uniform:
-        met = children_uniform(forest.heads, k, slabs.ux, slabs.uy, slabs.uz)[0]
-    else:
-        met = children_mixed(forest.heads, k, slabs.mx, slabs.my, slabs.mz)[0]
-    return At(root_in(forest, k), np.int64(-1), met & alive, np.int64(0))
+    return At(root_in(forest, k), np.int64(-1), children(forest.heads, k, slabs)[0] & alive, np.int64(0))
 
 
 @inlined

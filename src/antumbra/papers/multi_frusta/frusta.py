@@ -69,9 +69,9 @@ def _reach_box(tree, place, mask, rays, counters):
         mask &= mask - 1
         s = rays_as_shafts(origins_of(rays, r), directions_of(rays, r))
         limit = least_direction(s)
-        x = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit)
-        y = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit)
-        z = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit)
+        x = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, False)
+        y = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, False)
+        z = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, False)
         count(counters, BOX_TESTS, 1)
         if bits(meets_mixed(tree.nodes, box, x, y, z)) & open_rays(rays, r) != 0:
             reached |= np.int64(1) << r
