@@ -11,11 +11,12 @@ import numpy as np
 
 from ..bvh.blocks import BlockPointers, BlockTree
 from ..kernels.jit import inlined
-from ..kernels.simd import f32_at, get, i32_at, ptr
-from .descent import At, children
+from ..kernels.simd import f32_at, get, i32_at, ptr, put
+from .descent import NOWHERE, At, children, save, saved
 
 ADDRESSES = 7  # int64 of a tree in the table: the addresses of its arrays but that of links, then the link to its root
 CORNERS, ROOT = 5, 6
+TREE = 4  # of where a walk is kept, after what `descent.save` writes: the number of the tree
 _NO_BOX = np.float32(3.0e38)
 
 
@@ -122,6 +123,36 @@ def start_in(forest, k, slabs, alive):
 def are_apart(forest, j, k):
     """Have trees j and k arrays of their own, so that slots of one mean nothing in the other?"""
     return get(forest.trees, j * ADDRESSES + CORNERS) != get(forest.trees, k * ADDRESSES + CORNERS)
+
+
+def walk_tree(tree, slabs, at, alive, job, scratch, counters):
+    """In kernels: trace the lanes in `alive` through a tree from `at`, by the class of a job.
+
+    (Where they are, NOWHERE if they are done; the lanes that are left.) They stop early when the memory for what is put
+    aside runs low.
+    """
+
+
+@inlined
+def walk_forest(forest, i, end, slabs, alive, job, scratch, counters):
+    """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
+
+    What is put aside must be settled before they go on: its memory runs low, or the next tree has arrays of its own.
+    """
+    at = saved(scratch.at, alive)
+    while i < end and alive != 0:
+        k = item(forest, i)
+        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
+            break
+        put(scratch.at, TREE, k)
+        if at.place == NOWHERE:
+            at = start_in(forest, k, slabs, alive)
+        at, alive = walk_tree(tree_in(forest, k), slabs, at, alive, job, scratch, counters)
+        if at.place != NOWHERE:
+            break
+        i += 1
+    save(scratch.at, at)
+    return i, alive
 
 
 def addresses(tree: BlockTree, root: int = 0) -> list[int]:

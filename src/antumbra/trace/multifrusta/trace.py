@@ -3,10 +3,12 @@
 Multi-frusta tracing [Benthin and Wald 2009] for area lights.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...bvh.nodes import boxes_of
-from ...kernels.jit import inlined, kernel
+from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
 from ...scene.lights import LIST
@@ -14,13 +16,13 @@ from ..beams import make_beams
 from ..blocktest import fetch
 from ..counters import N_COUNTERS, SHEAF_TILES, add_counters, cleared, count, new_counters
 from ..deferred import ASIDE, settle_aside
-from ..descent import NOWHERE, left, next_leaf, nowhere, save, saved, slabs_of
-from ..forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
+from ..descent import left, next_leaf, nowhere, save, slabs_of
+from ..forest import TREE, Forest, forest_pointers, is_idle, list_of, tree_in, walk_forest, walk_tree, whole
 from ..horizon import PLANES, apply_horizon
 from ..lighttable import STRATA, light_table, turn_points
 from ..packets.incoherent import extents_of, is_far, is_huge, is_scattered
 from ..packets.packet16 import over_pixels, over_samples
-from ..querychunk import asked_of, sets_of, tile_shape
+from ..querychunk import Asked, asked_of, sets_of, tile_shape
 from ..shafts import make_shafts
 from ..tile import bound_receivers, finished_strata, first_pixel, move_light, read_bits, tile_at, write_bits
 from .bundle import (
@@ -31,7 +33,6 @@ from .bundle import (
     PLACES,
     STACK,
     TILES,
-    TREE,
     WAITING,
     Bundle,
     Scratch,
@@ -94,13 +95,24 @@ def _leaf(tree, code, mask, asked, bundle, scratch, counters):
     return done
 
 
-@inlined
-def _walk_tree(tree, slabs, at, alive, asked, bundle, scratch, counters):
-    """Trace lanes through a tree from `at`: (where they are, 0 lanes if they are done; those in `alive` that are left).
+class Job(NamedTuple):
+    """What the lanes of a bundle are about."""
 
-    They stop early when the memory for what is put aside runs low. A block is fetched when it is found, and tested
-    when the next one is.
-    """
+    asked: Asked
+    bundle: Bundle
+
+
+@overload(walk_tree)
+def _by_job(tree, slabs, at, alive, job, scratch, counters):
+    if job.instance_class is Job:
+        return lambda tree, slabs, at, alive, job, scratch, counters: _walk_tree(
+            tree, slabs, at, alive, job, scratch, counters
+        )
+
+
+@inlined
+def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
+    """`walk_tree`. A block is fetched when it is found, and tested when the next one is."""
     code, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
     while True:
         at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
@@ -111,36 +123,20 @@ def _walk_tree(tree, slabs, at, alive, asked, bundle, scratch, counters):
             if np.int64(get(scratch.aside, 0)) > ASIDE:
                 put(scratch.at, WAITING, code)
                 put(scratch.at, WAITING + 1, mask)
-                return at, True, alive
-            alive &= ~_leaf(tree, code, mask & alive, asked, bundle, scratch, counters)
+                return at, alive
+            alive &= ~_leaf(tree, code, mask & alive, job.asked, job.bundle, scratch, counters)
         if at.mask == 0:
             put(scratch.at, WAITING + 1, 0)
-            return at, False, alive
+            return nowhere(), alive
         code, mask = ~at.link, at.mask if ~at.link & 31 != 0 else np.int64(0)
         at = left(at)
 
 
 @kernel
 def _walk(forest, i, end, alive, asked, bundle, scratch, counters):
-    """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
-
-    What is put aside must be settled before they go on.
-    """
-    slabs, at = slabs_of(shafts_of(scratch.lanes), alive), saved(scratch.at, alive)
-    while i < end and alive != 0:
-        k = item(forest, i)
-        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
-            break
-        put(scratch.at, TREE, k)
-        if at.place == NOWHERE:
-            at = start_in(forest, k, slabs, alive)
-        at, early, alive = _walk_tree(tree_in(forest, k), slabs, at, alive, asked, bundle, scratch, counters)
-        if early:
-            break
-        at = nowhere()
-        i += 1
-    save(scratch.at, at)
-    return i, alive
+    """`walk_forest` of a bundle."""
+    slabs = slabs_of(shafts_of(scratch.lanes), alive)
+    return walk_forest(forest, i, end, slabs, alive, Job(asked, bundle), scratch, counters)
 
 
 @inlined

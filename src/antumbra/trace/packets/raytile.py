@@ -15,6 +15,7 @@ from ...kernels.simd import broadcast16, get, ptr_at, put, store
 from ...kernels.vec import minus, rows
 from ..counters import new_counters
 from ..deferred import aside_ints, settle_aside
+from ..forest import TREE
 from ..horizon import PLANES, apply_horizon
 from ..lighttable import POINTS, STRATA, light_table, turn_points
 from ..querychunk import asked_of, sets_of, tile_shape
@@ -31,7 +32,6 @@ from ..tile import (
 )
 
 STACK = 4 * MAX_DEPTH
-TREE = 4
 _AT = TREE + 1
 SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
 _STACK_AT = 32 + (_AT + 15) // 16 * 16  # after `dead` and `pixel`, 16 each, and `at`
