@@ -12,7 +12,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import as_i32, gather, get, load16, lowest_bit, maximum, prefetch, ptr, ptr_at, put
 from ..kernels.simd import bits as bits_of
-from ..kernels.vec import Vec
+from ..kernels.vec import rows
 from .asking import asking_of, end_of, patch_for
 from .beams import Beam
 from .memory import Empty
@@ -104,8 +104,7 @@ def ends_in(leaves, leaf, block):
 @inlined
 def origins_in(leaves, block):
     """`Vec`: where the receivers of a block are."""
-    p, at, ways = leaves.origins, 3 * block * leaves.ways, leaves.ways
-    return Vec(load16(p, at), load16(p, at + ways), load16(p, at + 2 * ways))
+    return rows(leaves.origins, 3 * block * leaves.ways, leaves.ways)
 
 
 @inlined

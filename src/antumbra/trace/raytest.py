@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined
-from ..kernels.simd import absolute, bits, broadcast16, fma, get, maximum, minimum, splat16, store
-from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, total
+from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, splat16, store
+from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
 
 _F = np.float32
 _ROOM = _F(8.0)  # times a product: at least the sums that are made of such products
@@ -59,10 +59,8 @@ def triangle_along(v, p, q):
 def triangle_in(corners, slot):
     """The `Triangle` in a slot of a BVH's corners."""
     k = slot * 9
-    v = Vec(get(corners, k), get(corners, k + 1), get(corners, k + 2))
-    p = Vec(get(corners, k + 3) - v.x, get(corners, k + 4) - v.y, get(corners, k + 5) - v.z)
-    q = Vec(get(corners, k + 6) - v.x, get(corners, k + 7) - v.y, get(corners, k + 8) - v.z)
-    return triangle_along(v, p, q)
+    v = scalars(corners, k, 1)
+    return triangle_along(v, minus(scalars(corners, k + 3, 1), v), minus(scalars(corners, k + 6, 1), v))
 
 
 @inlined
