@@ -13,7 +13,8 @@ from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import as_i32, gather, get, load16, lowest_bit, maximum, prefetch, ptr, ptr_at, put
 from ..kernels.simd import bits as bits_of
 from ..kernels.vec import rows
-from .asking import asking_of, end_of, patch_for
+from ..query.shadow import patch_of, sample_of
+from .asking import asking_of
 from .beams import Beam
 from .memory import Empty
 
@@ -135,9 +136,9 @@ def _fill_ends(ticket, query, bits, rays):
 @inlined
 def _fill_lane(asking, i, leaves, block, lane):
     """Write the ends of the segments of receiver i to a lane."""
-    patch, ends = patch_for(asking, i), ptr_at(leaves.ends, block * leaves.end_step)
+    patch, ends = patch_of(asking.query, i), ptr_at(leaves.ends, block * leaves.end_step)
     for s in range(leaves.count):
-        l = end_of(asking, patch, i, leaves.first + s)
+        l = sample_of(asking.query, patch, i, leaves.first + s)
         for k in range(3):
             put(ends, (3 * s + k) * leaves.ways + lane, l[k])
 
@@ -161,7 +162,7 @@ def _fill_leaf(asking, leaves, leaf):
         put(leaves.dead, leaf, others)
         return
     ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
-    there = ids * np.int32(2 * asking.words)
+    there = ids * np.int32(2 * asking.query.words)
     for n in range(leaves.count):
         s = leaves.first + n
         word = gather(as_i32(asking.bits), there + np.int32(s >> 5))

@@ -1,7 +1,7 @@
 """From leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks.
 
-Those that ask whether anything blocks them go as the tree says (`next_leaf`); those that look for what is nearest go to
-the nearer child first (`next_block`).
+Lanes that ask for any blocker go as the tree says (`next_leaf`). Lanes that look for the nearest hit go to the nearer
+child first (`next_block`).
 """
 
 from typing import NamedTuple
@@ -176,7 +176,7 @@ def next_leaf(tree, slabs, at, stack, alive, counters):
 
 
 class Near(NamedTuple):
-    """Where a walk to what is nearest is: the lanes in `mask` are about to visit `link`; mask 0: they have done so."""
+    """Where a walk to the nearest hit is: the lanes in `mask` are about to visit `link`; mask 0: they have done so."""
 
     link: int
     mask: int
@@ -184,7 +184,7 @@ class Near(NamedTuple):
 
 
 class Waiting(NamedTuple):
-    """What waits in a walk to what is nearest: pointers."""
+    """Pointers to the links that wait in a walk to the nearest hit."""
 
     links: object  # int32, WAITING_INTS: link and mask, in turn
     entries: object  # float32, WAITING_FLOATS: where each lane enters the box
@@ -204,7 +204,7 @@ def _popped_near(at, waiting, far):
 
 @inlined
 def visited(at):
-    """Where a walk to what is nearest is when it has done with a link."""
+    """Where a walk to the nearest hit is when it has done with a link."""
     return Near(at.link, np.int64(0), at.height)
 
 

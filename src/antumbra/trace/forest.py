@@ -126,10 +126,9 @@ def are_apart(forest, j, k):
 
 
 def walk_tree(tree, slabs, at, alive, job, scratch, counters):
-    """In kernels: trace the lanes in `alive` through a tree from `at`, by the class of a job.
+    """In kernels: (where the lanes in `alive` are after a tree, NOWHERE if they are done; the lanes left), by job.
 
-    (Where they are, NOWHERE if they are done; the lanes that are left.) They stop early when the memory for what is put
-    aside runs low.
+    They stop early when the memory for rays put aside runs low.
     """
 
 
@@ -137,7 +136,7 @@ def walk_tree(tree, slabs, at, alive, job, scratch, counters):
 def walk_forest(forest, i, end, slabs, alive, job, scratch, counters):
     """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
 
-    What is put aside must be settled before they go on: its memory runs low, or the next tree has arrays of its own.
+    The caller settles rays put aside before they go on: memory runs low, or the next tree has arrays of its own.
     """
     at = saved(scratch.at, alive)
     while i < end and alive != 0:

@@ -55,9 +55,9 @@ def _plane_at(asked, at, is_free):
     """The `Plane` through a receiver without a triangle, at right angles to its normal; none if it is free."""
     n = Vec(_F(0.0), _F(0.0), _F(0.0))
     if not is_free:
-        x, y, z = scalars(asked.normals, 3 * at, 1)
+        x, y, z = scalars(asked.query.normals, 3 * at, 1)
         n = Vec(_F(x), _F(y), _F(z))
-    return Plane(scalars(asked.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
+    return Plane(scalars(asked.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
 
 
 @inlined
@@ -84,17 +84,17 @@ def _gather_planes(asked, y0, x0, valid, tile, planes):
     first = get(tile.faces, lowest_bit(valid))
     together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
     if together:
-        face = np.int64(get(asked.faces, place_of(asked, y0, x0, lowest_bit(valid))))
-        _put_everywhere(planes, _plane_of_face(asked.corners, face))
+        face = np.int64(get(asked.query.faces, place_of(asked, y0, x0, lowest_bit(valid))))
+        _put_everywhere(planes, _plane_of_face(asked.query.corners, face))
     lanes = valid
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
         at = place_of(asked, y0, x0, lane)
-        side, face = np.int64(get(asked.sides, at)), np.int64(get(asked.faces, at))
+        side, face = np.int64(get(asked.query.sides, at)), np.int64(get(asked.query.faces, at))
         put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
         if not together:
-            plane = _plane_of_face(asked.corners, face) if face >= 0 else _plane_at(asked, at, side == FREE)
+            plane = _plane_of_face(asked.query.corners, face) if face >= 0 else _plane_at(asked, at, side == FREE)
             _put_plane(planes, lane, plane)
 
 

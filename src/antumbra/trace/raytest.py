@@ -146,7 +146,8 @@ def kept_lane(memory, k):
 def ray_meets(o, d, numbers, facing, limit):
     """(bits of the 16 triangles of a block that a ray from o along d surely meets, of those float32 cannot say).
 
-    limit : those surely beyond it are left out, None: there is none; o, d, limit in all lanes
+    o, d : in all lanes
+    limit : triangles surely beyond it are left out; None: there is no limit
     """
     a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, r = cross(p, q), cross(d, a)

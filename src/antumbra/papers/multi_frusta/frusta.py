@@ -112,13 +112,13 @@ def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking)
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
-            frusta = make_frusta(query, samples, job, rays, own)
+            rays = start_tile(job, asked, n, scratch, places, mine)
+            frusta = make_frusta(asked, samples, job, rays, own)
             save(scratch.at, root(open_frusta(rays)))
-            while _walk(tree, rays, frusta, shrinking, asked.facing, work, scratch, mine):
+            while _walk(tree, rays, frusta, shrinking, asked.query.facing, work, scratch, mine):
                 if np.int64(get(scratch.aside, 0)) > ASIDE:
-                    settle(tree, query, asked, rays, scratch, mine)
-            settle(tree, query, asked, rays, scratch, mine)
+                    settle(tree, asked, rays, scratch, mine)
+            settle(tree, asked, rays, scratch, mine)
             finish_tile(asked, rays, places)
         first = take(ticket)
     add_counters(counters, mine)

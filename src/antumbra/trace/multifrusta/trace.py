@@ -58,7 +58,7 @@ def _trace_tile(tree, code, tile, valid, strata, asked, scratch, counters):
     """A block against the segments of a tile to some strata (bits)."""
     strata &= ~finished_strata(tile, valid)
     if strata != 0:
-        block, triangles, facing = code >> 5, code & 31, asked.facing
+        block, triangles, facing = code >> 5, code & 31, asked.query.facing
         trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.aside, counters)
 
 
@@ -96,7 +96,7 @@ def _leaf(tree, code, mask, asked, bundle, scratch, counters):
 
 
 class Job(NamedTuple):
-    """What the lanes of a bundle are about."""
+    """A bundle, and the chunk of a query that it asks."""
 
     asked: Asked
     bundle: Bundle
@@ -140,7 +140,7 @@ def _walk(forest, i, end, alive, asked, bundle, scratch, counters):
 
 
 @inlined
-def _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters):
+def _trace_lanes(forest, y, x, alive, asked, bundle, scratch, counters):
     """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
 
     What is put aside is settled whenever the memory for it runs low, before other memory is entered, and at the end.
@@ -154,19 +154,19 @@ def _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters):
             i, alive = _walk(forest, i, end, alive, asked, bundle, scratch, counters)
         if np.int64(get(scratch.aside, 0)) != 0:
             corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
-            settle_aside(corners, query, asked, scratch.tiles, scratch.places, scratch.aside, counters)
+            settle_aside(corners, asked, scratch.tiles, scratch.places, scratch.aside, counters)
         if i >= end or alive == 0:
             return
 
 
 @inlined
-def _start_tile(query, asked, g, scratch, fresh, known, counters):
+def _start_tile(asked, g, scratch, fresh, known, counters):
     """Prepare tile g, whose receivers are loaded; unless all is `fresh`, the bits at `known` tell what is blocked."""
     tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)
     if not asked.fixed:
-        move_light(query, asked, y0, x0, valid, tile)
+        move_light(asked, y0, x0, valid, tile)
         turn_points(tile.points, tile.by_lane, asked.count)
     make_beams(tile)
     if fresh:
@@ -220,11 +220,11 @@ def _sheaf_among(numbers, asked, scratch):
 
 
 @inlined
-def _trace_parts(forest, n, query, asked, scratch, known, counters):
+def _trace_parts(forest, n, asked, scratch, known, counters):
     """Trace n tiles whose receivers are loaded: the sheaf among them first, if there is one."""
     y, x = first_pixel(scratch.places, 0)
     for g in range(n):
-        _start_tile(query, asked, g, scratch, forest.fresh, known, counters)
+        _start_tile(asked, g, scratch, forest.fresh, known, counters)
     members = _sheaf_among((np.int64(1) << n) - 1, asked, scratch)
     apart = ((np.int64(1) << n) - 1) & ~members
     while members | apart != 0:
@@ -233,7 +233,7 @@ def _trace_parts(forest, n, query, asked, scratch, known, counters):
             members = np.int64(0)
         else:
             bundle, alive, apart = _bundle_apart(apart, asked, scratch)
-        _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters)
+        _trace_lanes(forest, y, x, alive, asked, bundle, scratch, counters)
 
 
 @kernel
@@ -255,7 +255,7 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples
             put(scratch.left, g, np.int32(0 if idle else 0xFFFF))
         n = next_parts(asked, layout, y, x, scratch)
         while n > 0:
-            _trace_parts(forest, n, query, asked, scratch, places, mine)
+            _trace_parts(forest, n, asked, scratch, places, mine)
             for g in range(n):
                 y0, x0 = first_pixel(scratch.places, g)
                 write_bits(asked, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, asked), places)

@@ -202,7 +202,7 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
             y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
             if nothing_for(trees, y, x):
                 continue
-            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
+            rays = start_tile(job, asked, n, scratch, places, mine)
             put(scratch.at, TREE, 0)
             left_rows = rays.rows
             while left_rows != 0:
@@ -211,10 +211,10 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
                 i, end = trees_for(trees, y, x, r)
                 save(scratch.at, nowhere())
                 while i < end:
-                    i = _walk(trees, rays, r, i, end, asked.facing, scratch, mine)
+                    i = _walk(trees, rays, r, i, end, asked.query.facing, scratch, mine)
                     if i < end:
-                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), query, asked, rays, scratch, mine)
-            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), query, asked, rays, scratch, mine)
+                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), asked, rays, scratch, mine)
+            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), asked, rays, scratch, mine)
             finish_tile(asked, rays, places)
         first = take(ticket)
     add_counters(counters, mine)

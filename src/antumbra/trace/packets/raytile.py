@@ -111,7 +111,7 @@ def _by_receiver(asked, tile, scratch):
 
 
 @kernel
-def start_tile(query, samples, job, asked, n, scratch, known, counters):
+def start_tile(job, asked, n, scratch, known, counters):
     """The `Rays` of tile n, those that the receivers' own surfaces surely block dead already.
 
     known : pointer to the bits of all receivers, which are read unless the job is fresh
@@ -126,7 +126,7 @@ def start_tile(query, samples, job, asked, n, scratch, known, counters):
     if valid != 0:
         bound_receivers(tile, valid)
         if not asked.fixed:
-            move_light(query, asked, y0, x0, valid, tile)
+            move_light(asked, y0, x0, valid, tile)
         if job.fresh:
             apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
         else:
@@ -162,13 +162,13 @@ def rows_are_receivers(rays):
 
 
 @kernel
-def settle(tree, query, asked, rays, scratch, counters):
+def settle(tree, asked, rays, scratch, counters):
     """Decide what was put aside, and update `rays.dead`."""
     if get(scratch.aside, 0) == 0:
         return
     if rows_are_receivers(rays):
         turn_bits(rays.dead, rays.tile.dead)
-    settle_aside(tree.corners, query, asked, scratch.tile, scratch.pixel, scratch.aside, counters)
+    settle_aside(tree.corners, asked, scratch.tile, scratch.pixel, scratch.aside, counters)
     if rows_are_receivers(rays):
         turn_bits(rays.tile.dead, rays.dead)
 
