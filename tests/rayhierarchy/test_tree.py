@@ -15,9 +15,9 @@ SLACK = 1e-6
 
 def _numbers(made, node):
     """A node's numbers, float64."""
-    ways, rows = made.rays.ways, made.tree.nodes.ROWS
+    ways, rows = made.rays.ways, made.tree.nodes.rows
     group = made.tree.groups[node.part, node.level] + node.index // ways
-    numbers = made.tree.nodes.numbers[group * rows * ways :][: rows * ways]
+    numbers = made.tree.numbers[group * rows * ways :][: rows * ways]
     return numbers.reshape(rows, ways)[:, node.index % ways].astype(np.float64)
 
 
@@ -43,7 +43,7 @@ def test_levels_are_full_from_the_left_and_parents_alive_where_their_children_ar
                 assert tree.sizes[part, level] == -(-n // ways**level) and tree.groups[part, level] == taken
                 taken += -(-tree.sizes[part, level] // ways)
             assert -(-n // ways ** tree.heights[part]) == 1
-        assert len(tree.nodes.numbers) >= taken * Cones.ROWS * ways and len(tree.alive) >= taken
+        assert len(tree.numbers) >= taken * tree.nodes.rows * ways and len(tree.alive) >= taken
         for node in nodes_in(made):
             group = tree.groups[node.part, node.level] + node.index // ways
             assert tree.alive[group] >> node.index % ways & 1 == (len(node.receivers) > 0)
@@ -113,7 +113,7 @@ def test_threads_make_the_same_tree():
     for kind in (Boxes, Cones):
         one = hierarchy(kind, query, beam, 4, True)
         three = tree_of(kind, beam, one.rays, 3)
-        np.testing.assert_array_equal(one.tree.nodes.numbers, three.nodes.numbers)
+        np.testing.assert_array_equal(one.tree.numbers, three.numbers)
         np.testing.assert_array_equal(one.tree.alive, three.alive)
         other = hierarchy(kind, query, beam, 4, True, 3)
         np.testing.assert_array_equal(receivers_in(one.rays), receivers_in(other.rays))

@@ -31,7 +31,7 @@ from ..kernels.simd import (
 )
 from ..kernels.vec import rows
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery, patch_of
+from ..query.shadow import ShadowQuery, patch_of, query_pointers, set_of
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from ..trace.multifrusta.region import Layout, layout_of
 from ..trace.querychunk import TileShape
@@ -165,13 +165,13 @@ def _bound_ends(query, picture, y0, x0, samples, ends):
     samples : pointer to (16, 3, 16) float32
     ends : pointer to six rows of 16 float32: low x, y, z and high x, y, z. Rounded, by less than `_MORE`
     """
-    inf = splat16(_F(np.inf))
+    asked, inf = query_pointers(query), splat16(_F(np.inf))
     lows, highs = (inf, inf, inf), (-inf, -inf, -inf)
     for y in range(y0, min(y0 + picture.shape.height, picture.h)):
         for x in range(x0, min(x0 + picture.shape.width, picture.w)):
             if query.sides[y, x] != NOTHING:
-                p, at = patch_of(query, y, x), 48 * ((x & 3) + 4 * (y & 3))
-                abc = rows(samples, at, 16)
+                i = y * asked.w + x
+                p, abc = patch_of(asked, i), rows(samples, 48 * set_of(asked, i), 16)
                 ex = _end(abc, p.bx, p.ux, p.vx, p.wx)
                 ey = _end(abc, p.by, p.uy, p.vy, p.wy)
                 ez = _end(abc, p.bz, p.uz, p.vz, p.wz)

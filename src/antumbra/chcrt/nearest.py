@@ -13,32 +13,35 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import ROWS as BLOCK_ROWS
-from ..bvh.nodes import MAX_DEPTH
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.filters import hit_t, meets
 from ..kernels.simd import (
-    absolute,
-    bits,
     get,
     load16,
     lowest_bit,
-    maximum,
-    popcount,
-    prefetch,
     ptr,
     ptr_at,
     put,
     stack_f32,
     stack_f64,
     stack_i32,
-    store,
 )
-from ..kernels.vec import broadcasts, cross, dot, largest, minus, rows, total
-from ..trace.descent import rays_as_shafts, slabs_of
+from ..kernels.vec import broadcasts, rows
+from ..trace.descent import (
+    WAITING_FLOATS,
+    WAITING_INTS,
+    Near,
+    Waiting,
+    entry,
+    next_block,
+    rays_as_shafts,
+    slabs_of,
+    visited,
+)
 from ..trace.forest import Hits, forest_pointers, item, list_of, root_in, tree_in
-from ..trace.raytest import decide_signs, error_bounds
+from ..trace.raytest import ray_meets
 from .camera import BEYOND
 from .cells import (
     FAR,
@@ -53,12 +56,9 @@ from .cells import (
     regions_in,
     wider,
 )
-from .queries import entry
 
 _F = np.float32
 _SMALLEST, _EXPONENT = np.float32(2.0**-126), np.int32(0x7F800000)
-_STACK = 2 * MAX_DEPTH
-_ENTRIES = 16 * MAX_DEPTH
 
 
 class Rays(NamedTuple):
@@ -154,22 +154,6 @@ def _write(picture, hits, looks, y0, x0, valid, cell):
         )  # fmt: skip
 
 
-@inlined
-def _candidates(numbers, o, d, limit):
-    """(bits of the triangles of a block that a ray surely meets, of those float32 cannot say).
-
-    o, d : the ray's origin and whole length in all lanes
-    limit : those surely beyond it are left out
-    """
-    a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
-    n, r = cross(p, q), cross(d, a)
-    e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
-    e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))
-    hit, unsure = decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, np.int64(0))
-    beyond = bits(absolute(t) - te > (absolute(dn) + te + te) * limit)
-    return hit & ~beyond, unsure & ~beyond
-
-
 @kernel
 def _meets(cell, lane, length, corners, slot):
     """Whether a ray meets a triangle, exactly."""
@@ -212,7 +196,7 @@ def _trace_block(tree, k, code, mask, cell, lengths):
         lane = lowest_bit(mask)
         mask &= mask - 1
         o, d = broadcasts(cell.rays, lane, 16), broadcasts(cell.rays, 48 + lane, 16)
-        hit, unsure = _candidates(numbers, o, d, get(cell.limits, lane))
+        hit, unsure = ray_meets(o, d, numbers, np.int64(0), get(cell.limits, lane))
         hit, unsure = hit & present, unsure & present
         while hit | unsure != 0:
             i = lowest_bit(hit | unsure)
@@ -222,54 +206,17 @@ def _trace_block(tree, k, code, mask, cell, lengths):
             hit, unsure = hit & ~(np.int64(1) << i), unsure & ~(np.int64(1) << i)
 
 
-@inlined
-def _fetch(tree, link):
-    """Ask for the node or the block behind a link."""
-    if link >= 0:
-        prefetch(tree.nodes, link * 16)
-    else:
-        for row in range(BLOCK_ROWS):
-            prefetch(tree.blocks, ((~link >> 5) * BLOCK_ROWS + row) * 16)
-
-
 @kernel
-def _walk(tree, k, link, mask, slabs, cell, lengths, stack, entries):
+def _walk(tree, k, link, mask, slabs, cell, lengths, waiting):
     """The rays in `mask` through a tree, from a link on."""
-    height = np.int64(0)
-    while True:
-        if link >= 0:
-            limits = load16(cell.limits, 0)
-            left, a = entry(tree.nodes, link * 16, slabs, limits)
-            right, b = entry(tree.nodes, link * 16 + 1, slabs, limits)
-            left, right = left & mask, right & mask
-            if left | right != 0:
-                first, second = np.int64(get(tree.links, link * 16 + 12)), np.int64(get(tree.links, link * 16 + 13))
-                if left != 0 and right != 0:
-                    both = left & right
-                    swap = 2 * popcount(bits(b < a) & both) > popcount(both)
-                    put(stack, 2 * height, first if swap else second)
-                    put(stack, 2 * height + 1, left if swap else right)
-                    store(entries, 16 * height, a if swap else b)
-                    height += 1
-                    link, mask = (second, right) if swap else (first, left)
-                else:
-                    link, mask = (first, left) if left != 0 else (second, right)
-                _fetch(tree, link)
-                continue
-        elif ~link & 31 != 0:
-            _trace_block(tree, k, ~link, mask, cell, lengths)
-        mask = np.int64(0)
-        while mask == 0:
-            if height == 0:
-                return
-            height -= 1
-            mask = np.int64(get(stack, 2 * height + 1))
-            mask &= bits(load16(entries, 16 * height) <= load16(cell.limits, 0))
-            link = np.int64(get(stack, 2 * height))
+    at = next_block(tree, slabs, Near(link, mask, np.int64(0)), waiting, load16(cell.limits, 0))
+    while at.mask != 0:
+        _trace_block(tree, k, ~at.link, at.mask, cell, lengths)
+        at = next_block(tree, slabs, visited(at), waiting, load16(cell.limits, 0))
 
 
 @inlined
-def _trace_cell(forest, begin, end, valid, cell, lengths, stack, entries):
+def _trace_cell(forest, begin, end, valid, cell, lengths, waiting):
     """The rays of a cell through the parts of a list."""
     d = rows(cell.rays, 48, 16)
     slabs = slabs_of(rays_as_shafts(rows(cell.rays, 0, 16), d), valid)
@@ -277,7 +224,7 @@ def _trace_cell(forest, begin, end, valid, cell, lengths, stack, entries):
         k = item(forest, i)
         mask = entry(forest.heads, k * 16, slabs, load16(cell.limits, 0))[0] & valid
         if mask != 0:
-            _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, cell, lengths, stack, entries)
+            _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, cell, lengths, waiting)
 
 
 @inlined
@@ -291,7 +238,8 @@ def _lengths_of(picture, looks, y0, x0, lengths):
 def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, looks, cells):
     """Worker: all cells of some screen tiles; what they see, and how far they look then."""
     cell = Cell(stack_f32(96), stack_f32(16), stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16))
-    lengths, stack, entries, forest = stack_f32(16), stack_i32(_STACK), stack_f32(_ENTRIES), forest_pointers(arrays)
+    waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
+    lengths, forest = stack_f32(16), forest_pointers(arrays)
     t = take(ticket)
     while t >= 0:
         span = spans[tiles[t]]
@@ -306,7 +254,7 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, looks, ce
                 if valid != 0:
                     _lengths_of(picture, looks, y, x, lengths)
                     begin, end = list_of(forest, y, x, np.int64(0))
-                    _trace_cell(forest, begin, end, valid, cell, lengths, stack, entries)
+                    _trace_cell(forest, begin, end, valid, cell, lengths, waiting)
                     _write(picture, hits, looks, y, x, valid, cell)
                     far = _F(-1.0)
                     for lane in range(16):

@@ -26,9 +26,8 @@ from ..kernels.simd import (
     select,
     splat16,
 )
-from ..trace.descent import slabs_of
+from ..trace.descent import entry, slabs_of
 from ..trace.multifrusta.bundle import shafts_of
-from ..trace.slabs import span_mixed, span_uniform
 from .cells import ALL, BLOCKED, COUNT, FAR, WORDS
 from .tiles import Tiles
 
@@ -41,16 +40,6 @@ class Answers(NamedTuple):
     counts: np.ndarray  # (n,) int32: rays that may meet the box; counting ends beyond the threshold
     keys: np.ndarray  # (n,) float32: where along the rays some of them enter it first, in [0, 1]
     groups: int  # multi-queries
-
-
-@inlined
-def entry(lines, at, slabs, far):
-    """(bits of the lanes, shafts or rays, that may enter the box at word `at` of `lines` before `far`, where)."""
-    if slabs.uniform:
-        near, end = span_uniform(lines, at, slabs.ux, slabs.uy, slabs.uz)
-    else:
-        near, end = span_mixed(lines, at, slabs.mx, slabs.my, slabs.mz)
-    return bits(near <= minimum(end, far)), near
 
 
 @inlined

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .jit import inlined
-from .simd import absolute, broadcast16, fma, load16, maximum, splat16, store
+from .simd import absolute, broadcast16, fma, get, load16, maximum, splat16, store
 
 _HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-18)
 
@@ -97,6 +97,12 @@ def middles_and_halves(low, high):
     m = plus(times(low, _HALF), times(high, _HALF))
     up, down = minus(high, m), minus(m, low)
     return m, Vec(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)
+
+
+@inlined
+def scalars(p, at, stride):
+    """Three numbers from memory, `stride` apart."""
+    return Vec(get(p, at), get(p, at + stride), get(p, at + 2 * stride))
 
 
 @inlined

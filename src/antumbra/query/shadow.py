@@ -8,7 +8,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.predicate.exact import exact_plane_side
 from ..kernels.predicate.filters import plane, widest
-from ..kernels.simd import get, popcount, ptr
+from ..kernels.simd import get, popcount, ptr, put
 from ..scene.lights import AMBIENT, LightPatch
 from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
@@ -48,30 +48,85 @@ class Horizon(NamedTuple):
     error: float  # of the product (l - p) . n, for each unit of the largest component of l - p
 
 
-@inlined
-def patch_of(query, y, x):
-    """The `Patch` of the query's light for receiver (y, x)."""
-    ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
-    nx, ny, nz = np.float64(0.0), np.float64(0.0), np.float64(0.0)
-    if query.light.kind == AMBIENT:
-        nx, ny, nz = query.normals[y, x, 0], query.normals[y, x, 1], query.normals[y, x, 2]
-    return patch_at(query.light, ox, oy, oz, nx, ny, nz)
+class QueryPointers(NamedTuple):
+    """A `ShadowQuery` in hot kernels, for each array passed on costs a reference count; receivers count row by row."""
+
+    origins: object  # float32
+    faces: object  # int32
+    ids: object  # int32
+    sides: object  # int8
+    normals: object  # float64
+    corners: object  # float32
+    samples: object  # float64
+    light: LightPatch  # with tuples of three numbers
+    facing: int  # a value of CULL_FACES
+    h: int
+    w: int  # receivers in a row
+    spp: int
+    words: int  # uint64 of a receiver's bits
 
 
 @inlined
-def horizon_of(query, y, x):
-    """The `Horizon` of receiver (y, x)."""
-    side, face = np.int64(query.sides[y, x]), np.int64(query.faces[y, x])
-    f = np.float64
+def query_pointers(query):
+    """The `QueryPointers` of a `ShadowQuery`, which must outlive them."""
+    (h, w), spp, p = query.sides.shape, query.samples.shape[1], query.light
+    light = LightPatch(p.kind, _three(p.base), _three(p.u), _three(p.v), _three(p.w), p.radius)
+    return QueryPointers(
+        ptr(query.origins), ptr(query.faces), ptr(query.ids), ptr(query.sides), ptr(query.normals), ptr(query.corners),
+        ptr(query.samples), light, query.cull_faces, h, w, spp, (spp + 63) >> 6,
+    )  # fmt: skip
+
+
+@inlined
+def _three(a):
+    return a[0], a[1], a[2]
+
+
+@inlined
+def three_at(p, i):
+    """Three numbers, in float64."""
+    return np.float64(get(p, 3 * i)), np.float64(get(p, 3 * i + 1)), np.float64(get(p, 3 * i + 2))
+
+
+@inlined
+def set_of(query, i):
+    """The sample set of receiver i."""
+    return (i % query.w & 3) + 4 * (i // query.w & 3)
+
+
+@inlined
+def patch_of(query, i):
+    """The `Patch` of the light for receiver i."""
+    z = np.float64(0.0)
+    n = three_at(query.normals, i) if query.light.kind == AMBIENT else (z, z, z)
+    x, y, z = get(query.origins, 3 * i), get(query.origins, 3 * i + 1), get(query.origins, 3 * i + 2)
+    return patch_at(query.light, x, y, z, n[0], n[1], n[2])
+
+
+@inlined
+def sample_of(query, patch, i, s):
+    """Sample s of receiver i, float32."""
+    at = (set_of(query, i) * query.spp + s) * 3
+    return sample_point(patch, get(query.samples, at), get(query.samples, at + 1), get(query.samples, at + 2))
+
+
+@inlined
+def horizon_of(query, i):
+    """The `Horizon` of receiver i."""
+    side, face, z = np.int64(get(query.sides, i)), np.int64(get(query.faces, i)), np.float64(0.0)
     if face >= 0:
-        zero = np.float64(0.0)
-        (px, py, pz), (nx, ny, nz), error = plane(query.corners, face, zero, zero, zero)
-        return Horizon(side, face, px, py, pz, nx, ny, nz, error)
-    px, py, pz = f(query.origins[y, x, 0]), f(query.origins[y, x, 1]), f(query.origins[y, x, 2])
-    if side == FREE:
-        return Horizon(side, face, px, py, pz, f(0.0), f(0.0), f(0.0), f(0.0))
-    nx, ny, nz = query.normals[y, x, 0], query.normals[y, x, 1], query.normals[y, x, 2]
-    return Horizon(side, face, px, py, pz, nx, ny, nz, f(0.0))
+        p, n, error = plane(query.corners, face, z, z, z)
+        return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], error)
+    p = three_at(query.origins, i)
+    n = (z, z, z) if side == FREE else three_at(query.normals, i)
+    return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], z)
+
+
+@inlined
+def set_bit(query, bits, i, s):
+    """Say that sample s of receiver i is blocked; `bits`: pointer to the answer."""
+    at = i * query.words + (s >> 6)
+    put(bits, at, get(bits, at) | np.uint64(1) << np.uint64(s & 63))
 
 
 @inlined
@@ -90,15 +145,15 @@ def is_above(horizon, lx, ly, lz, corners):
 
 @kernel
 def _segments_kernel(query, ends, above):
-    h, w = query.sides.shape
-    for y in range(h):
-        for x in range(w):
-            patch, horizon = patch_of(query, y, x), horizon_of(query, y, x)
-            for s in range(query.samples.shape[1]):
-                a, b, c = query.samples[(x & 3) + 4 * (y & 3), s]
-                lx, ly, lz = sample_point(patch, a, b, c)
+    asked = query_pointers(query)
+    for y in range(asked.h):
+        for x in range(asked.w):
+            i = y * asked.w + x
+            patch, horizon = patch_of(asked, i), horizon_of(asked, i)
+            for s in range(asked.spp):
+                lx, ly, lz = sample_of(asked, patch, i, s)
                 ends[y, x, s, 0], ends[y, x, s, 1], ends[y, x, s, 2] = lx, ly, lz
-                above[y, x, s] = query.sides[y, x] != NOTHING and is_above(horizon, lx, ly, lz, query.corners)
+                above[y, x, s] = get(asked.sides, i) != NOTHING and is_above(horizon, lx, ly, lz, asked.corners)
 
 
 def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""A query in hot kernels: pointers and scalars, for each array passed on costs a reference count."""
+"""Which receivers ask anything of a beam: all with a sample above their own surface."""
 
 from typing import NamedTuple
 
@@ -21,10 +21,18 @@ from ..kernels.simd import (
     store,
 )
 from ..kernels.vec import Vec
-from ..query.receivers import FREE, NOTHING
-from ..query.samples import patch_at, sample_point
-from ..query.shadow import Horizon, is_above
-from ..scene.lights import AMBIENT, LightPatch
+from ..query.receivers import NOTHING
+from ..query.shadow import (
+    QueryPointers,
+    horizon_of,
+    is_above,
+    patch_of,
+    query_pointers,
+    sample_of,
+    set_bit,
+    set_of,
+    three_at,
+)
 from ..trace.counters import BELOW_HORIZON, RAYS, count
 from .beams import AROUND, PERSPECTIVE
 
@@ -42,88 +50,16 @@ class Samples(NamedTuple):
 
 
 class Asking(NamedTuple):
-    """A ShadowQuery whose receivers are counted row by row."""
+    """A query, and where its answer is."""
 
-    origins: object  # float32
-    faces: object  # int32
-    sides: object  # int8
-    normals: object  # float64
-    corners: object  # float32
-    samples: object  # float64
-    light: LightPatch  # with tuples of three numbers
-    w: int  # receivers in a row
-    spp: int
-    bits: object  # uint64: the answer
-    words: int  # uint64 of a receiver
-
-
-@inlined
-def _three(a):
-    return a[0], a[1], a[2]
+    query: QueryPointers
+    bits: object  # uint64
 
 
 @inlined
 def asking_of(query, bits):
     """The `Asking` of a ShadowQuery, and the array of its answer."""
-    p = query.light
-    light = LightPatch(p.kind, _three(p.base), _three(p.u), _three(p.v), _three(p.w), p.radius)
-    return Asking(
-        ptr(query.origins), ptr(query.faces), ptr(query.sides), ptr(query.normals), ptr(query.corners),
-        ptr(query.samples), light, query.sides.shape[1], query.samples.shape[1], ptr(bits), bits.shape[2],
-    )  # fmt: skip
-
-
-@inlined
-def three_at(p, i):
-    """Three numbers, in float64."""
-    return np.float64(get(p, 3 * i)), np.float64(get(p, 3 * i + 1)), np.float64(get(p, 3 * i + 2))
-
-
-@inlined
-def sets_at(asking, i):
-    """The sample set of receiver i."""
-    return (i % asking.w & 3) + 4 * (i // asking.w & 3)
-
-
-@inlined
-def patch_for(asking, i):
-    """The `Patch` of the light for receiver i."""
-    z = np.float64(0.0)
-    n = three_at(asking.normals, i) if asking.light.kind == AMBIENT else (z, z, z)
-    x, y, z = get(asking.origins, 3 * i), get(asking.origins, 3 * i + 1), get(asking.origins, 3 * i + 2)
-    return patch_at(asking.light, x, y, z, n[0], n[1], n[2])
-
-
-@inlined
-def end_of(asking, patch, i, s):
-    """Sample s of receiver i, float32."""
-    at = (sets_at(asking, i) * asking.spp + s) * 3
-    return sample_point(patch, get(asking.samples, at), get(asking.samples, at + 1), get(asking.samples, at + 2))
-
-
-@inlined
-def horizon_at(asking, i):
-    """The `Horizon` of receiver i."""
-    side, face, z = np.int64(get(asking.sides, i)), np.int64(get(asking.faces, i)), np.float64(0.0)
-    if face >= 0:
-        p, n, error = plane(asking.corners, face, z, z, z)
-        return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], error)
-    p = three_at(asking.origins, i)
-    n = (z, z, z) if side == FREE else three_at(asking.normals, i)
-    return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], z)
-
-
-@inlined
-def set_bit(asking, i, s):
-    """Say that sample s of receiver i is blocked."""
-    at = i * asking.words + (s >> 6)
-    put(asking.bits, at, get(asking.bits, at) | np.uint64(1) << np.uint64(s & 63))
-
-
-@inlined
-def bit_at(asking, i, s):
-    """Is sample s of receiver i known to be blocked?"""
-    return get(asking.bits, i * asking.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) != 0
+    return Asking(query_pointers(query), ptr(bits))
 
 
 @kernel
@@ -133,7 +69,7 @@ def _light_side(asking, view, face):
     if view.kind == AROUND:
         return np.int64(0)
     at = (view.x, view.y, view.z) if view.kind == PERSPECTIVE else (z, z, z)
-    p, n, error = plane(asking.corners, face, z, z, z)
+    p, n, error = plane(asking.query.corners, face, z, z, z)
     length = np.sqrt(dot(n, n)) * _MORE
     if view.kind == PERSPECTIVE:
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
@@ -159,7 +95,7 @@ def _light_side_again(asking, view, face, last):
 @inlined
 def _distance(asking):
     """Of a distant light."""
-    base = asking.light.base
+    base = asking.query.light.base
     return np.sqrt(dot(base, base))
 
 
@@ -169,8 +105,8 @@ def _is_near(asking, view, i):
     if view.kind == PERSPECTIVE:  # they all have the same ends
         return True
     z = np.float64(0.0)
-    p, n, error = plane(asking.corners, np.int64(get(asking.faces, i)), z, z, z)
-    o = three_at(asking.origins, i)
+    p, n, error = plane(asking.query.corners, np.int64(get(asking.query.faces, i)), z, z, z)
+    o = three_at(asking.query.origins, i)
     to = o[0] - p[0], o[1] - p[1], o[2] - p[2]
     return abs(dot(n, to)) + error * widest(to) < _SHALLOW * _distance(asking) * np.sqrt(dot(n, n))
 
@@ -178,14 +114,14 @@ def _is_near(asking, view, i):
 @kernel
 def _asks(asking, samples, i, counters):
     """Does a sample of a beam lie above the receiver's own surface? Sets the bits of those that do not."""
-    patch, horizon, asks = patch_for(asking, i), horizon_at(asking, i), False
+    patch, horizon, asks = patch_of(asking.query, i), horizon_of(asking.query, i), False
     for s in range(samples.first, samples.first + samples.count):
-        l = end_of(asking, patch, i, s)
-        if is_above(horizon, l[0], l[1], l[2], asking.corners):
+        l = sample_of(asking.query, patch, i, s)
+        if is_above(horizon, l[0], l[1], l[2], asking.query.corners):
             asks = True
         else:
             count(counters, BELOW_HORIZON, 1)
-            set_bit(asking, i, s)
+            set_bit(asking.query, asking.bits, i, s)
     return asks
 
 
@@ -197,7 +133,7 @@ def _below(asking, samples, ids, lanes, counters):
         i = np.int64(get(ids, lowest_bit(lanes)))
         lanes &= lanes - 1
         for s in range(samples.first, samples.first + samples.count):
-            set_bit(asking, i, s)
+            set_bit(asking.query, asking.bits, i, s)
 
 
 @kernel
@@ -205,8 +141,8 @@ def _sides_of(asking, samples, ids, lanes, sides):
     """Write the sides of 16 receivers, NOTHING for those that are not in `lanes` or have another sample set."""
     for lane in range(16):
         i = np.int64(get(ids, lane))
-        others = samples.set >= 0 and sets_at(asking, i) != samples.set
-        put(sides, lane, NOTHING if others else np.int64(get(asking.sides, i)))
+        others = samples.set >= 0 and set_of(asking.query, i) != samples.set
+        put(sides, lane, NOTHING if others else np.int64(get(asking.query.sides, i)))
     store(sides, 0, select(mask_from_bits16(lanes), load16(sides, 0), np.int32(NOTHING)))
 
 
@@ -237,7 +173,7 @@ def who_asks(asking, view, samples, ids, lanes, last, counters):
     sides = load16(scratch, 0)
     valid, asks = bits(sides != np.int32(NOTHING)), np.int64(0)
     count(counters, RAYS, samples.count * popcount(valid))
-    faces = gather(asking.faces, load16(ids, 0))
+    faces = gather(asking.query.faces, load16(ids, 0))
     store(scratch, 0, faces)
     while valid != 0:  # those on one triangle together
         face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, np.int64(0)
@@ -259,5 +195,5 @@ def who_asks(asking, view, samples, ids, lanes, last, counters):
 @inlined
 def origins_of(asking, ids):
     """`Vec` of f32x16: where 16 receivers are."""
-    at = ids * 3
-    return Vec(gather(asking.origins, at), gather(asking.origins, at + 1), gather(asking.origins, at + 2))
+    at, p = ids * 3, asking.query.origins
+    return Vec(gather(p, at), gather(p, at + 1), gather(p, at + 2))

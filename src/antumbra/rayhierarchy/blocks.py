@@ -127,7 +127,7 @@ def _keep(asking, blocks, block, ids, o, asks):
     """Write those of a block's receivers that ask; their places are given to the others too."""
     there, one, of = mask_from_bits16(asks), lowest_bit(asks) & 15, load16(ids, 0)
     store(blocks.ids, 16 * block, select(there, of, np.int32(-1)))
-    store(blocks.own, 16 * block, gather(asking.faces, of))
+    store(blocks.own, 16 * block, gather(asking.query.faces, of))
     for k in range(3):
         at = 16 * (3 * block + k)
         store(blocks.origins, at, o[k])

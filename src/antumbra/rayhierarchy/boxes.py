@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel, overload
-from ..kernels.simd import bits, fma, get, load16, mask_from_bits16, ptr, put, reduce_max, reduce_min, select
+from ..kernels.simd import bits, fma, get, load16, mask_from_bits16, put, reduce_max, reduce_min, select
 from . import nodes as names
 from .beams import PERSPECTIVE
 from .boxrows import BOX, CORNERS, lower, upper, write_box_row
@@ -25,17 +25,9 @@ _HUGE = np.float32(1e30)
 
 
 class Boxes(NamedTuple):
-    """Nodes of a hierarchy; see `tree.Tree`."""
+    """Nodes of a hierarchy; see `nodes`."""
 
-    numbers: np.ndarray
-
-    ROWS = ROWS
-
-
-@overload(names.pointed)
-def _pointed(nodes):
-    if nodes.instance_class is Boxes:
-        return lambda nodes: Boxes(ptr(nodes.numbers))
+    rows: int = ROWS
 
 
 @kernel
@@ -68,12 +60,6 @@ def _union_of(nodes, block, lanes, union):
 def _meet_union(nodes, group, union, ways):
     if nodes.instance_class is Boxes:
         return lambda nodes, group, union, ways: _meet_box(group, union, ways)
-
-
-@overload(names.rows_of)
-def _rows_of(nodes):
-    if nodes.instance_class is Boxes:
-        return lambda nodes: ROWS
 
 
 @inlined

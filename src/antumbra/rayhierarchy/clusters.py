@@ -17,7 +17,6 @@ from ..kernels.simd import (
     absolute,
     atomic_or,
     bits,
-    broadcast16,
     gather,
     get,
     iota16,
@@ -36,7 +35,7 @@ from ..kernels.simd import (
     stack_i64,
     store,
 )
-from ..kernels.vec import Vec, minus
+from ..kernels.vec import broadcasts, minus, rows
 from ..trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, add_counters, cleared, count
 from ..trace.rays.traverse import settle
 from ..trace.raytest import ray_meets
@@ -126,11 +125,6 @@ def _near(o, d, low, high, unit):
     return bits(gone | _beside(y, v, half_y, z, w, half_z) | _beside(z, w, half_z, x, u, half_x)) ^ 0xFFFF
 
 
-@inlined
-def _splats(p, at, step):
-    return Vec(broadcast16(p, at), broadcast16(p, at + step), broadcast16(p, at + 2 * step))
-
-
 @kernel
 def _settled(o, ends, ways, lane, soup, clusters, first, facing, unsure, counters):
     """Does one of the triangles block the segment of a lane that float32 could not decide (bits, from `first` on)?"""
@@ -149,17 +143,16 @@ def _settled(o, ends, ways, lane, soup, clusters, first, facing, unsure, counter
 @kernel
 def _is_blocked(origins, ends, ways, own, lane, soup, clusters, facing, unit, counters):
     """Does a triangle of the clusters block the segment of a lane? own: the receiver's own triangle."""
-    o, boxes = _splats(origins, lane, ways), clusters.boxes
-    d = minus(_splats(ends, lane, ways), o)
-    low = Vec(load16(boxes, 0), load16(boxes, 2 * LANES), load16(boxes, 4 * LANES))
-    high = Vec(load16(boxes, LANES), load16(boxes, 3 * LANES), load16(boxes, 5 * LANES))
+    o, boxes = broadcasts(origins, lane, ways), clusters.boxes
+    d = minus(broadcasts(ends, lane, ways), o)
+    low, high = rows(boxes, 0, 2 * LANES), rows(boxes, LANES, 2 * LANES)
     count(counters, BOX_TESTS, 1)
     near = _near(o, d, low, high, unit)
     while near != 0:
         i = lowest_bit(near)
         near &= near - 1
         count(counters, TRIANGLE_TESTS, 1)
-        hit, unsure = ray_meets(o, d, ptr_at(clusters.numbers, _NUMBERS * i), facing)
+        hit, unsure = ray_meets(o, d, ptr_at(clusters.numbers, _NUMBERS * i), facing, None)
         if (hit | unsure) != 0:
             others = ~bits(load16(clusters.prims, LANES * i) == np.int32(own))
             if hit & others != 0:
@@ -179,9 +172,9 @@ def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
         return True
     block, blocked, box = block_of(leaves, leaf), np.int64(0), clusters.box
     o, points = origins_in(leaves, block), ends_in(leaves, leaf, block)
-    d = minus(Vec(load16(points, 0), load16(points, ways), load16(points, 2 * ways)), o)
+    d = minus(rows(points, 0, ways), o)
     count(counters, BOX_TESTS, 1)
-    near = _near(o, d, _splats(box, 0, 2), _splats(box, 1, 2), unit) & asks
+    near = _near(o, d, broadcasts(box, 0, 2), broadcasts(box, 1, 2), unit) & asks
     origins = ptr_at(leaves.origins, 3 * block * ways)
     while near != 0:
         lane = lowest_bit(near)

@@ -5,16 +5,11 @@ import numpy as np
 from ..kernels.jit import inlined, kernel
 from ..kernels.predicate.exact import segment
 from ..kernels.simd import atomic_or, bits, get, load16, lowest_bit, maximum, ptr_at
-from ..kernels.vec import Vec, minus
+from ..kernels.vec import minus, rows
 from ..trace.counters import TRIANGLE_TESTS, count
 from ..trace.rays.traverse import settle
 from ..trace.raytest import decide, length1, seen_from
 from .rays import block_of, ends_in, origins_in
-
-
-@inlined
-def _rows(p, at, ways):
-    return Vec(load16(p, at), load16(p, at + ways), load16(p, at + 2 * ways))
 
 
 @kernel
@@ -37,9 +32,9 @@ def _settled(leaves, block, ends, corners, slot, facing, unsure, counters):
 @inlined
 def _span(leaves, ends, origins):
     """At least the sum of the components of each lane's segments."""
-    span = length1(minus(_rows(ends, 0, leaves.ways), origins))
+    span = length1(minus(rows(ends, 0, leaves.ways), origins))
     for s in range(1, leaves.count):
-        span = maximum(span, length1(minus(_rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
+        span = maximum(span, length1(minus(rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
     return span
 
 
@@ -63,7 +58,7 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
             continue
         count(counters, TRIANGLE_TESTS, 1)
         points = ptr_at(ends, 3 * s * ways)
-        hit, unsure = decide(minus(_rows(points, 0, ways), origins), lanes, facing)
+        hit, unsure = decide(minus(rows(points, 0, ways), origins), lanes, facing)
         if (hit | unsure) & asks != 0:
             others = ~bits(load16(leaves.own, block * ways) == np.int32(prim))
             hit, unsure = hit & asks & others, unsure & asks & others

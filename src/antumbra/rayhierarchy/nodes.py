@@ -1,16 +1,9 @@
-"""What `boxes`, `cones` and `shafts` have in common: the functions that go by the class of a hierarchy's nodes."""
+"""What `boxes`, `cones` and `shafts` have in common: the functions that go by the class of a hierarchy's nodes.
+
+A class has one field, `rows`: how many float32 a node is.
+"""
 
 from ..kernels.jit import overloaded
-
-
-@overloaded("boxes", "shafts")
-def pointed(nodes):
-    """In kernels: the same with a pointer instead of the array."""
-
-
-@overloaded("boxes", "shafts")
-def rows_of(nodes):
-    """In kernels: numbers of a node."""
 
 
 @overloaded("boxes", "shafts")

@@ -45,7 +45,7 @@ def _fill_block(asking, ids, lanes, blocks, block):
     there = select(mask, load16(ids, 0), anyone)
     o = origins_of(asking, there)
     _put_lanes(blocks.ids, at, ways, select(mask, there, np.int32(-1)), whole)
-    _put_lanes(blocks.own, at, ways, gather(asking.faces, there), whole)
+    _put_lanes(blocks.own, at, ways, gather(asking.query.faces, there), whole)
     _put_lanes(blocks.origins, 3 * at, ways, o.x, floats)
     _put_lanes(blocks.origins, 3 * at + ways, ways, o.y, floats)
     _put_lanes(blocks.origins, 3 * at + 2 * ways, ways, o.z, floats)

@@ -12,8 +12,9 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import as_i32, gather, get, load16, lowest_bit, maximum, prefetch, ptr, ptr_at, put
 from ..kernels.simd import bits as bits_of
-from ..kernels.vec import Vec
-from .asking import asking_of, end_of, patch_for
+from ..kernels.vec import rows
+from ..query.shadow import patch_of, sample_of
+from .asking import asking_of
 from .beams import Beam
 from .memory import Empty
 
@@ -104,8 +105,7 @@ def ends_in(leaves, leaf, block):
 @inlined
 def origins_in(leaves, block):
     """`Vec`: where the receivers of a block are."""
-    p, at, ways = leaves.origins, 3 * block * leaves.ways, leaves.ways
-    return Vec(load16(p, at), load16(p, at + ways), load16(p, at + 2 * ways))
+    return rows(leaves.origins, 3 * block * leaves.ways, leaves.ways)
 
 
 @inlined
@@ -136,9 +136,9 @@ def _fill_ends(ticket, query, bits, rays):
 @inlined
 def _fill_lane(asking, i, leaves, block, lane):
     """Write the ends of the segments of receiver i to a lane."""
-    patch, ends = patch_for(asking, i), ptr_at(leaves.ends, block * leaves.end_step)
+    patch, ends = patch_of(asking.query, i), ptr_at(leaves.ends, block * leaves.end_step)
     for s in range(leaves.count):
-        l = end_of(asking, patch, i, leaves.first + s)
+        l = sample_of(asking.query, patch, i, leaves.first + s)
         for k in range(3):
             put(ends, (3 * s + k) * leaves.ways + lane, l[k])
 
@@ -162,7 +162,7 @@ def _fill_leaf(asking, leaves, leaf):
         put(leaves.dead, leaf, others)
         return
     ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
-    there = ids * np.int32(2 * asking.words)
+    there = ids * np.int32(2 * asking.query.words)
     for n in range(leaves.count):
         s = leaves.first + n
         word = gather(as_i32(asking.bits), there + np.int32(s >> 5))

@@ -19,7 +19,6 @@ from ..kernels.simd import (
     mask_from_bits16,
     maximum,
     minimum,
-    ptr,
     ptr_at,
     put,
     reduce_max,
@@ -37,23 +36,9 @@ _E = _F(2.0**-20)  # above what rounding does to t
 
 
 class Shafts(NamedTuple):
-    """Nodes of a hierarchy; see `tree.Tree`."""
+    """Nodes of a hierarchy; see `nodes`."""
 
-    numbers: np.ndarray
-
-    ROWS = ROWS
-
-
-@overload(names.pointed)
-def _pointed(nodes):
-    if nodes.instance_class is Shafts:
-        return lambda nodes: Shafts(ptr(nodes.numbers))
-
-
-@overload(names.rows_of)
-def _rows_of(nodes):
-    if nodes.instance_class is Shafts:
-        return lambda nodes: ROWS
+    rows: int = ROWS
 
 
 @inlined

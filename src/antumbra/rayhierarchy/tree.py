@@ -14,7 +14,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import get, ptr, ptr_at, put
 from .memory import Empty
-from .nodes import bound_leaf, bound_node, pointed, rows_of
+from .nodes import bound_leaf, bound_node
 from .rays import PAD, Rays, leaves_of
 from .view import view_of
 
@@ -27,7 +27,8 @@ class Tree(NamedTuple):
 
     ways: int
     shift: int  # ways = 1 << shift
-    nodes: Any  # Boxes or Cones: float32, groups of ROWS x ways numbers
+    nodes: Any  # Boxes, Shafts or Cones: the class says what the numbers mean
+    numbers: np.ndarray  # float32, groups of `nodes.rows` x ways
     alive: np.ndarray  # (groups + PAD,) int32: bits of the children that anything is still asked about
     heights: np.ndarray  # (k,) int64: levels
     sizes: np.ndarray  # (k, LEVELS) int64: nodes of each level
@@ -40,7 +41,7 @@ class Tree(NamedTuple):
 def tree_pointers(tree):
     """The same `Tree` with pointers instead of arrays: each array that is passed on costs a reference count."""
     return Tree(
-        tree.ways, tree.shift, pointed(tree.nodes), ptr(tree.alive), ptr(tree.heights), ptr(tree.sizes),
+        tree.ways, tree.shift, tree.nodes, ptr(tree.numbers), ptr(tree.alive), ptr(tree.heights), ptr(tree.sizes),
         ptr(tree.groups), ptr(tree.leaves), ptr(tree.faces),
     )  # fmt: skip
 
@@ -60,7 +61,7 @@ def groups_of(tree, part, level):
 @inlined
 def group_at(tree, group):
     """Pointer to the numbers of a group."""
-    return ptr_at(tree.nodes.numbers, group * rows_of(tree.nodes) * tree.ways)
+    return ptr_at(tree.numbers, group * tree.nodes.rows * tree.ways)
 
 
 @kernel
@@ -90,8 +91,8 @@ def _bound(ticket, arrays, beam, rays, part, level):
 
 
 def tree_of(kind: Any, beam, rays: Rays, threads: int, empty: Empty = np.empty) -> Tree:
-    """The `Tree` over a beam's rays; ``kind``: `Boxes` or `Cones`."""
-    ways, k = rays.ways, len(rays.faces)
+    """The `Tree` over a beam's rays; ``kind``: `Boxes`, `Shafts` or `Cones`."""
+    nodes, ways, k = kind(), rays.ways, len(rays.faces)
     shift = ways.bit_length() - 1
     heights, sizes, groups = np.zeros(k, np.int64), np.zeros((k, LEVELS), np.int64), np.zeros((k, LEVELS), np.int64)
     total = 0
@@ -104,10 +105,10 @@ def tree_of(kind: Any, beam, rays: Rays, threads: int, empty: Empty = np.empty) 
             heights[part] += 1
             if n <= 1:
                 break
-    numbers = empty(total * kind.ROWS * ways + PAD, np.float32)
+    numbers = empty(total * nodes.rows * ways + PAD, np.float32)
     numbers[:] = 0
     tree = Tree(
-        ways, shift, kind(numbers), np.zeros(total + PAD, np.int32), heights, sizes, groups, rays.starts, rays.faces
+        ways, shift, nodes, numbers, np.zeros(total + PAD, np.int32), heights, sizes, groups, rays.starts, rays.faces
     )
     for part in range(k):
         for level in range(int(heights[part])):

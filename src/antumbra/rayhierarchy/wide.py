@@ -81,7 +81,7 @@ def _unit(tree: Tree) -> np.float32:
     """A power of two by which no segment of a new hierarchy of shafts is longer than 1 along an axis."""
     top = int(tree.groups[0, tree.heights[0] - 1])
     there = tree.alive[top] >> np.arange(tree.ways) & 1 != 0
-    numbers = tree.nodes.numbers[top * ROWS * tree.ways :][: ROWS * tree.ways].reshape(2, 3, 2, tree.ways)
+    numbers = tree.numbers[top * ROWS * tree.ways :][: ROWS * tree.ways].reshape(2, 3, 2, tree.ways)
     low, high = numbers[:, :, 0, there].min((0, 2)), numbers[:, :, 1, there].max((0, 2))
     longest = float((high.astype(np.float64) - low).max())
     return np.float32(2.0 ** -min(max(int(np.frexp(longest)[1]), -100), 126))

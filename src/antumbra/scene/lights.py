@@ -62,7 +62,7 @@ class Light:
     colour: Vector = field(default=WHITE, kw_only=True)
 
     domain = "point"
-    """The domain of (a, b, c). With c = 0: "square" [0, 1]^2, "disk" of radius 1, or "point" (0, 0). Otherwise: "hemisphere"
+    """The domain of (a, b, c). With c = 0: "square" [0, 1]^2, "disk" of radius 1, or "point" (0, 0). Else: "hemisphere"
     above the disk, or "list" of the light's own samples."""
 
     def samples(self, spp: int) -> int:

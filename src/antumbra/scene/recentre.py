@@ -9,9 +9,10 @@ MAX_EXTENT = 1e18
 def frame_origin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """World position ((3,) float64) of the zero of the frame for the bounds `lower`, `upper` ((3,) float64).
 
-    It is the middle of the bounds, rounded to a whole number of steps g above `lower`. g is 2**-20 times the
-    largest power of two not above the widest extent. If a scene moves by an offset that float64 adds exactly, such
-    as metres of a map grid, the frame moves by the same offset. The scene's float32 coordinates stay the same.
+    The origin is the middle of the bounds, rounded to a whole number of steps above `lower`. The step is 2**-20
+    times the largest power of two not above the widest extent. If a scene moves by an offset that float64 adds
+    exactly, such as metres of a map grid, the frame moves by the same offset. The scene's float32 coordinates stay
+    the same.
     """
     extent = (upper - lower).max()
     if not extent > 1e-200:

@@ -1,4 +1,4 @@
-"""A block of triangles that rays, shafts or beams are tested against, and the test of one ray."""
+"""A block of triangles that rays, shafts or beams are tested against, how it is fetched, and the test of one ray."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ..bvh.blocks import ROWS
 from ..kernels.jit import inlined
-from ..kernels.simd import get, ptr_at
+from ..kernels.simd import get, prefetch, ptr_at
 from .counters import TRIANGLE_TESTS, count
 from .deferred import put_triangles_aside
 from .raytest import ray_meets
@@ -22,6 +22,18 @@ class Block(NamedTuple):
     facing: int  # a value of CULL_FACES
     work: object  # float32 scratch memory
     aside: object  # see `aside`
+
+
+@inlined
+def fetch(tree, link):
+    """Ask for the node or the block behind a link; in large scenes, waiting for memory is what takes longest."""
+    if link >= 0:
+        prefetch(tree.nodes, link * 16)
+        return
+    block = ~link >> 5
+    for row in range(ROWS):
+        prefetch(tree.blocks, (block * ROWS + row) * 16)
+    prefetch(tree.slots, block * 16)
 
 
 @inlined
@@ -42,7 +54,7 @@ def blocks_ray(b, o, d, own, place, counters):
     If not, what float32 cannot say is put aside for the ray's `place`, but for its receiver's `own` triangle.
     """
     count(counters, TRIANGLE_TESTS, 1)
-    hit, unsure = ray_meets(o, d, numbers_of(b), b.facing)
+    hit, unsure = ray_meets(o, d, numbers_of(b), b.facing, None)
     if hit & b.present != 0:
         return True
     if unsure & b.present != 0:

@@ -48,22 +48,21 @@ def put_triangles_aside(aside, tree, block, own, place, unsure):
 
 
 @kernel
-def _is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+def _is_blocked(corners, asked, y0, x0, tile, slot, s, lane, counters):
     """Does the triangle in `slot`, or the receiver's own surface (slot -1), block a segment? Exact."""
     l = ptr_at(tile.points, s * 48 + lane)
     if slot < 0:
-        at = place_of(asked, y0, x0, lane)
         count(counters, UNCERTAIN, 1)
-        horizon = horizon_of(query, at // asked.w, at % asked.w)
-        return not is_above(horizon, get(l, 0), get(l, 16), get(l, 32), query.corners)
+        horizon = horizon_of(asked.query, place_of(asked, y0, x0, lane))
+        return not is_above(horizon, get(l, 0), get(l, 16), get(l, 32), asked.query.corners)
     o = ptr_at(tile.origins, lane)
     ray = segment(get(o, 0), get(o, 16), get(o, 32), get(l, 0), get(l, 16), get(l, 32))
     side = settle(ray, corners, slot, counters)
-    return side != 0 and side != asked.facing
+    return side != 0 and side != asked.query.facing
 
 
 @kernel
-def settle_aside(corners, query, asked, tiles, pixels, aside, counters):
+def settle_aside(corners, asked, tiles, pixels, aside, counters):
     """Decide exactly what was put aside about some tiles, and update their `dead`.
 
     tiles, pixels : as `tile.tile_at` and `tile.first_pixel` read them
@@ -74,6 +73,6 @@ def settle_aside(corners, query, asked, tiles, pixels, aside, counters):
         y0, x0 = first_pixel(pixels, g)
         tile = tile_at(tiles, g, asked)
         dead = np.int64(get(tile.dead, s))
-        if dead >> lane & 1 == 0 and _is_blocked(corners, query, asked, y0, x0, tile, slot, s, lane, counters):
+        if dead >> lane & 1 == 0 and _is_blocked(corners, asked, y0, x0, tile, slot, s, lane, counters):
             put(tile.dead, s, dead | np.int64(1) << lane)
     put(aside, 0, 0)

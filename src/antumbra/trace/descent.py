@@ -1,11 +1,17 @@
-"""From leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks."""
+"""From leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks.
+
+Lanes that ask for any blocker go as the tree says (`next_leaf`). Lanes that look for the nearest hit go to the nearer
+child first (`next_block`).
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from ..bvh.nodes import MAX_DEPTH
 from ..kernels.jit import inlined
-from ..kernels.simd import get, put
+from ..kernels.simd import bits, get, load16, popcount, put, store
+from .blocktest import fetch
 from .counters import BOX_TESTS, NODES, count
 from .slabs import (
     Mixed,
@@ -15,11 +21,14 @@ from .slabs import (
     children_uniform,
     least_direction,
     mixed_axis,
+    span_mixed,
+    span_uniform,
     uniform_axis,
     way_of,
 )
 
 NOWHERE = -2  # place of a walk that has not begun
+WAITING_INTS, WAITING_FLOATS = 2 * MAX_DEPTH, 16 * MAX_DEPTH
 
 
 class Slabs(NamedTuple):
@@ -52,19 +61,48 @@ def rays_as_shafts(o, d):
 @inlined
 def slabs_of(s, alive):
     """`Slabs` of `Shafts`; `alive`: bits of the lanes that count."""
+    return _slabs(s, alive, False)
+
+
+@inlined
+def endless_slabs_of(s, alive):
+    """The same, where no t is too large."""
+    return _slabs(s, alive, True)
+
+
+@inlined
+def _slabs(s, alive, endless):
     limit = least_direction(s)
     wx = way_of(s.dx_low, s.dx_high, limit, alive)
     wy = way_of(s.dy_low, s.dy_high, limit, alive)
     wz = way_of(s.dz_low, s.dz_high, limit, alive)
     return Slabs(
         wx != 0 and wy != 0 and wz != 0,
-        uniform_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, wx),
-        uniform_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, wy),
-        uniform_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, wz),
-        mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit),
-        mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit),
-        mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit),
+        uniform_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, wx, endless),
+        uniform_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, wy, endless),
+        uniform_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, wz, endless),
+        mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, endless),
+        mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, endless),
+        mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, endless),
     )
+
+
+@inlined
+def children(nodes, node, slabs):
+    """(bits of the lanes that meet the left child's box, of those that meet the right one's)."""
+    if slabs.uniform:
+        return children_uniform(nodes, node, slabs.ux, slabs.uy, slabs.uz)
+    return children_mixed(nodes, node, slabs.mx, slabs.my, slabs.mz)
+
+
+@inlined
+def entry(nodes, at, slabs, far):
+    """(bits of the lanes that may enter the box whose lower x is element `at` of `nodes` before `far`, where)."""
+    if slabs.uniform:
+        near, end = span_uniform(nodes, at, slabs.ux, slabs.uy, slabs.uz, far)
+    else:
+        near, end = span_mixed(nodes, at, slabs.mx, slabs.my, slabs.mz, far)
+    return bits(near <= end), near
 
 
 @inlined
@@ -132,9 +170,75 @@ def next_leaf(tree, slabs, at, stack, alive, counters):
     while at.mask != 0 and at.link >= 0:
         count(counters, NODES, 1)
         count(counters, BOX_TESTS, 2)
-        if slabs.uniform:
-            left, right = children_uniform(tree.nodes, at.link, slabs.ux, slabs.uy, slabs.uz)
-        else:
-            left, right = children_mixed(tree.nodes, at.link, slabs.mx, slabs.my, slabs.mz)
+        left, right = children(tree.nodes, at.link, slabs)
         at = popped(tree.links, entered(tree.links, at, left & at.mask, right & at.mask, stack), stack, alive)
+    return at
+
+
+class Near(NamedTuple):
+    """Where a walk to the nearest hit is: the lanes in `mask` are about to visit `link`; mask 0: they have done so."""
+
+    link: int
+    mask: int
+    height: int  # links that wait
+
+
+class Waiting(NamedTuple):
+    """Pointers to the links that wait in a walk to the nearest hit."""
+
+    links: object  # int32, WAITING_INTS: link and mask, in turn
+    entries: object  # float32, WAITING_FLOATS: where each lane enters the box
+
+
+@inlined
+def _popped_near(at, waiting, far):
+    """The link on top of those that wait whose box some lane still enters before `far`, if `at` has no lanes."""
+    link, mask, height = at
+    while mask == 0 and height > 0:
+        height -= 1
+        entries = load16(waiting.entries, 16 * height)
+        link, mask = np.int64(get(waiting.links, 2 * height)), np.int64(get(waiting.links, 2 * height + 1))
+        mask &= bits(entries <= far)
+    return Near(link, mask, height)
+
+
+@inlined
+def visited(at):
+    """Where a walk to the nearest hit is when it has done with a link."""
+    return Near(at.link, np.int64(0), at.height)
+
+
+@inlined
+def _nearer_child(tree, slabs, at, waiting, far):
+    """The child whose box most lanes enter first, before `far`; the other one waits if some lane enters it."""
+    line = at.link * 16
+    left, a = entry(tree.nodes, line, slabs, far)
+    right, b = entry(tree.nodes, line + 1, slabs, far)
+    left &= at.mask
+    right &= at.mask
+    if left | right == 0:
+        return visited(at)
+    first, second = np.int64(get(tree.links, line + 12)), np.int64(get(tree.links, line + 13))
+    if left != 0:
+        fetch(tree, first)
+    if right == 0:
+        return Near(first, left, at.height)
+    fetch(tree, second)
+    if left == 0:
+        return Near(second, right, at.height)
+    both = left & right
+    swap = 2 * popcount(bits(b < a) & both) > popcount(both)
+    put(waiting.links, 2 * at.height, first if swap else second)
+    put(waiting.links, 2 * at.height + 1, left if swap else right)
+    store(waiting.entries, 16 * at.height, a if swap else b)
+    return Near(second if swap else first, right if swap else left, at.height + 1)
+
+
+@inlined
+def next_block(tree, slabs, at, waiting, far):
+    """Go on from `at` to the next block that a lane enters before `far`; mask 0: there is none."""
+    at = _popped_near(at, waiting, far)
+    while at.mask != 0 and (at.link >= 0 or ~at.link & 31 == 0):
+        at = _nearer_child(tree, slabs, at, waiting, far) if at.link >= 0 else visited(at)
+        at = _popped_near(at, waiting, far)
     return at

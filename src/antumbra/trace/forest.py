@@ -11,12 +11,12 @@ import numpy as np
 
 from ..bvh.blocks import BlockPointers, BlockTree
 from ..kernels.jit import inlined
-from ..kernels.simd import f32_at, get, i32_at, ptr
-from .descent import At
-from .slabs import children_mixed, children_uniform
+from ..kernels.simd import f32_at, get, i32_at, ptr, put
+from .descent import NOWHERE, At, children, save, saved
 
 ADDRESSES = 7  # int64 of a tree in the table: the addresses of its arrays but that of links, then the link to its root
 CORNERS, ROOT = 5, 6
+TREE = 4  # of where a walk is kept, after what `descent.save` writes: the number of the tree
 _NO_BOX = np.float32(3.0e38)
 
 
@@ -116,17 +116,42 @@ def item(forest, i):
 @inlined
 def start_in(forest, k, slabs, alive):
     """Where the walk through tree k begins of those lanes in `alive` that meet its box; mask 0: none does."""
-    if slabs.uniform:
-        met = children_uniform(forest.heads, k, slabs.ux, slabs.uy, slabs.uz)[0]
-    else:
-        met = children_mixed(forest.heads, k, slabs.mx, slabs.my, slabs.mz)[0]
-    return At(root_in(forest, k), np.int64(-1), met & alive, np.int64(0))
+    return At(root_in(forest, k), np.int64(-1), children(forest.heads, k, slabs)[0] & alive, np.int64(0))
 
 
 @inlined
 def are_apart(forest, j, k):
     """Have trees j and k arrays of their own, so that slots of one mean nothing in the other?"""
     return get(forest.trees, j * ADDRESSES + CORNERS) != get(forest.trees, k * ADDRESSES + CORNERS)
+
+
+def walk_tree(tree, slabs, at, alive, job, scratch, counters):
+    """In kernels: (where the lanes in `alive` are after a tree, NOWHERE if they are done; the lanes left), by job.
+
+    They stop early when the memory for rays put aside runs low.
+    """
+
+
+@inlined
+def walk_forest(forest, i, end, slabs, alive, job, scratch, counters):
+    """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
+
+    The caller settles rays put aside before they go on: memory runs low, or the next tree has arrays of its own.
+    """
+    at = saved(scratch.at, alive)
+    while i < end and alive != 0:
+        k = item(forest, i)
+        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
+            break
+        put(scratch.at, TREE, k)
+        if at.place == NOWHERE:
+            at = start_in(forest, k, slabs, alive)
+        at, alive = walk_tree(tree_in(forest, k), slabs, at, alive, job, scratch, counters)
+        if at.place != NOWHERE:
+            break
+        i += 1
+    save(scratch.at, at)
+    return i, alive
 
 
 def addresses(tree: BlockTree, root: int = 0) -> list[int]:

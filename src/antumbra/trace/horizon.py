@@ -20,11 +20,13 @@ from ..kernels.simd import (
     splat16,
     store,
 )
+from ..kernels.vec import Vec, scalars
 from ..query.receivers import FREE
 from .counters import BELOW_HORIZON, RAYS, count
 from .deferred import put_aside
 from .lighttable import ALL_GROUPS
 from .querychunk import place_of
+from .raytest import triangle_in
 
 _F = np.float32
 _U = _F(64 * 2.0**-24)
@@ -35,30 +37,27 @@ PLANES = 8 * 16  # float32 of scratch memory
 class Plane(NamedTuple):
     """A receiver's own surface; float32."""
 
-    point: tuple
-    normal: tuple
+    point: Vec
+    normal: Vec
     size: float  # what scales the error of a height over it
 
 
 @inlined
 def _plane_of_face(corners, face):
     """The `Plane` of a triangle."""
-    k = face * 9
-    v = (get(corners, k), get(corners, k + 1), get(corners, k + 2))
-    px, py, pz = get(corners, k + 3) - v[0], get(corners, k + 4) - v[1], get(corners, k + 5) - v[2]
-    qx, qy, qz = get(corners, k + 6) - v[0], get(corners, k + 7) - v[1], get(corners, k + 8) - v[2]
-    size = abs(px) + abs(py) + abs(pz) + abs(qx) + abs(qy) + abs(qz)
-    return Plane(v, (py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx), size * size)
+    v, p, q, n, _ = triangle_in(corners, face)
+    size = abs(p.x) + abs(p.y) + abs(p.z) + abs(q.x) + abs(q.y) + abs(q.z)
+    return Plane(v, n, size * size)
 
 
 @inlined
 def _plane_at(asked, at, is_free):
     """The `Plane` through a receiver without a triangle, at right angles to its normal; none if it is free."""
-    k = at * 3
-    v, n = (get(asked.origins, k), get(asked.origins, k + 1), get(asked.origins, k + 2)), (_F(0.0), _F(0.0), _F(0.0))
+    n = Vec(_F(0.0), _F(0.0), _F(0.0))
     if not is_free:
-        n = (_F(get(asked.normals, k)), _F(get(asked.normals, k + 1)), _F(get(asked.normals, k + 2)))
-    return Plane(v, n, abs(n[0]) + abs(n[1]) + abs(n[2]))
+        x, y, z = scalars(asked.query.normals, 3 * at, 1)
+        n = Vec(_F(x), _F(y), _F(z))
+    return Plane(scalars(asked.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
 
 
 @inlined
@@ -85,17 +84,17 @@ def _gather_planes(asked, y0, x0, valid, tile, planes):
     first = get(tile.faces, lowest_bit(valid))
     together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
     if together:
-        face = np.int64(get(asked.faces, place_of(asked, y0, x0, lowest_bit(valid))))
-        _put_everywhere(planes, _plane_of_face(asked.corners, face))
+        face = np.int64(get(asked.query.faces, place_of(asked, y0, x0, lowest_bit(valid))))
+        _put_everywhere(planes, _plane_of_face(asked.query.corners, face))
     lanes = valid
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
         at = place_of(asked, y0, x0, lane)
-        side, face = np.int64(get(asked.sides, at)), np.int64(get(asked.faces, at))
+        side, face = np.int64(get(asked.query.sides, at)), np.int64(get(asked.query.faces, at))
         put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
         if not together:
-            plane = _plane_of_face(asked.corners, face) if face >= 0 else _plane_at(asked, at, side == FREE)
+            plane = _plane_of_face(asked.query.corners, face) if face >= 0 else _plane_at(asked, at, side == FREE)
             _put_plane(planes, lane, plane)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..kernels.jit import inlined
 from ..kernels.simd import get, ptr, ptr_at
+from ..query.shadow import QueryPointers, query_pointers
 from .lighttable import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, stays
 
 _F = np.float32
@@ -35,26 +36,17 @@ def sets_of(shape) -> np.ndarray:
 
 
 class Asked(NamedTuple):
-    """A query's chunk for hot kernels: pointers, for each array passed on costs a reference count."""
+    """A query's chunk for hot kernels."""
 
-    origins: object  # float32
-    faces: object  # int32
-    ids: object  # int32
-    sides: object  # int8
-    normals: object  # float64
-    corners: object  # float32
+    query: QueryPointers
     points: object  # of the chunk's light table, if the light does not move
     groups: object
     targets: object
     by_lane: object
     fixed: bool  # the light does not move
-    h: int
-    w: int
     shape: TileShape
     first: int  # sample
     count: int  # samples
-    facing: int  # a value of CULL_FACES
-    words: int  # uint64 of a receiver's bits
     light: float  # a small part of the sum of the light's extents
 
 
@@ -65,17 +57,14 @@ def asked_of(query, table, shape, chunk, n_samples):
     if fixed:
         for k in range(3):
             light += get(groups, (3 + k) * ALL_GROUPS + 1) - get(groups, k * ALL_GROUPS + 1)
-    h, w = query.sides.shape
     return Asked(
-        ptr(query.origins), ptr(query.faces), ptr(query.ids), ptr(query.sides), ptr(query.normals),
-        ptr(query.corners),
-        ptr_at(ptr(table.points), chunk * POINTS), groups, ptr_at(ptr(table.targets), chunk * TARGETS),
-        ptr_at(ptr(table.by_lane), chunk * POINTS), fixed, h, w, shape, chunk * STRATA, n_samples,
-        query.cull_faces, (query.samples.shape[1] + 63) >> 6, light * _LIGHT,
+        query_pointers(query), ptr_at(ptr(table.points), chunk * POINTS), groups,
+        ptr_at(ptr(table.targets), chunk * TARGETS), ptr_at(ptr(table.by_lane), chunk * POINTS), fixed, shape,
+        chunk * STRATA, n_samples, light * _LIGHT,
     )  # fmt: skip
 
 
 @inlined
 def place_of(asked, y0, x0, lane):
     """Index of a lane's receiver among all, row by row."""
-    return (y0 + lane // asked.shape.width) * asked.w + x0 + lane % asked.shape.width
+    return (y0 + lane // asked.shape.width) * asked.query.w + x0 + lane % asked.shape.width

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined
-from ..kernels.simd import bits, broadcast16, fma, get, maximum, minimum, splat16, store
-from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, total
+from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, splat16, store
+from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
 
 _F = np.float32
 _ROOM = _F(8.0)  # times a product: at least the sums that are made of such products
@@ -59,10 +59,8 @@ def triangle_along(v, p, q):
 def triangle_in(corners, slot):
     """The `Triangle` in a slot of a BVH's corners."""
     k = slot * 9
-    v = Vec(get(corners, k), get(corners, k + 1), get(corners, k + 2))
-    p = Vec(get(corners, k + 3) - v.x, get(corners, k + 4) - v.y, get(corners, k + 5) - v.z)
-    q = Vec(get(corners, k + 6) - v.x, get(corners, k + 7) - v.y, get(corners, k + 8) - v.z)
-    return triangle_along(v, p, q)
+    v = scalars(corners, k, 1)
+    return triangle_along(v, minus(scalars(corners, k + 3, 1), v), minus(scalars(corners, k + 6, 1), v))
 
 
 @inlined
@@ -145,10 +143,18 @@ def kept_lane(memory, k):
 
 
 @inlined
-def ray_meets(o, d, numbers, facing):
-    """(bits of the 16 triangles of a block that a ray from o along d surely meets, of those float32 cannot say)."""
+def ray_meets(o, d, numbers, facing, limit):
+    """(bits of the 16 triangles of a block that a ray from o along d surely meets, of those float32 cannot say).
+
+    o, d : in all lanes
+    limit : triangles surely beyond it are left out; None: there is no limit
+    """
     a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, r = cross(p, q), cross(d, a)
     e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
     e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))
-    return decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, facing)
+    hit, unsure = decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, facing)
+    if limit is None:
+        return hit, unsure
+    beyond = bits(absolute(t) - te > (absolute(dn) + te + te) * limit)
+    return hit & ~beyond, unsure & ~beyond

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import absolute, get, maximum, minimum, splat16, store
-from ..kernels.vec import Vec, abs_dot, abs_dots, dot, keep, middles_and_halves, rows, total
+from ..kernels.vec import Vec, abs_dot, abs_dots, dot, keep, middles_and_halves, rows, scalars, total
 from .lighttable import ALL_GROUPS
 
 _F = np.float32
@@ -43,8 +43,8 @@ class Axis(NamedTuple):
 def axis_of(shafts, group):
     """The `Axis` of a group."""
     return Axis(
-        Vec(get(shafts, D + group), get(shafts, D + N + group), get(shafts, D + 2 * N + group)),
-        Vec(get(shafts, HALF + group), get(shafts, HALF + N + group), get(shafts, HALF + 2 * N + group)),
+        scalars(shafts, D + group, N),
+        scalars(shafts, HALF + group, N),
         get(shafts, TWIST + group),
         get(shafts, SPAN + group),
         get(shafts, LEVER + group),
@@ -75,8 +75,7 @@ def _bound_plane(shafts, at, w, d, receivers, half, size):
 @kernel
 def make_shafts(info, groups, shafts):
     """The shafts of a tile to all groups, 16 at a time; `info` as in `tile.Tile`."""
-    c = Vec(get(info, 0), get(info, 1), get(info, 2))
-    receivers = Vec(get(info, 3), get(info, 4), get(info, 5))
+    c, receivers = scalars(info, 0, 1), scalars(info, 3, 1)
     x1 = receivers.x + receivers.y + receivers.z
     dx = abs(_F(0.5) * (get(groups, 1) + get(groups, 3 * N + 1)) - c.x)
     dy = abs(_F(0.5) * (get(groups, N + 1) + get(groups, 4 * N + 1)) - c.y)

@@ -13,7 +13,8 @@ contains zero needs no special test (the paper adds one): its two conditions the
 
 Conservative in float32. A bound is fma(plane, r, k) with r = 1 / d and k = -o r. d and r bring 3u |plane r|, at most
 3u (|t| + |k|); k's own rounding 4u |k|; the fma u |t|; u the unit roundoff. `_PAD` = 12u of (1 + |k|), added to k once,
-outwards, covers them for all t up to 1.
+outwards, covers them for all t up to 1. *Endless* shafts have no last t: they take 12u |k| and let `GROW` cover 7u |t|
+of an entry and 9u |t| of an exit, whose r and k it multiplies.
 A |d| below a tiny limit is taken for one of that size that bounds t from below, which is never tighter than the truth.
 """
 
@@ -24,9 +25,10 @@ import numpy as np
 from ..kernels.jit import inlined
 from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, select, splat16
 
+GROW = np.float32(1.0 + 2.0**-19)  # 32u
 _PAD = np.float32(12 * 2.0**-24)
 _LOW = np.float32(1e-7)  # directions below this share of the longest count as zero
-_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
+_ZERO, _ONE, _INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
 
 class Shafts(NamedTuple):
@@ -67,32 +69,34 @@ class Mixed(NamedTuple):
 
     near_low: Bound  # t >= this of the lower plane; (0, 0) where it does not bind
     near_high: Bound
-    far_low: Bound  # t <= this of the lower plane; (0, 1) where it does not bind
+    far_low: Bound  # t <= this of the lower plane; (0, 1) or (0, infinity) where it does not bind
     far_high: Bound
 
 
 @inlined
-def _bounds(o, d, limit):
-    """(r, k of a lower bound, k of an upper bound) of t = (plane - o) / d, with |d| >= limit."""
+def _bounds(o, d, endless):
+    """The lower and the upper `Bound` t = (plane - o) / d."""
     r = _ONE / d
     k = -o * r
-    pad = fma(absolute(k), splat16(_PAD), splat16(_PAD))
-    return r, k - pad, k + pad
+    pad = fma(absolute(k), splat16(_PAD), splat16(_ZERO if endless else _PAD))
+    return Bound(r, k - pad), Bound(r * GROW, (k + pad) * GROW) if endless else Bound(r, k + pad)
 
 
 @inlined
-def mixed_axis(o_low, o_high, d_low, d_high, limit):
+def _choose(there, bound, otherwise):
+    """A bound in the lanes in `there`, else the same t for all planes."""
+    return Bound(select(there, bound.r, splat16(_ZERO)), select(there, bound.k, splat16(otherwise)))
+
+
+@inlined
+def mixed_axis(o_low, o_high, d_low, d_high, limit, endless):
     """`Mixed` of one axis; limit: splat of the least |d|."""
-    zero, one = splat16(_ZERO), splat16(_ONE)
-    up = d_high > -limit
-    r, low, high = _bounds(o_high, select(up, maximum(d_high, limit), minimum(d_high, -limit)), limit)
-    near_low = Bound(select(up, r, zero), select(up, low, zero))
-    far_low = Bound(select(up, zero, r), select(up, one, high))
-    down = d_low < limit
-    r, low, high = _bounds(o_low, select(down, minimum(d_low, -limit), maximum(d_low, limit)), limit)
-    near_high = Bound(select(down, r, zero), select(down, low, zero))
-    far_high = Bound(select(down, zero, r), select(down, one, high))
-    return Mixed(near_low, near_high, far_low, far_high)
+    end = _INFINITE if endless else _ONE
+    up, down = d_high > -limit, d_low < limit
+    low, high = _bounds(o_high, select(up, maximum(d_high, limit), d_high), endless)
+    near_low, far_low = _choose(up, low, _ZERO), _choose(~up, high, end)
+    low, high = _bounds(o_low, select(down, minimum(d_low, -limit), d_low), endless)
+    return Mixed(near_low, _choose(down, low, _ZERO), far_low, _choose(~down, high, end))
 
 
 @inlined
@@ -104,15 +108,14 @@ def way_of(d_low, d_high, limit, lanes):
 
 
 @inlined
-def uniform_axis(o_low, o_high, d_low, d_high, limit, way):
+def uniform_axis(o_low, o_high, d_low, d_high, limit, way, endless):
     """`Uniform` of one axis whose `way_of` is 1 or -1."""
     up = way > 0
     # lanes that do not count may hold anything: keep their reciprocals finite
     high, low = maximum(absolute(d_high), limit), maximum(absolute(d_low), limit)
-    r, k_low, k_high = _bounds(o_high, high if up else -high, limit)
-    s, j_low, j_high = _bounds(o_low, low if up else -low, limit)
-    near = Bound(r if up else s, k_low if up else j_low)
-    far = Bound(s if up else r, j_high if up else k_high)
+    first, last = (o_high, o_low) if up else (o_low, o_high)
+    enters, leaves = (high, low) if up else (-low, -high)
+    near, far = _bounds(first, enters, endless)[0], _bounds(last, leaves, endless)[1]
     return Uniform(near, far, 0 if up else 2, 2 if up else 0)
 
 
@@ -131,8 +134,8 @@ def _at(bound, plane):
 
 
 @inlined
-def span_uniform(nodes, at, x, y, z):
-    """(entry, exit) f32x16 of the shafts, in [0, 1], of the box whose lower x is element `at` of `nodes`."""
+def span_uniform(nodes, at, x, y, z, end):
+    """(entry, exit) f32x16 of the shafts, from 0 to `end`, of the box whose lower x is element `at` of `nodes`."""
     near = maximum(
         maximum(
             _at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))
@@ -141,7 +144,7 @@ def span_uniform(nodes, at, x, y, z):
     )
     far = minimum(
         minimum(_at(x.far, broadcast16(nodes, at + x.far_plane)), _at(y.far, broadcast16(nodes, at + 4 + y.far_plane))),
-        minimum(_at(z.far, broadcast16(nodes, at + 8 + z.far_plane)), splat16(_ONE)),
+        minimum(_at(z.far, broadcast16(nodes, at + 8 + z.far_plane)), end),
     )
     return near, far
 
@@ -154,10 +157,9 @@ def _narrow(axis, low, high, near, far):
 
 
 @inlined
-def span_mixed(nodes, at, x, y, z):
+def span_mixed(nodes, at, x, y, z, end):
     """The same for lanes of any direction."""
-    near, far = splat16(_ZERO), splat16(_ONE)
-    near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), near, far)
+    near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), splat16(_ZERO), end)
     near, far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), near, far)
     return _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), near, far)
 
@@ -165,14 +167,14 @@ def span_mixed(nodes, at, x, y, z):
 @inlined
 def meets_uniform(nodes, at, x, y, z):
     """mask16 of the lanes whose shaft meets the box whose lower x is element `at` of `nodes`."""
-    near, far = span_uniform(nodes, at, x, y, z)
+    near, far = span_uniform(nodes, at, x, y, z, splat16(_ONE))
     return near <= far
 
 
 @inlined
 def meets_mixed(nodes, at, x, y, z):
     """The same for lanes of any direction."""
-    near, far = span_mixed(nodes, at, x, y, z)
+    near, far = span_mixed(nodes, at, x, y, z, splat16(_ONE))
     return near <= far
 
 

@@ -27,8 +27,7 @@ from ..kernels.simd import (
     store,
 )
 from ..query.receivers import NOTHING
-from ..query.samples import sample_point
-from ..query.shadow import patch_of
+from ..query.shadow import patch_of, sample_of
 from .beams import BEAM_FLOATS
 from .lighttable import GROUPS, POINTS, TARGETS, bound_groups, bound_targets
 from .querychunk import place_of
@@ -84,13 +83,13 @@ def load_receivers(asked, y0, x0, tile):
     valid, lane = np.int64(0), np.int64(0)
     for y in range(y0, y0 + asked.shape.height):
         for x in range(x0, x0 + asked.shape.width):
-            at = y * asked.w + x
-            if y < asked.h and x < asked.w and np.int64(get(asked.sides, at)) != NOTHING:
+            at = y * asked.query.w + x
+            if y < asked.query.h and x < asked.query.w and np.int64(get(asked.query.sides, at)) != NOTHING:
                 valid |= np.int64(1) << lane
-                put(tile.origins, lane, get(asked.origins, at * 3))
-                put(tile.origins, 16 + lane, get(asked.origins, at * 3 + 1))
-                put(tile.origins, 32 + lane, get(asked.origins, at * 3 + 2))
-                put(tile.faces, lane, get(asked.ids, at))
+                put(tile.origins, lane, get(asked.query.origins, at * 3))
+                put(tile.origins, 16 + lane, get(asked.query.origins, at * 3 + 1))
+                put(tile.origins, 32 + lane, get(asked.query.origins, at * 3 + 2))
+                put(tile.faces, lane, get(asked.query.ids, at))
             lane += 1
     return valid
 
@@ -150,15 +149,14 @@ def coherent_part(tile, lanes, light):
 
 
 @kernel
-def move_light(query, asked, y0, x0, valid, tile):
+def move_light(asked, y0, x0, valid, tile):
     """The samples of a light that moves with the receiver, into the tile's own memory; all but `by_lane`."""
     for lane in range(16):
         there = lane if valid >> lane & 1 else lowest_bit(valid)
-        y, x = y0 + there // asked.shape.width, x0 + there % asked.shape.width
-        patch = patch_of(query, y, x)
+        i = place_of(asked, y0, x0, there)
+        patch = patch_of(asked.query, i)
         for s in range(asked.count):
-            a, b, c = query.samples[(x & 3) + 4 * (y & 3), asked.first + s]
-            px, py, pz = sample_point(patch, a, b, c)
+            px, py, pz = sample_of(asked.query, patch, i, asked.first + s)
             put(tile.points, s * 48 + lane, px)
             put(tile.points, s * 48 + 16 + lane, py)
             put(tile.points, s * 48 + 32 + lane, pz)
@@ -194,7 +192,7 @@ def read_bits(asked, y0, x0, valid, tile, known):
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1
-        at = place_of(asked, y0, x0, lane) * asked.words + word
+        at = place_of(asked, y0, x0, lane) * asked.query.words + word
         put(tile.dead, lane, np.int64(get(known, at) >> shift) & 0xFFFF | absent)
     turn_bits(tile.dead, tile.dead)
 
@@ -203,12 +201,12 @@ def read_bits(asked, y0, x0, valid, tile, known):
 def write_bits(asked, y0, x0, valid, tile, out):
     """Set the bits of a chunk's blocked segments, strata -> receivers.
 
-    out : pointer to the bits of all receivers, `asked.words` uint64 each
+    out : pointer to the bits of all receivers, `asked.query.words` uint64 each
     """
     turn_bits(tile.dead, tile.dead)
     shift, word, known = np.uint64(asked.first & 63), asked.first >> 6, (np.int64(1) << asked.count) - 1
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1
-        at = place_of(asked, y0, x0, lane) * asked.words + word
+        at = place_of(asked, y0, x0, lane) * asked.query.words + word
         put(out, at, get(out, at) | np.uint64(np.int64(get(tile.dead, lane)) & known) << shift)

@@ -74,9 +74,9 @@ def _reach_box(tree, place, mask, rays, counters):
         mask &= mask - 1
         s = rays_as_shafts(origins_of(rays, r), directions_of(rays, r))
         limit = least_direction(s)
-        x = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit)
-        y = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit)
-        z = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit)
+        x = mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, False)
+        y = mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, False)
+        z = mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, False)
         count(counters, BOX_TESTS, 1)
         if bits(meets_mixed(tree.nodes, box, x, y, z)) & open_rays(rays, r) != 0:
             reached |= np.int64(1) << r
@@ -117,13 +117,13 @@ def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking)
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
-            frusta = make_frusta(query, samples, job, rays, own)
+            rays = start_tile(job, asked, n, scratch, places, mine)
+            frusta = make_frusta(asked, samples, job, rays, own)
             save(scratch.at, root(open_frusta(rays)))
-            while _walk(tree, rays, frusta, shrinking, asked.facing, work, scratch, mine):
+            while _walk(tree, rays, frusta, shrinking, asked.query.facing, work, scratch, mine):
                 if np.int64(get(scratch.aside, 0)) > ASIDE:
-                    settle(tree, query, asked, rays, scratch, mine)
-            settle(tree, query, asked, rays, scratch, mine)
+                    settle(tree, asked, rays, scratch, mine)
+            settle(tree, asked, rays, scratch, mine)
             finish_tile(asked, rays, places)
         first = take(ticket)
     add_counters(counters, mine)

@@ -15,7 +15,7 @@ import numpy as np
 from ...bvh.blocks import ROWS
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import bits, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16
-from ...kernels.vec import Vec, dot, largest, rows
+from ...kernels.vec import Vec, dot, largest, rows, scalars
 from ...trace.counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
 from ...trace.deferred import put_aside
 from ...trace.packets.raytile import directions_of, open_rays
@@ -35,14 +35,9 @@ class Leaf(NamedTuple):
 
 
 @inlined
-def _scalars(p, at):
-    return Vec(get(p, at), get(p, at + 16), get(p, at + 32))
-
-
-@inlined
 def _triangle(block, i):
     """Triangle i of a block, as a `raytest.Triangle`."""
-    return triangle_along(_scalars(block, i), _scalars(block, 48 + i), _scalars(block, 96 + i))
+    return triangle_along(scalars(block, i, 16), scalars(block, 48 + i, 16), scalars(block, 96 + i, 16))
 
 
 @inlined

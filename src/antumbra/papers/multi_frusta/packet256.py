@@ -143,13 +143,13 @@ def _trace_packets(ticket, arrays, query, samples, job, out, counters):
     asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
-            frusta, alive = make_frusta(query, samples, job, rays, own), open_frusta(rays)
+            rays = start_tile(job, asked, n, scratch, places, mine)
+            frusta, alive = make_frusta(asked, samples, job, rays, own), open_frusta(rays)
             _prepare(rays, alive, packets, ways)
             save(scratch.at, root(alive))
-            while _walk(tree, rays, frusta, packets, ways, asked.facing, work, scratch, mine):
-                settle(tree, query, asked, rays, scratch, mine)
-            settle(tree, query, asked, rays, scratch, mine)
+            while _walk(tree, rays, frusta, packets, ways, asked.query.facing, work, scratch, mine):
+                settle(tree, asked, rays, scratch, mine)
+            settle(tree, asked, rays, scratch, mine)
             finish_tile(asked, rays, places)
         first = take(ticket)
     add_counters(counters, mine)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.predicate.filters import cross, dot
-from ...kernels.simd import get, ptr, put
+from ...kernels.simd import get, put
 from ...rayhierarchy import nodes as names
 from ...rayhierarchy.rays import block_of
 from ...rayhierarchy.view import relative
@@ -21,11 +21,9 @@ _MORE, _LESS = np.float64(1.0 + 2.0**-20), np.float64(1.0 - 2.0**-20)
 
 
 class Cones(NamedTuple):
-    """Nodes of a hierarchy; see `tree.Tree`."""
+    """Nodes of a hierarchy; see `nodes`."""
 
-    numbers: np.ndarray
-
-    ROWS = ROWS
+    rows: int = ROWS
 
 
 @inlined
@@ -130,12 +128,6 @@ def _cone_of_nodes(children, alive, ways, group, lane):
     _put_cone(group, ways, lane, w, c, s, shortest, longest)
 
 
-@overload(names.pointed)
-def _pointed(nodes):
-    if nodes.instance_class is Cones:
-        return lambda nodes: Cones(ptr(nodes.numbers))
-
-
 @overload(names.union_of)
 def _union_of(nodes, block, lanes, union):
     if nodes.instance_class is Cones:
@@ -146,12 +138,6 @@ def _union_of(nodes, block, lanes, union):
 def _meet_union(nodes, group, union, ways):
     if nodes.instance_class is Cones:
         return lambda nodes, group, union, ways: np.int64(0)
-
-
-@overload(names.rows_of)
-def _rows_of(nodes):
-    if nodes.instance_class is Cones:
-        return lambda nodes: ROWS
 
 
 @overload(names.bound_leaf)

@@ -13,8 +13,8 @@ EMBED = 0.02  # metres that parts reach into their neighbours, against gaps and 
 def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p.LIMESTONE) -> Mesh:
     """A column with plinth, attic base, tapered shaft, bell capital with `leaves` around it, and abacus.
 
-    `n` sets the facets of the mouldings. A flute has `n` facets for `n` >= 3, and three facets for `n` = 2. The shaft is
-    plain for `n` = 1. For `n` = 0 the column has its simplest form.
+    `n` sets the facets of the mouldings. A flute has `n` facets for `n` >= 3, and three for `n` = 2. The shaft is plain
+    for `n` = 1. For `n` = 0 the column has its simplest form.
     """
     r, per = radius, 1 if n < 2 else max(3, n)
     low, high = 1.4 * r, height - 2.0 * r

@@ -8,6 +8,7 @@ from ...bvh.nodes import MAX_DEPTH
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import get, load16, lowest_bit, put
 from ..deferred import aside_ints
+from ..forest import TREE
 from ..lighttable import ALL_GROUPS, STRATA
 from ..slabs import Shafts
 from ..tile import TILE_FLOATS, finished_strata, tile_at
@@ -18,9 +19,8 @@ TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a sheaf
 LANES = 12 * 16
 STACK = 4 * MAX_DEPTH
 PLACES = 2 * MAX_TILES
-WAITING = 4
-TREE = WAITING + 2
-AT = TREE + 1
+WAITING = TREE + 1
+AT = WAITING + 2
 ASIDE_INTS = aside_ints(MAX_TILES)
 
 
@@ -46,7 +46,7 @@ class Scratch(NamedTuple):
     left: object  # int32: bits of the receivers of the region's tiles that are not traced yet
     places: object  # int32: y and x of each tile's first pixel
     planes: object  # float32, for `ownsurface`
-    at: object  # int32: where a walk goes on; from WAITING on, the leaf that waits, its lanes, the tree
+    at: object  # int32: where a walk goes on; the number of the tree; from WAITING on, the leaf that waits, its lanes
     aside: object  # int32, see `aside`
 
 

@@ -266,7 +266,7 @@ def tiles_by_beams(sheaf, bounds, strata, asked):
 @kernel
 def trace_sheaf(sheaf, tree, number, triangles, strata, asked, work, aside, counters):
     """Test the segments of a sheaf to some strata (bits) against a block; `dead` tells what it blocks."""
-    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), asked.facing, work, aside)
+    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), asked.query.facing, work, aside)
     box = ptr_at(tree.bounds, b.number * 8)
     c, e = broadcasts(box, 0, 1), broadcasts(box, 4, 1)
     count(counters, TRIANGLES, triangles)

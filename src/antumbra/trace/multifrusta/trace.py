@@ -3,24 +3,26 @@
 Multi-frusta tracing [Benthin and Wald 2009] for area lights.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ...bvh.blocks import ROWS
 from ...bvh.nodes import boxes_of
-from ...kernels.jit import inlined, kernel
+from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
 from ...scene.lights import LIST
 from ..beams import make_beams
+from ..blocktest import fetch
 from ..counters import N_COUNTERS, SHEAF_TILES, add_counters, cleared, count, new_counters
 from ..deferred import ASIDE, settle_aside
-from ..descent import NOWHERE, left, next_leaf, nowhere, save, saved, slabs_of
-from ..forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
+from ..descent import left, next_leaf, nowhere, save, slabs_of
+from ..forest import TREE, Forest, forest_pointers, is_idle, list_of, tree_in, walk_forest, walk_tree, whole
 from ..horizon import PLANES, apply_horizon
 from ..lighttable import STRATA, light_table, turn_points
 from ..packets.incoherent import extents_of, is_far, is_huge, is_scattered
 from ..packets.packet16 import over_pixels, over_samples
-from ..querychunk import asked_of, sets_of, tile_shape
+from ..querychunk import Asked, asked_of, sets_of, tile_shape
 from ..shafts import make_shafts
 from ..tile import bound_receivers, finished_strata, first_pixel, move_light, read_bits, tile_at, write_bits
 from .bundle import (
@@ -31,7 +33,6 @@ from .bundle import (
     PLACES,
     STACK,
     TILES,
-    TREE,
     WAITING,
     Bundle,
     Scratch,
@@ -57,7 +58,7 @@ def _trace_tile(tree, code, tile, valid, strata, asked, scratch, counters):
     """A block against the segments of a tile to some strata (bits)."""
     strata &= ~finished_strata(tile, valid)
     if strata != 0:
-        block, triangles, facing = code >> 5, code & 31, asked.facing
+        block, triangles, facing = code >> 5, code & 31, asked.query.facing
         trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.aside, counters)
 
 
@@ -94,67 +95,52 @@ def _leaf(tree, code, mask, asked, bundle, scratch, counters):
     return done
 
 
-@inlined
-def _fetch(tree, code):
-    """Ask for a block's numbers before they are needed."""
-    block = code >> 5
-    numbers = ptr_at(tree.blocks, block * (ROWS * 16))
-    prefetch(tree.bounds, block * 8)
-    for row in range(ROWS):
-        prefetch(numbers, row * 16)
-    prefetch(tree.slots, block * 16)
+class Job(NamedTuple):
+    """A bundle, and the chunk of a query that it asks."""
+
+    asked: Asked
+    bundle: Bundle
+
+
+@overload(walk_tree)
+def _by_job(tree, slabs, at, alive, job, scratch, counters):
+    if job.instance_class is Job:
+        return lambda tree, slabs, at, alive, job, scratch, counters: _walk_tree(
+            tree, slabs, at, alive, job, scratch, counters
+        )
 
 
 @inlined
-def _walk_tree(tree, slabs, at, alive, asked, bundle, scratch, counters):
-    """Trace lanes through a tree from `at`: (where they are, 0 lanes if they are done; those in `alive` that are left).
-
-    They stop early when the memory for what is put aside runs low. A block is fetched when it is found, and tested
-    when the next one is.
-    """
+def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
+    """`walk_tree`. A block is fetched when it is found, and tested when the next one is."""
     code, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
     while True:
         at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
         if at.mask != 0:
-            _fetch(tree, ~at.link)
+            prefetch(tree.bounds, (~at.link >> 5) * 8)
+            fetch(tree, at.link)
         if mask & alive != 0:
             if np.int64(get(scratch.aside, 0)) > ASIDE:
                 put(scratch.at, WAITING, code)
                 put(scratch.at, WAITING + 1, mask)
-                return at, True, alive
-            alive &= ~_leaf(tree, code, mask & alive, asked, bundle, scratch, counters)
+                return at, alive
+            alive &= ~_leaf(tree, code, mask & alive, job.asked, job.bundle, scratch, counters)
         if at.mask == 0:
             put(scratch.at, WAITING + 1, 0)
-            return at, False, alive
+            return nowhere(), alive
         code, mask = ~at.link, at.mask if ~at.link & 31 != 0 else np.int64(0)
         at = left(at)
 
 
 @kernel
 def _walk(forest, i, end, alive, asked, bundle, scratch, counters):
-    """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
-
-    What is put aside must be settled before they go on.
-    """
-    slabs, at = slabs_of(shafts_of(scratch.lanes), alive), saved(scratch.at, alive)
-    while i < end and alive != 0:
-        k = item(forest, i)
-        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
-            break
-        put(scratch.at, TREE, k)
-        if at.place == NOWHERE:
-            at = start_in(forest, k, slabs, alive)
-        at, early, alive = _walk_tree(tree_in(forest, k), slabs, at, alive, asked, bundle, scratch, counters)
-        if early:
-            break
-        at = nowhere()
-        i += 1
-    save(scratch.at, at)
-    return i, alive
+    """`walk_forest` of a bundle."""
+    slabs = slabs_of(shafts_of(scratch.lanes), alive)
+    return walk_forest(forest, i, end, slabs, alive, Job(asked, bundle), scratch, counters)
 
 
 @inlined
-def _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters):
+def _trace_lanes(forest, y, x, alive, asked, bundle, scratch, counters):
     """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
 
     What is put aside is settled whenever the memory for it runs low, before other memory is entered, and at the end.
@@ -168,19 +154,19 @@ def _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters):
             i, alive = _walk(forest, i, end, alive, asked, bundle, scratch, counters)
         if np.int64(get(scratch.aside, 0)) != 0:
             corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
-            settle_aside(corners, query, asked, scratch.tiles, scratch.places, scratch.aside, counters)
+            settle_aside(corners, asked, scratch.tiles, scratch.places, scratch.aside, counters)
         if i >= end or alive == 0:
             return
 
 
 @inlined
-def _start_tile(query, asked, g, scratch, fresh, known, counters):
+def _start_tile(asked, g, scratch, fresh, known, counters):
     """Prepare tile g, whose receivers are loaded; unless all is `fresh`, the bits at `known` tell what is blocked."""
     tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)
     if not asked.fixed:
-        move_light(query, asked, y0, x0, valid, tile)
+        move_light(asked, y0, x0, valid, tile)
         turn_points(tile.points, tile.by_lane, asked.count)
     make_beams(tile)
     if fresh:
@@ -234,11 +220,11 @@ def _sheaf_among(numbers, asked, scratch):
 
 
 @inlined
-def _trace_parts(forest, n, query, asked, scratch, known, counters):
+def _trace_parts(forest, n, asked, scratch, known, counters):
     """Trace n tiles whose receivers are loaded: the sheaf among them first, if there is one."""
     y, x = first_pixel(scratch.places, 0)
     for g in range(n):
-        _start_tile(query, asked, g, scratch, forest.fresh, known, counters)
+        _start_tile(asked, g, scratch, forest.fresh, known, counters)
     members = _sheaf_among((np.int64(1) << n) - 1, asked, scratch)
     apart = ((np.int64(1) << n) - 1) & ~members
     while members | apart != 0:
@@ -247,7 +233,7 @@ def _trace_parts(forest, n, query, asked, scratch, known, counters):
             members = np.int64(0)
         else:
             bundle, alive, apart = _bundle_apart(apart, asked, scratch)
-        _trace_lanes(forest, y, x, alive, query, asked, bundle, scratch, counters)
+        _trace_lanes(forest, y, x, alive, asked, bundle, scratch, counters)
 
 
 @kernel
@@ -269,7 +255,7 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples
             put(scratch.left, g, np.int32(0 if idle else 0xFFFF))
         n = next_parts(asked, layout, y, x, scratch)
         while n > 0:
-            _trace_parts(forest, n, query, asked, scratch, places, mine)
+            _trace_parts(forest, n, asked, scratch, places, mine)
             for g in range(n):
                 y0, x0 = first_pixel(scratch.places, g)
                 write_bits(asked, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, asked), places)

@@ -9,6 +9,7 @@ The same packets go through a tree of blocks for `scattered` samples.
 """
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,13 +21,13 @@ from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, 
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
 from ..deferred import ASIDE, put_aside
 from ..descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of
-from ..forest import Forest, are_apart, forest_pointers, is_idle, item, list_of, start_in, tree_in, whole
+from ..forest import TREE, Forest, forest_pointers, is_idle, list_of, tree_in, walk_forest, walk_tree, whole
 from ..raytest import decide, length1, seen_from, triangle_in
 from .incoherent import trace_block
 from .raytile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
-    TREE,
+    Rays,
     asked_in,
     directions_of,
     finish_tile,
@@ -38,6 +39,14 @@ from .raytile import (
     start_tile,
     trace_tiles,
 )
+
+
+class Row(NamedTuple):
+    """A row of a tile's rays."""
+
+    rays: Rays
+    number: int
+    facing: int  # a value of CULL_FACES
 
 
 def pointers(prepared):
@@ -56,8 +65,8 @@ def tree_number(trees, k):
     """In kernels: tree k."""
 
 
-def walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
-    """In kernels: (where row r is after the trees from the i-th on, in which it goes on, the rays left)."""
+def walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
+    """In kernels: trace a row through the trees from the i-th on: (the one to go on with, the rays left)."""
 
 
 def trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
@@ -86,14 +95,22 @@ def _tree_number(trees, k):
 
 
 @overload(walk_trees)
-def _walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
+def _walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
     if trees.instance_class is Tree:
-        return lambda trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters: _walk_one(
-            trees, rays, r, slabs, at, alive, facing, scratch, counters
+        return lambda trees, i, end, slabs, alive, row, scratch, counters: _walk_one(
+            trees, slabs, alive, row, scratch, counters
         )
-    return lambda trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters: _walk_forest(
-        trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters
+    return lambda trees, i, end, slabs, alive, row, scratch, counters: walk_forest(
+        trees, i, end, slabs, alive, row, scratch, counters
     )
+
+
+@overload(walk_tree)
+def _by_job(tree, slabs, at, alive, job, scratch, counters):
+    if job.instance_class is Row:
+        return lambda tree, slabs, at, alive, job, scratch, counters: _walk_tree(
+            tree, slabs, at, alive, job, scratch, counters
+        )
 
 
 def _chosen(argument, kind, one, other):
@@ -146,43 +163,22 @@ def _trace_triangles(tree, rays, r, code, mask, facing, aside, counters):
 
 
 @inlined
-def _walk_tree(tree, rays, r, slabs, at, alive, facing, scratch, counters):
-    """Trace row r through a tree from `at`: (where it is, mask 0 if it is done; the rays left).
-
-    It stops early when the memory for what is put aside runs low.
-    """
+def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
+    """`walk_tree` of a row."""
     at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
     while at.mask != 0 and np.int64(get(scratch.aside, 0)) <= ASIDE:
-        alive &= ~trace_leaf(tree, rays, r, ~at.link, at.mask, facing, scratch.aside, counters)
+        alive &= ~trace_leaf(tree, row.rays, row.number, ~at.link, at.mask, row.facing, scratch.aside, counters)
         at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
-    return at, alive
+    return at if at.mask != 0 else nowhere(), alive
 
 
 @inlined
-def _walk_forest(forest, rays, r, slabs, at, i, end, alive, facing, scratch, counters):
-    """Trace row r through the trees from the i-th on: (where it is, in which tree it goes on, the rays left)."""
-    while i < end and alive != 0:
-        k = item(forest, i)
-        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
-            break
-        put(scratch.at, TREE, k)
-        if at.place == NOWHERE:
-            at = start_in(forest, k, slabs, alive)
-        at, alive = _walk_tree(tree_in(forest, k), rays, r, slabs, at, alive, facing, scratch, counters)
-        if at.mask != 0:
-            break
-        at = nowhere()
-        i += 1
-    return at, i, alive
-
-
-@inlined
-def _walk_one(tree, rays, r, slabs, at, alive, facing, scratch, counters):
-    """The same through one tree."""
-    if at.place == NOWHERE:
-        at = root(alive)
-    at, alive = _walk_tree(tree, rays, r, slabs, at, alive, facing, scratch, counters)
-    return at, np.int64(0) if at.mask != 0 else np.int64(1), alive
+def _walk_one(tree, slabs, alive, row, scratch, counters):
+    """`walk_trees` where there is one tree."""
+    at = saved(scratch.at, alive)
+    at, alive = _walk_tree(tree, slabs, at if at.place != NOWHERE else root(alive), alive, row, scratch, counters)
+    save(scratch.at, at)
+    return np.int64(0) if at.place != NOWHERE else np.int64(1), alive
 
 
 @kernel
@@ -190,9 +186,7 @@ def _walk(trees, rays, r, i, end, facing, scratch, counters):
     """Trace row r through the trees from the i-th on; the one to go on with when what is put aside has been settled."""
     alive = open_rays(rays, r)
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
-    at = saved(scratch.at, alive)
-    at, i, alive = walk_trees(trees, rays, r, slabs, at, i, end, alive, facing, scratch, counters)
-    save(scratch.at, at)
+    i, alive = walk_trees(trees, i, end, slabs, alive, Row(rays, r, facing), scratch, counters)
     put(rays.dead, r, np.int64(get(rays.dead, r)) | (rays.lanes & ~alive))
     return i if alive != 0 else end
 
@@ -208,7 +202,7 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
             y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
             if nothing_for(trees, y, x):
                 continue
-            rays = start_tile(query, samples, job, asked, n, scratch, places, mine)
+            rays = start_tile(job, asked, n, scratch, places, mine)
             put(scratch.at, TREE, 0)
             left_rows = rays.rows
             while left_rows != 0:
@@ -217,10 +211,10 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
                 i, end = trees_for(trees, y, x, r)
                 save(scratch.at, nowhere())
                 while i < end:
-                    i = _walk(trees, rays, r, i, end, asked.facing, scratch, mine)
+                    i = _walk(trees, rays, r, i, end, asked.query.facing, scratch, mine)
                     if i < end:
-                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), query, asked, rays, scratch, mine)
-            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), query, asked, rays, scratch, mine)
+                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), asked, rays, scratch, mine)
+            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), asked, rays, scratch, mine)
             finish_tile(asked, rays, places)
         first = take(ticket)
     add_counters(counters, mine)

@@ -15,6 +15,7 @@ from ...kernels.simd import broadcast16, get, ptr_at, put, store
 from ...kernels.vec import minus, rows
 from ..counters import new_counters
 from ..deferred import aside_ints, settle_aside
+from ..forest import TREE
 from ..horizon import PLANES, apply_horizon
 from ..lighttable import POINTS, STRATA, light_table, turn_points
 from ..querychunk import asked_of, sets_of, tile_shape
@@ -31,7 +32,6 @@ from ..tile import (
 )
 
 STACK = 4 * MAX_DEPTH
-TREE = 4
 _AT = TREE + 1
 SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
 _STACK_AT = 32 + (_AT + 15) // 16 * 16  # after `dead` and `pixel`, 16 each, and `at`
@@ -111,7 +111,7 @@ def _by_receiver(asked, tile, scratch):
 
 
 @kernel
-def start_tile(query, samples, job, asked, n, scratch, known, counters):
+def start_tile(job, asked, n, scratch, known, counters):
     """The `Rays` of tile n, those that the receivers' own surfaces surely block dead already.
 
     known : pointer to the bits of all receivers, which are read unless the job is fresh
@@ -126,7 +126,7 @@ def start_tile(query, samples, job, asked, n, scratch, known, counters):
     if valid != 0:
         bound_receivers(tile, valid)
         if not asked.fixed:
-            move_light(query, asked, y0, x0, valid, tile)
+            move_light(asked, y0, x0, valid, tile)
         if job.fresh:
             apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
         else:
@@ -162,13 +162,13 @@ def rows_are_receivers(rays):
 
 
 @kernel
-def settle(tree, query, asked, rays, scratch, counters):
+def settle(tree, asked, rays, scratch, counters):
     """Decide what was put aside, and update `rays.dead`."""
     if get(scratch.aside, 0) == 0:
         return
     if rows_are_receivers(rays):
         turn_bits(rays.dead, rays.tile.dead)
-    settle_aside(tree.corners, query, asked, scratch.tile, scratch.pixel, scratch.aside, counters)
+    settle_aside(tree.corners, asked, scratch.tile, scratch.pixel, scratch.aside, counters)
     if rows_are_receivers(rays):
         turn_bits(rays.tile.dead, rays.dead)
 

@@ -12,12 +12,13 @@ from ...kernels.simd import bits, get, iota16, load16, lowest_bit, minimum, put,
 from ...query.pixels import pixel_ray
 from ...query.raster_depth import NO_PLANE, eye_plane, plane_t
 from ..forest import tree_in
-from .frusta import GROW
+from ..slabs import GROW
 from .pixelblock import CELLS, first_pixel
 
 _F = np.float32
 NOTHING, KNOWN = np.int32(-1), np.int32(-2)  # instead of a slot
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
+_BEYOND = GROW * GROW  # once for rounding t, once as exits grow
 _LARGEST = 1e30  # more than a depth key that float32 computes
 
 
@@ -81,7 +82,7 @@ def resume(pixels, x0, y0, rays, face, t, scale):
 def shorten(pixels, scale):
     """What some frusta see has come nearer."""
     least, far = minimum(load16(pixels.least, 0), load16(pixels.least, 16)), load16(pixels.far, 0)
-    store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * GROW, far))
+    store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * _BEYOND, far))
 
 
 @inlined

@@ -14,23 +14,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import ROWS, BlockTree, block_tree
-from ...bvh.nodes import MAX_DEPTH, boxes_of
+from ...bvh.blocks import BlockTree, block_tree
+from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, take, thread_count
-from ...kernels.simd import bits, get, load16, popcount, prefetch, ptr, put, stack_f32, stack_f64, stack_i32, store
+from ...kernels.simd import get, load16, ptr, stack_f32, stack_f64, stack_i32
 from ...query.raster_setup import direction_error, make_view
+from ..descent import WAITING_FLOATS, WAITING_INTS, Near, Slabs, Waiting, entry, next_block, visited
 from ..forest import Forest, Hits, forest_pointers, item, list_of, root_in, tree_in, whole
-from .frusta import FLOATS, bound_directions, meet_mixed, meet_uniform, prepare
+from .frusta import FLOATS, bound_directions, slabs_from
 from .pixelblock import ASIDE, CELLS, PIXELS, Pixels, trace_block
 from .pixelsetup import HEIGHT, WIDTH, WORK, frame_of
 from .pixelstate import keep, resume, settle, shorten, start
 from .resolve import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, Seen, finish
 
 _F = np.float32
-_DEPTH = 2 * MAX_DEPTH
-_ENTRIES = 16 * _DEPTH
-_NO_BLOCK = -1  # the link of a block of no triangles
 _SUPER = 4  # tiles of a square that is traced in Morton order
 
 
@@ -51,8 +49,7 @@ class _Tile(NamedTuple):
     y0: int
     frame: object
     alive: int  # bits of the frusta that have pixels
-    one_way: bool  # do they go one way along each axis?
-    uniforms: object  # then
+    slabs: Slabs
 
 
 class _Scratch(NamedTuple):
@@ -60,85 +57,29 @@ class _Scratch(NamedTuple):
 
     pixels: Pixels
     seen: Seen
-    slabs: object
+    directions: object
     work: object  # for a block
-    stack: object
-    entries: object  # where the frusta enter what is on the stack
-
-
-@inlined
-def _fetch(tree, link):
-    """Ask for the node or the block behind a link; in large scenes, waiting for memory is what takes longest."""
-    if link >= 0:
-        prefetch(tree.nodes, link * 16)
-        return
-    block = ~link >> 5
-    for row in range(ROWS):
-        prefetch(tree.blocks, (block * ROWS + row) * 16)
-    prefetch(tree.slots, block * 16)
+    waiting: Waiting
 
 
 @kernel
 def _walk(forest, k, alive, picture, tile, scratch):
     """Trace the frusta in `alive` (bits) through tree k. Each block waits until the next one is found, while memory
     fetches it."""
-    tree, link = tree_in(forest, k), root_in(forest, k)
-    nodes, links, rays, hits, scale = tree.nodes, tree.links, picture.rays, picture.hits, picture.scale
-    pixels, slabs, stack, entries = scratch.pixels, scratch.slabs, scratch.stack, scratch.entries
-    mask, height = alive, np.int64(0)
-    waiting, waiting_mask = np.int64(_NO_BLOCK), np.int64(0)
+    tree, hits, pixels, scale = tree_in(forest, k), picture.hits, scratch.pixels, picture.scale
+    at, last = Near(root_in(forest, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
     while True:
-        if link >= 0:
-            far, at = load16(pixels.far, 0), link * 16
-            if tile.one_way:
-                near_l, left = meet_uniform(nodes, at, tile.uniforms, far)
-                near_r, right = meet_uniform(nodes, at + 1, tile.uniforms, far)
-            else:
-                near_l, left = meet_mixed(nodes, at, slabs, far)
-                near_r, right = meet_mixed(nodes, at + 1, slabs, far)
-            left &= mask
-            right &= mask
-            if left | right != 0:
-                first, second = np.int64(get(links, at + 12)), np.int64(get(links, at + 13))
-                if left != 0:
-                    _fetch(tree, first)
-                if right != 0:
-                    _fetch(tree, second)
-                mask = left
-                if right != 0:
-                    both = left & right
-                    if left == 0:
-                        first, mask = second, right
-                    else:
-                        swap = 2 * popcount(bits(near_r < near_l) & both) > popcount(both)
-                        put(stack, 2 * height, first if swap else second)
-                        put(stack, 2 * height + 1, left if swap else right)
-                        store(entries, 16 * height, near_l if swap else near_r)
-                        height += 1
-                        first, mask = (second, right) if swap else (first, left)
-                link = first
-                continue
-        ready, ready_mask = np.int64(_NO_BLOCK), np.int64(0)
-        if link < 0:
-            ready, ready_mask, waiting, waiting_mask = waiting, waiting_mask, link, mask
-        if ~ready & 31 != 0:
-            seen = trace_block(tile.frame, tree, ~ready >> 5, ~ready & 31, ready_mask, pixels, scratch.work)
+        at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0))
+        if last.mask != 0:
+            seen = trace_block(tile.frame, tree, ~last.link >> 5, ~last.link & 31, last.mask, pixels, scratch.work)
             if get(pixels.aside, 0) != 0:
-                settle(pixels, forest, k, rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
+                settle(pixels, forest, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
                 seen = True
             if seen:
                 shorten(pixels, _F(scale))
-        mask = np.int64(0)
-        while mask == 0:
-            if height == 0:
-                if waiting == _NO_BLOCK:
-                    return
-                link = np.int64(_NO_BLOCK)
-                break
-            height -= 1
-            mask = np.int64(get(stack, 2 * height + 1))
-            mask &= bits(load16(entries, 16 * height) <= load16(pixels.far, 0))
-            link = np.int64(get(stack, 2 * height))
+        if at.mask == 0:
+            return
+        last, at = at, visited(at)
 
 
 @inlined
@@ -157,10 +98,9 @@ def _start(picture, x0, y0, fresh, scratch):
         alive = start(scratch.pixels, x0, y0, rays)
     else:
         alive = resume(scratch.pixels, x0, y0, rays, ptr(hits.face), ptr(hits.t), picture.scale)
-    bound_directions(rays, picture.error, x0, y0, scratch.slabs)
+    bound_directions(rays, picture.error, x0, y0, scratch.directions)
     frame = frame_of(picture.camera, x0, y0, picture.scale)
-    one_way, uniforms = prepare(scratch.slabs, frame.eye)
-    return _Tile(x0, y0, frame, alive, one_way, uniforms)
+    return _Tile(x0, y0, frame, alive, slabs_from(frame.eye, scratch.directions))
 
 
 @kernel
@@ -168,12 +108,8 @@ def _trace_tile(forest, begin, end, picture, tile, scratch):
     """The frusta of a tile through the trees begin .. end of the lists."""
     pixels, new = scratch.pixels, forest.fresh
     for i in range(begin, end):
-        k, far = item(forest, i), load16(pixels.far, 0)
-        if tile.one_way:
-            met = meet_uniform(forest.heads, k * 16, tile.uniforms, far)[1]
-        else:
-            met = meet_mixed(forest.heads, k * 16, scratch.slabs, far)[1]
-        met &= tile.alive
+        k = item(forest, i)
+        met = entry(forest.heads, k * 16, tile.slabs, load16(pixels.far, 0))[0] & tile.alive
         if met != 0:
             _walk(forest, k, met, picture, tile, scratch)
             new |= keep(pixels, k)
@@ -192,7 +128,8 @@ def _trace_tiles(ticket, arrays, picture, across):
         stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN_PLANES),
         stack_i32(MARK_WORDS),
     )  # fmt: skip
-    scratch = _Scratch(pixels, seen, stack_f32(FLOATS), stack_f32(WORK), stack_i32(_DEPTH), stack_f32(_ENTRIES))
+    waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
+    scratch = _Scratch(pixels, seen, stack_f32(FLOATS), stack_f32(WORK), waiting)
     forest = forest_pointers(arrays)
     k = take(ticket)
     while k >= 0:

@@ -14,9 +14,9 @@ from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.predicate.exact import segment
 from ...kernels.simd import get, ptr, stack_i64
+from ...kernels.vec import scalars
 from ...query.receivers import NOTHING
-from ...query.samples import sample_point
-from ...query.shadow import horizon_of, is_above, patch_of
+from ...query.shadow import horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
 from ..counters import BELOW_HORIZON, N_COUNTERS, RAYS, REPEAT_HITS, add_counters, cleared_if, count, new_counters
 from .interleaved import any_hit_wide
 from .orders import BUILT, Ordered
@@ -82,33 +82,31 @@ def _blocked(tree, ray, skip, cull_faces, last, counters):
 
 
 @inlined
-def _shadow_pixel(tree, query, y, x, bits, last, counters):
-    """All samples of one receiver; the slot that blocked the last blocked one."""
-    ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
-    corners = ptr(query.corners)
-    skip, sample_set, spp = np.int64(query.ids[y, x]), (x & 3) + 4 * (y & 3), query.samples.shape[1]
-    samples, patch, horizon = query.samples, patch_of(query, y, x), horizon_of(query, y, x)
-    count(counters, RAYS, spp)
-    for s in range(spp):
-        a, b, c = samples[sample_set, s, 0], samples[sample_set, s, 1], samples[sample_set, s, 2]
-        lx, ly, lz = sample_point(patch, a, b, c)
-        if not is_above(horizon, lx, ly, lz, corners):
+def _shadow_pixel(tree, query, i, bits, last, counters):
+    """All samples of receiver i; the slot that blocked the last blocked one."""
+    o, skip = scalars(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
+    patch, horizon = patch_of(query, i), horizon_of(query, i)
+    count(counters, RAYS, query.spp)
+    for s in range(query.spp):
+        lx, ly, lz = sample_of(query, patch, i, s)
+        if not is_above(horizon, lx, ly, lz, query.corners):
             count(counters, BELOW_HORIZON, 1)
         else:
-            ray = segment(ox, oy, oz, lx, ly, lz)
+            ray = segment(o.x, o.y, o.z, lx, ly, lz)
             if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # nothing between its ends, and in float32 all unsure
                 continue
-            slot = _blocked(tree, ray, skip, query.cull_faces, last, counters)
+            slot = _blocked(tree, ray, skip, query.facing, last, counters)
             if slot < 0:
                 continue
             last = slot
-        bits[y, x, s >> 6] |= np.uint64(1) << np.uint64(s & 63)
+        set_bit(query, bits, i, s)
     return last
 
 
 @kernel
 def _shadow_tiles(ticket, prepared, query, bits, counters):
-    h, w = query.sides.shape
+    asked, out = query_pointers(query), ptr(bits)
+    h, w = asked.h, asked.w
     columns = (w + TILE - 1) // TILE
     mine, tree = cleared_if(counters, stack_i64(N_COUNTERS)), pointers(prepared)
     tile = take(ticket)
@@ -117,8 +115,8 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
         last = np.int64(-1)  # starts afresh in each tile, so counts do not depend on threads
         for y in range(y0, min(y0 + TILE, h)):
             for x in range(x0, min(x0 + TILE, w)):
-                if query.sides[y, x] != NOTHING:
-                    last = _shadow_pixel(tree, query, y, x, bits, last, mine)
+                if get(asked.sides, y * w + x) != NOTHING:
+                    last = _shadow_pixel(tree, asked, y * w + x, out, last, mine)
         tile = take(ticket)
     add_counters(counters, mine)
 

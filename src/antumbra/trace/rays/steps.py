@@ -14,10 +14,10 @@ from ...bvh.nodes import Bvh, parents_first, tree_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.predicate.exact import segment
-from ...kernels.simd import atomic_add, ptr, stack_array
+from ...kernels.simd import atomic_add, get, stack_array
+from ...kernels.vec import scalars
 from ...query.receivers import NOTHING
-from ...query.samples import sample_point
-from ...query.shadow import horizon_of, is_above, patch_of
+from ...query.shadow import horizon_of, is_above, patch_of, query_pointers, sample_of
 from ..counters import BOX_TESTS, N_COUNTERS, TRIANGLE_TESTS
 from .orders import Ordered
 from .traverse import walk
@@ -60,18 +60,16 @@ def leaf_depths(bvh: Bvh) -> np.ndarray:
 @inlined
 def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
     """All samples of one receiver."""
-    tree, corners = tree_of(bvh), ptr(query.corners)
-    ox, oy, oz = query.origins[y, x, 0], query.origins[y, x, 1], query.origins[y, x, 2]
-    skip, sample_set = np.int64(query.ids[y, x]), (x & 3) + 4 * (y & 3)
-    patch, horizon = patch_of(query, y, x), horizon_of(query, y, x)
-    for s in range(query.samples.shape[1]):
-        a, b, c = query.samples[sample_set, s, 0], query.samples[sample_set, s, 1], query.samples[sample_set, s, 2]
-        lx, ly, lz = sample_point(patch, a, b, c)
-        ray = segment(ox, oy, oz, lx, ly, lz)
-        if (ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0) or not is_above(horizon, lx, ly, lz, corners):
+    tree, i = tree_of(bvh), y * query.w + x
+    o, skip = scalars(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
+    patch, horizon = patch_of(query, i), horizon_of(query, i)
+    for s in range(query.spp):
+        lx, ly, lz = sample_of(query, patch, i, s)
+        ray = segment(o.x, o.y, o.z, lx, ly, lz)
+        if (ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0) or not is_above(horizon, lx, ly, lz, query.corners):
             continue
         counters[:] = 0
-        slot = walk(tree, ray, skip, query.cull_faces, order, None, counters)[0]
+        slot = walk(tree, ray, skip, query.facing, order, None, counters)[0]
         tested = counters[BOX_TESTS]
         steps.rays[y, x] += 1
         steps.triangles[y, x] += counters[TRIANGLE_TESTS]
@@ -86,12 +84,12 @@ def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
 
 @kernel
 def _walk_rows(ticket, bvh, order, query, depths, steps):
-    counters = stack_array(np.int64, N_COUNTERS)
+    counters, asked = stack_array(np.int64, N_COUNTERS), query_pointers(query)
     y = take(ticket)
     while y >= 0:
-        for x in range(query.sides.shape[1]):
-            if query.sides[y, x] != NOTHING:
-                _walk_pixel(bvh, order, query, y, x, depths, counters, steps)
+        for x in range(asked.w):
+            if get(asked.sides, y * asked.w + x) != NOTHING:
+                _walk_pixel(bvh, order, asked, y, x, depths, counters, steps)
         y = take(ticket)
 
 
