@@ -2,17 +2,21 @@
 
     python benchmarks/arrays.py [scene ...] [--rays N] [--threads N ...] [--rounds N] [--json FILE]
 
-A scene is a file that `antumbra.load` reads (camera and light from an info.json beside it, else the default ones) or
-the name of a procedural one. Without a scene: Sponza, San Miguel and the robots from the folder of real scenes
-($ANTUMBRA_SCENES, or ../shared/scenes beside the repository), and the procedural forest.
+A scene is a file that `antumbra.load` reads, or the name of a procedural scene. A file takes camera and light from an
+info.json beside it, or else the default ones. The default scenes are the procedural forest, and Sponza, San Miguel and
+the robots from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the repository).
 
-Rays are segments (tmax = 1). Coherent: from what the pixels of a picture see to one point of light, in the order of
-rows. Incoherent: between random pairs of points in the scene's bounds.
+Rays are segments (tmax = 1). Coherent rays go from the surfaces that the pixels of a picture see to one point of light,
+row by row. Incoherent rays go between random pairs of points in the scene's bounds.
 
-What is timed: `occluded`, the whole call, from arrays to array of bool. `embree 1` and `embree 16`: rtcOccluded1 and
-rtcOccluded16 (with the coherent flag where the rays are), in compiled loops on as many threads, *without* making the
-ray records beforehand and *without* reading the answers. `embreex` and `open3d`: their own Python calls. Trees are
-built, and kernels compiled, before.
+Timed calls:
+
+- `occluded`: the whole call, from arrays to an array of bool.
+- `embree 1` and `embree 16`: rtcOccluded1 and rtcOccluded16 in compiled loops on as many threads, with the coherent
+  flag for coherent rays. The times do *not* include making the ray records and reading the answers.
+- `embreex` and `open3d`: their own Python calls.
+
+Trees are built and kernels compiled before.
 """
 
 import json
@@ -58,7 +62,7 @@ def load(name: Path):
 
 
 def coherent(scene, camera, point, n: int):
-    """(origins, directions) of n segments from seen surfaces to the point, world, float32."""
+    """(origins, directions) of n segments from visible surfaces to the point, in world space, float32."""
     width = 16 * int(np.ceil((n * 16 / 9) ** 0.5 / 16))
     triangles = scene.triangles(0.0)
     corners, rays = triangles.vertices.reshape(-1, 9), camera.resized(width, -(-n // width)).rays(triangles.origin)
@@ -70,13 +74,13 @@ def coherent(scene, camera, point, n: int):
 
 
 def incoherent(scene, n: int):
-    """(origins, directions) of n segments between random points of the bounds."""
+    """(origins, directions) of n segments between random points in the scene's bounds."""
     a, b = np.random.default_rng(0).uniform(*scene.bounds, (2, n, 3)).astype(np.float32)
     return a, b - a
 
 
 class Records:
-    """Embree's scene, and the rays as it takes them: one by one, and in packets of 16."""
+    """Embree's scene, and the rays in its layout: one by one, and in packets of 16."""
 
     def __init__(self, scene, rays, threads: int):
         origins, directions = rays
@@ -88,11 +92,11 @@ class Records:
         self.packets = write(self.local, ids.reshape(-1, 16), threads=threads)
 
     def fresh(self) -> None:
-        """To be done before each call."""
-        self.single.memory[:, 8], self.packets.memory[:, 9] = 1.0, 1.0  # tfar; before a packet stands its mask
+        """Reset the records; call this before each trace."""
+        self.single.memory[:, 8], self.packets.memory[:, 9] = 1.0, 1.0  # tfar; a packet begins with its mask
 
     def answers(self) -> np.ndarray:
-        """Of the packets."""
+        """(n,) bool: the answers in the packets."""
         return occluded_of(self.local, self.packets)
 
     def close(self) -> None:
@@ -101,7 +105,7 @@ class Records:
 
 
 def methods(scene, rays, is_coherent: bool, threads: int, peer: Records | None):
-    """name -> function that traces."""
+    """Name -> function that traces the rays."""
     origins, directions = rays
     found = {"occluded": lambda: scene.occluded(origins, directions, tmax=1.0, threads=threads)}
     if peer:
@@ -142,7 +146,7 @@ def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> lis
                 peer.fresh()
             start = time.perf_counter()
             result = way()
-            if turn:  # the first one compiles and builds
+            if turn:  # the first turn compiles and builds
                 seconds[k].append(time.perf_counter() - start)
             if k == "occluded":
                 ours = result
@@ -164,7 +168,7 @@ def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> lis
             "we_are_faster": statistics.median(s) / own,
             "of_minima": min(s) / min(seconds["occluded"]),
             "occluded": float(ours.mean()),
-            "differ_from_embree": differ,  # None: it is not there
+            "differ_from_embree": differ,  # None: without Embree
         }
         for k, s in seconds.items()
     ]

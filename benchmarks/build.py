@@ -1,15 +1,16 @@
-"""Time to build a BVH: every builder of Antumbra beside Embree's three, in one process, turn by turn.
+"""Time to build a BVH: every builder of Antumbra beside Embree's three, in one process, in turns.
 
     python benchmarks/build.py [scene ...] [--hills N ...] [--threads N] [--rounds N] [--size N] [--json FILE]
 
-A scene is a file that `antumbra.load` reads; --hills adds generated ones of about N triangles. Without any: Sponza and
-San Miguel from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the repository), or hills where
-there is no such folder.
+A scene is a file that `antumbra.load` reads. --hills adds generated hills of about N triangles. The default is Sponza
+and San Miguel from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the repository). Without
+such a folder it is hills.
 
-What is timed: for Antumbra from the (n, 3, 3) float32 vertices to the finished Bvh, once the kernels are compiled; for
-Embree `rtcCommitScene`, with the same triangles and threads, once its buffers are filled. Each tree is checked first,
-and traced by two tracers: 16 shadow rays to the default light from each of the default camera's 512 x 512
-pixels, or of N x N.
+Timed for Antumbra: from the (n, 3, 3) float32 vertices to the finished Bvh, after the kernels are compiled. Timed for
+Embree: `rtcCommitScene`, with the same triangles and threads, after its buffers are filled.
+
+Each tree is checked first, and traced by two tracers. They trace 16 shadow rays to the default light from each of the
+default camera's 512 x 512 (or N x N) pixels.
 """
 
 import json
@@ -31,14 +32,14 @@ from antumbra.rendering.renderer import Renderer
 from common import SCENES, arguments, has_embree, machine
 from peers.embree import QUALITIES, Device, EmbreeScene
 
-PEER = "embree medium"  # what ratios are taken to
+PEER = "embree medium"  # ratios are relative to this method
 TRACED_BY = ("single", "multifrusta")
-PAUSE = 0.05  # seconds after each build of Embree's, whose threads go on spinning for a while
+PAUSE = 0.05  # seconds after each Embree build, because its threads continue to spin for a while
 REAL = ("sponza_crytek", "sanmiguel_lite")
 
 
 def hills(n: int = 262_144) -> np.ndarray:
-    """About n triangles of a bumpy surface."""
+    """(m, 3, 3) float32: a bumpy surface of about n triangles."""
     side = round((n / 2) ** 0.5)
     x, y = np.meshgrid(np.linspace(0, 100, side + 1), np.linspace(0, 100, side + 1))
     noise = np.random.default_rng(0).normal(0, 0.02, x.shape)
@@ -48,7 +49,7 @@ def hills(n: int = 262_144) -> np.ndarray:
 
 
 def scenes(paths: list[Path], sizes: list[int]):
-    """(name, vertices) of each scene."""
+    """Yield (name, vertices) of each scene."""
     for n in sizes:
         yield f"hills {n}", hills(n)
     if sizes and not paths:
@@ -65,7 +66,7 @@ def timed(build) -> float:
     start = time.perf_counter()
     result = build()
     seconds = time.perf_counter() - start
-    del result  # not in the time: Embree's is not either
+    del result  # not timed, as with Embree
     return seconds
 
 
@@ -77,7 +78,7 @@ def embree_seconds(device: Device, vertices, quality: str) -> float:
 
 
 def asked_of(vertices, threads: int, size: int):
-    """The shadow query that trees are traced with."""
+    """The shadow query that traces the trees."""
     scene = antumbra.Scene.from_arrays(vertices)
     renderer, triangles, light = Renderer(scene, threads=threads), scene.triangles(0.0), scene.default_light()
     gbuffer = renderer.see(triangles, scene.default_camera(size, size), None)
@@ -85,14 +86,14 @@ def asked_of(vertices, threads: int, size: int):
 
 
 def trace_ms(bvh, tracer, query, threads: int) -> float:
-    """The faster of two times, in which the tracer's own preparation is not."""
+    """Milliseconds to trace a query: the fastest of three runs, without the tracer's preparation."""
     prepared = tracer.prepare(bvh, threads)
     bits = np.zeros((*query.sides.shape, 1), np.uint64)
     return 1e3 * min(timed(lambda: tracer.trace(prepared, query, bits, threads, None, None)) for _ in range(3))
 
 
 def describe(build, vertices, query, threads: int) -> dict:
-    """How good the tree is; also compiles the kernels, and checks the tree."""
+    """Measures of a tree's quality. This also compiles the kernels and checks the tree."""
     bvh = build()
     validate(bvh, vertices)
     shape = shape_of(bvh)

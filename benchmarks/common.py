@@ -1,4 +1,4 @@
-"""What all benchmarks share: where the real scenes are, and what the numbers were measured on."""
+"""Helpers of all benchmarks: the folder of real scenes, the description of the machine, and common options."""
 
 import argparse
 import os
@@ -19,7 +19,7 @@ SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents
 
 
 def machine(threads: int) -> dict:
-    """Versions and hardware, for the JSON file."""
+    """Versions and hardware for the JSON file."""
     return {
         "antumbra": antumbra.__version__,
         "numba": numba.__version__,
@@ -30,9 +30,9 @@ def machine(threads: int) -> dict:
     }
 
 
-@cache  # so that it is said once
+@cache  # so that the line is printed once
 def installed(library: Callable) -> bool:
-    """Does ``library()`` find the peer? If not, one line says that it is left out."""
+    """Whether ``library()`` finds the peer. If it does not, a line says that the peer is left out."""
     try:
         library()
     except antumbra.InputError as error:
@@ -42,12 +42,12 @@ def installed(library: Callable) -> bool:
 
 
 def has_embree() -> bool:
-    """Is Embree there? If not, one line says that it is left out."""
+    """Whether Embree is installed. If it is not, a line says that it is left out."""
     return installed(embree.library)
 
 
 def arguments(description: str) -> argparse.ArgumentParser:
-    """The options that every comparison has."""
+    """An argument parser with the options of every comparison."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("scene", nargs="*", type=Path)
     parser.add_argument("--threads", type=int, default=None, help="default: all cores")

@@ -1,4 +1,4 @@
-"""What comparisons with peers have in common: options, a header that says with what they were made, JSON, a summary."""
+"""Helpers of comparisons with peers: options, a header with versions and hardware, JSON, and a summary."""
 
 import argparse
 import json
@@ -15,11 +15,13 @@ from peer_contenders import describe_embree
 from views import VIEWS, views
 
 AVX2 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
-"""What makes Numba compile for AVX2. Without empty features the ones of this processor would be added."""
+"""Environment that makes Numba compile for AVX2. Without empty features, Numba would add those of this processor."""
 
 
 def options_of(parser: argparse.ArgumentParser, scenes=VIEWS) -> argparse.Namespace:
-    """The options, with those of all comparisons. With --isa avx2 the script starts anew, unless Numba knows.
+    """Parse the options of a script and of all comparisons.
+
+    With --isa avx2 the script restarts itself with `AVX2` in its environment, unless this is already set.
 
     scenes : names that may be given
     """
@@ -41,7 +43,7 @@ def options_of(parser: argparse.ArgumentParser, scenes=VIEWS) -> argparse.Namesp
 
 
 def start(main: Callable[[], None]) -> None:
-    """Run a script's main function; what it is asked in error becomes one line."""
+    """Run a script's main function. An InputError becomes one line."""
     try:
         main()
     except InputError as error:
@@ -49,13 +51,13 @@ def start(main: Callable[[], None]) -> None:
 
 
 def compare(options: argparse.Namespace, measure: Callable, looked_at: Callable = views) -> None:
-    """Print, and write, what ``measure(view, options)`` finds in each view of ``looked_at``: a list of rows."""
+    """Call ``measure(view, options)`` for each view of ``looked_at``; print and write the rows that it returns."""
     about = {**machine(max(options.threads)), "isa": options.isa or "native", "embree": describe_embree(options.isa)}
     print(", ".join(f"{k} {v}" for k, v in about.items()), flush=True)
     found = []
     for view in looked_at(options.scene, options.size):
         found += measure(view, options)
-        if options.json:  # after each scene, for it takes long
+        if options.json:  # after each scene, because a run takes long
             options.json.write_text(json.dumps({"machine": about, "rows": found}, indent=1))
     print("\n" + "\n".join(summary(found)))
     wrong = [row for row in found if row["family"] == OURS and row["differs"]]

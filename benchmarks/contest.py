@@ -1,4 +1,4 @@
-"""Contenders that answer the same rays, timed turn by turn in one process; what they answer is compared too."""
+"""Times contenders that answer the same rays, in turns in one process, and compares their answers."""
 
 import statistics
 import sys
@@ -10,28 +10,28 @@ import numpy as np
 
 OURS = "antumbra"
 CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
-"""Clocks to time with. On one thread, "cpu" does not count what other processes of a busy machine take."""
+"""Clocks to time with. On one thread, "cpu" does not count the time of other processes on a busy machine."""
 
-_CLOSE, _MOST = 1.25, 2  # modes of a family that go on to the rounds: so much slower than its best at most; so many
+_CLOSE, _MOST = 1.25, 2  # modes of a family in the rounds: largest time relative to its best mode, largest number
 
 
 class Contender(NamedTuple):
-    """A way to answer; peers' ways of one family are modes of which only the best count."""
+    """A method that answers rays. Contenders of one peer's family are its modes; only the best modes count."""
 
     family: str
     name: str
-    ready: Callable[[], Any]  # what `run` gets, made anew each time; not timed
-    run: Callable[[Any], Any]  # timed
-    answer: Callable[[Any], np.ndarray]  # of what `run` returned: one number for each ray
+    ready: Callable[[], Any]  # makes the argument of `run`, anew each time; not timed
+    run: Callable[[Any], Any]  # answers the rays; timed
+    answer: Callable[[Any], np.ndarray]  # result of `run` -> one number for each ray
 
 
 class Result(NamedTuple):
-    """What came of one contender."""
+    """The result of one contender."""
 
     contender: Contender
-    tried: float  # seconds of the first try, in which ours are compiled or loaded
-    seconds: list[float]  # of the rounds; none if another mode of its family was faster
-    differs: int  # rays that it answers differently from the first contender
+    tried: float  # seconds of the first try, in which our kernels are compiled or loaded
+    seconds: list[float]  # seconds of the rounds; empty if other modes of its family were faster
+    differs: int  # rays whose answer differs from the first contender's
 
     def rate(self, n: int, take=statistics.median) -> float:
         """Million rays a second of n rays."""
@@ -39,11 +39,11 @@ class Result(NamedTuple):
 
 
 def contest(contenders: list[Contender], asked: np.ndarray, rounds: int, clock: str):
-    """Try all once, then let ours and the best modes of each family do `rounds` in turn.
+    """Try all contenders once, then time ours and the best modes of each family, in turns, for `rounds` rounds.
 
     asked : (rays,) bool; answers are compared where it is True
 
-    Returns a list of Result, and the first contender's answer to the rays asked.
+    Returns a list of Result, and the first contender's answers to the rays asked.
     """
     tried, differs, reference = [], [], None
     for contender in contenders:
@@ -65,7 +65,7 @@ def contest(contenders: list[Contender], asked: np.ndarray, rounds: int, clock: 
 
 
 def progress(text: str) -> None:
-    """One line that is written over, on a terminal."""
+    """Show a line on a terminal; the next one overwrites it."""
     if sys.stderr.isatty():
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
@@ -78,7 +78,7 @@ def _timed(contender: Contender, clock) -> tuple[float, Any]:
 
 
 def _finalists(contenders, tried) -> list[int]:
-    """All of ours, and of each peer the fastest modes."""
+    """Indices of all our contenders, and of the fastest modes of each peer."""
     chosen = {i for i, c in enumerate(contenders) if c.family == OURS}
     for family in {c.family for c in contenders} - {OURS}:
         modes = sorted((tried[i], i) for i, c in enumerate(contenders) if c.family == family)
@@ -87,7 +87,7 @@ def _finalists(contenders, tried) -> list[int]:
 
 
 def rows(case: dict, results: list[Result], n: int) -> list[dict]:
-    """A row for each contender; `ratio`, for ours, to the fastest peer."""
+    """A row for each contender. `ratio`, in our rows, is relative to the fastest peer."""
     peers = [r.rate(n) for r in results if r.contender.family != OURS and r.seconds]
     found = []
     for r in results:
@@ -104,7 +104,7 @@ HEAD = f"{'contender':44s} {'Mrays/s':>8s} {'best':>8s} {'ratio':>6s} {'differs'
 
 
 def line(row: dict) -> str:
-    """A row of the table; in brackets what was only tried once."""
+    """A row as a line of the table. A rate in brackets is from a single try."""
     median = f"{row['mrays']:.2f}" if row["rounds"] else f"({row['mrays']:.2f})"
     best = f"{row['best_mrays']:.2f}" if row["rounds"] else ""
     ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
@@ -112,7 +112,7 @@ def line(row: dict) -> str:
 
 
 def summary(found: list[dict]) -> list[str]:
-    """Of each of ours and number of threads: geometric mean and worst of the ratios, over all cases."""
+    """Lines with the geometric mean and the worst of the ratios over all cases, for each of our contenders."""
     ratios: dict[tuple, list[tuple[float, str]]] = {}
     for row in found:
         if "ratio" in row:

@@ -1,17 +1,22 @@
-"""Whole frames of moving scenes, from evaluating to the shaded picture: ours beside one made with Embree.
+"""Whole frames of moving scenes, from evaluation to the shaded picture: ours beside frames made with Embree.
 
     python benchmarks/dynamic.py [scene ...] [--plans PLAN ...] [--threads N ...] [--frames N] [--rounds N]
 
-A scene is bart_robots or synthetic_garden_foxes ($ANTUMBRA_SCENES), or what `antumbra.load` reads. Each is seen by the
-camera and lit by the small square light of its info.json.
+A scene is bart_robots or synthetic_garden_foxes ($ANTUMBRA_SCENES), or a file that `antumbra.load` reads. Camera and
+small square light are those of its info.json.
 
-Ours: `Renderer.render`, from the call to the picture. The peer: our evaluation; Embree builds anew (or refits); primary
-rays, receivers and shadow rays to the same points of the light, made and traced in compiled loops on all threads; our
-fractions and our shading. Not timed for it: copying vertices into Embree's buffer, and the light's points. Every way of
-tracing is tried on one frame, then every build with the fastest two; the fastest two of these combinations go on to the
-rounds, where ours and the peer's render the frames in turn. The ratio is that of the median frames, ours to the faster
-of the peer's. `differs` counts the pixels of all frames in which another share of the light is seen than by our first
-plan (Embree rounds, and so do offsets of receivers; ours do not differ among themselves).
+Timed for ours: `Renderer.render`, from the call to the picture.
+
+Timed for the peer: our evaluation; Embree's build or refit; primary rays, receivers and shadow rays; our fractions and
+our shading. Rays are made and traced in compiled loops on all threads, to the same points of the light. Copying
+vertices into Embree's buffer and making the light's points are not timed.
+
+Every way of tracing is tried on one frame, then every build with the fastest two. The fastest two of these combinations
+go on to the rounds, where ours and the peer's render the frames in turns. The ratio is the ratio of the median frames,
+ours to the peer's fastest.
+
+`differs` counts the pixels of all frames whose fraction of the light differs from our first plan's. Embree rounds, and
+so do offsets of receivers; ours do not differ among themselves.
 """
 
 import argparse
@@ -37,11 +42,11 @@ from views import MOVING, Moving, moving_views
 FPS = 24
 EMBREE = "Embree"
 BUILDS = [(quality, flags, False) for quality in ("low", "medium", "high") for flags in (0, embree.DYNAMIC)]
-BUILDS += [("medium", embree.DYNAMIC, True)]  # (quality, flags, refit?)
+BUILDS += [("medium", embree.DYNAMIC, True)]  # (quality, flags, whether to refit)
 
 
 class Way(NamedTuple):
-    """A frame as Embree makes it."""
+    """How Embree makes a frame."""
 
     build: tuple[str, int, bool]  # one of BUILDS
     primary: Primary
@@ -54,14 +59,14 @@ class Way(NamedTuple):
 
 
 class Result(NamedTuple):
-    """One frame: seconds of each phase and the share of the light that each pixel sees."""
+    """One frame: seconds of each phase, and the fraction of the light that each pixel sees."""
 
-    seconds: dict[str, float]
-    visibility: np.ndarray
+    seconds: dict[str, float]  # phase -> seconds
+    visibility: np.ndarray  # (H, W) float32
 
 
 class Ours:
-    """A plan with what its renderer keeps from frame to frame."""
+    """One of our plans, with a renderer that keeps state from frame to frame."""
 
     family = OURS
 
@@ -79,7 +84,7 @@ class Ours:
 
 
 class EmbreeFrames:
-    """The peer, with its scene."""
+    """Embree, with its scene."""
 
     family = EMBREE
 
@@ -106,7 +111,7 @@ class EmbreeFrames:
         triangles = view.scene.triangles(moment, self.threads)
         lap("evaluate")
         self.scene.fill(triangles.vertices)
-        last = self.clock()  # a program of its own would evaluate into Embree's buffer
+        last = self.clock()  # not timed: a program written for Embree would evaluate into its buffer
         self.scene.build_again(self.refit)
         lap("build")
         rays = view.camera.rays(triangles.origin)
@@ -128,7 +133,7 @@ class EmbreeFrames:
 
 
 def moments(view: Moving, count: int) -> list[float]:
-    """Moments of frames of a film, spread over the animation."""
+    """Times of `count` frames of a film, spread over the animation."""
     last = int(view.scene.duration * FPS)
     return [k / FPS for k in np.unique(np.linspace(0, last, count).round().astype(int)).tolist()]
 
@@ -144,7 +149,7 @@ def best_ways(device, view: Moving, threads: int, options) -> list[Way]:
         for how in hows:
             peer.way = Way(build, *how)
             progress(f"{view.name}: trying {peer.way}")
-            peer.frame(moment)  # compiles, and warms the caches for all alike
+            peer.frame(moment)  # compiles, and warms the caches
             found.append((min((peer.frame(moment).seconds for _ in range(2)), key=lambda s: s["total"]), peer.way))
         peer.close()
         return found
@@ -157,7 +162,7 @@ def best_ways(device, view: Moving, threads: int, options) -> list[Way]:
 
 
 def measure(view: Moving, options) -> list[dict]:
-    """Rows of all thread counts."""
+    """Rows of all numbers of threads."""
     found = []
     for threads in options.threads:
         with embree.Device(threads, options.isa) if has_embree() else nullcontext() as device:
@@ -172,7 +177,7 @@ def _measure(device, view: Moving, threads: int, options) -> list[dict]:
     contenders += [EmbreeFrames(way, device, view, threads, options.spp, clock) for way in ways]
     found = {c.name: [] for c in contenders}
     differs = dict.fromkeys(found, 0)
-    for turn in range(-1, options.rounds):  # the first is for warming up, and for comparing
+    for turn in range(-1, options.rounds):  # the first turn warms up and compares answers
         for i, moment in enumerate(times):
             progress(f"round {turn + 1} of {options.rounds}, frame {i + 1} of {len(times)}")
             reference = None

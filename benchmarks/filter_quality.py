@@ -1,15 +1,19 @@
-"""Error and cost of the discontinuity filter and of adaptive sampling, against many samples a pixel everywhere.
+"""Error and cost of the discontinuity filter and of adaptive sampling, compared with many samples for every pixel.
 
     python benchmarks/filter_quality.py [scene ...] [--size N] [--threads N] [--rounds N] [--json FILE] [--out DIR]
 
-A scene is the name of a procedural scene, of a folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the
-repository), whose info.json tells the camera and where the light is (a horizontal square, its sides a fiftieth of the
-scene's diagonal), or a path. Default: atrium, forest, and those of sponza_crytek and bart_robots that are there.
+A scene is the name of a procedural scene, a folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the
+repository), or a path. An info.json gives the camera and the light's position. The light is a horizontal square with
+sides of a fiftieth of the scene's diagonal. The default is atrium, forest, and sponza_crytek and bart_robots if they
+exist.
 
-Errors, times 1000, over the pixels that see something: root mean square and mean absolute difference of the visibility
-from that of 256 and of 1024 samples a pixel. Of the picture, in 8-bit steps of sRGB at one exposure: root mean square
-difference from a picture of 4 x 4 times as many pixels of 16 samples each, averaged by fours. `--out` writes the
-pictures, and crops side by side where 16 samples are worst.
+Errors of the visibility are over the pixels that see something, times 1000. They are the root mean square and the mean
+absolute difference from 256 and from 1024 samples a pixel.
+
+Errors of the picture are in 8-bit steps of sRGB at one exposure. They are the root mean square difference from a
+picture with 4 x 4 times as many pixels of 16 samples each, averaged over blocks of 4 x 4.
+
+`--out` writes the pictures, and crops side by side where 16 samples are worst.
 """
 
 import json
@@ -38,11 +42,11 @@ METHODS = {
     "256": dict(spp=256),
 }
 SHOWN = ("16", "16 filtered", "16 adaptive 64", "16 adaptive 64 filtered", "256")
-CROP, ZOOM = 96, 3  # pixels a side of a crop; times it is enlarged
+CROP, ZOOM = 96, 3  # side of a crop in pixels; its magnification
 
 
 def opened(name: str, size: int):
-    """(scene, camera, lights)"""
+    """(scene, camera, lights) of a name."""
     if name in ("atrium", "blinds", "cellar", "city", "courtyard", "forest", "museum", "sculptures"):
         scene = at.procedural(name)
         return scene, scene.cameras[0].resized(size, size), scene.lights
@@ -58,7 +62,7 @@ def opened(name: str, size: int):
 
 
 def rendered(*scene, noise=filter.NOISE, **method):
-    """A frame, its filter's test of counts set to `noise`."""
+    """Render a frame with the filter's `NOISE` set to `noise`."""
     kept, filter.NOISE = filter.NOISE, noise
     try:
         return at.render(*scene, **method)
@@ -67,7 +71,7 @@ def rendered(*scene, noise=filter.NOISE, **method):
 
 
 def supersampled(scene, camera, lights, threads) -> np.ndarray:
-    """The picture of 4 x 4 times as many pixels, averaged."""
+    """A picture with 4 x 4 times as many pixels, averaged over blocks of 4 x 4."""
     big = camera.resized(4 * camera.width, 4 * camera.height)
     image = at.render(scene, big, lights, threads=threads).image
     return image.reshape(camera.height, 4, camera.width, 4, 3).mean((1, 3), dtype=np.float64).astype(np.float32)
@@ -87,7 +91,7 @@ def measure(name: str, options) -> list[dict]:
         for k, method in METHODS.items():
             if turn <= 1 or method["spp"] < 256:
                 frames[k] = rendered(scene, camera, lights, threads=options.threads, **method)
-            if turn:  # the first one loads kernels
+            if turn:  # the first turn loads kernels
                 seconds[k].append(frames[k].timings)
     fine = at.render(scene, camera, lights, threads=options.threads, spp=1024)
     truth = supersampled(scene, camera, lights, options.threads)
@@ -115,7 +119,7 @@ def measure(name: str, options) -> list[dict]:
 
 
 def draw(name: str, folder: Path, pictures, frames, fine) -> None:
-    """All pictures, the marked pixels, and crops side by side where the visibility of 16 samples is worst."""
+    """Write all pictures, the refined pixels, and crops side by side where the visibility of 16 samples is worst."""
     folder.mkdir(parents=True, exist_ok=True)
     for k, picture in pictures.items():
         Image.fromarray(picture).save(folder / f"{name}-{k.replace(' ', '-')}.png")

@@ -1,4 +1,4 @@
-"""Memory of a loaded scene with its BVH, in bytes a triangle: what arrays hold, and what the process grew by.
+"""Memory of a loaded scene with its BVH, in bytes a triangle: the sizes of arrays, and the growth of the process.
 
 python benchmarks/memory.py [SCENE]        (San Miguel from the real scenes by default)
 """

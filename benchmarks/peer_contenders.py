@@ -1,4 +1,4 @@
-"""The peers' ways to answer a ray set, as contenders: Embree in all its modes, Mitsuba 3 and Open3D."""
+"""The peers as contenders for a ray set: Embree in all its modes, Mitsuba 3 and Open3D."""
 
 from contextlib import contextmanager
 
@@ -13,7 +13,7 @@ ISA_NAMES = {16: "AVX-512", 8: "AVX2 or AVX", 4: "SSE"}
 
 @contextmanager
 def embree_scenes(vertices, isa: str | None):
-    """({(quality, flags): EmbreeScene} of all BUILDS, rays of Embree's largest native packet), or ({}, 0)."""
+    """({(quality, flags): EmbreeScene} of all BUILDS, width of Embree's largest native packet), or ({}, 0)."""
     if not has_embree():
         yield {}, 0
         return
@@ -37,15 +37,16 @@ def describe_embree(isa: str | None) -> str:
 
 
 def embree_contenders(built, rays: RaySet, orders, hits: bool, threads: int) -> list[Contender]:
-    """Every build by ray and by packet, the packets in `orders`, coherent and not; `hits`: nearest hit, not any.
+    """Contenders for every build, by single rays and by packets in `orders`, coherent and not.
 
-    built : from `embree_scenes`. Packets wider than Embree's own are left out: it would take them ray by ray.
+    built : from `embree_scenes`; wider packets are left out, because Embree would trace them ray by ray
+    hits : whether to find the closest hit, not any hit
     """
     scenes, lanes = built
     if not scenes:
         return []
     by = {order: packets(rays, order, lanes) for order in orders}
-    kinds = [(1, "", one_by_one(by[orders[-1]]))]  # all samples of a pixel after each other
+    kinds = [(1, "", one_by_one(by[orders[-1]]))]  # all samples of a pixel in sequence
     kinds += [(lanes, f" by {order}" if len(orders) > 1 else "", ids) for order, ids in by.items()]
     function = "rtcIntersect" if hits else "rtcOccluded"
     read = embree_rays.faces_of if hits else embree_rays.occluded_of
@@ -72,7 +73,7 @@ def embree_contenders(built, rays: RaySet, orders, hits: bool, threads: int) -> 
 
 
 def mitsuba_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:
-    """ray_test in both orders, coherent and not."""
+    """Contenders that call ray_test in both orders, coherent and not."""
     mitsuba_rays.set_threads(threads)
     return [
         Contender(
@@ -89,7 +90,7 @@ def mitsuba_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:
 
 
 def open3d_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:
-    """test_occlusions, all samples of a pixel after each other."""
+    """The contender that calls test_occlusions, with all samples of a pixel in sequence."""
     ids = one_by_one(packets(rays, "samples"))
     return [
         Contender(
@@ -103,7 +104,7 @@ def open3d_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:
 
 
 def other_peers(vertices) -> list:
-    """[(contenders of, scene)] of Mitsuba and Open3D where they are installed; a line on those that are not."""
+    """[(function that makes contenders, scene)] of Mitsuba and Open3D. A line names each that is not installed."""
     found = []
     if installed(mitsuba_rays.library):
         found.append((mitsuba_contenders, mitsuba_rays.MitsubaScene(vertices)))

@@ -2,13 +2,17 @@
 
     python benchmarks/primary.py [scene ...] [--size W H] [--threads N ...] [--rounds N] [--isa avx2] [--json FILE]
 
-A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (generated), or a file that
+A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (procedural), or a file that
 `antumbra.load` reads.
 
-What is timed. `rays`: from the `BlockTree`, made before as the peers' trees are, to face and t of each pixel;
-`rasterise`: the same from the triangles, no BVH; `gbuffer`: that, and then positions and normals. Peers: rtcIntersect1
-and rtcIntersect16 (8 on AVX2) on rays that were made before, in Morton order of 4 x 4 pixels, a packet; answers stay in
-the records. Ratios as in `soft_shadows`.
+Timed for ours:
+
+- `rays`: from the `BlockTree` to face and t of each pixel. The tree is made before, like the peers' trees.
+- `rasterise`: from the triangles to face and t of each pixel, without a BVH.
+- `gbuffer`: `rasterise`, then positions and normals.
+
+Timed for Embree: rtcIntersect1 and rtcIntersect16 (8 on AVX2) on rays that were made before. Rays are in Morton order
+of 4 x 4 pixels, and such a block is a packet. Answers stay in the records. Ratios are as in `soft_shadows`.
 """
 
 import argparse
@@ -45,7 +49,7 @@ def our_contenders(tree, triangles, rays, threads: int) -> list[Contender]:
 
 
 def measure(view, options) -> list[dict]:
-    """Rows of all thread counts."""
+    """Rows of all numbers of threads."""
     triangles, found = view.triangles, []
     rays = view.camera.rays(triangles.origin)
     asked = primary_rays(rays)

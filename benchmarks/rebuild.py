@@ -2,12 +2,13 @@
 
     python benchmarks/rebuild.py [scene ...] [--sizes N,...] [--size W H] [--frames N] [--plot FILE] [--json FILE]
 
-A scene is a folder of the real scenes, a file, or a procedural scene; besides, procedural scenes are made in several
-sizes. One point light, one shadow ray for each pixel. `differs` counts pixels
-whose answer is not that of our last plan.
-All methods are given the same triangles, G-buffer and receivers, and take their turns within each round. Seconds of
-shadows are those of culling, building and tracing. Time to image adds what all methods have in common: evaluating,
-rasterising, receivers and shading, measured once a turn. Not timed for Embree: copying vertices into its buffer.
+A scene is a folder of the real scenes, a file, or a procedural scene. Procedural scenes are also made in several sizes.
+There is one point light, and one shadow ray for each pixel. `differs` counts pixels whose answer differs from our last
+plan's.
+
+All methods get the same triangles, G-buffer and receivers, and take turns within each round. Times of shadows include
+culling, building and tracing. Time to image adds the steps that all methods share: evaluating, rasterising, receivers
+and shading, measured once a turn. Copying vertices into Embree's buffer is not timed.
 """
 
 import json
@@ -40,21 +41,21 @@ from peers import embree
 from peers.embree_frames import Hits, Shadow, light_points, shadows
 
 PLANS = ("cones", "lbvh+single", "lbvh+multifrusta")
-"""Ours, each with all that a frame needs; the bits of the others are compared with those of the last."""
+"""Our plans. The bits of all methods are compared with those of the last plan."""
 
 MADE = ("atrium", "city")
 """Procedural scenes that are made in several sizes."""
 
 BUILDS = [(quality, flags) for quality in ("low", "medium") for flags in (0, embree.DYNAMIC)]
-"""Embree's ways to build that are tried; the fastest with each way to trace goes on to the rounds."""
+"""Embree's builds that are tried. The fastest one for each packet width goes on to the rounds."""
 
 _WIDTH, _STYLES, _MARKERS = 170, ("-", "--", ":", "-."), "osD^vP*X"
-_SMALL = 110_000  # triangles of scenes that are to be faster than Embree's; generated ones may have a tenth more
+_SMALL = 110_000  # triangles of small scenes, where we claim to be faster than Embree; the limit has a tenth of slack
 _COMMON = "evaluate", "gbuffer", "filter", "shade"
 
 
 class Asked(NamedTuple):
-    """What every method is given."""
+    """The input of every method."""
 
     triangles: Triangles
     gbuffer: GBuffer
@@ -62,19 +63,19 @@ class Asked(NamedTuple):
 
 
 class Rebuilt(NamedTuple):
-    """Seconds of one method in one scene, medians over moments and rounds."""
+    """Seconds of one method in one scene, medians over times and rounds."""
 
     scene: str
     triangles: int
-    made: str  # the procedural scene that was made in several sizes; "" of others
+    made: str  # name of a procedural scene that is made in several sizes; "" for other scenes
     method: str
     how: str  # the plan, or how Embree builds and traces
     cull: float
     build: float
     trace: float
-    shadows: float  # the three together
-    image: float  # and all that the methods have in common
-    differs: int  # pixels, of all moments, where the answer is not that of PLANS
+    shadows: float  # cull + build + trace
+    image: float  # shadows, and the steps that all methods share
+    differs: int  # pixels, of all times, whose answer differs from the last plan's
 
 
 class _Method(Protocol):
@@ -87,7 +88,7 @@ class _Method(Protocol):
 
 
 class _Ours:
-    """A plan."""
+    """One of our plans."""
 
     def __init__(self, plan: str, view: View, threads: int):
         self.name = self.how = plan
@@ -104,7 +105,7 @@ class _Ours:
 
 
 class _Embree:
-    """The peer, with its scene."""
+    """Embree, with its scene."""
 
     def __init__(self, device, build: tuple[str, int], way: Shadow, asked: Asked, points: np.ndarray, threads: int):
         (self.quality, self.flags), self.way, self.points, self.threads = build, way, points, threads
@@ -131,7 +132,10 @@ class _Embree:
 
 
 def rebuild(view: View, made: str, frames: int, threads: int, rounds: int, say: Callable[[str], None]) -> list[Rebuilt]:
-    """All methods in one scene; without Embree if it is not installed. made: its name if it comes in several sizes."""
+    """Measure all methods in one scene; without Embree if it is not installed.
+
+    made : name of the scene if it is made in several sizes
+    """
     common, times = Renderer(view.scene, PLANS[-1], threads), times_of(view.scene, frames)
     first, _ = _ask(common, view, times[len(times) // 2])
     with ExitStack() as stack:
@@ -143,7 +147,7 @@ def rebuild(view: View, made: str, frames: int, threads: int, rounds: int, say: 
                 methods.append(stack.enter_context(_opened(device, build, way, first, view, threads)))
         laps: dict[str, list[dict[str, float]]] = {m.name: [] for m in methods}
         differs = dict.fromkeys(laps, 0)
-        for turn in range(-1, rounds):  # the first is to be ready, and to compare
+        for turn in range(-1, rounds):  # the first turn warms up and compares answers
             for k, time in enumerate(times):
                 say(f"{view.name}, moment {k + 1} of {len(times)}, round {max(turn, 0) + 1} of {rounds}")
                 asked, rest = _ask(common, view, time)
@@ -171,7 +175,7 @@ def embree_version() -> str:
 
 
 def _ask(common: Renderer, view: View, time: float) -> tuple[Asked, float]:
-    """(what is asked at a moment, seconds of all that is not culling, building and tracing)."""
+    """(input of all methods at a time, seconds of everything except culling, building and tracing)."""
     frame = common.render(view.camera, view.lights, spp=1, time=time)
     triangles = view.scene.triangles(time, common.threads)
     start = perf_counter()
@@ -196,30 +200,30 @@ def _opened(device, build, way, asked, view, threads) -> Iterator[_Embree]:
 
 
 def _fastest(device, asked: Asked, view: View, threads: int) -> list[tuple[tuple[str, int], Shadow]]:
-    """Of rays one by one, and of packets as wide as Embree has kernels for: the fastest build and way to trace."""
+    """The fastest build and way to trace, for single rays, and for the widest packets that Embree has kernels for."""
     seconds: dict[int, list] = {lanes: [] for lanes in dict.fromkeys((1, device.width))}
     for build in BUILDS:
         ways = [Shadow(n, "samples" if n == 1 else "pixels", c) for n in seconds for c in (False, True)]
         with _opened(device, build, ways[0], asked, view, threads) as peer:
             for peer.way in ways:
-                laps = [sum(peer.shadows(asked)[0].values()) for _ in range(3)][1:]  # the first is to be ready
+                laps = [sum(peer.shadows(asked)[0].values()) for _ in range(3)][1:]  # the first warms up
                 seconds[peer.way.lanes].append((min(laps), build, peer.way))
     return [min(found)[1:] for found in seconds.values()]
 
 
 def sized(name: str, triangles: int, size: tuple[int, int]) -> View:
-    """A procedural scene of about so many triangles, lit by one point."""
+    """A procedural scene of about `triangles` triangles, with one point light."""
     return with_point(own_view(f"{name}, {triangles:,}", procedural(name, triangles), size))
 
 
 def ratio(rows: Iterable[Rebuilt], row: Rebuilt) -> float | None:
-    """How many times as fast as Embree's best the shadows are; None: Embree is not there."""
+    """The speed of a row's shadows relative to Embree's best; None without Embree."""
     peers = [r.shadows for r in rows if r.scene == row.scene and r.method.startswith("Embree")]
     return min(peers) / row.shadows if peers else None
 
 
 def crossings(sizes: Sequence[int], ours: Sequence[float], theirs: Sequence[float]) -> list[tuple[float, float]]:
-    """(triangles, seconds) where two curves cross, straight lines between measured points in logarithms."""
+    """(triangles, seconds) where two curves cross. Curves are straight between measured points on logarithmic axes."""
     n, a, b = (np.log(np.asarray(values, float)) for values in (sizes, ours, theirs))
     gap, found = a - b, []
     for k in np.flatnonzero(gap[:-1] * gap[1:] < 0.0):
@@ -234,7 +238,7 @@ def curve(rows: Iterable[Rebuilt], made: str, method: str) -> tuple[list[int], l
     return [n for n, _ in some], [s for _, s in some]
 
 
-# --- told, and drawn ---------------------------------------------------------------------------------------------
+# --- tables and plots --------------------------------------------------------------------------------------------
 
 
 def _ms(seconds: float) -> str:
@@ -242,7 +246,7 @@ def _ms(seconds: float) -> str:
 
 
 def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
-    """Where a hierarchy over the rays wins against building."""
+    """Print the times, and where a hierarchy over the rays is faster than building."""
     table = []
     for r in rows:
         faster = ratio(rows, r)
@@ -288,7 +292,7 @@ def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
 
 
 def _winner(sizes: list[int], ours: list[float], theirs: list[float]) -> str:
-    """Where one curve is below the other."""
+    """A text that says where our curve is below the other."""
     points = [n for n, _ in crossings(sizes, ours, theirs)]
     first = "faster" if ours[0] < theirs[0] else "slower"
     if not points:
@@ -297,7 +301,7 @@ def _winner(sizes: list[int], ours: list[float], theirs: list[float]) -> str:
 
 
 def write_plot(rows: list[Rebuilt], path: Path) -> None:
-    """Seconds of shadows over the number of triangles."""
+    """Write a plot of the seconds of shadows over the number of triangles."""
     from matplotlib.figure import Figure
 
     sheet = Figure(figsize=(14.0, 5.5), layout="constrained")
@@ -307,7 +311,7 @@ def write_plot(rows: list[Rebuilt], path: Path) -> None:
 
 
 def _draw_rebuild(panel, rows: list[Rebuilt]) -> None:
-    """A colour a method, a line a procedural scene, a mark for each other one; rings where curves cross."""
+    """Draw each method in a colour: a line for a procedural scene, a mark for any other. Rings mark crossings."""
     ours, *others = dict.fromkeys(r.method for r in rows)
     made = [name for name in dict.fromkeys(r.made for r in rows) if name]
     for k, method in enumerate((ours, *others)):

@@ -2,18 +2,23 @@
 
     python benchmarks/soft_shadows.py [scene ...] [--plans PLAN ...] [--threads N ...] [--rounds N] [--isa avx2]
 
-A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (generated), or a file that
-`antumbra.load` reads. Each has a small and a large square light: the small one's edge is 1/40 of the scene's diagonal
-(`antumbra.papers.views` has the exception; the forest's is its own light's), the large one's four times that.
+A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (procedural), or a file that
+`antumbra.load` reads. Each has a small and a large square light. The small light's edge is 1/40 of the scene's diagonal
+(`antumbra.papers.views` has the exception), or that of the forest's own light. The large light's edge is four times as
+long.
 
-What is timed. Ours: from a ShadowQuery to its bits, as a frame is rendered; the bits' array is made inside. Peers: the
-tracing of rays that were made before, in Morton order of 4 x 4 pixels, and in packets of one light sample of 16 pixels
-or of 16 samples of one pixel (8 on AVX2, where Embree takes 16 ray by ray); their answers stay where the peer wrote
-them. To read such rays from memory costs Embree about 6 %; to make them costs it nothing here, ours makes its own.
-Peers get only rays above their receiver's horizon, and only these count in Mrays/s, for all. Builds are timed apart.
+Timed for ours: from a ShadowQuery to its bits, as a frame is rendered, with making the array of bits.
 
-Every mode of every peer is tried once; ours and the best modes of each peer are then timed in turn. The ratio is that
-of the medians, ours to the fastest peer's. `differs` counts the rays that are answered differently from our first plan
+Timed for the peers: tracing rays that were made before. Rays are in Morton order of 4 x 4 pixels, one by one or in
+packets. A packet is one light sample of 16 pixels, or 16 samples of one pixel. On AVX2 a packet has 8 rays, because
+Embree traces 16 ray by ray there. Answers stay where the peer wrote them. Reading rays from memory costs Embree about
+6 %. Making rays costs it nothing here; ours makes its own.
+
+Peers get only rays above their receiver's horizon, and for all contenders only these count in Mrays/s. Builds are timed
+separately.
+
+Every mode of every peer is tried once. Then ours and the best modes of each peer are timed in turns. The ratio is the
+ratio of the medians, ours to the fastest peer's. `differs` counts the rays whose answers differ from our first plan's
 (peers round; ours do not).
 """
 
@@ -35,7 +40,7 @@ from views import query_of
 
 
 def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
-    """What each plan's tracer takes; says how long it takes to make."""
+    """Plan -> the acceleration structure of its tracer. Prints the times to build and prepare it."""
     made, trees = {}, {}
     for plan in plans:
         start = time.perf_counter()
@@ -70,7 +75,7 @@ def our_contenders(prepared: dict, query, threads: int) -> list[Contender]:
 
 
 def measure_light(view, size, prepared, built, others, options) -> list[dict]:
-    """Rows of one light, "small" or "large", for all thread counts."""
+    """Rows of one light, "small" or "large", for all numbers of threads."""
     light = view.lights[size]
     query = query_of(view, light, options.spp, thread_count(None))
     rays = shadow_rays(query)
@@ -90,12 +95,12 @@ def measure_light(view, size, prepared, built, others, options) -> list[dict]:
 
 
 def measure(view, options) -> list[dict]:
-    """Rows of both lights and all thread counts."""
+    """Rows of both lights and all numbers of threads."""
     vertices = view.triangles.vertices
     print(f"\n{view.name}: {len(vertices)} triangles")
     prepared = our_scenes(options.plans, view.triangles)
     with embree_scenes(vertices, options.isa) as built:
-        others = [] if options.isa else other_peers(vertices)  # these cannot be told which instructions to use
+        others = [] if options.isa else other_peers(vertices)  # their instruction set cannot be chosen
         times = [f"Embree {q}{' robust' * bool(f)} {1e3 * s.build_seconds:.0f} ms" for (q, f), s in built[0].items()]
         times += [f"{type(s).__name__} {1e3 * s.build_seconds:.0f} ms" for _, s in others]
         print(f"  built in: {', '.join(times)}")

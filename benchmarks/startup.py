@@ -1,9 +1,9 @@
-"""How long everybody waits: installing, the first picture, the next one, the first query, tests after an edit.
+"""Start-up times: installing, the first picture, the next one, the first query, and tests after an edit.
 
 python benchmarks/startup.py [--rounds N] [--only CASE ...] [--json FILE]
 
-Each case runs as its user would run it, with caches of its own. Cases that install make a new virtual environment each
-time. `wheel`, `clone`, `cold` and `edits` take a minute or more a round.
+Each case runs as a user would run it, with its own caches. Cases that install make a new virtual environment each time.
+`wheel`, `clone`, `cold` and `edits` take a minute or more for each round.
 """
 
 import argparse
@@ -50,11 +50,11 @@ EDITS = {
         "    if i == -{i}:\n        return 0\n",
     ),
 }
-"""File that is edited: (its own tests, a line of a kernel, lines that are written before it and change no answer)."""
+"""Edited file -> (its tests, a line of a kernel, lines to insert before it, which change no answer)."""
 
 
 class Place:
-    """A folder of a round, with caches of its own."""
+    """A folder of a round, with its own caches."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -62,7 +62,7 @@ class Place:
         self.environment = variables | {"ANTUMBRA_CACHE": str(folder / "kernels"), "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
 
     def run(self, *command: str | Path, **more: str) -> str:
-        """What a command prints; it runs in the folder."""
+        """Run a command in the folder; return its output."""
         done = subprocess.run(
             [str(part) for part in command],
             env=self.environment | more,
@@ -80,13 +80,13 @@ class Place:
         return time.perf_counter() - start
 
     def new_environment(self) -> Path:
-        """A virtual environment; the folder of its programs."""
+        """Make a virtual environment; return the folder of its programs."""
         self.run(sys.executable, "-m", "venv", ".venv")
         return self.folder / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 
 
 def wheel(rounds: int) -> Iterator[tuple[str, float]]:
-    """Installing the platform wheel, then the first render. The wheels of others come from pip's cache."""
+    """Installing the platform wheel, then the first render. Wheels of other packages come from pip's cache."""
     with tempfile.TemporaryDirectory() as built:
         place = Place(Path(built))
         place.run(
@@ -117,7 +117,7 @@ def wheel(rounds: int) -> Iterator[tuple[str, float]]:
 
 
 def clone(rounds: int) -> Iterator[tuple[str, float]]:
-    """The README's first command in a clone, with all caches empty, pip's included; then a second render."""
+    """The README's first command in a clone, with all caches empty, including pip's; then a second render."""
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as folder:
             place = Place(Path(folder))
@@ -153,7 +153,7 @@ def here(rounds: int) -> Iterator[tuple[str, float]]:
 
 
 def cold(rounds: int) -> Iterator[tuple[str, float]]:
-    """The first render in this environment, with nothing shipped, each time with an empty cache."""
+    """The first render in this environment, without shipped kernels and with an empty cache each time."""
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as folder:
             yield (
@@ -163,7 +163,7 @@ def cold(rounds: int) -> Iterator[tuple[str, float]]:
 
 
 def edits(rounds: int) -> Iterator[tuple[str, float]]:
-    """The tests of a file again, after a line of it was edited. They have been run before."""
+    """Running the tests of a file again, after a line of it was edited."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         shutil.copytree(

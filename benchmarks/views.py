@@ -1,4 +1,4 @@
-"""What benchmarks look at: the real scenes with the camera and light of their info.json, and the generated forest."""
+"""Views of the benchmarks: real scenes with the camera and light of their info.json, and the procedural forest."""
 
 import sys
 from pathlib import Path
@@ -22,7 +22,7 @@ MOVING = ("bart_robots", "synthetic_garden_foxes")
 
 
 class View(NamedTuple):
-    """A scene as a benchmark sees it."""
+    """A scene with the camera and the lights of a benchmark."""
 
     name: str
     triangles: Triangles
@@ -31,16 +31,16 @@ class View(NamedTuple):
 
 
 class Moving(NamedTuple):
-    """A moving scene as a benchmark sees it."""
+    """A moving scene with the camera and the light of a benchmark."""
 
     name: str
     scene: antumbra.Scene
     camera: Camera
-    light: QuadLight  # the small one
+    light: QuadLight  # the small light
 
 
 def views(named, size: tuple[int, int]):
-    """Each view: names of VIEWS, or scene files; none: all of VIEWS that are there."""
+    """Yield the views of names of VIEWS, or of scene files; without names, all of VIEWS that exist."""
     missing = [n for n in VIEWS if n != FOREST and not (SCENES / n / "scene.glb").exists()]
     if missing and not named:
         print(f"not in {SCENES}, so left out: {', '.join(missing)}", file=sys.stderr)
@@ -60,7 +60,7 @@ def _forest(size) -> View:
 
 
 def moving_views(named, size: tuple[int, int]):
-    """Each moving scene: names of MOVING, or files or folders; none: all of MOVING that are there."""
+    """Yield the moving scenes of names of MOVING, files or folders; without names, all of MOVING that exist."""
     missing = [n for n in MOVING if not (SCENES / n / "frames.npy").exists()]
     if missing and not named:
         print(f"not in {SCENES}, so left out: {', '.join(missing)}", file=sys.stderr)
@@ -84,7 +84,7 @@ def _two_sizes(light: QuadLight) -> dict[str, Light]:
 
 
 def query_of(view: View, light: Light, spp: int, threads: int):
-    """The shadow query of what a view's camera sees."""
+    """The shadow query of the surfaces that a view's camera sees."""
     rays = view.camera.rays(view.triangles.origin)
     hits = rasterise(view.triangles.vertices.reshape(-1, 9), rays, threads)
     gbuffer = from_hits(*hits, view.triangles, rays, threads)

@@ -1,6 +1,6 @@
-"""A walk through a city in a store, of which little is in memory: python examples/paged.py [FOLDER]
+"""A walk through a city in a store, with little of it in memory: python examples/paged.py [FOLDER]
 
-One that is larger than memory: antumbra build "procedural:city?triangles=350M" -o city.antumbra
+For a city that is larger than memory: antumbra build "procedural:city?triangles=350M" -o city.antumbra
 """
 
 import sys
@@ -15,7 +15,7 @@ built = at.build_store([at.procedural("city", triangles=300_000)], path, chunk=4
 print(f"{built.triangles:,} triangles in {built.chunks} chunks, {built.bytes / 1e6:.0f} MB")
 
 scene = at.load(path)
-renderer = at.Renderer(scene, max_memory=2 << 30)  # remembers from frame to frame what was visible
+renderer = at.Renderer(scene, max_memory=2 << 30)  # keeps the visible set from frame to frame
 for k in range(5):
     camera = at.Camera((7, 1.7, 30 - 2 * k), (7, 3, -60), width=640, height=360)
     frame = renderer.render(camera, scene.lights, spp=16)

@@ -1,6 +1,6 @@
-"""Hours of sunshine on a day, at sensor points in a city: python examples/points.py [FOLDER]
+"""Hours of sunshine in a day, at sensor points in a city: python examples/points.py [FOLDER]
 
-Needs pvlib for the position of the sun: pip install 'antumbra[sun]'
+It needs pvlib for the position of the sun: pip install 'antumbra[sun]'
 """
 
 import sys
@@ -18,7 +18,7 @@ STEP = 0.5  # hours
 
 scene = at.procedural("city", triangles=10_000)
 
-# A grid of sensors, each put on what lies below it: a roof or the ground.
+# A grid of sensors. Each lies on the first surface below it: a roof or the ground.
 (x0, y0, z0), (x1, y1, z1) = scene.bounds
 x, z = np.meshgrid(np.linspace(x0, x1, 42)[1:-1], np.linspace(z0, z1, 42)[1:-1], indexing="ij")
 above = np.stack([x, np.full_like(x, y1 + 1.0), z], axis=-1)
@@ -26,7 +26,7 @@ height = scene.closest_hit(above, (0.0, -1.0, 0.0)).t
 sensors = above[np.isfinite(height)]
 sensors[:, 1] -= height[np.isfinite(height)]
 
-# Where the sun stands: +X is east, +Y up, -Z north.
+# The position of the sun: +X is east, +Y is up, -Z is north.
 times = pandas.date_range("2025-03-20", periods=int(24 / STEP), freq=f"{STEP}h", tz="UTC")
 sun = pvlib.solarposition.get_solarposition(times, LATITUDE, LONGITUDE)
 azimuth, elevation = np.radians(sun["azimuth"]), np.radians(sun["apparent_elevation"])

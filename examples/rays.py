@@ -1,4 +1,4 @@
-"""Rays as arrays: how far can one see, and what is seen first? python examples/rays.py"""
+"""Rays as arrays, for any-hit and closest-hit queries: python examples/rays.py"""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ import antumbra as at
 scene = at.procedural("museum", triangles=10_000)
 centre = scene.bounds.mean(axis=0)
 
-# Directions evenly spread over the sphere; they need no unit length, t counts in their lengths.
+# Directions, spread evenly over the sphere. They need no unit length: t is in units of their lengths.
 rng = np.random.default_rng(0)
 directions = rng.normal(size=(100_000, 3))
 directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -17,12 +17,12 @@ for reach in (1.0, 3.0, 10.0):
     blocked = scene.occluded(centre, directions, tmax=reach)
     print(f"blocked within {reach:4.1f}: {blocked.mean():6.1%}")
 
-# Closest hit: t and face (inf and -1 on a miss), and where on the face.
+# Closest hit: t and face (inf and -1 on a miss), and u, v on the face.
 hit = scene.closest_hit(centre, directions)
 seen = hit.face >= 0
 print(f"hits: {seen.mean():.1%}, nearest {hit.t.min():.3f}, median {np.median(hit.t[seen]):.3f}")
 
-# From the hits onwards: rays that start on a face leave that face out.
+# Rays that start at the hits. Each skips the face that it starts on.
 corners = scene.triangles().vertices[hit.face[seen]].astype(np.float64) + scene.origin
 u, v = hit.u[seen, None], hit.v[seen, None]
 points = corners[:, 0] + u * (corners[:, 1] - corners[:, 0]) + v * (corners[:, 2] - corners[:, 0])

@@ -3,7 +3,8 @@
     HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 pip wheel --no-deps -w dist .
 
 Without the variable the wheel is pure Python, and kernels are compiled when they are first used. The variable
-``ANTUMBRA_PACK_LEVELS`` chooses levels of processors, separated by commas. The default is all of this kind of machine.
+``ANTUMBRA_PACK_LEVELS`` chooses levels of processors, separated by commas. The default is all levels of this kind of
+machine.
 """
 
 import os
@@ -45,6 +46,6 @@ class PackHook(BuildHookInterface):
 
 
 def _system() -> str:
-    """The wheel's name of this system. Kernels call nothing of the C library but mathematics and memcpy."""
+    """The name of this system in the wheel's tag. Kernels call only mathematics and memcpy of the C library."""
     name = sysconfig.get_platform().replace("-", "_").replace(".", "_")
     return name.replace("linux_", "manylinux_2_17_")

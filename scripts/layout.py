@@ -1,8 +1,8 @@
-"""Write the map of the package into CONTRIBUTING.md, from the layers of .importlinter and the packages' docstrings.
+"""Writes the map of the package into CONTRIBUTING.md, from the layers of .importlinter and the packages' docstrings.
 
     python scripts/layout.py [--check]
 
---check writes nothing; exit code 1 if the map is not what it would write.
+--check writes nothing. It ends with exit code 1 if the map is out of date.
 """
 
 import ast
@@ -16,7 +16,7 @@ BEGIN, END = "<!-- layout -->\n", "<!-- end of layout -->\n"
 
 
 def layers() -> list[list[str]]:
-    """Names of packages and modules, the lowest layer first; those of a layer do not import each other."""
+    """Names of packages and modules, from the lowest layer up. Modules of one layer do not import each other."""
     contracts = configparser.ConfigParser()
     contracts.read(ROOT / ".importlinter")
     lines = contracts["importlinter:contract:floors"]["layers"].split("\n")
@@ -32,7 +32,7 @@ def about(name: str) -> tuple[str, str]:
 
 
 def written() -> str:
-    """The map."""
+    """The map, as Markdown."""
     rows = [about(name) for layer in layers() for name in layer]
     return "".join(f"- `{path}`: {text}\n" for path, text in rows)
 

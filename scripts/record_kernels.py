@@ -1,9 +1,9 @@
-"""Record which kernels each job calls, and their size, in src/antumbra/kernels/needs.json and papers/needs.json.
+"""Records the kernels that each job calls, and their size, in src/antumbra/kernels/needs.json and papers/needs.json.
 
 python scripts/record_kernels.py [--check]
 
-Each job runs in a process of its own, so that it loads all that it calls. --check writes nothing. It names the kernels
-that jobs call and the file does not have, and ends with exit code 1 if there are any.
+Each job runs in its own process, so that it loads all kernels that it calls. --check writes nothing. It names the
+kernels that jobs call and the files lack, and ends with exit code 1 if there are any.
 """
 
 import argparse
@@ -45,7 +45,7 @@ for name, key in json.load(sys.stdin):
 
 
 def run(code: str, *arguments: str, given: str = "") -> list:
-    """What a new Python process prints, lines of JSON."""
+    """Run code in a new Python process; return its output, one JSON value for each line."""
     done = subprocess.run([sys.executable, "-c", code, *arguments], input=given, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(done.stderr)
@@ -58,8 +58,10 @@ def called(index: int) -> list[tuple[str, str]]:
 
 
 def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
-    """Size of each kernel: functions and instructions before LLVM optimises; and seconds to compile it, which are fewer
-    for kernels that share functions with one before."""
+    """Kernel -> functions and instructions before LLVM's optimisation, and seconds to compile it.
+
+    A kernel compiles faster if it shares functions with one before.
+    """
     sizes = {}
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(cores) as pool:
@@ -71,7 +73,7 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
 
 
 def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
-    """Write the needs of some jobs."""
+    """Write the kernels of some jobs to a file."""
     kernels = sorted({kernel for name in jobs for kernel in calls[name]})
     place = {kernel: i for i, kernel in enumerate(kernels)}
     said = {
@@ -88,7 +90,7 @@ def main() -> int:
     options = parser.parse_args()
     known = {(each.kernel, each.key) for each in recorded().kernels}
     own, names = [job.name for job in jobs()], [job.name for job in jobs(papers=True)]
-    known |= {(each.kernel, each.key) for each in recorded().kernels}  # those of the papers are added by now
+    known |= {(each.kernel, each.key) for each in recorded().kernels}  # by now, kernels of the papers are added
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         calls = dict(zip(names, pool.map(called, range(len(names)))))
     kernels = sorted({kernel for each in calls.values() for kernel in each})

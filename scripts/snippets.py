@@ -1,6 +1,6 @@
-"""Runs what the documents show: the README's commands, and the Python of any page.
+"""Runs the examples of the documents: the README's commands, and the Python blocks of any page.
 
-python scripts/snippets.py command README.md pytest   prints the one command line that ends so
+python scripts/snippets.py command README.md pytest   prints the one command line that ends with pytest
 python scripts/snippets.py run README.md docs/*.md    runs the Python blocks of each page, as one program
 """
 
@@ -28,7 +28,7 @@ def command(path: Path, ending: str) -> str:
 
 
 def program(text: str) -> str:
-    """The Python blocks of a page, on the lines on which they stand there, so that tracebacks fit."""
+    """The Python blocks of a page, on their original lines, so that tracebacks have the right line numbers."""
     lines = []
     position = 0
     for match in _BLOCK.finditer(text):

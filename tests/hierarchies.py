@@ -16,11 +16,11 @@ from antumbra.rayhierarchy.beams import Beam
 from antumbra.rayhierarchy.nodes import covered, possible
 from antumbra.rayhierarchy.order import Order, order_of
 from antumbra.rayhierarchy.packed import rays_of
-from antumbra.rayhierarchy.rays import PAD, Rays
+from antumbra.rayhierarchy.rays import PAD, LeafRays
 from antumbra.rayhierarchy.rows import LANES, NUMBERS
 from antumbra.rayhierarchy.soup import Soup
 from antumbra.rayhierarchy.traverse import BATCH, PAIRS, How, row_at, write_rows
-from antumbra.rayhierarchy.tree import Tree, group_at, groups_of, tree_of, tree_pointers
+from antumbra.rayhierarchy.tree import RayTree, group_at, groups_of, tree_of, tree_pointers
 from antumbra.rayhierarchy.view import view_of
 from antumbra.scene.triangles import Triangles
 
@@ -57,8 +57,8 @@ class Hierarchy(NamedTuple):
     beam: Beam
     bits: np.ndarray
     order: Order
-    rays: Rays
-    tree: Tree
+    rays: LeafRays
+    tree: RayTree
 
 
 def hierarchy(kind, query, beam, ways=16, sort=True, threads=1) -> Hierarchy | None:
@@ -119,7 +119,7 @@ def met_by(query, corners) -> np.ndarray:
     return out
 
 
-def receivers_in(rays: Rays) -> np.ndarray:
+def receivers_in(rays: LeafRays) -> np.ndarray:
     """(leaves, ways) int32: the receivers of each leaf, -1: none."""
     ids = rays.ids[:-PAD].reshape(-1, rays.ways)[rays.blocks]
     return np.where(rays.lanes[:, None] >> np.arange(rays.ways) & 1, ids, -1)

@@ -1,4 +1,4 @@
-"""Denormals off for the calling thread, as Embree asks of those who trace. Ours are on, and must be again later."""
+"""Switches denormals off for the calling thread, as Embree requires for tracing. Ours must be on again afterwards."""
 
 import platform
 
@@ -32,7 +32,7 @@ def control(typingctx):
 
 @intrinsic
 def set_control(typingctx, value):
-    """Set the MXCSR register of this thread; nothing on processors other than x86."""
+    """Set the MXCSR register of this thread. This does nothing on processors other than x86."""
 
     def codegen(context, builder, sig, values):
         if _X86:

@@ -1,7 +1,7 @@
-"""Embree, the peer to measure against: the library inside the ``embreex`` wheel, called through its C interface.
+"""Embree, for comparisons: the library inside the ``embreex`` wheel, called through its C interface.
 
 The wheel's own Python classes cannot choose the build quality, time the build alone, or trace without Python in the
-loop; the functions that the library exports can. A kernel calls `Functions` directly, with addresses as integers::
+loop. The C functions of the library can. A kernel calls `Functions` directly, with addresses as integers::
 
     occluded1 = functions().occluded1  # a global of the module, not an argument
 
@@ -26,14 +26,14 @@ QUALITIES = {"low": 0, "medium": 1, "high": 2}
 """Name -> RTCBuildQuality: Morton codes, binned SAH, SAH with spatial splits."""
 
 REFIT = 3
-"""The RTCBuildQuality that keeps the tree of a dynamic scene and only moves its boxes."""
+"""The RTCBuildQuality that keeps the tree of a dynamic scene and only updates its boxes."""
 
 DYNAMIC, COMPACT, ROBUST = 1, 2, 4  # RTCSceneFlags
 RAY_WORDS, HIT_WORDS = 12, 24
-"""4-byte words of an RTCRay and an RTCRayHit. Embree 4.3 and newer writes 21 of the latter, padded to 16 bytes."""
+"""4-byte words of an RTCRay and of an RTCRayHit. Embree 4.3 and newer write 21 of the latter, padded to 16 bytes."""
 
 _COHERENT = 1 << 16  # RTCRayQueryFlags
-_VERSION, _NATIVE = 0, {16: 34, 8: 33, 4: 32}  # RTCDeviceProperty: version; are packets of so many rays native?
+_VERSION, _NATIVE = 0, {16: 34, 8: 33, 4: 32}  # RTCDeviceProperty: version; whether packets of 16, 8, 4 rays are native
 _TRIANGLES, _INDICES, _VERTICES, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
 
 _POINTER, _INT, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_int, ctypes.c_uint, ctypes.c_size_t
@@ -60,22 +60,22 @@ _SIGNATURES = {
 
 
 class Functions(NamedTuple):
-    """What a kernel may call; all arguments are addresses. Structures are those of ``embree4/rtcore_ray.h``."""
+    """Functions that a kernel may call; all arguments are addresses. For structures see ``embree4/rtcore_ray.h``."""
 
     intersect1: object  # (scene, RTCRayHit, arguments)
     occluded1: object  # (scene, RTCRay, arguments)
     intersect4: (
-        object  # (4 int32 that are -1 for a valid ray, scene, RTCRayHit4, arguments), the first on a 16-byte line
+        object  # (valid mask, scene, RTCRayHit4, arguments); mask: 4 int32, -1 for a valid ray; aligned to 16 bytes
     )
-    occluded4: object  # (the same, scene, RTCRay4, arguments)
-    intersect8: object  # 8 rays, on 32-byte lines
-    occluded8: object
-    intersect16: object  # 16 rays, on 64-byte lines
-    occluded16: object
+    occluded4: object  # (valid mask, scene, RTCRay4, arguments)
+    intersect8: object  # the same for 8 rays, aligned to 32 bytes
+    occluded8: object  # the same for 8 rays, aligned to 32 bytes
+    intersect16: object  # the same for 16 rays, aligned to 64 bytes
+    occluded16: object  # the same for 16 rays, aligned to 64 bytes
 
 
 class Arguments(ctypes.Structure):
-    """RTCIntersectArguments and RTCOccludedArguments, which are alike; make one with `arguments`."""
+    """RTCIntersectArguments and RTCOccludedArguments, which have the same layout. `arguments` makes one."""
 
     _fields_ = (
         ("flags", ctypes.c_uint),
@@ -87,22 +87,22 @@ class Arguments(ctypes.Structure):
 
 
 def arguments(coherent: bool) -> Arguments:
-    """Arguments for rays that are, or are not, alike; keep the object while ``ctypes.addressof`` of it is in use."""
+    """Arguments for coherent or incoherent rays. Keep the object while ``ctypes.addressof`` of it is in use."""
     return Arguments(_COHERENT if coherent else 0, 0xFFFFFFFF, None, None, None)
 
 
 @cache
 def library() -> ctypes.CDLL:
-    """The Embree 4 library, its functions typed.
+    """The Embree 4 library, with the types of its functions.
 
     Raises
     ------
     InputError
-        When embreex is not installed.
+        If embreex is not installed.
     """
     try:
         import embreex
-        import embreex.rtcore_scene  # loads the libraries that Embree itself needs
+        import embreex.rtcore_scene  # loads the libraries that Embree needs
     except ImportError:
         raise InputError("Embree is not installed: pip install 'antumbra[peers]'") from None
     folder = Path(embreex.__file__).parent
@@ -117,7 +117,7 @@ def library() -> ctypes.CDLL:
 
 
 def functions() -> Functions:
-    """The query functions, to be called in kernels."""
+    """The query functions, for calls in kernels."""
     lib = library()
     return Functions(*(getattr(lib, f"rtc{ask}{rays}") for rays in (1, 4, 8, 16) for ask in ("Intersect", "Occluded")))
 
@@ -125,8 +125,8 @@ def functions() -> Functions:
 class Device:
     """An Embree device; close it after its scenes.
 
-    threads : to build with; None: all cores
-    isa : "sse2", "sse4.2", "avx", "avx2" or "avx512", the most that Embree may use; None: all that the processor has
+    threads : threads that build; None: all cores
+    isa : "sse2", "sse4.2", "avx", "avx2" or "avx512", the highest that Embree may use; None: the processor's
     """
 
     def __init__(self, threads: int | None = None, isa: str | None = None):
@@ -136,20 +136,20 @@ class Device:
 
     @property
     def version(self) -> str:
-        """Embree's, such as "4.4.0"."""
+        """Embree's version, such as "4.4.0"."""
         number = self._property(_VERSION)
         return f"{number // 10000}.{number // 100 % 100}.{number % 100}"
 
     @property
     def width(self) -> int:
-        """Rays of the largest packet that has kernels of its own: 16 with AVX-512, 8 with AVX or AVX2, 4 with SSE."""
+        """Rays of the largest packet with native kernels: 16 with AVX-512, 8 with AVX or AVX2, 4 with SSE."""
         return next((rays for rays, number in _NATIVE.items() if self._property(number)), 1)
 
     def _property(self, number: int) -> int:
         return library().rtcGetDeviceProperty(self.handle, number)
 
     def check(self) -> None:
-        """Raise RuntimeError if Embree has met an error since the last check."""
+        """Raise a RuntimeError if Embree had an error since the last check."""
         code = library().rtcGetDeviceError(self.handle)
         if code:
             raise RuntimeError(f"Embree reports error {code}")
@@ -181,7 +181,7 @@ class EmbreeScene:
     handle : int
         Address of the RTCScene.
     build_seconds : float
-        Wall time of ``rtcCommitScene`` alone: vertices and indices have been copied into Embree's buffers before.
+        Wall time of ``rtcCommitScene`` alone. Vertices and indices are copied into Embree's buffers before.
     """
 
     def __init__(self, device: Device, vertices, faces=None, quality: str = "medium", flags: int = 0):
@@ -207,14 +207,14 @@ class EmbreeScene:
         device.check()
 
     def fill(self, vertices: np.ndarray) -> None:
-        """Copy other vertices, as many as before, to where Embree reads them; `build_again` then."""
+        """Copy other vertices, as many as before, into Embree's buffer. Call `build_again` afterwards."""
         vertices = np.ascontiguousarray(vertices, np.float32)
         if vertices.nbytes != self._bytes:
             raise ValueError(f"{vertices.nbytes} bytes of vertices where {self._bytes} are")
         ctypes.memmove(self._vertices, vertices.ctypes.data, vertices.nbytes)
 
     def build_again(self, refit: bool = False) -> None:
-        """Build anew from the vertices that there are now, or refit (DYNAMIC scenes only); sets `build_seconds`."""
+        """Build again from the present vertices, or refit (DYNAMIC scenes only). Sets `build_seconds`."""
         lib = library()
         start = time.perf_counter()
         if refit:
@@ -226,7 +226,7 @@ class EmbreeScene:
         self._device.check()
 
     def close(self) -> None:
-        library().rtcReleaseScene(self.handle)  # and with it the geometry
+        library().rtcReleaseScene(self.handle)  # this also releases the geometry
 
     def __enter__(self):
         return self
@@ -236,7 +236,7 @@ class EmbreeScene:
 
 
 def _copy(lib, geometry, kind, form, rows: np.ndarray) -> int:
-    """A new buffer of the geometry that holds these rows of three 4-byte numbers; its address."""
+    """Make a buffer of the geometry that holds these rows of three 4-byte numbers; return its address."""
     buffer = lib.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(rows))
     if buffer:
         ctypes.memmove(buffer, rows.ctypes.data, rows.nbytes)

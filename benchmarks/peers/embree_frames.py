@@ -1,8 +1,8 @@
-"""A frame as one would write it with Embree: primary rays, and shadow rays to one light, made where they are traced.
+"""A frame as a program written for Embree renders it: primary rays, and shadow rays to one light.
 
-The loops are compiled and share out 4 x 4 pixels at a time on all threads. A receiver is moved off its surface by the
-formula of `query.receivers`, without its exact test; a sample below the horizon is not traced. The light's points are
-those of our frames, as the same for all receivers: the light must be a point, quad or disk.
+The loops are compiled, and make rays where they are traced. Threads share blocks of 4 x 4 pixels. A receiver is moved
+off its surface by the formula of `query.receivers`, without its exact test. A sample below the horizon is not traced.
+The light's points are those of our frames and the same for all receivers. So the light must be a point, quad or disk.
 """
 
 import ctypes
@@ -41,9 +41,9 @@ from peers.embree import HIT_WORDS, EmbreeScene, arguments, functions
 
 BLOCK = 4
 ORDERS = "pixels", "samples"
-"""A packet of shadow rays: one sample of several pixels, or several samples of one pixel."""
+"""The packets of shadow rays: one sample of several pixels, or several samples of one pixel."""
 
-_WORDS = 16 * (1 + HIT_WORDS) + 16  # 4-byte words of a packet of 16 with its mask, and room to align it
+_WORDS = 16 * (1 + HIT_WORDS) + 16  # 4-byte words of a packet of 16 rays with its mask, and room to align it
 _TFAR, _FACE, _GEOMETRY = 8, 17, 18
 _SHIFT = np.float32(2.0**-21)
 
@@ -51,7 +51,7 @@ _SHIFT = np.float32(2.0**-21)
 class Primary(NamedTuple):
     """How primary rays are traced."""
 
-    lanes: int  # rays a call: 1, 4, 8 or 16
+    lanes: int  # rays for each call: 1, 4, 8 or 16
     coherent: bool  # RTC_RAY_QUERY_FLAG_COHERENT
 
     def __str__(self) -> str:
@@ -61,24 +61,24 @@ class Primary(NamedTuple):
 class Shadow(NamedTuple):
     """How shadow rays are traced."""
 
-    lanes: int
+    lanes: int  # rays for each call: 1, 4, 8 or 16
     order: str  # one of ORDERS
-    coherent: bool
+    coherent: bool  # RTC_RAY_QUERY_FLAG_COHERENT
 
     def __str__(self) -> str:
         return f"rtcOccluded{self.lanes} by {self.order}{' coherent' if self.coherent else ''}"
 
 
 class Hits(NamedTuple):
-    """What primary rays find."""
+    """The result of primary rays."""
 
     gbuffer: GBuffer
-    origins: np.ndarray  # (H, W, 3) float32 receivers
+    origins: np.ndarray  # (H, W, 3) float32: receivers
 
 
 @inlined
 def _put_ray(floats, whole, lanes, lane, o, d, tmax):
-    """Ray `lane` of a packet; single rays are packets of one."""
+    """Write ray `lane` of a packet. A single ray is a packet of one."""
     for k in range(3):
         put(floats, k * lanes + lane, o[k])
         put(floats, (4 + k) * lanes + lane, d[k])
@@ -92,7 +92,7 @@ def _put_ray(floats, whole, lanes, lane, o, d, tmax):
 
 @cache
 def _caller(ask: str, lanes: int):
-    """A compiled call of rtcIntersectN or rtcOccludedN on the packet at an address, before which its mask stands."""
+    """A compiled call of rtcIntersectN or rtcOccludedN on the packet at an address. The mask lies before the packet."""
     call = getattr(functions(), f"{ask}{lanes}")
 
     @numba.njit(nogil=True)
@@ -108,7 +108,7 @@ def _caller(ask: str, lanes: int):
 
 @cache
 def _primary_loop(lanes: int):
-    """Worker: primary rays of rows of blocks. Not cached on disk, for it holds addresses of this process."""
+    """Worker: trace primary rays of rows of blocks. It holds addresses of this process, so it is not cached on disk."""
     call, wide = _caller("intersect", lanes), min(lanes, BLOCK)
     infinite, high = np.float32(np.inf), max(lanes // BLOCK, 1)
 
@@ -160,17 +160,17 @@ def _primary_loop(lanes: int):
 
 
 class _Packet(NamedTuple):
-    """Pointers into one thread's memory for a packet of rays, or one ray, all words of a lane so many apart."""
+    """Pointers into one thread's memory for a packet of rays, or a single ray. Words of a lane are `lanes` apart."""
 
     floats: object  # float32 *, the RTCRayN
-    mask: object  # int32 *, before it
-    normals: object  # float32 *, 3 words a lane: of the receivers
-    found: object  # int64 *, a lane: bits of its pixel
+    mask: object  # int32 *, before the RTCRayN
+    normals: object  # float32 *, (3, lanes): normals of the receivers
+    found: object  # int64 *, (lanes,): bits of each lane's pixel
 
 
 @inlined
 def _put_receiver(packet, lanes, lane, gbuffer, origins, at):
-    """Pixel number `at` is the receiver of a lane; -1: none."""
+    """Make pixel number `at` the receiver of a lane; -1: none."""
     for k in range(3):
         put(packet.floats, k * lanes + lane, get(origins, 3 * at + k) if at >= 0 else np.float32(0.0))
         put(packet.normals, k * lanes + lane, get(gbuffer.normal, 3 * at + k) if at >= 0 else np.float32(0.0))
@@ -179,7 +179,7 @@ def _put_receiver(packet, lanes, lane, gbuffer, origins, at):
 
 @inlined
 def _pixel(gbuffer, y0, x0, p, h, w):
-    """Number of pixel p of a block, -1 if it sees nothing or is outside the picture."""
+    """The number of pixel p of a block; -1 if it sees nothing or is outside the picture."""
     y, x = y0 + p // BLOCK, x0 + p % BLOCK
     if y >= h or x >= w or get(gbuffer.side, y * w + x) == NOTHING:
         return -1
@@ -188,8 +188,10 @@ def _pixel(gbuffer, y0, x0, p, h, w):
 
 @cache
 def _asker(lanes: int):
-    """Trace the rays of a packet to light points, whose x are at `first`, y and z `step` apart; bits of the lanes that
-    do not see theirs. Points below the horizon, and NaN, are not traced."""
+    """A function that traces the rays of a packet to light points. It returns the bits of lanes that do not see theirs.
+
+    The x of the points are at `first`; y and z follow, `step` apart. Points below the horizon, and NaN, are not traced.
+    """
     call = _caller("occluded", lanes)
 
     @numba.njit(nogil=True, error_model="numpy")
@@ -232,7 +234,7 @@ def _asker(lanes: int):
 
 @cache
 def _shadow_loop(lanes: int, order: str):
-    """Worker: shadow rays of rows of blocks of 4 x 4 pixels; bit s of a pixel is set where sample s is not seen."""
+    """Worker: trace shadow rays of rows of blocks of 4 x 4 pixels. Bit s of a pixel is set if sample s is not seen."""
     ask, by_pixels, pixels = _asker(lanes), order == "pixels", lanes if order == "pixels" else 1
 
     @numba.njit(nogil=True, error_model="numpy")
@@ -242,7 +244,7 @@ def _shadow_loop(lanes: int, order: str):
         memory, normals, found = np.zeros(_WORDS, np.float32), np.empty(48, np.float32), np.empty(16, np.int64)
         address = (memory.ctypes.data + 4 * lanes + 63) // 64 * 64
         packet = _Packet(f32_at(address), i32_at(address - 4 * lanes), ptr(normals), ptr(found))
-        for lane in range(lanes):  # what is the same for all rays, and Embree leaves alone
+        for lane in range(lanes):  # ray masks: the same for all rays, and Embree does not change them
             put(i32_at(address), 9 * lanes + lane, np.int32(-1))
         h, w = gbuffer.face.shape
         surface, receivers, points, results = surface_of(gbuffer), ptr(origins), ptr(lights), ptr(out)
@@ -269,14 +271,14 @@ def _shadow_loop(lanes: int, order: str):
                             if at >= 0:
                                 put(results, at, found[lane])
             first = take(ticket)
-        memory[0], normals[0] = np.float32(0.0), np.float32(0.0)  # they live until here
+        memory[0], normals[0] = np.float32(0.0), np.float32(0.0)  # keeps both arrays alive until here
         set_control(before)
 
     return work
 
 
 def primary(scene: EmbreeScene, triangles, rays: CameraRays, how: Primary, threads: int) -> Hits:
-    """What the camera sees, and the receivers there."""
+    """The G-buffer of a camera, and its receivers."""
     shape = rays.height, rays.width
     vectors = [np.empty((*shape, 3), np.float32) for _ in range(3)]
     face, depth, side = (np.empty(shape, dtype) for dtype in (np.int32, np.float32, np.int8))
@@ -289,7 +291,7 @@ def primary(scene: EmbreeScene, triangles, rays: CameraRays, how: Primary, threa
 
 
 def light_points(light, origin: np.ndarray, spp: int) -> np.ndarray:
-    """(16, spp, 3) float32: the points of a light that are the same for all receivers, in the frame at `origin`."""
+    """(16, spp, 3) float32: the points of a light in the frame at `origin`. They are the same for all receivers."""
     patch = light.patch(origin, 1.0)
     if patch.kind != FIXED or spp > 64:
         raise NotImplementedError("a point, quad or disk, and at most 64 samples")
@@ -298,7 +300,7 @@ def light_points(light, origin: np.ndarray, spp: int) -> np.ndarray:
 
 
 def shadows(scene: EmbreeScene, hits: Hits, points: np.ndarray, how: Shadow, threads: int) -> np.ndarray:
-    """(H, W, 1) uint64: bit s is set where sample s of `light_points` is not seen."""
+    """(H, W, 1) uint64: bit s is set if sample s of `light_points` is not seen."""
     shape, spp = hits.gbuffer.face.shape, points.shape[1]
     filled = -(-spp // how.lanes) * how.lanes
     if how.order == "pixels":

@@ -1,7 +1,7 @@
-"""Ray sets through Embree, one ray or a packet of 4, 8 or 16 a call, in compiled loops on all threads. ::
+"""Traces ray sets by Embree: a ray or a packet of 4, 8 or 16 for each call, in compiled loops on all threads. ::
 
-records = write(rays, packets(rays, "pixels"))  # not timed; a trace changes its records, so each wants fresh ones
-trace(scene, records, coherent=True)  # what is timed
+records = write(rays, packets(rays, "pixels"))  # not timed; a trace changes its records, so each needs new ones
+trace(scene, records, coherent=True)  # timed
 blocked = occluded_of(rays, records)
 """
 
@@ -25,18 +25,18 @@ _RAYS_AT_A_TIME = 4096
 
 
 class Records(NamedTuple):
-    """Rays as Embree wants them, in the order of `ids`."""
+    """Rays in Embree's layout, in the order of `ids`."""
 
-    memory: np.ndarray  # float32, (n, words) one ray each, or (n, 1 + words, lanes): the valid mask, then the packet
-    ids: np.ndarray  # (n,) or (n, lanes) int32 ray ids, -1 in a lane that is not valid
+    memory: np.ndarray  # float32: (n, words) for single rays; (n, 1 + words, lanes): the valid mask, then the packet
+    ids: np.ndarray  # (n,) or (n, lanes) int32: ray ids, -1 in a lane that is not valid
     work: Callable  # the compiled loop
 
 
 @cache
 def _loop(ask: str, lanes: int, size: int):
-    """A worker that calls "intersect" or "occluded" on each record of so many bytes, compiled.
+    """A compiled worker that calls "intersect" or "occluded" on each record of `size` bytes.
 
-    Not cached on disk, for it holds addresses of this process.
+    It holds addresses of this process, so it is not cached on disk.
     """
     call, valid = getattr(functions(), f"{ask}{lanes}"), 4 * lanes
 
@@ -67,7 +67,7 @@ def _loop(ask: str, lanes: int, size: int):
 
 @inlined
 def _write_ray(flat, whole, at, step, rays, i):
-    """An RTCRay whose words are `step` apart; what follows it is the caller's."""
+    """Write an RTCRay whose words are `step` apart. The caller writes the words after it."""
     for k in range(3):
         flat[at + k * step] = rays.origins[i // rays.each, k]
         flat[at + (4 + k) * step] = rays.directions[i, k]
@@ -78,7 +78,7 @@ def _write_ray(flat, whole, at, step, rays, i):
 
 @kernel
 def _write(ticket, flat, whole, words, ids, rays):
-    """Worker: the records of ids, (n, lanes)."""
+    """Worker: write the records of ids, (n, lanes)."""
     lanes = ids.shape[1]
     size = len(flat) // len(ids)
     first = take(ticket)
@@ -96,14 +96,14 @@ def _write(ticket, flat, whole, words, ids, rays):
 
 
 def write(rays: RaySet, ids: np.ndarray, hits: bool = False, threads=None) -> Records:
-    """Fresh records of the rays with these ids: (n,) to trace one by one, (n, lanes) from `packets` to trace so.
+    """New records of the rays with these ids: (n,) for single rays, (n, lanes) from `packets` for packets.
 
-    hits : ask for the nearest hit, not for any
+    hits : whether to find the closest hit, not any hit
     """
     words, lanes = HIT_WORDS if hits else RAY_WORDS, 1 if ids.ndim == 1 else ids.shape[1]
     shape = (len(ids), words) if lanes == 1 else (len(ids), 1 + words, lanes)
     size = int(np.prod(shape[1:]))
-    # Where Embree has no kernel for a packet, rtcOccludedN reads an RTCRayHitN, beyond the end of the last record.
+    # If Embree has no kernel for a packet, rtcOccludedN reads an RTCRayHitN, beyond the end of the last record.
     flat = aligned_empty((len(ids) * size + HIT_WORDS * lanes,), "f4")[: len(ids) * size]
     columns = ids.reshape(-1, lanes)
     run(_write, thread_count(threads), new_ticket(len(ids), _RAYS_AT_A_TIME), flat, flat.view(np.int32), words, columns,
@@ -112,7 +112,7 @@ def write(rays: RaySet, ids: np.ndarray, hits: bool = False, threads=None) -> Re
 
 
 def trace(scene: EmbreeScene, records: Records, coherent: bool = False, threads=None) -> None:
-    """Trace the records in place; `coherent` sets RTC_RAY_QUERY_FLAG_COHERENT."""
+    """Trace the records in place. `coherent` sets RTC_RAY_QUERY_FLAG_COHERENT."""
     args, n = arguments(coherent), len(records.ids)
     chunk = _RAYS_AT_A_TIME if records.ids.ndim == 1 else _RAYS_AT_A_TIME // records.ids.shape[1]
     run(records.work, thread_count(threads), new_ticket(n, chunk), scene.handle, records.memory.ctypes.data,
@@ -128,7 +128,7 @@ def _words(records: Records, which: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def occluded_of(rays: RaySet, records: Records) -> np.ndarray:
-    """(rays,) bool by ray id: what traced records say; False for a ray that was not asked."""
+    """(rays,) bool by ray id: the answers in traced records; False for a ray that was not asked."""
     out = np.zeros(len(rays.directions), bool)
     ids, tfar = _words(records, _TFAR)
     out[ids] = tfar < 0.0
@@ -145,7 +145,7 @@ def faces_of(rays: RaySet, records: Records) -> np.ndarray:
 
 
 def occluded(scene: EmbreeScene, origins, directions, tmax=np.inf, threads=None) -> np.ndarray:
-    """(n,) bool: what Embree says of any rays ((n, 3) each), one by one."""
+    """(n,) bool: Embree's answers for rays, (n, 3) each, traced one by one."""
     rays = ray_set(origins, directions, tmax)
     records = write(rays, np.arange(len(rays.directions), dtype=np.int32), threads=threads)
     trace(scene, records, threads=threads)

@@ -1,4 +1,4 @@
-"""Ray sets through Mitsuba 3, whose LLVM variant traces packets with an Embree of its own."""
+"""Traces ray sets by Mitsuba 3. Its LLVM variant traces packets with its own Embree."""
 
 import time
 from functools import cache
@@ -14,12 +14,12 @@ VARIANT = "llvm_ad_rgb"
 
 @cache
 def library():
-    """The mitsuba and drjit modules, LLVM variant chosen.
+    """The mitsuba and drjit modules, with the LLVM variant.
 
     Raises
     ------
     InputError
-        When Mitsuba is not installed or finds no LLVM: its scalar variants take one ray a Python call.
+        If Mitsuba is not installed or finds no LLVM. Its scalar variants trace only one ray for each Python call.
     """
     try:
         import drjit
@@ -35,15 +35,15 @@ def library():
 
 
 def version() -> str:
-    """Such as "Mitsuba 3.9.1 llvm_ad_rgb, LLVM 15.0.6"."""
+    """The versions of Mitsuba and LLVM, such as "Mitsuba 3.9.1 llvm_ad_rgb, LLVM 15.0.6"."""
     mitsuba, drjit = library()
     return f"Mitsuba {mitsuba.__version__} {VARIANT}, LLVM {'.'.join(map(str, drjit.detail.llvm_version()))}"
 
 
 class MitsubaScene:
-    """Triangles ((n, 3, 3) float32) that Mitsuba has built; `build_seconds` is the wall time of that.
+    """A Mitsuba scene of triangles ((n, 3, 3) float32). `build_seconds` is the wall time of its build.
 
-    robust : ask for Embree's robust flag
+    robust : whether to set Embree's robust flag
     """
 
     def __init__(self, vertices, robust: bool = False):
@@ -58,11 +58,11 @@ class MitsubaScene:
         drjit.sync_thread()
         self.build_seconds = time.perf_counter() - start
         one = RaySet((1, 1, 1), np.zeros((1, 3), "f4"), 1, np.ones((1, 3), "f4"), 1.0, np.ones(1, bool))
-        for coherent in (False, True):  # compiled now, not when it is timed
+        for coherent in (False, True):  # compile before timing
             self.trace(self.write(one, np.zeros(1, np.int32)), coherent)
 
     def write(self, rays: RaySet, ids: np.ndarray):
-        """The rays with these ids (n,) as Mitsuba's; 16 that follow each other are a packet (8 without AVX-512)."""
+        """The rays with these ids, (n,), as a Mitsuba ray. 16 consecutive rays are a packet (8 without AVX-512)."""
         mitsuba, drjit = library()
         columns = [mitsuba.Float(np.ascontiguousarray(column)) for column in gathered(rays, ids).T]
         ray = mitsuba.Ray3f(mitsuba.Point3f(*columns[:3]), mitsuba.Vector3f(*columns[3:]), rays.tmax, 0.0, [])
@@ -71,7 +71,7 @@ class MitsubaScene:
         return ray
 
     def trace(self, ray, coherent: bool = False, threads=None):
-        """Trace what `write` made; what is timed. Mitsuba's array of bool."""
+        """Trace a result of `write`; return a Mitsuba array of bool. This is the timed call."""
         _, drjit = library()
         blocked = self._scene.ray_test(ray, coherent=coherent)
         drjit.eval(blocked)
@@ -80,12 +80,12 @@ class MitsubaScene:
 
 
 def set_threads(threads) -> None:
-    """How many threads Mitsuba's kernels use, from now on."""
+    """Set the number of threads of Mitsuba's kernels."""
     library()[1].set_thread_count(thread_count(threads))
 
 
 def occluded_of(rays: RaySet, ids: np.ndarray, blocked) -> np.ndarray:
-    """(rays,) bool by ray id: what `MitsubaScene.trace` answered; False for a ray that was not asked."""
+    """(rays,) bool by ray id: the answers of `MitsubaScene.trace`; False for a ray that was not asked."""
     out = np.zeros(len(rays.directions), bool)
     out[ids] = np.array(blocked)
     return out

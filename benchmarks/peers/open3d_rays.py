@@ -1,4 +1,4 @@
-"""Ray sets through Open3D, which calls an Embree of its own one ray at a time."""
+"""Traces ray sets by Open3D, which calls its own Embree one ray at a time."""
 
 import time
 from functools import cache
@@ -17,7 +17,7 @@ def library():
     Raises
     ------
     InputError
-        When Open3D, or a library that it needs, is not installed.
+        If Open3D, or a library that it needs, is not installed.
     """
     try:
         import open3d
@@ -27,7 +27,7 @@ def library():
 
 
 class Open3DScene:
-    """Triangles ((n, 3, 3) float32) that Open3D has built; `build_seconds` is the wall time of that."""
+    """An Open3D scene of triangles ((n, 3, 3) float32). `build_seconds` is the wall time of its build."""
 
     def __init__(self, vertices, threads=None):
         o3d = library()
@@ -36,20 +36,20 @@ class Open3DScene:
         start = time.perf_counter()
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=thread_count(threads))
         self._scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(faces))
-        self._scene.test_occlusions(o3d.core.Tensor(np.ones((1, 6), np.float32)))  # builds when it is first asked
+        self._scene.test_occlusions(o3d.core.Tensor(np.ones((1, 6), np.float32)))  # the first query builds
         self.build_seconds = time.perf_counter() - start
 
     def write(self, rays: RaySet, ids: np.ndarray):
-        """The rays with these ids (n,) as Open3D's tensor."""
+        """The rays with these ids, (n,), as an Open3D tensor."""
         return library().core.Tensor(gathered(rays, ids))
 
     def trace(self, tensor, tmax: float, threads=None):
-        """Trace what `write` made; what is timed. A tensor of bool."""
+        """Trace a result of `write`; return a tensor of bool. This is the timed call."""
         return self._scene.test_occlusions(tensor, 0.0, tmax, thread_count(threads))
 
 
 def occluded_of(rays: RaySet, ids: np.ndarray, blocked) -> np.ndarray:
-    """(rays,) bool by ray id: what `Open3DScene.trace` answered; False for a ray that was not asked."""
+    """(rays,) bool by ray id: the answers of `Open3DScene.trace`; False for a ray that was not asked."""
     out = np.zeros(len(rays.directions), bool)
     out[ids] = blocked.numpy()
     return out

@@ -1,4 +1,4 @@
-"""Rays that a peer is given: those that a query of ours asks, and the orders in which peers like to get them."""
+"""Ray sets for peers: the rays of our queries, in orders that suit the peers."""
 
 from typing import NamedTuple
 
@@ -8,10 +8,10 @@ from antumbra.query.receivers import NOTHING
 from antumbra.query.shadow import ShadowQuery, segments
 from antumbra.scene.camera import CameraRays
 
-BLOCK = 4  # pixels, each way: 16 pixels make a packet
+BLOCK = 4  # pixels along each side of a block; its 16 pixels make a packet
 LANES = BLOCK * BLOCK
 ORDERS = ("pixels", "samples")
-"""Packets: one light sample of 4 x 4 pixels (8 lanes: 4 x 2, 4 lanes: 4 x 1), or one pixel and 16 (8, 4) samples."""
+"""The packets: one light sample of 4 x 4 pixels (8 lanes: 4 x 2, 4 lanes: 4 x 1), or 16 (8, 4) samples of one pixel."""
 
 
 class RaySet(NamedTuple):
@@ -20,16 +20,16 @@ class RaySet(NamedTuple):
     shape: tuple[int, int, int]  # (h, w, spp)
     origins: np.ndarray  # (m, 3) float32; ray i starts at origins[i // each]
     each: int  # rays of each origin
-    directions: np.ndarray  # (h * w * spp, 3) float32, of any length; t counts in it
+    directions: np.ndarray  # (h * w * spp, 3) float32, of any length; t is in units of this length
     tmax: float  # tmin is 0
-    asked: np.ndarray  # (h * w * spp,) bool; peers are given only these
+    asked: np.ndarray  # (h * w * spp,) bool: the rays that peers get
 
 
 def shadow_rays(query: ShadowQuery) -> RaySet:
     """The segments of a query, receiver to light sample, over (0, 1).
 
-    Asked are those that our tracers trace: a sample below its receiver's horizon, and a pixel that sees nothing, are no
-    work for a peer either. The direction is rounded to float32; ours is the exact difference of the two ends.
+    The rays asked are those that our tracers trace. So peers do not trace samples below their receiver's horizon, or
+    rays of pixels that see nothing. Directions are rounded to float32; ours are the exact difference of the two ends.
     """
     ends, above = segments(query)
     ends -= query.origins[:, :, None]
@@ -38,7 +38,7 @@ def shadow_rays(query: ShadowQuery) -> RaySet:
 
 
 def primary_rays(rays: CameraRays) -> RaySet:
-    """The rays through the centres of a camera's pixels, over (0, inf); the same bits as `pixels.pixel_direction`."""
+    """The rays through the centres of a camera's pixels, over (0, inf), with the bits of `pixels.pixel_direction`."""
     y, x = np.mgrid[: rays.height, : rays.width][..., None]
     directions = ((rays.corner + (x + 0.5) * rays.dx) + (y + 0.5) * rays.dy).astype(np.float32).reshape(-1, 3)
     shape, asked = (rays.height, rays.width, 1), np.ones(len(directions), bool)
@@ -46,13 +46,13 @@ def primary_rays(rays: CameraRays) -> RaySet:
 
 
 def ray_set(origins, directions, tmax=np.inf) -> RaySet:
-    """Any rays ((n, 3) each), as a picture of one row."""
+    """Any rays, (n, 3) each, as a picture of one row."""
     origins, directions = (np.ascontiguousarray(a, np.float32) for a in (origins, directions))
     return RaySet((1, len(origins), 1), origins, 1, directions, float(tmax), np.ones(len(origins), bool))
 
 
 def blocks(h: int, w: int) -> np.ndarray:
-    """(n, 16) int64: pixels y * w + x of blocks of 4 x 4, blocks in Morton order; -1: not in the picture."""
+    """(n, 16) int64: pixels y * w + x of blocks of 4 x 4, with the blocks in Morton order; -1: not in the picture."""
     rows, columns = -(-h // BLOCK), -(-w // BLOCK)
     y, x = np.mgrid[:rows, :columns].reshape(2, -1)
     code = sum(((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(16))
@@ -63,7 +63,7 @@ def blocks(h: int, w: int) -> np.ndarray:
 
 
 def packets(rays: RaySet, order: str, lanes: int = LANES) -> np.ndarray:
-    """(n, lanes) int32: ray ids of packets in one of ORDERS; -1 in a lane without a ray; no packet is empty.
+    """(n, lanes) int32: ray ids of packets in one of ORDERS; -1 in a lane without a ray. No packet is empty.
 
     lanes : 16, 8 or 4
     """
@@ -81,10 +81,10 @@ def packets(rays: RaySet, order: str, lanes: int = LANES) -> np.ndarray:
 
 
 def one_by_one(ids: np.ndarray) -> np.ndarray:
-    """(n,) int32: the rays of packets in their order."""
+    """(n,) int32: the ray ids of packets, in order, without the empty lanes."""
     return ids[ids >= 0]
 
 
 def gathered(rays: RaySet, ids: np.ndarray) -> np.ndarray:
-    """(n, 6) float32: origins and directions of the rays (n,)."""
+    """(n, 6) float32: origins and directions of the rays with these ids, (n,)."""
     return np.concatenate([rays.origins[ids // rays.each], rays.directions[ids]], 1)

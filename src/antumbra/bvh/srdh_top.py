@@ -112,7 +112,7 @@ class RayLevels:
         return top._replace(boxes=boxes, children=children, orders=order)
 
     def sets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(rays, hits, spans) of the remaining ranges, in the order of `Top.ranges`."""
+        """(rays, hits, spans) of the remaining ranges, in the order of `UpperLevels.ranges`."""
         done = [(rays, span) for rays, spans in [*self.done, (self.rays, self.spans)] for span in spans]
         rays = [r.rays[s[FIRST_RAY] : s[FIRST_RAY] + s[N_RAYS]] for r, s in done]
         hits = [r.hits[s[FIRST_HIT] : s[FIRST_HIT] + s[N_HITS]] for r, s in done]

@@ -61,7 +61,7 @@ _F = np.float32
 _SMALLEST, _EXPONENT = np.float32(2.0**-126), np.int32(0x7F800000)
 
 
-class Rays(NamedTuple):
+class PictureRays(NamedTuple):
     """A `query.diffuse.RayPass` as a picture, (h, w) pixels."""
 
     origins: np.ndarray  # (h, w, 3) float32
@@ -109,7 +109,7 @@ def _measure(ticket, directions, reach, lengths, bits_, limits):
         y0 = take(ticket)
 
 
-def looks_of(rays: Rays, reach: float, threads: int) -> Looks:
+def looks_of(rays: PictureRays, reach: float, threads: int) -> Looks:
     """Nothing has been hit yet; `reach`: no ray is longer inside the scene."""
     shape = rays.skip.shape
     lengths, limits = np.empty(shape, _F), np.empty(shape, _F)
@@ -263,7 +263,9 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, looks, ce
         t = take(ticket)
 
 
-def trace_nearest(forest, spans, tiles, picture: Picture, rays: Rays, hits: Hits, looks: Looks, cells, threads) -> None:
+def trace_nearest(
+    forest, spans, tiles, picture: Picture, rays: PictureRays, hits: Hits, looks: Looks, cells, threads
+) -> None:
     """Trace the rays of some tiles through their lists; `hits`, `looks` and `cells` are brought up to date."""
     ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
     run(_trace, threads, ticket, forest, spans, tiles, columns, picture, rays, hits, looks, cells)
@@ -292,7 +294,7 @@ def _bound(ticket, picture, rays, looks, cells):
         region = take(ticket)
 
 
-def bound_rays(picture: Picture, rays: Rays, looks: Looks, threads: int) -> np.ndarray:
+def bound_rays(picture: Picture, rays: PictureRays, looks: Looks, threads: int) -> np.ndarray:
     """The cells of a pass, (1, regions, ROWS, 16)."""
     cells = new_cells(picture, 1)
     run(_bound, threads, new_ticket(cells.shape[1], 1), picture, rays, looks, cells)

@@ -19,7 +19,7 @@ from .options import Options
 _WAITING = MAX_DEPTH + 2
 
 
-class Memory(Protocol):
+class PartMemory(Protocol):
     """Where the trees of parts are, if not all of them are in memory all the time."""
 
     def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Generator[np.ndarray, None, None]:
@@ -41,7 +41,7 @@ class Parts(NamedTuple):
     trees: np.ndarray  # (k, ADDRESSES) int64, see `trace.forest`; out of core, only of those in memory
     heads: np.ndarray  # (k, 16) float32, see `trace.forest`
     extents: np.ndarray  # (3,) float32 of the scene
-    memory: Memory | None  # None: everything is in memory
+    memory: PartMemory | None  # None: everything is in memory
     keeps: object  # what holds the memory behind the addresses
 
     @property
@@ -142,7 +142,7 @@ def parts_of(tree: BlockTree, options: Options) -> Parts:
     )  # fmt: skip
 
 
-def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memory: Memory, keeps) -> Parts:
+def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memory: PartMemory, keeps) -> Parts:
     """Chunks as parts.
 
     top : (m, 16) float32: nodes over the chunks as in `Bvh`, but a link < 0 is ``~(8 * chunk)``, or EMPTY

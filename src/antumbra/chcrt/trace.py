@@ -17,14 +17,14 @@ from ..scene.lights import AMBIENT, LIST
 from ..trace.forest import Forest, Hits, no_hits
 from ..trace.lighttable import STRATA
 from ..trace.multifrusta.trace import trace_forest
-from ..trace.packets.incoherent import is_far, is_huge, is_scattered
+from ..trace.packets.incoherent import is_far, is_huge, is_incoherent
 from ..trace.packets.packet16 import over_pixels, over_samples
 from ..trace.primary.trace import picture_seen, trace_hits
 from ..trace.querychunk import TileShape, tile_shape
 from .camera import CELL, bound_camera, length_of, shorten_camera
 from .cells import Picture, bound_cells, picture_of, shorten
 from .fronts import Fronts
-from .nearest import Rays, bound_rays, looks_of, trace_nearest
+from .nearest import PictureRays, bound_rays, looks_of, trace_nearest
 from .options import Options
 from .parts import Parts, parts_of
 from .queries import Answers, ask
@@ -147,7 +147,7 @@ def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, c
     inside = None if scheduled.parts.memory else progress  # out of core, what takes long is to read
     options = {"threads": thread_count(threads), "counters": counters, "progress": inside}
     kind, steps, trace = query.light.kind, [chunks], trace_forest
-    if is_scattered(query):
+    if is_incoherent(query):
         steps, trace = [range(c, c + 1) for c in chunks], over_samples if kind == LIST else over_pixels
     elif is_huge(query, scheduled.parts.extents) or is_far(query, boxes_of(scheduled.parts.lines[:1])):
         trace = over_pixels
@@ -174,7 +174,7 @@ class _Nearest:
 class _Pass(_Nearest):
     """A pass of rays."""
 
-    def __init__(self, scheduled: Scheduled, rays: Rays, reach: float, threads: int):
+    def __init__(self, scheduled: Scheduled, rays: PictureRays, reach: float, threads: int):
         self.pass_, self.looks = rays, looks_of(rays, reach, threads)
         super().__init__(
             scheduled, *rays.skip.shape, threads, lambda picture: bound_rays(picture, rays, self.looks, threads)
@@ -211,7 +211,7 @@ def _reach(scheduled: Scheduled, low, high) -> float:
 
 def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], threads=None, progress=None) -> Hits:
     """The nearest hit of each ray of a pass over a picture of this shape, the same as every other method finds."""
-    picture, threads = Rays(*(a.reshape(*shape, *a.shape[1:]) for a in rays)), thread_count(threads)
+    picture, threads = PictureRays(*(a.reshape(*shape, *a.shape[1:]) for a in rays)), thread_count(threads)
     made = _Pass(scheduled, picture, _reach(scheduled, *bounds(rays.origins, threads)), threads)
     scheduled.run(made.rays.tiles, shape, 1, made, progress)
     return made.hits

@@ -1,9 +1,9 @@
 """Renders an animation, frame by frame, with one `Renderer` that keeps its state. Finished frames are not repeated.
 
 Every picture stores its settings (`RenderOptions.settings`) and its exposure as JSON. A frame is finished if its file
-has the settings of this run. All frames have the same exposure, so that a film does not flicker. It is the exposure of the
-first frame that exists or succeeds, unless one is given. So an interrupted run continues with the exposure of its first
-frame.
+has the settings of this run. All frames have the same exposure, so that a film does not flicker. It is the exposure of
+the first frame that exists or succeeds, unless one is given. So an interrupted run continues with the exposure of its
+first frame.
 """
 
 import json

@@ -14,7 +14,7 @@ _MOST_NOTES = 5
 
 
 def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "AnyScene":
-    """The scene that a `SceneSpec` names; what the loader noted is said on standard error."""
+    """The scene that a `SceneSpec` names. The loader's notes appear on standard error."""
     if spec.path is None:
         from .. import procedural
 

@@ -41,7 +41,7 @@ _SHALLOW = np.float64(2.0**-18)  # in units of its distance: no receiver near a 
 _MORE = np.float64(1.000001)
 
 
-class Samples(NamedTuple):
+class ConeSamples(NamedTuple):
     """Those of a `Beam`."""
 
     first: int

@@ -35,12 +35,12 @@ from ..kernels.simd import (
     store,
 )
 from ..trace.counters import N_COUNTERS, add_counters, cleared
-from .asking import Samples, asking_of, origins_of, who_asks
+from .asking import ConeSamples, asking_of, origins_of, who_asks
 from .beams import Beam
 from .keys import cells_of
 from .memory import Empty
 from .order import at_apex, places_on, scale_of, sort_cells
-from .rays import PAD, Cut, Rays, block_pointers, new_blocks, rays_in
+from .rays import PAD, LeafCut, LeafRays, block_pointers, new_blocks, rays_in
 from .view import relative16, view_of
 
 GROUPS = 8  # of a block, at most; there are six faces
@@ -50,7 +50,7 @@ _INF = np.float32(np.inf)
 _HALF = np.float32(0.5)
 
 
-class Found(NamedTuple):
+class FoundBlocks(NamedTuple):
     """Groups of lanes, (parts _ROOM,) int32: those of each part of the blocks from a multiple of _ROOM on."""
 
     cells: np.ndarray  # where each is
@@ -136,12 +136,12 @@ def _keep(asking, blocks, block, ids, o, asks):
 
 @kernel
 def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally):
-    """Worker: each block, and what is `Found` in it."""
-    asking, view, samples = asking_of(query, bits), view_of(beam), Samples(beam.first, beam.count, beam.set)
+    """Worker: each block, and what is `FoundBlocks` in it."""
+    asking, view, samples = asking_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
     h, w = query.sides.shape
     ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
     last, blocks = stack_i64(2), block_pointers(arrays)
-    out, mine = Found(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), cleared(stack_i64(N_COUNTERS))
+    out, mine = FoundBlocks(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), cleared(stack_i64(N_COUNTERS))
     for k in range(0, 32, 16):  # lanes without a group are computed with as well: denormal numbers there are slow
         store(centres, k, splat16(_HALF))
     put(last, 0, -1)
@@ -169,16 +169,16 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally
     add_counters(tally, mine)
 
 
-def rays_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=None, empty: Empty = np.empty) -> Rays:
-    """The `Rays` of those of a picture's receivers that ask a beam, as `order_of` says it."""
+def rays_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=None, empty: Empty = np.empty) -> LeafRays:
+    """The `LeafRays` of those of a picture's receivers that ask a beam, as `order_of` says it."""
     h, w = query.sides.shape
     n = -(-h // 4) * -(-w // 4)
     blocks = new_blocks(n, 16, empty)
     parts, ticket = -(-n // _PART), new_ticket(n, _PART)
-    found, counts = Found(*(empty(parts * _ROOM, np.int32) for _ in range(3))), np.zeros(parts, np.int64)
+    found, counts = FoundBlocks(*(empty(parts * _ROOM, np.int32) for _ in range(3))), np.zeros(parts, np.int64)
     run(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, blocks, found, counts, tally)
     gaps = np.arange(parts) * _ROOM - (np.cumsum(counts) - counts)
     at = np.arange(counts.sum()) + np.repeat(gaps, counts)
     order = sort_cells(np.append(found.cells[at], np.zeros(PAD, np.int32)), at.astype(np.int32), threads)
-    cut = Cut(found.blocks[order.ids], found.lanes[order.ids], order.starts, order.faces, True)
+    cut = LeafCut(found.blocks[order.ids], found.lanes[order.ids], order.starts, order.faces, True)
     return rays_in(query, beam, blocks, cut, bits, threads, empty)

@@ -28,7 +28,7 @@ from ..kernels.simd import (
     store,
 )
 from ..trace.counters import N_COUNTERS, add_counters, cleared
-from .asking import Samples, asking_of, origins_of, who_asks
+from .asking import ConeSamples, asking_of, origins_of, who_asks
 from .beams import PERSPECTIVE, Beam
 from .keys import BITS, KEY_BITS, cells_of, keys_of, on_cube, on_ground
 from .rays import PAD
@@ -74,7 +74,7 @@ def places_on(view, scale, d):
 @kernel
 def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
     """Worker: each receiver's cell, -1 if it asks nothing; how many of a part ask."""
-    asking, view, samples = asking_of(query, bits), view_of(beam), Samples(beam.first, beam.count, beam.set)
+    asking, view, samples = asking_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
     ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
     put(last, 0, -1)
     first = take(ticket)

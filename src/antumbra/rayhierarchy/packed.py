@@ -22,7 +22,7 @@ from .asking import asking_of, origins_of
 from .beams import Beam
 from .memory import Empty
 from .order import Order
-from .rays import Cut, Rays, block_pointers, new_blocks, rays_in
+from .rays import LeafCut, LeafRays, block_pointers, new_blocks, rays_in
 
 
 @inlined
@@ -76,18 +76,18 @@ def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
 
 def rays_of(
     query, beam: Beam, order: Order, ways: int, bits: np.ndarray, threads: int, empty: Empty = np.empty
-) -> Rays:
-    """The `Rays` of the receivers in an order; no leaf has receivers of two faces."""
+) -> LeafRays:
+    """The `LeafRays` of the receivers in an order; no leaf has receivers of two faces."""
     starts = np.append(0, np.cumsum(-(-np.diff(order.starts) // ways)))
     n = int(starts[-1])
     blocks = new_blocks(n, ways, empty)
     lanes = np.empty(n, np.int32)
     run(_fill, threads, new_ticket(n, 256), query, order, starts, bits, blocks, lanes)
-    cut = Cut(np.arange(n, dtype=np.int32), lanes, starts, order.faces, order.placed)
+    cut = LeafCut(np.arange(n, dtype=np.int32), lanes, starts, order.faces, order.placed)
     return rays_in(query, beam, blocks, cut, bits, threads, empty)
 
 
-def left_of(query, beam: Beam, rays: Rays, bits: np.ndarray, threads: int, empty: Empty = np.empty) -> Rays:
+def left_of(query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: int, empty: Empty = np.empty) -> LeafRays:
     """The rays of which something is still asked after a traversal [Olsson and Assarsson 2011, Sec. 3.4].
 
     Where leaves are `placed` those that ask nothing are left empty, else the others close up.

@@ -29,7 +29,7 @@ _THIN = np.float64(2.0**-22)  # of a triangle in units of its length: no side of
 _COORDINATES = np.float64(2.0**-22)  # 2^-50 / _U: above the rounding of coordinates, in units of them
 
 
-class Plane(NamedTuple):
+class ShadowPlane(NamedTuple):
     """n . x + m in the beam's frame, float64; n = 0: says nothing, as m is 0 then."""
 
     x: float
@@ -54,7 +54,7 @@ class Shape(NamedTuple):
 def nothing():
     """The plane that says nothing."""
     z = np.float64(0.0)
-    return Plane(z, z, z, z)
+    return ShadowPlane(z, z, z, z)
 
 
 @inlined
@@ -65,7 +65,7 @@ def minus(a, b):
 
 @inlined
 def _plane_at(n, p):
-    return Plane(n[0], n[1], n[2], -dot(n, p))
+    return ShadowPlane(n[0], n[1], n[2], -dot(n, p))
 
 
 @inlined
@@ -79,7 +79,7 @@ def _through_apex(t, w, r):
     if not abs(side) > _U * size * far:
         return nothing(), False
     s = np.float64(1.0) if side > 0.0 else np.float64(-1.0)
-    return Plane(s * n[0], s * n[1], s * n[2], np.float64(0.0)), True
+    return ShadowPlane(s * n[0], s * n[1], s * n[2], np.float64(0.0)), True
 
 
 @kernel
@@ -122,9 +122,9 @@ def _own_plane(view, a, b, c):
         d, size = -n[2], np.float64(1.0)
     slack = view.radius * np.sqrt(dot(n, n)) * 1.000001 + _U * size * (p * q + _COORDINATES * far * (p + q))
     if d > slack:
-        return Plane(n[0], n[1], n[2], -dot(n, a)), -1
+        return ShadowPlane(n[0], n[1], n[2], -dot(n, a)), -1
     if -d > slack:
-        return Plane(-n[0], -n[1], -n[2], dot(n, a)), 1
+        return ShadowPlane(-n[0], -n[1], -n[2], dot(n, a)), 1
     return nothing(), 0
 
 

@@ -21,7 +21,7 @@ from .memory import Empty
 PAD = 16  # numbers after the last: 16 are read where there are fewer
 
 
-class Rays(NamedTuple):
+class LeafRays(NamedTuple):
     """Receivers in leaves of `ways`, with the ends of their segments.
 
     A leaf's dead segments are those that nothing has to be asked about: its receiver or sample does not exist, or is
@@ -46,7 +46,7 @@ class Rays(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """Receivers, `ways` side by side, as in `Rays`."""
+    """Receivers, `ways` side by side, as in `LeafRays`."""
 
     ways: int
     origins: np.ndarray
@@ -54,8 +54,8 @@ class Blocks(NamedTuple):
     own: np.ndarray
 
 
-class Cut(NamedTuple):
-    """What leaves are made of blocks, as in `Rays`."""
+class LeafCut(NamedTuple):
+    """What leaves are made of blocks, as in `LeafRays`."""
 
     blocks: np.ndarray
     lanes: np.ndarray
@@ -65,7 +65,7 @@ class Cut(NamedTuple):
 
 
 class Leaves(NamedTuple):
-    """`Rays` in kernels: pointers instead of arrays."""
+    """`LeafRays` in kernels: pointers instead of arrays."""
 
     ways: int
     origins: object
@@ -83,7 +83,7 @@ class Leaves(NamedTuple):
 
 @inlined
 def leaves_of(rays):
-    """The `Leaves` of `Rays`."""
+    """The `Leaves` of `LeafRays`."""
     return Leaves(
         rays.ways, ptr(rays.origins), ptr(rays.ids), ptr(rays.own), ptr(rays.ends), rays.end_step, ptr(rays.blocks),
         ptr(rays.lanes), ptr(rays.dead), rays.first, rays.count, ptr(rays.samples),
@@ -196,14 +196,14 @@ def block_pointers(blocks):
     return Blocks(blocks.ways, ptr(blocks.origins), ptr(blocks.ids), ptr(blocks.own))
 
 
-def rays_in(query, beam: Beam, blocks: Blocks, cut: Cut, bits: np.ndarray, threads: int, empty: Empty) -> Rays:
-    """The `Rays` of the receivers in blocks, cut into leaves."""
+def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
+    """The `LeafRays` of the receivers in blocks, cut into leaves."""
     n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.count
     step = 0 if beam.common else 3 * count * blocks.ways
     ends = empty((n * step if step else 3 * count * blocks.ways) + PAD, np.float32)
     ends[-PAD:] = 0
     dead = np.empty((len(cut.blocks), count), np.int32)
-    rays = Rays(
+    rays = LeafRays(
         blocks.ways, blocks.origins, blocks.ids, blocks.own, ends, step, cut.blocks, cut.lanes, dead,
         beam.first, count, cut.starts, cut.faces, cut.placed, np.zeros(len(cut.blocks), np.int32),
     )  # fmt: skip
@@ -215,7 +215,7 @@ def rays_in(query, beam: Beam, blocks: Blocks, cut: Cut, bits: np.ndarray, threa
     return rays
 
 
-def finished(rays: Rays) -> float:
+def finished(rays: LeafRays) -> float:
     """The share of the segments of which nothing is asked any more."""
     asked = int(np.bitwise_count(rays.lanes).sum()) * rays.count
     return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(asked, 1)
@@ -239,6 +239,6 @@ def _write_bits(ticket, rays, bits):
         first = take(ticket)
 
 
-def write_bits(rays: Rays, bits: np.ndarray, threads: int) -> None:
+def write_bits(rays: LeafRays, bits: np.ndarray, threads: int) -> None:
     """Set the bits of blocked segments in (h, w, words) uint64."""
     run(_write_bits, threads, new_ticket(len(rays.dead), 256), rays, bits)

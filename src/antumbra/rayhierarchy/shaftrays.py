@@ -11,12 +11,12 @@ from .beams import PARALLEL, PERSPECTIVE, Beam
 from .memory import Empty
 from .order import Order
 from .packed import rays_of
-from .rays import Rays
+from .rays import LeafRays
 
 _BITS = 10  # of each coordinate in the order of receivers
 
 
-def receivers_of(query, beam: Beam, rays: Rays, bits: np.ndarray, threads: int, empty: Empty) -> Rays:
+def receivers_of(query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
     """The receivers of which something is still asked, sixteen of one sample set together that are near each other."""
     w = query.sides.shape[1]
     left = (rays.lanes & ~np.bitwise_and.reduce(rays.dead, 1))[:, None] >> np.arange(rays.ways) & 1
@@ -31,7 +31,7 @@ def receivers_of(query, beam: Beam, rays: Rays, bits: np.ndarray, threads: int, 
     return rays_of(query, beam, Order(ids[order], starts, some, False), 16, bits, threads, empty)
 
 
-def shafts_of(query, beam: Beam, rays: Rays) -> tuple[Rays, np.ndarray]:
+def shafts_of(query, beam: Beam, rays: LeafRays) -> tuple[LeafRays, np.ndarray]:
     """(leaves of one sample each, their places in the flat `dead` of the rays from `receivers_of`)."""
     live = rays.lanes[:, None] & ~rays.dead  # leaf, sample
     leaf, sample = np.nonzero(live)

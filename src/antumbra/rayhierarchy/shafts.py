@@ -35,7 +35,7 @@ _F = np.float32
 _E = _F(2.0**-20)  # above what rounding does to t
 
 
-class Shafts(NamedTuple):
+class ShaftNodes(NamedTuple):
     """Nodes of a hierarchy; see `nodes`."""
 
     rows: int = ROWS
@@ -82,13 +82,13 @@ def _shaft_of_nodes(children, alive, ways, group, lane):
 
 @overload(names.bound_leaf)
 def _bound_leaf(nodes, view, face, leaves, leaf, group, lane):
-    if nodes.instance_class is Shafts:
+    if nodes.instance_class is ShaftNodes:
         return lambda nodes, view, face, leaves, leaf, group, lane: _shaft_of_leaf(leaves, leaf, group, lane)
 
 
 @overload(names.bound_node)
 def _bound_node(nodes, children, alive, ways, group, lane):
-    if nodes.instance_class is Shafts:
+    if nodes.instance_class is ShaftNodes:
         return lambda nodes, children, alive, ways, group, lane: _shaft_of_nodes(children, alive, ways, group, lane)
 
 

@@ -15,14 +15,14 @@ from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import get, ptr, ptr_at, put
 from .memory import Empty
 from .nodes import bound_leaf, bound_node
-from .rays import PAD, Rays, leaves_of
+from .rays import PAD, LeafRays, leaves_of
 from .view import view_of
 
 LEVELS = 16
 """No hierarchy has more: 2^32 rays in fours."""
 
 
-class Tree(NamedTuple):
+class RayTree(NamedTuple):
     """Hierarchies over the rays of a beam, one for each face; k of them."""
 
     ways: int
@@ -39,8 +39,8 @@ class Tree(NamedTuple):
 
 @inlined
 def tree_pointers(tree):
-    """The same `Tree` with pointers instead of arrays: each array that is passed on costs a reference count."""
-    return Tree(
+    """The same `RayTree` with pointers instead of arrays: each array that is passed on costs a reference count."""
+    return RayTree(
         tree.ways, tree.shift, tree.nodes, ptr(tree.numbers), ptr(tree.alive), ptr(tree.heights), ptr(tree.sizes),
         ptr(tree.groups), ptr(tree.leaves), ptr(tree.faces),
     )  # fmt: skip
@@ -90,8 +90,8 @@ def _bound(ticket, arrays, beam, rays, part, level):
         first = take(ticket)
 
 
-def tree_of(kind: Any, beam, rays: Rays, threads: int, empty: Empty = np.empty) -> Tree:
-    """The `Tree` over a beam's rays; ``kind``: `Boxes`, `Shafts` or `Cones`."""
+def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:
+    """The `RayTree` over a beam's rays; ``kind``: `Boxes`, `Shafts` or `Cones`."""
     nodes, ways, k = kind(), rays.ways, len(rays.faces)
     shift = ways.bit_length() - 1
     heights, sizes, groups = np.zeros(k, np.int64), np.zeros((k, LEVELS), np.int64), np.zeros((k, LEVELS), np.int64)
@@ -107,7 +107,7 @@ def tree_of(kind: Any, beam, rays: Rays, threads: int, empty: Empty = np.empty) 
                 break
     numbers = empty(total * nodes.rows * ways + PAD, np.float32)
     numbers[:] = 0
-    tree = Tree(
+    tree = RayTree(
         ways, shift, nodes, numbers, np.zeros(total + PAD, np.int32), heights, sizes, groups, rays.starts, rays.faces
     )
     for part in range(k):

@@ -13,7 +13,7 @@ from .beams import PERSPECTIVE
 FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
 
 
-class View(NamedTuple):
+class BeamView(NamedTuple):
     """A `Beam` in kernels; float64 scalars but the kind."""
 
     kind: int
@@ -31,10 +31,10 @@ class View(NamedTuple):
 
 @inlined
 def view_of(beam):
-    """The `View` of a `Beam`."""
+    """The `BeamView` of a `Beam`."""
     p, a = beam.apex, beam.axes
     u, v, w = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
-    return View(beam.kind, beam.unit, p[0], p[1], p[2], u, v, w, beam.radius, beam.scale, beam.lower[2])
+    return BeamView(beam.kind, beam.unit, p[0], p[1], p[2], u, v, w, beam.radius, beam.scale, beam.lower[2])
 
 
 @inlined

@@ -17,12 +17,12 @@ from ..trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS
 from . import clusters
 from .beams import Beam
 from .memory import Empty
-from .rays import Rays, write_bits
+from .rays import LeafRays, write_bits
 from .shaftrays import receivers_of, shafts_of
-from .shafts import ROWS, Shafts
+from .shafts import ROWS, ShaftNodes
 from .soup import Soup
 from .traverse import BATCH, How, memory_for, trace_triangles
-from .tree import Tree, tree_of
+from .tree import RayTree, tree_of
 
 PROBE = 128
 """Triangles that are traced to tell what the others cost."""
@@ -61,7 +61,7 @@ class Traced(NamedTuple):
     progress: Callable | None
 
 
-def traverse(traced: Traced, tree: Tree, rays: Rays, picks: np.ndarray, unit: np.float32 = _NONE) -> float:
+def traverse(traced: Traced, tree: RayTree, rays: LeafRays, picks: np.ndarray, unit: np.float32 = _NONE) -> float:
     """Trace the picked triangles through a hierarchy, of shafts if there is a unit; what one of them cost."""
     mine, soup, progress = np.zeros(N_COUNTERS, np.int64), traced.soup, traced.progress
     ticket = new_ticket(len(picks), BATCH)
@@ -77,7 +77,7 @@ def traverse(traced: Traced, tree: Tree, rays: Rays, picks: np.ndarray, unit: np
     return (TEST * mine[TRIANGLE_TESTS] + NODE * mine[NODES] + BOX * mine[BOX_TESTS]) / max(len(picks), 1)
 
 
-def _unit(tree: Tree) -> np.float32:
+def _unit(tree: RayTree) -> np.float32:
     """A power of two by which no segment of a new hierarchy of shafts is longer than 1 along an axis."""
     top = int(tree.groups[0, tree.heights[0] - 1])
     there = tree.alive[top] >> np.arange(tree.ways) & 1 != 0
@@ -92,7 +92,9 @@ def may_be_wide(traced: Traced, triangles: int) -> bool:
     return traced.beam.radius > 0.0 and triangles >= LEAST
 
 
-def trace_wide(traced: Traced, rays: Rays, tree: Tree, picks: np.ndarray, bits: np.ndarray, empty: Empty) -> np.ndarray:
+def trace_wide(
+    traced: Traced, rays: LeafRays, tree: RayTree, picks: np.ndarray, bits: np.ndarray, empty: Empty
+) -> np.ndarray:
     """Trace a few triangles, or all if that is better done by shafts; those that are left."""
     quiet, (few, picks) = traced._replace(progress=None), _some(picks, 16, PROBE // 16)
     cost = traverse(quiet, tree, rays, few) + ROW
@@ -103,7 +105,7 @@ def trace_wide(traced: Traced, rays: Rays, tree: Tree, picks: np.ndarray, bits: 
     leaves, places = shafts_of(traced.query, traced.beam, packed)
     if not len(leaves.blocks):
         return picks[:0]
-    shafts = tree_of(Shafts, traced.beam, leaves, traced.threads, empty)
+    shafts = tree_of(ShaftNodes, traced.beam, leaves, traced.threads, empty)
     unit = _unit(shafts)
     step = clusters.BATCH
     few, others = _some(_near_each_other(traced, picks), step, max(len(picks) // (SHARE * step), 4))

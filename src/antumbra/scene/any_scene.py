@@ -1,4 +1,4 @@
-"""A scene, wherever its triangles are: `Scene` has them in memory, a store's `PagedScene` on disk."""
+"""The common base of scenes: `Scene` has its triangles in memory, a store's `PagedScene` on disk."""
 
 from abc import ABC, abstractmethod
 
@@ -11,7 +11,7 @@ from .mesh import MeshInfo
 
 
 class AnyScene(ABC):
-    """Name, bounds, cameras and lights of a scene, and its answers to rays; see `Scene` for the attributes."""
+    """Name, bounds, cameras and lights of a scene, and ray queries. `Scene` documents the attributes."""
 
     name: str
     up: str  # "y" or "z"
@@ -51,19 +51,19 @@ class AnyScene(ABC):
         return list(self._lights)
 
     def camera(self, index: int = 0, time: float = 0.0) -> Camera:
-        """Camera `index` of the file as it is at `time`."""
+        """Camera `index` of the file at `time`."""
         if not 0 <= index < len(self._cameras):
             raise InputError(f"{self.name}: there is no camera {index}; the scene has {len(self._cameras)}")
         return self._cameras_at(self.clamped(time))[index]
 
     def light(self, index: int = 0, time: float = 0.0):
-        """Light `index` of the file as it is at `time`."""
+        """Light `index` of the file at `time`."""
         if not 0 <= index < len(self._lights):
             raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
         return self._lights_at(self.clamped(time))[index]
 
     def default_camera(self, width: int = 1024, height: int = 1024) -> Camera:
-        """Three-quarter view from a little above, with the bounding sphere of the scene in view."""
+        """A three-quarter view from a little above, which shows the bounding sphere of the scene."""
         return framing.default_camera(self.bounds, self.up, width, height)
 
     def default_light(self):
@@ -82,21 +82,22 @@ class AnyScene(ABC):
         cull_faces=None,
         threads=None,
     ) -> np.ndarray:
-        """Whether anything blocks each ray strictly between tmin and tmax. Exact: see the contract in the docs.
+        """Whether anything blocks each ray strictly between tmin and tmax. It is exact (docs/design/exactness.md).
 
         Parameters
         ----------
         origins, directions : (..., 3) float, world
-            Broadcast against each other; or `origins` alone with shape (..., 6). Anything with DLPack in host memory.
-            Float64 origins are recentred before they are rounded to float32. Directions need not be unit.
+            They broadcast against each other. `origins` alone may have shape (..., 6). Arrays with DLPack in host
+            memory are accepted. Float64 origins are recentred before they are rounded to float32. Directions need not
+            be of unit length.
         tmin, tmax : float or (...) float
-            In lengths of the direction; 0 <= tmin. A hit at exactly tmin or tmax does not count.
+            In lengths of the direction, with 0 <= tmin. A hit at exactly tmin or tmax does not count.
         skip_face : int or (...) int, optional
             A face that does not count, for rays that start on a known face; -1 for none.
         time : float
-            Seconds. The BVH of the last time asked is kept.
+            Seconds. The BVH of the last query's time is kept.
         cull_faces : None, "front" or "back"
-            Faces that turn this side to the ray do not block it.
+            Faces that show this side to the ray do not block it.
         threads : int, optional
             None: all cores.
 
@@ -129,14 +130,14 @@ class AnyScene(ABC):
         Returns
         -------
         Hit
-            t (...) float64, in lengths of the direction, inf on a miss; face (...) int32, -1 on a miss;
-            u, v (...) float32, weights of the face's second and third corner. Of faces that are equally near in
-            float64, the one with the lowest index.
+            t (...) float64, in lengths of the direction, inf on a miss. face (...) int32, -1 on a miss. u, v (...)
+            float32, weights of the face's second and third corner. Among faces equally near in float64, the lowest
+            index wins.
         """
         return engine.ask(self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
 
     def clamped(self, time) -> float:
-        """`time` within 0 .. `duration`; InputError unless it is a number."""
+        """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
         try:
             time = float(time)
         except (TypeError, ValueError):

@@ -8,7 +8,7 @@ from ..bvh.blocks import ROWS
 from ..kernels.jit import inlined
 from ..kernels.simd import get, prefetch, ptr_at
 from .counters import TRIANGLE_TESTS, count
-from .deferred import put_triangles_aside
+from .deferred import defer_triangles
 from .raytest import ray_meets
 
 
@@ -21,7 +21,7 @@ class Block(NamedTuple):
     valid: int  # bits of the tile's receivers
     facing: int  # a value of CULL_FACES
     work: object  # float32 scratch memory
-    aside: object  # see `aside`
+    deferred: object  # see `deferred`
 
 
 @inlined
@@ -51,12 +51,12 @@ def slot_of(b, i):
 def blocks_ray(b, o, d, own, place, counters):
     """Does a triangle of a block surely block the ray from o along d, each in all lanes?
 
-    If not, what float32 cannot say is put aside for the ray's `place`, but for its receiver's `own` triangle.
+    If not, what float32 cannot say is deferred for the ray's `place`, but for its receiver's `own` triangle.
     """
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = ray_meets(o, d, numbers_of(b), b.facing, None)
     if hit & b.present != 0:
         return True
     if unsure & b.present != 0:
-        put_triangles_aside(b.aside, b.tree, b.number, own, place, unsure & b.present)
+        defer_triangles(b.deferred, b.tree, b.number, own, place, unsure & b.present)
     return False

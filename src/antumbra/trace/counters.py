@@ -26,10 +26,10 @@ tested; triangles tested; tests that float32 left to float64; tests that float64
 by the triangle that blocked the ray before. Any-hit of `single` counts a node's boxes one by one, when it comes to
 them; others both of a node, or all eight. Tracers of many rays at once count a test of up to 16 lanes against one box
 or triangle once, and besides: triangles fetched; those left when whole bundles had been culled; lanes that one triangle
-blocked whole; frusta shrunk to the rays that are left; tiles traced in sheaves."""
+blocked whole; frusta shrunk to the rays that are left; tiles traced in tile groups."""
 
 RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
-TRIANGLES, CANDIDATES, COVERED, SHRINKS, SHEAF_TILES = range(8, len(COUNTERS))
+TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES = range(8, len(COUNTERS))
 N_COUNTERS = len(COUNTERS)
 
 

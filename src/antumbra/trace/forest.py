@@ -120,7 +120,7 @@ def start_in(forest, k, slabs, alive):
 
 
 @inlined
-def are_apart(forest, j, k):
+def are_separate(forest, j, k):
     """Have trees j and k arrays of their own, so that slots of one mean nothing in the other?"""
     return get(forest.trees, j * ADDRESSES + CORNERS) != get(forest.trees, k * ADDRESSES + CORNERS)
 
@@ -128,7 +128,7 @@ def are_apart(forest, j, k):
 def walk_tree(tree, slabs, at, alive, job, scratch, counters):
     """In kernels: (where the lanes in `alive` are after a tree, NOWHERE if they are done; the lanes left), by job.
 
-    They stop early when the memory for rays put aside runs low.
+    They stop early when the memory for rays deferred runs low.
     """
 
 
@@ -136,12 +136,12 @@ def walk_tree(tree, slabs, at, alive, job, scratch, counters):
 def walk_forest(forest, i, end, slabs, alive, job, scratch, counters):
     """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
 
-    The caller settles rays put aside before they go on: memory runs low, or the next tree has arrays of its own.
+    The caller settles rays deferred before they go on: memory runs low, or the next tree has arrays of its own.
     """
     at = saved(scratch.at, alive)
     while i < end and alive != 0:
         k = item(forest, i)
-        if np.int64(get(scratch.aside, 0)) != 0 and are_apart(forest, np.int64(get(scratch.at, TREE)), k):
+        if np.int64(get(scratch.deferred, 0)) != 0 and are_separate(forest, np.int64(get(scratch.at, TREE)), k):
             break
         put(scratch.at, TREE, k)
         if at.place == NOWHERE:

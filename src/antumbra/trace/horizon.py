@@ -23,7 +23,7 @@ from ..kernels.simd import (
 from ..kernels.vec import Vec, scalars
 from ..query.receivers import FREE
 from .counters import BELOW_HORIZON, RAYS, count
-from .deferred import put_aside
+from .deferred import defer
 from .lighttable import ALL_GROUPS
 from .querychunk import place_of
 from .raytest import triangle_in
@@ -51,13 +51,13 @@ def _plane_of_face(corners, face):
 
 
 @inlined
-def _plane_at(asked, at, is_free):
+def _plane_at(chunk, at, is_free):
     """The `Plane` through a receiver without a triangle, at right angles to its normal; none if it is free."""
     n = Vec(_F(0.0), _F(0.0), _F(0.0))
     if not is_free:
-        x, y, z = scalars(asked.query.normals, 3 * at, 1)
+        x, y, z = scalars(chunk.query.normals, 3 * at, 1)
         n = Vec(_F(x), _F(y), _F(z))
-    return Plane(scalars(asked.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
+    return Plane(scalars(chunk.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
 
 
 @inlined
@@ -79,22 +79,22 @@ def _put_everywhere(planes, p):
 
 
 @kernel
-def _gather_planes(asked, y0, x0, valid, tile, planes):
+def _gather_planes(chunk, y0, x0, valid, tile, planes):
     """Rows of `planes`: a point of each receiver's plane (3), a normal (3), the side seen, what scales its error."""
     first = get(tile.faces, lowest_bit(valid))
     together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
     if together:
-        face = np.int64(get(asked.query.faces, place_of(asked, y0, x0, lowest_bit(valid))))
-        _put_everywhere(planes, _plane_of_face(asked.query.corners, face))
+        face = np.int64(get(chunk.query.faces, place_of(chunk, y0, x0, lowest_bit(valid))))
+        _put_everywhere(planes, _plane_of_face(chunk.query.corners, face))
     lanes = valid
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
-        at = place_of(asked, y0, x0, lane)
-        side, face = np.int64(get(asked.query.sides, at)), np.int64(get(asked.query.faces, at))
+        at = place_of(chunk, y0, x0, lane)
+        side, face = np.int64(get(chunk.query.sides, at)), np.int64(get(chunk.query.faces, at))
         put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
         if not together:
-            plane = _plane_of_face(asked.query.corners, face) if face >= 0 else _plane_at(asked, at, side == FREE)
+            plane = _plane_of_face(chunk.query.corners, face) if face >= 0 else _plane_at(chunk, at, side == FREE)
             _put_plane(planes, lane, plane)
 
 
@@ -114,14 +114,18 @@ def _whole_light(tile, k):
 
 
 @kernel
-def apply_horizon(asked, y0, x0, valid, tile, planes, aside, counters):
+def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
     """Start `dead`: segments to samples that are not above the receiver's own surface are blocked by it.
 
-    What float32 cannot say is put aside.
+    What float32 cannot say is deferred.
     """
-    store(tile.dead, 0, select(iota16() < splat16(np.int32(asked.count)), splat16(np.int32(0)), splat16(np.int32(-1))))
-    count(counters, RAYS, asked.count * popcount(valid))
-    _gather_planes(asked, y0, x0, valid, tile, planes)
+    store(
+        tile.dead,
+        0,
+        select(iota16() < splat16(np.int32(chunk.count)), splat16(np.int32(0)), splat16(np.int32(-1))),
+    )
+    count(counters, RAYS, chunk.count * popcount(valid))
+    _gather_planes(chunk, y0, x0, valid, tile, planes)
     sided = bits(load16(planes, 96) != _F(0.0)) & valid
     if sided == 0:
         return
@@ -135,10 +139,10 @@ def apply_horizon(asked, y0, x0, valid, tile, planes, aside, counters):
     crossing = sided & ~bits(h > far)
     if crossing == 0:
         return
-    for s in range(asked.count):
+    for s in range(chunk.count):
         at = s * 48
         h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
         below = bits(h < -error) & crossing
-        put_aside(aside, np.int64(-1), tile.number << 8 | s << 4, 1, crossing & ~below & ~bits(h > error))
+        defer(deferred, np.int64(-1), tile.number << 8 | s << 4, 1, crossing & ~below & ~bits(h > error))
         count(counters, BELOW_HORIZON, popcount(below))
         put(tile.dead, s, below)

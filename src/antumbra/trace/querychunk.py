@@ -35,7 +35,7 @@ def sets_of(shape) -> np.ndarray:
     return (lane % shape.width & 3) + 4 * (lane // shape.width)
 
 
-class Asked(NamedTuple):
+class QueryChunk(NamedTuple):
     """A query's chunk for hot kernels."""
 
     query: QueryPointers
@@ -51,13 +51,13 @@ class Asked(NamedTuple):
 
 
 @inlined
-def asked_of(query, table, shape, chunk, n_samples):
-    """The `Asked` of a chunk of a query."""
+def query_chunk_of(query, table, shape, chunk, n_samples):
+    """The `QueryChunk` of a chunk of a query."""
     groups, light, fixed = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0), stays(query.light)
     if fixed:
         for k in range(3):
             light += get(groups, (3 + k) * ALL_GROUPS + 1) - get(groups, k * ALL_GROUPS + 1)
-    return Asked(
+    return QueryChunk(
         query_pointers(query), ptr_at(ptr(table.points), chunk * POINTS), groups,
         ptr_at(ptr(table.targets), chunk * TARGETS), ptr_at(ptr(table.by_lane), chunk * POINTS), fixed, shape,
         chunk * STRATA, n_samples, light * _LIGHT,
@@ -65,6 +65,6 @@ def asked_of(query, table, shape, chunk, n_samples):
 
 
 @inlined
-def place_of(asked, y0, x0, lane):
+def place_of(chunk, y0, x0, lane):
     """Index of a lane's receiver among all, row by row."""
-    return (y0 + lane // asked.shape.width) * asked.query.w + x0 + lane % asked.shape.width
+    return (y0 + lane // chunk.shape.width) * chunk.query.w + x0 + lane % chunk.shape.width

@@ -58,13 +58,18 @@ class Tile(NamedTuple):
 
 
 @inlined
-def tile_at(scratch, g, asked):
+def tile_at(scratch, g, chunk):
     """`Tile` number g of a bundle."""
     own = ptr_at(scratch, g * TILE_FLOATS)
     points, groups, targets = ptr_at(own, _OWN), ptr_at(own, _OWN + POINTS), ptr_at(own, _OWN + POINTS + GROUPS)
     by_lane = ptr_at(own, _OWN + POINTS + GROUPS + TARGETS)
-    if asked.fixed:
-        points, groups, targets, by_lane = asked.points, asked.groups, asked.targets, asked.by_lane
+    if chunk.fixed:
+        points, groups, targets, by_lane = (
+            chunk.points,
+            chunk.groups,
+            chunk.targets,
+            chunk.by_lane,
+        )
     return Tile(
         np.int64(g), own, ptr_at(own, _INFO), as_i32(ptr_at(own, _FACES)), as_i32(ptr_at(own, _DEAD)),
         ptr_at(own, _SHAFTS), ptr_at(own, _BEAMS), points, groups, targets, by_lane,
@@ -78,18 +83,18 @@ def first_pixel(pixels, g):
 
 
 @kernel
-def load_receivers(asked, y0, x0, tile):
+def load_receivers(chunk, y0, x0, tile):
     """Fill origins and faces; bits of the lanes that hold a receiver."""
     valid, lane = np.int64(0), np.int64(0)
-    for y in range(y0, y0 + asked.shape.height):
-        for x in range(x0, x0 + asked.shape.width):
-            at = y * asked.query.w + x
-            if y < asked.query.h and x < asked.query.w and np.int64(get(asked.query.sides, at)) != NOTHING:
+    for y in range(y0, y0 + chunk.shape.height):
+        for x in range(x0, x0 + chunk.shape.width):
+            at = y * chunk.query.w + x
+            if y < chunk.query.h and x < chunk.query.w and np.int64(get(chunk.query.sides, at)) != NOTHING:
                 valid |= np.int64(1) << lane
-                put(tile.origins, lane, get(asked.query.origins, at * 3))
-                put(tile.origins, 16 + lane, get(asked.query.origins, at * 3 + 1))
-                put(tile.origins, 32 + lane, get(asked.query.origins, at * 3 + 2))
-                put(tile.faces, lane, get(asked.query.ids, at))
+                put(tile.origins, lane, get(chunk.query.origins, at * 3))
+                put(tile.origins, 16 + lane, get(chunk.query.origins, at * 3 + 1))
+                put(tile.origins, 32 + lane, get(chunk.query.origins, at * 3 + 2))
+                put(tile.faces, lane, get(chunk.query.ids, at))
             lane += 1
     return valid
 
@@ -149,19 +154,19 @@ def coherent_part(tile, lanes, light):
 
 
 @kernel
-def move_light(asked, y0, x0, valid, tile):
+def move_light(chunk, y0, x0, valid, tile):
     """The samples of a light that moves with the receiver, into the tile's own memory; all but `by_lane`."""
     for lane in range(16):
         there = lane if valid >> lane & 1 else lowest_bit(valid)
-        i = place_of(asked, y0, x0, there)
-        patch = patch_of(asked.query, i)
-        for s in range(asked.count):
-            px, py, pz = sample_of(asked.query, patch, i, asked.first + s)
+        i = place_of(chunk, y0, x0, there)
+        patch = patch_of(chunk.query, i)
+        for s in range(chunk.count):
+            px, py, pz = sample_of(chunk.query, patch, i, chunk.first + s)
             put(tile.points, s * 48 + lane, px)
             put(tile.points, s * 48 + 16 + lane, py)
             put(tile.points, s * 48 + 32 + lane, pz)
-    bound_groups(tile.points, tile.groups, asked.count)
-    bound_targets(tile.points, tile.targets, asked.count)
+    bound_groups(tile.points, tile.groups, chunk.count)
+    bound_targets(tile.points, tile.targets, chunk.count)
 
 
 @inlined
@@ -182,31 +187,39 @@ def turn_bits(source, target):
 
 
 @kernel
-def read_bits(asked, y0, x0, valid, tile, known):
+def read_bits(chunk, y0, x0, valid, tile, known):
     """Start `dead` from what is known of a chunk's segments already: receivers -> strata; the inverse of `write_bits`.
 
     known : pointer to the bits of all receivers
     """
-    shift, word, absent = np.uint64(asked.first & 63), asked.first >> 6, ~((np.int64(1) << asked.count) - 1)
+    shift, word, absent = (
+        np.uint64(chunk.first & 63),
+        chunk.first >> 6,
+        ~((np.int64(1) << chunk.count) - 1),
+    )
     store(tile.dead, 0, splat16(np.int32(-1)))
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1
-        at = place_of(asked, y0, x0, lane) * asked.query.words + word
+        at = place_of(chunk, y0, x0, lane) * chunk.query.words + word
         put(tile.dead, lane, np.int64(get(known, at) >> shift) & 0xFFFF | absent)
     turn_bits(tile.dead, tile.dead)
 
 
 @kernel
-def write_bits(asked, y0, x0, valid, tile, out):
+def write_bits(chunk, y0, x0, valid, tile, out):
     """Set the bits of a chunk's blocked segments, strata -> receivers.
 
     out : pointer to the bits of all receivers, `asked.query.words` uint64 each
     """
     turn_bits(tile.dead, tile.dead)
-    shift, word, known = np.uint64(asked.first & 63), asked.first >> 6, (np.int64(1) << asked.count) - 1
+    shift, word, known = (
+        np.uint64(chunk.first & 63),
+        chunk.first >> 6,
+        (np.int64(1) << chunk.count) - 1,
+    )
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1
-        at = place_of(asked, y0, x0, lane) * asked.query.words + word
+        at = place_of(chunk, y0, x0, lane) * chunk.query.words + word
         put(out, at, get(out, at) | np.uint64(np.int64(get(tile.dead, lane)) & known) << shift)

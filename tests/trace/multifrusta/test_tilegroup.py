@@ -1,4 +1,4 @@
-"""Sheaves: many tiles as one towards a large light; the bits of every ray alone, whatever the light."""
+"""Tile groups: many tiles as one towards a large light; the bits of every ray alone, whatever the light."""
 
 import numpy as np
 import pytest

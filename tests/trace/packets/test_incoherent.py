@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.plan import parse_plan
-from antumbra.trace.packets.incoherent import is_scattered
+from antumbra.trace.packets.incoherent import is_incoherent
 from asking import answer, query_of
 
 POINTS = np.random.default_rng(5).uniform((-3, 0.5, -3), (3, 3, 3), (300, 3))
@@ -14,7 +14,7 @@ POINTS = np.random.default_rng(5).uniform((-3, 0.5, -3), (3, 3, 3), (300, 3))
 def _query(light):
     atrium = at.procedural("atrium", triangles=2000)
     triangles, query = query_of(atrium, atrium.cameras[0].resized(32, 24), light, 16)
-    return triangles, query, is_scattered(query)
+    return triangles, query, is_incoherent(query)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.plan import Plan
 from antumbra.trace.counters import as_dict, new_counters
-from antumbra.trace.deferred import ASIDE
+from antumbra.trace.deferred import DEFERRED
 from asking import answer, query_of
 
 TRACERS = ("packet16", "packet16:samples", "packet256", "multifrusta:paper")
@@ -54,7 +54,7 @@ def test_what_each_way_of_shrinking_saves_and_costs(counted):
 
 
 @pytest.mark.parametrize("name", (*TRACERS, *SHRINKING))
-def test_more_uncertain_segments_than_can_be_put_aside(name):
+def test_more_uncertain_segments_than_can_be_put_deferred(name):
     """Triangles without area, so long that float32 says nothing of the rays between them, and one real occluder."""
     far = np.random.default_rng(1).uniform(4e4, 5e4, 400)
     start, end = np.stack([-far, 0 * far + 2, -far], -1), np.stack([far, 0 * far + 2, far], -1)
@@ -66,6 +66,6 @@ def test_more_uncertain_segments_than_can_be_put_aside(name):
     triangles, query = query_of(scene, camera, at.QuadLight((-0.1, 4, -0.1), (0.2, 0, 0), (0, 0, 0.2)), 16)
     counters = new_counters()
     found = answer(Plan(trace=name), triangles, query, counters=counters)
-    assert as_dict(counters)["uncertain"] > 4 * ASIDE
+    assert as_dict(counters)["uncertain"] > 4 * DEFERRED
     assert 0.1 < found.mean() < 0.9
     np.testing.assert_array_equal(found, answer(Plan(), triangles, query))

@@ -2,9 +2,8 @@
 
 A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two float64:
 a float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under two
-conditions. The *line* meets the closed triangle, to which edges and vertices belong. The one t at which it does lies
-strictly inside the interval. A line in the triangle's own plane does not meet it, so a triangle without area never
-blocks.
+conditions. Its *line* meets the closed triangle, edges and vertices included. The t of that point lies strictly inside
+the interval. A line in the triangle's own plane does not meet it, so a triangle without area never blocks.
 
 With a, b, c the corners relative to o, and n the triangle's normal, signs of 3 x 3 determinants decide:
 
@@ -12,8 +11,8 @@ With a, b, c the corners relative to o, and n the triangle's normal, signs of 3 
 
     t = det(a, b, c) / (d . n)
 
-The line meets the triangle if all e >= 0 or all e <= 0, and not all are zero. The signs are exact. So all triangles at
-an edge or a vertex agree on the side of it on which a line passes: closed meshes cannot leak.
+The line meets the triangle if all e >= 0 or all e <= 0, and not all are zero. The signs are exact. So triangles that
+share an edge or a vertex see a line on the same side of it: closed meshes cannot leak.
 
 Here and in `filters`, `corners` is an (n, 9) float32 array or a pointer to its first number (`simd.ptr`). Hot kernels
 prefer the pointer, since passing an array costs a reference count.

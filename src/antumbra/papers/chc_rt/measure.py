@@ -187,9 +187,8 @@ def error_of(one: np.ndarray, other: np.ndarray) -> float:
 def bled(surfaces: Surfaces, met: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """(H, W, 3) uint8: a picture of colour bleeding.
 
-    Each surface is lit by a white sky and by the colours of the triangles that its diffuse rays hit. All triangles count
-    as equally lit. `met` holds, for each pass, the colours of triangles, and the triangle that each pixel's ray hit, or
-    -1.
+    Each surface is lit by a white sky and by the colours of the triangles that its diffuse rays hit. All triangles are
+    equally lit. `met` holds for each pass the colours of triangles, and the triangle that each pixel's ray hit, or -1.
     """
     face = surfaces.gbuffer.face
     light = np.zeros((*face.shape, 3), np.float32)

@@ -56,19 +56,19 @@ class Frusta(NamedTuple):
 
 
 @kernel
-def _load_patches(asked, rays, own):
+def _load_patches(chunk, rays, own):
     """Store the light's patch for each receiver, and `OFF`."""
     y0, x0 = first_pixel(rays.pixel, 0)
     for lane in range(16):
         there = lane if rays.rows >> lane & 1 else lowest_bit(rays.rows)
-        patch = patch_of(asked.query, place_of(asked, y0, x0, there))
+        patch = patch_of(chunk.query, place_of(chunk, y0, x0, there))
         for k in range(9):
             put(own, _BASE + 16 * k + lane, _F(patch[k]))
     off = splat16(_F(0.0))
     for k in range(0, 48, 16):
         size = absolute(load16(own, _BASE + k)) + absolute(load16(own, _U + k)) + absolute(load16(own, _V + k))
         off = maximum(off, size)
-    store(own, OFF, off * _F(16 * 2.0**-24) if _is_flat(asked.query.light) else splat16(_F(np.inf)))
+    store(own, OFF, off * _F(16 * 2.0**-24) if _is_flat(chunk.query.light) else splat16(_F(np.inf)))
 
 
 @inlined
@@ -135,11 +135,11 @@ def _bound_directions(rays, frusta, r, samples):
 
 
 @kernel
-def make_frusta(asked, samples, job, rays, own):
+def make_frusta(chunk, samples, job, rays, own):
     """Make the `Frusta` of a tile, to all samples of the chunk, in the memory `own`."""
     frusta = Frusta(own, ptr_at(ptr(samples.parameters), job.chunk * 512))
     if rays.rows != 0:
-        _load_patches(asked, rays, own)
+        _load_patches(chunk, rays, own)
         for r in range(16):
             _bound_rectangle(frusta, r, rays.lanes)
             _bound_directions(rays, frusta, r, rays.lanes)

@@ -25,16 +25,16 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, N, take
 from ...kernels.simd import bits, get, lowest_bit, ptr, stack_f32, stack_i32, stack_i64
 from ...trace.counters import BOX_TESTS, N_COUNTERS, add_counters, cleared, count
-from ...trace.deferred import ASIDE
+from ...trace.deferred import DEFERRED
 from ...trace.descent import left, next_leaf, rays_as_shafts, root, save, saved, slabs_of
 from ...trace.packets.raytile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
-    asked_in,
     directions_of,
     finish_tile,
     open_rays,
     origins_of,
+    query_chunk_in,
     scratch_in,
     settle,
     start_tile,
@@ -90,14 +90,14 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
     slabs = slabs_of(frusta_as_shafts(rays, frusta), alive)
     at = next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
     while at.mask != 0:
-        if np.int64(get(scratch.aside, 0)) > ASIDE:
+        if np.int64(get(scratch.deferred, 0)) > DEFERRED:
             save(scratch.at, at)
             return True
         mask = at.mask
         if shrinking.leaf_boxes and ~at.link & 31 != 0:
             mask = _reach_box(tree, at.place, mask, rays, counters)
         if mask != 0:
-            leaf = trace_block(tree, ~at.link, mask, rays, frusta, facing, work, scratch.aside, counters)
+            leaf = trace_block(tree, ~at.link, mask, rays, frusta, facing, work, scratch.deferred, counters)
             alive &= ~leaf.done
             if shrinking.corners and leaf.struck != 0:
                 shrink(rays, frusta, leaf.struck, shrinking.directions, counters)
@@ -114,17 +114,17 @@ def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking)
     scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
     own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
-    asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
+    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(job, asked, n, scratch, places, mine)
-            frusta = make_frusta(asked, samples, job, rays, own)
+            rays = start_tile(job, chunk, n, scratch, places, mine)
+            frusta = make_frusta(chunk, samples, job, rays, own)
             save(scratch.at, root(open_frusta(rays)))
-            while _walk(tree, rays, frusta, shrinking, asked.query.facing, work, scratch, mine):
-                if np.int64(get(scratch.aside, 0)) > ASIDE:
-                    settle(tree, asked, rays, scratch, mine)
-            settle(tree, asked, rays, scratch, mine)
-            finish_tile(asked, rays, places)
+            while _walk(tree, rays, frusta, shrinking, chunk.query.facing, work, scratch, mine):
+                if np.int64(get(scratch.deferred, 0)) > DEFERRED:
+                    settle(tree, chunk, rays, scratch, mine)
+            settle(tree, chunk, rays, scratch, mine)
+            finish_tile(chunk, rays, places)
         first = take(ticket)
     add_counters(counters, mine)
 

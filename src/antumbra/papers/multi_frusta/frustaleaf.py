@@ -17,7 +17,7 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.simd import bits, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16
 from ...kernels.vec import Vec, dot, largest, rows, scalars
 from ...trace.counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
-from ...trace.deferred import put_aside
+from ...trace.deferred import defer
 from ...trace.packets.raytile import directions_of, open_rays
 from ...trace.raytest import LANES, decide, keep_lanes, kept_lane, seen_from, triangle_along
 from .cornerrays import CORNERS, OFF, SPAN
@@ -79,18 +79,18 @@ def _cull(tree, slot, block, i, rays, frusta, facing, work):
 
 
 @inlined
-def _test_frustum(slot, rays, r, facing, work, aside, counters):
+def _test_frustum(slot, rays, r, facing, work, deferred, counters):
     """Test the rays of frustum r against a triangle; return the bits of the rays that it blocks."""
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(directions_of(rays, r), kept_lane(work, r), facing)
     left = open_rays(rays, r)
     if unsure & left != 0:
-        put_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure & left)
+        defer(deferred, slot, r * rays.row_place, rays.lane_place, unsure & left)
     return hit & left
 
 
 @kernel
-def trace_block(tree, code, mask, rays, frusta, facing, work, aside, counters):
+def trace_block(tree, code, mask, rays, frusta, facing, work, deferred, counters):
     """Test the frusta in `mask` against a block; return the `Leaf`. The lanes of `rays` are samples."""
     block, done, struck = ptr_at(tree.blocks, (code >> 5) * (ROWS * 16)), np.int64(0), np.int64(0)
     for i in range(code & 31):
@@ -103,7 +103,7 @@ def trace_block(tree, code, mask, rays, frusta, facing, work, aside, counters):
         while active != 0:
             r = lowest_bit(active)
             active &= active - 1
-            hit = _test_frustum(slot, rays, r, facing, work, aside, counters)
+            hit = _test_frustum(slot, rays, r, facing, work, deferred, counters)
             if hit != 0:
                 dead = np.int64(get(rays.dead, r)) | hit
                 put(rays.dead, r, dead)

@@ -12,16 +12,16 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, N, take
 from ...kernels.simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64, store
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
-from ...trace.deferred import ASIDE
+from ...trace.deferred import DEFERRED
 from ...trace.descent import entered, left, popped, rays_as_shafts, root, save, saved, slabs_of
 from ...trace.packets.raytile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
-    asked_in,
     directions_of,
     finish_tile,
     open_rays,
     origins_of,
+    query_chunk_in,
     scratch_in,
     settle,
     start_tile,
@@ -123,10 +123,10 @@ def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
             in_left, in_right = _packets_in(tree, at, rays, packets, ways, counters)
             at = entered(tree.links, at, in_left, in_right, scratch.stack)
         else:
-            if np.int64(get(scratch.aside, 0)) > ASIDE:
+            if np.int64(get(scratch.deferred, 0)) > DEFERRED:
                 save(scratch.at, at)
                 return True
-            leaf = trace_block(tree, ~at.link, at.mask, rays, frusta, facing, work, scratch.aside, counters)
+            leaf = trace_block(tree, ~at.link, at.mask, rays, frusta, facing, work, scratch.deferred, counters)
             alive &= ~leaf.done
             at = left(at)
         at = popped(tree.links, at, scratch.stack, alive)
@@ -140,17 +140,17 @@ def _trace_packets(ticket, arrays, query, samples, job, out, counters):
     own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     packets, ways = stack_f32(_ALL_PACKETS), stack_i32(_ALL_WAYS)
     tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
-    asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
+    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(job, asked, n, scratch, places, mine)
-            frusta, alive = make_frusta(asked, samples, job, rays, own), open_frusta(rays)
+            rays = start_tile(job, chunk, n, scratch, places, mine)
+            frusta, alive = make_frusta(chunk, samples, job, rays, own), open_frusta(rays)
             _prepare(rays, alive, packets, ways)
             save(scratch.at, root(alive))
-            while _walk(tree, rays, frusta, packets, ways, asked.query.facing, work, scratch, mine):
-                settle(tree, asked, rays, scratch, mine)
-            settle(tree, asked, rays, scratch, mine)
-            finish_tile(asked, rays, places)
+            while _walk(tree, rays, frusta, packets, ways, chunk.query.facing, work, scratch, mine):
+                settle(tree, chunk, rays, scratch, mine)
+            settle(tree, chunk, rays, scratch, mine)
+            finish_tile(chunk, rays, places)
         first = take(ticket)
     add_counters(counters, mine)
 

@@ -7,30 +7,30 @@ import numpy as np
 from ...bvh.nodes import MAX_DEPTH
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import get, load16, lowest_bit, put
-from ..deferred import aside_ints
+from ..deferred import deferred_ints
 from ..forest import TREE
 from ..lighttable import ALL_GROUPS, STRATA
 from ..slabs import Shafts
 from ..tile import TILE_FLOATS, finished_strata, tile_at
-from .tilegroup import sheaf_at
+from .tilegroup import tile_group_at
 
 MAX_TILES = 16
-TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a sheaf
+TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a tile group
 LANES = 12 * 16
 STACK = 4 * MAX_DEPTH
 PLACES = 2 * MAX_TILES
 WAITING = TREE + 1
 AT = WAITING + 2
-ASIDE_INTS = aside_ints(MAX_TILES)
+DEFERRED_INTS = deferred_ints(MAX_TILES)
 
 
 class Bundle(NamedTuple):
     """How the 16 lanes of a bundle share its tiles and strata."""
 
-    tiles: int  # 1 to 16, a power of two; those of a sheaf count as one
+    tiles: int  # 1 to 16, a power of two; those of a tile group count as one
     groups: int  # groups of strata of each tile: lanes are slot * groups + group
     strata: int  # strata in a group
-    is_sheaf: bool
+    is_tile_group: bool
 
 
 class Scratch(NamedTuple):
@@ -39,15 +39,15 @@ class Scratch(NamedTuple):
     tiles: object  # float32: those of a region, or of as many parts of its tiles
     lanes: object  # float32, rows of `Shafts`
     work: object  # float32, for `shaftleaf`
-    sheaf: object  # float32, see `sheaf`
+    tile_group: object  # float32, see `tile_group`
     stack: object  # int32: links and masks
     slots: object  # int32: the bundle's tiles
     valid: object  # int32: bits of each tile's receivers
     left: object  # int32: bits of the receivers of the region's tiles that are not traced yet
     places: object  # int32: y and x of each tile's first pixel
-    planes: object  # float32, for `ownsurface`
+    planes: object  # float32, for `horizon`
     at: object  # int32: where a walk goes on; the number of the tree; from WAITING on, the leaf that waits, its lanes
-    aside: object  # int32, see `aside`
+    deferred: object  # int32, see `deferred`
 
 
 @inlined
@@ -74,10 +74,10 @@ def bundle_of(tiles, count):
 
 
 @inlined
-def sheaf_of(scratch, asked):
-    """The `Sheaf` whose first tile is in the first slot."""
-    whole = tile_at(scratch.tiles, MAX_TILES, asked)
-    return sheaf_at(scratch.sheaf, scratch.tiles, scratch.valid, whole, np.int64(get(scratch.slots, 0)))
+def tile_group_of(scratch, chunk):
+    """The `TileGroup` whose first tile is in the first slot."""
+    whole = tile_at(scratch.tiles, MAX_TILES, chunk)
+    return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, whole, np.int64(get(scratch.slots, 0)))
 
 
 @inlined

@@ -1,4 +1,4 @@
-"""Rays of a sheaf's tiles to one stratum, gathered into full vectors: those that meet the box of a block.
+"""Rays of a tile group's tiles to one stratum, gathered into full vectors: those that meet the box of a block.
 
 A tile alone has few such rays where a light is large, and a vector of 16 receivers would be mostly empty.
 """
@@ -25,27 +25,27 @@ from ...kernels.simd import (
 from ...kernels.vec import broadcasts, minus, rows
 from ..blocktest import blocks_ray, numbers_of, slot_of
 from ..counters import TRIANGLE_TESTS, count
-from ..deferred import put_aside
+from ..deferred import defer
 from ..raytest import decide
 from .shaftcull import triangle_lanes
 
 _ROW = 17 * 16  # rays of 16 tiles, and as much as a vector may write beyond them
-GATHERED_FLOATS = 8 * _ROW
+COMPACTED_FLOATS = 8 * _ROW
 
 
-class Gathered(NamedTuple):
+class Compacted(NamedTuple):
     """Where gathered rays are: pointers to rows of memory."""
 
     origins: object  # float32, three rows
     points: object  # float32, three rows: where they end
-    places: object  # int32, as in `aside`
+    places: object  # int32, as in `deferred`
     faces: object  # int32: their receivers' own triangles
 
 
 @inlined
-def gathered_at(memory):
-    """The `Gathered` in GATHERED_FLOATS float32."""
-    return Gathered(
+def compacted_at(memory):
+    """The `Compacted` in GATHERED_FLOATS float32."""
+    return Compacted(
         memory, ptr_at(memory, 3 * _ROW), as_i32(ptr_at(memory, 6 * _ROW)), as_i32(ptr_at(memory, 7 * _ROW))
     )
 
@@ -90,7 +90,7 @@ def test_together(rays, first, n, b, triangles, counters):
         others = left & ~bits(faces == get(b.tree.prim_ids, slot))
         unsure &= others
         while unsure != 0:
-            put_aside(b.aside, slot, np.int64(get(rays.places, first + lowest_bit(unsure))), 0, np.int64(1))
+            defer(b.deferred, slot, np.int64(get(rays.places, first + lowest_bit(unsure))), 0, np.int64(1))
             unsure &= unsure - 1
         left &= ~(hit & others)
     return everyone & ~left

@@ -12,7 +12,7 @@ from ..tile import coherent_part, load_receivers, tile_at
 from .bundle import MAX_TILES
 
 RUN = 64  # regions in a square, or in a part of a row
-_LARGE = np.float32(16.0)  # how often a sheaf's receivers fit into the light, at least
+_LARGE = np.float32(16.0)  # how often a tile group's receivers fit into the light, at least
 
 
 class Layout(NamedTuple):
@@ -59,16 +59,16 @@ def _tile_in(layout, g):
 
 
 @inlined
-def next_parts(asked, layout, y, x, scratch):
+def next_parts(chunk, layout, y, x, scratch):
     """Load, of each tile of a region, receivers near each other that are not traced yet; how many tiles have any."""
     n = np.int64(0)
     for g in range(MAX_TILES):
         rest = np.int64(get(scratch.left, g))
         if rest != 0:
-            tile, (row, column) = tile_at(scratch.tiles, n, asked), _tile_in(layout, g)
-            y0, x0 = (y + row) * asked.shape.height, (x + column) * asked.shape.width
-            rest &= load_receivers(asked, y0, x0, tile)
-            part = coherent_part(tile, rest, asked.light)
+            tile, (row, column) = tile_at(scratch.tiles, n, chunk), _tile_in(layout, g)
+            y0, x0 = (y + row) * chunk.shape.height, (x + column) * chunk.shape.width
+            rest &= load_receivers(chunk, y0, x0, tile)
+            part = coherent_part(tile, rest, chunk.light)
             put(scratch.left, g, rest & ~part)
             put(scratch.valid, n, part)
             put(scratch.places, 2 * n, y0)
@@ -96,16 +96,16 @@ def _union(low, high, info):
 
 
 @kernel
-def near_each_other(asked, tiles, numbers):
-    """Bits of those of some tiles (bits) that make a sheaf with the first one: the light is large beside their box."""
-    first = tile_at(tiles, lowest_bit(numbers), asked)
+def near_each_other(chunk, tiles, numbers):
+    """Bits of the tiles that form a tile group with the first one: the light is large beside their box."""
+    first = tile_at(tiles, lowest_bit(numbers), chunk)
     i, light, members = first.info, _light_size(first), numbers & -numbers
     low, high = (get(i, 6), get(i, 7), get(i, 8)), (get(i, 9), get(i, 10), get(i, 11))
     numbers &= numbers - 1
     while numbers != 0:
         g = lowest_bit(numbers)
         numbers &= numbers - 1
-        a, b = _union(low, high, tile_at(tiles, g, asked).info)
+        a, b = _union(low, high, tile_at(tiles, g, chunk).info)
         if (b[0] - a[0] + b[1] - a[1] + b[2] - a[2]) * _LARGE < light:
             low, high = a, b
             members |= np.int64(1) << g

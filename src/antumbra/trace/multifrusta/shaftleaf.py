@@ -31,7 +31,7 @@ from ...kernels.vec import broadcasts, minus, rows
 from ..beams import beam_of, beams_of, is_near
 from ..blocktest import Block, blocks_ray, numbers_of, slot_of
 from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
-from ..deferred import put_aside
+from ..deferred import defer
 from ..lighttable import group_of
 from ..raytest import LANES, decide, keep_lanes, kept_lane
 from ..tile import finished_strata
@@ -90,7 +90,7 @@ def _test_samples(tile, b, slot, r, k, strata, counters):
     dead, one = load16(tile.dead, 0), splat16(np.int32(1 << r))
     unsure &= strata
     if unsure != 0:
-        put_aside(b.aside, slot, tile.number << 8 | r, 16, unsure & bits((dead & one) == np.int32(0)))
+        defer(b.deferred, slot, tile.number << 8 | r, 16, unsure & bits((dead & one) == np.int32(0)))
     store(tile.dead, 0, _block_rows(dead, hit, one))
 
 
@@ -106,7 +106,7 @@ def _test_strata(tile, b, slot, i, receivers, strata, counters):
         hit, unsure = decide(d, lanes, b.facing)
         unsure &= receivers & ~np.int64(get(tile.dead, s))
         if unsure != 0:
-            put_aside(b.aside, slot, tile.number << 8 | s << 4, 1, unsure)
+            defer(b.deferred, slot, tile.number << 8 | s << 4, 1, unsure)
         dead = _block_rows(dead, np.int64(1) << s, splat16(np.int32(hit & receivers)))
     store(tile.dead, 0, dead)
 
@@ -213,7 +213,7 @@ def _trace_row(tile, b, s, rays, triangles, counters):
         hit, unsure = decide(d, triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i), b.facing)
         others = left & _others(tile, b, slot)
         if unsure & others != 0:
-            put_aside(b.aside, slot, tile.number << 8 | s << 4, 1, unsure & others)
+            defer(b.deferred, slot, tile.number << 8 | s << 4, 1, unsure & others)
         left &= ~(hit & others)
     return rays & ~left
 
@@ -232,9 +232,9 @@ def _trace_stratum(tile, b, s, c, e, counters):
 
 
 @kernel
-def trace_block(tile, tree, number, triangles, strata, valid, facing, work, aside, counters):
+def trace_block(tile, tree, number, triangles, strata, valid, facing, work, deferred, counters):
     """Test the segments to some strata of a tile against a block; what it blocks is noted in `tile.dead`."""
-    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, aside)
+    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, deferred)
     count(counters, TRIANGLES, triangles)
     box = ptr_at(tree.bounds, b.number * 8)
     c, e, near = broadcasts(box, 0, 1), broadcasts(box, 4, 1), is_near(tile.shafts, tile.info, box)

@@ -1,11 +1,11 @@
-"""A sheaf: tiles near each other, traced as one towards a light that is large beside them.
+"""A tile group: tiles near each other, traced as one towards a light that is large beside them.
 
 The lanes of its walk are the light's strata, as seen from the box of the receivers of all its tiles. That box adds
 little to the width of a stratum's shaft, and up to 16 tiles share the walk. At a block the sides change: for each
 stratum whose shaft meets it, the lanes are the tiles. The rays of those tiles that meet the block's box are gathered
-into full vectors. If they are few, each is tested against all of its triangles; else they are tested against those that
-the sheaf's shaft may meet, and if they are many, after it has been asked which tiles a triangle covers whole. A block
-next to the receivers is for `shaftleaf`, tile by tile, whose beams are narrower there.
+into full vectors. Few rays are tested against all of the block's triangles each. More rays are tested against the
+triangles that the tile group's shaft may meet. Many rays are tested only after a look at which tiles a triangle covers
+whole. Next to the receivers, `shaftleaf` tests blocks tile by tile, since its beams are narrower there.
 """
 
 from typing import NamedTuple
@@ -35,20 +35,20 @@ from ..counters import CANDIDATES, COVERED, TRIANGLES, count
 from ..lighttable import ALL_GROUPS, STRATA
 from ..shafts import HALF, D, N, make_shafts
 from ..tile import Tile, finished_strata, tile_at
-from .compaction import GATHERED_FLOATS, gather, gathered_at, test_one_by_one, test_together
+from .compaction import COMPACTED_FLOATS, compacted_at, gather, test_one_by_one, test_together
 from .shaftbox import rays_in_box, shafts_in_box
 from .shaftcull import cull_block, cull_tiles
 
 _F = np.float32
 _BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)
 _OPEN = (1 + STRATA) * _BOXES
-SHEAF_FLOATS = _OPEN + 16 + GATHERED_FLOATS
+TILE_GROUP_FLOATS = _OPEN + 16 + COMPACTED_FLOATS
 _FEW_RAYS = 6  # of all tiles, up to which each goes by itself
 _MANY_RAYS = 48  # from which on it is asked whether a triangle covers tiles
 
 
-class Sheaf(NamedTuple):
-    """Where a sheaf's numbers are: pointers into scratch memory. Its tiles are lanes."""
+class TileGroup(NamedTuple):
+    """Where a tile group's numbers are: pointers into scratch memory. Its tiles are lanes."""
 
     tiles: object  # float32, as `tile.tile_at` reads them
     valid: object  # int32: bits of each tile's receivers
@@ -56,24 +56,24 @@ class Sheaf(NamedTuple):
     boxes: object  # float32: of the tiles' receivers
     targets: object  # float32: of each stratum's samples, as the tiles see them
     open: object  # int32 of each stratum: bits of the tiles that have segments to it left
-    rays: object  # `Gathered`
+    rays: object  # `Compacted`
     first: int  # a tile of it
 
 
 @inlined
-def sheaf_at(memory, tiles, valid, whole, first):
-    """The `Sheaf` in SHEAF_FLOATS float32."""
-    still_open, rays = as_i32(ptr_at(memory, _OPEN)), gathered_at(ptr_at(memory, _OPEN + 16))
-    return Sheaf(tiles, valid, whole, memory, ptr_at(memory, _BOXES), still_open, rays, first)
+def tile_group_at(memory, tiles, valid, whole, first):
+    """The `TileGroup` in SHEAF_FLOATS float32."""
+    still_open, rays = as_i32(ptr_at(memory, _OPEN)), compacted_at(ptr_at(memory, _OPEN + 16))
+    return TileGroup(tiles, valid, whole, memory, ptr_at(memory, _BOXES), still_open, rays, first)
 
 
 @inlined
-def tile_in(sheaf, g, asked):
-    """Tile g, seen with the sheaf's shafts: they hold its own."""
-    t = tile_at(sheaf.tiles, g, asked)
+def tile_in(tile_group, g, chunk):
+    """Tile g, seen with the tile group's shafts: they hold its own."""
+    t = tile_at(tile_group.tiles, g, chunk)
     return Tile(
-        t.number, t.origins, sheaf.whole.info, t.faces, t.dead, sheaf.whole.shafts, t.beams, t.points, t.groups,
-        t.targets, t.by_lane,
+        t.number, t.origins, tile_group.whole.info, t.faces, t.dead, tile_group.whole.shafts, t.beams, t.points,
+        t.groups, t.targets, t.by_lane,
     )  # fmt: skip
 
 
@@ -93,186 +93,188 @@ def _widen(memory, low, high, by, by_low, by_high):
 
 
 @inlined
-def _add_tile(sheaf, tile, asked):
-    """Widen the sheaf by the box of a tile's receivers, and by its samples if each tile has its own."""
-    info, groups = sheaf.whole.info, sheaf.whole.groups
+def _add_tile(tile_group, tile, chunk):
+    """Widen the tile group by the box of a tile's receivers, and by its samples if each tile has its own."""
+    info, groups = tile_group.whole.info, tile_group.whole.groups
     for k in range(3):
         _widen(info, 6 + k, 9 + k, tile.info, 6 + k, 9 + k)
-        _put_box(sheaf.boxes, tile.number, k, get(tile.info, 6 + k), get(tile.info, 9 + k))
-    if not asked.fixed:
+        _put_box(tile_group.boxes, tile.number, k, get(tile.info, 6 + k), get(tile.info, 9 + k))
+    if not chunk.fixed:
         for k in range(3 * ALL_GROUPS):
             _widen(groups, k, 3 * ALL_GROUPS + k, tile.groups, k, 3 * ALL_GROUPS + k)
         for s in range(STRATA):
             for k in range(3):
                 low = k * ALL_GROUPS + 16 + s
-                boxes = ptr_at(sheaf.targets, s * _BOXES)
+                boxes = ptr_at(tile_group.targets, s * _BOXES)
                 _put_box(boxes, tile.number, k, get(tile.groups, low), get(tile.groups, low + 3 * ALL_GROUPS))
 
 
 @inlined
-def _aim_at_fixed(sheaf, asked):
+def _aim_at_fixed(tile_group, chunk):
     """The strata of a light that is the same for all tiles."""
     for s in range(STRATA):
         for k in range(3):
             low = k * ALL_GROUPS + 16 + s
-            middle, half = middle_and_half(get(asked.groups, low), get(asked.groups, low + 3 * ALL_GROUPS))
-            store(sheaf.targets, s * _BOXES + 16 * k, splat16(middle))
-            store(sheaf.targets, s * _BOXES + 48 + 16 * k, splat16(half))
+            middle, half = middle_and_half(get(chunk.groups, low), get(chunk.groups, low + 3 * ALL_GROUPS))
+            store(tile_group.targets, s * _BOXES + 16 * k, splat16(middle))
+            store(tile_group.targets, s * _BOXES + 48 + 16 * k, splat16(half))
 
 
 @inlined
-def close(sheaf, g, strata):
+def close(tile_group, g, strata):
     """Tile g has no segments to some strata (bits) left."""
     closed = select(mask_from_bits16(strata), splat16(np.int32(1 << g)), splat16(np.int32(0)))
-    store(sheaf.open, 0, load16(sheaf.open, 0) & ~closed)
+    store(tile_group.open, 0, load16(tile_group.open, 0) & ~closed)
 
 
 @kernel
-def make_sheaf(sheaf, members, asked):
-    """Fill a sheaf from the tiles in `members` (bits), which are ready to be traced."""
-    info, groups = sheaf.whole.info, sheaf.whole.groups
+def make_tile_group(tile_group, members, chunk):
+    """Fill a tile group from the tiles in `members` (bits), which are ready to be traced."""
+    info, groups = tile_group.whole.info, tile_group.whole.groups
     for k in range(3):
         put(info, 6 + k, _F(np.inf))
         put(info, 9 + k, _F(-np.inf))
-    if asked.fixed:
-        _aim_at_fixed(sheaf, asked)
+    if chunk.fixed:
+        _aim_at_fixed(tile_group, chunk)
     else:
         for k in range(3 * ALL_GROUPS):
             put(groups, k, _F(np.inf))
             put(groups, 3 * ALL_GROUPS + k, _F(-np.inf))
-    store(sheaf.open, 0, splat16(np.int32(members)))
+    store(tile_group.open, 0, splat16(np.int32(members)))
     while members != 0:
         g = lowest_bit(members)
         members &= members - 1
-        tile = tile_at(sheaf.tiles, g, asked)
-        _add_tile(sheaf, tile, asked)
-        close(sheaf, g, finished_strata(tile, np.int64(get(sheaf.valid, g))))
+        tile = tile_at(tile_group.tiles, g, chunk)
+        _add_tile(tile_group, tile, chunk)
+        close(tile_group, g, finished_strata(tile, np.int64(get(tile_group.valid, g))))
     for k in range(3):
         middle, half = middle_and_half(get(info, 6 + k), get(info, 9 + k))
         put(info, k, middle)
         put(info, 3 + k, half)
-    make_shafts(info, groups, sheaf.whole.shafts)
+    make_shafts(info, groups, tile_group.whole.shafts)
 
 
 @inlined
-def finished(sheaf):
+def finished(tile_group):
     """Bits of the strata to which no segment is left."""
-    return bits(load16(sheaf.open, 0) == splat16(np.int32(0)))
+    return bits(load16(tile_group.open, 0) == splat16(np.int32(0)))
 
 
 @inlined
-def _tiles_in_box(sheaf, s, c, e):
+def _tiles_in_box(tile_group, s, c, e):
     """Bits of the tiles whose shafts to stratum s may meet a box."""
-    o, t = rows(sheaf.boxes, 0, 16), ptr_at(sheaf.targets, s * _BOXES)
-    return shafts_in_box(o, minus(rows(t, 0, 16), o), rows(sheaf.boxes, 48, 16), rows(t, 48, 16), c, e)
+    o, t = rows(tile_group.boxes, 0, 16), ptr_at(tile_group.targets, s * _BOXES)
+    return shafts_in_box(o, minus(rows(t, 0, 16), o), rows(tile_group.boxes, 48, 16), rows(t, 48, 16), c, e)
 
 
 @inlined
-def _tiles_near_box(sheaf, c, e):
+def _tiles_near_box(tile_group, c, e):
     """Bits of the tiles whose shafts to the whole light may meet a box."""
-    o, shafts = rows(sheaf.boxes, 0, 16), sheaf.whole.shafts
-    d, m = broadcasts(shafts, D + 1, N), broadcasts(sheaf.whole.info, 0, 1)
+    o, shafts = rows(tile_group.boxes, 0, 16), tile_group.whole.shafts
+    d, m = broadcasts(shafts, D + 1, N), broadcasts(tile_group.whole.info, 0, 1)
     v = Vec(d.x + (m.x - o.x), d.y + (m.y - o.y), d.z + (m.z - o.z))
-    return shafts_in_box(o, v, rows(sheaf.boxes, 48, 16), broadcasts(shafts, HALF + 1, N), c, e)
+    return shafts_in_box(o, v, rows(tile_group.boxes, 48, 16), broadcasts(shafts, HALF + 1, N), c, e)
 
 
 @inlined
-def _open_tiles(sheaf, strata):
+def _open_tiles(tile_group, strata):
     """Bits of the tiles that have a segment to any of some strata (bits) left."""
     tiles = np.int64(0)
     while strata != 0:
-        tiles |= np.int64(get(sheaf.open, lowest_bit(strata)))
+        tiles |= np.int64(get(tile_group.open, lowest_bit(strata)))
         strata &= strata - 1
     return tiles
 
 
 @inlined
-def _blocked(sheaf, g, s, receivers, asked):
+def _blocked(tile_group, g, s, receivers, chunk):
     """Note some receivers (bits) of tile g that are blocked from stratum s."""
-    dead, valid = tile_at(sheaf.tiles, g, asked).dead, np.int64(get(sheaf.valid, g))
+    dead, valid = tile_at(tile_group.tiles, g, chunk).dead, np.int64(get(tile_group.valid, g))
     receivers |= np.int64(get(dead, s))
     put(dead, s, receivers)
     if receivers & valid == valid:
-        put(sheaf.open, s, np.int64(get(sheaf.open, s)) & ~(np.int64(1) << g))
+        put(tile_group.open, s, np.int64(get(tile_group.open, s)) & ~(np.int64(1) << g))
 
 
 @inlined
-def _blocked_rays(sheaf, s, first, rays, asked):
+def _blocked_rays(tile_group, s, first, rays, chunk):
     """Note some gathered rays (bits, from the first on) that are blocked."""
     while rays != 0:
-        place = np.int64(get(sheaf.rays.places, first + lowest_bit(rays)))
+        place = np.int64(get(tile_group.rays.places, first + lowest_bit(rays)))
         rays &= rays - 1
-        _blocked(sheaf, place >> 8, s, np.int64(1) << (place & 15), asked)
+        _blocked(tile_group, place >> 8, s, np.int64(1) << (place & 15), chunk)
 
 
 @inlined
-def _rays_in_box(sheaf, s, live, asked, c, e):
+def _rays_in_box(tile_group, s, live, chunk, c, e):
     """Gather the rays of some tiles (bits) to stratum s that meet a box and are not blocked; how many."""
     n = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
-        tile = tile_at(sheaf.tiles, g, asked)
-        left = rays_in_box(tile, s, c, e) & np.int64(get(sheaf.valid, g)) & ~np.int64(get(tile.dead, s))
+        tile = tile_at(tile_group.tiles, g, chunk)
+        left = rays_in_box(tile, s, c, e) & np.int64(get(tile_group.valid, g)) & ~np.int64(get(tile.dead, s))
         if left != 0:
-            n = gather(sheaf.rays, n, tile, s, left)
+            n = gather(tile_group.rays, n, tile, s, left)
     return n
 
 
 @inlined
-def _cover(sheaf, b, s, live, left, asked, counters):
+def _cover(tile_group, b, s, live, left, chunk, counters):
     """Test triangles (bits) against the shafts of tiles (bits) to stratum s; the tiles that none covers whole."""
-    numbers, targets = numbers_of(b), ptr_at(sheaf.targets, s * _BOXES)
+    numbers, targets = numbers_of(b), ptr_at(tile_group.targets, s * _BOXES)
     while left != 0 and live != 0:
-        covered = live & cull_tiles(sheaf.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
+        covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
         left &= left - 1
         live &= ~covered
         count(counters, COVERED, popcount(covered))
         while covered != 0:
-            _blocked(sheaf, lowest_bit(covered), s, np.int64(0xFFFF), asked)
+            _blocked(tile_group, lowest_bit(covered), s, np.int64(0xFFFF), chunk)
             covered &= covered - 1
     return live
 
 
 @inlined
-def _trace_far(sheaf, b, s, live, asked, c, e, counters):
+def _trace_far(tile_group, b, s, live, chunk, c, e, counters):
     """Test a block against the segments from some tiles (bits) to stratum s."""
-    n = _rays_in_box(sheaf, s, live, asked, c, e)
+    n = _rays_in_box(tile_group, s, live, chunk, c, e)
     if n <= _FEW_RAYS:
-        _blocked_rays(sheaf, s, np.int64(0), test_one_by_one(sheaf.rays, n, b, counters), asked)
+        _blocked_rays(tile_group, s, np.int64(0), test_one_by_one(tile_group.rays, n, b, counters), chunk)
         return
-    left = cull_block(sheaf.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
+    left = cull_block(tile_group.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
     count(counters, CANDIDATES, popcount(left))
     if n >= _MANY_RAYS:
-        not_covered = _cover(sheaf, b, s, live, left, asked, counters)
+        not_covered = _cover(tile_group, b, s, live, left, chunk, counters)
         if not_covered != live:
-            n = _rays_in_box(sheaf, s, not_covered, asked, c, e)
+            n = _rays_in_box(tile_group, s, not_covered, chunk, c, e)
     for first in range(0, n, 16):
-        blocked = test_together(sheaf.rays, first, min(n - first, 16), b, left, counters)
-        _blocked_rays(sheaf, s, first, blocked, asked)
+        blocked = test_together(tile_group.rays, first, min(n - first, 16), b, left, counters)
+        _blocked_rays(tile_group, s, first, blocked, chunk)
 
 
 @inlined
-def tiles_by_beams(sheaf, bounds, strata, asked):
+def tiles_by_beams(tile_group, bounds, strata, chunk):
     """Bits of the tiles that a block next to them is to be tested against one by one; -1 if it is not next to them.
 
     bounds : pointer to the block's box
     """
-    if not is_near(sheaf.whole.shafts, tile_at(sheaf.tiles, sheaf.first, asked).info, bounds):
+    if not is_near(tile_group.whole.shafts, tile_at(tile_group.tiles, tile_group.first, chunk).info, bounds):
         return np.int64(-1)
-    return _tiles_near_box(sheaf, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1)) & _open_tiles(sheaf, strata)
+    return _tiles_near_box(tile_group, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1)) & _open_tiles(
+        tile_group, strata
+    )
 
 
 @kernel
-def trace_sheaf(sheaf, tree, number, triangles, strata, asked, work, aside, counters):
-    """Test the segments of a sheaf to some strata (bits) against a block; `dead` tells what it blocks."""
-    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), asked.query.facing, work, aside)
+def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, deferred, counters):
+    """Test the segments of a tile group to some strata (bits) against a block; `dead` tells what it blocks."""
+    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), chunk.query.facing, work, deferred)
     box = ptr_at(tree.bounds, b.number * 8)
     c, e = broadcasts(box, 0, 1), broadcasts(box, 4, 1)
     count(counters, TRIANGLES, triangles)
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
-        live = np.int64(get(sheaf.open, s)) & _tiles_in_box(sheaf, s, c, e)
+        live = np.int64(get(tile_group.open, s)) & _tiles_in_box(tile_group, s, c, e)
         if live != 0:
-            _trace_far(sheaf, b, s, live, asked, c, e, counters)
+            _trace_far(tile_group, b, s, live, chunk, c, e, counters)

@@ -14,20 +14,20 @@ from ...kernels.simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, pu
 from ...scene.lights import LIST
 from ..beams import make_beams
 from ..blocktest import fetch
-from ..counters import N_COUNTERS, SHEAF_TILES, add_counters, cleared, count, new_counters
-from ..deferred import ASIDE, settle_aside
+from ..counters import N_COUNTERS, TILE_GROUP_TILES, add_counters, cleared, count, new_counters
+from ..deferred import DEFERRED, settle_deferred
 from ..descent import left, next_leaf, nowhere, save, slabs_of
 from ..forest import TREE, Forest, forest_pointers, is_idle, list_of, tree_in, walk_forest, walk_tree, whole
 from ..horizon import PLANES, apply_horizon
 from ..lighttable import STRATA, light_table, turn_points
-from ..packets.incoherent import extents_of, is_far, is_huge, is_scattered
+from ..packets.incoherent import extents_of, is_far, is_huge, is_incoherent
 from ..packets.packet16 import over_pixels, over_samples
-from ..querychunk import Asked, asked_of, sets_of, tile_shape
+from ..querychunk import QueryChunk, query_chunk_of, sets_of, tile_shape
 from ..shafts import make_shafts
 from ..tile import bound_receivers, finished_strata, first_pixel, move_light, read_bits, tile_at, write_bits
 from .bundle import (
-    ASIDE_INTS,
     AT,
+    DEFERRED_INTS,
     LANES,
     MAX_TILES,
     PLACES,
@@ -41,70 +41,70 @@ from .bundle import (
     finished_groups,
     lane_strata,
     shafts_of,
-    sheaf_of,
+    tile_group_of,
     tiles_to_fill,
 )
 from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
 from .shaftleaf import WORK, trace_block
-from .tilegroup import SHEAF_FLOATS, close, finished, make_sheaf, tile_in, tiles_by_beams, trace_sheaf
+from .tilegroup import TILE_GROUP_FLOATS, close, finished, make_tile_group, tile_in, tiles_by_beams, trace_tile_group
 
-_APART = 4  # tiles of a bundle that is no sheaf, as long as they fill its lanes
-_FEW_TILES = 12  # of a sheaf, at least; fewer do not pay for its wider shafts
-_FEW_SAMPLES = 8  # for a sheaf, at least
+_INTERLEAVED = 4  # tiles of a bundle that is no tile group, as long as they fill its lanes
+_FEW_TILES = 12  # of a tile group, at least; fewer do not pay for its wider shafts
+_FEW_SAMPLES = 8  # for a tile group, at least
 
 
 @inlined
-def _trace_tile(tree, code, tile, valid, strata, asked, scratch, counters):
+def _trace_tile(tree, code, tile, valid, strata, chunk, scratch, counters):
     """A block against the segments of a tile to some strata (bits)."""
     strata &= ~finished_strata(tile, valid)
     if strata != 0:
-        block, triangles, facing = code >> 5, code & 31, asked.query.facing
-        trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.aside, counters)
+        block, triangles, facing = code >> 5, code & 31, chunk.query.facing
+        trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.deferred, counters)
 
 
 @inlined
-def _sheaf_leaf(tree, code, strata, asked, scratch, counters):
-    """A block against some strata (bits) of a sheaf; bits of those to which it has no segment left."""
-    sheaf, block = sheaf_of(scratch, asked), code >> 5
-    live = tiles_by_beams(sheaf, ptr_at(tree.bounds, block * 8), strata, asked)
+def _tile_group_leaf(tree, code, strata, chunk, scratch, counters):
+    """A block against some strata (bits) of a tile group; bits of those to which it has no segment left."""
+    tile_group, block = tile_group_of(scratch, chunk), code >> 5
+    live = tiles_by_beams(tile_group, ptr_at(tree.bounds, block * 8), strata, chunk)
     if live < 0:
-        trace_sheaf(sheaf, tree, block, code & 31, strata, asked, scratch.work, scratch.aside, counters)
+        trace_tile_group(tile_group, tree, block, code & 31, strata, chunk, scratch.work, scratch.deferred, counters)
         live = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
-        tile, valid = tile_in(sheaf, g, asked), np.int64(get(scratch.valid, g))
-        _trace_tile(tree, code, tile, valid, strata, asked, scratch, counters)
-        close(sheaf, g, finished_strata(tile, valid))
-    return finished(sheaf)
+        tile, valid = tile_in(tile_group, g, chunk), np.int64(get(scratch.valid, g))
+        _trace_tile(tree, code, tile, valid, strata, chunk, scratch, counters)
+        close(tile_group, g, finished_strata(tile, valid))
+    return finished(tile_group)
 
 
 @inlined
-def _leaf(tree, code, mask, asked, bundle, scratch, counters):
+def _leaf(tree, code, mask, chunk, bundle, scratch, counters):
     """A block against the lanes in `mask`; bits of those that have no segment left."""
-    if bundle.is_sheaf:
-        return _sheaf_leaf(tree, code, mask, asked, scratch, counters)
+    if bundle.is_tile_group:
+        return _tile_group_leaf(tree, code, mask, chunk, scratch, counters)
     done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
     for slot in range(bundle.tiles):
         groups = mask >> (slot * bundle.groups) & all_groups
         if groups != 0:
             g = np.int64(get(scratch.slots, slot))
-            tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
-            _trace_tile(tree, code, tile, valid, lane_strata(groups, bundle), asked, scratch, counters)
+            tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
+            _trace_tile(tree, code, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
             done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
     return done
 
 
-class Job(NamedTuple):
+class RegionJob(NamedTuple):
     """A bundle, and the chunk of a query that it asks."""
 
-    asked: Asked
+    chunk: QueryChunk
     bundle: Bundle
 
 
 @overload(walk_tree)
 def _by_job(tree, slabs, at, alive, job, scratch, counters):
-    if job.instance_class is Job:
+    if job.instance_class is RegionJob:
         return lambda tree, slabs, at, alive, job, scratch, counters: _walk_tree(
             tree, slabs, at, alive, job, scratch, counters
         )
@@ -120,11 +120,11 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
             prefetch(tree.bounds, (~at.link >> 5) * 8)
             fetch(tree, at.link)
         if mask & alive != 0:
-            if np.int64(get(scratch.aside, 0)) > ASIDE:
+            if np.int64(get(scratch.deferred, 0)) > DEFERRED:
                 put(scratch.at, WAITING, code)
                 put(scratch.at, WAITING + 1, mask)
                 return at, alive
-            alive &= ~_leaf(tree, code, mask & alive, job.asked, job.bundle, scratch, counters)
+            alive &= ~_leaf(tree, code, mask & alive, job.chunk, job.bundle, scratch, counters)
         if at.mask == 0:
             put(scratch.at, WAITING + 1, 0)
             return nowhere(), alive
@@ -133,17 +133,17 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
 
 
 @kernel
-def _walk(forest, i, end, alive, asked, bundle, scratch, counters):
+def _walk(forest, i, end, alive, chunk, bundle, scratch, counters):
     """`walk_forest` of a bundle."""
     slabs = slabs_of(shafts_of(scratch.lanes), alive)
-    return walk_forest(forest, i, end, slabs, alive, Job(asked, bundle), scratch, counters)
+    return walk_forest(forest, i, end, slabs, alive, RegionJob(chunk, bundle), scratch, counters)
 
 
 @inlined
-def _trace_lanes(forest, y, x, alive, asked, bundle, scratch, counters):
+def _trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
     """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
 
-    What is put aside is settled whenever the memory for it runs low, before other memory is entered, and at the end.
+    What is deferred is settled whenever the memory for it runs low, before other memory is entered, and at the end.
     """
     i, end = list_of(forest, y, x, np.int64(0))
     save(scratch.at, nowhere())
@@ -151,34 +151,34 @@ def _trace_lanes(forest, y, x, alive, asked, bundle, scratch, counters):
     put(scratch.at, TREE, 0)
     while True:
         if i < end and alive != 0:
-            i, alive = _walk(forest, i, end, alive, asked, bundle, scratch, counters)
-        if np.int64(get(scratch.aside, 0)) != 0:
+            i, alive = _walk(forest, i, end, alive, chunk, bundle, scratch, counters)
+        if np.int64(get(scratch.deferred, 0)) != 0:
             corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
-            settle_aside(corners, asked, scratch.tiles, scratch.places, scratch.aside, counters)
+            settle_deferred(corners, chunk, scratch.tiles, scratch.places, scratch.deferred, counters)
         if i >= end or alive == 0:
             return
 
 
 @inlined
-def _start_tile(asked, g, scratch, fresh, known, counters):
+def _start_tile(chunk, g, scratch, fresh, known, counters):
     """Prepare tile g, whose receivers are loaded; unless all is `fresh`, the bits at `known` tell what is blocked."""
-    tile, valid = tile_at(scratch.tiles, g, asked), np.int64(get(scratch.valid, g))
+    tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)
-    if not asked.fixed:
-        move_light(asked, y0, x0, valid, tile)
-        turn_points(tile.points, tile.by_lane, asked.count)
+    if not chunk.fixed:
+        move_light(chunk, y0, x0, valid, tile)
+        turn_points(tile.points, tile.by_lane, chunk.count)
     make_beams(tile)
     if fresh:
-        apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+        apply_horizon(chunk, y0, x0, valid, tile, scratch.planes, scratch.deferred, counters)
     else:
-        read_bits(asked, y0, x0, valid, tile, known)
+        read_bits(chunk, y0, x0, valid, tile, known)
 
 
 @inlined
-def _fill_slot(asked, bundle, slot, g, scratch):
+def _fill_slot(chunk, bundle, slot, g, scratch):
     """Give tile g a slot of a bundle; bits of its lanes that have a segment to trace."""
-    tile = tile_at(scratch.tiles, g, asked)
+    tile = tile_at(scratch.tiles, g, chunk)
     make_shafts(tile.info, tile.groups, tile.shafts)
     put(scratch.slots, slot, g)
     fill_lanes(slot, tile, bundle, scratch.lanes)
@@ -187,32 +187,32 @@ def _fill_slot(asked, bundle, slot, g, scratch):
 
 
 @inlined
-def _bundle_apart(numbers, asked, scratch):
+def _bundle_separate(numbers, chunk, scratch):
     """The `Bundle` of the first of some tiles (bits), each with its own shafts; its lanes (bits), the tiles left."""
-    n = min(popcount(numbers), max(_APART, tiles_to_fill(asked.count)))
-    bundle, alive = bundle_of(n, asked.count), np.int64(0)
+    n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.count)))
+    bundle, alive = bundle_of(n, chunk.count), np.int64(0)
     for slot in range(n):
-        alive |= _fill_slot(asked, bundle, slot, lowest_bit(numbers), scratch)
+        alive |= _fill_slot(chunk, bundle, slot, lowest_bit(numbers), scratch)
         numbers &= numbers - 1
     return bundle, alive, numbers
 
 
 @inlined
-def _bundle_together(members, asked, scratch, counters):
-    """The `Bundle` of some tiles (bits) as a sheaf; its lanes (bits)."""
-    count(counters, SHEAF_TILES, popcount(members))
+def _bundle_together(members, chunk, scratch, counters):
+    """The `Bundle` of some tiles (bits) as a tile group; its lanes (bits)."""
+    count(counters, TILE_GROUP_TILES, popcount(members))
     put(scratch.slots, 0, lowest_bit(members))
-    bundle, sheaf = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), sheaf_of(scratch, asked)
-    make_sheaf(sheaf, members, asked)
-    fill_lanes(np.int64(0), sheaf.whole, bundle, scratch.lanes)
-    return bundle, ~finished(sheaf) & 0xFFFF
+    bundle, tile_group = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), tile_group_of(scratch, chunk)
+    make_tile_group(tile_group, members, chunk)
+    fill_lanes(np.int64(0), tile_group.whole, bundle, scratch.lanes)
+    return bundle, ~finished(tile_group) & 0xFFFF
 
 
 @inlined
-def _sheaf_among(numbers, asked, scratch):
-    """Bits of those of a region's tiles (bits) that are a sheaf; there is room for one at most."""
-    while popcount(numbers) >= _FEW_TILES and asked.count >= _FEW_SAMPLES:
-        members = near_each_other(asked, scratch.tiles, numbers)
+def _tile_group_among(numbers, chunk, scratch):
+    """Bits of those of a region's tiles (bits) that are a tile group; there is room for one at most."""
+    while popcount(numbers) >= _FEW_TILES and chunk.count >= _FEW_SAMPLES:
+        members = near_each_other(chunk, scratch.tiles, numbers)
         if popcount(members) >= _FEW_TILES:
             return members
         numbers &= ~members
@@ -220,46 +220,46 @@ def _sheaf_among(numbers, asked, scratch):
 
 
 @inlined
-def _trace_parts(forest, n, asked, scratch, known, counters):
-    """Trace n tiles whose receivers are loaded: the sheaf among them first, if there is one."""
+def _trace_parts(forest, n, chunk, scratch, known, counters):
+    """Trace n tiles whose receivers are loaded: the tile group among them first, if there is one."""
     y, x = first_pixel(scratch.places, 0)
     for g in range(n):
-        _start_tile(asked, g, scratch, forest.fresh, known, counters)
-    members = _sheaf_among((np.int64(1) << n) - 1, asked, scratch)
+        _start_tile(chunk, g, scratch, forest.fresh, known, counters)
+    members = _tile_group_among((np.int64(1) << n) - 1, chunk, scratch)
     apart = ((np.int64(1) << n) - 1) & ~members
     while members | apart != 0:
         if members != 0:
-            bundle, alive = _bundle_together(members, asked, scratch, counters)
+            bundle, alive = _bundle_together(members, chunk, scratch, counters)
             members = np.int64(0)
         else:
-            bundle, alive, apart = _bundle_apart(apart, asked, scratch)
-        _trace_lanes(forest, y, x, alive, asked, bundle, scratch, counters)
+            bundle, alive, apart = _bundle_separate(apart, chunk, scratch)
+        _trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters)
 
 
 @kernel
-def _trace_regions(ticket, arrays, query, table, shape, layout, chunk, n_samples, out, counters):
+def _trace_regions(ticket, arrays, query, table, shape, layout, k, n_samples, out, counters):
     """Worker: regions of tiles; where a tile's receivers lie in several places, one place after the other."""
     scratch = Scratch(
-        stack_f32(TILES), stack_f32(LANES), stack_f32(WORK), stack_f32(SHEAF_FLOATS), stack_i32(STACK),
+        stack_f32(TILES), stack_f32(LANES), stack_f32(WORK), stack_f32(TILE_GROUP_FLOATS), stack_i32(STACK),
         stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PLACES), stack_f32(PLANES),
-        stack_i32(AT), stack_i32(ASIDE_INTS),
+        stack_i32(AT), stack_i32(DEFERRED_INTS),
     )  # fmt: skip
     forest, mine = forest_pointers(arrays), cleared(stack_i64(N_COUNTERS))
-    asked, places = asked_of(query, table, shape, chunk, n_samples), ptr(out)
-    put(scratch.aside, 0, 0)
+    chunk, places = query_chunk_of(query, table, shape, k, n_samples), ptr(out)
+    put(scratch.deferred, 0, 0)
     at = take(ticket)
     while at >= 0:
         y, x = corner_of(layout, at)
         idle = is_idle(forest, y * shape.height, x * shape.width)
         for g in range(MAX_TILES):
             put(scratch.left, g, np.int32(0 if idle else 0xFFFF))
-        n = next_parts(asked, layout, y, x, scratch)
+        n = next_parts(chunk, layout, y, x, scratch)
         while n > 0:
-            _trace_parts(forest, n, asked, scratch, places, mine)
+            _trace_parts(forest, n, chunk, scratch, places, mine)
             for g in range(n):
                 y0, x0 = first_pixel(scratch.places, g)
-                write_bits(asked, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, asked), places)
-            n = next_parts(asked, layout, y, x, scratch)
+                write_bits(chunk, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, chunk), places)
+            n = next_parts(chunk, layout, y, x, scratch)
         at = take(ticket)
     add_counters(counters, mine)
 
@@ -268,13 +268,13 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     Samples far apart, those of a hemisphere, an interleaved list or a huge light, are left to packets, as are
-    coordinates that are too large for shafts: see `scattered`.
+    coordinates that are too large for shafts: see `packets.incoherent`.
 
     tree : BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    if is_scattered(query) or is_huge(query, extents_of(tree)) or is_far(query, boxes_of(tree.nodes[:1])):
+    if is_incoherent(query) or is_huge(query, extents_of(tree)) or is_far(query, boxes_of(tree.nodes[:1])):
         by_packets = over_samples if query.light.kind == LIST else over_pixels
         by_packets(tree, query, bits, threads, counters, progress)
         return

@@ -36,7 +36,7 @@ def _extents(query):
     return (high - low).sum(1).mean(), whole.sum(1).mean()
 
 
-def is_scattered(query) -> bool:
+def is_incoherent(query) -> bool:
     """Are a stratum's samples far apart: a wide cone of the hemisphere, or points of a list that are?"""
     if query.light.kind != LIST:
         return query.light.kind == AMBIENT
@@ -72,9 +72,9 @@ def is_far(query, box) -> bool:
 
 
 @kernel
-def trace_block(tree, rays, r, code, mask, facing, aside, counters):
+def trace_block(tree, rays, r, code, mask, facing, deferred, counters):
     """Test the rays of row r that are in `mask` against a block; bits of those that it blocks."""
-    b = Block(tree, code >> 5, (np.int64(1) << (code & 31)) - 1, np.int64(0), facing, None, aside)
+    b = Block(tree, code >> 5, (np.int64(1) << (code & 31)) - 1, np.int64(0), facing, None, deferred)
     hits = np.int64(0)
     while mask != 0:
         lane = lowest_bit(mask)

@@ -19,7 +19,7 @@ from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import CHUNK, N, take
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
-from ..deferred import ASIDE, put_aside
+from ..deferred import DEFERRED, defer
 from ..descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of
 from ..forest import TREE, Forest, forest_pointers, is_idle, list_of, tree_in, walk_forest, walk_tree, whole
 from ..raytest import decide, length1, seen_from, triangle_in
@@ -27,12 +27,12 @@ from .incoherent import trace_block
 from .raytile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
-    Rays,
-    asked_in,
+    TileRays,
     directions_of,
     finish_tile,
     open_rays,
     origins_of,
+    query_chunk_in,
     rows_are_receivers,
     scratch_in,
     settle,
@@ -44,7 +44,7 @@ from .raytile import (
 class Row(NamedTuple):
     """A row of a tile's rays."""
 
-    rays: Rays
+    rays: TileRays
     number: int
     facing: int  # a value of CULL_FACES
 
@@ -69,7 +69,7 @@ def walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
     """In kernels: trace a row through the trees from the i-th on: (the one to go on with, the rays left)."""
 
 
-def trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
+def trace_leaf(tree, rays, r, code, mask, facing, deferred, counters):
     """In kernels: test the rays of row r in `mask` against a leaf of the tree; bits of those that it blocks."""
 
 
@@ -119,13 +119,13 @@ def _chosen(argument, kind, one, other):
 
 
 @overload(trace_leaf)
-def _trace_leaf(tree, rays, r, code, mask, facing, aside, counters):
+def _trace_leaf(tree, rays, r, code, mask, facing, deferred, counters):
     if tree.instance_class is Tree:
-        return lambda tree, rays, r, code, mask, facing, aside, counters: _trace_triangles(
-            tree, rays, r, code, mask, facing, aside, counters
+        return lambda tree, rays, r, code, mask, facing, deferred, counters: _trace_triangles(
+            tree, rays, r, code, mask, facing, deferred, counters
         )
-    return lambda tree, rays, r, code, mask, facing, aside, counters: trace_block(
-        tree, rays, r, code, mask, facing, aside, counters
+    return lambda tree, rays, r, code, mask, facing, deferred, counters: trace_block(
+        tree, rays, r, code, mask, facing, deferred, counters
     )
 
 
@@ -138,7 +138,7 @@ def _own(tree, rays, r, slot):
 
 
 @kernel
-def _trace_triangles(tree, rays, r, code, mask, facing, aside, counters):
+def _trace_triangles(tree, rays, r, code, mask, facing, deferred, counters):
     """`trace_leaf` of a `Tree`, triangle by triangle."""
     hits = np.int64(0)
     if ~code == EMPTY:
@@ -155,7 +155,7 @@ def _trace_triangles(tree, rays, r, code, mask, facing, aside, counters):
         hit, unsure = decide(d, seen_from(o, span, triangle_in(tree.corners, slot)), facing)
         unsure &= tested
         if unsure != 0:
-            put_aside(aside, slot, r * rays.row_place, rays.lane_place, unsure)
+            defer(deferred, slot, r * rays.row_place, rays.lane_place, unsure)
         hits |= hit & tested
         if hits == mask:
             break
@@ -166,8 +166,8 @@ def _trace_triangles(tree, rays, r, code, mask, facing, aside, counters):
 def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     """`walk_tree` of a row."""
     at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
-    while at.mask != 0 and np.int64(get(scratch.aside, 0)) <= ASIDE:
-        alive &= ~trace_leaf(tree, row.rays, row.number, ~at.link, at.mask, row.facing, scratch.aside, counters)
+    while at.mask != 0 and np.int64(get(scratch.deferred, 0)) <= DEFERRED:
+        alive &= ~trace_leaf(tree, row.rays, row.number, ~at.link, at.mask, row.facing, scratch.deferred, counters)
         at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
     return at if at.mask != 0 else nowhere(), alive
 
@@ -183,7 +183,7 @@ def _walk_one(tree, slabs, alive, row, scratch, counters):
 
 @kernel
 def _walk(trees, rays, r, i, end, facing, scratch, counters):
-    """Trace row r through the trees from the i-th on; the one to go on with when what is put aside has been settled."""
+    """Trace row r through the trees from the i-th on; the one to go on with when what is deferred has been settled."""
     alive = open_rays(rays, r)
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
     i, alive = walk_trees(trees, i, end, slabs, alive, Row(rays, r, facing), scratch, counters)
@@ -196,13 +196,13 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
     """Worker: tiles, packet by packet."""
     scratch, trees = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS)), pointers(prepared)
     mine = cleared(stack_i64(N_COUNTERS))
-    asked, places, first = asked_in(query, samples, job), ptr(out), take(ticket)
+    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
     while first >= 0:
         for n in range(first, min(first + ticket[CHUNK], ticket[N])):
             y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
             if nothing_for(trees, y, x):
                 continue
-            rays = start_tile(job, asked, n, scratch, places, mine)
+            rays = start_tile(job, chunk, n, scratch, places, mine)
             put(scratch.at, TREE, 0)
             left_rows = rays.rows
             while left_rows != 0:
@@ -211,11 +211,11 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
                 i, end = trees_for(trees, y, x, r)
                 save(scratch.at, nowhere())
                 while i < end:
-                    i = _walk(trees, rays, r, i, end, asked.query.facing, scratch, mine)
+                    i = _walk(trees, rays, r, i, end, chunk.query.facing, scratch, mine)
                     if i < end:
-                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), asked, rays, scratch, mine)
-            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), asked, rays, scratch, mine)
-            finish_tile(asked, rays, places)
+                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
+            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
+            finish_tile(chunk, rays, places)
         first = take(ticket)
     add_counters(counters, mine)
 

@@ -14,11 +14,11 @@ from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, ptr_at, put, store
 from ...kernels.vec import minus, rows
 from ..counters import new_counters
-from ..deferred import aside_ints, settle_aside
+from ..deferred import deferred_ints, settle_deferred
 from ..forest import TREE
 from ..horizon import PLANES, apply_horizon
 from ..lighttable import POINTS, STRATA, light_table, turn_points
-from ..querychunk import asked_of, sets_of, tile_shape
+from ..querychunk import query_chunk_of, sets_of, tile_shape
 from ..tile import (
     TILE_FLOATS,
     bound_receivers,
@@ -35,17 +35,17 @@ STACK = 4 * MAX_DEPTH
 _AT = TREE + 1
 SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
 _STACK_AT = 32 + (_AT + 15) // 16 * 16  # after `dead` and `pixel`, 16 each, and `at`
-SCRATCH_INTS = _STACK_AT + STACK + aside_ints(1)
+SCRATCH_INTS = _STACK_AT + STACK + deferred_ints(1)
 
 
-class Samples(NamedTuple):
+class SampleRows(NamedTuple):
     """The light samples of a query for tiles."""
 
     table: object  # LightTable
     parameters: np.ndarray  # (chunks, 16 receivers, 2, 16 samples) float32: (a, b) on the light's patch
 
 
-class Job(NamedTuple):
+class RayTileJob(NamedTuple):
     """What all tiles of a run share."""
 
     shape: object  # TileShape
@@ -55,20 +55,20 @@ class Job(NamedTuple):
     fresh: bool  # nothing is known of the rays; else the bits tell which ones are blocked
 
 
-class Scratch(NamedTuple):
+class RayTileScratch(NamedTuple):
     """A thread's memory."""
 
     tile: object  # float32, one `Tile`
     pixel: object  # int32, its first pixel: see `tile.first_pixel`
     origins: object  # float32, each receiver's origin in all 16 lanes
-    planes: object  # float32, for `ownsurface`
+    planes: object  # float32, for `horizon`
     stack: object  # int32
     at: object  # int32, see `descent.save`; then the number of the tree
     dead: object  # int32, one a receiver: bits of its blocked samples
-    aside: object  # int32, see `aside`
+    deferred: object  # int32, see `deferred`
 
 
-class Rays(NamedTuple):
+class TileRays(NamedTuple):
     """The rays of a tile: pointers."""
 
     tile: object  # Tile
@@ -85,56 +85,58 @@ class Rays(NamedTuple):
 
 @inlined
 def scratch_in(floats, ints):
-    """`Scratch` in SCRATCH_FLOATS float32 and SCRATCH_INTS int32 on the stack of a kernel."""
-    return Scratch(
+    """`RayTileScratch` in SCRATCH_FLOATS float32 and SCRATCH_INTS int32 on the stack of a kernel."""
+    return RayTileScratch(
         floats, ptr_at(ints, 16), ptr_at(floats, TILE_FLOATS), ptr_at(floats, TILE_FLOATS + POINTS),
         ptr_at(ints, _STACK_AT), ptr_at(ints, 32), ints, ptr_at(ints, _STACK_AT + STACK),
     )  # fmt: skip
 
 
 @inlined
-def asked_in(query, samples, job):
+def query_chunk_in(query, samples, job):
     """The `Asked` of a job."""
-    return asked_of(query, samples.table, job.shape, job.chunk, job.count)
+    return query_chunk_of(query, samples.table, job.shape, job.chunk, job.count)
 
 
 @kernel
-def _by_receiver(asked, tile, scratch):
+def _by_receiver(chunk, tile, scratch):
     """Points of the receivers' samples; fills the receivers' origins."""
     for r in range(16):
         for k in range(3):
             store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
     turn_bits(tile.dead, scratch.dead)
-    if not asked.fixed:
-        turn_points(tile.points, tile.by_lane, asked.count)
+    if not chunk.fixed:
+        turn_points(tile.points, tile.by_lane, chunk.count)
     return tile.by_lane
 
 
 @kernel
-def start_tile(job, asked, n, scratch, known, counters):
-    """The `Rays` of tile n, those that the receivers' own surfaces surely block dead already.
+def start_tile(job, chunk, n, scratch, known, counters):
+    """The `TileRays` of tile n, those that the receivers' own surfaces surely block dead already.
 
     known : pointer to the bits of all receivers, which are read unless the job is fresh
     """
     y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
-    tile = tile_at(scratch.tile, 0, asked)
+    tile = tile_at(scratch.tile, 0, chunk)
     put(scratch.pixel, 0, y0)
     put(scratch.pixel, 1, x0)
-    put(scratch.aside, 0, 0)
-    strata = (np.int64(1) << asked.count) - 1
-    valid = load_receivers(asked, y0, x0, tile)
+    put(scratch.deferred, 0, 0)
+    strata = (np.int64(1) << chunk.count) - 1
+    valid = load_receivers(chunk, y0, x0, tile)
     if valid != 0:
         bound_receivers(tile, valid)
-        if not asked.fixed:
-            move_light(asked, y0, x0, valid, tile)
+        if not chunk.fixed:
+            move_light(chunk, y0, x0, valid, tile)
         if job.fresh:
-            apply_horizon(asked, y0, x0, valid, tile, scratch.planes, scratch.aside, counters)
+            apply_horizon(chunk, y0, x0, valid, tile, scratch.planes, scratch.deferred, counters)
         else:
-            read_bits(asked, y0, x0, valid, tile, known)
+            read_bits(chunk, y0, x0, valid, tile, known)
         if job.by_sample:
-            points = _by_receiver(asked, tile, scratch)
-            return Rays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
-    return Rays(tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1)
+            points = _by_receiver(chunk, tile, scratch)
+            return TileRays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
+    return TileRays(
+        tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1
+    )
 
 
 @inlined
@@ -162,34 +164,34 @@ def rows_are_receivers(rays):
 
 
 @kernel
-def settle(tree, asked, rays, scratch, counters):
-    """Decide what was put aside, and update `rays.dead`."""
-    if get(scratch.aside, 0) == 0:
+def settle(tree, chunk, rays, scratch, counters):
+    """Decide what was deferred, and update `rays.dead`."""
+    if get(scratch.deferred, 0) == 0:
         return
     if rows_are_receivers(rays):
         turn_bits(rays.dead, rays.tile.dead)
-    settle_aside(tree.corners, asked, scratch.tile, scratch.pixel, scratch.aside, counters)
+    settle_deferred(tree.corners, chunk, scratch.tile, scratch.pixel, scratch.deferred, counters)
     if rows_are_receivers(rays):
         turn_bits(rays.tile.dead, rays.dead)
 
 
 @kernel
-def finish_tile(asked, rays, out):
+def finish_tile(chunk, rays, out):
     """Set the bits of the tile's blocked rays; `out`: pointer to all bits."""
     if rows_are_receivers(rays):
         turn_bits(rays.dead, rays.tile.dead)
     valid = rays.rows if rows_are_receivers(rays) else rays.lanes
     if rays.rows != 0:
         y0, x0 = first_pixel(rays.pixel, 0)
-        write_bits(asked, y0, x0, valid, rays.tile, out)
+        write_bits(chunk, y0, x0, valid, rays.tile, out)
 
 
-def _samples(query, sets) -> Samples:
+def _samples(query, sets) -> SampleRows:
     table = light_table(query, sets)
     chunks, spp = len(table.points), query.samples.shape[1]
     known = np.minimum(np.arange(chunks * STRATA), spp - 1)
     parameters = query.samples[sets][:, known, :2].astype(np.float32).reshape(16, chunks, STRATA, 2)
-    return Samples(table, np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)))
+    return SampleRows(table, np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)))
 
 
 def trace_tiles(
@@ -206,7 +208,7 @@ def trace_tiles(
     samples = _samples(query, sets_of(shape))
     for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
         count = min(STRATA, spp - chunk * STRATA)
-        job = Job(shape, chunk, count, by_sample, fresh)
+        job = RayTileJob(shape, chunk, count, by_sample, fresh)
         ticket = new_ticket(shape.columns * shape.rows, 4)
         arrays = tree, query, samples, job, bits, counters
         run(worker, thread_count(threads), ticket, *arrays, *options, progress=progress)

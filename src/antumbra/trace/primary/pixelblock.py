@@ -33,7 +33,7 @@ from .pixelsetup import BOX, EDGES, KEY, KEY_ERROR, TOPS, set_up_block
 _F = np.float32
 CELLS = 32  # of 4 x 4 pixels in a tile: f is the left half of frustum f, 16 + f the right one
 PIXELS = 16 * CELLS
-ASIDE = 2 + 2 * 16 * PIXELS  # int32: a block leaves at most 16 triangles for each pixel
+DEFERRED = 2 + 2 * 16 * PIXELS  # int32: a block leaves at most 16 triangles for each pixel
 
 
 class Pixels(NamedTuple):
@@ -46,7 +46,7 @@ class Pixels(NamedTuple):
     far: object  # (16,) float32: t beyond which nothing can be seen in each frustum
     part: object  # int32: of what is KNOWN, the number of its tree; -1: it is in the picture
     kept: object  # int32: and its slot there
-    aside: object  # int32: how many pixels are put aside, -; then slot, 2 * pixel + (1 if it is surely covered)
+    deferred: object  # int32: how many pixels are deferred, -; then slot, 2 * pixel + (1 if it is surely covered)
 
 
 @inlined
@@ -81,16 +81,16 @@ def _value(work, at, i, x, y):
 
 
 @inlined
-def put_aside(aside, slot, cell, unsure, sure):
+def defer(deferred, slot, cell, unsure, sure):
     """Note pixels of a cell, which a triangle may win, for later."""
-    n = np.int64(get(aside, 0))
+    n = np.int64(get(deferred, 0))
     while unsure != 0:
         lane = lowest_bit(unsure)
         unsure &= unsure - 1
-        put(aside, 2 + 2 * n, slot)
-        put(aside, 3 + 2 * n, 2 * (16 * cell + lane) + (sure >> lane & 1))
+        put(deferred, 2 + 2 * n, slot)
+        put(deferred, 3 + 2 * n, 2 * (16 * cell + lane) + (sure >> lane & 1))
         n += 1
-    put(aside, 0, n)
+    put(deferred, 0, n)
 
 
 @inlined
@@ -109,7 +109,7 @@ def _test_cell(work, tree, block, tests, x, y, pixels, cell):
         wins = candidate & covers & (key_low > high)
         unsure = bits(candidate & ~wins)
         if unsure != 0:
-            put_aside(pixels.aside, get(tree.slots, block * 16 + i), cell, unsure, bits(covers))
+            defer(pixels.deferred, get(tree.slots, block * 16 + i), cell, unsure, bits(covers))
         low, high = select(wins, key_low, low), select(wins, key_high, high)
         slot = select(wins, broadcast16(tree.slots, block * 16 + i), slot)
         winners |= np.int64(bits(wins) != 0) << i

@@ -37,7 +37,7 @@ def start(pixels, x0, y0, rays):
         if bits(inside) != 0:
             alive |= np.int64(1) << (cell & 15)
     store(pixels.far, 0, splat16(_F(np.inf)))
-    put(pixels.aside, 0, 0)
+    put(pixels.deferred, 0, 0)
     return alive
 
 
@@ -122,14 +122,14 @@ def _best_of(pixels, at, forest, other, part, ray, o, pixel, face, t):
 
 @kernel
 def settle(pixels, forest, part, rays, x0, y0, scale, face, t):
-    """Let the contract decide the pixels that were put aside in tree `part`.
+    """Let the contract decide the pixels that were deferred in tree `part`.
 
     face, t : pointers to the picture: what is `KNOWN` from earlier calls
     """
     o, touched, tree = rays.origin, np.int64(0), tree_in(forest, part)
     mine, other = (NO_PLANE, np.int64(-1)), (NO_PLANE, np.int64(-1))
-    for k in range(np.int64(get(pixels.aside, 0))):
-        slot, entry = np.int64(get(pixels.aside, 2 + 2 * k)), np.int64(get(pixels.aside, 3 + 2 * k))
+    for k in range(np.int64(get(pixels.deferred, 0))):
+        slot, entry = np.int64(get(pixels.deferred, 2 + 2 * k)), np.int64(get(pixels.deferred, 3 + 2 * k))
         at = entry >> 1
         (across, down), lane = first_pixel(at >> 4), at & 15
         x, y = x0 + across + (lane & 3), y0 + down + (lane >> 2)
@@ -145,5 +145,5 @@ def settle(pixels, forest, part, rays, x0, y0, scale, face, t):
                 continue
         _see(pixels, at, slot, new_t, scale)
         touched |= np.int64(1) << (at >> 4)
-    put(pixels.aside, 0, 0)
+    put(pixels.deferred, 0, 0)
     _update_least(pixels, touched)

@@ -27,7 +27,7 @@ _MARKS = 64  # a power of two
 MARK_WORDS = 3 * _MARKS
 
 
-class Seen(NamedTuple):
+class ResolveScratch(NamedTuple):
     """Pointers to scratch memory."""
 
     planes: object  # float64, PLANE_FLOATS: of each cell five rows of 16 pixels for their planes, and one for their t

@@ -3,7 +3,7 @@
 A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels, which go through a `BlockTree` together, front to back, each up
 to the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. Blocks are culled and tested by halves of
 frusta, *cells* of 4 x 4 pixels: one for each lane. For each pixel the tile keeps the triangle in front and an interval
-of its depth key 1 / t; what float32 cannot decide is put aside, and settled by the contract's own predicates after each
+of its depth key 1 / t; what float32 cannot decide is deferred, and settled by the contract's own predicates after each
 block. The float64 t of what is seen is computed once, after the tree (`finish`).
 
 What is traced is a forest (`trace.forest`): each tile goes through the trees of its list, one after the other, and may
@@ -23,10 +23,10 @@ from ...query.raster_setup import direction_error, make_view
 from ..descent import WAITING_FLOATS, WAITING_INTS, Near, Slabs, Waiting, entry, next_block, visited
 from ..forest import Forest, Hits, forest_pointers, item, list_of, root_in, tree_in, whole
 from .frusta import FLOATS, bound_directions, slabs_from
-from .pixelblock import ASIDE, CELLS, PIXELS, Pixels, trace_block
+from .pixelblock import CELLS, DEFERRED, PIXELS, Pixels, trace_block
 from .pixelsetup import HEIGHT, WIDTH, WORK, frame_of
 from .pixelstate import keep, resume, settle, shorten, start
-from .resolve import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, Seen, finish
+from .resolve import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, ResolveScratch, finish
 
 _F = np.float32
 _SUPER = 4  # tiles of a square that is traced in Morton order
@@ -56,7 +56,7 @@ class _Scratch(NamedTuple):
     """Pointers to a thread's memory."""
 
     pixels: Pixels
-    seen: Seen
+    seen: ResolveScratch
     directions: object
     work: object  # for a block
     waiting: Waiting
@@ -72,7 +72,7 @@ def _walk(forest, k, alive, picture, tile, scratch):
         at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0))
         if last.mask != 0:
             seen = trace_block(tile.frame, tree, ~last.link >> 5, ~last.link & 31, last.mask, pixels, scratch.work)
-            if get(pixels.aside, 0) != 0:
+            if get(pixels.deferred, 0) != 0:
                 settle(pixels, forest, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
                 seen = True
             if seen:
@@ -122,9 +122,9 @@ def _trace_tiles(ticket, arrays, picture, across):
     """Worker: whole tiles, each by one thread."""
     pixels = Pixels(
         stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(PIXELS),
-        stack_i32(PIXELS), stack_i32(ASIDE),
+        stack_i32(PIXELS), stack_i32(DEFERRED),
     )  # fmt: skip
-    seen = Seen(
+    seen = ResolveScratch(
         stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN_PLANES),
         stack_i32(MARK_WORDS),
     )  # fmt: skip

@@ -26,10 +26,10 @@ from ...kernels.simd import (
     store,
 )
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
-from .interleaved import walk_apart
-from .rayblock import BLOCK_WORDS, DX, LANES, OX, TMAX, TMIN, Rays, prepare, ray_of
+from .interleaved import walk_interleaved
+from .rayblock import BLOCK_WORDS, DX, LANES, OX, TMAX, TMIN, RayBlock, prepare, ray_of
 from .raypacket import is_coherent, walk_packet
-from .wide import ASIDE_WORDS, NONE, Found, Query, settle_block, slot_of, start
+from .wide import DEFERRED_WORDS, NONE, Query, WideHit, settle_block, slot_of, start
 
 _BLOCKS = 64  # handed out at a time
 _FINITE = np.float32(3.4028235e38)
@@ -134,8 +134,8 @@ def _write_nearest(tree, rays, i, found, out, at):
 @kernel
 def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     rows, skip = stack_f32(BLOCK_WORDS), stack_i32(LANES)
-    found = Found(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(ASIDE_WORDS))
-    block, query = Rays(rows, None, skip), Query(rays.cull_faces, any_hit)
+    found = WideHit(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
+    block, query = RayBlock(rows, None, skip), Query(rays.cull_faces, any_hit)
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
     frame = (rays.frame[0], rays.frame[1], rays.frame[2])
@@ -154,8 +154,8 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
             if is_coherent(rows, tree.reach, any_hit):
                 blocked = walk_packet(tree, block, (1 << n) - 1, query, found, mine)
             else:
-                walk_apart(tree, block, (1 << n) - 1, query, found, mine)
-            if get(found.aside, 0) > 0:
+                walk_interleaved(tree, block, (1 << n) - 1, query, found, mine)
+            if get(found.deferred, 0) > 0:
                 settle_block(tree, block, query, found, mine)
             for i in range(n):
                 if any_hit:

@@ -31,12 +31,12 @@ from ...kernels.simd import (
 )
 from ..counters import BOX_TESTS, NODES, count
 from .packetbox import enter_each
-from .rayblock import BLOCK_WORDS, DX, LANES, LIMIT, OX, PRECISE_WORDS, TMAX, TMIN, Rays, prepare
+from .rayblock import BLOCK_WORDS, DX, LANES, LIMIT, OX, PRECISE_WORDS, TMAX, TMIN, RayBlock, prepare
 from .wide import (
-    ASIDE_WORDS,
+    DEFERRED_WORDS,
     STACK,
-    Found,
     Query,
+    WideHit,
     enter,
     fetch,
     push_sorted,
@@ -91,7 +91,7 @@ def _open_root(tree, rays, alive, stacks, heights, counters):
 
 
 @inlined
-def walk_apart(tree, rays, alive, query, found, counters):
+def walk_interleaved(tree, rays, alive, query, found, counters):
     """Trace the rays in the bit mask `alive` of a prepared block: write what they meet, any or nearest, to `found`."""
     stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
     nears = stack_f32(WIDTH)
@@ -143,11 +143,11 @@ def any_hit_wide(tree, ray, skip, cull_faces, counters):
     put(precise, 4 * LANES, ray.ry)
     put(precise, 5 * LANES, ray.rz)
     put(skips, 0, skip)
-    found = Found(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(ASIDE_WORDS))
+    found = WideHit(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
     prepare(rows, tree.reach)
-    block, query = Rays(rows, precise, skips), Query(cull_faces, True)
+    block, query = RayBlock(rows, precise, skips), Query(cull_faces, True)
     start(found, block)
-    walk_apart(tree, block, np.int64(1), query, found, counters)
-    if get(found.aside, 0) > 0:
+    walk_interleaved(tree, block, np.int64(1), query, found, counters)
+    if get(found.deferred, 0) > 0:
         settle_block(tree, block, query, found, counters)
     return slot_of(tree, found, 0)

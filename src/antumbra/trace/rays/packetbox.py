@@ -30,7 +30,7 @@ from .rayblock import FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN
 _PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
 
 
-class Axis(NamedTuple):
+class PacketAxis(NamedTuple):
     """A packet's intervals along one axis; scalars."""
 
     origin: object  # of the first ray
@@ -44,24 +44,24 @@ class Axis(NamedTuple):
 class Packet(NamedTuple):
     """What all rays of a packet have in common."""
 
-    x: Axis
-    y: Axis
-    z: Axis
+    x: PacketAxis
+    y: PacketAxis
+    z: PacketAxis
     tmin: float  # the least
 
 
 @inlined
 def _axis(rows, k, reach):
-    """The `Axis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
+    """The `PacketAxis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
     o, inverse = load16(rows, OX + LANES * k), load16(rows, INVERSE + LANES * k)
     origin, low, high = get(rows, OX + LANES * k), reduce_min(inverse), reduce_max(inverse)
     if low < 0.0 and high > 0.0:  # says nothing
         zero, inf = np.float32(0.0), np.float32(np.inf)
-        return Axis(origin, zero, zero, -inf, inf, np.int64(2 * WIDTH * k))
+        return PacketAxis(origin, zero, zero, -inf, inf, np.int64(2 * WIDTH * k))
     offset = (splat16(origin) - o) * inverse
     grow = _PAD * reach * (-low if low < 0 else high)
     word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else np.int64(0))
-    return Axis(origin, low, high, reduce_min(offset) - grow, reduce_max(offset) + grow, word)
+    return PacketAxis(origin, low, high, reduce_min(offset) - grow, reduce_max(offset) + grow, word)
 
 
 @inlined

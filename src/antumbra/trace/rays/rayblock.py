@@ -28,7 +28,7 @@ _PAD = np.float32(2.0**-20)  # planes are moved outwards by this share of the la
 _INF = np.float32(np.inf)
 
 
-class Rays(NamedTuple):
+class RayBlock(NamedTuple):
     """A block of rays: pointers to scratch memory."""
 
     rows: object  # float32 *, BLOCK_WORDS

@@ -32,7 +32,7 @@ from ...kernels.simd import (
 from ..counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
 from .packetbox import enter_any, enter_each, packet_of
 from .rayblock import DX, LANES, LIMIT, OX, UNIT, filter_rays16
-from .wide import STACK, Query, enter, facing, fetch, keep, push_sorted, put_aside, slabs_of, visit_leaf
+from .wide import STACK, Query, defer, enter, facing, fetch, keep, push_sorted, slabs_of, visit_leaf
 
 _NEAR_ENDS = np.float32(1 / 32)  # extent of a packet's origins, or its ends, at most, as a share of the tree's reach
 _NEAR_DIRECTIONS = np.float32(1 / 4)  # extent of its directions, as a share of their largest component
@@ -142,7 +142,7 @@ def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
         elif hits:
             _keep_each(tree, rays, hits, at, query, found)
         if unsure:
-            put_aside(found, unsure, at)
+            defer(found, unsure, at)
         if done == active:
             break
     return done
@@ -228,7 +228,7 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
 def walk_packet(tree, rays, alive, query, found, counters):
     """Trace the rays in the bit mask `alive` of a coherent block. Any-hit: bit mask of those that are blocked.
 
-    Closest-hit: `found` is written as `walk_apart` does.
+    Closest-hit: `found` is written as `walk_interleaved` does.
     """
     if query.any_hit:
         return _walk_any(tree, rays, alive, Query(query.cull_faces, True), found, counters)

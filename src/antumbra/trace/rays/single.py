@@ -105,8 +105,8 @@ def _shadow_pixel(tree, query, i, bits, last, counters):
 
 @kernel
 def _shadow_tiles(ticket, prepared, query, bits, counters):
-    asked, out = query_pointers(query), ptr(bits)
-    h, w = asked.h, asked.w
+    chunk, out = query_pointers(query), ptr(bits)
+    h, w = chunk.h, chunk.w
     columns = (w + TILE - 1) // TILE
     mine, tree = cleared_if(counters, stack_i64(N_COUNTERS)), pointers(prepared)
     tile = take(ticket)
@@ -115,8 +115,8 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
         last = np.int64(-1)  # starts afresh in each tile, so counts do not depend on threads
         for y in range(y0, min(y0 + TILE, h)):
             for x in range(x0, min(x0 + TILE, w)):
-                if get(asked.sides, y * w + x) != NOTHING:
-                    last = _shadow_pixel(tree, asked, y * w + x, out, last, mine)
+                if get(chunk.sides, y * w + x) != NOTHING:
+                    last = _shadow_pixel(tree, chunk, y * w + x, out, last, mine)
         tile = take(ticket)
     add_counters(counters, mine)
 

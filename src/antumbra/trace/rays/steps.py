@@ -84,12 +84,12 @@ def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
 
 @kernel
 def _walk_rows(ticket, bvh, order, query, depths, steps):
-    counters, asked = stack_array(np.int64, N_COUNTERS), query_pointers(query)
+    counters, chunk = stack_array(np.int64, N_COUNTERS), query_pointers(query)
     y = take(ticket)
     while y >= 0:
-        for x in range(asked.w):
-            if get(asked.sides, y * asked.w + x) != NOTHING:
-                _walk_pixel(bvh, order, asked, y, x, depths, counters, steps)
+        for x in range(chunk.w):
+            if get(chunk.sides, y * chunk.w + x) != NOTHING:
+                _walk_pixel(bvh, order, chunk, y, x, depths, counters, steps)
         y = take(ticket)
 
 

@@ -16,8 +16,8 @@ from .rayblock import FAR, INVERSE, LANES, LIMIT, NEAR, TMAX, TMIN, filter_ray8,
 from .traverse import settle, walk
 
 STACK = (MAX_DEPTH + 2) * WIDTH
-ASIDE = 128  # tests that can be put aside for a block of rays
-ASIDE_WORDS = 2 + 2 * ASIDE
+DEFERRED = 128  # tests that can be deferred for a block of rays
+DEFERRED_WORDS = 2 + 2 * DEFERRED
 NONE = -1
 _LINE = 16  # float32 of a cache line
 _BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
@@ -30,13 +30,13 @@ class Query(NamedTuple):
     any_hit: object
 
 
-class Found(NamedTuple):
+class WideHit(NamedTuple):
     """Pointers to what has been found for each ray of a block, and to what is to be settled when it has been traced."""
 
     lane: object  # int64 *, group * 8 + lane of the triangle; NONE; below: -2 - its slot
     prim: object  # int64 *, its index; only for the nearest
     t: object  # float64 *, where it is met; only for the nearest
-    aside: object  # int32 *, ASIDE_WORDS: number of tests, bits of the rays that lost some; ray and lane of each
+    deferred: object  # int32 *, ASIDE_WORDS: number of tests, bits of the rays that lost some; ray and lane of each
 
 
 @inlined
@@ -49,27 +49,27 @@ def slot_of(tree, found, i):
 @inlined
 def start(found, rays):
     """Nothing has been found for any ray of a block."""
-    put(found.aside, 0, 0)
-    put(found.aside, 1, 0)
+    put(found.deferred, 0, 0)
+    put(found.deferred, 1, 0)
     for i in range(LANES):
         put(found.lane, i, NONE)
         put(found.t, i, np.float64(get(rays.rows, TMAX + i)))
 
 
 @inlined
-def _put_lanes_aside(found, i, first, lanes):
+def _defer_lanes(found, i, first, lanes):
     """Note the triangles in some lanes (bits) of a group, whose first is `first`, that ray i may meet."""
-    n = np.int64(get(found.aside, 0))
+    n = np.int64(get(found.deferred, 0))
     while lanes:
         k = lowest_bit(lanes)
         lanes &= lanes - 1
-        if n == ASIDE:
-            put(found.aside, 1, np.int64(get(found.aside, 1)) | np.int64(1) << i)
+        if n == DEFERRED:
+            put(found.deferred, 1, np.int64(get(found.deferred, 1)) | np.int64(1) << i)
             break
-        put(found.aside, 2 + 2 * n, i)
-        put(found.aside, 3 + 2 * n, first + k)
+        put(found.deferred, 2 + 2 * n, i)
+        put(found.deferred, 3 + 2 * n, first + k)
         n += 1
-    put(found.aside, 0, n)
+    put(found.deferred, 0, n)
 
 
 @inlined
@@ -96,10 +96,10 @@ def keep(tree, rays, i, at, query, found):
 
 @kernel
 def settle_block(tree, rays, query, found, counters):
-    """Decide what was put aside. Rays that lost tests are traced anew, over the binary BVH, by the exact walk."""
-    lost, order = np.int64(get(found.aside, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
-    for k in range(get(found.aside, 0)):
-        i, at = np.int64(get(found.aside, 2 + 2 * k)), np.int64(get(found.aside, 3 + 2 * k))
+    """Decide what was deferred. Rays that lost tests are traced anew, over the binary BVH, by the exact walk."""
+    lost, order = np.int64(get(found.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
+    for k in range(get(found.deferred, 0)):
+        i, at = np.int64(get(found.deferred, 2 + 2 * k)), np.int64(get(found.deferred, 3 + 2 * k))
         if lost >> i & 1 or (query.any_hit and get(found.lane, i) != NONE):
             continue
         side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
@@ -152,17 +152,17 @@ def visit_leaf(tree, rays, i, link, query, found, counters):
             return True
     unsure &= there
     if unsure:
-        _put_lanes_aside(found, i, group * WIDTH, unsure)
+        _defer_lanes(found, i, group * WIDTH, unsure)
     return False
 
 
 @inlined
-def put_aside(found, rays, at):
+def defer(found, rays, at):
     """Note that some rays (bits) may meet the triangle in lane `at`."""
     while rays:
         i = lowest_bit(rays)
         rays &= rays - 1
-        _put_lanes_aside(found, i, at, np.int64(1))
+        _defer_lanes(found, i, at, np.int64(1))
 
 
 @inlined
@@ -176,7 +176,7 @@ def fetch(tree, link):
     prefetch(p, 4 * _LINE)
 
 
-class Slabs(NamedTuple):
+class WideSlabs(NamedTuple):
     """A ray against eight boxes: broadcast rows of its block, and the words of the planes that it enters through."""
 
     ix: object
@@ -198,7 +198,7 @@ class Slabs(NamedTuple):
 def slabs_of(block, i):
     b = block
     upper = np.int64(WIDTH)
-    return Slabs(
+    return WideSlabs(
         broadcast8(b, INVERSE + i), broadcast8(b, INVERSE + LANES + i), broadcast8(b, INVERSE + 2 * LANES + i),
         broadcast8(b, NEAR + i), broadcast8(b, NEAR + LANES + i), broadcast8(b, NEAR + 2 * LANES + i),
         broadcast8(b, FAR + i), broadcast8(b, FAR + LANES + i), broadcast8(b, FAR + 2 * LANES + i),
