@@ -1,4 +1,4 @@
-"""Helpers for tests of tracers: queries small enough for the brute-force oracle, and the oracle's answer to them."""
+"""Helpers for tests of tracers: small queries, and the answers of the brute-force oracle to them."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from antumbra.rendering.in_memory import see
 
 
 def query_of(scene, camera, light, spp, time=0.0):
-    """(triangles, ShadowQuery) of what a camera sees."""
+    """(triangles, ShadowQuery) of the surfaces that a camera sees."""
     triangles = scene.triangles(time)
     gbuffer = see(triangles, camera, threads=2)
     return triangles, shadow_queries(triangles, gbuffer, [light], [light_samples(light, spp)])[0]
@@ -25,7 +25,7 @@ def unpack(bits, spp):
 
 
 def true_occlusion(triangles, query):
-    """(h, w, spp) bool: what the bits of a query must be, by brute force; and which of them are rays asked."""
+    """(truth, asked), (h, w, spp) bool each: the correct bits of a query, by brute force; which of them are rays."""
     ends, above = segments(query)
     asked = np.broadcast_to((query.sides != 0)[..., None], above.shape)
     truth = asked & ~above
@@ -35,7 +35,7 @@ def true_occlusion(triangles, query):
 
 
 def answer(plan, triangles, query, threads=2, counters=None):
-    """(h, w, spp) bool by a plan."""
+    """(h, w, spp) bool: a plan's answer to a query."""
     make = Accelerator(parse_plan(plan), threads)
     ready = make.build(triangles, make.culled(triangles, [query]), make.show(triangles, [query]))
     return unpack(make.answer(ready, query, counters), query.samples.shape[1])

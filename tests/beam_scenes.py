@@ -1,4 +1,4 @@
-"""Receivers, lights and triangles that are hard for a hierarchy over rays, by name, each drawn at random."""
+"""Receivers, lights and triangles that are hard for a hierarchy over rays, by name. Each is drawn at random."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from hierarchies import points_query, triangles_of
 
 
 def units(rng, m):
-    """(m, 3) unit vectors, all around."""
+    """(m, 3) unit vectors in all directions."""
     v = rng.normal(size=(m, 3))
     return v / np.linalg.norm(v, axis=1, keepdims=True)
 
@@ -29,7 +29,7 @@ def _narrow(rng, m):
 
 
 def _wide(rng, m):
-    """In a cone of about a right angle or more, half of them on its rim."""
+    """Vectors in a cone of half-angle pi / 2 or another wide angle. Half of them are on its rim."""
     w, d = _unit(rng), units(rng, m)
     angle = np.pi / 2 + rng.choice([0, 1e-7, -1e-6, 1e-3, -0.2, 0.3, 1.2, 1.57])
     across = d - (d @ w)[:, None] * w
@@ -51,7 +51,7 @@ RECEIVERS = {
     "one point": lambda rng, m: np.tile(_unit(rng), (m, 1)),
     "at the light, and around": lambda rng, m: units(rng, m) * (np.arange(m) > 0)[:, None],
 }
-"""Name -> function of (rng, m): m receivers (m, 3), about 1 from the light at zero."""
+"""Name -> function of (rng, m): (m, 3) receivers at a distance of about 1 from the light at the origin."""
 
 LIGHTS = {
     "point": lambda rng, at_, r: at.PointLight(at_),
@@ -64,21 +64,21 @@ LIGHTS = {
     ),
     "ambient": lambda rng, at_, r: at.AmbientOcclusion(rng.choice([None, r])),
 }
-"""Name -> function of (rng, place, extent): a light."""
+"""Name -> function of (rng, position, extent): a light."""
 
 
 class Segment(NamedTuple):
-    """What a triangle is aimed at; float64."""
+    """A segment at which a triangle is aimed, in float64."""
 
-    x: np.ndarray  # (3,) a point of the segment
-    o: np.ndarray  # (3,) its receiver
-    d: np.ndarray  # (3,) from there to its end
-    others: np.ndarray  # (m, 3) all receivers
-    size: float  # of the triangle
+    x: np.ndarray  # (3,) float64: a point of the segment
+    o: np.ndarray  # (3,) float64: the segment's receiver
+    d: np.ndarray  # (3,) float64: from the receiver to the segment's end
+    others: np.ndarray  # (m, 3) float64: all receivers
+    size: float  # size of the triangle
 
 
 def _around(rng, s):
-    """The point is in the triangle."""
+    """A triangle that contains the point."""
     v = rng.normal(size=(3, 3)) * s.size
     return v + s.x - rng.dirichlet([1, 1, 1]) @ v
 
@@ -90,7 +90,7 @@ def _sliver(rng, s):
 
 
 def _across(rng, s):
-    """A large one, nearly at a right angle to the segment."""
+    """A large triangle, nearly at a right angle to the segment."""
     w = s.d / max(np.linalg.norm(s.d), 1e-300)
     a = np.cross(w, _unit(rng))
     b = np.cross(w, a)
@@ -128,11 +128,11 @@ TRIANGLES = {
     "along the axes": lambda rng, s: s.x + rng.normal(size=(3, 3)) * s.size * (np.arange(3) != rng.integers(3)),
     "on a grid": _on_a_grid,
 }
-"""Name -> function of (rng, `Segment`): a triangle (3, 3) that may meet the segment, or just not."""
+"""Name -> function of (rng, `Segment`): a triangle (3, 3) that meets the segment, or nearly does."""
 
 
 def aimed(rng, origins, ends, n):
-    """(n, 3, 3) float32 triangles of all kinds; origins (m, 3), ends (m, spp, 3)."""
+    """(n, 3, 3) float32: triangles of all kinds, aimed at segments; origins (m, 3), ends (m, spp, 3)."""
     o, e = origins.astype(np.float64), ends.astype(np.float64)
     extent, kinds, out = np.abs(e - o[:, None]).max() + 1e-44, list(TRIANGLES.values()), []
     for k in range(n):
@@ -144,7 +144,7 @@ def aimed(rng, origins, ends, n):
 
 
 def lit(seed, light, receivers, scale, m=64, n=33) -> tuple[Triangles, ShadowQuery]:
-    """Triangles aimed at what receivers ask, by names of LIGHTS and RECEIVERS; they float in the air."""
+    """Free-floating receivers, and triangles that are aimed at their segments. `light`, `receivers`: names."""
     rng = np.random.default_rng(seed)
     place = np.float32(rng.normal(size=3) * rng.choice([0, 1, 1], 3) * 10.0 ** rng.uniform(-9, 3) * scale)
     place = place.astype(np.float64)
@@ -160,7 +160,7 @@ def lit(seed, light, receivers, scale, m=64, n=33) -> tuple[Triangles, ShadowQue
 
 
 def beside_a_small_light(seed, m=64, n=20) -> tuple[Triangles, ShadowQuery]:
-    """Triangles with corners at distances of all magnitudes from a small light; receivers just behind their edges."""
+    """Triangles whose corners have distances of all magnitudes from a small light; receivers just behind their edges."""
     rng = np.random.default_rng(seed)
     place = rng.normal(size=3) * rng.choice([0, 1, 1], 3) * 10.0 ** rng.uniform(-14, 2, 3)
     place, far = np.float32(place).astype(np.float64), 10.0 ** rng.uniform(-2, 4)
@@ -188,7 +188,7 @@ def beside_a_small_light(seed, m=64, n=20) -> tuple[Triangles, ShadowQuery]:
 
 
 def on_surfaces(seed, light, shape=(13, 18), n=40, offset=0.0, spp=5, cull_faces=0) -> tuple[Triangles, ShadowQuery]:
-    """Receivers on both sides of triangles of a soup, as pixels see them, some of which see nothing."""
+    """A picture whose receivers lie on both sides of triangles of a soup. Some pixels see nothing."""
     rng = np.random.default_rng(seed)
     size = rng.choice([0.1, 0.5, 3.0])
     soup = rng.normal(size=(n, 1, 3)) + rng.normal(size=(n, 3, 3)) * size
@@ -204,7 +204,7 @@ def on_surfaces(seed, light, shape=(13, 18), n=40, offset=0.0, spp=5, cull_faces
     sides[length[:, 0] == 0.0] = NOTHING
     normals = (normals * sides[:, None] / np.maximum(length, 1e-300)).astype(np.float32)
     weights = rng.dirichlet([1, 1, 1], m)
-    weights[::4] = np.round(weights[::4])  # on corners, and where edges are shared
+    weights[::4] = np.round(weights[::4])  # on corners and on edges
     positions = np.einsum("mk,mki->mi", weights / np.maximum(weights.sum(1, keepdims=True), 0.5), corners[faces])
     flat = triangles.vertices.reshape(-1, 9)
     origins = surface_receivers(positions.astype(np.float32), normals, faces, sides, flat, 1)

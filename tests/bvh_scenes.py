@@ -1,14 +1,14 @@
-"""Triangle soups that are hard to build a BVH of, by name."""
+"""Triangle soups that are hard for BVH builders, by name."""
 
 import numpy as np
 
 from antumbra.bvh.nodes import Bvh, aligned_empty
 
-LARGE = 20_000  # triangles: enough for all threads to work on one range together
+LARGE = 20_000  # triangles, enough for all threads to work on one range together
 
 
 def terrain(n, seed=0):
-    """About n triangles of a bumpy surface, with some long thin ones across it."""
+    """About n triangles of a bumpy surface, with some long thin triangles across it."""
     rng = np.random.default_rng(seed)
     side = max(1, round((n / 2) ** 0.5))
     x, y = np.meshgrid(np.linspace(0, 10, side + 1), np.linspace(0, 10, side + 1))
@@ -31,19 +31,19 @@ def integer_grid(n):
 
 
 def receding(n):
-    """Each triangle half the size of the last and half as far: the cheapest splits leave few on one side."""
+    """Each triangle has half the size and half the distance of the last. The cheapest splits have a small side."""
     scale = 2.0 ** -np.arange(n)
     return (scale[:, None, None] * (1 + np.eye(3))).astype(np.float32)
 
 
 def nested_clusters(depth=60, at_each=40):
-    """Clusters about a point at 4, 4 ** -1, 4 ** -2, ...: the depth of a greedy tree grows with their number."""
+    """Clusters around a point, at 4, 4 ** -1, 4 ** -2, ... The depth of a greedy tree grows with their number."""
     cloud = scattered(at_each)
     return np.concatenate([cloud * np.float32(4.0**-k) for k in range(depth)]) + np.float32(0)
 
 
 def chain(n):
-    """A correct tree, but for its depth: each node has one triangle on the left and all others on the right."""
+    """A tree whose depth alone is wrong: each node has one triangle on the left and all others on the right."""
     vertices = scattered(n)
     nodes = aligned_empty((n - 1, 16), "f4")
     nodes[:] = 0

@@ -1,4 +1,4 @@
-"""Running the command line within this process, so that kernels are loaded once."""
+"""Fixtures that run the command line within this process, so that kernels are loaded once."""
 
 import json
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import pytest
 
 from antumbra.cli import main
 
-TRIANGLES = 2000  # of procedural scenes here
+TRIANGLES = 2000  # triangles of procedural scenes
 
 
 class Outcome(NamedTuple):
@@ -22,7 +22,7 @@ class Outcome(NamedTuple):
         return json.loads(self.out)
 
     def refused(self, *words: str) -> None:
-        """Bad input: exit code 2, nothing on standard output, one line on standard error that has all the words."""
+        """Check for bad input: exit code 2, no standard output, one line of standard error with all the words."""
         assert (self.code, self.out) == (2, ""), self
         assert self.err.startswith("antumbra: ") and self.err.count("\n") == 1, self.err
         for word in words:
@@ -31,7 +31,7 @@ class Outcome(NamedTuple):
 
 @pytest.fixture
 def cli(capsys, monkeypatch, tmp_path):
-    """Runs the command line in a folder of its own: cli("render", "--spp", "4") -> Outcome."""
+    """Runs the command line in its own folder: cli("render", "--spp", "4") -> Outcome."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("ANTUMBRA_DEBUG", raising=False)
     monkeypatch.setenv("COLUMNS", "200")
@@ -46,7 +46,7 @@ def cli(capsys, monkeypatch, tmp_path):
 
 @pytest.fixture
 def render(cli):
-    """Renders a small picture of a small procedural scene quickly; further arguments are added."""
+    """Renders a small picture of a small procedural scene; further arguments are added."""
 
     def run(*arguments, scene=f"procedural:atrium?triangles={TRIANGLES}", size="32x32") -> Outcome:
         return cli("render", *([scene] if scene else []), "--size", size, *arguments)
@@ -56,7 +56,7 @@ def render(cli):
 
 @pytest.fixture
 def square_obj(tmp_path):
-    """A file with a square floor, 2 wide, at y = 0, seen from above by nobody: no cameras, no lights."""
+    """A file with a square floor, 2 wide, at y = 0. It has no cameras and no lights."""
     path = tmp_path / "square.obj"
     path.write_text("v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 3 2 1\nf 4 3 1\n")
     return path

@@ -1,8 +1,8 @@
-"""Settings of all tests, and kernels for all of them, compiled before the first one."""
+"""Settings of all tests. Kernels of all tests are compiled before the first test."""
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each process of the tests has a core; before numpy is imported
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core for each test process; set before numpy is imported
 
 import pytest
 from hypothesis import settings
@@ -14,16 +14,16 @@ from antumbra.scene.procedural import add_scenes
 
 pytest_plugins = ["command_line"]
 add_scenes()
-add_plugins()  # so that registries are the same in all tests, and what is recorded is that of all methods
+add_plugins()  # so that registries are the same in all tests, and the recorded kernels are those of all methods
 
-# Continuous integration repeats the same examples each time; developers' runs search on.
+# Continuous integration repeats the same examples each time. Developers' runs draw new ones.
 settings.register_profile("ci", derandomize=True, deadline=None)
 if os.environ.get("CI"):
     settings.load_profile("ci")
 
 
 def pytest_configure(config):
-    """In the process that starts the others, when all tests are run: it compiles what they would compile one by one."""
+    """Compile all kernels once, in the process that starts the others, if all tests are run."""
     all_tests = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     if getattr(config.option, "numprocesses", None) and all_tests and (missing := missing_of(recorded().kernels)):
         compile_missing(missing)

@@ -1,4 +1,4 @@
-"""Helpers for tests of ray hierarchies: queries of points, the hierarchies over their rays, and what these say."""
+"""Helpers for tests of ray hierarchies: queries of points, hierarchies over their rays, and the answers of nodes."""
 
 from typing import NamedTuple
 
@@ -26,14 +26,14 @@ from antumbra.scene.triangles import Triangles
 
 
 def triangles_of(vertices) -> Triangles:
-    """The `Triangles` of a soup, (n, 3, 3), in a frame that is the world's."""
+    """The `Triangles` of a soup, (n, 3, 3), in world space."""
     vertices = np.ascontiguousarray(vertices, np.float32).reshape(-1, 3, 3)
     n = len(vertices)
     return Triangles(vertices, np.zeros(3), np.arange(n, dtype=np.int32), np.ones((n, 3), np.float32))
 
 
 def points_query(triangles, points, light, spp, normals=None) -> ShadowQuery:
-    """What points ask, (m, 3), where they are: they float freely, or lie on surfaces with unit normals."""
+    """The query of points, (m, 3), which are not moved. They float freely, or lie on surfaces with unit normals."""
     points = np.ascontiguousarray(points, np.float32)
     m = len(points)
     no_faces = np.full((1, m), -1, np.int32)
@@ -51,7 +51,7 @@ def points_query(triangles, points, light, spp, normals=None) -> ShadowQuery:
 
 
 class Hierarchy(NamedTuple):
-    """Over the rays of one beam, with all that it is made from."""
+    """A hierarchy over the rays of one beam, with all that it is made from."""
 
     query: ShadowQuery
     beam: Beam
@@ -62,7 +62,7 @@ class Hierarchy(NamedTuple):
 
 
 def hierarchy(kind, query, beam, ways=16, sort=True, threads=1) -> Hierarchy | None:
-    """The hierarchy of `kind` (`Boxes` or `Cones`) over a beam's rays; None if nothing asks."""
+    """The hierarchy of `kind` (`Boxes` or `Cones`) over a beam's rays; None if there are no rays."""
     bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
     order = order_of(query, beam, bits, sort, threads)
     if not len(order.ids):
@@ -73,9 +73,10 @@ def hierarchy(kind, query, beam, ways=16, sort=True, threads=1) -> Hierarchy | N
 
 @kernel
 def _say(arrays, beam, triangles, how, may, full, memory, found):
-    """What each node says of each triangle: may it block a ray of it, does it block all?
+    """Ask each node about each triangle: whether it may block one of the node's rays, and whether it blocks all.
 
-    memory, found : room for the rows of a batch, float32, and what is found, int32, for each face
+    may, full : the answers
+    memory, found : scratch memory: the rows of a batch, float32, and a mask for each face, int32
     """
     tree, parts, view, ways = tree_pointers(arrays), len(arrays.faces), view_of(beam), np.int64(arrays.ways)
     soup = Soup(ptr(triangles.corners), ptr(triangles.ids))
@@ -111,7 +112,7 @@ def _meet(origins, ends, corners, out):
 
 
 def met_by(query, corners) -> np.ndarray:
-    """(n, m, spp) bool: which triangles meet the segments of the m receivers of a query, exactly."""
+    """(n, m, spp) bool: whether each triangle meets each segment of a query's m receivers, exactly."""
     ends, _ = segments(query)
     origins = query.origins.reshape(-1, 3)
     out = np.zeros((len(corners), len(origins), ends.shape[2]), bool)
@@ -120,7 +121,7 @@ def met_by(query, corners) -> np.ndarray:
 
 
 def receivers_in(rays: LeafRays) -> np.ndarray:
-    """(leaves, ways) int32: the receivers of each leaf, -1: none."""
+    """(leaves, ways) int32: the receivers of each leaf; -1: none."""
     ids = rays.ids[:-PAD].reshape(-1, rays.ways)[rays.blocks]
     return np.where(rays.lanes[:, None] >> np.arange(rays.ways) & 1, ids, -1)
 
@@ -129,11 +130,11 @@ class Node(NamedTuple):
     part: int
     level: int
     index: int
-    receivers: np.ndarray  # whose rays are in it
+    receivers: np.ndarray  # (r,) int32: receivers whose rays are in the node
 
 
 def nodes_in(made: Hierarchy):
-    """All nodes of a hierarchy that hold rays: level by level, leaves first."""
+    """Yield all nodes of a hierarchy: level by level, leaves first."""
     tree, ways = made.tree, made.rays.ways
     ids = receivers_in(made.rays)
     for part in range(len(tree.faces)):
@@ -145,14 +146,14 @@ def nodes_in(made: Hierarchy):
 
 
 class Said(NamedTuple):
-    """Of each triangle, (n,) bool."""
+    """A node's answers for each triangle."""
 
-    may: np.ndarray  # may it block a ray of the node?
-    full: np.ndarray  # does it block all of them?
+    may: np.ndarray  # (n,) bool: whether the triangle may block a ray of the node
+    full: np.ndarray  # (n,) bool: whether the triangle blocks all rays of the node
 
 
 def said(made: Hierarchy, soup: Soup, spheres=False):
-    """(Node, `Said`) of all nodes that hold rays, as the traversal hears it."""
+    """Yield (Node, `Said`) of all nodes that hold rays, by the functions of the traversal."""
     tree, ways = made.tree, made.rays.ways
     shape = len(soup.corners), (len(tree.alive) - PAD) * ways
     may, full = np.zeros(shape, bool), np.zeros(shape, bool)

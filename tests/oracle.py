@@ -1,8 +1,8 @@
-"""The truth, by brute force: every ray against every triangle, in plain numpy, importing nothing of the package.
+"""The brute-force oracle: every ray against every triangle, in plain numpy. It imports nothing of the package.
 
-Decisions are those of real arithmetic on the float32 input. Float64 Pluecker products decide all that their error bound
-allows (a matrix product, so thousands of triangles times 100 000 rays take seconds); what is left goes to
-`fractions.Fraction`. Formulas differ from the package's on purpose.
+Decisions are those of real arithmetic on the float32 input. Float64 Pluecker products decide the cases that exceed
+their error bound. They are matrix products, so thousands of triangles times 100 000 rays take seconds. Exact rational
+arithmetic decides the rest. Formulas differ from the package's on purpose.
 """
 
 from fractions import Fraction
@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-_CHUNK = 200_000  # ray-triangle pairs held at once: few enough for the processor's cache
+_CHUNK = 200_000  # ray-triangle pairs in memory at a time: few enough for the processor's cache
 
 
 def _cross(a, b):
@@ -30,17 +30,18 @@ def _rational(v):
 
 
 def _integers(*vectors):
-    """The vectors times a power of two that makes all of them integers, and that power."""
+    """(vectors, power): the vectors times a power of two that makes all of them integers, and this power."""
     ratios = [[(x if isinstance(x, Fraction) else float(x)).as_integer_ratio() for x in v] for v in vectors]
     scale = max(low for v in ratios for _, low in v)
     return [tuple(high * (scale // low) for high, low in v) for v in ratios], scale
 
 
 def meets_exactly(origin, direction, triangle, tmin=0.0, tmax=np.inf):
-    """Rational arithmetic: (side, t) of one ray and one triangle; side 0 if they do not meet.
+    """(side, t) of one ray and one triangle, by rational arithmetic; side 0 if they do not meet.
 
-    direction: three floats, or three Fractions (exact difference of two points). All of them are integers over powers
-    of two, so the arithmetic is that of integers, which is faster.
+    direction : three floats, or three Fractions (the exact difference of two points)
+
+    All numbers are integers over powers of two. So the arithmetic uses integers, which are faster.
     """
     (o, *corners), scale = _integers(origin, *triangle)
     (d,), pace = _integers(direction)
@@ -56,16 +57,16 @@ def meets_exactly(origin, direction, triangle, tmin=0.0, tmax=np.inf):
 
 
 def plane_side(point, triangle):
-    """Sign of (point - v0) . n, exactly."""
+    """The exact sign of (point - v0) . n."""
     p, (a, b, c) = _rational(point), [_rational(v) for v in triangle]
     s = _dot(_minus(p, a), _cross(_minus(b, a), _minus(c, a)))
     return (s > 0) - (s < 0)
 
 
 def _pairs(vertices, origins, directions):
-    """Indices (ray, triangle) of the pairs whose line may meet the triangle, float64 with a generous bound.
+    """Yield (ray, triangle, sure) of the pairs whose line may meet the triangle, by float64 with a generous bound.
 
-    Triangles with two equal corners have no area: no ray meets them, and they are left out.
+    No ray meets a triangle without area. So triangles with two equal corners are left out.
     """
     v = vertices.astype(np.float64)
     solid = np.nonzero((v != v[:, [1, 2, 0]]).any(2).all(1))[0]
@@ -79,11 +80,11 @@ def _pairs(vertices, origins, directions):
     rays = np.concatenate([d, np.cross(o, d)], 1)
     reach = np.abs(o).max(1) if len(o) else np.zeros(0)
     length = np.abs(d).max(1) if len(o) else np.zeros(0)
-    # |error| of a product sum of 6 with cancellation of the shift to `centre`: far below 1e-13 of the magnitudes
+    # The error of a sum of 6 products, with cancellation by the shift to `centre`, is far below 1e-13 of the magnitudes.
     bound = lambda ray, scale: 1e-13 * length[ray] * (scale + reach[ray]) ** 2
     widest = bound(slice(None), scale.max(initial=0.0))[:, None]
     step = max(1, _CHUNK // max(1, len(v)))
-    held = np.empty((5, min(step, len(o)), len(v)))  # written again and again: new memory would cost more than the sums
+    held = np.empty((5, min(step, len(o)), len(v)))  # reused: new memory would cost more than the sums
     for first in range(0, len(o), step):
         wide = widest[first : first + step]
         *e, low, high = held[:, : len(wide)]
@@ -98,7 +99,7 @@ def _pairs(vertices, origins, directions):
 
 
 def _interval(vertices, origins, directions, ray, tri, tmin, tmax):
-    """For pairs whose line surely meets: +1 surely inside (tmin, tmax), -1 surely outside, 0 unsure."""
+    """For pairs whose line certainly meets: +1 certainly inside (tmin, tmax), -1 certainly outside, 0 uncertain."""
     v = vertices[tri].astype(np.float64)
     o, d = origins[ray].astype(np.float64), directions[ray].astype(np.float64)
     n = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
@@ -107,7 +108,7 @@ def _interval(vertices, origins, directions, ray, tri, tmin, tmax):
     size = np.abs(n).sum(1)
     far_point = np.abs(v[:, 0] - o).max(1)
     bound = 1e-13 * size * (far_point + (np.abs(lo) + np.abs(hi)) * np.abs(d).max(1))
-    # n itself is a rounded cross product: its error is relative to the edges, not to its own length
+    # n is a rounded cross product: its error is relative to the edges, not to its own length
     edge = np.abs(v - v[:, :1]).max((1, 2))
     bound += 1e-14 * edge * edge * (far_point + (np.abs(lo) + np.abs(hi)) * np.abs(d).max(1))
     sign = np.sign(den)
@@ -130,7 +131,7 @@ def _prepare(origins, directions, ends, tmin, tmax):
 
 
 def _verdicts(vertices, origins, directions, tmin, tmax, skip):
-    """Yield (ray, triangle, verdict) of pairs that may meet: 1 if they surely do, else 0."""
+    """Yield (ray, triangle, verdict) of pairs that may meet: 1 if they certainly do, else 0."""
     for ray, tri, sure in _pairs(vertices, origins, directions):
         if skip is not None:
             kept = skip[ray] != tri
@@ -141,7 +142,7 @@ def _verdicts(vertices, origins, directions, tmin, tmax, skip):
 
 
 def _decided(vertices, origins, directions, ends, tmin, tmax, ray, tri):
-    """Which pairs meet, by rational arithmetic, one at a time."""
+    """(n,) bool: whether each pair meets, by rational arithmetic, one at a time."""
     exact_direction = cache(lambda i: _minus(_rational(ends[i]), _rational(origins[i])))
     return np.array(
         [
@@ -156,7 +157,7 @@ def _decided(vertices, origins, directions, ends, tmin, tmax, ray, tri):
 
 
 def _hits(vertices, origins, directions, ends, tmin, tmax, skip):
-    """Yield (ray, triangle) arrays of all true meetings."""
+    """Yield (ray, triangle) arrays of all pairs that meet."""
     for ray, tri, verdict in _verdicts(vertices, origins, directions, tmin, tmax, skip):
         meets, unsure = verdict > 0, verdict == 0
         meets[unsure] = _decided(vertices, origins, directions, ends, tmin, tmax, ray[unsure], tri[unsure])
@@ -164,19 +165,19 @@ def _hits(vertices, origins, directions, ends, tmin, tmax, skip):
 
 
 def occluded(vertices, origins, directions=None, ends=None, tmin=0.0, tmax=np.inf, skip=None):
-    """(m,) bool: does any triangle (n, 3, 3) meet each ray strictly inside its interval (or each segment to `ends`)?"""
+    """(m,) bool: whether any triangle (n, 3, 3) meets each ray strictly inside its interval, or each segment to `ends`."""
     o, d, ends, tmin, tmax = _prepare(origins, directions, ends, tmin, tmax)
     out = np.zeros(len(o), bool)
     for ray, tri, verdict in _verdicts(vertices, o, d, tmin, tmax, skip):
         out[ray[verdict > 0]] = True
-        unsure = (verdict == 0) & ~out[ray]  # one meeting is enough: a ray that has one needs no other decided
+        unsure = (verdict == 0) & ~out[ray]  # rays that certainly meet a triangle need no other decisions
         ray, tri = ray[unsure], tri[unsure]
         out[ray[_decided(vertices, o, d, ends, tmin, tmax, ray, tri)]] = True
     return out
 
 
 def all_hits(vertices, origins, ends, skip=None):
-    """(m, n) bool: which triangles does each segment meet?"""
+    """(m, n) bool: whether each segment meets each triangle."""
     o, d, ends, tmin, tmax = _prepare(origins, None, ends, 0.0, 1.0)
     out = np.zeros((len(o), len(vertices)), bool)
     for ray, tri in _hits(vertices, o, d, ends, tmin, tmax, skip):
@@ -185,7 +186,7 @@ def all_hits(vertices, origins, ends, skip=None):
 
 
 def closest_hit(vertices, origins, directions, tmin=0.0, tmax=np.inf, skip=None):
-    """(t, face) per ray: the smallest exact t as float64, inf and -1 on a miss; ties go to the lowest face."""
+    """(t, face) for each ray: the smallest exact t as float64, inf and -1 on a miss. Ties go to the lowest face."""
     o, d, _, tmin, tmax = _prepare(origins, directions, None, tmin, tmax)
     best_t, best = np.full(len(o), np.inf), np.full(len(o), -1)
     for ray, tri in _hits(vertices, o, d, None, tmin, tmax, skip):

@@ -1,11 +1,11 @@
-"""A soup, rays through it, and what is true of them."""
+"""A soup, rays through it, and their correct answers."""
 
 import numpy as np
 
 import oracle
 from peers.ray_sets import RaySet
 
-SHAPE = (6, 5, 18)  # not multiples of a packet's
+SHAPE = (6, 5, 18)  # not multiples of a packet's width
 
 
 def soup(n: int = 60) -> np.ndarray:
@@ -15,7 +15,7 @@ def soup(n: int = 60) -> np.ndarray:
 
 
 def rays_through(tmax: float) -> RaySet:
-    """Rays from 30 origins, three in four of them asked."""
+    """Rays from 30 origins. Three quarters of them are asked."""
     rng = np.random.default_rng(12)
     pixels, spp = SHAPE[0] * SHAPE[1], SHAPE[2]
     origins = rng.random((pixels, 3)).astype(np.float32)
@@ -24,7 +24,7 @@ def rays_through(tmax: float) -> RaySet:
 
 
 def truth(vertices, rays: RaySet) -> np.ndarray:
-    """(rays,) bool: blocked, by brute force; False for a ray that is not asked."""
+    """(rays,) bool: whether each ray is blocked, by brute force; False for a ray that is not asked."""
     origins = np.repeat(rays.origins, rays.each, 0)
     blocked = oracle.occluded(vertices, origins, rays.directions, tmax=rays.tmax) & rays.asked
     assert 0.1 < blocked[rays.asked].mean() < 0.9

@@ -1,10 +1,10 @@
-"""Morton codes and the tree over them [Karras 2012], in plain Python, importing nothing of the package."""
+"""Morton codes and the tree over them [Karras 2012], in plain Python. It imports nothing of the package."""
 
 import numpy as np
 
 
 def morton_codes(vertices, bits):
-    """The code of each triangle, as Python integers: x, y, z in turn, the highest bits first; cells are cubes."""
+    """The code of each triangle, as Python integers: bits of x, y, z in turn, highest bits first. Cells are cubes."""
     centroid = vertices.min(1) + vertices.max(1)  # doubled
     lower = centroid.min(0)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -18,7 +18,7 @@ def morton_codes(vertices, bits):
 
 
 def karras_tree(codes, max_leaf=1):
-    """(order, tree) of codes: a leaf is (first slot, count), a node [left, right]; equal codes go by their slots."""
+    """(order, tree) of codes. A leaf is (first slot, count), a node [left, right]. Slots order equal codes."""
     order = sorted(range(len(codes)), key=lambda i: (codes[i], i))
     keys = [codes[i] << 32 | slot for slot, i in enumerate(order)]
 
@@ -33,5 +33,5 @@ def karras_tree(codes, max_leaf=1):
 
 
 def depth_of(tree):
-    """Inner nodes on the longest path."""
+    """The number of inner nodes on the longest path."""
     return 1 + max(depth_of(child) for child in tree) if isinstance(tree, list) else 0

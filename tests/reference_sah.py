@@ -1,4 +1,5 @@
-"""Plain references, importing nothing of the package: SAH by bins and by full sweeps, and the least of any tree."""
+"""Plain references for the SAH: binning, full sweeps, and the least cost of any tree. It imports nothing of the package.
+"""
 
 from functools import cache
 
@@ -11,7 +12,7 @@ def half_area(lower, upper):
 
 
 def binned_sah(vertices, bins=16, max_leaf=4):
-    """(SAH cost, depth) of the tree that greedy binning on three axes makes; node and triangle cost 1 each."""
+    """(SAH cost, depth) of the tree by greedy binning on three axes. A node costs 1, and so does a triangle."""
     v = np.asarray(vertices, np.float64)
     lower, upper = v.min(1), v.max(1)
     centre = lower + upper
@@ -40,13 +41,13 @@ def binned_sah(vertices, bins=16, max_leaf=4):
 
 
 def swept_sah(vertices, max_leaf=4):
-    """SAH cost of the tree that trying all splits of each range makes; node and triangle cost 1 each."""
+    """SAH cost of the tree by trying all splits of each range. A node costs 1, and so does a triangle."""
     v = np.asarray(vertices, np.float64)
     lower, upper = v.min(1), v.max(1)
     centre = lower + upper
 
     def areas(ids):
-        """Half the area of the box of the first 1, 2, ... triangles."""
+        """Half the areas of the boxes of the first 1, 2, ... triangles."""
         x, y, z = (np.maximum.accumulate(upper[ids]) - np.minimum.accumulate(lower[ids])).T
         return x * (y + z) + y * z
 
@@ -69,7 +70,7 @@ def swept_sah(vertices, max_leaf=4):
 
 
 def least_sah_cost(vertices, max_leaf):
-    """The least SAH cost that any tree over these few triangles has, its root not being a leaf."""
+    """The least SAH cost of any tree over a few triangles whose root is not a leaf."""
     v = np.asarray(vertices, np.float64)
     lower, upper = v.min(1), v.max(1)
 
@@ -79,7 +80,7 @@ def least_sah_cost(vertices, max_leaf):
         if len(ids) == 1:
             return area
         options = [area * len(ids)] if may_be_leaf and len(ids) <= max_leaf else []
-        for code in range(1, 1 << (len(ids) - 1)):  # the last one always goes right
+        for code in range(1, 1 << (len(ids) - 1)):  # the last triangle always goes right
             left = tuple(i for k, i in enumerate(ids) if code >> k & 1)
             right = tuple(i for i in ids if i not in left)
             options.append(area + least(left, True) + least(right, True))

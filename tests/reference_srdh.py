@@ -1,7 +1,7 @@
-"""The cost metric and the heuristic of the SRDH paper, ray by ray and plainly, importing nothing of the package.
+"""The cost metric and the heuristic of the SRDH paper, ray by ray. It imports nothing of the package.
 
-Boxes are tested in float64. Whether a ray that just touches a box enters it, or which of two equally far boxes is the
-closer one, is for rounding to say: so costs come as the least and the most that they may be.
+Boxes are tested in float64. Rounding decides whether a ray that just touches a box enters it, and which of two equally
+far boxes is closer. So costs are intervals: the least and the largest possible cost.
 """
 
 from typing import NamedTuple
@@ -12,13 +12,13 @@ LEFT, RIGHT, NEAR, FAR = "left first", "right first", "front to back", "back to 
 
 
 class Scene(NamedTuple):
-    """Triangles' boxes, and segments with all they meet."""
+    """Boxes of triangles, and segments with all their intersections."""
 
     lower: np.ndarray  # (n, 3) float64
     upper: np.ndarray  # (n, 3) float64
     origins: np.ndarray  # (m, 3) float64
     ends: np.ndarray  # (m, 3) float64
-    hits: np.ndarray  # (m, n) bool
+    hits: np.ndarray  # (m, n) bool: whether each segment meets each triangle
 
 
 def scene_of(vertices, origins, ends, hits):
@@ -36,7 +36,7 @@ def half_area(box):
 
 
 def pierces(box, origins, ends, slack=0.0):
-    """(m,) bool: which segments enter the closed box, grown by `slack`."""
+    """(m,) bool: whether each segment enters the closed box, grown by `slack`."""
     lower, upper = box[0] - slack, box[1] + slack
     if (lower > upper).any():
         return np.zeros(len(origins), bool)
@@ -50,7 +50,7 @@ def pierces(box, origins, ends, slack=0.0):
 
 
 def left_first(kernel, left, right, origins):
-    """(kappa, doubtful), (m,) bool each, of one of the four kernels; left, right: boxes."""
+    """(kappa, doubtful), (m,) bool each, of one of the four kernels. `left` and `right` are boxes."""
     if kernel in (LEFT, RIGHT):
         return np.full(len(origins), kernel == LEFT), np.zeros(len(origins), bool)
     a, b = (np.linalg.norm((box[0] + box[1]) / 2 - origins, axis=1) for box in (left, right))
@@ -58,9 +58,9 @@ def left_first(kernel, left, right, origins):
 
 
 def candidates(vertices):
-    """Left sides, (n,) bool each, of the planes between bins: 4 + n / 16 of them, at most 32, on each axis.
+    """Yield the left sides, (n,) bool each, of all planes between bins. Each axis has 4 + n / 16 bins, at most 32.
 
-    Places are computed in float32, as the package does, for they decide which splits there are.
+    Bins are computed in float32, as in the package, because they decide the possible splits.
     """
     centre, f = vertices.min(1) + vertices.max(1), np.float32
     n_bins = min(32, 4 + len(vertices) // 16)
@@ -79,9 +79,11 @@ def _size(n, linear):
 
 
 def srdh(scene, ids, others, rays, kernels, prior=0.0, linear=True, slack=1e-5):
-    """Kernel -> (least, most) of SRDH(P1, P2, kappa, R) [Sec. 3.3], with `prior` rays spread as the SAH assumes.
+    """Kernel -> (least, most) of SRDH(P1, P2, kappa, R) [Sec. 3.3], with `prior` additional rays spread as in the SAH.
 
-    ids, others : indices of P1 and P2; rays : indices of R; slack : of boxes, times the largest coordinate
+    ids, others : indices of P1 and P2
+    rays : indices of R
+    slack : growth of boxes, relative to the largest coordinate
     """
     origins, ends = scene.origins[rays], scene.ends[rays]
     slack *= max(abs(a).max(initial=0) for a in (scene.lower, scene.upper, origins, ends))
@@ -105,30 +107,30 @@ def srdh(scene, ids, others, rays, kernels, prior=0.0, linear=True, slack=1e-5):
 
 
 def ray_sets(scene, ids, others, rays, kernel):
-    """The rays that come to P1 and those that come to P2 [Sec. 3.4], and enter, or meet something, there."""
+    """(rays of P1, rays of P2): the rays that reach each child and enter its box [Sec. 3.4]."""
     boxes = [box_of(scene, s) for s in (ids, others)]
     h1, h2 = (scene.hits[np.ix_(rays, s)].any(1) for s in (ids, others))
     i1, i2 = (pierces(box, scene.origins[rays], scene.ends[rays]) for box in boxes)
     kappa = left_first(kernel, *boxes, scene.origins[rays])[0] if kernel else np.zeros(len(rays), bool)
-    free = not kernel  # no kernel is chosen: no ray meets anything
+    free = not kernel  # without a kernel, no ray meets a triangle
     first, second = free | ~(~kappa & h2), free | ~(kappa & h1)
     return rays[first & (i1 | h1)], rays[second & (i2 | h2)]
 
 
 class Costs(NamedTuple):
-    """Of each ray, at a node."""
+    """Costs of each ray at a node."""
 
-    expected: np.ndarray  # C(N, r), with c_b = 1 and c_p = c_k = 0
-    least: np.ndarray  # the same if at each node below the better child were visited first
-    most: np.ndarray  # or the worse one
-    hit: np.ndarray  # H(N, r)
+    expected: np.ndarray  # (m,): C(N, r), with c_b = 1 and c_p = c_k = 0
+    least: np.ndarray  # (m,): the cost if each node below visits the better child first
+    most: np.ndarray  # (m,): the cost if each node below visits the worse child first
+    hit: np.ndarray  # (m,) bool: H(N, r)
 
 
 def visit(scene, tree, first):
     """(`Costs`, box) of a tree [Sec. 3.2].
 
-    tree : (list of triangle indices) of a leaf, or (left tree, right tree, order) of a branch
-    first : function of order, left box, right box -> kappa, (m,) float
+    tree : a list of triangle indices for a leaf, or (left tree, right tree, order) for a branch
+    first : function (order, left box, right box) -> kappa, (m,) float
     """
     m = len(scene.origins)
     if isinstance(tree, list):

@@ -1,4 +1,4 @@
-"""A copy of the package with a few more kernels, whose sources a test can edit: for tests of keys and the cache."""
+"""A copy of the package with more kernels, whose sources a test can edit. Tests of keys and of the cache use it."""
 
 import json
 import os
@@ -168,7 +168,7 @@ print(json.dumps([found, events, "numba" in sys.modules]))
 
 
 def write(folder: Path) -> Path:
-    """Copy the package into a folder, with the kernels above as `antumbra.sample`; the folder of `antumbra`."""
+    """Copy the package into a folder, with the kernels above as `antumbra.sample`; return the folder of `antumbra`."""
     package = folder / "antumbra"
     source = Path(antumbra.__file__).parent
     shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__", "packs"))
@@ -179,7 +179,7 @@ def write(folder: Path) -> Path:
 
 
 def edit(package: Path, file: str, old: str, new: str) -> None:
-    """Replace a text that a file of the package holds once."""
+    """Replace a text that occurs once in a file of the package."""
     path = package / file
     text = path.read_text()
     assert text.count(old) == 1, (file, old)
@@ -187,12 +187,12 @@ def edit(package: Path, file: str, old: str, new: str) -> None:
 
 
 def environment(package: Path, cache: Path) -> dict[str, str]:
-    """Of a process that imports a copy and keeps its kernels in a folder."""
+    """The environment of a process that imports a copy and keeps its kernels in the folder `cache`."""
     return dict(os.environ, PYTHONPATH=str(package.parent), ANTUMBRA_CACHE=str(cache), PYTHONDONTWRITEBYTECODE="1")
 
 
 def run(package: Path, cache: Path) -> tuple[dict, dict[str, str], bool]:
-    """Call all kernels in a new process: (results, where each kernel's code came from, whether Numba was imported)."""
+    """Call all kernels in a new process; return (results, source of each kernel's code, whether Numba was imported)."""
     done = subprocess.run(
         [sys.executable, "-c", RUN], env=environment(package, cache), capture_output=True, text=True, cwd=package.parent
     )

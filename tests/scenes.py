@@ -1,4 +1,4 @@
-"""Where the real scenes are, for the tests that want them; none is needed, and each absence is said aloud."""
+"""Paths of the real scenes. Tests that use a missing scene are skipped, and the reason is shown."""
 
 import os
 from pathlib import Path
@@ -9,13 +9,13 @@ _BESIDE = Path(__file__).resolve().parents[2] / "shared" / "scenes"
 
 
 def scene_folder() -> Path | None:
-    """The folder of real scenes: $ANTUMBRA_SCENES, else ../shared/scenes beside the repository, if there."""
+    """The folder of real scenes: $ANTUMBRA_SCENES, or ../shared/scenes beside the repository; None if it is missing."""
     folder = Path(os.environ.get("ANTUMBRA_SCENES", _BESIDE))
     return folder if folder.is_dir() else None
 
 
 def scene_path(name: str) -> Path:
-    """A real scene, such as "sponza_crytek/scene.glb"; skips the test where it is absent."""
+    """The path of a real scene, such as "sponza_crytek/scene.glb". Skips the test if it is missing."""
     folder = scene_folder()
     if folder is None or not (folder / name).exists():
         pytest.skip(f"real scene {name} is absent: set ANTUMBRA_SCENES to the folder that has it")

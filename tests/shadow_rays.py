@@ -13,7 +13,8 @@ from antumbra.trace.rays.traverse import walk
 
 
 def segments_in(vertices, m, seed=0):
-    """(origins, ends) of m segments, float32: between points near the triangles, and of every other one through one."""
+    """(origins, ends) of m segments, float32, between points near the triangles. Every other one goes through a triangle.
+    """
     rng = np.random.default_rng(seed)
     if len(vertices) == 0:
         return rng.normal(size=(2, m, 3)).astype(np.float32)
@@ -26,7 +27,7 @@ def segments_in(vertices, m, seed=0):
 
 
 def met(vertices, origins, ends, threads=1):
-    """The `Intersections` of these segments; none of them skips a triangle."""
+    """The `Intersections` of segments that skip no triangle."""
     skip = np.full(len(origins), -1, np.int32)
     return intersections(lbvh.build(vertices, threads), origins, ends, skip, threads)
 
@@ -48,14 +49,14 @@ def _walk_all(bvh, order, origins, ends, slots, far, tests):
 
 
 def walked(bvh, order, origins, ends):
-    """(triangle or -1, t, boxes tested) of each segment, walked in an order of `orders`; no triangle is skipped."""
+    """(triangle or -1, t, boxes tested) of each segment, traced in an order of `orders`. No triangle is skipped."""
     slots, far, tests = np.empty(len(origins), np.int64), np.empty(len(origins)), np.empty(len(origins), np.int64)
     _walk_all(bvh, np.int64(order), origins, ends, slots, far, tests)
     return np.where(slots >= 0, bvh.prim_ids[slots], -1), far, tests
 
 
 def nested(bvh, node=0):
-    """A tree as `reference_srdh.visit` wants it: [triangles] of a leaf, (left, right, word 14) of a node."""
+    """A tree as `reference_srdh.visit` takes it: [triangles] for a leaf, (left, right, word 14) for a node."""
     sides = []
     for link in bvh.links[node, 12:14].tolist():
         assert link != EMPTY

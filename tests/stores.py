@@ -1,4 +1,4 @@
-"""Helpers for tests of stores: building them small, and reading all of one."""
+"""Helpers for tests of stores: they build small stores, and read whole ones."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from antumbra.scene.scene import Scene
 from antumbra.scene.source import Piece
 from antumbra.store.read import Store, open_store
 
-CHUNK = 64  # triangles: so that small scenes have many chunks, and are sorted in files
+CHUNK = 64  # triangles, so that small scenes have many chunks and are sorted in files
 
 
 class Pieces:
@@ -41,7 +41,7 @@ def soup_scene(vertices, colours=None) -> Scene:
 
 
 def mesh_piece(rng, n=700, dtype=np.float64, offset=(0, 0, 0), copies=1, one_colour=False) -> Piece:
-    """Copies of small triangles with vertices in common, in any order."""
+    """Copies of a mesh of small triangles that share vertices, in random order."""
     positions = rng.normal(size=(n // 2 + 3, 3))
     faces = np.argsort(((positions[:, None] - positions[rng.integers(0, len(positions), n)]) ** 2).sum(2), axis=0)[:3].T
     moved = positions + rng.normal(size=(copies, 1, 3)) * 5 + offset
@@ -54,7 +54,7 @@ class Contents(NamedTuple):
 
     vertices: np.ndarray  # (n, 3, 3) float32
     colours: np.ndarray  # (n, 3) float32
-    times: np.ndarray  # (n,) int: how often each occurs
+    times: np.ndarray  # (n,) int: number of occurrences of each triangle
 
 
 def contents(store: Store) -> Contents:
@@ -73,7 +73,7 @@ def same_bits(a, b) -> bool:
 
 
 def check_whole(store: Store, scene: Scene) -> None:
-    """The store holds just the triangles of the scene, in chunks that are as they should be."""
+    """Check that the store holds exactly the triangles of the scene, in correct chunks."""
     triangles, found = scene.triangles(), contents(store)
     assert (found.times == 1).all() and len(found.times) == scene.n_triangles == store.chunks.triangles.sum()
     assert same_bits(found.vertices, triangles.vertices) and same_bits(found.colours, triangles.colour)
@@ -97,7 +97,7 @@ def _check_chunk(store, k, vertices):
 
 
 def _check_top(store):
-    """The top is a tree like any other, over the boxes' diagonals, with one chunk in each leaf."""
+    """Check that the top is a valid tree over the boxes' diagonals, with one chunk in each leaf."""
     links, boxes = store.top.links[:, 12:14], store.chunks.box
     leaves = ~links[(links < 0) & (links != -(2**31))]
     assert (leaves % 8 == 0).all() and sorted(leaves // 8) == list(range(len(store)))

@@ -1,4 +1,4 @@
-"""Hypothesis strategies: coordinates that find the hard cases, and triangle soups of many kinds."""
+"""Hypothesis strategies: coordinates that give hard cases, and triangle soups of many kinds."""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -8,7 +8,7 @@ SCALES = [1.0, 1e-6, 1e6, 1e-20, 1e12]
 
 @st.composite
 def point_arrays(draw, shape):
-    """float32 array (*shape, 3): a small integer grid (ties, zeros, coplanar), or general positions, at many scales."""
+    """(*shape, 3) float32, at many scales: a small integer grid (ties, zeros, coplanar points), or general positions."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     kind = draw(st.sampled_from(["grid", "general", "snapped", "mixed magnitudes"]))
     size = (*shape, 3)
@@ -25,7 +25,7 @@ def point_arrays(draw, shape):
 
 @st.composite
 def soups(draw, max_triangles=60):
-    """(n, 3, 3) float32 triangle soup: local or scattered, with duplicates and triangles without area among them."""
+    """(n, 3, 3) float32 triangle soup: local or scattered, with duplicates and triangles without area."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     n = draw(st.integers(1, max_triangles))
     centres = rng.normal(size=(n, 1, 3))

@@ -44,7 +44,7 @@ def test_a_pipe_is_no_file(tmp_path):
 
 
 def test_a_folder_without_permission(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write everywhere, so no real folder will do
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write to any real folder
     check_fails(tmp_path / "a.png", "no permission to write in")
 
 

@@ -1,4 +1,4 @@
-"""The package as a whole: its names, its documents, its files."""
+"""Tests of the whole package: its names, its documents, its files."""
 
 import ast
 import doctest
@@ -24,7 +24,7 @@ PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "d
 
 
 def _tool(path):
-    """A Python file of the repository that is in no package."""
+    """Import a Python file of the repository that is in no package."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -74,11 +74,11 @@ def test_version():
 
 NAMES_OF_IMPORTS = {"PIL": "pillow"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "mitsuba", "drjit", "open3d"}  # drjit comes with mitsuba
-OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, and does not ask for it
+OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, but does not require it
 
 
 def test_import_is_light():
-    # Numba itself imports the bare scipy package, which is quick; its parts are not.
+    # Numba imports the bare scipy package, which is fast; its subpackages are slow.
     heavy = "scipy.stats", "scipy.linalg", "trimesh", "typer", "rich", "PIL", "OpenEXR", *sorted(OPTIONAL)
     code = f"import sys, antumbra; print(*(m for m in {heavy} if m in sys.modules))"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -169,7 +169,7 @@ _CITED = re.compile(r"\[([A-Z][^\]\n]*?(?:19|20)\d\d)[,\]]")
 
 
 def _labels():
-    """The bibliography as it is cited: "Wald 2007", "Keller and Heidrich 2001", "Duff et al. 2017"."""
+    """The labels that cite the bibliography: "Wald 2007", "Keller and Heidrich 2001", "Duff et al. 2017"."""
     bib = (ROOT / "docs" / "REFERENCES.bib").read_text()
     for entry in bib.split("\n@")[1:]:
         names = [n.split()[-1] for n in re.search(r"author\s*= \{(.*)\},\n", entry)[1].split(" and ")]

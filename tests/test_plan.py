@@ -1,4 +1,4 @@
-"""Plans: names from the registries, and nothing else."""
+"""Plans consist of names from the registries."""
 
 import pytest
 
@@ -58,7 +58,7 @@ def test_options_of_cones_combine_in_any_order():
     for text in ("cones:spheres:sorted", "cones:sorted:spheres"):
         assert parse_plan(text) == Plan(trace="cones:spheres:sorted")
     every = [name.removeprefix("cones:") for name in TRACERS if name.startswith("cones:") and name.islower()]
-    every = [word for word in every if word not in ("spheres", "precise")]  # which exclude others
+    every = [word for word in every if word not in ("spheres", "precise")]  # these exclude others
     assert str(parse_plan(":".join(["cones", *reversed(every)]))) == ":".join(["cones", *every])
     assert len(every) > 3 and "cones:precise:sorted" not in {plan.trace for plan in all_plans(papers=True)}
 
@@ -106,7 +106,7 @@ def test_which_plans_want_rays():
 
 
 def test_orders_have_a_part_each():
-    """Orders change the tracer `single` alone, so a plan of each is enough."""
+    """Orders change the tracer `single` only, so one plan of each is enough."""
     plans = covering_plans(papers=True)
     for name in ORDERS:
         assert [p for p in plans if p.trace == f"single:{name}"] == [Plan(trace=f"single:{name}")]

@@ -1,4 +1,4 @@
-"""Temporary files: the living keep theirs, and those of the dead are removed."""
+"""Temporary files: files of running processes stay, and files of killed processes are removed."""
 
 import errno
 import os
@@ -39,7 +39,7 @@ for _ in range(200):
 
 @pytest.fixture(autouse=True)
 def forgotten():
-    """No folder has been seen to."""
+    """Forget the folders that have been cleaned up."""
     remove_abandoned.cache_clear()
 
 
@@ -48,7 +48,7 @@ def files(folder):
 
 
 def dead(folder, stem=DEAD):
-    """What a killed process leaves."""
+    """Write the files that a killed process leaves."""
     for suffix in (".lock", ".tmp"):
         (folder / (stem + suffix)).write_bytes(b"")
 
@@ -58,7 +58,7 @@ def test_the_next_writer_removes_what_the_dead_left(tmp_path):
     (tmp_path / ".antumbra-aaaaaaaaaaaa.tmp").write_bytes(b"its lock was removed before")
     (tmp_path / ".antumbra-bbbbbbbbbbbb.lock").write_bytes(b"")  # killed before it made its file
     with replacing(tmp_path / "a.png") as path:
-        assert len(files(tmp_path)) == 1  # the lock; the file itself is the writer's to make
+        assert len(files(tmp_path)) == 1  # the lock; the writer makes the file itself
         path.write_bytes(b"x")
     assert files(tmp_path) == ["a.png"]
 
@@ -89,7 +89,7 @@ def test_files_of_this_process_stay(tmp_path):
 
 
 def test_many_at_once(tmp_path):
-    """Processes that write in one folder never lose a file to each other, nor a lock that is not yet locked."""
+    """Processes that write in one folder never remove each other's files, nor locks that are not yet locked."""
     makers = [
         subprocess.Popen([sys.executable, "-c", BUSY, str(k)], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
         for k in range(4)
@@ -100,7 +100,7 @@ def test_many_at_once(tmp_path):
 
 
 def test_removed_before_it_is_locked(tmp_path, monkeypatch):
-    """Another writer comes between the making of a lock and its locking: the maker takes another name."""
+    """Another writer removes a new lock before it is locked. Then the maker takes another name."""
     lock, seen = temporary._lock, []
 
     def late(descriptor):
@@ -120,7 +120,7 @@ def test_removed_before_it_is_locked(tmp_path, monkeypatch):
 
 
 def test_seen_to_while_it_is_not_yet_locked(tmp_path, monkeypatch):
-    """Another writer has locked the new lock, and will remove it: the maker takes another name."""
+    """Another writer has locked the new lock and will remove it. Then the maker takes another name."""
     lock, held = temporary._lock, []
 
     def late(descriptor):
@@ -145,13 +145,13 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch, number):
     with monkeypatch.context() as patched:
         patched.setattr(fcntl, "flock", flock)
         with replacing(tmp_path / "a.png") as path:
-            assert files(tmp_path) == before  # nobody knows whether their maker lives
+            assert files(tmp_path) == before  # it is unknown whether their maker still runs
             path.write_bytes(b"x")
             remove_abandoned.cache_clear()
             remove_abandoned(str(tmp_path))
             assert path.exists()
     assert files(tmp_path) == [*before, "a.png"]
-    # Locks that come and go are as bad: a file without one is not touched when there are locks again.
+    # When locks work again, a file without a lock is still not touched.
     (tmp_path / path.name).write_bytes(b"")
     remove_abandoned.cache_clear()
     remove_abandoned(str(tmp_path))
@@ -165,7 +165,7 @@ def test_what_is_not_ours_stays(tmp_path):
     (folder / ".antumbra-aaaaaaaaaaaa.tmp").symlink_to(other)
     (folder / ".antumbra-bbbbbbbbbbbb.lock").symlink_to(other)
     (folder / ".antumbra-cccccccccccc.tmp").mkdir()
-    os.mkfifo(folder / ".antumbra-dddddddddddd.lock")  # opening it must not wait for its other end
+    os.mkfifo(folder / ".antumbra-dddddddddddd.lock")  # opening it must not wait for the other end of the pipe
     for name in (".antumbra-notes.tmp", ".antumbra-0123456789AB.tmp", ".antumbra-0123456789ab.tmp~", "x.tmp"):
         (folder / name).write_bytes(b"")
     before = files(folder)
@@ -186,7 +186,7 @@ def test_a_lock_that_is_a_link(tmp_path):
 
 @pytest.mark.parametrize("function", ["open", "unlink", "scandir"])
 def test_no_permission(tmp_path, monkeypatch, function):
-    """Files of other users, and folders closed to us, are no error. Root may do all, so the refusal is made up."""
+    """Files of other users, and folders without permission, are no error. Root may do anything, so errors are simulated."""
     dead(tmp_path)
     dead(tmp_path, ".antumbra-aaaaaaaaaaaa")
     before, called, true = files(tmp_path), [], getattr(os, function)

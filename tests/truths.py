@@ -1,4 +1,4 @@
-"""Queries whose true answers the oracle knows, computed once for all tests of a process."""
+"""Queries with the oracle's answers, computed once for all tests of a process."""
 
 from functools import cache
 
@@ -8,7 +8,7 @@ import antumbra as at
 from asking import query_of, true_occlusion
 
 TRIANGLES = 3000
-SIZE = (96, 68)  # pixels: with 16 samples more than 100 000 rays
+SIZE = (96, 68)  # pixels; with 16 samples these are more than 100 000 rays
 
 
 def soup_scene(seed=3):
@@ -58,7 +58,7 @@ LIGHTS = {
 
 @cache
 def asked_of(seed, size, light, spp, scale=1.0):
-    """(triangles, query, truth, asked) of a soup: the oracle answers once, for all plans."""
+    """(triangles, query, truth, asked) of a soup. The oracle answers once, for all plans."""
     scene = soup_scene(seed)
     if scale != 1.0:
         scene = at.Scene.from_arrays(scene.triangles().vertices.astype(np.float64) * scale)

@@ -1,7 +1,7 @@
 """Every operation of `antumbra.kernels.simd`, computed by kernels and by numpy, for the tests in `kernels/simd/`.
 
-Run as a script it writes what the kernels compute to a file, so that processes that compile for different
-processors can be compared: ``python vector_operations.py results.npz``.
+As a script it writes the results of the kernels to a file: ``python vector_operations.py results.npz``. So tests can
+compare processes that compile for different processors.
 """
 
 import sys
@@ -47,7 +47,7 @@ def _all_pairs(values, n):
 
 
 def f32_inputs():
-    """Every pair of hard float32, then pairs of random bit patterns, and a third, well-behaved array."""
+    """Two arrays with every pair of hard float32 and pairs of random bit patterns, and a third, well-behaved array."""
     tiny, largest = _F32.smallest_subnormal, _F32.max
     half = [np.nan, np.inf, 0.0, tiny, 3 * tiny, _F32.smallest_normal, 1e-30, 1 / 3, 1.0, 1.5, 7e9, largest]
     hard = np.array([*half, *(-x for x in half)], np.float32)
@@ -58,7 +58,7 @@ def f32_inputs():
 
 
 def i32_inputs():
-    """Every pair of hard int32, then random ones, and shift counts."""
+    """Two arrays with every pair of hard int32 and random pairs, and an array of shift counts."""
     hard = np.array([0, 1, -1, 2, -2, 3, 46341, -46341, 65535, 2**30, _I32.max, _I32.max - 1, _I32.min], np.int32)
     rng = np.random.default_rng(8)
     a, b = _all_pairs(hard, 512)
@@ -67,7 +67,7 @@ def i32_inputs():
 
 
 def in_range_reals():
-    """float32 that an int32 can hold, with the largest and the smallest of them."""
+    """float32 numbers in the range of int32, with the largest and the smallest of them."""
     rng = np.random.default_rng(9)
     reals = (rng.uniform(-1, 1, 512) * 2.0 ** rng.integers(-3, 31, 512)).astype(np.float32)
     reals[:8] = 0.0, -0.0, 0.99999994, -0.99999994, 1.5, -1.5, 2147483520.0, -2147483648.0
@@ -75,7 +75,7 @@ def in_range_reals():
 
 
 def mask_inputs(lanes):
-    """Pairs of words of `lanes` bits: none, all, each single one, random."""
+    """Pairs of words of `lanes` bits: none, all, each single bit, random."""
     rng = np.random.default_rng(10)
     words = np.array([0, 2**lanes - 1, *(1 << k for k in range(lanes)), *rng.integers(0, 2**lanes, 12)], np.int64)
     return _all_pairs(words, words.size**2)
@@ -252,7 +252,7 @@ def joined(lanes):
 
 
 # --- expectations ---------------------------------------------------------------------------------------
-# Dicts whose order is that of the rows that the kernels write.
+# Dicts in the order of the rows that the kernels write.
 
 
 def _comparisons(a, b):
@@ -278,7 +278,7 @@ def _scalars(reduced, extracted, lanes):
 
 
 def expect_f32(lanes):
-    """(vectors, masks, scalars) by numpy; fma is rounded twice here."""
+    """(vectors, masks, scalars) by numpy. Here fma is rounded twice."""
     a, b, c = f32_inputs()
     f = np.float32
     with np.errstate(all="ignore"):
@@ -341,7 +341,7 @@ def expect_i32(lanes):
 
 
 def expect_mask(lanes):
-    """Words of bits by numpy."""
+    """Words of mask bits by numpy."""
     a, b = mask_inputs(lanes)
     full, half = 2**lanes - 1, lanes // 2
     return {
@@ -364,7 +364,7 @@ def expect_mask(lanes):
 
 
 def _run(kernel, inputs, expected, lanes, *more_outputs):
-    """What the kernel computes, under the names of what is expected."""
+    """The results of a kernel, under the names of the expected results."""
     n, dtype = inputs[0].size, inputs[0].dtype
     vectors = np.full((len(expected[0]), n), -9, dtype)
     words = np.full((len(expected[1]), n // lanes), -1)
@@ -387,7 +387,7 @@ def compute_i32(lanes):
 
 
 def compute_mask(lanes):
-    """The words' higher bits are set, and must not matter."""
+    """The results of the mask kernels. The words' higher bits are set, and must not matter."""
     a, b = mask_inputs(lanes)
     names = expect_mask(lanes)
     words = np.full((len(names), a.size), -1)
@@ -396,7 +396,7 @@ def compute_mask(lanes):
 
 
 def compute_all():
-    """Everything, under names such as ``f32x8.add``."""
+    """The results of all kernels, under names such as ``f32x8.add``."""
     groups = (("f32x", compute_f32), ("i32x", compute_i32), ("mask", compute_mask))
     return {
         f"{prefix}{lanes}.{name}": array
@@ -413,7 +413,7 @@ def _add_min_select(a, b, out):
 
 
 def assembly():
-    """What ``x + y``, ``minimum`` and ``select`` on f32x8 become on the processor compiled for."""
+    """The machine code of ``x + y``, ``minimum`` and ``select`` on f32x8 for the processor compiled for."""
     from antumbra.kernels import compiling, machine
     from antumbra.kernels.processor import level
 

@@ -23,9 +23,8 @@ class _Module:
         tree = ast.parse(_source(name))
         self.statements: dict[str, list[ast.stmt]] = {}
         self.imported: dict[str, tuple[str, str]] = {}  # name here: (module, name there)
-        self.all = [
-            _without_docstrings(node) for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom)
-        ]
+        code = (node for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom) and not _is_text(node))
+        self.all = [_without_docstrings(node) for node in code]
         for node in tree.body:
             if isinstance(node, ast.ImportFrom) and node.level:
                 module = resolve_name("." * node.level + (node.module or ""), name.rpartition(".")[0])
@@ -43,11 +42,16 @@ def _source(name: str) -> str:
     return Path(spec.origin).read_text(encoding="utf-8")
 
 
+def _is_text(node: ast.stmt) -> bool:
+    """Is it a docstring, of the module or of the constant above it?"""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
 def _without_docstrings(node: ast.stmt) -> ast.stmt:
     for inner in ast.walk(node):
         body = getattr(inner, "body", None)
         if isinstance(body, list):
-            inner.body = [s for s in body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
+            inner.body = [s for s in body if not _is_text(s)]
     return node
 
 
