@@ -80,7 +80,7 @@ def _pairs(vertices, origins, directions):
     rays = np.concatenate([d, np.cross(o, d)], 1)
     reach = np.abs(o).max(1) if len(o) else np.zeros(0)
     length = np.abs(d).max(1) if len(o) else np.zeros(0)
-    # The error of a sum of 6 products, with cancellation by the shift to `centre`, is far below 1e-13 of the magnitudes.
+    # The error of a sum of 6 products, with cancellation by the shift to `centre`: far below 1e-13 of the magnitudes.
     bound = lambda ray, scale: 1e-13 * length[ray] * (scale + reach[ray]) ** 2
     widest = bound(slice(None), scale.max(initial=0.0))[:, None]
     step = max(1, _CHUNK // max(1, len(v)))
@@ -165,7 +165,10 @@ def _hits(vertices, origins, directions, ends, tmin, tmax, skip):
 
 
 def occluded(vertices, origins, directions=None, ends=None, tmin=0.0, tmax=np.inf, skip=None):
-    """(m,) bool: whether any triangle (n, 3, 3) meets each ray strictly inside its interval, or each segment to `ends`."""
+    """(m,) bool: whether any triangle (n, 3, 3) meets each ray strictly inside its interval.
+
+    With `ends`, the rays are the segments to `ends`.
+    """
     o, d, ends, tmin, tmax = _prepare(origins, directions, ends, tmin, tmax)
     out = np.zeros(len(o), bool)
     for ray, tri, verdict in _verdicts(vertices, o, d, tmin, tmax, skip):

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from antumbra.scene.camera import Camera
 
-SHAPES = ((32, 32), (33, 17), (1, 1), (7, 65), (64, 40), (130, 5))  # (width, height): full tiles, cut tiles, a single tile
+SHAPES = ((32, 32), (33, 17), (1, 1), (7, 65), (64, 40), (130, 5))  # (width, height): full, cut and single tiles
 
 
 def view(position=(0, 0, 0), target=(0, 0, -1), up=(0, 1, 0), vfov=90.0, width=32, height=32):

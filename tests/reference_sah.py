@@ -1,5 +1,4 @@
-"""Plain references for the SAH: binning, full sweeps, and the least cost of any tree. It imports nothing of the package.
-"""
+"""Plain references for the SAH: binning, full sweeps, the least cost of any tree. It imports nothing of the package."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Helpers for tests of what is built for rays: segments through a soup, what they meet, and walks that are counted."""
+"""Helpers for tests of structures for rays: segments through a soup, their intersections, and counted traversals."""
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from antumbra.trace.rays.traverse import walk
 
 
 def segments_in(vertices, m, seed=0):
-    """(origins, ends) of m segments, float32, between points near the triangles. Every other one goes through a triangle.
+    """(origins, ends) of m segments, float32, between points near the triangles.
+
+    Every other segment is aimed at the centre of a triangle.
     """
     rng = np.random.default_rng(seed)
     if len(vertices) == 0:

@@ -8,7 +8,7 @@ SCALES = [1.0, 1e-6, 1e6, 1e-20, 1e12]
 
 @st.composite
 def point_arrays(draw, shape):
-    """(*shape, 3) float32, at many scales: a small integer grid (ties, zeros, coplanar points), or general positions."""
+    """(*shape, 3) float32, at many scales: a small integer grid (ties, zeros, coplanar), or general positions."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     kind = draw(st.sampled_from(["grid", "general", "snapped", "mixed magnitudes"]))
     size = (*shape, 3)

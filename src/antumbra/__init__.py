@@ -17,7 +17,6 @@ if typing.TYPE_CHECKING:
     from .loading import load
     from .plan import Plan
     from .query.gbuffer import GBuffer
-    from .query.rays import Hit
     from .rendering.building import build_store
     from .rendering.frame import Frame
     from .rendering.queries import Visibility, visibility
@@ -26,6 +25,7 @@ if typing.TYPE_CHECKING:
     from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
     from .scene.generated import procedural
+    from .scene.hit import Hit
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
     from .scene.point_lights import PointLights
     from .scene.scene import Scene
@@ -71,11 +71,11 @@ _HOMES = {
     "plan": ["Plan"],
     "rendering.queries": ["Visibility", "visibility"],
     "query.gbuffer": ["GBuffer"],
-    "query.rays": ["Hit"],
     "rendering.frame": ["Frame"],
     "rendering.renderer": ["Renderer", "render"],
     "scene.camera": ["Camera"],
     "scene.generated": ["procedural"],
+    "scene.hit": ["Hit"],
     "scene.lights": [
         "AmbientOcclusion",
         "DirectionalLight",

@@ -1,4 +1,4 @@
-"""Running the scripts of benchmarks/ as their users do, on scenes so small that nothing takes long."""
+"""Fixtures that run the scripts of benchmarks/ as users do, on small scenes."""
 
 import json
 import os
@@ -27,22 +27,22 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 class Outcome(NamedTuple):
     out: str
     err: str
-    rows: list | dict | None  # of the JSON file; None: there is none
+    rows: list | dict | None  # rows of the JSON file; None: there is no file
 
     def left_out(self) -> list[str]:
-        """Lines that say which peer is not installed."""
+        """The lines about peers that are not installed."""
         return [line for line in self.err.splitlines() if line.startswith("left out: ")]
 
 
 @pytest.fixture
 def run(tmp_path):
-    """Runs a benchmark, which must succeed: run("arrays", scene, "--rounds", 1, without="embreex") -> Outcome."""
+    """Runs a benchmark that must succeed: run("arrays", scene, "--rounds", 1, without="embreex") -> Outcome."""
 
     def of(name: str, *arguments, without: str = "", rows: bool = True) -> Outcome:
         found = tmp_path / "rows.json"
         command = [sys.executable, "-c", WITHOUT, without, FOLDER / f"{name}.py", *arguments]
         command += ["--json", found] if rows else []
-        settings = {**os.environ, "ANTUMBRA_SCENES": str(tmp_path)}  # no real scenes, wherever this runs
+        settings = {**os.environ, "ANTUMBRA_SCENES": str(tmp_path)}  # no real scenes on any machine
         words = [str(word) for word in command]
         done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, env=settings)
         assert done.returncode == 0, done.stderr
@@ -57,7 +57,7 @@ def _told(folder: Path, camera: dict, light: list) -> None:
 
 @pytest.fixture(scope="session")
 def small(tmp_path_factory) -> Path:
-    """The file of a scene of a few thousand triangles, in a folder as the real scenes have: small/scene.glb."""
+    """The file of a scene of a few thousand triangles, in a folder like those of the real scenes: small/scene.glb."""
     folder = tmp_path_factory.mktemp("scenes") / "small"
     folder.mkdir()
     made = generate("atrium", 2000)

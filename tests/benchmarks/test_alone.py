@@ -1,4 +1,4 @@
-"""Benchmarks that compare our own methods run; and every benchmark is run by some test."""
+"""Benchmarks that compare our own methods run. Some test runs every benchmark."""
 
 import re
 import sys
@@ -18,7 +18,7 @@ def test_every_benchmark_is_tried():
 
 
 def test_startup(run):
-    """Of the cases, the one that makes no new environment."""
+    """Only the case that makes no new environment."""
     done = run("startup", "--only", "here", "--rounds", 1)
     assert len(done.rows) == 5 and all(len(times) == 1 and times[0] > 0.0 for times in done.rows.values())
     assert set(done.rows) <= set(re.findall(r"^(.+?) +[\d.]+ +[\d.]+ +1$", done.out, re.MULTILINE))

@@ -1,4 +1,4 @@
-"""Benchmarks that have peers run with them, and without those that are not installed."""
+"""Benchmarks with peers run with the installed ones, and without the others."""
 
 import pytest
 
@@ -11,7 +11,7 @@ OTHERS = "mitsuba,drjit,open3d"
 
 @pytest.fixture(params=("with", "without"))
 def hidden(request) -> str:
-    """Modules to hide: the large peers, so that the test is the same everywhere; and in a second run Embree too."""
+    """Modules to hide: the large peers, so that the test is the same on all machines. The second run hides Embree too."""
     if request.param == "without":
         return f"embreex,{OTHERS}"
     pytest.importorskip(
@@ -21,7 +21,7 @@ def hidden(request) -> str:
 
 
 def check_left_out(outcome, *names):
-    """One line for each peer that is not there, whatever is measured."""
+    """Check for one line for each missing peer, however much is measured."""
     lines = outcome.left_out()
     assert [line.split()[2] for line in lines] == list(names) and all("pip install" in line for line in lines), lines
 
@@ -31,7 +31,7 @@ def without_embree(hidden) -> bool:
 
 
 def check_contenders(outcome, hidden, ours):
-    """A row for each of ours, none of which differs; and rows of Embree, all with rates."""
+    """Check for a row for each of ours, without differences, and for rows of Embree. All have rates."""
     families = {row["family"] for row in outcome.rows}
     own = [row for row in outcome.rows if row["family"] == "antumbra"]
     assert sorted(row["contender"] for row in own) == sorted(ours) and {row["differs"] for row in own} == {0}

@@ -1,4 +1,4 @@
-"""The peer answers, from a kernel, what one triangle is known to answer."""
+"""Embree, called from a kernel, gives the known answers for a single triangle."""
 
 import ctypes
 import sys
@@ -16,7 +16,7 @@ TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], np.float32)
 
 
 def rays(*xy):
-    """RTCRayHit records, 96 bytes each, of rays that go up through the plane z = 0 from z = -1."""
+    """RTCRayHit records, 96 bytes each, of rays from z = -1 up through the plane z = 0."""
     records = np.zeros((len(xy), embree.HIT_WORDS), np.float32)
     records[:, :2], records[:, 2], records[:, 6], records[:, 8] = xy, -1, 1, np.inf
     records.view(np.int32)[:, [9, 17, 18, 19, 20]] = -1  # mask; no hit
@@ -49,7 +49,7 @@ def test_scene_is_built_and_hit(quality, faces):
 
 def test_sixteen_rays_at_once():
     occluded16 = embree.functions().occluded16
-    block = np.zeros(1536 // 4 + 16, np.float32)  # twice an RTCRay16: without AVX-512, Embree reads hits too
+    block = np.zeros(1536 // 4 + 16, np.float32)  # twice an RTCRay16: without AVX-512, Embree also reads the hits
     start = -block.ctypes.data % 64 // 4
     fields = block[start : start + 192].reshape(12, 16)
     fields[0], fields[1], fields[2], fields[6], fields[8] = np.arange(16) / 8, 0.125, -1, 1, np.inf

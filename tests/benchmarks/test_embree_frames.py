@@ -1,4 +1,4 @@
-"""Frames made with Embree see what ours see, but for what rounding decides."""
+"""Frames made with Embree see the same as ours, except where rounding decides."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ pytest.importorskip("embreex", reason="Embree is not installed: pip install 'ant
 from peers import embree
 from peers.embree_frames import Primary, Shadow, light_points, primary, shadows
 
-SPP = 6  # no multiple of any packet
+SPP = 6  # no multiple of any packet's width
 LIGHT = at.QuadLight((-1, 3.5, -1), (2, 0, 0), (0, 0, 2))
 
 

@@ -1,4 +1,4 @@
-"""Embree's loops, one ray or a packet a call, give the oracle's answers on a soup: no ray is lost or mixed up."""
+"""Embree's loops, by single rays or by packets, give the oracle's answers on a soup. No ray is lost or mixed up."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Orders of rays: each that is asked is there once, and packets are what their order says."""
+"""Orders of rays: each ray asked occurs once, and packets follow their order."""
 
 import numpy as np
 import pytest

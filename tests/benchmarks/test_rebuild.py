@@ -1,4 +1,4 @@
-"""Ray hierarchies against building."""
+"""The benchmark of ray hierarchies against building."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_embree_answers_nearly_the_same(view):
 
 
 def test_answers_of_embree_are_not_all_alike(view):
-    """Else the comparison above could not fail."""
+    """Otherwise the comparison above could not fail."""
     asked, rest = bench._ask(bench.Renderer(view.scene, PLANS[-1], 2), view, 0.0)
     _, bits = bench._Ours(PLANS[-1], view, 2).shadows(asked)
     assert 0 < np.count_nonzero(bits) < bits.size and rest > 0

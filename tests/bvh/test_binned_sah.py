@@ -1,4 +1,4 @@
-"""What `bsah` promises beyond what all builders do."""
+"""Promises of `bsah` beyond those of all builders."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_left_child_comes_right_behind_its_parent():
 
 
 def test_halving_ends_in_time():
-    """At the first depth at which n records must be halved, halving still ends by MAX_DEPTH; one less is too soon."""
+    """`must_halve` turns true as late as possible: halving from that depth on still ends by MAX_DEPTH."""
     for n in (2, 3, 4, 5, 7, 8, 9, 1000, 2**20 + 1, 2**28):
         depth = next(d for d in range(MAX_DEPTH) if must_halve(n, d))
         assert depth + int(np.ceil(np.log2(n))) <= MAX_DEPTH
@@ -43,7 +43,7 @@ def test_halving_ends_in_time():
 
 
 def test_tree_that_greedy_splits_would_make_too_deep():
-    """Groups of triangles, each eight times as large and as far as the last: one after the other is split off."""
+    """Groups of triangles, each eight times as large and as far as the last. Greedy splits cut off one after the other."""
     sizes = 8.0 ** np.repeat(np.arange(-41, 40), 3)
     vertices = (sizes[:, None, None] * (1 + np.random.default_rng(0).random((len(sizes), 3, 3)))).astype(np.float32)
     shape = statistics(build(vertices, max_leaf=1))

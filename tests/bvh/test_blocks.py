@@ -1,4 +1,4 @@
-"""Blocks of triangles: every triangle in one block, boxes that hold what is below them."""
+"""Blocks of triangles: every triangle is in one block, and boxes bound everything below them."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from strategies import soups
 
 
 def _check(vertices, tree):
-    """Walk the tree; the slots found, and the boxes of blocks and nodes checked on the way."""
+    """Walk the tree and check the boxes of blocks and nodes; return the slots found."""
     corners = vertices.reshape(-1, 9)
     found, waiting = [], [(0, np.full(3, -np.inf), np.full(3, np.inf))]
     while waiting:
@@ -56,7 +56,7 @@ def test_few_and_many_triangles(n):
 
 
 def _blocked(vertices, slots):
-    """Area of the triangles of a block over half the surface of their box."""
+    """The area of a block's triangles, relative to half the surface of their box."""
     v = vertices.astype(float)[slots]
     area = np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1).sum() / 2
     x, y, z = v.reshape(-1, 3).max(0) - v.reshape(-1, 3).min(0)
@@ -65,7 +65,7 @@ def _blocked(vertices, slots):
 
 @pytest.mark.parametrize("large", [0, 1])
 def test_the_likelier_blocked_child_is_left(large):
-    """Two heaps of 16 triangles far apart; those of one are ten times as large."""
+    """Two groups of 16 triangles far apart. The triangles of one are ten times as large."""
     rng = np.random.default_rng(3)
     heaps = rng.uniform(-1, 1, (2, 16, 3, 3))
     heaps[1 - large] *= 0.1

@@ -1,4 +1,4 @@
-"""What every builder must do, for every builder in the registry; those that want rays are shown some."""
+"""Promises of all builders, tested for every builder in the registry. Builders for rays get some."""
 
 from functools import cache
 
@@ -20,17 +20,17 @@ from scenes import scene_path
 from shadow_rays import met_in
 from strategies import point_arrays, soups
 
-WORSE = {lbvh.build: 1.35, lbvh.build63: 1.35}  # by how much more a tree may cost than that of greedy binning
+WORSE = {lbvh.build: 1.35, lbvh.build63: 1.35}  # the largest cost of a tree relative to greedy binning
 
 
 def _rays(vertices):
-    """What segments through the triangles meet; through others, where these cannot be built at all."""
+    """The intersections of segments through the triangles, or through others if these cannot be built."""
     good = vertices.shape[1:] == (3, 3) and vertices.dtype == np.float32 and (abs(vertices) < MAX_COORDINATE).all()
     return met_in(vertices if good else scattered(len(vertices)))
 
 
 def _shown(builder):
-    """The `build` of a builder, with rays through the triangles where it wants some."""
+    """The `build` of a builder, with rays through the triangles if it takes rays."""
     if not builder.wants_rays:
         return builder.build
     return lambda vertices, threads=None, **options: builder.build(vertices, threads, rays=_rays(vertices), **options)

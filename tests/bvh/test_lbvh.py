@@ -1,4 +1,4 @@
-"""What `lbvh` promises beyond what all builders do: it is the tree of the Morton codes."""
+"""Promises of `lbvh` beyond those of all builders: it is the tree of the Morton codes."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ SCENES = {
 
 
 def tree_of(bvh, link=0):
-    """As `karras_tree` gives it."""
+    """The tree in the form of `karras_tree`."""
     if link < 0:
         return ~link >> 3, (~link & 7) + 1
     return [tree_of(bvh, int(child)) for child in bvh.links[link, 12:14]]
@@ -57,7 +57,7 @@ def test_left_child_comes_right_behind_its_parent():
 
 @pytest.mark.parametrize("copies", [2, 3, 1000, 3 * LARGE])
 def test_tree_that_all_bits_would_make_too_deep(copies):
-    """Points at 2 ** -k on each axis part at each bit of a code, and the copies at 0 by their places below."""
+    """Points at 2 ** -k on each axis differ at each bit of a code. Below that, slots separate the copies at 0."""
     powers = np.concatenate([2.0**-k * np.eye(3) for k in range(22)])
     points = np.concatenate([powers, np.zeros((copies, 3))]).astype(np.float32)
     vertices = np.repeat(points[:, None], 3, axis=1)

@@ -1,4 +1,4 @@
-"""What every optimiser must do, to the trees of every builder; those that want rays are shown some."""
+"""Promises of all optimisers, tested on the trees of every builder. Optimisers for rays get some."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -15,7 +15,7 @@ from strategies import point_arrays, soups
 
 
 def _shown(optimiser):
-    """The `optimise` of an optimiser, with rays through the triangles where it wants some."""
+    """The `optimise` of an optimiser, with rays through the triangles if it takes rays."""
     if not optimiser.wants_rays:
         return optimiser.optimise
 
@@ -33,7 +33,7 @@ builders = pytest.mark.parametrize("name", BUILDERS)
 
 
 def check(optimise, bvh, vertices, threads=None):
-    """The better tree, a correct one that costs no more."""
+    """Optimise a tree; check that the result is correct and costs no more; return it."""
     before = [a.tobytes() for a in bvh]
     better = optimise(bvh, threads)
     validate(better, vertices)

@@ -1,4 +1,4 @@
-"""Children stand in the order in which they are worth visiting."""
+"""Children are stored in the order of traversal."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,10 @@ def _half_surface(low, high):
 
 
 def _visit(wide, areas, node, found):
-    """(share of the rays through a node that are blocked, steps of such a ray); its children's shares per step."""
+    """(blocked share of the rays through a wide node, steps of such a ray).
+
+    Appends to `found`, for each node, its children's blocked shares per step.
+    """
     links = [k for k in wide.links[node, LINKS : LINKS + WIDTH].tolist() if k != NO_CHILD]
     planes = wide.nodes[node, :LINKS].reshape(3, 2, WIDTH)[:, :, : len(links)]
     whole = _half_surface(planes[:, 0].min(1), planes[:, 1].max(1))
@@ -61,7 +64,7 @@ def _areas(vertices):
 
 
 def _rtsah(vertices, areas, tree, found):
-    """(low, high, share of the rays through the box that are blocked, tests of one such ray) of a `nested` tree."""
+    """(low, high, blocked share of the rays through the box, tests of one such ray) of a `nested` tree."""
     if isinstance(tree, list):
         low, high = vertices[tree].min((0, 1)), vertices[tree].max((0, 1))
         surface = _half_surface(low, high)
@@ -91,7 +94,7 @@ def test_rtsah_puts_the_child_first_that_blocks_more_rays_for_its_cost(vertices)
 
 @pytest.mark.parametrize("mirror", [1, -1])
 def test_rtsah_puts_the_denser_child_first(mirror):
-    """Two cubes of the same size, of many and of few triangles of the same size."""
+    """Two cubes of the same size: one with many triangles, one with few, all of the same size."""
     rng = np.random.default_rng(0)
     cube = lambda n: rng.uniform(-1, 1, (n, 1, 3)) + rng.uniform(-0.2, 0.2, (n, 3, 3))
     vertices = np.concatenate([cube(200) + [10 * mirror, 0, 0], cube(20) - [10 * mirror, 0, 0]]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""`validate` finds every kind of fault, and the cost and the counts are those of a plain computation."""
+"""`validate` finds every kind of fault. Costs and counts equal those of a plain computation."""
 
 import numpy as np
 import pytest
@@ -119,7 +119,7 @@ def test_sharing_is_found_where_all_boxes_are_equal(wanted, message):
 
 
 def test_every_box_word_matters():
-    """Any coordinate of any box that is one unit off, or NaN, is found."""
+    """Any coordinate of any box that is NaN, or one unit in the last place off, is found."""
     bvh = writable_bvh()
     rng = np.random.default_rng(1)
     for node, word in zip(rng.integers(0, len(bvh.nodes), 100), rng.integers(0, 12, 100)):
@@ -167,7 +167,7 @@ def test_arrays_of_another_form_are_found():
 
 
 def plain_cost(bvh, c_traverse, c_intersect):
-    """By the definition: a sum over the nodes and leaves that a walk from the root meets, in plain numpy."""
+    """The SAH cost by its definition: a sum over all nodes and leaves in a walk from the root, in plain numpy."""
     lower, upper = bvh.nodes[:, [0, 1, 4, 5, 8, 9]], bvh.nodes[:, [2, 3, 6, 7, 10, 11]]
 
     def area(box_lower, box_upper):

@@ -16,7 +16,7 @@ def keys_of(kind, n, bits):
         return np.full(n, 2**bits - 1)
     if kind == "descending":
         return np.arange(n)[::-1] * ((2**bits - 1) // n)
-    return rng.integers(0, 2**9, n) << (bits - 12)  # "one digit": all others are the same in all keys
+    return rng.integers(0, 2**9, n) << (bits - 12)  # "one digit": all other digits are the same in all keys
 
 
 @pytest.mark.parametrize("kind", ["random", "few values", "one value", "descending", "one digit"])

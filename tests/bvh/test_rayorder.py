@@ -1,4 +1,4 @@
-"""Children ordered by what rays cost in a tree that is there."""
+"""Ordering the children of an existing tree by the cost of rays."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -56,7 +56,10 @@ def test_same_bits_for_any_number_of_threads():
 
 @pytest.mark.parametrize("max_leaf", [1, 4])
 def test_at_each_node_the_order_costs_least(max_leaf):
-    """By the metric of Sec. 3.2, boxes and triangles at 1 each, for the rays that came there by the orders before."""
+    """The cost is the metric of Sec. 3.2, with boxes and triangles at 1 each.
+
+    A node's rays are those that reach it by the orders of the nodes above.
+    """
     vertices = scattered(120, 3)
     origins, ends = segments_in(vertices, 200, 4)
     scene = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends))
@@ -72,7 +75,7 @@ def test_at_each_node_the_order_costs_least(max_leaf):
             note(tree[1])
 
     def check(tree, comes):
-        """(C, H) of a tree of which `comes` says which rays come to it."""
+        """(C, H) of a tree. `comes` tells which rays reach it."""
         ids = ids_of(tree)
         enters = pierces(box_of(scene, ids), scene.origins, scene.ends)
         if isinstance(tree, list):

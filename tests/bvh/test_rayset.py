@@ -1,4 +1,4 @@
-"""Ray sets, and what of them comes to either side of a split."""
+"""Ray sets, and the rays of a set that reach each side of a split."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -34,7 +34,7 @@ def _divide(set_, n, centroids, split, order, swapped, boxes, left, right):
 
 
 def divide(vertices, found, axis, place, order, swapped):
-    """(left side, rays and hits of the left, of the right); the left side None if one side is empty."""
+    """(left side, ray set of the left, ray set of the right); all None if one side is empty."""
     flat, records = vertices.reshape(-1, 9), aligned_empty((len(vertices), 8), "f4")
     _, centroids = make_records(flat, records, 1)
     centre, f = (vertices.min(1) + vertices.max(1))[:, axis], np.float32
@@ -54,7 +54,7 @@ def divide(vertices, found, axis, place, order, swapped):
 
 
 def listed(set_):
-    """Of each ray of a set: (origin and direction as bytes, [twice the centroids of its hits])."""
+    """(origin and direction as bytes, [twice the centroids of its hits]) of each ray of a set."""
     words = set_.rays.view(np.int32)
     ends = np.cumsum(words[:, 7])
     assert words[:, 6].tolist() == (ends - words[:, 7]).tolist() and (ends[-1] if len(ends) else 0) == len(set_.hits)
@@ -90,7 +90,7 @@ def test_rays_that_come_to_a_child_of_any_soup(vertices, seed, m, axis, place, o
         other_first = kappa if k else ~kappa
         stopped, may_stop = hit[1 - k] & (other_first & ~doubtful), hit[1 - k] & (other_first | doubtful)
         here, next_ = listed(set_), 0
-        for i in range(m):  # rays keep their order, so those of a child are found by walking along both lists
+        for i in range(m):  # rays keep their order, so both lists are walked together
             mine = (every[i][0], [c for c, p in zip(every[i][1], prims[i]) if goes[p]])
             came = next_ < len(here) and here[next_] == mine
             next_ += came
@@ -103,7 +103,7 @@ def test_rays_that_come_to_a_child_of_any_soup(vertices, seed, m, axis, place, o
 def test_ray_sets_are_those_of_the_paper(order):
     vertices = scattered(200)
     origins, ends = segments_in(vertices, 300, 3)
-    if order is None:  # chosen only where no ray meets anything
+    if order is None:  # chosen only if no ray meets a triangle
         free = np.diff(met(vertices, origins, ends).first) == 0
         origins, ends = origins[free], ends[free]
     found = met(vertices, origins, ends)

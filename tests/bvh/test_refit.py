@@ -1,4 +1,4 @@
-"""A refitted tree is a correct one of the moved triangles, and a bad one is built anew."""
+"""A refitted tree is a correct tree of the moved triangles. A bad tree is built again."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -28,7 +28,7 @@ def moved(vertices, seed=0, by=0.3):
 def test_any_soup_that_moves(soup, name, max_leaf, seed):
     bvh, after = BUILDERS[name].build(soup, 1, max_leaf=max_leaf), moved(soup, seed)
     validate(refit(bvh, after, 1), after)
-    validate(bvh, soup)  # it is left alone
+    validate(bvh, soup)  # the old tree is unchanged
 
 
 @pytest.mark.parametrize("name", [n for n in HAZARDS if n != "largest allowed"])

@@ -1,4 +1,4 @@
-"""Cutting a tree, and writing it anew: nothing is lost, and leaves are the cheapest."""
+"""Cutting a tree and writing it again: nothing is lost, and leaves are the cheapest."""
 
 from unittest.mock import patch
 
@@ -52,7 +52,7 @@ def test_a_tree_in_its_final_form_stays_as_it_is():
 
 
 def test_nodes_in_any_order():
-    """Nodes shuffled, but for the root, and junk in the words that are not used."""
+    """All nodes except the root are shuffled, and unused words hold junk."""
     vertices = scattered(500)
     bvh = build(vertices, 1, 1)
     n = len(bvh.nodes)

@@ -1,4 +1,4 @@
-"""What `srdh` promises beyond what all builders do; `test_builders` builds by it with rays, too."""
+"""Promises of `srdh` beyond those of all builders. `test_builders` tests it with rays too."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -112,7 +112,7 @@ def test_a_ray_that_meets_everything(max_leaf, monkeypatch):
 
 
 def test_ranges_that_find_no_room_for_their_rays_go_on_by_the_sah(monkeypatch):
-    """A row of triangles, rays along it that meet all of them, and rays that enter all of their boxes only."""
+    """A row of triangles. Half of the rays meet all of them; the others only enter all of their boxes."""
     n, rng = 300, np.random.default_rng(1)
     vertices = np.repeat(np.float32([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]), n, axis=0)
     vertices[:, :, 2] = np.arange(n)[:, None]
@@ -138,7 +138,7 @@ def test_deep_trees_end_in_time():
             assert statistics(bvh).depth <= MAX_DEPTH
 
 
-# The same, whoever builds
+# The same tree for any number of threads
 
 
 @pytest.mark.parametrize("kernels", KERNELS)
@@ -155,7 +155,7 @@ def test_same_bits_for_any_number_of_threads(kernels, small, monkeypatch):
 
 
 def test_a_top_of_all_threads_changes_no_triangle_of_a_leaf(monkeypatch):
-    """Ranges are split by the same rule, by all threads together or by one alone."""
+    """All threads together split a range by the same rule as one thread."""
     vertices, trees = scattered(3000), []
     rays = met_in(vertices, 300)
     for small in (100, 4096):
@@ -214,7 +214,7 @@ def test_unknown_kernels(kernels):
 @pytest.mark.parametrize("prior, linear", [(0.0, True), (16.0, False)], ids=["paper", "ours"])
 @pytest.mark.parametrize("small", [60, 4096], ids=["with a top", "alone"])
 def test_every_node_is_split_as_the_paper_says(kernels, prior, linear, small, monkeypatch):
-    """Down the tree, with the ray sets of Sec. 3.4: no plane and kernel costs less than what the builder chose."""
+    """At every node, with the ray sets of Sec. 3.4, no plane and kernel costs less than the builder's choice."""
     monkeypatch.setattr(top_down, "_SMALL", small)
     vertices = scattered(260, 5)
     origins, ends = segments_in(vertices, 40, 6)
@@ -234,7 +234,7 @@ def test_every_node_is_split_as_the_paper_says(kernels, prior, linear, small, mo
         price = lambda a, b, kernels: srdh_of(a, b, rays, kernels).values()
         mine = min(least for least, _ in price(left, right, [kernel or LEFT]))
         others = [c for side in candidates(vertices[ids]) for c in price(ids[side], ids[~side], CHOICES[kernels])]
-        if others:  # else all centroids fall into one bin, and the range is halved
+        if others:  # otherwise all centroids fall into one bin, and the range is halved
             assert mine <= min(most for _, most in others) * (1 + 2e-6)
             checked.append(kernel)
         first, second = ray_sets(scene, left, right, rays, kernel)
@@ -251,7 +251,7 @@ def test_every_node_is_split_as_the_paper_says(kernels, prior, linear, small, mo
 
 
 def _window():
-    """Few triangles that close a window, and many small ones around it, which no ray meets."""
+    """A few triangles that close a window, and many small ones around it. No ray meets the small ones."""
     rng = np.random.default_rng(1)
     pane = np.array([[-1, 8, -1], [0.9, 8, -1], [-1, 8, 0.9]]), np.array([[1, 8, 1], [1, 8, -0.9], [-0.9, 8, 1]])
     centre = rng.uniform((-8, 6, -8), (8, 9, 8), (12_000, 1, 3))
@@ -269,7 +269,7 @@ def test_frequent_blockers_lie_high_and_few_boxes_are_tested(name):
     validate(tree, vertices)
     high, deep = (leaf_depths(bvh)[np.argsort(bvh.prim_ids)][first:].mean() for bvh in (tree, plain))
     assert high < 0.8 * deep
-    others = origins[200:], ends[200:]  # than those that were shown
+    others = origins[200:], ends[200:]  # rays that are not in the representative set
     prim, _, few = walked(tree, BUILT, *others)
     assert (prim >= 0).mean() > 0.8
     for order, times in ((BUILT, 0.9), (RANDOM, 0.8)):

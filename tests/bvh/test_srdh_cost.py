@@ -1,4 +1,4 @@
-"""The split that the heuristic chooses costs least, by the paper's formula."""
+"""The heuristic's split has the least cost by the paper's formula."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -37,7 +37,7 @@ def _split(records, bounds, set_, settings):
 
 
 def split(vertices, found, kernels, prior, linear):
-    """(left side or None, order, swapped, cost): what the package chooses for all triangles and all rays."""
+    """(left side or None, order, swapped, cost): the package's choice for all triangles and all rays."""
     flat, records = vertices.reshape(-1, 9), aligned_empty((len(vertices), 8), "f4")
     box, centroids = make_records(flat, records, 1)
     chosen = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
@@ -52,7 +52,7 @@ def split(vertices, found, kernels, prior, linear):
 
 
 def check(vertices, origins, ends, kernels, prior, linear):
-    """Compare with all planes and kernels of the reference; (the share of these without doubt, kernel chosen)."""
+    """Compare with all planes and kernels of the reference; return (share of unambiguous costs, kernel chosen)."""
     found = met(vertices, origins, ends)
     scene = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends))
     rays, all_ids = np.arange(len(origins)), np.arange(len(vertices))
@@ -65,7 +65,7 @@ def check(vertices, origins, ends, kernels, prior, linear):
     costs = [price(left) for left in splits]
     if not scene.hits.any():
         assert order == UNORDERED and not swapped
-        chosen = CHOICES[kernels][0]  # all of them cost the same
+        chosen = CHOICES[kernels][0]  # all kernels cost the same
     else:
         chosen = ORDERS[order, bool(swapped)]
         assert chosen in CHOICES[kernels]
@@ -91,7 +91,7 @@ def test_no_split_of_any_soup_costs_less(vertices, seed, m, kernels, prior, line
 @pytest.mark.parametrize("kernels", KERNELS)
 @pytest.mark.parametrize("n", [3, 60, 300, 700], ids=lambda n: f"{min(32, 4 + n // 16)} bins")
 def test_no_split_costs_less(n, kernels):
-    """Positions at which rounding decides little; from 4 to 32 bins."""
+    """Positions where rounding decides little, with 4 to 32 bins."""
     clear, chosen = [], []
     for seed, (prior, linear) in enumerate([(0.0, True), (0.0, False), (16.0, True), (2.5, False)] * 3):
         vertices = scattered(n, seed) if seed % 2 else terrain(n, seed) + np.float32(0.1)
@@ -104,12 +104,12 @@ def test_no_split_costs_less(n, kernels):
 
 
 def test_the_cost_is_that_of_hand():
-    """Two triangles, one on each side, and rays of which all is known: the formula of Sec. 3.3 by hand."""
+    """The formula of Sec. 3.3 by hand, for two triangles, one on each side, and a few known rays."""
     left = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     vertices = np.stack([left, left + np.float32([10, 0, 0])])
     origins = np.float32([[0.2, 0.2, 1], [0.2, 0.2, 1], [10.2, 0.2, 1], [5, 5, 1], [0.9, 0.9, 1]])
     ends = np.float32([[0.2, 0.2, -1], [0.2, 0.2, -1], [10.2, 0.2, -1], [5, 5, -1], [0.9, 0.9, -1]])
-    # two rays meet the left one, one the right one, one nothing, and one enters the left box only
+    # two rays meet the left triangle, one meets the right one, one misses all, and one only enters the left box
     side, order, _, cost = split(vertices, met(vertices, origins, ends), "constant", 0.0, True)
     assert side.tolist() == [True, False] and order == LEFT_FIRST and cost == 4.0
 

@@ -1,4 +1,4 @@
-"""What `sweep-sah` promises beyond what all builders do: the cost of a full sweep."""
+"""Promises of `sweep-sah` beyond those of all builders: the cost of a full sweep."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_cost_is_that_of_a_full_sweep(name, max_leaf):
     validate(bvh, vertices)
     cost = sah_cost(bvh)
     wanted = swept_sah(vertices, max_leaf)
-    # Ranges of four are optimal here and swept there; of splits that cost the same, rounding chooses.
+    # Ranges of four are optimal in the builder and swept in the reference. Rounding decides between equal costs.
     assert 0.9 * wanted <= cost <= 1.01 * wanted
 
 

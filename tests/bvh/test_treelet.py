@@ -1,4 +1,4 @@
-"""What restructuring treelets promises beyond what all builders do."""
+"""Promises of treelet restructuring beyond those of all builders."""
 
 from itertools import pairwise
 
@@ -40,7 +40,7 @@ def test_rounds_never_make_a_tree_worse(vertices):
 
 @pytest.mark.parametrize("name", HAZARDS)
 def test_parts_and_top(name, monkeypatch):
-    """Parts of at most 20 nodes: most treelets are in the top."""
+    """With parts of at most 20 nodes, most treelets are in the top."""
     monkeypatch.setattr(cutting, "PART", 20)
     vertices = np.ascontiguousarray(HAZARDS[name][:3000], np.float32)
     for threads in (1, 3):
@@ -54,7 +54,7 @@ def test_parts_cost_little_quality(monkeypatch):
 
 
 def test_no_path_becomes_too_long():
-    """A tree as deep as allowed, of equal boxes that could as well stand in a chain."""
+    """A tree of the greatest depth, with equal boxes. A chain of them would cost the same."""
     bvh, vertices = chain(MAX_DEPTH + 1)
     before = sah_cost(bvh)
     after = restructure(bvh, 1, 1)

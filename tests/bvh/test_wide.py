@@ -1,4 +1,4 @@
-"""The wide BVH is a correct one: every triangle in one leaf, every box around what is below it."""
+"""The wide BVH is correct: every triangle is in one leaf, and every box bounds everything below it."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from strategies import point_arrays, soups
 
 
 def _check(vertices, max_leaf=4, threads=2):
-    """Walk the tree from the root; the number of wide nodes."""
+    """Walk the tree from the root and check it; return the number of wide nodes."""
     vertices = np.ascontiguousarray(vertices, np.float32)
     bvh = BUILDERS["bsah"].build(vertices, threads, max_leaf)
     wide = widen(bvh, threads)

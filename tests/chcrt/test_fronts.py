@@ -1,4 +1,4 @@
-"""The query-pair hierarchy: it always covers all rays and all triangles, and each pair of them once."""
+"""The query-pair hierarchy always covers each pair of a ray and a triangle exactly once."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ class _Guessing:
 
 
 def _covered(fronts):
-    """How often the leaves of the hierarchy cover each pair of a smallest tile's region and a part, of each set."""
+    """For each set: how often the leaves of the hierarchy cover each pair of a smallest tile and a part."""
     tiles, parts = fronts.tiles, fronts.parts
     below = {}
 
@@ -106,7 +106,7 @@ def test_lists_have_each_visible_part_once_in_their_order(front_to_back):
 
 def test_parts_come_in_the_order_of_the_tree():
     parts = _parts()[0]
-    np.testing.assert_array_equal(parts.order, np.arange(len(parts.trees)))  # as `parts_of` finds them
+    np.testing.assert_array_equal(parts.order, np.arange(len(parts.trees)))  # in the order of `parts_of`
     np.testing.assert_array_equal(_order(np.array([[1, 4], [3, 2], [-1, -1], [-1, -1], [-1, -1]]), 2), [1, 0, 2])
 
 
@@ -149,7 +149,7 @@ def test_invisibility_is_pulled_up_one_level_a_frame():
 
 
 def test_domains_are_split_by_their_shares():
-    """A node larger than t_q times the tile is split, else the tile [Mattausch et al. 2015, Sec. 4.4]."""
+    """A node larger than t_q times the tile is split; otherwise the tile is split [Mattausch et al. 2015, Sec. 4.4]."""
     parts, _ = _parts()
     for weight, in_object in ((1e-6, True), (1e6, False)):
         fronts = Fronts(_tiles(64, 64, 32), parts, 1, Options(weight=weight))

@@ -1,4 +1,4 @@
-"""CHC+RT answers as every other plan does, whatever it remembers; nearest hits are those of the rasteriser."""
+"""CHC+RT gives the answers of all other plans in any state. Closest hits equal those of the rasteriser."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def atrium():
 
 
 def _scheduled(triangles, /, **options):
-    """Many small parts and tiles."""
+    """CHC+RT with many small parts and tiles."""
     options = Options(**{"tile": 32, "triangles": 64, "every": 2} | options)
     return Scheduled(parts_of(block_tree(BUILDERS["bsah"].build(triangles.vertices, 2), 2), options), options)
 
@@ -65,7 +65,7 @@ def test_every_light_from_frame_to_frame(atrium, light, spp):
 
 
 def test_a_camera_that_moves(atrium):
-    """What was visible before is only a guess."""
+    """The visible set of the last frame is only a guess."""
     scene, camera = atrium
     triangles = scene.triangles()
     scheduled, traced = _scheduled(triangles), []
@@ -105,7 +105,7 @@ def test_options_and_threads_change_nothing(atrium, options, threads):
 
 
 def test_passes_of_rays_that_point_anywhere():
-    """Among many triangles in one place, some of them twice: the lowest index counts, own triangles do not."""
+    """Many triangles in one place, some of them twice: the lowest index wins, and own triangles are skipped."""
     rng = np.random.default_rng(5)
     soup = (rng.normal(size=(3000, 1, 3)) + rng.normal(size=(3000, 3, 3)) * 0.2).astype(np.float32)
     soup[1000:1500] = soup[:500]
@@ -149,13 +149,13 @@ def test_aggressive_mode_leaves_out_what_few_rays_meet(atrium):
     for threshold in (0, 20, 100, 4000):
         scheduled = _scheduled(triangles, threshold=threshold)
         found = _ask(scheduled, query, 4)
-        assert not (found & ~truth).any()  # a blocker may be missed, none is invented
+        assert not (found & ~truth).any()  # blockers may be missed, but none is invented
         wrong.append(int((found != truth).sum()))
     assert wrong[0] == 0 and wrong == sorted(wrong) and wrong[-1] > 0
 
 
 def test_state_of_a_renderer(atrium):
-    """The tree stays from frame to frame, and what was visible with it; other plans' pictures are the same."""
+    """The tree and its visible set stay from frame to frame. Other plans give the same pictures."""
     scene, camera = atrium
     renderer = Renderer(scene, "bsah+chcrt", 2, gbuffer="rays")
     expected = at.render(scene, camera, LIGHTS["quad"], spp=4, plan="bsah+single", threads=2)

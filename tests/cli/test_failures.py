@@ -127,7 +127,7 @@ def test_standard_output_that_is_full_or_closed():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are different on Windows")
 def test_control_c(tmp_path):
-    # The process sends the signal to itself while rays are traced, so that nothing depends on how fast it is.
+    # The process sends the signal to itself while it traces rays, so that the test does not depend on its speed.
     script = f"""
 import os, signal, sys
 from antumbra.cli import main

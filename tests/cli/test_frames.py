@@ -21,7 +21,7 @@ FACES = np.array([[2, 1, 0], [3, 2, 0], [6, 5, 4], [7, 6, 4]], np.int32)
 
 
 def write(folder, bad=()):
-    """A square over a floor, which moves along x; four moments, a second apart. Those in `bad` cannot be used."""
+    """A square that moves along x over a floor, in four frames, a second apart. The frames in `bad` are unusable."""
     folder.mkdir(exist_ok=True)
     moments = np.array([FLOOR + [[x + k, y, z] for x, y, z in BLOCKER] for k in range(4)], np.float32)
     moments[list(bad), 5, 1] = np.nan
@@ -140,7 +140,7 @@ def test_all_frames_have_the_exposure_of_the_first(film, monkeypatch):
     chosen = iter((2.0, 7.0, 9.0))
     monkeypatch.setattr("antumbra.image.save.frame_exposure", lambda frame: next(chosen))
     assert [line["exposure"] for line in lines(film("--json", numbers="1:3"))] == [2.0] * 4
-    # Frame 0 comes before them now, as after a failure: it is rendered as they were.
+    # Frame 0 now comes before finished frames, as after a failure. It gets their exposure.
     done = film("--json")
     assert [line["exposure"] for line in lines(done)] == [2.0] * 5
     assert states(done) == ["rendered", *["finished"] * 3]

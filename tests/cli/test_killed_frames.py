@@ -1,4 +1,4 @@
-"""An animation that is killed while it writes leaves a hidden file; the same command goes on, and removes it."""
+"""An animation that is killed while it writes leaves a hidden file. The same command continues and removes the file."""
 
 import json
 import os

@@ -31,7 +31,7 @@ def test_plans_for_people(cli):
 
 @pytest.fixture
 def done(monkeypatch):
-    """The jobs whose kernels `antumbra warmup` makes ready, without compiling any."""
+    """The jobs whose kernels `antumbra warmup` prepares. None is compiled."""
     names: list[str] = []
 
     def make_ready_all(jobs):

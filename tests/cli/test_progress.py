@@ -14,7 +14,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def new_terminal(monkeypatch):
-    """Makes standard error a terminal. (To be called in the test: pytest has a standard error for each phase.)"""
+    """Makes standard error a terminal. Call it in the test, because pytest has a standard error for each phase."""
     monkeypatch.setenv("TERM", "xterm-256color")
     monkeypatch.delenv("NO_COLOR", raising=False)
 

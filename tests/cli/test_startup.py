@@ -1,4 +1,4 @@
-"""What is imported when: the help must not wait for Numba, nor a picture for what it does not need."""
+"""Imports of commands: the help must not wait for Numba, and a picture must not wait for modules it does not need."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ NEVER = {"scipy.stats", "scipy.linalg", "trimesh", "pygltflib", "hypothesis", "m
 
 
 def imported(*arguments: str, cwd) -> set[str]:
-    """Names of the modules that a run of the command imports."""
+    """The names of the modules that a run of the command imports."""
     script = (
         "import pathlib, sys; from antumbra.cli import main; code = main(sys.argv[1:]);"
         "pathlib.Path('modules').write_text(' '.join(sys.modules)); sys.exit(code)"
@@ -26,7 +26,7 @@ def test_help_imports_nothing_heavy(arguments, tmp_path):
 
 
 def test_rendering_a_png_imports_nothing_needless(tmp_path):
-    for _ in range(2):  # the first one may have to compile
+    for _ in range(2):  # the first run may have to compile
         names = imported("render", "procedural:atrium?triangles=2000", "--size", "32", cwd=tmp_path)
     assert "llvmlite" in names and not names & {"numba", *NEVER}
 

@@ -33,7 +33,7 @@ def _triangles(vertices):
 
 
 def _query(triangles, points, light, spp=4):
-    """Points in free space, or with normals up where the light needs them, that ask a light."""
+    """The query of points for a light. Points float freely, or have a normal up if the light needs normals."""
     origins = np.ascontiguousarray(points, np.float32).reshape(1, -1, 3)
     m, ambient = origins.shape[1], light.domain == "hemisphere"
     normals = np.tile([0.0, 1.0, 0.0], (1, m, 1)) if ambient else np.empty((0, 0, 3))
@@ -50,7 +50,7 @@ def _dropped(triangles, culled):
 
 
 def _check(cull, triangles, queries):
-    """No segment meets what was dropped; (dropped, kept)."""
+    """Check that no segment meets a dropped triangle; return (dropped, kept)."""
     culled = cull(triangles, queries, 2)
     np.testing.assert_array_equal(culled.vertices, triangles.vertices[culled.kept])
     assert (np.diff(culled.kept) > 0).all()
@@ -65,7 +65,7 @@ def _check(cull, triangles, queries):
 
 @st.composite
 def lights(draw, scale=1.0):
-    """A light of any shape, inside or outside of what is around the origin."""
+    """A light of any shape, inside or outside of the triangles around the origin."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     at_, size = rng.normal(size=3) * draw(st.sampled_from([0.3, 2.0, 30.0])), draw(st.sampled_from([1e-3, 0.5, 4.0]))
     a, b = rng.normal(size=(2, 3)) * size
@@ -91,7 +91,7 @@ def test_no_segment_meets_a_triangle_that_was_dropped(cull, vertices, light, dat
     triangles = _triangles(vertices)
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     corners = triangles.vertices.reshape(-1, 3)
-    near = corners[rng.integers(len(corners), size=(30, 3))]  # on triangles' planes, within them, or anywhere between
+    near = corners[rng.integers(len(corners), size=(30, 3))]  # on the planes of triangles, inside triangles, or between them
     points = (near * rng.dirichlet([1, 1, 1], 30)[:, :, None]).sum(1)
     if data.draw(st.booleans()):
         points = points[:3] * data.draw(st.sampled_from([1.0, 0.01, 5.0]))
@@ -103,7 +103,7 @@ def test_no_segment_meets_a_triangle_that_was_dropped(cull, vertices, light, dat
 @given(n=st.sampled_from([3, 8, 16, 32]), seed=st.integers(0, 10**6), axis=st.integers(0, 2))
 @example(n=16, seed=0, axis=0)
 def test_triangles_that_only_touch_the_face_of_a_cell(options, n, seed, axis):
-    """Everything is on the walls between cells, but for rounding: integer coordinates in a grid of cells of size 1."""
+    """Integer coordinates in a grid of cells of size 1: up to rounding, everything is on walls between cells."""
     cull = partial(culling, **options, n=n)
     rng = np.random.default_rng(seed)
     flat = rng.integers(0, n + 1, (300, 1, 3)) + rng.integers(0, 2, (300, 3, 3))
@@ -184,7 +184,7 @@ def test_sums_of_cells(n, seed):
 @settings(max_examples=8, deadline=None)
 @given(vertices=soups(60), light=lights(), seed=st.integers(0, 2**32 - 1))
 def test_what_cameras_see(cull, vertices, light, seed):
-    """Pixels as receivers: off their surfaces, in tiles, with gaps between them."""
+    """Receivers of pixels: moved off their surfaces, in tiles, with gaps between them."""
     rng = np.random.default_rng(seed)
     middle, size = vertices.reshape(-1, 3).mean(0), np.ptp(vertices.reshape(-1, 3), axis=0).max()
     size = max(size, 1e-6 * np.abs(middle).max(), 1e-9)  # the triangles may all be one point

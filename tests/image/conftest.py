@@ -1,4 +1,4 @@
-"""A small frame made by hand: left half seen, right half not."""
+"""A small hand-made frame: the left half sees a surface, the right half does not."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The discontinuity filter: what it mixes, what it must not, and that it does what it is for."""
+"""The discontinuity filter: pixels that it mixes, pixels that it must not mix, and its effect."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ PIXEL = 0.01
 
 
 def _wall(faces=None):
-    """A wall seen at right angles, at depth 1; by default every pixel sees another face, as on a fine mesh."""
+    """A wall at depth 1, seen at a right angle. By default every pixel sees another face, as on a fine mesh."""
     y, x = np.mgrid[:H, :W].astype(np.float32)
     position = np.stack([x * PIXEL, y * PIXEL, np.zeros_like(x)], -1).astype(np.float32)
     normal = np.broadcast_to(np.float32([0, 0, 1]), position.shape).copy()
@@ -29,7 +29,7 @@ def _noise(mean, seed=0):
 
 
 def _by_hand(counts):
-    """The weighted mean of 5 x 5 pixels, inside the picture."""
+    """The weighted mean of 5 x 5 pixels, for pixels inside the picture."""
     w = np.outer([1, 2, 2, 2, 1], [1, 2, 2, 2, 1])
     windows = np.lib.stride_tricks.sliding_window_view(counts, (5, 5))
     return (1 - (windows * w).sum((2, 3)) / (64 * SPP)).astype(np.float32)
@@ -46,7 +46,7 @@ def test_a_flat_surface_is_averaged_whatever_its_faces(faces):
 
 
 def test_every_sample_set_counts_once():
-    """Set k alone is occluded in one sample: each pixel inside sees 1 of 256."""
+    """Only one sample of set k is occluded. So it is 1 of 256 for each pixel inside the picture."""
     y, x = np.mgrid[:H, :W]
     for k in range(16):
         counts = ((x % 4 + 4 * (y % 4)) == k).astype(int)
@@ -87,7 +87,7 @@ def _nothing(seen, half):
 
 @pytest.mark.parametrize("change", [_tilted, _behind, _elsewhere, _nothing])
 def test_surfaces_do_not_mix(change):
-    """The right half sees another surface: the left half is as if the right one had any other counts."""
+    """The right half sees another surface, so its counts do not change the left half."""
     seen, half = _wall(), np.s_[:, W // 2 :]
     change(seen, half)
     counts = _noise(8)
@@ -97,7 +97,7 @@ def test_surfaces_do_not_mix(change):
     np.testing.assert_array_equal(out[:, : W // 2], other[:, : W // 2])
     same = _wall()
     assert (filtered(same, counts, SPP) != filtered(same, changed, SPP))[:, : W // 2].any()
-    assert (out[:, : W // 2] != np.float32(1 - counts / SPP)[:, : W // 2]).any()  # and is filtered by itself
+    assert (out[:, : W // 2] != np.float32(1 - counts / SPP)[:, : W // 2]).any()  # the left half is filtered by itself
     if change is _nothing:
         np.testing.assert_array_equal(out[half], np.float32(1 - counts / SPP)[half])
 
@@ -109,7 +109,7 @@ def test_one_face_is_one_surface_however_its_positions_were_rounded():
 
 
 def test_smooth_curves_are_one_surface():
-    """A cylinder of many faces, whose normal turns by two degrees a pixel."""
+    """A cylinder of many faces. Its normal turns by two degrees from pixel to pixel."""
     seen, counts = _wall(), _noise(8)
     radius, angle = PIXEL / np.radians(2.0), np.radians(2.0) * (np.arange(W) - W / 2)
     seen.normal[...] = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], -1)
@@ -130,7 +130,7 @@ def test_threads_do_not_matter():
 
 
 def _shadow(**options):
-    """A square's shadow on a floor, with a penumbra of 16 pixels; the camera hangs below the square."""
+    """A square's shadow on a floor, with a penumbra of 16 pixels. The camera is below the square."""
     square = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
     scene = at.Scene.from_arrays(np.concatenate([square * 20, square + (0, 2, 0)]), faces)
@@ -157,7 +157,7 @@ def test_refined_visibility_is_filtered_as_well():
 
 @pytest.mark.parametrize("light", [at.PointLight((0, 5, 0)), at.DirectionalLight((0.3, -1, 0.2), 0.0)])
 def test_lights_without_extent_are_not_smoothed(light):
-    """All samples are one point, so a pixel's own are all there is to know."""
+    """All samples are one point, so neighbours' samples add nothing."""
     scene = at.procedural("atrium", triangles=5000)
     camera = scene.cameras[0].resized(48, 36)
     plain, smooth = (at.render(scene, camera, light, spp=1, filter=f) for f in (False, True))
@@ -167,7 +167,7 @@ def test_lights_without_extent_are_not_smoothed(light):
 
 
 def test_irradiance_is_averaged_over_the_same_surface_only():
-    """Pixels get 16 kinds of light, left and right of a gap in depth; inside, each sees the mean of its side."""
+    """Pixels on both sides of a gap in depth get 16 kinds of light. Pixels inside get the mean of their side."""
     y, x = np.mgrid[:H, :W]
     seen, right = _wall(), x >= W // 2
     seen.position[right, 2] -= 1.0

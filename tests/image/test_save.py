@@ -127,7 +127,7 @@ def test_a_note_is_kept_and_read_without_the_pixels(frame, tmp_path, name):
     save.save_frame(frame, path, 1.0, "a note")
     assert save.note_of(path) == "a note"
     path.write_bytes(path.read_bytes()[: 300 if name == "a.png" else 1000])
-    save.note_of(path)  # whatever it says of half a picture, it does not fail
+    save.note_of(path)  # it must not fail on a partial picture
     frame.save(path)
     assert save.note_of(path) is None
 

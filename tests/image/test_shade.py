@@ -1,4 +1,4 @@
-"""Shading: what ambient occlusion and lists of point lights do to a picture."""
+"""Shading: the effect of ambient occlusion and lists of point lights on a picture."""
 
 import numpy as np
 import pytest
@@ -80,7 +80,7 @@ def test_indirect_lights_replace_the_ambient_light(scene):
 
 
 def test_interleaved_lights_give_each_block_of_pixels_the_light_of_all():
-    """On a floor far below the lights, neighbouring pixels get nearly the same of each light."""
+    """On a floor far below the lights, neighbouring pixels get nearly the same irradiance from each light."""
     floor = np.array([[[-50, 0, -50], [-50, 0, 50], [50, 0, 50]], [[-50, 0, -50], [50, 0, 50], [50, 0, -50]]], float)
     scene = at.Scene.from_arrays(floor)
     rng = np.random.default_rng(6)

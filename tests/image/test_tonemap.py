@@ -17,7 +17,7 @@ def everywhere(image):
 
 
 def expected_srgb8(image, exposure):
-    """The definition, in float64, without a table."""
+    """The result by the definition, in float64, without a table."""
     x = np.asarray(image, np.float64) * exposure
     return 255.0 * linear_to_srgb(roll_off(x))
 

@@ -1,4 +1,4 @@
-"""Machine code on disk: damage is noticed, processes share the work, old files go, packs serve who has no compiler."""
+"""Machine code on disk: damage is found, processes share the work, old files are removed, packs need no compiler."""
 
 import json
 import os
@@ -35,7 +35,7 @@ def package(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def filled(package, tmp_path_factory):
-    """A cache that two processes filled at the same time, and where each says its code came from."""
+    """A cache that two processes filled at the same time, and the sources of their code."""
     folder = tmp_path_factory.mktemp("shared") / "cache"
     command = [sys.executable, "-c", sample.RUN]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -155,7 +155,7 @@ def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
     folder = tmp_path / "cache"
     env = sample.environment(package, folder)
     process = subprocess.Popen(
-        [sys.executable, "-c", CREW, json.dumps(GOOD), "1"],  # one after another: much is left after the first
+        [sys.executable, "-c", CREW, json.dumps(GOOD), "1"],  # one thread: most kernels are left after the first
         env=env,
         stderr=subprocess.PIPE,
         text=True,
@@ -168,7 +168,7 @@ def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
     _, told = process.communicate(timeout=60)
     assert process.returncode != 0 and "KeyboardInterrupt" in told
     with pytest.raises(ProcessLookupError):
-        for _ in range(600):  # the processes that it started are gone, or about to be
+        for _ in range(600):  # the processes that it started have ended, or are about to end
             os.killpg(process.pid, 0)
             time.sleep(0.1)
     assert kernels_in(folder) and not list(folder.rglob("*.lock"))[len(GOOD) :]
@@ -180,7 +180,7 @@ def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
 
 @pytest.fixture
 def pack(filled, tmp_path):
-    """A folder with a pack of all that is in the filled cache."""
+    """A folder with a pack of all kernels in the filled cache."""
     codes = {file.stem: from_record(file.read_bytes()) for file in kernels_in(filled[0])}
     (level,) = {file.parent.name for file in kernels_in(filled[0])}
     return cache.write_pack(tmp_path / "packs", level, codes)

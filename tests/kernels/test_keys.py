@@ -1,4 +1,4 @@
-"""An edit compiles what depends on it and nothing else, and what Python calls afterwards is the edited kernel."""
+"""An edit recompiles only the kernels that depend on it, and Python then calls the edited kernels."""
 
 import shutil
 
@@ -14,7 +14,7 @@ BEFORE = {
 }  # fmt: skip
 LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{m}.py" for m in ("lanes", "memory", "scalars", "operators"))
 
-GUESTS = {"by_guest": 8, "by_guest_inside": 9}  # what they call has other meanings too, any of which may be theirs
+GUESTS = {"by_guest": 8, "by_guest_inside": 9}  # they call an overload that has other definitions too, and any may be used
 
 EDITS = {
     "own body": ("sample/top.py", "return x + 100", "return x + 200", {"alone": 201}),

@@ -50,7 +50,7 @@ def rendered(processors):
 def test_all_levels_give_the_same_bits():
     found = {each: rendered(each) for each in HERE}
     assert all(found[each] == found[HERE[0]] for each in HERE)
-    # Plans agree in what is visible, too; pictures are made from it.
+    # Plans also agree in the G-buffer, from which pictures are made.
     assert len({tuple(told) for plan, told in found[HERE[0]].items() if plan != "rays"}) == 1
 
 

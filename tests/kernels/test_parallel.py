@@ -1,4 +1,4 @@
-"""Threads that share out work: all of it, once, and an end to it when something goes wrong."""
+"""Threads that share work: each piece is done once, and work stops after an error."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ from antumbra.kernels import parallel
 from antumbra.kernels.jit import kernel as compiled
 from antumbra.kernels.parallel import CHUNK, NEXT, STOP, N, new_ticket, run, take, thread_count
 
-# No cache: this file is imported under two names, by pytest and by a process of its own.
+# No cache: this file is imported under two names, by pytest and by a separate process.
 
 
 @compiled
@@ -32,7 +32,7 @@ def count_visits(ticket, visits, pieces):
 
 @compiled
 def until_stopped(ticket):
-    """Only takes, so nothing but `take` itself makes the compiler read the ticket again."""
+    """A worker that only takes. So only `take` itself can make the compiler read the ticket again."""
     while take(ticket) >= 0:
         pass
 
@@ -96,7 +96,7 @@ def test_a_chunk_of_nothing_is_one_item():
 
 def test_each_thread_runs_the_worker_and_later_runs_reuse_the_threads():
     def rendezvous(ticket, barrier, seen):
-        barrier.wait(timeout=30)  # passes only when all are here at the same time
+        barrier.wait(timeout=30)  # passes only when all threads wait at the same time
         seen.add(threading.get_ident())
 
     seen = [set(), set()]
@@ -143,7 +143,7 @@ def test_arrays_are_let_go_after_the_run():
     run(count_visits, 2, new_ticket(10, 1), visits, np.zeros(10, np.int64))
     deadline = time.monotonic() + 10
     while sys.getrefcount(visits) > before and time.monotonic() < deadline:
-        time.sleep(0.001)  # the threads let go just after the run's end
+        time.sleep(0.001)  # the threads release the memory just after the run's end
     assert sys.getrefcount(visits) == before
 
 
@@ -211,7 +211,7 @@ def test_an_error_in_progress_stops_the_workers(monkeypatch):
 
 
 def assert_idle(ticket):
-    """No thread takes from the ticket any more."""
+    """Check that no thread takes from the ticket any more."""
     taken = ticket[NEXT]
     time.sleep(0.02)
     assert ticket[NEXT] == taken and ticket[STOP] == 1
@@ -228,7 +228,7 @@ def test_a_workers_error_reaches_the_caller_and_stops_the_others(n_threads):
 
     with pytest.raises(ValueError, match="item 20"):
         run(worker, n_threads, new_ticket(2**62, 1))
-    visits = np.zeros(50, np.int64)  # and the threads still serve
+    visits = np.zeros(50, np.int64)  # the threads still work
     run(count_visits, n_threads, new_ticket(50, 1), visits, np.zeros(50, np.int64))
     assert np.all(visits == 1)
 

@@ -1,4 +1,4 @@
-"""`antumbra bench`: that the tables come, not what is in them."""
+"""`antumbra bench`: tables are printed. Their contents are not tested here."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ TINY = ("--size", "40x24", "--cellar", "5k", "--rounds", "1", "--tracer", "singl
 
 @pytest.fixture
 def culling(cli, monkeypatch):
-    """Runs the benchmark of the paper on pre-BVH culling with small scenes."""
+    """Runs the benchmark of pre-BVH culling with small scenes."""
     from antumbra.papers.pre_bvh_culling import views as culling_views
 
     monkeypatch.delenv("ANTUMBRA_SCENES", raising=False)
@@ -68,7 +68,7 @@ def test_srdh_for_people_and_the_plot(cli, tmp_path):
 
 @pytest.fixture
 def hierarchy(cli, tmp_path, monkeypatch):
-    """Runs the benchmark of ray hierarchies with a small moving scene, and generated ones."""
+    """Runs the benchmark of ray hierarchies with a small moving scene and procedural ones."""
     from antumbra import procedural
 
     vertices = procedural("blinds", triangles=2000).triangles().vertices.reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Passes of diffuse rays: where they start and go, and which samples of the lights belong to them."""
+"""Passes of diffuse rays: their origins and directions, and their samples of the lights."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ QUAD = at.QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0))
 
 @pytest.fixture(scope="module")
 def seen():
-    """(scene, triangles, G-buffer, receivers) of a picture whose size is no multiple of 4, parts of it empty."""
+    """(scene, triangles, G-buffer, receivers) of a picture that is partly empty. Its size is no multiple of 4."""
     scene = at.procedural("city", triangles=3000)
     triangles = scene.triangles()
     gbuffer = Renderer(scene).see(triangles, scene.cameras[0].resized(37, 30))
@@ -45,7 +45,7 @@ def test_directions_and_light_samples_come_in_all_pairs(sampler):
     lights = np.stack(passes.lights[0]).reshape(-1, 3)[:, :2]
     cells = np.concatenate([directions > 0, lights > 0.5], 1) @ (8, 4, 2, 1)
     share = np.bincount(cells, minlength=16) / len(cells)
-    assert share.min() > 0.5 / 16 and share.max() < 2 / 16  # were the k-th with the k-th, most would be 0
+    assert share.min() > 0.5 / 16 and share.max() < 2 / 16  # if sample k went with direction k, most would be 0
     assert abs(np.corrcoef(directions.T, lights.T)[:2, 2:]).max() < 0.15
 
 
@@ -57,7 +57,7 @@ def test_every_pass_asks_all_of_a_list():
 
 
 def test_rays_are_those_of_unlimited_ambient_occlusion(seen):
-    """The same float32 points that its shadow segments of length 1 would end at, were they at the frame's zero."""
+    """Directions equal the ends of its shadow segments of length 1, for receivers at the frame's origin, in float32."""
     _, triangles, gbuffer, origins = seen
     passes = diffuse_passes([QUAD], 3, "halton")
     at_zero = gbuffer._replace(position=np.zeros_like(gbuffer.position))

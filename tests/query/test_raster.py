@@ -1,4 +1,4 @@
-"""The rasteriser gives what tracing the exact ray of every pixel against every triangle gives, bit for bit."""
+"""The rasteriser equals tracing the exact ray of every pixel against every triangle, bit for bit."""
 
 import numpy as np
 import pytest
@@ -28,14 +28,14 @@ def _trace_all(corners, rays, cull_faces, face, t):
 
 
 def traced(corners, rays, cull_faces=0):
-    """The contract, as it is written: every pixel's ray against every triangle."""
+    """The contract, computed literally: every pixel's ray against every triangle."""
     face, t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
     _trace_all(corners, rays, cull_faces, face, t)
     return face, t
 
 
 def check(triangles, rays, **options):
-    """Equal to the contract; returns (face, t) so that a test can also say what must be in the picture."""
+    """Check the contract; return (face, t), so that a test can also check the contents of the picture."""
     corners = np.ascontiguousarray(triangles, np.float32).reshape(-1, 9)
     face, t = rasterise(corners, rays, **options)
     true_face, true_t = traced(corners, rays, options.get("cull_faces", 0))
@@ -45,7 +45,7 @@ def check(triangles, rays, **options):
 
 
 def sphere(n, radius=1.0):
-    """Closed mesh of 8 n**2 triangles: an octahedron, each face divided, pushed out to the sphere and rounded."""
+    """A closed mesh of 8 n**2 triangles: an octahedron with divided faces, projected onto the sphere and rounded."""
     i, j = np.array([(i, j) for i in range(n) for j in range(n - i)]).T
     up = np.stack([np.stack([i, j], -1), np.stack([i + 1, j], -1), np.stack([i, j + 1], -1)], 1)
     inner = i + j < n - 1
@@ -93,7 +93,7 @@ def test_lattice(lattice):
 
 
 def test_edges_through_pixel_centres_belong_to_the_first_triangle():
-    """Four quads around the picture's middle, at the same depth; every seam and diagonal runs through pixel centres."""
+    """Four quads around the picture's centre, at the same depth. Every seam and diagonal runs through pixel centres."""
     rays = exact_grid(view(width=16, height=16))
     steps = directions(rays, [0, 7, 15], [0, 7, 15])[:, :2].T  # x and y of columns and rows 0, 7, 15
     xs, ys = steps[0], steps[1]
@@ -119,7 +119,7 @@ def test_of_duplicates_the_first_is_seen():
 
 
 def test_floor_under_the_eye_reaches_the_horizon():
-    """Two triangles that pass under the camera, far larger than the view: the lower half of the picture, no more."""
+    """Two triangles pass under the camera, far larger than the view. They cover exactly the lower half of the picture."""
     floor = np.array([[-1, -1, 1], [1, -1, 1], [1, -1, -1], [-1, -1, -1]]) * (1e6, 1.0, 1e6)
     face, _ = check([floor[[0, 1, 2]], floor[[0, 2, 3]]], view(width=64, height=64))
     assert (face[:32] == -1).all() and (face[32:] >= 0).all()
@@ -139,7 +139,7 @@ def test_what_is_behind_or_holds_the_eye_is_not_seen():
 
 
 def test_facing():
-    """A triangle that faces the camera has a normal against the ray: side -1."""
+    """The normal of a triangle that faces the camera points against the ray: side -1."""
     front = np.array([[[-1, -1, -2], [1, -1, -2], [0, 1, -2.0]]])
     back, rays = front[:, ::-1] + (0, 0, 0.5), view()
     face = lambda cull: set(np.unique(check([*back, *front], rays, cull_faces=cull)[0]))
@@ -163,7 +163,7 @@ def test_subpixel_mesh_has_no_hole():
 
 
 def test_layers_are_seen_front_to_back():
-    """Large layers in any order, split by tiles, hide what is behind them."""
+    """Large layers in any order, split by tiles, hide the layers behind them."""
     rng = np.random.default_rng(3)
     depths = rng.permutation(np.arange(1, 60)) / 7.0
     quad = np.array([[-9, -9, -1], [9, -9, -1], [0, 15, -1.0]])

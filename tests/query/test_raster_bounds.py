@@ -1,4 +1,4 @@
-"""The rasteriser's bounds hold: of rounding errors, against rational arithmetic; of places on the screen."""
+"""The rasteriser's bounds hold: bounds of rounding errors, against rational arithmetic, and boxes on the screen."""
 
 from fractions import Fraction
 
@@ -37,7 +37,7 @@ def _exact(v):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_edge_functions_and_depth_keys_are_within_their_bounds(family):
-    """Each value, taken in exact arithmetic, against the contract's determinants of the rounded direction."""
+    """Each value, in exact arithmetic, is compared with the contract's determinants of the rounded direction."""
     rng, sure = np.random.default_rng(5), 0
     for seed, vfov in ((1, 60.0), (2, 90.0), (3, 0.01), (4, 170.0)):
         rays = view(target=(0.1, -0.05, -1), vfov=vfov, width=300, height=200)
@@ -65,7 +65,10 @@ def test_edge_functions_and_depth_keys_are_within_their_bounds(family):
 
 @kernel
 def _boxes(view, padding, corners, quick, careful):
-    """Bounds by either way: (n, 4); quick ones only where float32 is said to suffice, else -2; nothing: x0 > x1."""
+    """Fill the boxes of both methods, (n, 4) each. An empty box has x0 > x1.
+
+    Quick boxes are -2 where the quick method finds float32 insufficient.
+    """
     lanes, boxes, nearest = stack_f32(LANES), stack_i32(BOXES), stack_f32(BLOCK)
     p = ptr(corners)
     for i in range(len(corners)):
@@ -79,7 +82,7 @@ def _boxes(view, padding, corners, quick, careful):
 
 @kernel
 def _covered(rays, corners, i, box):
-    """Whether triangle i covers a pixel of the picture outside the box; and how many it covers."""
+    """(whether triangle i covers a pixel outside the box, number of pixels that it covers)."""
     outside, n = False, 0
     for y in range(rays.height):
         for x in range(rays.width):
@@ -91,7 +94,7 @@ def _covered(rays, corners, i, box):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_boxes_hold_all_covered_pixels(family):
-    """Whether corners are in front of the camera, beside it or behind; and boxes are no idle claim: many are small."""
+    """This holds for corners in front of the camera, beside it and behind it. Many boxes are small."""
     quick_ones = careful_ones = small = 0
     for seed in range(12):
         rays = view((0, 0, 0), (0.1 * seed, 0.2, -1), vfov=(2.0, 60.0, 150.0)[seed % 3], width=37, height=30)

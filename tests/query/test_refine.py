@@ -1,4 +1,4 @@
-"""Adaptive sampling: what is refined, to what a finer frame has there, and edges as means of sub-pixels."""
+"""Adaptive sampling: the refined pixels, the values of a finer frame there, and edges as means of sub-pixels."""
 
 import numpy as np
 import pytest
@@ -74,7 +74,7 @@ def _scene(*squares):
     return at.Scene.from_arrays(np.concatenate([s[0] for s in squares]), faces, np.concatenate([s[2] for s in squares]))
 
 
-SUN = at.DirectionalLight((0, 0, -1), 0.0)  # from behind the camera: no shadow is to be seen
+SUN = at.DirectionalLight((0, 0, -1), 0.0)  # from behind the camera, so that no shadow is visible
 
 
 def test_edges_of_a_square_before_another():
@@ -88,7 +88,7 @@ def test_edges_of_a_square_before_another():
         beside[a] |= front[a] != front[b]
         beside[b] |= front[a] != front[b]
     assert front.any() and not front.all()
-    np.testing.assert_array_equal(found, beside)  # and none along the diagonals between the squares' triangles
+    np.testing.assert_array_equal(found, beside)  # no edges along the diagonals between a square's triangles
 
 
 def test_a_light_without_extent_is_asked_once_a_subpixel():
@@ -111,7 +111,7 @@ def test_colours_make_edges_and_the_same_plane_does_not():
 
 
 def test_an_edge_pixel_is_the_share_of_its_area_that_is_covered():
-    """White on nothing: the light of a pixel is that of a full one times its coverage, to a sixteenth."""
+    """A white surface on nothing: a pixel's light is that of a full pixel times its coverage, to a sixteenth."""
     scene = _scene(_square(0, 1, (1, 1, 1)))
     view = at.Camera((0, 0, 4), (0, 0, 0), up=(0.3, 1, 0), vfov=40, width=32, height=32)
     frame = at.render(scene, view, SUN, adaptive=16)
@@ -127,7 +127,7 @@ def test_an_edge_pixel_is_the_share_of_its_area_that_is_covered():
 
 
 def test_subpixels_see_what_a_finer_camera_sees(atrium, camera):
-    """The sub-pixel at (a, b) of a pixel is the centre of a pixel of a camera whose window is shifted."""
+    """The sub-pixel (a, b) of a pixel is the centre of a pixel of a camera with a shifted window."""
     triangles, rays = atrium.triangles(), camera.rays(atrium.origin)
     wanted = np.random.default_rng(4).random((H, W)) < 0.1
     g = subpixel_gbuffer(triangles, rays, wanted, 2)
@@ -147,7 +147,7 @@ def test_subpixels_see_what_a_finer_camera_sees(atrium, camera):
 
 
 class _Rays:
-    """A camera by its rays."""
+    """A camera that is given by its rays."""
 
     def __init__(self, rays):
         self._rays = rays

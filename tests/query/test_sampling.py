@@ -1,4 +1,4 @@
-"""Sample sets: every set well spread, the sixteen together too, and the maps onto lights."""
+"""Sample sets: each set is well spread, and so are all sixteen together; the maps onto lights."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_shape_range_and_no_point_twice(sampler, spp):
     sets = sample_sets(spp, sampler)
     assert sets.shape == (16, spp, 2) and sets.dtype == np.float64 and sets.flags.c_contiguous
     assert (sets > 0).all() and (sets < 1).all()
-    different = spp if sampler == "halton:0" else 16 * spp  # there, all sets are one
+    different = spp if sampler == "halton:0" else 16 * spp  # with halton:0, all sets are the same
     assert len(np.unique(sets.reshape(-1, 2), axis=0)) == different
     np.testing.assert_array_equal(sets, sample_sets(spp, sampler))
 
@@ -41,7 +41,7 @@ def test_every_set_has_one_point_in_each_cell_and_all_sets_one_in_each_fine_cell
         return len(np.unique((points * k).astype(int) @ (1, k)))
 
     assert all(occupied(s, k) == spp for s in sets)
-    if sampler != "sobol":  # scrambled blocks are nets each; their union is close to one
+    if sampler != "sobol":  # each scrambled block is a net; their union is nearly one
         assert occupied(sets.reshape(-1, 2), 4 * k) == 16 * spp
 
 
@@ -91,7 +91,7 @@ def test_halton_sets_of_a_hemisphere_are_one_that_is_rotated(sampler, n):
         return
     np.testing.assert_array_equal(np.sort(angles // (degrees / 16)), np.arange(16))  # stratified
     quarters = (angles.reshape(4, 4) / degrees * 4).astype(int)
-    for y, x in np.ndindex(4, 4):  # any 2 x 2 pixels of the picture have one of each
+    for y, x in np.ndindex(4, 4):  # any 2 x 2 pixels of the picture have one from each quarter
         assert set(np.roll(quarters, (y, x), (0, 1))[:2, :2].ravel().tolist()) == {0, 1, 2, 3}
 
 
@@ -109,7 +109,7 @@ def test_halton_sets_of_lights_are_one_that_is_moved(sampler, light):
 
 
 def test_rotation_covers_the_hemisphere():
-    """How far from any direction the nearest one is, seen from above; and the share of directions in quadrants."""
+    """The gaps between directions, seen from above, and the shares of directions in quadrants."""
     probes = to_domain(sample_sets(256).reshape(-1, 2), "disk")[:, None, :2]
     gaps, errors = [], []
     for sampler in ("halton:0", "halton:18", "halton:36", "halton:full"):
@@ -120,7 +120,7 @@ def test_rotation_covers_the_hemisphere():
         errors.append(np.abs((((angles - starts) % 1) < 0.25).mean(1) - 0.25).mean())
     assert gaps == sorted(gaps, reverse=True) and gaps[-1] < 0.6 * gaps[0]
     assert errors == sorted(errors, reverse=True) and errors[-1] < 0.1 * errors[0]
-    one = domain_sets(20, "halton:0", "hemisphere")[0, :, :2]  # a set alone is stratified
+    one = domain_sets(20, "halton:0", "hemisphere")[0, :, :2]  # a single set is stratified
     random = to_domain(np.random.default_rng(0).random((100, 20, 2)), "disk")[..., :2]
     nearest = [np.sqrt(((probes - points) ** 2).sum(-1).min(1)).mean() for points in (one, *random)]
     assert nearest[0] < 0.9 * np.mean(nearest[1:])

@@ -1,4 +1,4 @@
-"""Light patches, receivers and horizons: the segments that a query asks."""
+"""Light patches, receivers and horizons: the segments of a query."""
 
 import numpy as np
 import pytest
@@ -93,7 +93,7 @@ def test_ambient_samples_fill_the_hemisphere_around_the_normal_by_the_cosine(rad
     assert cosine.min() > -1e-6 and above[seen].mean() > 0.999
     for c in (0.3, 0.6, 0.9):
         assert np.abs((cosine < c).mean(1) - c * c).max() < 0.05 and abs((cosine < c).mean() - c * c) < 0.005
-    np.testing.assert_allclose(d.mean(1) / length.mean(), normal * 2 / 3, atol=0.01)  # no side is preferred
+    np.testing.assert_allclose(d.mean(1) / length.mean(), normal * 2 / 3, atol=0.01)  # no direction is preferred
 
 
 def _fan(radius, height, n=256):

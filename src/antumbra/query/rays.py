@@ -30,15 +30,6 @@ class HitArrays(NamedTuple):
     v: np.ndarray  # (m,) float32
 
 
-class Hit(NamedTuple):
-    """Nearest hits of rays; leading shape (...) as the rays had."""
-
-    t: np.ndarray  # (...) float64, in lengths of the direction; inf on a miss
-    face: np.ndarray  # (...) int32, index of the face in the scene; -1 on a miss
-    u: np.ndarray  # (...) float32, weight of the face's second corner; 0 on a miss
-    v: np.ndarray  # (...) float32, weight of its third corner; 0 on a miss
-
-
 def as_array(value, what: str) -> np.ndarray:
     """numpy view (or copy) of numbers, or of anything with DLPack in host memory."""
     if not isinstance(value, np.ndarray) and hasattr(value, "__dlpack__"):

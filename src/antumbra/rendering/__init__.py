@@ -2,8 +2,8 @@
 
 - renderer, frame: `render` and `Renderer`; queries: `visibility`, `Scene.occluded`
 - passes, state: one frame, pass by pass; indirect, virtual_lights: light that bounces
-- source: what a frame needs of a scene; in_memory and paged supply it, of triangles in memory and of a store
-- accelerate, srdh_rays: what a plan's tracer takes; the rays that builders are shown
-- building: `build_store`; explanation, culling_picture: pictures of what a plan does
-- ready: kernels are compiled before anything is timed; render_jobs: those of frames; warm: all there are
+- source: the protocol by which a frame reads a scene; in_memory: triangles in memory; paged: a scene in a store
+- accelerate: builds and prepares the structure that a plan's tracer takes; srdh_rays: the rays shown to builders
+- building: `build_store`; explanation, culling_picture: pictures of the work of a plan
+- ready: compiles kernels before anything is timed; render_jobs: the jobs of frames; warm: the list of all jobs
 """

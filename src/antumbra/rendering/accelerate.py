@@ -1,4 +1,4 @@
-"""From triangles to what a plan's tracer takes, and to its answers: build, optimise or update a tree, prepare it."""
+"""Acceleration by a plan: build, optimise or update a BVH, prepare it for the plan's tracer, and answer queries."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -21,57 +21,64 @@ from .srdh_rays import Bounce, Showing, Shown, SrdhRays, check_srdh_rays
 class Accelerated(NamedTuple):
     """A scene at one moment with its BVH, if the plan has one."""
 
-    triangles: Triangles  # all of them, whatever has been culled
-    bvh: Bvh | None  # of those that are left; prim_ids counts in all; None: the tracer walks none
-    prepared: Any  # what the plan's tracer takes: the BVH, something made from it, or a `Soup` of those left
+    triangles: Triangles  # all triangles, including culled ones
+    bvh: Bvh | None  # over the triangles left by culling; prim_ids index `triangles`; None: the tracer walks no BVH
+    prepared: Any  # the tracer's input: the BVH, a structure made from it, or a `Soup` of the triangles left
 
     @property
     def scheduled(self) -> Scheduled | None:
-        """The state of a tracer that remembers the frames before; None of others."""
+        """The state of a tracer that remembers earlier frames; None for other tracers."""
         return self.prepared if isinstance(self.prepared, Scheduled) else None
 
     def begin(self) -> None:
-        """A frame begins, or another question of points."""
+        """Tell the tracer that a new frame, or a new query of points, begins."""
         if self.scheduled is not None:
             self.scheduled.begin()
 
 
 class Accelerator:
-    """Makes by a plan what its tracer takes, and has it answer; keeps what updates need from one tree to the next.
+    """Builds the structure that a plan's tracer takes, and answers queries with it; keeps the state of updaters.
 
     Parameters
     ----------
     plan : Plan
     threads : int
     srdh_rays : SrdhRays or None
-        Which rays a builder is shown that wants some (`srdh`); None: the default.
+        The rays that a ray-guided builder (`srdh`) is shown; None: the default.
     """
 
     def __init__(self, plan: Plan, threads: int, srdh_rays: SrdhRays | None = None):
         check_srdh_rays(srdh_rays, plan)
         self.plan, self.threads = plan, threads
         self.showing = Showing(srdh_rays or SrdhRays(), threads) if plan.wants_rays else None
-        self.one_tree = plan.build is not None and self.showing is None  # for shadow rays and the camera's
+        self.one_tree = plan.build is not None and self.showing is None  # one BVH for shadow rays and camera rays
         self._kept = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
-        self._rays: Callable | None = None  # vertices, BVH of them -> Intersections; while a builder may want them
+        self._rays: Callable | None = None  # (vertices, their BVH) -> Intersections; set while a builder runs
 
     def culled(self, triangles: Triangles, queries) -> Culled | None:
-        """The triangles that segments of these queries can meet; None if the plan culls nothing."""
+        """The triangles that segments of these queries can meet; None if the plan has no culler."""
         return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
 
     def show(self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Bounce | None = None) -> Shown | None:
-        """The rays that this plan's builder is shown for these queries; None if it wants none. See `Showing.show`."""
+        """The rays to show to this plan's builder for these queries; None if it takes none. See `Showing.show`."""
         return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
 
     def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
-        """All triangles, or those that culling left, ready to be traced: with a BVH, unless the tracer walks none.
+        """Prepare all triangles, or the culled set, for tracing; build a BVH unless the tracer walks none.
 
-        `shown` is for a builder that wants rays.
+        Parameters
+        ----------
+        triangles : Triangles
+            All triangles of the scene.
+        culled : Culled or None
+            The triangles left by culling; None: all.
+        shown : Shown or None
+            Rays for a ray-guided builder.
 
         Raises
         ------
         InputError
-            If the builder wants rays, and none are shown.
+            If the builder is ray-guided and `shown` is None.
         """
         if self.plan.build is None:
             return self.prepare(triangles, None, culled)
@@ -104,28 +111,28 @@ class Accelerator:
         return OPTIMISERS[name].optimise(bvh, threads, **self._shown_to(OPTIMISERS[name], vertices, bvh))
 
     def _shown_to(self, method, vertices, bvh: Bvh | None = None) -> dict:
-        """The arguments of a method that wants rays; `bvh`: of the triangles, if there is one."""
+        """The extra arguments of a ray-guided method, or none; `bvh`: a BVH of the triangles, if there is one."""
         return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
 
     def of_all(self, triangles: Triangles) -> Accelerated:
-        """All triangles for the camera's rays: in the plan's tree, or in one that is made for them."""
+        """All triangles, prepared for camera rays: in the plan's BVH, or in a separate one."""
         return self.build(triangles) if self.one_tree else self.for_camera(triangles)
 
     def for_camera(self, triangles: Triangles) -> Accelerated:
-        """What the camera's rays are traced through where the plan has no BVH, or one that is made for shadow rays."""
+        """A `bsah` BVH for camera rays, where the plan has no BVH or one specialised to shadow rays."""
         bvh = BUILDERS["bsah"].build(triangles.vertices, self.threads)
         return Accelerated(triangles, bvh, block_tree(bvh, self.threads))
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
-        """What this plan's tracer takes: made from the BVH that its builder made, if it walks one; else the triangles.
+        """Convert the BVH, or the triangles if the tracer walks no BVH, to the input of this plan's tracer.
 
-        `culled`: the triangles that are left; None: all.
+        `culled`: the triangles left by culling; None: all.
         """
         made = soup_of(triangles, culled) if bvh is None else bvh
         return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads))
 
     def answer(self, accelerated: Accelerated, query: ShadowQuery, tally=None, progress=None) -> np.ndarray:
-        """The bits of a query by this plan's tracer, (h, w, ceil(spp / 64)) uint64."""
+        """Trace a query with this plan's tracer: (h, w, ceil(spp / 64)) uint64; bit s = sample s is occluded."""
         bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
         self.plan.tracer.trace(accelerated.prepared, query, bits, self.threads, tally, progress)
         return bits

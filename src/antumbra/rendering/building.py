@@ -1,4 +1,4 @@
-"""Building a store, as users ask for it."""
+"""The public function that builds a store."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,24 +21,24 @@ def build_store(
     chunk: int = CHUNK,
     progress: Progress | None = None,
 ) -> BuildReport:
-    """Write scenes, as one, to a store, which `load` opens.
+    """Merge scenes and write them to one store file, which `load` opens.
 
     Parameters
     ----------
     scenes : Scene or iterable of Scene
-        Merged in this order, as they are at time 0; cameras and lights of all are kept. They are looked at one after
-        the other, so a generator need not keep them.
+        The scenes at time 0, merged in this order. Cameras and lights of all scenes are kept. Scenes are read one
+        after the other, so a generator may drop each scene after yielding it.
     path : str or path-like
-        A file ``*.antumbra``. It is written whole or not at all. While it is built, temporary files without a name
-        take about 55 bytes a triangle beside it.
+        A file ``*.antumbra``. It is written whole or not at all. During the build, unnamed temporary files in the
+        same folder take about 55 bytes a triangle.
     max_memory : int
-        Bytes that the process may have in memory at any time, from 384 MiB on, beside the scenes themselves.
+        Limit in bytes on the memory of the process at any time, at least 384 MiB; the scenes themselves come on top.
     threads : int, optional
-        None: all cores. Neither they nor `max_memory` change a bit of the file.
+        None: all cores. The file has the same bits for every value of `threads` and `max_memory`.
     chunk : int
-        Triangles in a chunk, at most.
+        Most triangles in a chunk, 16 to 4 194 304.
     progress : function of (text, done, total), optional
-        Hears what is being done, how much of it is done, and of how much; 0: nobody knows.
+        Called with the current phase, the work done and the total work; total 0: unknown.
 
     Returns
     -------
@@ -47,8 +47,8 @@ def build_store(
     Raises
     ------
     InputError
-        On scenes without triangles, too far apart or with other up axes; a path that cannot be written, or a full
-        disk, and then nothing is left behind.
+        If the scenes have no triangles, lie too far apart, or have different up axes. If the path cannot be written
+        or the disk is full; then no file is left behind.
     """
     scenes = [scenes] if isinstance(scenes, AnyScene) else scenes
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
@@ -59,7 +59,7 @@ def build_store(
 
 
 def store_job() -> Job:
-    """Building a store."""
+    """The job of building a store."""
 
     def work():
         with TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""A picture of what pre-BVH culling leaves: as the camera sees it, and seen through from above and from the side."""
+"""A picture of the triangles that pre-BVH culling keeps: from the camera, and X-ray views from above and the side."""
 
 from time import perf_counter
 from typing import NamedTuple
@@ -16,23 +16,26 @@ from .renderer import Renderer
 
 KEPT, DROPPED = np.array([1.0, 0.33, 0.03], np.float32), np.array([0.04, 0.16, 0.6], np.float32)
 RECEIVER, LIGHT = np.array([1.0, 1.0, 1.0], np.float32), np.array([1.0, 0.9, 0.1], np.float32)
-_POINTS = 4  # on surfaces, for each pixel of a projection
+_POINTS = 4  # surface points per pixel of an X-ray view
 
 
 class CullingPicture(NamedTuple):
-    """A picture, and what it shows."""
+    """The picture and its figures."""
 
     image: np.ndarray  # (H, 3 W, 3) float32, linear
-    kept: int  # triangles that are left
-    cells: int  # of the grid; 0: no ray is asked
-    marked: int  # cells in which rays can be
+    kept: int  # triangles left by culling
+    cells: int  # grid cells; 0: there are no rays
+    marked: int  # grid cells that rays may pass through
     sources: int  # boxes of receivers
     targets: int  # boxes of lights
-    seconds: float  # that culling took
+    seconds: float  # culling time
 
 
 def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0, threads=None) -> CullingPicture:
-    """Which triangles a culler leaves; the arguments are those of `antumbra.render`, ``culler`` a name in CULLERS."""
+    """Draw the triangles that a culler keeps and drops.
+
+    ``culler`` is a name in CULLERS; the other arguments are as in `antumbra.render`.
+    """
     lights, renderer = check_lights(lights), Renderer(scene, f"{culler}+bsah+single", threads)
     warm_up(renderer.plan, renderer.source.gbuffer)
     triangles = scene.triangles(time, threads)
@@ -42,7 +45,7 @@ def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0,
     start = perf_counter()
     culled = CULLERS[culler].cull(triangles, queries, renderer.threads)
     seconds = perf_counter() - start
-    kept = np.zeros(len(triangles.vertices) + 1, np.bool_)  # one more, for the pixels that see nothing
+    kept = np.zeros(len(triangles.vertices) + 1, np.bool_)  # one extra entry for pixels that see no triangle (face -1)
     kept[culled.kept] = True
     receivers = gbuffer.position[gbuffer.side != NOTHING]
     emitters = np.concatenate([np.empty((0, 3)), *(_emitter(query) for query in queries)])
@@ -55,7 +58,7 @@ def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0,
 
 
 def _emitter(query) -> np.ndarray:
-    """(k, 3) points of a light that is somewhere."""
+    """(k, 3) points on a light; (0, 3) for a light without a position."""
     light = query.light
     if light.kind not in (FIXED, LIST, SPHERE):
         return np.empty((0, 3))
@@ -65,7 +68,7 @@ def _emitter(query) -> np.ndarray:
 
 
 def _seen(gbuffer, camera, kept) -> np.ndarray:
-    """What the camera sees, lit from where it is."""
+    """The camera's view, lit from the camera: (H, W, 3) float32."""
     ahead = np.asarray(camera.target, np.float64) - camera.position
     facing = np.abs(gbuffer.normal @ (ahead / np.linalg.norm(ahead)).astype(np.float32))
     colour = np.where(kept[gbuffer.face][..., None], KEPT, DROPPED)
@@ -73,13 +76,13 @@ def _seen(gbuffer, camera, kept) -> np.ndarray:
 
 
 def _through(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
-    """The scene along an axis: points spread over its surfaces, each adding its colour; then receivers and lights."""
+    """X-ray view along an axis: points on all surfaces add up their colours; receivers and lights are drawn on top."""
     h, w = shape
     u, v = [(2, 1), (0, 2), (0, 1)][axis]  # across and down
     corners = vertices.reshape(-1, 3)
     low, high = (corners.min(0), corners.max(0)) if len(corners) else np.zeros((2, 3))
     scale = 0.94 * min(w / max(high[u] - low[u], 1e-30), h / max(high[v] - low[v], 1e-30))
-    sign = 1.0 if axis == 1 else -1.0  # from above, z points down the picture; else what is up is up
+    sign = 1.0 if axis == 1 else -1.0  # from above, z points down the picture; otherwise up stays up
 
     def pixels(points):
         x = w / 2 + scale * (points[:, u] - (low[u] + high[u]) / 2)
@@ -99,7 +102,7 @@ def _through(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
 
 
 def _spread(vertices, n) -> tuple[np.ndarray, np.ndarray]:
-    """n points spread evenly over all surfaces: the triangle of each, and (n, 3) positions."""
+    """n points spread evenly over all surfaces: (n,) triangle indices and (n, 3) positions."""
     edges = vertices[:, 1:] - vertices[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0].astype(np.float64), edges[:, 1]), axis=1)
     if not area.sum() > 0.0:

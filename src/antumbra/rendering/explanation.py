@@ -1,9 +1,9 @@
-"""Where the steps of shadow rays go, plan by plan: by pixel, by class, and how deep the frequent blockers sit.
+"""Traversal steps of shadow rays, plan by plan: per pixel, per class, and the depth of the frequent blockers.
 
-`single` and its orders walk rays one by one, so that each test belongs to a ray (`trace.steps`). The other tracers test
-boxes for bundles of rays, or eight at once. They are traced in windows of 16 x 16 pixels, each with counters of its
-own; its tests are divided among its pixels that ask, and no classes are known. Where rays end in their trees is then
-found by a walk of one ray after the other, too.
+`single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.steps`). The other tracers
+test boxes for ray bundles, or eight boxes at once. Their queries run in windows of 16 x 16 pixels, each with its own
+counters. The tests of a window are divided among its pixels with shadow rays; their classes are unknown. A second walk,
+one ray at a time, finds the leaf in which each ray ends.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -30,11 +30,11 @@ from .ready import Job, fixed_job, make_ready, small_scene, small_view
 from .render_jobs import warm_up, warm_up_bounce
 from .srdh_rays import bounced_queries, check_srdh_rays
 
-WINDOW = 16  # pixels; what tracers trace together lies within
+WINDOW = 16  # pixels; no ray bundle crosses the border of a window
 
 
 class Moment(NamedTuple):
-    """What is seen at a time."""
+    """Camera and lights at one time."""
 
     time: float  # seconds into the animation
     camera: Camera
@@ -42,12 +42,12 @@ class Moment(NamedTuple):
 
 
 class Depths(NamedTuple):
-    """How deep leaves lie: the number of boxes on the way from the root, their own included. NaN: no ray is blocked."""
+    """Depths of leaves: the number of boxes on the path from the root, the leaf's included. NaN: no ray is blocked."""
 
-    frequent: float  # of the frequent blockers' leaves, the mean over the rays that the first plan found them to block
-    mean: float  # of the leaves in which this plan's blocked rays end
-    median: float
-    deepest: int  # leaf of the tree
+    frequent: float  # mean depth of the frequent blockers' leaves, weighted by the rays they block in the first plan
+    mean: float  # mean depth of the leaves in which this plan's blocked rays end
+    median: float  # median of the same depths
+    deepest: int  # depth of the deepest leaf of the tree
     histogram: np.ndarray  # (deepest + 1,) int64: blocked rays that end at each depth
 
 
@@ -58,23 +58,23 @@ class PlanSteps(NamedTuple):
     boxes: np.ndarray  # (H, W) float64: boxes tested for each pixel's rays
     box_tests: int
     triangle_tests: int
-    classes: np.ndarray | None  # (3,) int64: the box tests by `trace.steps.CLASSES`; None: tests belong to bundles
+    classes: np.ndarray | None  # (3,) int64: box tests by `trace.rays.steps.CLASSES`; None: tests belong to bundles
     depths: Depths
 
 
 class Explanation(NamedTuple):
-    """Where the steps of some plans go, which all give the same bits."""
+    """The traversal steps of several plans; all plans give the same bits."""
 
-    asks: np.ndarray  # (H, W) bool: pixels that ask for a ray
-    rays: int  # samples above the horizon, of all lights
-    blocked: int  # of these rays
-    frequent: np.ndarray  # (k,) int64: the fewest triangles that together block half of the blocked rays
-    frequent_rays: int  # that they block, in the first plan
+    asks: np.ndarray  # (H, W) bool: pixels with at least one shadow ray
+    rays: int  # shadow rays: samples above the horizon, over all lights
+    blocked: int  # blocked rays among them
+    frequent: np.ndarray  # (k,) int64: frequent blockers, the fewest triangles that block half of the blocked rays
+    frequent_rays: int  # rays that the frequent blockers block in the first plan
     plans: list[PlanSteps]
 
 
 class _Picture(NamedTuple):
-    """What a moment asks."""
+    """The surfaces and shadow queries of a moment."""
 
     triangles: Triangles
     gbuffer: GBuffer
@@ -84,29 +84,29 @@ class _Picture(NamedTuple):
 
 
 class _Walked(NamedTuple):
-    """What came of one plan."""
+    """The result of tracing with one plan."""
 
     plan: Plan
     ready: Accelerated
-    steps: Steps  # of rays that are walked one by one
+    steps: Steps  # counted one ray at a time
     bits: list[np.ndarray]
-    bundles: np.ndarray | None  # (rows, columns, 2) int64, box and triangle tests of each window; None: one by one
+    bundles: np.ndarray | None  # (rows, columns, 2) int64: box and triangle tests of each window; None: one by one
 
 
 def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=None) -> Explanation:
-    """Where the steps of the shadow rays go that a camera's pixels ask for.
+    """Count the traversal steps of a picture's shadow rays under several plans.
 
     Parameters
     ----------
     scene : Scene
     moments : list of Moment
-        The last one is explained. Those before are what an animation showed last: trees that are kept from frame to
-        frame, and rays of the last frame, come from there.
+        The last moment is explained. Earlier ones stand for the preceding frames of an animation. They supply the
+        trees kept from frame to frame and the rays of the last frame.
     plans : list of str or Plan, one or more
     spp, threads
         As in `antumbra.render`.
     srdh_rays : SrdhRays or None
-        Which rays the builders are shown that want some.
+        The rays that ray-guided builders are shown.
     say : function of (plan, its number), optional
         Called before each plan.
 
@@ -164,7 +164,7 @@ def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=No
 
 
 def _picture(scene, moment: Moment, spp: int, threads: int) -> _Picture:
-    """The queries of a moment; the same for every plan."""
+    """The surfaces and queries of a moment; they are the same for every plan."""
     triangles = scene.triangles(moment.time, threads)
     gbuffer = see(triangles, moment.camera, None, threads)
     samples = [light_samples(light, spp) for light in moment.lights]
@@ -173,7 +173,7 @@ def _picture(scene, moment: Moment, spp: int, threads: int) -> _Picture:
 
 
 def _build(accelerator: Accelerator, picture: _Picture) -> Accelerated:
-    """The tree of a plan for a picture, as a frame has it."""
+    """Build a plan's tree for a picture, as a frame does."""
     triangles, gbuffer, lights, samples, queries = picture
     bounce = bounced_queries(accelerator.showing, triangles, gbuffer, lights, samples)
     shown = accelerator.show(triangles, queries, bounce=bounce)
@@ -181,7 +181,7 @@ def _build(accelerator: Accelerator, picture: _Picture) -> Accelerated:
 
 
 def _walk(accelerator: Accelerator, pictures: list[_Picture]) -> _Walked:
-    """Trace the last picture, having built for all, and count."""
+    """Build for every picture in turn, then trace the last one and count its steps."""
     for picture in pictures:
         ready = _build(accelerator, picture)
     queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), accelerator.threads
@@ -197,10 +197,10 @@ def _walk(accelerator: Accelerator, pictures: list[_Picture]) -> _Walked:
 def trace_windows(
     accelerator: Accelerator, accelerated: Accelerated, query: ShadowQuery
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(bits, tests) of a query, window by window; tests: (rows, columns, 2) int64, of boxes and of triangles.
+    """Trace a query window by window: (bits, tests); tests: (rows, columns, 2) int64, box and triangle tests.
 
-    A window begins at a multiple of 16 pixels, as a block of 4 x 4 pixels does that share their samples: the bits are
-    those of the whole.
+    Windows begin at multiples of 16 pixels, so they contain whole 4 x 4 blocks of interleaved samples. The bits
+    therefore equal the bits of the query traced as a whole.
     """
     h, w = query.sides.shape
     rows, columns = -(-h // WINDOW), -(-w // WINDOW)
@@ -220,13 +220,13 @@ def trace_windows(
 
 
 def _part(query: ShadowQuery, part: tuple[slice, slice]) -> ShadowQuery:
-    """The query of some of the receivers."""
+    """The query restricted to a window of its receivers."""
     fields = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
     return query._replace(**{name: np.ascontiguousarray(getattr(query, name)[part]) for name in fields})
 
 
 def _check_bits(first: _Walked, other: _Walked) -> None:
-    """RuntimeError if two plans answer differently."""
+    """Raise RuntimeError if two plans give different bits."""
     differ = [np.count_nonzero((a != b).any(axis=-1)) for a, b in zip(first.bits, other.bits)]
     if any(differ):
         raise RuntimeError(
@@ -236,7 +236,7 @@ def _check_bits(first: _Walked, other: _Walked) -> None:
 
 
 def _frequent(hits: np.ndarray) -> np.ndarray:
-    """The fewest triangles that have half of all hits, those with most first."""
+    """The fewest triangles that have half of all hits, in order of falling hits."""
     order = np.argsort(-hits, kind="stable")
     reached = np.cumsum(hits[order])
     if reached.size == 0 or reached[-1] == 0:
@@ -245,7 +245,7 @@ def _frequent(hits: np.ndarray) -> np.ndarray:
 
 
 def _plan_steps(walked: _Walked, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
-    """One plan's numbers; `hits`: rays that the first plan found each triangle to block."""
+    """The figures of one plan; `hits`: the number of rays that each triangle blocks in the first plan."""
     steps, depths = walked.steps, _depths(walked, hits, frequent)
     if walked.bundles is None:
         boxes, classes = steps.boxes.sum(axis=-1), steps.boxes.sum(axis=(0, 1))
@@ -256,7 +256,7 @@ def _plan_steps(walked: _Walked, hits: np.ndarray, frequent: np.ndarray) -> Plan
 
 
 def _shared_out(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
-    """(H, W) float64: the tests of each window, divided among its pixels that ask."""
+    """(H, W) float64: the tests of each window, divided evenly among its pixels with shadow rays."""
     rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
     window = rows[:, None] * tests.shape[1] + columns
     n = np.bincount(window[asks], minlength=tests.size).reshape(tests.shape)

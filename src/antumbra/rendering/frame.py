@@ -1,4 +1,4 @@
-"""What a `Renderer` makes: a frame, and how long each phase of it took."""
+"""The result of a `Renderer`: a frame with its timings."""
 
 from time import perf_counter
 from typing import NamedTuple
@@ -14,24 +14,31 @@ class Frame(NamedTuple):
     """A rendered frame. H, W: the camera's height and width."""
 
     image: np.ndarray  # (H, W, 3) float32, linear
-    visibility: list[np.ndarray]  # of each light (H, W) float32: share of the light seen; 1 where nothing is
-    bits: list[np.ndarray]  # of each light (H, W, ceil(n / 64)) uint64: bit s = its sample s occluded; 0: nothing seen
-    gbuffer: GBuffer  # what each pixel sees
-    rays: int  # shadow rays asked, also of surfaces that light bounces off; diffuse rays are not counted
-    timings: dict[str, float]  # seconds of each of PHASES and "total"; compilation is never inside
-    counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless asked for
-    refined: np.ndarray | None = None  # (H, W) bool: penumbrae and edges that were refined; None unless asked for
-    indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance by light that bounced; None unless asked for
-    scheduled: list[dict] | None = None  # by CHC+RT: what each question took, see `chcrt.schedule.Statistics`
-    paging: dict[str, int] | None = None  # of a store: chunks that came and went, see `store.residency.Paging`
+    visibility: list[np.ndarray]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 in the background
+    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 in the background
+    gbuffer: GBuffer  # the surface seen by each pixel
+    rays: int  # shadow rays, including those at bounce surfaces; diffuse rays are not counted
+    timings: dict[str, float]  # seconds of each phase in PHASES, and "total"; compilation is never included
+    counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless requested
+    refined: np.ndarray | None = None  # (H, W) bool: refined pixels in penumbrae and at edges; None unless requested
+    indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
+    scheduled: list[dict] | None = None  # CHC+RT only: cost of each query, see `chcrt.schedule.Statistics`
+    paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.residency.Paging`
 
     def save(self, path, exposure: float | None = None) -> None:
-        """Write ``.png`` (sRGB; exposure None: automatic) or ``.exr`` (linear; image, visibility, depth, normal).
+        """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear; image, visibility, depth, normal).
+
+        Parameters
+        ----------
+        path : str or path-like
+            A name that ends in ``.png`` or ``.exr``.
+        exposure : float or None
+            Exposure of a PNG; None: automatic.
 
         Raises
         ------
         InputError
-            On another suffix or a path that cannot be written; no partial file is left.
+            If the suffix is unknown or the path cannot be written; no partial file is left.
         """
         from ..image.save import save_frame
 
@@ -39,7 +46,7 @@ class Frame(NamedTuple):
 
 
 class Clock:
-    """Adds up the seconds of each phase."""
+    """Accumulates the seconds of each phase."""
 
     def __init__(self):
         self.seconds = dict.fromkeys(PHASES, 0.0)

@@ -1,4 +1,4 @@
-"""Scenes in memory: all triangles are there, and any plan can trace them."""
+"""Scenes in memory: all triangles are resident, and any plan can trace them."""
 
 from functools import partial
 from typing import ClassVar
@@ -21,16 +21,22 @@ from .accelerate import Accelerated, Accelerator
 
 
 class InMemory:
-    """A scene whose triangles are in memory; see `RenderSource` for what its methods are for.
+    """A scene whose triangles are in memory; `RenderSource` documents the methods.
 
     Parameters
     ----------
     scene : Scene
     accelerator : Accelerator
-        Builds the trees, and knows the plan.
+        Holds the plan and builds its trees.
     gbuffer : "raster" or "rays"
+        The method of primary visibility.
     max_memory : None
-        Raises InputError if it is given.
+        Must be None; the limit exists only for stores.
+
+    Raises
+    ------
+    InputError
+        If `max_memory` is given.
     """
 
     default_plan: ClassVar = DEFAULT_PLAN
@@ -42,7 +48,7 @@ class InMemory:
             raise InputError(f"max_memory is for scenes in a store, and {scene.name} is in memory; leave it out")
         self.scene, self.gbuffer = scene, gbuffer
         self._accelerator, self.threads = accelerator, accelerator.threads
-        self._last: Accelerated | None = None  # of the frames before, where that can be used again
+        self._last: Accelerated | None = None  # of earlier frames, if later frames can reuse it
 
     def warm_up(self) -> None:
         pass
@@ -66,9 +72,9 @@ class InMemory:
         return ready.triangles, ready
 
     def accelerated(self, time: float) -> Accelerated:
-        """The scene's triangles and BVH at a time; the scene keeps those of all plans for the last time asked.
+        """The scene's triangles and BVH at a time in seconds; the scene caches them, per plan, for the latest time.
 
-        Plans that differ only in their tracer share triangles and BVH, or the triangles if they have none.
+        Plans that differ only in their tracer share the triangles and the BVH, if they have one.
         """
         make, time = self._accelerator, self.scene.clamped(time)
         kept: tuple[float, dict[Plan, Accelerated]] | None = self.scene.__dict__.get("_accelerated")
@@ -84,7 +90,7 @@ class InMemory:
         return plans[plan]
 
     def keep(self, accelerated: Accelerated) -> None:
-        """Keep the tree if its tracer remembers frames, and the next ones have the same triangles in the same tree."""
+        """Keep the tree if its tracer remembers frames and later frames use the same triangles and tree."""
         plan = self._accelerator.plan
         if plan.tracer.keeps and not (self.scene.animated or plan.cull or plan.wants_rays):
             self._last = accelerated
@@ -107,7 +113,7 @@ class InMemory:
 
 
 def see(triangles: Triangles, camera, whole: Accelerated | None = None, threads: int | None = None) -> GBuffer:
-    """The G-buffer of a camera: by rasterisation, or by rays where there is a BVH of all triangles."""
+    """The G-buffer of a camera: by rays through `whole`, a BVH of all triangles; by rasterisation if it is None."""
     rays = camera.rays(triangles.origin)
     if whole is None:
         face, t = rasterise(triangles.vertices.reshape(-1, 9), rays, threads)

@@ -1,4 +1,4 @@
-"""Light that bounces once: what arrives at each pixel's surface from the surfaces around it."""
+"""Light that bounces once: the irradiance at each pixel's surface from the surfaces around it."""
 
 import numpy as np
 
@@ -11,14 +11,14 @@ _BLACK = np.zeros(3, np.float32)
 
 
 def indirect_light(state: FrameState, surfaces: Surfaces, origins, nearest: Nearest) -> np.ndarray:
-    """(H, W, 3) float32: irradiance by light that has bounced once, from as many diffuse rays as there are passes.
+    """(H, W, 3) float32: irradiance after one bounce, estimated with one diffuse ray per pass.
 
     origins : (H, W, 3) float32, the receivers of the surfaces
-    nearest : what finds the surfaces that a pass meets
+    nearest : finds the surfaces that the rays of a pass meet first
 
-    The rays of a pass are as dense as the cosine to the normal is large, so what arrives is pi times the mean of the
-    radiance where they end: of diffuse surfaces that only lights shine on, with their shadows. Rays that end nowhere
-    bring nothing.
+    The density of the rays is proportional to the cosine to the normal. So the irradiance is pi times the mean radiance
+    of the surfaces they meet. These surfaces are diffuse; the lights alone illuminate them, with shadows. Rays that
+    leave the scene contribute zero.
     """
     passes, gbuffer, ids = state.request.passes, surfaces.gbuffer, surfaces.ids.reshape(-1)
     assert passes is not None

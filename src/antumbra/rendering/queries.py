@@ -10,10 +10,11 @@ from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..plan import DEFAULT_PLAN
 from ..query.bounds import reach_of
-from ..query.rays import Arguments, Hit, HitArrays, as_array, cull_value, ray_arguments
+from ..query.rays import Arguments, HitArrays, as_array, cull_value, ray_arguments
 from ..query.receivers import FREE, point_receivers
 from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery, fraction_lit
+from ..scene.hit import Hit
 from ..scene.lights import check_lights
 from ..scene.point_lights import PointLights
 from ..trace.rays.batch import trace_batch

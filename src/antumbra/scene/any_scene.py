@@ -7,6 +7,8 @@ import numpy as np
 from ..errors import InputError
 from . import engine, framing
 from .camera import Camera
+from .hit import Hit
+from .lights import Light
 from .mesh import MeshInfo
 
 
@@ -21,7 +23,7 @@ class AnyScene(ABC):
     bounds: np.ndarray  # (2, 3) float64, world
     origin: np.ndarray  # (3,) float64, world
     _cameras: list[Camera]  # at time 0
-    _lights: list
+    _lights: list[Light]
 
     @property
     @abstractmethod
@@ -32,7 +34,7 @@ class AnyScene(ABC):
         """The cameras at a time within 0 .. `duration`."""
 
     @abstractmethod
-    def _lights_at(self, time: float) -> list:
+    def _lights_at(self, time: float) -> list[Light]:
         """The lights at a time within 0 .. `duration`."""
 
     @property
@@ -46,7 +48,7 @@ class AnyScene(ABC):
         return list(self._cameras)
 
     @property
-    def lights(self) -> list:
+    def lights(self) -> list[Light]:
         """The lights of the file (KHR_lights_punctual) at time 0."""
         return list(self._lights)
 
@@ -56,7 +58,7 @@ class AnyScene(ABC):
             raise InputError(f"{self.name}: there is no camera {index}; the scene has {len(self._cameras)}")
         return self._cameras_at(self.clamped(time))[index]
 
-    def light(self, index: int = 0, time: float = 0.0):
+    def light(self, index: int = 0, time: float = 0.0) -> Light:
         """Light `index` of the file at `time`."""
         if not 0 <= index < len(self._lights):
             raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
@@ -124,7 +126,7 @@ class AnyScene(ABC):
         *,
         cull_faces=None,
         threads=None,
-    ):
+    ) -> Hit:
         """The nearest hit of each ray strictly between tmin and tmax; arguments and errors as for `occluded`.
 
         Returns

@@ -1,6 +1,7 @@
-"""Rays that float32 cannot decide: noted while tracing, settled when their tile is done or the memory runs low.
+"""Deferred tests: rays that float32 cannot decide, noted while tracing and settled later.
 
-So the exact code stays out of the hot kernels, and a ray that something else blocks meanwhile is never settled.
+They are settled when their tile is done or their memory runs low. So the exact code stays out of the hot kernels. A ray
+that another triangle blocks in the meantime needs no exact test.
 """
 
 import numpy as np
@@ -14,19 +15,23 @@ from .querychunk import place_of
 from .rays.traverse import settle
 from .tile import first_pixel, tile_at
 
-DEFERRED = 16 * 16 * 16  # rays that one block and tile deferred at most: triangles, strata, receivers
+DEFERRED = 16 * 16 * 16  # most tests that one block and one tile defer: triangles * strata * receivers
 
 
 def deferred_ints(tiles):
-    """int32 of memory (how many, nothing, then slot and place of each) for ASIDE rays and all of one block more."""
+    """int32 of memory for DEFERRED tests, and for all tests of one more block with `tiles` tiles.
+
+    Layout: the count, an unused word, then slot and place of each test.
+    """
     return 2 + 2 * (1 + tiles) * DEFERRED
 
 
 @inlined
 def defer(deferred, slot, place, step, unsure):
-    """Note the triangle in `slot` for the `unsure` lanes (bits) of a row: lane i is at ``place + i step``.
+    """Note the triangle in `slot` for the `unsure` lanes (bits) of a row. Lane i is at ``place + i step``.
 
-    A place is ``tile << 8 | stratum << 4 | receiver``. Slot -1 asks whether the sample is above the receiver's surface.
+    A place is ``tile << 8 | stratum << 4 | receiver``. Slot -1 stands for the receiver's own surface: is the sample
+    above it?
     """
     n = np.int64(get(deferred, 0))
     while unsure != 0:
@@ -39,7 +44,7 @@ def defer(deferred, slot, place, step, unsure):
 
 @inlined
 def defer_triangles(deferred, tree, block, own, place, unsure):
-    """Note the triangles of a block (bits) that may block the ray at `place`; its receiver's `own` cannot."""
+    """Note the triangles of a block (bits) that may block the ray at `place`, except its receiver's `own` triangle."""
     while unsure != 0:
         slot = np.int64(get(tree.slots, block * 16 + lowest_bit(unsure)))
         unsure &= unsure - 1
@@ -49,7 +54,7 @@ def defer_triangles(deferred, tree, block, own, place, unsure):
 
 @kernel
 def _is_blocked(corners, chunk, y0, x0, tile, slot, s, lane, counters):
-    """Does the triangle in `slot`, or the receiver's own surface (slot -1), block a segment? Exact."""
+    """Decide exactly whether the triangle in `slot`, or the receiver's own surface (slot -1), blocks a segment."""
     l = ptr_at(tile.points, s * 48 + lane)
     if slot < 0:
         count(counters, UNCERTAIN, 1)
@@ -63,7 +68,7 @@ def _is_blocked(corners, chunk, y0, x0, tile, slot, s, lane, counters):
 
 @kernel
 def settle_deferred(corners, chunk, tiles, pixels, deferred, counters):
-    """Decide exactly what was deferred about some tiles, and update their `dead`.
+    """Decide the deferred tests of some tiles exactly, and update the tiles' `dead`.
 
     tiles, pixels : as `tile.tile_at` and `tile.first_pixel` read them
     """

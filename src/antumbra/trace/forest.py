@@ -1,8 +1,8 @@
-"""Trees of blocks that rays go through one after the other: a whole scene as one tree, or the parts that a tile needs.
+"""A forest: trees of blocks that rays go through one after the other.
 
-A *forest* is a table of addresses, so that its trees may share arrays, as the subtrees of one `BlockTree` do, or have
-their own, as the chunks of a scene that is larger than memory. Its lists say which trees the receivers of each screen
-tile go through, and in which order; see `chcrt`.
+It holds a whole scene as one tree, or the parts of a scene that each screen tile needs. A *forest* is a table of
+addresses, so its trees may share arrays or have their own. Subtrees of one `BlockTree` share arrays. Chunks of a scene
+that is larger than memory have their own. The lists give the trees of each screen tile in order; see `chcrt`.
 """
 
 from typing import NamedTuple
@@ -14,23 +14,23 @@ from ..kernels.jit import inlined
 from ..kernels.simd import f32_at, get, i32_at, ptr, put
 from .descent import NOWHERE, At, children, save, saved
 
-ADDRESSES = 7  # int64 of a tree in the table: the addresses of its arrays but that of links, then the link to its root
-CORNERS, ROOT = 5, 6
-TREE = 4  # of where a walk is kept, after what `descent.save` writes: the number of the tree
+ADDRESSES = 7  # int64 of a tree in the table: the addresses of its arrays except links, then the link to its root
+CORNERS, ROOT = 5, 6  # places in a row of the table
+TREE = 4  # in a saved walk, the place of the tree's number; `descent.save` writes the 4 words before it
 _NO_BOX = np.float32(3.0e38)
 
 
 class Forest(NamedTuple):
-    """Trees, and lists of them. What holds the memory behind the addresses must outlive it."""
+    """Trees, and lists of them. The owner of the memory behind the addresses must outlive the forest."""
 
     trees: np.ndarray  # (k, ADDRESSES) int64
-    heads: np.ndarray  # (k, 16) float32: a node's line for each tree, whose left child is its root
-    tile: int  # width and height of a screen tile in pixels, a multiple of a region's, or 0: there is one tile
+    heads: np.ndarray  # (k, 16) float32: for each tree, the line of a node whose left child is the tree's root
+    tile: int  # width and height of a screen tile in pixels, a multiple of a region's; 0: there is one tile
     across: int  # tiles in a row
     sets: int  # lists of a screen tile: one for all strata, or one for each stratum of a chunk
     starts: np.ndarray  # (lists + 1,) int32: where in `items` each list begins
     items: np.ndarray  # (m,) int32: numbers of trees
-    fresh: bool  # nothing is known of the segments yet; else the bits tell which ones are blocked
+    fresh: bool  # True: nothing is known of the segments yet; False: the bits tell which ones are blocked
 
 
 class ForestPointers(NamedTuple):
@@ -47,16 +47,16 @@ class ForestPointers(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """What the rays of a picture have met first so far, (h, w) each; where nobody asks, `part` and `slot` are empty."""
+    """The nearest hits of a picture's rays so far, (h, w) each. `part` and `slot` are empty if they are not needed."""
 
     face: np.ndarray  # int32: index of the triangle, -1 on a miss
-    t: np.ndarray  # float64: in directions; inf on a miss
+    t: np.ndarray  # float64: in lengths of the direction; inf on a miss
     part: np.ndarray  # int32: number of the tree in the forest, -1 on a miss
     slot: np.ndarray  # int32: in that tree
 
 
 def no_hits(shape: tuple[int, int]) -> Hits:
-    """Nothing has been met yet."""
+    """`Hits` in which every ray has missed so far."""
     face, part, slot = (np.full(shape, -1, np.int32) for _ in range(3))
     return Hits(face, np.full(shape, np.inf), part, slot)
 
@@ -96,7 +96,7 @@ def tree_in(forest, k):
 
 @inlined
 def is_idle(forest, y, x):
-    """Have the receivers near pixel (y, x) no tree to go through, and their own surfaces are settled?"""
+    """Have the receivers near pixel (y, x) nothing to trace: no trees, and their own surfaces already applied?"""
     first = _tile_of(forest, y, x) * forest.sets
     return not forest.fresh and get(forest.starts, first) == get(forest.starts, first + forest.sets)
 
@@ -115,28 +115,30 @@ def item(forest, i):
 
 @inlined
 def start_in(forest, k, slabs, alive):
-    """Where the walk through tree k begins of those lanes in `alive` that meet its box; mask 0: none does."""
+    """The start of a walk through tree k, with the lanes in `alive` that meet its box; mask 0: no lane does."""
     return At(root_in(forest, k), np.int64(-1), children(forest.heads, k, slabs)[0] & alive, np.int64(0))
 
 
 @inlined
 def are_separate(forest, j, k):
-    """Have trees j and k arrays of their own, so that slots of one mean nothing in the other?"""
+    """Have trees j and k separate arrays? Then slots of one mean nothing in the other."""
     return get(forest.trees, j * ADDRESSES + CORNERS) != get(forest.trees, k * ADDRESSES + CORNERS)
 
 
 def walk_tree(tree, slabs, at, alive, job, scratch, counters):
-    """In kernels: (where the lanes in `alive` are after a tree, NOWHERE if they are done; the lanes left), by job.
+    """In kernels: trace the lanes in `alive` through a tree, as the type of `job` says.
 
-    They stop early when the memory for rays deferred runs low.
+    Return (the `At` of the walk, bits of the lanes left). The place is NOWHERE if the walk is over. A walk stops early
+    when the memory for deferred tests runs low.
     """
 
 
 @inlined
 def walk_forest(forest, i, end, slabs, alive, job, scratch, counters):
-    """Trace the lanes in `alive` through the trees from the i-th on: (the one to go on with, the lanes left).
+    """Trace the lanes in `alive` through the trees i .. end of the lists.
 
-    The caller settles rays deferred before they go on: memory runs low, or the next tree has arrays of its own.
+    Return (the place in the lists to go on with, bits of the lanes left). If the walk is not over, the caller settles
+    the deferred tests first: their memory runs low, or the next tree has separate arrays.
     """
     at = saved(scratch.at, alive)
     while i < end and alive != 0:
@@ -155,7 +157,7 @@ def walk_forest(forest, i, end, slabs, alive, job, scratch, counters):
 
 
 def addresses(tree: BlockTree, root: int = 0) -> list[int]:
-    """A row of the table: the subtree of a `BlockTree` that a link leads to."""
+    """A row of the table for the subtree of a `BlockTree` below the link `root`."""
     arrays = tree.nodes, tree.blocks, tree.bounds, tree.slots, tree.prim_ids, tree.corners
     return [*(a.ctypes.data for a in arrays), root]
 
@@ -170,7 +172,7 @@ def head(low, high) -> np.ndarray:
 
 
 def whole(tree: BlockTree) -> Forest:
-    """A tree as it is."""
+    """A `Forest` of one whole tree, for the whole screen."""
     everything = np.full(3, _NO_BOX)
     return Forest(
         np.array([addresses(tree)], np.int64), head([-everything], [everything]), 0, 1, 1,

@@ -1,7 +1,7 @@
 """A tile: 16 receivers and a chunk of light samples, prepared for tracing.
 
-Lane i of a tile is a receiver. Their segments are asked stratum by stratum: those of one stratum are 16 rays that start
-and end near each other, and lie in one shaft.
+Lane i of a tile is a receiver. Its segments are traced stratum by stratum. The 16 segments to one stratum start and end
+near each other, so they lie in one shaft.
 """
 
 from typing import NamedTuple
@@ -42,19 +42,19 @@ SPLIT = _F(0.75)
 
 
 class Tile(NamedTuple):
-    """Where a tile's numbers are: pointers into float32 scratch memory, or the light table's."""
+    """Pointers to a tile's numbers in float32 scratch memory, or in the light table."""
 
     number: int  # in its bundle
-    origins: object  # x, y, z of 16 receivers; lanes without one repeat another
-    info: object  # 0..2 centre, 3..5 half extents of the receivers' box, 6..8 its lower, 9..11 upper corner
-    faces: object  # int32: the receivers' own triangles, as trees call them
-    dead: object  # int32, one a stratum: bits of the receivers whose segment is blocked, all where there is none
-    shafts: object  # see `shafts`
-    beams: object  # see `beams`
-    points: object  # see `lighttable`
-    groups: object
-    targets: object
-    by_lane: object
+    origins: object  # float32: x, y, z of 16 receivers; lanes without a receiver repeat another one
+    info: object  # float32: the receivers' box: 0..2 centre, 3..5 half extents, 6..8 lower corner, 9..11 upper corner
+    faces: object  # int32: the receivers' own triangles, by the trees' indices
+    dead: object  # int32, one a stratum: bits of the receivers whose segment is blocked; all bits if it has no sample
+    shafts: object  # float32, see `shafts`
+    beams: object  # float32, see `beams`
+    points: object  # float32, see `lighttable`, like the next three
+    groups: object  # float32
+    targets: object  # float32
+    by_lane: object  # float32
 
 
 @inlined
@@ -78,13 +78,13 @@ def tile_at(scratch, g, chunk):
 
 @inlined
 def first_pixel(pixels, g):
-    """(y, x) where tile number g of a bundle begins; `pixels`: int32, y and x of each tile."""
+    """(y, x) of the first pixel of tile g of a bundle; `pixels`: int32, y and x of each tile."""
     return np.int64(get(pixels, 2 * g)), np.int64(get(pixels, 2 * g + 1))
 
 
 @kernel
 def load_receivers(chunk, y0, x0, tile):
-    """Fill origins and faces; bits of the lanes that hold a receiver."""
+    """Fill origins and faces. Return bits of the lanes that hold a receiver."""
     valid, lane = np.int64(0), np.int64(0)
     for y in range(y0, y0 + chunk.shape.height):
         for x in range(x0, x0 + chunk.shape.width):
@@ -101,7 +101,7 @@ def load_receivers(chunk, y0, x0, tile):
 
 @inlined
 def bound_receivers(tile, valid):
-    """Fill info from some of the lanes, at least one; the others repeat one of them."""
+    """Fill `info` from the `valid` lanes, of which there is at least one. The other lanes then repeat one of them."""
     there, any_lane = mask_from_bits16(valid), lowest_bit(valid)
     for k in range(3):
         o = select(there, load16(tile.origins, 16 * k), broadcast16(tile.origins, 16 * k + any_lane))
@@ -124,7 +124,7 @@ def _extent(tile, lanes, k):
 
 @kernel
 def _size_and_halves(tile, lanes):
-    """(sum of the extents of the receivers' box, the lanes in its lower half along its longest axis)."""
+    """(sum of the extents of the receivers' box, bits of the lanes in its lower half along its longest axis)."""
     size, longest, at, middle = _F(0.0), _F(-1.0), 0, _F(0.0)
     for k in range(3):
         low, high = _extent(tile, lanes, k)
@@ -136,10 +136,10 @@ def _size_and_halves(tile, lanes):
 
 @kernel
 def coherent_part(tile, lanes, light):
-    """The receivers to trace with the first of `lanes`: all, or, where they lie in places far apart, those near it.
+    """Bits of the receivers to trace together with the first of `lanes`: all, or those near it.
 
-    One shaft of width s + l (s: the receivers' box, l: the light's) is split where two, of the receivers in either
-    half of the box, would be clearly narrower together.
+    The receivers' box of size s and the light's box of size l give one shaft of width s + l. The box is halved while
+    the two shafts of its halves are clearly narrower together.
     """
     while lanes & (lanes - 1) != 0:
         size, lower = _size_and_halves(tile, lanes)
@@ -155,7 +155,7 @@ def coherent_part(tile, lanes, light):
 
 @kernel
 def move_light(chunk, y0, x0, valid, tile):
-    """The samples of a light that moves with the receiver, into the tile's own memory; all but `by_lane`."""
+    """Write the samples of a light that moves with the receiver to the tile's own memory, all but `by_lane`."""
     for lane in range(16):
         there = lane if valid >> lane & 1 else lowest_bit(valid)
         i = place_of(chunk, y0, x0, there)
@@ -171,7 +171,7 @@ def move_light(chunk, y0, x0, valid, tile):
 
 @inlined
 def finished_strata(tile, valid):
-    """Bits of the strata all of whose segments from the `valid` receivers (bits) are blocked."""
+    """Bits of the strata to which the segments from all `valid` receivers (bits) are blocked."""
     v = splat16(np.int32(valid))
     return bits((load16(tile.dead, 0) & v) == v)
 
@@ -188,7 +188,7 @@ def turn_bits(source, target):
 
 @kernel
 def read_bits(chunk, y0, x0, valid, tile, known):
-    """Start `dead` from what is known of a chunk's segments already: receivers -> strata; the inverse of `write_bits`.
+    """Start `dead` from the segments of a chunk known to be blocked, receivers -> strata: the inverse of `write_bits`.
 
     known : pointer to the bits of all receivers
     """
@@ -210,7 +210,7 @@ def read_bits(chunk, y0, x0, valid, tile, known):
 def write_bits(chunk, y0, x0, valid, tile, out):
     """Set the bits of a chunk's blocked segments, strata -> receivers.
 
-    out : pointer to the bits of all receivers, `asked.query.words` uint64 each
+    out : pointer to the bits of all receivers, `chunk.query.words` uint64 each
     """
     turn_bits(tile.dead, tile.dead)
     shift, word, known = (

@@ -1,4 +1,4 @@
-"""The predicate against rational arithmetic, and the filters' promise never to be wrong."""
+"""The predicate against rational arithmetic. The filters must never be wrong."""
 
 from fractions import Fraction
 
@@ -57,7 +57,7 @@ def test_both_answers_and_every_stage_occur():
     corners = rng.normal(size=(3000, 9)).astype(np.float32)
     o = rng.normal(size=(3000, 3)).astype(np.float32)
     mix = rng.dirichlet((1, 1, 1), 3000)
-    mix[1000:2000, 0] = 0  # through an edge, as far as float32 can say
+    mix[1000:2000, 0] = 0  # through an edge, up to float32's rounding
     mix[1000:2000] /= mix[1000:2000].sum(1, keepdims=True)
     target = np.einsum("nk,nkc->nc", mix, corners.reshape(-1, 3, 3))
     l = (o + (target - o) * 2).astype(np.float32)
@@ -82,7 +82,7 @@ def test_float32_decides_nearly_everything():
 
 
 def test_denormal_directions_and_huge_triangles_do_not_fool_float32():
-    """The product u d underflows before it meets the triangle's size: the error bound must not."""
+    """The product u d underflows before the triangle's size multiplies it. The error bound must not underflow."""
     rng = np.random.default_rng(3)
     n = 4000
     o = (rng.normal(size=(n, 3)) * 3e11).astype(np.float32)
@@ -153,7 +153,7 @@ def test_the_interval_is_open():
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
 def test_triangles_that_share_an_edge_do_not_leak(seed):
-    """A fan closed around a vertex: lines through the vertex, its spokes and their neighbourhood meet some triangle."""
+    """A closed fan around a vertex: lines through the vertex, its spokes and points nearby meet some triangle."""
     rng = np.random.default_rng(seed)
     k = int(rng.integers(3, 9))
     angles = np.sort(rng.uniform(0, 2 * np.pi, k))

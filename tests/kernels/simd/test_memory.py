@@ -119,7 +119,7 @@ def test_put_converts_to_the_element_type():
 
 
 def test_the_same_bytes_as_float_and_as_integer():
-    """A store through one type is seen by a load through the other, also when the compiler sees both."""
+    """A load through one type sees a store through the other, also if the compiler sees both."""
 
     @compiled
     def negate(a, out):
@@ -268,7 +268,7 @@ def test_atomic_or_and_and_return_the_old_value():
 
 
 def test_atomic_or_and_and_lose_nothing_between_threads():
-    """Each thread sets, and clears, bits of its own in words that all share."""
+    """Each thread sets and clears its own bits in words that all threads share."""
 
     @compiled
     def work(up, down, bit):

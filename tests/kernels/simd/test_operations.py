@@ -9,7 +9,7 @@ import vector_operations as ops
 
 
 def assert_same(name, got, want, unspecified=None):
-    """Equal bit for bit, except that any NaN equals any other, and where the result is unspecified."""
+    """Check equality bit for bit. Any NaN equals any other; unspecified results are ignored."""
     assert got.dtype == want.dtype and got.shape == want.shape, name
     equal = got == want
     if got.dtype == np.float32:
@@ -33,17 +33,17 @@ def test_f32(lanes):
     got, want = ops.compute_f32(lanes), merged(ops.expect_f32(lanes))
     assert got.keys() == want.keys()
     extrema = ("minimum", "maximum")
-    unspecified = np.isnan(a) | np.isnan(b) | ((a == 0) & (b == 0))  # NaN; which of two zeros
+    unspecified = np.isnan(a) | np.isnan(b) | ((a == 0) & (b == 0))  # unspecified: NaN, and the sign of a zero from two zeros
     assert unspecified.sum() > 50
     for name in got.keys() - {"fma"}:
         assert_same(name, got[name], want[name], unspecified if name in extrema else None)
-    for name in extrema:  # of two zeros, still a zero
+    for name in extrema:  # two zeros still give a zero
         assert not np.any(got[name][(a == 0) & (b == 0)])
     assert_fused_or_not(got["fma"], c, want["fma"])
 
 
 def assert_fused_or_not(got, c, rounded_twice):
-    """All lanes of fma(c, c, -0.1) are what two roundings give, or all are what one gives: the nearest."""
+    """Check fma(c, c, -0.1): all lanes are rounded twice, or all are rounded once."""
     if np.array_equal(got, rounded_twice):
         return
     addend = Fraction(float(np.float32(-0.1)))

@@ -68,7 +68,7 @@ print(*(event.source for event in events))
 
 
 def _run_twice(source, folder):
-    """What the program prints in a first and in a second process that share a disk cache."""
+    """The output of a program in a first and in a second process that share a disk cache."""
     path = folder / "program.py"
     path.write_text(source)
     env = dict(os.environ, ANTUMBRA_CACHE=str(folder / "cache"))

@@ -1,4 +1,4 @@
-"""The same bits whatever x86 processor the kernels are compiled for, and one instruction where it has one."""
+"""Kernels give the same bits for any x86 processor, and use a single instruction where the processor has one."""
 
 import os
 import platform
@@ -20,7 +20,7 @@ needs_avx2 = pytest.mark.skipif(AVX2 not in HERE, reason="this processor cannot 
 
 
 def results_compiled_for(processor, folder):
-    """What another process computes, with kernels compiled for a level of processors."""
+    """The results of another process, with kernels compiled for a level of processors."""
     path = folder / f"{processor}.npz"
     env = dict(os.environ, ANTUMBRA_LEVEL=processor)
     script = Path(ops.__file__)
@@ -41,7 +41,7 @@ def haswell(tmp_path_factory):
 
 
 def assert_same_bits(one, other):
-    """Equal but for `fma`, for what is unspecified, and for which NaN a NaN is."""
+    """Check that results are equal, except for `fma`, unspecified results, and the bits of NaN."""
     names = one.keys() - {"assembly"}
     assert names == other.keys() - {"assembly"}
     a, b, _ = ops.f32_inputs()
@@ -82,4 +82,4 @@ def test_one_instruction_each(baseline, haswell):
     assembly = str(haswell["assembly"])
     for instruction in ("vaddps", "vminps", "vblendvps"):
         assert len(re.findall(rf"\b{instruction}\b.*ymm", assembly)) == 1, instruction
-    assert "ymm" not in str(baseline["assembly"])  # so the two really were compiled for different processors
+    assert "ymm" not in str(baseline["assembly"])  # so they were compiled for different processors

@@ -1,4 +1,4 @@
-"""What is not a vector operation is refused when the kernel is compiled, with the cure."""
+"""The compiler rejects code that is no vector operation, with a message that names the cure."""
 
 import numba
 import numpy as np
@@ -37,7 +37,7 @@ CASES = {
     ),
     "vector of boolean": (lambda a: simd.bits(simd.load4(a, 0)), F32),
     "vector of int32": (lambda a: simd.bits(simd.to_f32(simd.load4(a, 0)) < 0), F32),
-    # Operators: Numba words these itself.
+    # Operators: Numba makes these messages itself.
     "add.*f32x4, i32x4": (lambda a: simd.bits(simd.load4(a, 0) + simd.iota4() < 0), F32),
     "add.*f32x4, f32x8": (lambda a: simd.bits(simd.load4(a, 0) + simd.load8(a, 0) < 0), F32),
     "truediv.*i32x4": (lambda a: simd.bits(simd.load4(a, 0) / 2 < 0), I32),

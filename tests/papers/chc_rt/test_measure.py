@@ -1,4 +1,4 @@
-"""The benchmark of CHC+RT: where it walks, what it compares, and what is made of it."""
+"""The benchmark of CHC+RT: its walks, its comparisons, and the figures derived from them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The benchmark of ray hierarchies: what is measured, what is left out, and what is made of it."""
+"""The benchmark of ray hierarchies: measurements, variants left out, and the figures derived from them."""
 
 import math
 
@@ -55,7 +55,7 @@ def test_variants_are_plans():
 
 
 def made_costs(picture: str, **nodes: int | None) -> list[Cost]:
-    """Costs of all variants: nodes as given, or 9; a second for each of them; None: left out."""
+    """Costs of all variants: the given nodes, or 9, and a second for each variant; None: left out."""
     found = {name: nodes.get(name, 9) for name in PLANS}
     return [
         Cost(picture, name, 1.0, 9.0) if n is None else Cost(picture, name, 1.0, 9.0, n, 5, float(n), b"1")

@@ -34,7 +34,7 @@ def test_the_variants_of_table_1():
 
 
 def options_of(*words):
-    """What words mean, said otherwise."""
+    """The options of words, by another formula."""
     flags = {word.replace("-", "_"): True for word in words} | {"nodes": None if "boxes" in words else Cones}
     return Options(**{name: flag for name, flag in flags.items() if name not in ("boxes", "precise")})
 

@@ -1,4 +1,4 @@
-"""What the benchmark of ray hierarchies looks at."""
+"""Views of the ray hierarchy benchmark."""
 
 import json
 
@@ -29,7 +29,7 @@ INFO = {
 
 @pytest.fixture
 def scenes(tmp_path, monkeypatch):
-    """Writes a moving scene into a folder of $ANTUMBRA_SCENES: scenes("bart_robots", more of info.json) -> folder."""
+    """Writes a moving scene to a folder of $ANTUMBRA_SCENES: scenes("bart_robots", fields of info.json) -> folder."""
     monkeypatch.setenv("ANTUMBRA_SCENES", str(tmp_path))
     box = trimesh.creation.box(extents=(3, 4, 12))  # a diagonal of 13
 

@@ -1,4 +1,4 @@
-"""The bedroom behind blinds: light comes through its window only, and the blinds stop most of it."""
+"""The bedroom behind blinds: light comes only through its window, and the blinds block most of it."""
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ def bedroom():
 
 @pytest.fixture(scope="module")
 def corners(bedroom):
-    """(n, 3, 3) float32"""
+    """(n, 3, 3) float32: the triangles of the bedroom."""
     return (bedroom.triangles().vertices + bedroom.origin).astype(np.float32)
 
 
 @pytest.fixture(scope="module")
 def of_blinds(corners):
-    """(n,) bool: the triangle lies where the blinds hang: within the opening, before the frame and behind the wall."""
+    """(n,) bool: whether each triangle lies where the blinds hang: in the opening, between the frame and the room."""
     behind = np.abs(corners[..., 0] + HALF_X + window.HANG) < 0.09
     inside = (np.abs(corners[..., 2]) < window.WIDTH / 2) & (corners[..., 1] > window.SILL)
     return (behind & inside).all(axis=1)
@@ -52,7 +52,7 @@ def test_most_light_is_stopped_and_mostly_by_the_blinds(bedroom, corners, of_bli
     normals = normals * np.sign(np.sum((camera.position - points) * normals, axis=1, keepdims=True))
     place = np.random.default_rng(1).random((2, len(points), 1))
     to_light = light.corner + place[0] * light.u + place[1] * light.v - points
-    asked = np.sum(to_light * normals, axis=1) > 0.0  # others are below the surface's horizon
+    asked = np.sum(to_light * normals, axis=1) > 0.0  # the others are below the surface's horizon
     start, way = (points + 1e-4 * normals)[asked], to_light[asked]
     by_blinds, by_others = (
         at.Scene.from_arrays(corners[which]).occluded(start, way, tmax=1.0) for which in (of_blinds, ~of_blinds)

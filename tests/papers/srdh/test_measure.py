@@ -1,4 +1,4 @@
-"""The benchmark of SRDH: what is counted, of which rays, and what is made of it."""
+"""The benchmark of SRDH: its rays, its counts, and the figures derived from them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the benchmark of SRDH looks at."""
+"""Views of the SRDH benchmark."""
 
 import json
 
@@ -15,7 +15,7 @@ INFO = {"up": [0, 1, 0], "camera": {"position": [0, 1, 5], "target": [0, 1, 0], 
 
 @pytest.fixture
 def scenes(tmp_path, monkeypatch):
-    """A folder of scenes with one, zdm2; its info.json can be changed."""
+    """A folder of scenes with a single scene, zdm2. Its info.json can be changed."""
     monkeypatch.setenv("ANTUMBRA_SCENES", str(tmp_path))
     folder = tmp_path / "zdm2"
     folder.mkdir()

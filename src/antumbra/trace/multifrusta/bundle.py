@@ -1,4 +1,4 @@
-"""A bundle: up to 16 tiles whose shafts go through the tree together, and the memory that a thread has for it."""
+"""A bundle, up to 16 tiles whose shafts go through the tree together, and a thread's scratch memory for it."""
 
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ DEFERRED_INTS = deferred_ints(MAX_TILES)
 class Bundle(NamedTuple):
     """How the 16 lanes of a bundle share its tiles and strata."""
 
-    tiles: int  # 1 to 16, a power of two; those of a tile group count as one
+    tiles: int  # 1 to 16, a power of two; a tile group counts as one tile
     groups: int  # groups of strata of each tile: lanes are slot * groups + group
     strata: int  # strata in a group
     is_tile_group: bool
@@ -36,17 +36,17 @@ class Bundle(NamedTuple):
 class Scratch(NamedTuple):
     """A thread's memory."""
 
-    tiles: object  # float32: those of a region, or of as many parts of its tiles
+    tiles: object  # float32: the tiles of a region, or one part of each
     lanes: object  # float32, rows of `Shafts`
     work: object  # float32, for `shaftleaf`
-    tile_group: object  # float32, see `tile_group`
+    tile_group: object  # float32, see `tilegroup`
     stack: object  # int32: links and masks
     slots: object  # int32: the bundle's tiles
     valid: object  # int32: bits of each tile's receivers
-    left: object  # int32: bits of the receivers of the region's tiles that are not traced yet
+    left: object  # int32: of each tile of the region, bits of the receivers not traced yet
     places: object  # int32: y and x of each tile's first pixel
     planes: object  # float32, for `horizon`
-    at: object  # int32: where a walk goes on; the number of the tree; from WAITING on, the leaf that waits, its lanes
+    at: object  # int32: a walk as `descent.save` writes it; at TREE the tree's number; at WAITING a leaf and its lanes
     deferred: object  # int32, see `deferred`
 
 
@@ -61,13 +61,13 @@ def _power_of_two(n):
 
 @inlined
 def tiles_to_fill(count):
-    """How many tiles with so many samples fill the lanes."""
+    """The number of tiles that fill the lanes if each has `count` samples."""
     return STRATA // _power_of_two(count)
 
 
 @inlined
 def bundle_of(tiles, count):
-    """The `Bundle` of so many tiles, with so many samples."""
+    """The `Bundle` of a number of tiles with `count` samples each."""
     size, strata = _power_of_two(tiles), _power_of_two(count)
     groups = STRATA // size if STRATA // size < strata else strata
     return Bundle(size, groups, strata // groups, False)
@@ -75,14 +75,14 @@ def bundle_of(tiles, count):
 
 @inlined
 def tile_group_of(scratch, chunk):
-    """The `TileGroup` whose first tile is in the first slot."""
+    """The `TileGroup` of a bundle. Its first tile is in the first slot."""
     whole = tile_at(scratch.tiles, MAX_TILES, chunk)
     return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, whole, np.int64(get(scratch.slots, 0)))
 
 
 @inlined
 def lane_strata(lanes, bundle):
-    """The strata (bits) of the groups (bits)."""
+    """Bits of the strata in some groups of a tile (bits)."""
     if bundle.strata == 1:
         return lanes
     ones, strata = (np.int64(1) << bundle.strata) - 1, np.int64(0)
@@ -104,7 +104,7 @@ def finished_groups(tile, valid, bundle):
 
 @kernel
 def fill_lanes(slot, tile, bundle, lanes):
-    """The shafts of a tile's groups, in the lanes of a slot."""
+    """Write the shafts of a tile's groups to the lanes of a slot."""
     first_group = 16 // bundle.strata
     for q in range(bundle.groups):
         lane, group = slot * bundle.groups + q, first_group + q
@@ -118,7 +118,7 @@ def fill_lanes(slot, tile, bundle, lanes):
 
 @inlined
 def shafts_of(p):
-    """The `Shafts` of the lanes."""
+    """Load the `Shafts` of the lanes from p."""
     return Shafts(
         load16(p, 0), load16(p, 16), load16(p, 32), load16(p, 48), load16(p, 64), load16(p, 80),
         load16(p, 96), load16(p, 112), load16(p, 128), load16(p, 144), load16(p, 160), load16(p, 176),

@@ -1,11 +1,14 @@
 """A block of triangles against a tile: cull and cover by shafts or beams, test rays only where neither decides.
 
-Next to the receivers their beams are narrower, next to the light the shafts of its strata: `beams.is_near` says
-which. If most of those miss the block's box, each of the others is tested against the 16 triangles side by side; else
-the triangles are culled side by side against the shaft to the smallest group of strata that matters, and each of
-those left is tested against the 16 beams or strata side by side. What neither misses nor is covered is tested ray by
-ray: 16 samples of a receiver, or 16 receivers and a stratum, at once. Of a stratum few of whose rays meet the block's
-box each ray is tested against the 16 triangles.
+Beams are narrower next to the receivers, and shafts of strata are narrower next to the light. `beams.is_near` chooses
+between them for each block. The chosen 16 are first tested against the block's box.
+
+- If few of them meet the box, each is tested against the 16 triangles side by side.
+- Otherwise the triangles are culled side by side against one shaft. It leads to the smallest group that holds all live
+  strata. Each triangle left is then tested against the 16 beams or strata side by side.
+
+A pair that neither misses nor covers is tested ray by ray. One vector holds 16 samples of a receiver, or 16 receivers
+and one stratum. If few rays of a stratum meet the block's box, each of them is tested against the 16 triangles.
 """
 
 import numpy as np
@@ -39,9 +42,9 @@ from .shaftbox import beams_in_box, rays_in_box, strata_in_box
 from .shaftcull import CULL_WORK, cull_beams, cull_block, cull_strata, plane_of, receiver_lanes, triangle_lanes
 
 WORK = CULL_WORK + LANES  # float32 of scratch memory
-_FEW_BEAMS = 6  # beams of a block, or strata, up to which each goes by itself
-_FEW_STRATA = 8
-_FEW_RAYS = 4  # of a stratum
+_FEW_BEAMS = 6  # up to this many beams that meet a block are tested one by one
+_FEW_STRATA = 8  # the same for strata
+_FEW_RAYS = 4  # the same for rays of a stratum
 
 
 @inlined
@@ -52,15 +55,17 @@ def _block_rows(dead, lanes, one):
 
 @inlined
 def _block_receivers(tile, receivers):
-    """All segments from some receivers (bits) are blocked."""
+    """Note that all segments from some receivers (bits) are blocked."""
     store(tile.dead, 0, load16(tile.dead, 0) | splat16(np.int32(receivers)))
 
 
 @kernel
 def on_the_lights_side(tile, tree, slot, above, below, lanes):
-    """Bits of those receivers that are, as all of the light, surely on one side of a triangle's plane, in float64.
+    """Bits of the receivers in `lanes` that are surely on the light's side of a triangle's plane, in float64.
 
-    For the surface that a tile lies on, and what continues it, float32 cannot say on which side the receivers are.
+    Float32 cannot decide this for the surface that the tile lies on, or for triangles that continue this surface.
+
+    above, below : bits of the receivers whose light is surely above, or surely below, the plane
     """
     f = np.float64
     a, n, error = plane(tree.corners, slot, f(0.0), f(0.0), f(0.0))
@@ -83,7 +88,7 @@ def on_the_lights_side(tile, tree, slot, above, below, lanes):
 
 @inlined
 def _test_samples(tile, b, slot, r, k, strata, counters):
-    """Test the rays of receiver r against the triangle that lane k of the kept `Lanes` tells of."""
+    """Test the rays of receiver r against the triangle in lane k of the kept `Lanes`."""
     d = minus(rows(tile.by_lane, r * 48, 16), broadcasts(tile.origins, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), b.facing)
@@ -96,7 +101,7 @@ def _test_samples(tile, b, slot, r, k, strata, counters):
 
 @kernel
 def _test_strata(tile, b, slot, i, receivers, strata, counters):
-    """Test the rays from some receivers to some strata (bits) against triangle i, one that `cull_block` has left."""
+    """Test the rays from some receivers to some strata (bits) against triangle i, which `cull_block` has kept."""
     lanes, dead = triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i), load16(tile.dead, 0)
     while strata != 0:
         s = lowest_bit(strata)
@@ -113,13 +118,13 @@ def _test_strata(tile, b, slot, i, receivers, strata, counters):
 
 @inlined
 def _others(tile, b, slot):
-    """Bits of the receivers whose own triangle this is not."""
+    """Bits of the receivers that do not lie on the triangle in `slot`."""
     return b.valid & ~bits(load16(tile.faces, 0) == get(b.tree.prim_ids, slot))
 
 
 @inlined
 def _by_beams(tile, b, i, live, strata, counters):
-    """Test triangle i, one that `cull_block` has left, against the beams in `live`; those not blocked whole."""
+    """Test triangle i, which `cull_block` has kept, against the beams in `live`. Return bits of those not covered."""
     d, half = beams_of(tile)
     slot, lanes = slot_of(b, i), triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i)
     v = cull_beams(d, half, lanes, b.facing)
@@ -142,7 +147,7 @@ def _by_beams(tile, b, i, live, strata, counters):
 
 @inlined
 def _by_strata(tile, b, i, strata, counters):
-    """Test triangle i, one that `cull_block` has left, against the shafts of some strata; those with rays left."""
+    """Test triangle i, which `cull_block` has kept, against the shafts of some strata. Return those with rays left."""
     slot, v = slot_of(b, i), cull_strata(tile.shafts, b.work, i, b.facing)
     covered = v.cover & strata
     count(counters, COVERED, popcount(covered))
@@ -160,7 +165,7 @@ def _by_strata(tile, b, i, strata, counters):
 
 @kernel
 def _trace_receiver(tile, b, r, strata, counters):
-    """Test the beam of receiver r, and where that does not decide its rays, against the triangles of a block."""
+    """Test the beam of receiver r against the triangles of a block. Where the beam does not decide, test its rays."""
     own, lanes, one = get(tile.faces, r), receiver_lanes(tile, numbers_of(b), r), np.int64(1) << r
     d, half = beam_of(tile, r)
     v = cull_beams(d, half, lanes, b.facing)
@@ -188,7 +193,7 @@ def _trace_receiver(tile, b, r, strata, counters):
 
 @inlined
 def _trace_rays(tile, b, s, rays, counters):
-    """Test rays of stratum s (bits) one by one against the triangles of a block; bits of those that are blocked."""
+    """Test rays of stratum s (bits) one by one against the triangles of a block. Return bits of the blocked rays."""
     blocked = np.int64(0)
     while rays != 0:
         r = lowest_bit(rays)
@@ -202,7 +207,7 @@ def _trace_rays(tile, b, s, rays, counters):
 
 @inlined
 def _trace_row(tile, b, s, rays, triangles, counters):
-    """Test rays of stratum s (bits) against triangles (bits) that `cull_block` has left; those that are blocked."""
+    """Test rays of stratum s (bits) against triangles (bits) that `cull_block` has kept. Return the blocked rays."""
     d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
     left = rays
     while triangles != 0 and left != 0:
@@ -220,7 +225,10 @@ def _trace_row(tile, b, s, rays, triangles, counters):
 
 @kernel
 def _trace_stratum(tile, b, s, c, e, counters):
-    """Test the rays of stratum s against a block with the box c -+ e: few one by one, else culled by their shaft."""
+    """Test the rays of stratum s against a block whose box is c -+ e.
+
+    Few rays are tested one by one. Otherwise the stratum's shaft culls triangles first.
+    """
     dead = np.int64(get(tile.dead, s))
     rays = rays_in_box(tile, s, c, e) & b.valid & ~dead
     if popcount(rays) > _FEW_RAYS:
@@ -233,7 +241,12 @@ def _trace_stratum(tile, b, s, c, e, counters):
 
 @kernel
 def trace_block(tile, tree, number, triangles, strata, valid, facing, work, deferred, counters):
-    """Test the segments to some strata of a tile against a block; what it blocks is noted in `tile.dead`."""
+    """Test the segments from a tile to some strata against a block. Blocked ones are noted in `tile.dead`.
+
+    number, triangles : of the block, and how many triangles it has
+    strata, valid : bits of the strata, and of the tile's receivers
+    """
+    # In: tile, tree, number, triangles, strata, valid, facing. Out: work, deferred, counters, `tile.dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, deferred)
     count(counters, TRIANGLES, triangles)
     box = ptr_at(tree.bounds, b.number * 8)

@@ -1,11 +1,13 @@
 """A tile group: tiles near each other, traced as one towards a light that is large beside them.
 
-The lanes of its walk are the light's strata, as seen from the box of the receivers of all its tiles. That box adds
-little to the width of a stratum's shaft, and up to 16 tiles share the walk. At a block the sides change: for each
-stratum whose shaft meets it, the lanes are the tiles. The rays of those tiles that meet the block's box are gathered
-into full vectors. Few rays are tested against all of the block's triangles each. More rays are tested against the
-triangles that the tile group's shaft may meet. Many rays are tested only after a look at which tiles a triangle covers
-whole. Next to the receivers, `shaftleaf` tests blocks tile by tile, since its beams are narrower there.
+In the walk, the lanes are the light's strata, as seen from the box around the receivers of all tiles. This box adds
+little to the width of a stratum's shaft, and up to 16 tiles share the walk.
+
+At a block, the lanes are the tiles, for each stratum whose shaft meets the block. The rays that meet the block's box
+are gathered from these tiles into full vectors. Few rays are each tested against all triangles of the block. More rays
+are tested against the triangles that the tile group's shaft may meet. If there are many rays, the tiles that one
+triangle covers whole are removed first. Next to the receivers, `shaftleaf` tests blocks tile by tile, because beams are
+narrower there.
 """
 
 from typing import NamedTuple
@@ -43,33 +45,33 @@ _F = np.float32
 _BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)
 _OPEN = (1 + STRATA) * _BOXES
 TILE_GROUP_FLOATS = _OPEN + 16 + COMPACTED_FLOATS
-_FEW_RAYS = 6  # of all tiles, up to which each goes by itself
-_MANY_RAYS = 48  # from which on it is asked whether a triangle covers tiles
+_FEW_RAYS = 6  # up to this many rays of all tiles are tested one by one
+_MANY_RAYS = 48  # from this many rays on, triangles that cover whole tiles are looked for first
 
 
 class TileGroup(NamedTuple):
-    """Where a tile group's numbers are: pointers into scratch memory. Its tiles are lanes."""
+    """Pointers to a tile group's numbers in scratch memory. Its tiles are lanes."""
 
     tiles: object  # float32, as `tile.tile_at` reads them
     valid: object  # int32: bits of each tile's receivers
-    whole: Tile  # the receivers of all tiles as one
-    boxes: object  # float32: of the tiles' receivers
-    targets: object  # float32: of each stratum's samples, as the tiles see them
-    open: object  # int32 of each stratum: bits of the tiles that have segments to it left
+    whole: Tile  # all tiles as one: the box of their receivers, and its shafts
+    boxes: object  # float32: boxes of the tiles' receivers
+    targets: object  # float32: of each stratum, boxes of its samples for the tiles
+    open: object  # int32, one a stratum: bits of the tiles that have segments to it left
     rays: object  # `Compacted`
-    first: int  # a tile of it
+    first: int  # number of one of its tiles
 
 
 @inlined
 def tile_group_at(memory, tiles, valid, whole, first):
-    """The `TileGroup` in SHEAF_FLOATS float32."""
+    """The `TileGroup` in TILE_GROUP_FLOATS float32."""
     still_open, rays = as_i32(ptr_at(memory, _OPEN)), compacted_at(ptr_at(memory, _OPEN + 16))
     return TileGroup(tiles, valid, whole, memory, ptr_at(memory, _BOXES), still_open, rays, first)
 
 
 @inlined
 def tile_in(tile_group, g, chunk):
-    """Tile g, seen with the tile group's shafts: they hold its own."""
+    """Tile g with the tile group's shafts, which contain the tile's own shafts."""
     t = tile_at(tile_group.tiles, g, chunk)
     return Tile(
         t.number, t.origins, tile_group.whole.info, t.faces, t.dead, tile_group.whole.shafts, t.beams, t.points,
@@ -87,14 +89,15 @@ def _put_box(boxes, lane, k, low, high):
 
 @inlined
 def _widen(memory, low, high, by, by_low, by_high):
-    """Widen the interval in two words of memory by that in two others'."""
+    """Widen the interval at words `low` and `high` of `memory` by the one at `by_low` and `by_high` of `by`."""
     put(memory, low, min(get(memory, low), get(by, by_low)))
     put(memory, high, max(get(memory, high), get(by, by_high)))
 
 
 @inlined
 def _add_tile(tile_group, tile, chunk):
-    """Widen the tile group by the box of a tile's receivers, and by its samples if each tile has its own."""
+    """Widen the tile group by the box of a tile's receivers. If the light moves with the receivers, add its samples.
+    """
     info, groups = tile_group.whole.info, tile_group.whole.groups
     for k in range(3):
         _widen(info, 6 + k, 9 + k, tile.info, 6 + k, 9 + k)
@@ -111,7 +114,7 @@ def _add_tile(tile_group, tile, chunk):
 
 @inlined
 def _aim_at_fixed(tile_group, chunk):
-    """The strata of a light that is the same for all tiles."""
+    """Fill the targets for a light that is the same for all tiles."""
     for s in range(STRATA):
         for k in range(3):
             low = k * ALL_GROUPS + 16 + s
@@ -122,7 +125,7 @@ def _aim_at_fixed(tile_group, chunk):
 
 @inlined
 def close(tile_group, g, strata):
-    """Tile g has no segments to some strata (bits) left."""
+    """Note that tile g has no segment left to some strata (bits)."""
     closed = select(mask_from_bits16(strata), splat16(np.int32(1 << g)), splat16(np.int32(0)))
     store(tile_group.open, 0, load16(tile_group.open, 0) & ~closed)
 
@@ -188,7 +191,7 @@ def _open_tiles(tile_group, strata):
 
 @inlined
 def _blocked(tile_group, g, s, receivers, chunk):
-    """Note some receivers (bits) of tile g that are blocked from stratum s."""
+    """Note that the segments from some receivers (bits) of tile g to stratum s are blocked."""
     dead, valid = tile_at(tile_group.tiles, g, chunk).dead, np.int64(get(tile_group.valid, g))
     receivers |= np.int64(get(dead, s))
     put(dead, s, receivers)
@@ -198,7 +201,7 @@ def _blocked(tile_group, g, s, receivers, chunk):
 
 @inlined
 def _blocked_rays(tile_group, s, first, rays, chunk):
-    """Note some gathered rays (bits, from the first on) that are blocked."""
+    """Note that some gathered rays (bits, counted from the first on) are blocked."""
     while rays != 0:
         place = np.int64(get(tile_group.rays.places, first + lowest_bit(rays)))
         rays &= rays - 1
@@ -207,7 +210,7 @@ def _blocked_rays(tile_group, s, first, rays, chunk):
 
 @inlined
 def _rays_in_box(tile_group, s, live, chunk, c, e):
-    """Gather the rays of some tiles (bits) to stratum s that meet a box and are not blocked; how many."""
+    """Gather the rays of some tiles (bits) to stratum s that meet a box and are not blocked. Return their number."""
     n = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
@@ -221,7 +224,10 @@ def _rays_in_box(tile_group, s, live, chunk, c, e):
 
 @inlined
 def _cover(tile_group, b, s, live, left, chunk, counters):
-    """Test triangles (bits) against the shafts of tiles (bits) to stratum s; the tiles that none covers whole."""
+    """Test triangles (bits) against the shafts of tiles (bits) to stratum s.
+
+    Return bits of the tiles that no triangle covers whole.
+    """
     numbers, targets = numbers_of(b), ptr_at(tile_group.targets, s * _BOXES)
     while left != 0 and live != 0:
         covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
@@ -254,7 +260,7 @@ def _trace_far(tile_group, b, s, live, chunk, c, e, counters):
 
 @inlined
 def tiles_by_beams(tile_group, bounds, strata, chunk):
-    """Bits of the tiles that a block next to them is to be tested against one by one; -1 if it is not next to them.
+    """If a block is near the receivers, bits of the tiles to test it against one by one, else -1.
 
     bounds : pointer to the block's box
     """
@@ -267,7 +273,11 @@ def tiles_by_beams(tile_group, bounds, strata, chunk):
 
 @kernel
 def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, deferred, counters):
-    """Test the segments of a tile group to some strata (bits) against a block; `dead` tells what it blocks."""
+    """Test the segments of a tile group to some strata (bits) against a block. Blocked ones are noted in `dead`.
+
+    number, triangles : of the block, and how many triangles it has
+    """
+    # In: tile_group, tree, number, triangles, strata, chunk. Out: work, deferred, counters, and the tiles' `dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), chunk.query.facing, work, deferred)
     box = ptr_at(tree.bounds, b.number * 8)
     c, e = broadcasts(box, 0, 1), broadcasts(box, 4, 1)

@@ -1,6 +1,7 @@
-"""`multifrusta`: 16 shafts of shadow rays at once through a shallow BVH, rays only where shafts do not decide.
+"""`multifrusta`: trace 16 shafts of shadow rays at once through a shallow BVH.
 
-Multi-frusta tracing [Benthin and Wald 2009] for area lights.
+Single rays are tested only where shafts do not decide. This is multi-frusta tracing [Benthin and Wald 2009] for area
+lights.
 """
 
 from typing import NamedTuple
@@ -48,14 +49,14 @@ from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
 from .shaftleaf import WORK, trace_block
 from .tilegroup import TILE_GROUP_FLOATS, close, finished, make_tile_group, tile_in, tiles_by_beams, trace_tile_group
 
-_INTERLEAVED = 4  # tiles of a bundle that is no tile group, as long as they fill its lanes
-_FEW_TILES = 12  # of a tile group, at least; fewer do not pay for its wider shafts
-_FEW_SAMPLES = 8  # for a tile group, at least
+_INTERLEAVED = 4  # least number of tiles in a bundle with separate shafts
+_FEW_TILES = 12  # least number of tiles in a tile group; fewer do not pay for its wider shafts
+_FEW_SAMPLES = 8  # least number of samples in a chunk for a tile group
 
 
 @inlined
 def _trace_tile(tree, code, tile, valid, strata, chunk, scratch, counters):
-    """A block against the segments of a tile to some strata (bits)."""
+    """Test a block against the segments of a tile to some strata (bits)."""
     strata &= ~finished_strata(tile, valid)
     if strata != 0:
         block, triangles, facing = code >> 5, code & 31, chunk.query.facing
@@ -64,7 +65,10 @@ def _trace_tile(tree, code, tile, valid, strata, chunk, scratch, counters):
 
 @inlined
 def _tile_group_leaf(tree, code, strata, chunk, scratch, counters):
-    """A block against some strata (bits) of a tile group; bits of those to which it has no segment left."""
+    """Test a block against some strata (bits) of a tile group.
+
+    Return bits of the strata to which the group has no segment left.
+    """
     tile_group, block = tile_group_of(scratch, chunk), code >> 5
     live = tiles_by_beams(tile_group, ptr_at(tree.bounds, block * 8), strata, chunk)
     if live < 0:
@@ -81,7 +85,7 @@ def _tile_group_leaf(tree, code, strata, chunk, scratch, counters):
 
 @inlined
 def _leaf(tree, code, mask, chunk, bundle, scratch, counters):
-    """A block against the lanes in `mask`; bits of those that have no segment left."""
+    """Test a block against the lanes in `mask`. Return bits of the lanes that have no segment left."""
     if bundle.is_tile_group:
         return _tile_group_leaf(tree, code, mask, chunk, scratch, counters)
     done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
@@ -96,7 +100,7 @@ def _leaf(tree, code, mask, chunk, bundle, scratch, counters):
 
 
 class RegionJob(NamedTuple):
-    """A bundle, and the chunk of a query that it asks."""
+    """The job of `walk_tree` for a bundle: the bundle, and its chunk of the query."""
 
     chunk: QueryChunk
     bundle: Bundle
@@ -112,7 +116,7 @@ def _by_job(tree, slabs, at, alive, job, scratch, counters):
 
 @inlined
 def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
-    """`walk_tree`. A block is fetched when it is found, and tested when the next one is."""
+    """`walk_tree` of a bundle. It prefetches a block when it finds it, and tests it when it finds the next one."""
     code, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
     while True:
         at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
@@ -143,7 +147,8 @@ def _walk(forest, i, end, alive, chunk, bundle, scratch, counters):
 def _trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
     """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
 
-    What is deferred is settled whenever the memory for it runs low, before other memory is entered, and at the end.
+    Deferred tests are settled in three cases: when their memory runs low, before a tree with other arrays, and at the
+    end.
     """
     i, end = list_of(forest, y, x, np.int64(0))
     save(scratch.at, nowhere())
@@ -161,7 +166,8 @@ def _trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
 
 @inlined
 def _start_tile(chunk, g, scratch, fresh, known, counters):
-    """Prepare tile g, whose receivers are loaded; unless all is `fresh`, the bits at `known` tell what is blocked."""
+    """Prepare tile g, whose receivers are loaded. Unless `fresh`, the bits at `known` tell which segments are blocked.
+    """
     tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)
@@ -177,7 +183,7 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
 
 @inlined
 def _fill_slot(chunk, bundle, slot, g, scratch):
-    """Give tile g a slot of a bundle; bits of its lanes that have a segment to trace."""
+    """Give tile g a slot of a bundle. Return bits of its lanes that have a segment to trace."""
     tile = tile_at(scratch.tiles, g, chunk)
     make_shafts(tile.info, tile.groups, tile.shafts)
     put(scratch.slots, slot, g)
@@ -188,7 +194,10 @@ def _fill_slot(chunk, bundle, slot, g, scratch):
 
 @inlined
 def _bundle_separate(numbers, chunk, scratch):
-    """The `Bundle` of the first of some tiles (bits), each with its own shafts; its lanes (bits), the tiles left."""
+    """Make a `Bundle` of the first of some tiles (bits), each with its own shafts.
+
+    Return the bundle, bits of its live lanes, and bits of the tiles left.
+    """
     n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.count)))
     bundle, alive = bundle_of(n, chunk.count), np.int64(0)
     for slot in range(n):
@@ -199,7 +208,7 @@ def _bundle_separate(numbers, chunk, scratch):
 
 @inlined
 def _bundle_together(members, chunk, scratch, counters):
-    """The `Bundle` of some tiles (bits) as a tile group; its lanes (bits)."""
+    """Make a `Bundle` of some tiles (bits) as a tile group. Return the bundle and bits of its live lanes."""
     count(counters, TILE_GROUP_TILES, popcount(members))
     put(scratch.slots, 0, lowest_bit(members))
     bundle, tile_group = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), tile_group_of(scratch, chunk)
@@ -210,7 +219,7 @@ def _bundle_together(members, chunk, scratch, counters):
 
 @inlined
 def _tile_group_among(numbers, chunk, scratch):
-    """Bits of those of a region's tiles (bits) that are a tile group; there is room for one at most."""
+    """Bits of the region's tiles in `numbers` (bits) that form a tile group, 0 if none do. A region has at most one."""
     while popcount(numbers) >= _FEW_TILES and chunk.count >= _FEW_SAMPLES:
         members = near_each_other(chunk, scratch.tiles, numbers)
         if popcount(members) >= _FEW_TILES:
@@ -221,7 +230,7 @@ def _tile_group_among(numbers, chunk, scratch):
 
 @inlined
 def _trace_parts(forest, n, chunk, scratch, known, counters):
-    """Trace n tiles whose receivers are loaded: the tile group among them first, if there is one."""
+    """Trace n tiles whose receivers are loaded. If some of them form a tile group, it comes first."""
     y, x = first_pixel(scratch.places, 0)
     for g in range(n):
         _start_tile(chunk, g, scratch, forest.fresh, known, counters)
@@ -238,7 +247,14 @@ def _trace_parts(forest, n, chunk, scratch, known, counters):
 
 @kernel
 def _trace_regions(ticket, arrays, query, table, shape, layout, k, n_samples, out, counters):
-    """Worker: regions of tiles; where a tile's receivers lie in several places, one place after the other."""
+    """Worker: trace regions of tiles. If a tile's receivers lie in several places, it traces one place after the other.
+
+    layout : Layout
+    k : number of the chunk
+    n_samples : samples in the chunk
+    out : the bits of all receivers
+    """
+    # In: query, table, shape, layout, k, n_samples. Out: out, counters.
     scratch = Scratch(
         stack_f32(TILES), stack_f32(LANES), stack_f32(WORK), stack_f32(TILE_GROUP_FLOATS), stack_i32(STACK),
         stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PLACES), stack_f32(PLANES),
@@ -267,8 +283,8 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, k, n_samples, ou
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    Samples far apart, those of a hemisphere, an interleaved list or a huge light, are left to packets, as are
-    coordinates that are too large for shafts: see `packets.incoherent`.
+    Packets trace the queries that shafts cannot trace well (`packets.incoherent`). These are hemispheres, interleaved
+    lists, huge lights, and coordinates too large for shafts.
 
     tree : BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
@@ -284,7 +300,7 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
 def trace_forest(forest: Forest, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
     """Trace shafts through the trees of a `Forest`; arguments as for `trace_shadow`.
 
-    bits : zeros, or, unless the forest is fresh, what is known
+    bits : zeros; if the forest is not fresh, the blocked segments found so far
     chunks : range of the chunks of 16 samples to trace; None: all
     """
     counters = new_counters() if counters is None else counters

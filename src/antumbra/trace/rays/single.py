@@ -1,7 +1,7 @@
-"""`single` and `wide`: one ray at a time, over the binary BVH or a wide one, by the same loop.
+"""`single` and `wide`: one shadow ray at a time, over the binary BVH or a wide one, by the same loop.
 
-`single` is the baseline that every other tracer must agree with, bit for bit; `single:random` and the like differ in
-the order of children only (`orders`).
+`single` is the baseline. Every other tracer must agree with it bit for bit. Variants such as `single:random` differ
+only in the order of children (`orders`).
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from .interleaved import any_hit_wide
 from .orders import BUILT, Ordered
 from .traverse import triangle_hit, walk
 
-TILE = 16  # pixels; neighbours are traced after each other, by one thread
+TILE = 16  # side of a tile in pixels; one thread traces a tile's pixels one after the other
 
 
 def as_built(bvh, threads=None) -> Ordered:
@@ -34,9 +34,9 @@ class OrderedTree(NamedTuple):
     """Pointers to the arrays of an `Ordered`'s BVH, and its order."""
 
     tree: Tree
-    prim_ids: object
-    corners: object
-    order: object
+    prim_ids: object  # int32 *
+    corners: object  # float32 *, 9 a triangle
+    order: object  # int64
 
 
 def pointers(prepared):
@@ -44,7 +44,7 @@ def pointers(prepared):
 
 
 def any_hit(tree, ray, skip, cull_faces, counters):
-    """In kernels: the slot of a triangle that the ray meets, or -1; by the walk that goes with the tree."""
+    """In kernels: the slot of a triangle that the ray meets, or -1. The type of the tree chooses the walk."""
 
 
 @inlined
@@ -71,7 +71,7 @@ def _any_hit(tree, ray, skip, cull_faces, counters):
 
 @inlined
 def _blocked(tree, ray, skip, cull_faces, last, counters):
-    """Slot of a triangle that blocks the ray, or -1. `last`, the slot that blocked the ray before, is tried first."""
+    """Slot of a triangle that blocks the ray, or -1. `last`, the slot that blocked the ray before, is tested first."""
     if last >= 0 and get(tree.prim_ids, last) != skip:
         o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
         d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
@@ -83,7 +83,7 @@ def _blocked(tree, ray, skip, cull_faces, last, counters):
 
 @inlined
 def _shadow_pixel(tree, query, i, bits, last, counters):
-    """All samples of receiver i; the slot that blocked the last blocked one."""
+    """Trace all samples of receiver i. Return the slot of the last blocker."""
     o, skip = scalars(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
     patch, horizon = patch_of(query, i), horizon_of(query, i)
     count(counters, RAYS, query.spp)
@@ -93,7 +93,7 @@ def _shadow_pixel(tree, query, i, bits, last, counters):
             count(counters, BELOW_HORIZON, 1)
         else:
             ray = segment(o.x, o.y, o.z, lx, ly, lz)
-            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # nothing between its ends, and in float32 all unsure
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment, which float32 could not decide
                 continue
             slot = _blocked(tree, ray, skip, query.facing, last, counters)
             if slot < 0:
@@ -112,7 +112,7 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
     tile = take(ticket)
     while tile >= 0:
         y0, x0 = tile // columns * TILE, tile % columns * TILE
-        last = np.int64(-1)  # starts afresh in each tile, so counts do not depend on threads
+        last = np.int64(-1)  # reset for each tile, so that counts do not depend on threads
         for y in range(y0, min(y0 + TILE, h)):
             for x in range(x0, min(x0 + TILE, w)):
                 if get(chunk.sides, y * w + x) != NOTHING:
@@ -128,7 +128,7 @@ def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=No
     counters : from `new_counters`, or None
     """
     if counters is None and isinstance(prepared, WideBvh):
-        counters = new_counters()  # costs nothing there; walks of one ray take twice as long when they count
+        counters = new_counters()  # counting is free for a `WideBvh`; the binary walk takes twice as long when it counts
     h, w = query.sides.shape
     tiles = -(-h // TILE) * -(-w // TILE)
     run(

@@ -1,8 +1,8 @@
-"""One ray through a binary BVH: the one body of any-hit and closest-hit.
+"""One ray through a binary BVH: one function for any-hit and closest-hit.
 
-Boxes are tested in float32, conservatively, two at a time (both children of a node in one 4-wide register an axis);
-triangles by the filters of `antumbra.kernels.predicate`, which end in the exact predicate. So the answer is the
-contract's, and does not depend on the tree.
+Boxes are tested conservatively in float32. One instruction tests both children of a node, one 4-wide register an axis.
+Triangles are tested by the filters of `antumbra.kernels.predicate`, which end in the exact predicate. So the answer is
+the contract's, and does not depend on the tree.
 """
 
 from typing import NamedTuple
@@ -35,7 +35,7 @@ _STACK = 2 * MAX_DEPTH
 _TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as zero
 _SHORT = np.float32(1e-15)  # directions shorter than this visit every node (their reciprocals could overflow)
 _GROW = np.float32(1.0 + 2.0**-20)  # more than the 8 roundings between the two ends of a slab interval
-_PAD = np.float32(2.0**-21)
+_PAD = np.float32(2.0**-21)  # share of the largest coordinate, see `_slab`
 _FAR = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
 
 
@@ -55,9 +55,9 @@ class BoxRay(NamedTuple):
 def _slab(o, d, limit, pad):
     """(origin for lower planes, origin for upper planes, reciprocal) of one axis.
 
-    A ray that does not move along the axis stays in a slab whose boundary it touches: its origin is moved inwards by
-    `pad`, which is tiny, but makes the boundary's t huge and of the right sign. The reciprocal is always finite, so no
-    NaN can arise.
+    A ray that does not move along the axis must count as inside a slab whose boundary it touches. So its origin is
+    moved inwards by the tiny `pad`, which makes the boundary's t huge and of the right sign. The reciprocal is always
+    finite, so no NaN can arise.
     """
     if abs(d) > limit:
         return o, o, np.float32(1.0) / d
@@ -102,7 +102,10 @@ def box_ray(nodes, ray):
 
 @kernel
 def settle(ray, corners, slot, counters):
-    """What float32 could not decide: does the ray meet the triangle? Float64, then exact arithmetic; out of line."""
+    """Decide whether a ray meets a triangle where float32 could not: by float64, then by exact arithmetic.
+
+    Not inlined, to keep this code out of hot loops.
+    """
     count(counters, UNCERTAIN, 1)
     side = verdict(volumes64(ray, corners, slot), ray.tmin, ray.tmax)
     if side == UNSURE:
@@ -123,7 +126,7 @@ def triangle_hit(corners, slot, ray, o, d, cull_faces, counters):
 
 @inlined
 def _enter(nodes, node, box, limit):
-    """Both children of a node: (bit mask of the boxes that the ray enters before `limit`, vector of entry t)."""
+    """Test both children of a node: (bits of the boxes that the ray enters before `limit`, vector of entry t)."""
     b = node * 16
     tx, ty, tz = (
         (load4(nodes, b) - box.x) * box.ix,
@@ -137,16 +140,16 @@ def _enter(nodes, node, box, limit):
 
 
 class HitList(NamedTuple):
-    """Where `walk` writes all triangles that a ray meets; pointers to int32."""
+    """Where `walk` writes all triangles that a ray meets."""
 
-    prims: object
-    count: object  # one: how many there are
-    room: object  # int64: how many there can be; others are left out
+    prims: object  # int32 *: indices of triangles
+    count: object  # int32 *, one: number of triangles
+    room: object  # int64: most triangles; others are left out
 
 
 @kernel
 def collected(hits, prim):
-    """Add a triangle to a `HitList`; False if there is none."""
+    """Add a triangle to a `HitList`. False if `hits` is None."""
     if hits is None:
         return False
     n = np.int64(get(hits.count, 0))
@@ -160,12 +163,14 @@ def collected(hits, prim):
 def walk(tree, ray, skip, cull_faces, order, hits, counters):
     """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
 
-    slot is -1 on a miss; t is only computed for the nearest. `skip` is a triangle index that does not count, or -1.
-    order : CLOSEST for the nearest; else any, the children visited in an order of `orders`
-    hits : None; or a `HitList`, which gets all triangles that the ray meets, and then the answer is a miss
+    slot is -1 on a miss. t is computed only for the nearest.
 
-    Both boxes of a node are tested in one instruction. For any-hit they count one by one, when the walk comes to
-    them: the second one only if the first one's subtree blocks nothing [Feltman et al. 2012, Sec. 3.1].
+    skip : index of a triangle that does not count, or -1
+    order : CLOSEST for the nearest hit; otherwise any hit, with the children visited in an order of `orders`
+    hits : None, or a `HitList` that receives all triangles that the ray meets; `walk` then returns a miss
+
+    One instruction tests both boxes of a node. For any-hit, box tests are counted one by one, when the walk comes to a
+    box. The second box counts only if the first one's subtree blocks nothing [Feltman et al. 2012, Sec. 3.1].
     """
     nodes, links = tree.nodes, tree.links
     stack, entry = stack_i32(_STACK), stack_f32(_STACK)
@@ -196,7 +201,7 @@ def walk(tree, ray, skip, cull_faces, order, hits, counters):
                 else:
                     link = left if mask == 1 else right
                 continue
-        elif link != EMPTY:  # a child that is missed when tests are counted, or is not there
+        elif link != EMPTY:  # EMPTY: the child does not exist, or tests are counted and the ray misses it
             code = ~link
             start = code >> 3
             for slot in range(start, start + (code & 7) + 1):

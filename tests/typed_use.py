@@ -1,0 +1,28 @@
+"""The public API as a user's type checker sees it: mypy reads this file, and nobody runs it."""
+
+from typing import assert_type
+
+import numpy as np
+
+import antumbra as at
+
+
+def use() -> None:
+    scene = at.load("model.glb", up="z")
+    camera = at.Camera((0, 1, 5), (0, 0, 0), width=64, height=64)
+    lights = [at.PointLight((0, 3, 0)), at.QuadLight((0, 3, 0), (1, 0, 0), (0, 0, 1), intensity=2.0)]
+    frame = at.render(scene, camera, lights, spp=16, plan="bsah+multifrusta", filter=True)
+    assert_type(frame, at.Frame)
+    assert_type(frame.image, np.ndarray)
+    frame.save("picture.png")
+    assert_type(scene.occluded([0, 1, 0], [[0, 1, 0]], tmax=3.0), np.ndarray)
+    assert_type(scene.closest_hit(np.zeros((5, 3)), np.ones((5, 3))), at.Hit)
+    assert_type(scene.lights, list[at.Light])
+    assert_type(scene.cameras, list[at.Camera])
+    assert_type(at.visibility(scene, np.zeros((4, 3)), lights[0], spp=4), at.Visibility)
+    assert_type(at.Renderer(scene, "cones", threads=2).render(camera, lights), at.Frame)
+    assert_type(at.Scene.from_arrays(np.zeros((3, 3)), np.array([[0, 1, 2]])), at.Scene)
+    assert_type(at.build_store([at.procedural("atrium")], "scene.antumbra"), at.BuildReport)
+    assert_type(at.virtual_point_lights(scene, lights[0], 64), at.PointLights)
+    assert_type(at.DirectionalLight((0, -1, 0), angular_diameter=0.5).direction, np.ndarray)
+    assert_type(str(at.Plan(trace="single")), str)
