@@ -186,7 +186,8 @@ def test_a_lock_that_is_a_link(tmp_path):
 
 @pytest.mark.parametrize("function", ["open", "unlink", "scandir"])
 def test_no_permission(tmp_path, monkeypatch, function):
-    """Files of other users, and folders without permission, are no error. Root has all permissions, so errors are fake."""
+    """Files of other users, and folders without permission, are no error. The errors are simulated, because root has
+    all permissions."""
     dead(tmp_path)
     dead(tmp_path, ".antumbra-aaaaaaaaaaaa")
     before, called, true = files(tmp_path), [], getattr(os, function)

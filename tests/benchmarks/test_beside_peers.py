@@ -11,7 +11,7 @@ OTHERS = "mitsuba,drjit,open3d"
 
 @pytest.fixture(params=("with", "without"))
 def hidden(request) -> str:
-    """Modules to hide: the large peers, so that the test is the same on all machines. The second run hides Embree too."""
+    """Modules to hide: the large peers, so that the test is the same everywhere. The second run hides Embree too."""
     if request.param == "without":
         return f"embreex,{OTHERS}"
     pytest.importorskip(

@@ -43,7 +43,7 @@ def test_halving_ends_in_time():
 
 
 def test_tree_that_greedy_splits_would_make_too_deep():
-    """Groups of triangles, each eight times as large and as far as the last. Greedy splits cut off one after the other."""
+    """Groups of triangles, each eight times as large and as far as the last. Greedy splits cut off one at a time."""
     sizes = 8.0 ** np.repeat(np.arange(-41, 40), 3)
     vertices = (sizes[:, None, None] * (1 + np.random.default_rng(0).random((len(sizes), 3, 3)))).astype(np.float32)
     shape = statistics(build(vertices, max_leaf=1))

@@ -14,7 +14,7 @@ BEFORE = {
 }  # fmt: skip
 LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{m}.py" for m in ("lanes", "memory", "scalars", "operators"))
 
-GUESTS = {"by_guest": 8, "by_guest_inside": 9}  # they call an overload that has other definitions too, and any may be used
+GUESTS = {"by_guest": 8, "by_guest_inside": 9}  # they call an overload that has other definitions too
 
 EDITS = {
     "own body": ("sample/top.py", "return x + 100", "return x + 200", {"alone": 201}),

@@ -119,7 +119,7 @@ def test_of_duplicates_the_first_is_seen():
 
 
 def test_floor_under_the_eye_reaches_the_horizon():
-    """Two triangles pass under the camera, far larger than the view. They cover exactly the lower half of the picture."""
+    """Two triangles under the camera, far larger than the view, cover exactly the lower half of the picture."""
     floor = np.array([[-1, -1, 1], [1, -1, 1], [1, -1, -1], [-1, -1, -1]]) * (1e6, 1.0, 1e6)
     face, _ = check([floor[[0, 1, 2]], floor[[0, 2, 3]]], view(width=64, height=64))
     assert (face[:32] == -1).all() and (face[32:] >= 0).all()

@@ -33,7 +33,7 @@ def test_f32(lanes):
     got, want = ops.compute_f32(lanes), merged(ops.expect_f32(lanes))
     assert got.keys() == want.keys()
     extrema = ("minimum", "maximum")
-    unspecified = np.isnan(a) | np.isnan(b) | ((a == 0) & (b == 0))  # unspecified: NaN, and the sign of a zero from two zeros
+    unspecified = np.isnan(a) | np.isnan(b) | ((a == 0) & (b == 0))  # NaN, and the sign of a zero from two zeros
     assert unspecified.sum() > 50
     for name in got.keys() - {"fma"}:
         assert_same(name, got[name], want[name], unspecified if name in extrema else None)
