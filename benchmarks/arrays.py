@@ -3,8 +3,8 @@
     python benchmarks/arrays.py [scene ...] [--rays N] [--threads N ...] [--rounds N] [--json FILE]
 
 A scene is a file that `antumbra.load` reads, or the name of a procedural scene. A file takes camera and light from an
-info.json beside it, or else the default ones. The default scenes are the procedural forest, and Sponza, San Miguel and
-the robots from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the repository).
+info.json beside it, or else the default ones. Without a scene, it measures the procedural forest and three real scenes:
+Sponza, San Miguel and the robots. They lie in $ANTUMBRA_SCENES, or in ../shared/scenes beside the repository.
 
 Rays are segments (tmax = 1). Coherent rays go from the surfaces that the pixels of a picture see to one point of light,
 row by row. Incoherent rays go between random pairs of points in the scene's bounds.

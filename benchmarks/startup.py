@@ -39,8 +39,8 @@ EDITS = {
         "    h, w = face.shape\n",
         "    if len(tints) == -{i}:\n        return\n",
     ),
-    "trace/multifrusta.py": (
-        "tests/trace/test_sheaf.py",
+    "trace/multifrusta/trace.py": (
+        "tests/trace/multifrusta/test_tilegroup.py",
         "    scratch = Scratch(\n",
         "    if n_samples == -{i}:\n        return\n",
     ),

@@ -160,7 +160,7 @@ def lit(seed, light, receivers, scale, m=64, n=33) -> tuple[Triangles, ShadowQue
 
 
 def beside_a_small_light(seed, m=64, n=20) -> tuple[Triangles, ShadowQuery]:
-    """Triangles with corners at distances of all magnitudes from a small light, and receivers just behind their edges."""
+    """Triangles with corners at all magnitudes of distance from a small light; receivers just behind their edges."""
     rng = np.random.default_rng(seed)
     place = rng.normal(size=3) * rng.choice([0, 1, 1], 3) * 10.0 ** rng.uniform(-14, 2, 3)
     place, far = np.float32(place).astype(np.float64), 10.0 ** rng.uniform(-2, 4)

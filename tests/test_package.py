@@ -194,6 +194,45 @@ def test_papers_of_the_registries_are_in_the_bibliography():
     assert papers and not [p for p in papers if not any(p.startswith(label) for label in labels)]
 
 
+_PLACE = re.compile(r"`((?:\w+/)*\w+\.(?:py|md|bib|json|toml))(?:: ([^`]+))?`")
+
+
+def _defined(path) -> set[str]:
+    """Names of functions, classes, their members, and constants, anywhere in a file."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            members = [m.name for m in node.body if isinstance(m, ast.FunctionDef)]
+            members += [m.target.id for m in node.body if isinstance(m, ast.AnnAssign)]
+            members += [m.targets[0].id for m in node.body if isinstance(m, ast.Assign)]
+            found |= {f"{node.name}.{member}" for member in members}
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+    return found
+
+
+MAPS = sorted((ROOT / "src/antumbra/papers").glob("*/README.md"))
+
+
+@pytest.mark.parametrize("page", MAPS, ids=lambda page: page.parent.name)
+def test_what_the_maps_of_papers_name_is_there(page):
+    places = _PLACE.findall(page.read_text())
+    assert len(places) > 30
+    for file, names in places:
+        inside = file.partition("/")[0] not in ("benchmarks", "tests", "docs", "scripts", "pyproject.toml")
+        path = (ROOT / "src" / "antumbra" if inside else ROOT) / file
+        assert path.is_file(), file
+        missing = set(names.split(", ")) - _defined(path) if names else set()
+        assert not missing, (file, missing)
+
+
+def test_the_map_of_the_package_is_generated():
+    command = [sys.executable, ROOT / "scripts" / "layout.py", "--check"]
+    assert subprocess.run(command).returncode == 0, "run scripts/layout.py"
+
+
 # Files
 
 

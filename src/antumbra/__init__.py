@@ -65,7 +65,7 @@ __all__ = [
     "visibility",
 ]
 
-# Names are imported when they are first used: Numba takes longer to import than the command line has for its help.
+# Names are imported on first use: `antumbra --help` must start faster than Numba can be imported.
 _HOMES = {
     "errors": ["InputError"],
     "plan": ["Plan"],
@@ -100,7 +100,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 engine.use(lambda: importlib.import_module(f"{__name__}.rendering.queries").ask)
 
 
-if not typing.TYPE_CHECKING:  # to a type checker, a name that is not above is an error
+if not typing.TYPE_CHECKING:  # hidden from type checkers, so that unknown names are errors
 
     def __getattr__(name):
         if name not in _HOME:

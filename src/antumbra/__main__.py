@@ -1,4 +1,4 @@
-"""``python -m antumbra`` is the command ``antumbra``."""
+"""``python -m antumbra`` runs the command ``antumbra``."""
 
 import sys
 

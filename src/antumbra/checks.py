@@ -6,7 +6,7 @@ from .errors import InputError
 
 
 def vector(value, what: str) -> np.ndarray:
-    """`value` as (3,) float64; InputError naming `what` unless it is three finite numbers."""
+    """Convert `value` to (3,) float64; InputError naming `what` unless it is three finite numbers."""
     try:
         v = np.asarray(value, np.float64)
     except (TypeError, ValueError):
@@ -17,7 +17,7 @@ def vector(value, what: str) -> np.ndarray:
 
 
 def whole_number(value, what: str, low: int, high: int) -> int:
-    """`value` as an int; InputError naming `what` unless it is a whole number from `low` to `high`."""
+    """Convert `value` to an int; InputError naming `what` unless it is a whole number in [`low`, `high`]."""
     try:
         if not isinstance(value, bool) and int(value) == value and low <= value <= high:
             return int(value)
@@ -27,7 +27,7 @@ def whole_number(value, what: str, low: int, high: int) -> int:
 
 
 def number(value, what: str, low: float, high: float) -> float:
-    """`value` as a float; InputError naming `what` unless low < value < high."""
+    """Convert `value` to a float; InputError naming `what` unless low < value < high."""
     try:
         x = float(value)
     except (TypeError, ValueError):
@@ -38,7 +38,7 @@ def number(value, what: str, low: float, high: float) -> float:
 
 
 def points(value, what: str) -> np.ndarray:
-    """`value` as (m, 3) float64; InputError naming `what` unless it is finite points."""
+    """Convert `value` to (m, 3) float64; InputError naming `what` unless all numbers are finite."""
     try:
         found = np.asarray(value, np.float64)
     except (TypeError, ValueError):

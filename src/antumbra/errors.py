@@ -2,7 +2,7 @@
 
 
 class InputError(ValueError):
-    """Input that cannot be used: one line that names the thing and the cure.
+    """Raised for unusable input, with a one-line message that names the problem and its cure.
 
     The command line prints it without a traceback and exits with code 2.
     """

@@ -26,28 +26,28 @@ def load(path, *, up: str = "y") -> "Scene | PagedScene":
     Parameters
     ----------
     path : str or path-like
-        A .glb, .gltf, .obj, .ply or .stl file, or a folder with `frames.npy` ((n, v, 3) float, the vertices
-        at n moments), `faces.npy` ((f, 3) int) and, if wanted, `face_rgba.npy` ((f, 4) uint8 or float,
-        linear) and an `info.json` with "times" (n seconds). Files it names are read from its folder only. Or a store,
-        .antumbra, that `antumbra build` has made.
+        One of three kinds. A .glb, .gltf, .obj, .ply or .stl file; files that it names are read from its folder only.
+        A folder with `frames.npy` ((n, v, 3) float, the vertices at n moments) and `faces.npy` ((f, 3) int);
+        `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds) are optional.
+        Or a store, .antumbra, made by `antumbra build`.
     up : "y" or "z"
-        Which axis points up. It is recorded as `Scene.up`; coordinates stay as they are. A store has its own.
+        The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. A store has its own axis.
 
     Returns
     -------
     Scene or PagedScene
-        With base colours from vertex colours, material colours and the mean colours of textures; of a store a
-        `PagedScene`, whose triangles stay on disk.
+        For a store a `PagedScene`, whose triangles stay on disk. Base colours come from vertex colours, material
+        colours and the mean colours of textures.
 
     Raises
     ------
     InputError
-        For anything that cannot be read: one line that names the file, the field and the cure.
+        If anything cannot be read. The one-line message names the file, the field and the cure.
 
     Warns
     -----
     UserWarning
-        Once for each of `Scene.notes`: a texture that is missing, a light that is not quite supported.
+        Once for each entry of `Scene.notes`, such as a missing texture or a light that is only partly supported.
     """
     checked_up(up)
     try:
@@ -61,7 +61,7 @@ def load(path, *, up: str = "y") -> "Scene | PagedScene":
         raise
     except MemoryError as error:
         raise InputError(f"{path.name}: not enough memory for this scene; use a smaller one") from error
-    except Exception as error:  # the last fence: a library met input that no check of ours foresaw
+    except Exception as error:  # a library failed on input that passed all checks
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{path.name}: cannot be read ({reason}); is the file damaged?") from error
     for note in scene.notes:
@@ -70,7 +70,7 @@ def load(path, *, up: str = "y") -> "Scene | PagedScene":
 
 
 def _read(path: Path, up: str) -> "Scene | PagedScene":
-    # Readers are imported when needed: trimesh alone takes longer to import than most scenes to load.
+    # Readers are imported on demand: importing trimesh alone takes longer than loading most scenes.
     name = path.name or str(path)
     if path.is_dir():
         from .scene.frames import read_frames

@@ -1,7 +1,8 @@
 """The registries: every method that a plan can name, above all techniques.
 
-The instrument's methods are here. Others come by `register`, from packages that announce a function under the entry
-point ``antumbra.methods``; it is called when a name is asked for that is not here. `antumbra.papers` is such a package.
+This module holds the library's own methods. Other packages add methods with `register`. Such a package announces a
+function under the entry point ``antumbra.methods``; the first lookup of an unknown name calls it. `antumbra.papers` is
+an example.
 """
 
 from collections.abc import Callable
@@ -24,18 +25,18 @@ from .trace.rays import single
 class Culler(NamedTuple):
     """A method that drops triangles before a BVH is built: ``cull(triangles, queries, threads) -> Culled``.
 
-    It keeps each triangle that a shadow ray of the queries can meet.
+    It keeps every triangle that a shadow ray of the queries can meet.
     """
 
     cull: Callable
-    description: str
-    paper: str
+    description: str  # one line, for `antumbra plans`
+    paper: str  # citation
 
 
 class Builder(NamedTuple):
     """A method that builds a BVH: ``build(vertices, threads=None, ...) -> Bvh``.
 
-    Those that want rays take `rayset.Intersections` as ``rays`` too. All make a correct BVH of the same form.
+    A ray-guided builder also takes `rayset.Intersections` as ``rays``. All builders make a valid BVH of the same form.
     """
 
     build: Callable
@@ -45,9 +46,10 @@ class Builder(NamedTuple):
 
 
 class Optimiser(NamedTuple):
-    """A method that improves the BVH of any builder that wants no rays: ``optimise(bvh, threads=None, ...) -> Bvh``.
+    """A method that improves a BVH: ``optimise(bvh, threads=None, ...) -> Bvh``.
 
-    Those that want rays take `rayset.Intersections` as ``rays`` too. The surface area cost of the result is no higher.
+    It works on the BVH of any builder that is not ray-guided. A ray-guided optimiser also takes `rayset.Intersections`
+    as ``rays``. The surface area cost never rises.
     """
 
     optimise: Callable
@@ -57,11 +59,10 @@ class Optimiser(NamedTuple):
 
 
 class Updater(NamedTuple):
-    """A method that makes the BVH of a frame from that of the last frame, where that pays.
+    """A method that derives the BVH of a frame from the last frame's BVH, if that pays off.
 
-    It takes the trees of any builder. ``keep(build)`` gives an object that lasts from frame to frame, with
-    ``update(vertices, threads) -> Bvh``.
-    ``build(vertices, threads)`` makes a new BVH.
+    It works with any builder. ``keep(build)`` returns an object that lasts from frame to frame and has a method
+    ``update(vertices, threads) -> Bvh``. Its argument ``build(vertices, threads)`` builds a new BVH.
     """
 
     keep: Callable
@@ -72,19 +73,20 @@ class Updater(NamedTuple):
 class Tracer(NamedTuple):
     """A method that answers a shadow query.
 
-    ``prepare(bvh, threads)`` makes what it traces, once a tree; ``trace(prepared, query, bits, threads, counters,
-    progress)`` answers. Those that walk no BVH prepare a `rayhierarchy.soup.Soup` instead.
+    ``prepare(bvh, threads)`` converts a BVH to the tracer's own structure, once per tree.
+    ``trace(prepared, query, bits, threads, counters, progress)`` sets the bits. A tracer without a BVH prepares a
+    `rayhierarchy.soup.Soup` instead.
     """
 
     prepare: Callable
     trace: Callable
     description: str
     paper: str
-    builds: bool = True  # does it walk a BVH?
-    keeps: bool = False  # does what it prepares remember what was visible? Then it has `begin()`, for each frame
-    exact: bool = True  # does it give the same bits as all others?
-    counts_apart: bool = False  # has it kernels that count, and others that do not?
-    culling: CullingOptions | None = None  # of a tracer by occlusion queries, which scenes in a store are traced by
+    builds: bool = True  # True: the tracer walks a BVH
+    keeps: bool = False  # True: the prepared structure remembers visibility, and has `begin()` to call in each frame
+    exact: bool = True  # True: the tracer gives the same bits as all other exact tracers
+    counts_apart: bool = False  # True: separate kernels count tests
+    culling: CullingOptions | None = None  # of tracers with occlusion queries, which can also trace stores
 
 
 SELGRAD = (
@@ -168,15 +170,15 @@ UPDATERS: dict[str, Updater] = {
 
 
 def unchanged(made, threads=None):
-    """The `prepare` of tracers that walk the builder's own tree, or take the triangles as they are."""
+    """The `prepare` of tracers that need no conversion of the BVH or of the triangles."""
     return made
 
 
 def by_cones(options: ConeOptions, description: str) -> Tracer:
-    """A tracer by a hierarchy of the rays, which no BVH is built for."""
+    """A tracer with a hierarchy over the rays instead of a BVH over the triangles."""
 
     def trace(soup, query, bits, threads, counters, progress):
-        from .rayhierarchy.trace import trace_shadow  # imported when it is first used: other plans start sooner
+        from .rayhierarchy.trace import trace_shadow  # imported on first use: other plans start sooner
 
         trace_shadow(soup, query, bits, threads, counters, progress, options)
 
@@ -184,9 +186,9 @@ def by_cones(options: ConeOptions, description: str) -> Tracer:
 
 
 def by_culling(options: CullingOptions, description: str) -> Tracer:
-    """A tracer by occlusion queries."""
+    """A tracer with occlusion queries (CHC+RT)."""
 
-    def prepare(bvh, threads=None):  # imported when it is first used, so that other plans start sooner
+    def prepare(bvh, threads=None):  # imported on first use: other plans start sooner
         from .chcrt.trace import prepare
 
         return prepare(bvh, options, threads)
@@ -250,22 +252,22 @@ KINDS: dict[str, tuple[str, dict]] = {
     "update": ("updater", UPDATERS),
     "trace": ("tracer", TRACERS),
 }
-"""Field of a `Plan` -> (what its methods are called, their registry), in the order in which they do their work."""
+"""Field of a `Plan` -> (name of its kind of method, registry), in the order in which the methods run."""
 
 Family = Callable[[str], tuple[str, Tracer] | None]
-"""Function of a tracer's name -> (its name in the usual order of words, the tracer); None: it knows no such name."""
+"""Function of a tracer's name -> (the name with its words in canonical order, the tracer); None: unknown name."""
 
 _families: dict[str, Family] = {}
 _added: dict[str, list[str]] = {field: [] for field in KINDS}
 
 
 def register(field: str, name: str, method: tuple) -> None:
-    """Add a method to a registry of KINDS, as ``register("build", "mine", Builder(...))``.
+    """Add a method to a registry of KINDS, for example ``register("build", "mine", Builder(...))``.
 
     Raises
     ------
     ValueError
-        If the name is taken, or cannot be written in a plan.
+        If the name is taken or contains a plus sign.
     """
     registry = KINDS[field][1]
     if "+" in name or any(name in names for _, names in KINDS.values()):
@@ -275,27 +277,27 @@ def register(field: str, name: str, method: tuple) -> None:
 
 
 def register_family(name: str, find: Family) -> None:
-    """Let `find` make the tracers that are written ``name:words``, as far as they are not in TRACERS."""
+    """Register `find` as the maker of tracers with names ``name:words`` that are not in TRACERS."""
     _families[name] = find
 
 
 def add_plugins() -> None:
-    """Add the methods of all packages that announce some."""
+    """Add the methods of all packages that announce methods; once per process."""
     plugins.add("antumbra.methods")
 
 
 def own_methods(field: str) -> list[str]:
-    """The names of a registry, without those that were added."""
+    """The names of a registry, without names added by `register`."""
     return [name for name in KINDS[field][1] if name not in _added[field]]
 
 
 def find_method(field: str, name: str) -> tuple[str, Any] | None:
-    """(name, method) of a registry, with those that packages add; None: there is no such method.
+    """Look up a method: (name, method), including methods added by packages; None: there is no such method.
 
     Raises
     ------
     InputError
-        On words of a tracer that exclude each other.
+        If the words of a tracer's name exclude each other.
     """
     registry = KINDS[field][1]
     if name not in registry:

@@ -11,18 +11,18 @@ from .temporary import temporary_name
 
 
 def checked_output(path, suffixes: Sequence[str]) -> Path:
-    """`path` if a file of one of these kinds can be written there; to be asked before long work begins.
+    """Check, before long work begins, that a file of one of these kinds can be written; return `path` as a `Path`.
 
     Parameters
     ----------
     path : str or path-like
     suffixes : sequence of str
-        In lower case, such as ``(".png", ".exr")``.
+        Allowed suffixes in lower case, such as ``(".png", ".exr")``.
 
     Raises
     ------
     InputError
-        On another suffix, a folder that is missing or closed to us, or a path that is no ordinary file.
+        If the suffix is not allowed, the folder is missing or not writable, or `path` is not an ordinary file.
     """
     try:
         path = Path(os.fspath(path))
@@ -43,14 +43,14 @@ def checked_output(path, suffixes: Sequence[str]) -> Path:
 
 @contextmanager
 def replacing(path) -> Iterator[Path]:
-    """Gives a temporary name beside `path`; what is written there becomes `path` if no exception comes.
+    """Yield a temporary name beside `path`; on exit without an exception the temporary file replaces `path`.
 
     Raises
     ------
     InputError
-        Where the writing fails: names `path` and the reason. Nothing is left behind, and an older file stays as it was.
+        If writing fails; the message names `path` and the reason. No file is left behind, and an older file survives.
     """
-    target = Path(os.path.realpath(path))  # a symbolic link stays one
+    target = Path(os.path.realpath(path))  # a symbolic link stays a link
     try:
         with temporary_name(target.parent) as temporary:
             yield temporary

@@ -7,25 +7,27 @@ from .errors import InputError
 from .methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
 TREE = ("build", "optimise", "update")
-"""The fields that make a BVH: None, all of them, in plans whose tracer walks none."""
+"""The fields that make a BVH; all are None in plans whose tracer walks no BVH."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Names from the registries; written ``cull+build+optimise+update+trace``, of which only one or two are needed.
+    """The names of the methods that answer a query, written ``cull+build+optimise+update+trace``.
+
+    Only ``build+trace`` is required, or ``trace`` alone if the tracer walks no BVH.
 
     Parameters
     ----------
     cull : str or None
-        How triangles are removed before building; None: not at all.
+        Culler that drops triangles before the build; None: no culling.
     build : str or None
-        How the BVH is built. None: by ``"bsah"``, or not at all if the tracer walks none; ``build`` then stays None.
+        Builder of the BVH; None: ``"bsah"``. If the tracer walks no BVH, ``build`` stays None.
     trace : str
-        How rays are traced.
+        Tracer of the rays.
     optimise : str or None
-        How the BVH is made better once it is built; None: not at all.
+        Optimiser of the built BVH; None: no optimisation.
     update : str or None
-        How the BVH of the last frame becomes this one's; None: it is built anew.
+        Updater that derives a frame's BVH from the last frame's; None: a new build in each frame.
     """
 
     cull: str | None = None
@@ -36,7 +38,7 @@ class Plan:
 
     def __post_init__(self):
         found = find_method("trace", self.trace)
-        if self.build is None and (found is None or found[1].builds):  # an unknown name is for `parse_plan` to refuse
+        if self.build is None and (found is None or found[1].builds):  # `parse_plan` refuses unknown names
             object.__setattr__(self, "build", "bsah")
 
     def __str__(self) -> str:
@@ -44,19 +46,19 @@ class Plan:
 
     @property
     def tracer(self) -> Tracer:
-        """What traces the rays."""
+        """The tracer of the plan."""
         found = find_method("trace", self.trace)
         assert found is not None
         return found[1]
 
     @property
     def tree(self) -> tuple[str | None, ...]:
-        """What the BVH depends on; plans that agree in it can share one."""
+        """The fields that determine the BVH; plans with equal fields can share a BVH."""
         return self.cull, self.build, self.optimise, self.update
 
     @property
     def wants_rays(self) -> bool:
-        """Is the builder, or the optimiser, shown some of the rays that will be traced?"""
+        """True if the builder or the optimiser is ray-guided: it is shown a sample of the rays to be traced."""
         return bool(
             (self.build and BUILDERS[self.build].wants_rays) or (self.optimise and OPTIMISERS[self.optimise].wants_rays)
         )
@@ -66,14 +68,16 @@ DEFAULT_PLAN = str(Plan())
 
 
 def parse_plan(plan: "str | Plan") -> Plan:
-    """The plan that is written ``build+trace``, or with names of the other registries too, in any order.
+    """Parse ``build+trace``, or a longer plan with names from the other registries, in any order.
+
+    Nothing is ever substituted.
 
     Raises
     ------
     InputError
-        On a name that is in no registry, a missing builder or tracer, a second method of one kind, a builder, an
-        optimiser or an updater for a tracer that walks no BVH, a culler and an updater together, or an optimiser and a
-        builder that goes by rays. Nothing is ever substituted.
+        If a name is in no registry, a builder or tracer is missing, or two methods are of one kind. If a builder, an
+        optimiser or an updater accompanies a tracer that walks no BVH. If a culler is combined with an updater, or an
+        optimiser with a ray-guided builder.
     """
     found: dict[str, str] = {}
     for part in str(plan).split("+"):
@@ -98,12 +102,12 @@ def parse_plan(plan: "str | Plan") -> Plan:
 
 
 def _method(part: str) -> tuple[str, str] | None:
-    """The field of a plan that a method belongs to, and its name there; None: there is no such method."""
+    """(field of a plan, canonical name) of a method; None: there is no such method."""
     return next(((field, found[0]) for field in KINDS if (found := find_method(field, part))), None)
 
 
 def _check_tree(plan: str, found: dict[str, str], builds: bool) -> None:
-    """InputError unless the methods make a BVH just where the tracer walks one (`builds`), and go together."""
+    """Raise InputError unless the plan has a builder exactly if `builds`, and its tree methods are compatible."""
     if not builds:
         for field in TREE:
             if field in found:
@@ -120,7 +124,7 @@ def _check_tree(plan: str, found: dict[str, str], builds: bool) -> None:
 
 
 def all_plans(papers: bool = False) -> list[Plan]:
-    """Every plan that the registries allow; `papers`: with methods that packages add, too."""
+    """Every plan that the registries allow; `papers`: include methods added by packages."""
     names = names_of(papers)
     trees = [
         (b, o, u)
@@ -136,7 +140,7 @@ def all_plans(papers: bool = False) -> list[Plan]:
 
 
 def covering_plans(papers: bool = False) -> list[Plan]:
-    """A few plans in which every method of every registry has its part; `papers` as in `all_plans`."""
+    """A few plans that together use every method of every registry; `papers` as in `all_plans`."""
     names = names_of(papers)
     plans = [Plan(trace=name) for name in names["trace"]]
     for field in "build", "optimise", "update", "cull":
@@ -145,7 +149,7 @@ def covering_plans(papers: bool = False) -> list[Plan]:
 
 
 def names_of(papers: bool) -> dict[str, list[str]]:
-    """The names of each registry."""
+    """Field of a `Plan` -> names in its registry; `papers` as in `all_plans`."""
     if papers:
         add_plugins()
         return {field: list(registry) for field, (_, registry) in KINDS.items()}

@@ -6,6 +6,6 @@ from importlib.metadata import entry_points
 
 @cache
 def add(group: str) -> None:
-    """Call the functions of all packages that announce one under a group of entry points; once in a process."""
+    """Call every function announced under a group of entry points; once per process."""
     for point in entry_points(group=group):
         point.load()()

@@ -1,10 +1,10 @@
 """Names of temporary files, and the removal of those that a killed process left behind.
 
-The maker of ``.antumbra-0123456789ab.tmp`` first makes the empty ``.antumbra-0123456789ab.lock`` and locks it. The
-system gives the lock back when the process ends, however it ends. So a file whose lock can be had belongs to nobody,
-also when its maker ran in another container, or on another machine that shares the folder.
+Before a process creates ``.antumbra-0123456789ab.tmp``, it creates the empty ``.antumbra-0123456789ab.lock`` and locks
+it. The system releases the lock when the process ends, however it ends. So a file whose lock is free is abandoned. This
+also holds if its owner ran in another container, or on another machine that shares the folder.
 
-The lock has a file of its own, since SMB and Windows let nobody write to a file that is locked.
+The lock is a separate file because SMB and Windows forbid writing to a locked file.
 """
 
 import os
@@ -17,23 +17,23 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows, where nobody can remove a file that is open
+except ImportError:  # Windows, where an open file cannot be removed
     fcntl = None
 
 _OURS = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
-_TRIES = 3  # to lock a name, before a file goes without
+_TRIES = 3  # attempts to lock a name before a file is created without a lock
 
 
 @contextmanager
 def temporary_name(folder: str | Path) -> Iterator[Path]:
-    """A new name in `folder` that nobody removes while this process lives; at the end a file of that name is removed.
+    """Yield a new name in `folder`, reserved while this process lives; on exit a file of that name is removed.
 
-    Before that, the first call for a folder removes what killed processes left there.
+    The first call for a folder also removes the files that killed processes left there.
 
     Raises
     ------
     OSError
-        Where no file can be made.
+        If no file can be created in `folder`.
     """
     remove_abandoned(os.path.realpath(folder))
     path, lock = _reserved(Path(folder))
@@ -48,37 +48,37 @@ def temporary_name(folder: str | Path) -> Iterator[Path]:
                 path.with_suffix(".lock").unlink()
 
 
-@cache  # a folder with many thousand frames takes long to list
+@cache  # listing a folder with many thousand frames is slow
 def remove_abandoned(folder: str) -> None:
-    """Remove our temporary files in `folder` whose makers live no more; those of unknown makers stay."""
+    """Remove Antumbra's temporary files in `folder` whose owner has ended; files without a known owner stay."""
     with suppress(OSError), os.scandir(folder) as entries:
         files = [entry.name for entry in entries if entry.is_file(follow_symlinks=False)]
         for stem in {found[1] for name in files if (found := _OURS.fullmatch(name))}:
-            with suppress(OSError):  # of another user, in a folder that is write-protected, or gone by now
+            with suppress(OSError):  # another user's, write-protected, or already gone
                 _remove_if_abandoned(os.path.join(folder, stem))
 
 
 def _reserved(folder: Path) -> tuple[Path, int | None]:
-    """A new name, and the descriptor that holds its lock; None: locks do not work there."""
+    """A new name and the descriptor that holds its lock; None: the file system has no locks."""
     for _ in range(_TRIES):
         path = folder / f".antumbra-{secrets.token_hex(6)}.tmp"
         lock = path.with_suffix(".lock")
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         with suppress(OSError):
             _lock(descriptor)
-            if os.fstat(descriptor).st_nlink:  # 0: before it was locked, another process took it for abandoned
+            if os.fstat(descriptor).st_nlink:  # 0: another process removed it as abandoned before it was locked
                 return path, descriptor
         os.close(descriptor)
         with suppress(OSError):
             lock.unlink()
-    return path.with_suffix(".part"), None  # nobody can know whether its maker lives, so this name is never removed
+    return path.with_suffix(".part"), None  # without a lock, no process ever removes it
 
 
 def _remove_if_abandoned(stem: str) -> None:
-    """Remove ``stem.tmp`` and ``stem.lock``; OSError where their maker lives, or where nobody can know."""
+    """Remove ``stem.tmp`` and ``stem.lock``; OSError if their owner is alive or cannot be determined."""
     descriptor = _claimed(stem + ".lock")
     try:
-        for suffix in (".tmp", ".lock"):  # the lock last: as long as it is there, one process removes the file
+        for suffix in (".tmp", ".lock"):  # the lock goes last: while it exists, only one process can remove the file
             with suppress(FileNotFoundError):
                 os.unlink(stem + suffix)
     finally:
@@ -87,10 +87,10 @@ def _remove_if_abandoned(stem: str) -> None:
 
 
 def _claimed(lock: str) -> int | None:
-    """The descriptor of a lock that nobody else holds; None: it is gone, for a maker removes it last."""
+    """Lock an abandoned lock file: its descriptor; None: the file is gone, since its owner removed it last."""
     try:
         if fcntl is None:
-            os.unlink(lock)  # an error while its maker has it open
+            os.unlink(lock)  # fails while its owner has it open
             return None
         descriptor = os.open(lock, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     except FileNotFoundError:
@@ -104,6 +104,6 @@ def _claimed(lock: str) -> int | None:
 
 
 def _lock(descriptor: int) -> None:
-    """OSError if another process has the lock, or if the file system has none."""
-    if fcntl is not None:  # else an open file is locked
+    """Lock a file; OSError if another process holds the lock, or the file system has no locks."""
+    if fcntl is not None:  # on Windows an open file counts as locked
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

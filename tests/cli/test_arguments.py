@@ -68,6 +68,7 @@ def test_bad_sizes(text):
 
 def test_cameras():
     assert arguments.parse_camera("2") == 2
+    assert arguments.parse_camera("0\x1f") == 0  # a blank to patterns, and not to int()
     position, target, vfov = arguments.parse_camera("1,2,3:4,5,6")
     assert (position.tolist(), target.tolist(), vfov) == ([1, 2, 3], [4, 5, 6], 60.0)
     assert arguments.parse_camera("-1,-2e0,.5:4,5,6:30").vfov == 30.0

@@ -91,7 +91,7 @@ def test_no_segment_meets_a_triangle_that_was_dropped(cull, vertices, light, dat
     triangles = _triangles(vertices)
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     corners = triangles.vertices.reshape(-1, 3)
-    near = corners[rng.integers(len(corners), size=(30, 3))]  # on planes of triangles, inside triangles, or between them
+    near = corners[rng.integers(len(corners), size=(30, 3))]  # on planes of triangles, in triangles, or between them
     points = (near * rng.dirichlet([1, 1, 1], 30)[:, :, None]).sum(1)
     if data.draw(st.booleans()):
         points = points[:3] * data.draw(st.sampled_from([1.0, 0.01, 5.0]))

@@ -155,7 +155,7 @@ def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
     folder = tmp_path / "cache"
     env = sample.environment(package, folder)
     process = subprocess.Popen(
-        [sys.executable, "-c", CREW, json.dumps(GOOD), "1"],  # one thread: most kernels are left after the first
+        [sys.executable, "-c", CREW, json.dumps(GOOD), "1"],  # one process: most kernels are left after the first
         env=env,
         stderr=subprocess.PIPE,
         text=True,

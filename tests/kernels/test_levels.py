@@ -50,7 +50,7 @@ def rendered(processors):
 def test_all_levels_give_the_same_bits():
     found = {each: rendered(each) for each in HERE}
     assert all(found[each] == found[HERE[0]] for each in HERE)
-    # Plans also agree in the G-buffer, from which pictures are made.
+    # Different plans agree too.
     assert len({tuple(told) for plan, told in found[HERE[0]].items() if plan != "rays"}) == 1
 
 

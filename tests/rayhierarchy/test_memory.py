@@ -1,4 +1,4 @@
-"""Memory that is handed out again."""
+"""Scratch memory that is reused."""
 
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,4 +1,4 @@
-"""Nodes of ray hierarchies: no triangle that meets a ray is held back, none is said to block all that does not."""
+"""Nodes of ray hierarchies: they reject no triangle that meets a ray, and "covered" means that all rays are blocked."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -15,11 +15,11 @@ from hierarchies import hierarchy, met_by, said
 
 SCALES = [1.0, 1e-6, 1e-3, 1e3, 1e6]
 EXTREMES = [1e-36, 1e-30, 1e-20, 1e20, 1e30, 3e33]
-FEW = list(LIGHTS)[:5]  # lights that a cone around a point serves
+FEW = list(LIGHTS)[:5]  # lights for which a node can be a cone around a point
 
 
 def check(kind, triangles, query, ways=16, sort=True, spheres=False, apart=False):
-    """Ask all nodes of all hierarchies; how many (may, may not, full, met, met by all) there were."""
+    """Check the answers of all nodes of all hierarchies; return counts (may, may not, full, met, met by all)."""
     truth, counts = met_by(query, triangles.vertices.reshape(-1, 9)), np.zeros(5, int)
     for beam in beams_of(query, apart)[:4]:
         made = hierarchy(kind, query, beam, ways, sort or kind is Boxes)
@@ -69,7 +69,7 @@ def test_both_answers_are_frequent_and_right(light, kind):
 def test_any_rays_and_triangles(seed, light, receivers, scale, ways, sort, spheres, apart):
     try:
         triangles, query = lit(seed, light, receivers, scale)
-    except at.InputError:  # a sun too wide for a scene so large
+    except at.InputError:  # this sun is too wide for so large a scene
         assert light == "sun" and scale >= 1e20
         reject()
     for kind in _kinds(light):

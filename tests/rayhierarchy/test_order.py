@@ -1,4 +1,4 @@
-"""Which receivers ask, and in which order: each once, those beside each other near each other."""
+"""The order of receivers: each receiver with a ray occurs once, and neighbours stay close together."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -21,7 +21,7 @@ from asking import unpack
 from beam_scenes import LIGHTS, lit, on_surfaces
 from hierarchies import receivers_in
 
-SIDE = 1 << 10  # of the part of the grid that is looked at: its first corner, as the curve comes there first
+SIDE = 1 << 10  # side of the tested part of the grid: the corner where the curve begins
 
 
 @kernel
@@ -61,7 +61,7 @@ def test_faces_go_by_the_major_axis_and_come_first_in_keys():
 
 
 def _orders(query, beam, bits, threads):
-    """(name, Rays, receivers in their order) of all ways to put the receivers of a beam in order."""
+    """Yield (name, Rays, receivers in order) of all orders of a beam's receivers."""
     for name, sort, ways in ("sorted", True, 16), ("on the screen", False, 4):
         order = order_of(query, beam, bits, sort, threads)
         assert order.starts[0] == 0 and order.starts[-1] == len(order.ids)
@@ -73,7 +73,7 @@ def _orders(query, beam, bits, threads):
 
 
 def _asking(query, beam):
-    """(h, w) bool: which receivers have a segment of the beam above their surface, that has a length."""
+    """(h, w) bool: whether each receiver has a segment of the beam with a length, above the receiver's surface."""
     above, some = segments(query)[1], slice(beam.first, beam.first + beam.count)
     asks = above[:, :, some].any(2)
     if beam.set >= 0:
@@ -122,7 +122,7 @@ def test_receivers_in_the_air_all_ask(light):
 
 
 def test_a_receiver_at_the_light_below_its_own_horizon():
-    """Its segment has no length, so that nothing blocks it but the surface itself, above which the light is not."""
+    """Its segment has no length. Only its own surface blocks it, because the light is not above the surface."""
     for normals in (None, np.tile([0.0, 1, 0], (20, 1))):
         _, query = lit(1, "point", "at the light, and around", 1.0, 20)
         if normals is not None:
@@ -186,7 +186,7 @@ def test_blocks_make_leaves_of_pixels_beside_each_other_on_one_face(light):
 
 
 def test_wide_gaps_part_the_pixels_of_a_block():
-    """Two walls, one behind the other: each block on their edge has a leaf for either."""
+    """Two walls, one behind the other: a block on their edge has a leaf for each wall."""
     _, query = on_surfaces(7, "point", (4, 4), spp=1)
     (beam,) = beams_of(query)
     x, y = np.meshgrid(np.arange(4), np.arange(4))

@@ -1,4 +1,4 @@
-"""Every variant of `cones`, one bit for each segment: all as brute force has them."""
+"""Every variant of `cones` gives the bits of brute force."""
 
 from functools import cache
 
@@ -21,7 +21,7 @@ from asking import answer, query_of, true_occlusion, unpack
 from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
 from hierarchies import met_by, points_query, triangles_of
 
-pytestmark = pytest.mark.slow  # minutes: all variants, for all lights, with one and three threads
+pytestmark = pytest.mark.slow  # takes minutes: all variants, for all lights, with one and three threads
 
 COMBINED = (
     "cones:wide:sorted:early-accept",
@@ -36,7 +36,7 @@ VARIANTS = {name: options for name, (options, _) in CONES.items()} | {name: comb
 
 
 def _bits(triangles, query, options, threads=2, counters=None, soup=None):
-    """(h, w, spp) bool by one variant."""
+    """(h, w, spp) bool: a variant's answer to a query."""
     spp = query.samples.shape[1]
     bits = np.zeros((*query.sides.shape, -(-spp // 64)), np.uint64)
     trace_shadow(soup or soup_of(triangles), query, bits, threads, counters, None, options)
@@ -129,7 +129,7 @@ def _zero_area(n=30):
 
 
 def _shared_edges():
-    """A grid of squares, cut in two, below the light."""
+    """A grid of squares below the light, each split into two triangles."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(-3.0, 3), np.arange(-3.0, 3)))
     low = np.stack([x, y, 0 * x + 1], 1)
     return low[:, None] + np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -165,7 +165,7 @@ POINTS = {
 @pytest.mark.parametrize("points", POINTS)
 @pytest.mark.parametrize("soup", SOUPS)
 def test_hazards(soup, points):
-    """The light at zero, where receivers or corners are too, a small light there, a list, and the sun."""
+    """A light at the origin (where receivers or corners are too), a small light there, a list, and the sun."""
     triangles = triangles_of(SOUPS[soup])
     lights = (
         at.PointLight((0, 0, 0)),
@@ -182,7 +182,7 @@ def test_hazards(soup, points):
 
 
 def _points_query(triangles, points, light):
-    """As `hierarchies.points_query`, of no points or triangles too, and with what the bits must be."""
+    """(query, truth): as `hierarchies.points_query`, but with the correct bits, and for no points or triangles too."""
     known = triangles if len(triangles.vertices) else triangles_of(np.eye(3)[None])
     query = points_query(known, points if len(points) else np.ones((1, 3)), light, 2)
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)[None]
@@ -194,7 +194,7 @@ def _points_query(triangles, points, light):
 @pytest.mark.parametrize("plan", ["cones", "cones:precise:sorted", "grid32+cones", "cones:PreciseSEATP"])
 @pytest.mark.parametrize("with_normals", [False, True])
 def test_points_that_ask(plan, with_normals):
-    """Through the public face, from one point to many, on surfaces and in the air; nothing at all too."""
+    """Points through the public interface: none, one and many, on surfaces and free-floating."""
     rng = np.random.default_rng(6)
     scene = at.Scene.from_arrays(rng.normal(size=(80, 3, 3)))
     lights = (
@@ -214,7 +214,7 @@ def test_points_that_ask(plan, with_normals):
 
 
 def test_a_point_on_its_surface_at_the_light():
-    """The receiver is moved onto the light, which is then not above its horizon."""
+    """The receiver is moved onto the light. So the light is not above its horizon."""
     triangles = triangles_of(_SOUP)
     query = points_query(triangles, [[0, 0, 0], [1, 0, 0]], at.PointLight((0, 0, 0)), 1, [[0, 0, 1.0], [-1.0, 0, 0]])
     truth, _ = true_occlusion(triangles, query)
@@ -224,7 +224,7 @@ def test_a_point_on_its_surface_at_the_light():
 
 @pytest.mark.parametrize("light", ["point", "quad", "sun", "ambient"])
 def test_nothing_asks(light):
-    """A picture of nothing, and one whose receivers all look away from the light."""
+    """An empty picture, and one whose receivers all face away from the light."""
     triangles, query = on_surfaces(3, light, (9, 11))
     nothing = query._replace(sides=np.zeros_like(query.sides))
     _all_say(np.zeros((9, 11, 5), bool), triangles, nothing, threads=(2,))
@@ -237,7 +237,7 @@ def test_nothing_asks(light):
 
 
 def test_triangles_that_culling_left_are_known_by_their_numbers_in_the_scene():
-    """Receivers skip their own triangle, whatever its place in the soup is."""
+    """Receivers skip their own triangle, at any index in the soup."""
     triangles, query = on_surfaces(4, "quad", (12, 15), n=50)
     kept = np.sort(np.random.default_rng(1).choice(50, 30, replace=False)).astype(np.int32)
     soup = Soup(np.ascontiguousarray(triangles.vertices[kept]).reshape(-1, 9), kept)
@@ -254,7 +254,7 @@ def _picture():
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_a_picture_and_what_is_counted(name):
-    """All ask the same rays, and find what single rays find."""
+    """All variants trace the same rays, and give the answers of single rays."""
     triangles, query = _picture()
     tally, plain = new_counters(), new_counters()
     got = _bits(triangles, query, VARIANTS[name], counters=tally)

@@ -1,4 +1,4 @@
-"""Traversal: bounded memory, covered nodes, good occluders first; the bits are always the same."""
+"""Traversal: bounded memory, covered nodes, good occluders first. The bits are always the same."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ HOW = How(False, True, 0, False, PAIRS)
 
 
 def _traced(made, triangles, how=HOW, counters=None, picks=None):
-    """(m, spp) bool: which segments are blocked, by a traversal of all triangles, or of some."""
+    """(m, spp) bool: whether each segment is blocked, by a traversal of all triangles, or of `picks`."""
     soup = soup_of(triangles)
     picks = np.arange(len(soup.corners), dtype=np.int32) if picks is None else picks
     ticket, memory = new_ticket(len(picks), BATCH), memory_for(len(made.tree.faces), how)
@@ -57,12 +57,12 @@ def _dead(made):
     return out
 
 
-GUARD, MARGIN = -123456789, 64  # what lies after each level's queue, and must not be touched; how much of it
+GUARD, MARGIN = -123456789, 64  # words after each level's queue, which must not change; their number
 
 
 @kernel
 def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step, memory, found):
-    """As `trace_triangles`, one batch after the other, in queues that the test can look at."""
+    """As `trace_triangles`, one batch after the other, in queues that the test can read."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, n = Soup(ptr(triangles.corners), ptr(triangles.ids)), len(triangles.corners)
     rows, marks, slots, flat = memory.rows, memory.marks, stack_array(np.int32, LANES), ptr(pairs)
@@ -83,7 +83,7 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step, memory, foun
 
 
 def _met_by_all_nodes(n):
-    """Large triangles around the light at zero, in planes through it: no node can do without them, and none blocks."""
+    """Large triangles around the light at the origin, in planes through it. No node rejects them, and none blocks."""
     k = np.arange(n) % 5 + 1
     flat = np.array([[-5, -5], [5, -5], [0, 9]])[None] * k[:, None, None]
     along = np.array([[1, 0, 0], [0, 1, 0], [1, 1, 0]])[np.arange(n) % 3]
@@ -91,11 +91,11 @@ def _met_by_all_nodes(n):
 
 
 HALF = np.array([[[-2e3, -1e3, 1], [1e-3, -1e3, 1], [1e-3, 3e3, 1]]])
-"""It shades the receivers of `_under` with x < 0, as seen from zero."""
+"""A triangle that shades the receivers of `_under` with x < 0 from a light at the origin."""
 
 
 def _under(m, seed=1):
-    """Receivers above z = 2, in the order of nothing."""
+    """Receivers above z = 2, in random order."""
     rng = np.random.default_rng(seed)
     return np.stack([*rng.uniform(-3, 3, (2, m)), rng.uniform(2, 4, m)], -1).astype(np.float32)
 
@@ -104,7 +104,7 @@ def _under(m, seed=1):
 @pytest.mark.parametrize("ways", [4, 16])
 @pytest.mark.parametrize("kind", [Boxes, Cones])
 def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
-    """Triangles that all nodes of a hierarchy of several levels meet, and queues as small as they may be."""
+    """Triangles that all nodes of a hierarchy of several levels meet, and queues of the smallest size."""
     triangles = triangles_of(np.concatenate([_met_by_all_nodes(60), HALF, _met_by_all_nodes(90)]))
     query = points_query(triangles, _under(600), at.PointLight((0, 0, 0)), 1)
     (beam,) = beams_of(query)
@@ -140,7 +140,7 @@ def test_the_smallest_queues_give_the_same_bits(options, monkeypatch):
 @pytest.mark.parametrize("ways", [4, 16])
 @pytest.mark.parametrize("kind", [Boxes, Cones])
 def test_a_covered_node_is_finished_with_all_below_it_and_nothing_else(kind, ways):
-    """A half plane before half of the receivers: nodes of its side die at once, the others live on."""
+    """A half plane in front of half of the receivers: nodes on its side finish at once, the others stay alive."""
     triangles = triangles_of(HALF)
     query = points_query(triangles, _under(2500), at.PointLight((0, 0, 0)), 1)
     (beam,) = beams_of(query)
@@ -168,7 +168,7 @@ def test_a_covered_node_is_finished_with_all_below_it_and_nothing_else(kind, way
 
 
 def test_what_is_finished_is_finished_up_to_the_root():
-    """Once all is blocked nothing is visited any more."""
+    """When all rays are blocked, no node is visited."""
     triangles = triangles_of([[[-1e3, -1e3, 1], [2e3, -1e3, 1], [0, 2e3, 1]]])
     query = points_query(triangles, _under(700), at.PointLight((0, 0, 0)), 1)
     (beam,) = beams_of(query)
@@ -177,7 +177,7 @@ def test_what_is_finished_is_finished_up_to_the_root():
             made, tally = hierarchy(kind, query, beam, ways, True), new_counters()
             assert _traced(made, triangles, counters=tally).all()
             assert as_dict(tally)["triangle_tests"] < 20
-            _traced(made, triangles)  # leaves whose rays ended one by one are found finished
+            _traced(made, triangles)  # finds leaves finished whose rays ended one by one
             assert not made.tree.alive.any()
             before = as_dict(tally)["nodes"]
             _traced(made, triangles, counters=tally)
@@ -185,7 +185,7 @@ def test_what_is_finished_is_finished_up_to_the_root():
 
 
 def test_rays_that_end_one_by_one_finish_their_leaves():
-    """No triangle covers a leaf, but those of a mosaic end all of its rays: then it is done."""
+    """No single triangle covers a leaf, but the triangles of a mosaic end all its rays. Then the leaf is finished."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(-40, 40), np.arange(-40, 40)))
     low = np.stack([x, y, 0 * x + 20.0], 1) / 20
     squares = low[:, None] + np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0]]) / 20
@@ -194,7 +194,7 @@ def test_rays_that_end_one_by_one_finish_their_leaves():
     (beam,) = beams_of(query)
     made = hierarchy(Boxes, query, beam, 16, True)
     assert _traced(made, triangles).all()
-    _traced(made, triangles)  # a leaf is found finished when the next triangle comes
+    _traced(made, triangles)  # the next triangle finds the leaf finished
     assert not made.tree.alive.any()
 
 
@@ -249,7 +249,7 @@ def test_occluders_of_few_triangles(n):
 
 
 def test_threads_share_a_hierarchy():
-    """The same bits, and dead rays stay dead, whoever finds them."""
+    """The bits are the same, and dead rays stay dead, for any thread that finds them."""
     triangles, query = lit(3, "point", "all around", 1.0, 2000, 11)
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)[:, :1]
     for options in (FASTEST, Options(nodes=Cones, early_accept=True, sorted=True)):

@@ -1,4 +1,4 @@
-"""The implicit hierarchy: children ranges, and nodes that hold their rays."""
+"""The implicit hierarchy: ranges of children, and nodes that bound their rays."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ SLACK = 1e-6
 
 
 def _numbers(made, node):
-    """A node's numbers, float64."""
+    """A node's numbers, in float64."""
     ways, rows = made.rays.ways, made.tree.nodes.rows
     group = made.tree.groups[node.part, node.level] + node.index // ways
     numbers = made.tree.numbers[group * rows * ways :][: rows * ways]
@@ -22,7 +22,7 @@ def _numbers(made, node):
 
 
 def _seen(made, receivers):
-    """(k, 3) float64: where receivers are in the beam's frame."""
+    """(k, 3) float64: positions of receivers in the beam's frame."""
     beam = made.beam
     points = made.query.origins.reshape(-1, 3)[receivers].astype(np.float64)
     return (points - beam.apex) * beam.unit if beam.kind == PERSPECTIVE else points @ beam.axes.T * beam.unit
@@ -66,7 +66,7 @@ def test_empty_places_on_the_screen_are_not_alive():
 @pytest.mark.parametrize("receivers", RECEIVERS)
 @pytest.mark.parametrize("light", ["point", "quad", "sphere"])
 def test_cones_hold_their_rays(light, receivers):
-    """Angles far below what the cosine tells in float32, too, from level to level."""
+    """This holds on all levels, also for angles far below the resolution of a float32 cosine."""
     for seed in range(8):
         _, query = lit(seed, light, receivers, 1.0, 300)
         (beam,) = beams_of(query)
@@ -80,7 +80,7 @@ def test_cones_hold_their_rays(light, receivers):
             assert np.linalg.norm(axis) == pytest.approx(1.0, abs=SLACK)
             across = np.linalg.norm(np.cross(d / length[:, None], axis), axis=1)
             angles = np.arctan2(across, d / length[:, None] @ axis)
-            half = np.arcsin(sin) if cos > sin else np.arccos(max(cos, -1.0))  # as the smaller of them says
+            half = np.arcsin(sin) if cos > sin else np.arccos(max(cos, -1.0))  # from the smaller of the two
             slack = 1e-7 if cos > -0.7 else 1e-3
             assert (angles <= half + slack).all()
 

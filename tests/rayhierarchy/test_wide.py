@@ -1,4 +1,4 @@
-"""Lights as large as what they light: the same bits through shafts, and far fewer tests."""
+"""Lights as large as the scene: shafts give the same bits with far fewer tests."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -18,12 +18,12 @@ from asking import answer, query_of, true_occlusion, unpack
 from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
 from hierarchies import met_by
 
-WIDE = ["quad", "sphere", "sun", "ambient"]  # those that are more than points
+WIDE = ["quad", "sphere", "sun", "ambient"]  # lights with an extent
 TWO_PASSES = "cones:boxes:wide:blocks:early-accept:two-pass:shared:shafts"
 
 
 def _bits(triangles, query, options=FASTEST, threads=2, counters=None):
-    """(h, w, spp) bool by one variant."""
+    """(h, w, spp) bool: a variant's answer to a query."""
     spp = query.samples.shape[1]
     bits = np.zeros((*query.sides.shape, -(-spp // 64)), np.uint64)
     trace_shadow(soup_of(triangles), query, bits, threads, counters, None, options)
@@ -32,7 +32,7 @@ def _bits(triangles, query, options=FASTEST, threads=2, counters=None):
 
 @pytest.fixture(scope="module", autouse=True)
 def _no_probe_is_left_out():
-    """Few triangles are probed too."""
+    """Probe scenes of few triangles too."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(wide, "LEAST", 0)
         patch.setattr(wide, "PROBE", 16)
@@ -41,7 +41,7 @@ def _no_probe_is_left_out():
 
 @pytest.fixture(scope="module")
 def _shafts_always():
-    """Shafts are taken whatever they cost; the list counts traversals by them."""
+    """Use shafts at any cost. The list counts their traversals."""
     used, before = [], clusters.trace_clusters
 
     def spied(ticket, *arguments):
@@ -106,12 +106,12 @@ def test_any_rays_and_triangles(_shafts_always, seed, light, receivers, scale):
     """Triangles are aimed at the rays' ends, corners and edges."""
     try:
         triangles, query = lit(seed, light, receivers, scale)
-    except at.InputError:  # a sun too wide for a scene so large
-        assert light == "sun" and scale > 1e20
+    except at.InputError:  # this sun is too wide for so large a scene
+        assert light == "sun" and scale >= 1e20
         reject()
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)[None]
     got = _bits(triangles, query)
-    if light == "ambient":  # what is below the horizon is dark besides
+    if light == "ambient":  # samples below the horizon are dark too
         truth, _ = true_occlusion(triangles, query)
     np.testing.assert_array_equal(got, truth)
 
@@ -127,7 +127,7 @@ def test_queries_that_are_cut_into_parts(light, segments_held, monkeypatch, shaf
 
 
 def _large_light(triangles, size):
-    """(triangles, query): a quad light `size` times as large as a city, in the midst of it."""
+    """(triangles, query) of a city with a quad light in its midst, `size` times as large as the city."""
     scene = at.procedural("city", triangles=triangles)
     corners = scene.triangles().vertices.reshape(-1, 3) + scene.triangles().origin
     low, extent = corners.min(0).astype(np.float64), np.ptp(corners, axis=0).astype(np.float64)
@@ -137,7 +137,7 @@ def _large_light(triangles, size):
 
 
 def _counted(triangles, query, options):
-    """(bits, counts)."""
+    """(bits, counts) of a query."""
     tally = new_counters()
     return _bits(triangles, query, options, counters=tally), as_dict(tally)
 

@@ -1,4 +1,4 @@
-"""Where the steps of shadow rays go, plan by plan."""
+"""Steps of shadow rays, plan by plan."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_the_parts_are_the_whole(told, i):
     assert 1 <= depths.frequent <= depths.deepest
     if i < len(ONE_BY_ONE):
         assert one.boxes.sum() == one.classes.sum() == one.box_tests and (one.classes > 0).all()
-        assert one.classes[0] == ends.sum()  # the path to a hit is as long as its leaf is deep
+        assert one.classes[0] == ends.sum()  # the path to a hit is as long as the depth of its leaf
     else:
         assert one.classes is None
 
@@ -84,7 +84,7 @@ def test_frequent_blockers_are_the_fewest_that_block_half(scene, moment, told):
 
 
 def test_steps_are_those_that_the_tracer_counts(scene, moment):
-    """Ray by ray, so that no last blocker is tried first."""
+    """The tracer traces ray by ray here, so that it tries no last blocker first."""
     accelerator = Accelerator(parse_plan("bsah+single"), 1)
     triangles, query = query_of(scene, moment.camera.resized(8, 6), moment.lights[0], 2)
     ready = accelerator.build(triangles)

@@ -1,4 +1,4 @@
-"""Light that bounces once: how much there is, of which colour, and that no plan changes it."""
+"""Light that bounces once: its amount and colour. No plan changes it."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ WHITE, RED = (0.8, 0.8, 0.8), (0.8, 0.1, 0.05)
 
 
 def _room(colours):
-    """A room from -1 to 1, its walls quads of these colours: x = -1, x = 1, floor, ceiling, z = -1, z = 1."""
+    """A room from -1 to 1. Its walls are quads with these colours: x = -1, x = 1, floor, ceiling, z = -1, z = 1."""
     corners, faces = [], []
     for axis in range(3):
         for end in (-1.0, 1.0):
@@ -20,7 +20,7 @@ def _room(colours):
 
 
 def _floor_irradiance(point, colours, n=80):
-    """(3,): what a point of the floor gets of a candela at the centre, after one bounce, by a sum over the walls."""
+    """(3,): irradiance of a point on the floor from a candela at the centre, after one bounce, by a sum over walls."""
     u = (np.arange(n) + 0.5) / n * 2 - 1
     flat = np.stack(np.meshgrid(u, u), -1).reshape(-1, 2)
     total = np.zeros(3)

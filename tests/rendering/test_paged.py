@@ -1,4 +1,4 @@
-"""Scenes in a store give the pictures of scenes in memory, whatever the budget, and what is wrong with one is said."""
+"""Scenes in a store give the pictures of scenes in memory, for any budget. Errors in a store are reported."""
 
 import json
 import os
@@ -20,7 +20,7 @@ LIGHT = at.QuadLight((-30, 60, -20), (30, 0, 0), (0, 0, 30))
 
 @pytest.fixture(scope="module")
 def city(tmp_path_factory):
-    """(scene in memory, path of its store): 40 chunks and more."""
+    """(scene in memory, path of its store). The store has 40 chunks or more."""
     scene, path = at.procedural("city", triangles=20_000), tmp_path_factory.mktemp("paged") / "city.antumbra"
     assert build_store([scene], path, chunk=512).chunks >= 40
     return scene, path
@@ -35,7 +35,7 @@ def _cameras(scene, n=3):
 
 
 def _renderer(path, chunks=None, policy="lru"):
-    """With a budget of so many of the largest chunks; None: of 4 GiB."""
+    """A renderer with a budget of `chunks` of the largest chunks; None: 4 GiB."""
     renderer = Renderer(at.load(path), None, 2)
     if chunks is not None:
         paged = renderer.source
@@ -76,7 +76,7 @@ def test_pictures_are_those_in_memory(city, chunks, policy):
 @pytest.mark.parametrize("normals", [None, (0.0, 1.0, 0.0)])
 @pytest.mark.parametrize("light", [LIGHT, at.DirectionalLight((0.4, -1, 0.3)), at.AmbientOcclusion(30.0)], ids=repr)
 def test_points_see_lights_as_they_do_in_memory(city, light, normals):
-    """What was read for one question is there for the next one."""
+    """Chunks that one query reads stay in memory for the next one."""
     inside, path = city
     scene, points = at.load(path), np.random.default_rng(3).uniform((-40, 0.2, -40), (40, 12, 40), (900, 3))
     if normals is None and light.domain == "hemisphere":
@@ -116,7 +116,7 @@ def test_a_camera_that_sees_nothing(city):
 
 
 def test_two_renderers_share_a_store(city):
-    """In two threads at once."""
+    """Two renderers work in two threads at the same time."""
     scene, path = city
     cameras, found = _cameras(scene, 2), {}
 
@@ -179,7 +179,7 @@ print(json.dumps({"peak": peak_resident(), "loaded": [f.paging["loaded"] for f i
 
 @pytest.mark.slow
 def test_five_million_triangles_in_a_tenth_of_their_size(tmp_path):
-    """And the process keeps to its memory, measured as its resident set."""
+    """The process keeps to its memory budget, measured as its resident set."""
     path = tmp_path / "city.antumbra"
     command = [sys.executable, "-m", "antumbra", "build", "procedural:city?triangles=5M", "-o", str(path), "-q"]
     subprocess.run([*command, "--max-memory", "1G"], check=True)

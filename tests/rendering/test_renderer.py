@@ -1,4 +1,4 @@
-"""Frames: what they hold, that both G-buffers agree, and that what cannot be rendered is said."""
+"""Frames: their contents, the agreement of both G-buffers, and errors for input that cannot be rendered."""
 
 import numpy as np
 import pytest
@@ -79,12 +79,12 @@ def test_the_gbuffer_says_where_surfaces_are():
 
 
 def test_a_known_shadow():
-    """A blocker halfway below a quad light: the umbra, the penumbra and the lit floor are where geometry says."""
+    """A blocker halfway below a quad light: geometry gives the umbra, the penumbra and the lit floor."""
     quad = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
     corners = np.concatenate([quad * 20, quad + (0, 2, 0)])
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
     scene = at.Scene.from_arrays(corners, faces)
-    light = at.QuadLight((-0.5, 4, -0.5), (1, 0, 0), (0, 0, 1))  # umbra |x| < 1.5, penumbra to 2.5
+    light = at.QuadLight((-0.5, 4, -0.5), (1, 0, 0), (0, 0, 1))  # umbra: |x| < 1.5; penumbra: up to 2.5
     points = np.zeros((200, 3))
     points[:, 0] = np.linspace(0, 4, 200)
     fraction = at.visibility(scene, points, light, normals=(0, 1, 0), spp=256).fraction
@@ -159,7 +159,7 @@ def test_bad_arguments_are_named(atrium, change, says):
 
 
 def test_plans_of_one_builder_share_what_it_built(atrium):
-    """Asked in turn, at one time, what a builder made is made once; only what the tracer walks is made anew."""
+    """For one time, a builder's tree is built once. Only the tracer's own structure is made for each plan."""
     one, other = (accelerated(atrium, 0.0, 1, plan) for plan in ("bsah+single", "bsah+multifrusta"))
     assert one.bvh is other.bvh and one.triangles is other.triangles
     assert one.prepared == Ordered(one.bvh, BUILT) and isinstance(other.prepared, BlockTree)
@@ -179,7 +179,7 @@ def test_a_plan_without_a_builder_has_no_bvh(atrium):
 
 @pytest.mark.parametrize("plan", ["bsah+single", "bsah+wide"])
 def test_samples_where_their_receiver_is_are_seen_at_once(atrium, plan):
-    """Nothing lies between two equal points. Float32 decides nothing about them, so tests would all be exact."""
+    """No triangle lies between two equal points. Float32 cannot decide such segments, so all tests would be exact."""
     light = at.AmbientOcclusion(1e-12)
     frame = at.render(atrium, _small(atrium, 16, 12), light, spp=4, plan=plan, counters=True)
     assert frame.rays > 0 and not frame.bits[0].any()
@@ -198,7 +198,7 @@ CULLED = [
 
 
 def _lit(scene, options):
-    """The arguments of `render` for one of CULLED, with lights of all kinds."""
+    """The arguments of `render` for one of CULLED, with all kinds of lights."""
     sun, lamp = at.DirectionalLight((0.3, -1, 0.2), intensity=2.0), at.PointLight(scene.cameras[0].position + (0, 1, 0))
     lists = at.PointLights(scene.lights[0].corner + np.random.default_rng(1).normal(size=(40, 3)), interleave=True)
     lights = [*scene.lights, sun, lamp] if "lights" not in options else [lists, at.AmbientOcclusion(0.5), lamp]

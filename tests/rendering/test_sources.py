@@ -1,4 +1,4 @@
-"""Scenes in memory and in stores supply a `Renderer` by one protocol, and no tree is asked what it cannot answer."""
+"""Scenes in memory and in stores supply a `Renderer` by one protocol. No tree gets queries that it cannot answer."""
 
 import subprocess
 import sys
@@ -40,7 +40,7 @@ def test_only_stores_count_what_the_camera_sees_and_what_is_read(both):
 
 @pytest.mark.parametrize("gbuffer", ["raster", "rays"])
 def test_a_tracer_that_remembers_takes_trees_that_are_made_for_shown_rays(both, gbuffer):
-    """The camera's rays, and diffuse ones, then go through a tree of their own, which remembers nothing."""
+    """Camera rays and diffuse rays then have a separate tree, which keeps no state."""
     scene = both[0]
     camera, options = scene.cameras[0].resized(24, 20), {"spp": 2, "bounce": 2, "threads": 2, "gbuffer": gbuffer}
     one, other = (at.render(scene, camera, plan=plan, **options) for plan in ("srdh+chcrt", "bsah+single"))

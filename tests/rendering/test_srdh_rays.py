@@ -1,4 +1,4 @@
-"""Which rays the builder `srdh` is shown, and that they change no bit."""
+"""The representative rays of the builder `srdh`. They change no bit."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def plain(scene, camera):
 
 @pytest.fixture
 def given(monkeypatch):
-    """What the builder is given: (vertices, rays) of each build."""
+    """The builder's input: (vertices, rays) of each build."""
     builds, real = [], BUILDERS["srdh"]
 
     def build(vertices, threads=None, *, rays, **options):
@@ -44,7 +44,7 @@ def given(monkeypatch):
         return real.build(vertices, threads, rays=rays, **options)
 
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
-    for name in ("warm_up", "warm_up_quality", "warm_up_bounce"):  # they build, too
+    for name in ("warm_up", "warm_up_quality", "warm_up_bounce"):  # they build too
         monkeypatch.setattr(renderer, name, lambda *arguments: None)
     monkeypatch.setattr(queries, "warm_up", lambda *arguments: None)
     return builds
@@ -65,14 +65,14 @@ def rows(origins, ends):
 
 
 def all_rays(scene, camera, spp=SPP, time=0.0):
-    """(origins, ends, skip) of what is asked."""
+    """(origins, ends, skip) of all shadow rays of a picture."""
     _, query = query_of(scene, camera, scene.lights[0], spp, time)
     ends, above = segments(query)
     y, x, _ = np.nonzero(above)
     return query.origins[y, x], ends[above], query.faces[y, x]
 
 
-# What is shown
+# The representative rays
 
 
 def test_all_rays_are_shown_with_all_they_meet(scene, camera, plain, given):
@@ -167,7 +167,7 @@ def test_rays_after_a_bounce_are_shown_too(scene, camera, plain, given):
     assert len(others) > 10 and not others & {o.tobytes() for o in all_rays(scene, camera)[0]}
     truth = oracle.all_hits(vertices, more.origins, more.ends)
     found = as_matrix(more, len(vertices))
-    assert (found <= truth).all() and (found != truth).any(1).mean() < 0.05  # but for what they start on
+    assert (found <= truth).all() and (found != truth).any(1).mean() < 0.05  # only start surfaces differ
 
 
 def test_a_bounce_of_points_is_refused(scene):
@@ -229,7 +229,7 @@ def test_animations_by_other_plans(moving, plan, last_frame):
 
 
 def test_hits_of_a_frame_of_other_triangles_are_not_shown(scene, moving, given):
-    """A renderer that is handed triangles of another number, fewer or more, than in the frame before."""
+    """The number of a renderer's triangles changes from frame to frame, down or up."""
     one = Renderer(scene, "srdh+single", srdh_rays=at.SrdhRays(size=None, last_frame=True))
     cellar, asked = query_of(scene, scene.cameras[0].resized(*SIZE), scene.lights[0], 1)
     soup, other = query_of(moving, CAMERA, LIGHT, 1)
@@ -248,7 +248,7 @@ def _segments(query):
 
 
 def test_a_refined_edge_does_not_change_what_the_next_frame_is_shown(given):
-    """What is built for edges lacks the blocker, which the rays of the picture met, and those at its edges do not."""
+    """The tree for edges lacks the blocker: rays of the picture meet it, but rays of edges do not."""
     floor = np.array([[[-12.0, 0, -6], [0, 0, 12], [12, 0, -6]]])
     blocker = np.array([[[-3.0, 4, -3], [-1, 4, -3], [-2, 4, -1]]])
     tent = np.array([[[1.2, 0, 1], [1.6, 0.3, 1.2], [1, 0, 1.5]]])

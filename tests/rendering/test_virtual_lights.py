@@ -1,4 +1,4 @@
-"""Virtual point lights: the photons carry the light that shading knows, and bounce as a diffuse surface would."""
+"""Virtual point lights: photons carry the power of the lights in shading, and bounce as on diffuse surfaces."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ LIGHTS = {
     "disk": at.DiskLight((0, 0, 0), (0, 0, 1), 0.2, intensity=3.0),
     "sphere": at.SphereLight((0, 0, 0), 0.2, intensity=3.0),
 }
-RADIUS = 10.0  # of a sphere around them
+RADIUS = 10.0  # radius of a sphere around the lights
 
 
 def _shells(z):
@@ -30,7 +30,7 @@ def test_photons_carry_the_power_that_shading_sees_and_spread_alike(name):
     z = (origins + (np.sqrt(along**2 - (origins**2).sum(1) + RADIUS**2) - along)[:, None] * directions)[:, 2]
     photons = power * np.bincount(_shells(z), minlength=4) / len(z)
 
-    n = 4000  # points spread evenly on the sphere, looking inwards
+    n = 4000  # points spread evenly on the sphere, facing inwards
     h, angle = 1 - (2 * np.arange(n) + 1) / n, np.arange(n) * np.pi * (3 - np.sqrt(5))
     outward = np.stack([np.sqrt(1 - h * h) * np.cos(angle), np.sqrt(1 - h * h) * np.sin(angle), h], 1)[None]
     side = np.ones((1, n), np.int8)
@@ -42,7 +42,7 @@ def test_photons_carry_the_power_that_shading_sees_and_spread_alike(name):
 
 
 def test_sunlight_reflected_by_a_floor_reaches_a_ceiling():
-    """Against the integral over the floor."""
+    """The irradiance is compared with the integral over the floor."""
     floor = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
     ceiling = np.array([[-0.01, 1, -0.01], [0.01, 1, -0.01], [0.01, 1, 0.01], [-0.01, 1, 0.01]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])

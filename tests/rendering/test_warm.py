@@ -1,4 +1,4 @@
-"""What is recorded of jobs is what they call, and no kernel grows unseen."""
+"""Recorded jobs have the kernels that they call. The tests find kernels that grow."""
 
 import json
 import subprocess
@@ -64,7 +64,7 @@ def test_a_plan_that_nobody_recorded_is_put_together():
 
 
 def test_the_size_of_kernels_is_as_recorded(capsys):
-    """Lowers three kernels and compares; ``scripts/record_kernels.py`` measures all anew."""
+    """Lowers three kernels and compares their sizes. ``scripts/record_kernels.py`` measures all kernels again."""
     from antumbra.kernels import compiling
 
     said = json.loads(needs.FILE.read_text())["kernels"]
@@ -78,7 +78,10 @@ def test_the_size_of_kernels_is_as_recorded(capsys):
 
 
 def test_the_default_plan_stays_within_its_budget(capsys):
-    """The largest of what everybody waits for; a change that needs more says why in docs/design/kernels.md."""
+    """The kernels of the default plan stay small, because every user compiles them.
+
+    A change that needs a larger budget states the reason in docs/design/kernels.md.
+    """
     job = json.loads(needs.FILE.read_text())
     sizes = [job["kernels"][i][2] for i in job["jobs"]["bsah+multifrusta (raster)"]]
     total = {name: round(sum(size[name] for size in sizes), 1) for name in ("functions", "instructions", "seconds")}

@@ -1,4 +1,4 @@
-"""Makes small glTF files, one feature at a time, and computes positions by other means than the loader's."""
+"""Makes small glTF files, one feature at a time, and computes positions independently of the loader."""
 
 import base64
 import io
@@ -15,7 +15,7 @@ TETRAHEDRON_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.ui
 
 
 class Gltf:
-    """A glTF file under construction; methods return the index of what they added."""
+    """A glTF file under construction. Methods return the index of the object they added."""
 
     def __init__(self):
         self.json = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": []}]}
@@ -33,7 +33,10 @@ class Gltf:
         return self.add("bufferViews", buffer=0, byteOffset=start, byteLength=len(data), **fields)
 
     def accessor(self, values, **fields):
-        """Packed values of the array's dtype: (n,) scalars, (n, k) vectors, (n, 16) matrices by columns."""
+        """Add an accessor of packed values of the array's dtype.
+
+        (n,) are scalars, (n, k) are vectors, (n, 16) are matrices by columns.
+        """
         values = np.ascontiguousarray(values)
         kind = KIND[1 if values.ndim == 1 else values.shape[1]]
         return self.add(
@@ -46,7 +49,7 @@ class Gltf:
         )
 
     def primitive(self, positions=TRIANGLE, indices=None, **fields):
-        """A primitive as JSON; `positions` an array or the index of an accessor."""
+        """A primitive as JSON. `positions` is an array or the index of an accessor."""
         attributes = {"POSITION": self._index(positions), **fields.pop("attributes", {})}
         if indices is not None:
             fields["indices"] = self._index(np.asarray(indices).reshape(-1) if np.ndim(indices) else indices)
@@ -62,7 +65,7 @@ class Gltf:
         return index
 
     def animate(self, node, path, times, values, interpolation="LINEAR", animation=0):
-        """A channel; values (keys, c), for CUBICSPLINE (keys, 3, c)."""
+        """Add a channel. `values` are (keys, c), or (keys, 3, c) for CUBICSPLINE."""
         animations = self.json.setdefault("animations", [])
         while len(animations) <= animation:
             animations.append({"channels": [], "samplers": []})
@@ -88,7 +91,7 @@ class Gltf:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
     def gltf(self, uri=None) -> bytes:
-        """As JSON; the buffer at `uri`, or inside it."""
+        """The file as JSON, with the buffer at `uri`, or inside it."""
         document = self._document()
         inside = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
         document["buffers"][0]["uri"] = inside if uri is None else uri
@@ -129,7 +132,7 @@ def world(scene, time=0.0) -> np.ndarray:
 
 
 def assert_at(scene, expected, time=0.0):
-    """The scene's triangles are the (n, 3, 3) `expected`, to float32's rounding in the recentred frame."""
+    """Check that a scene's triangles equal (n, 3, 3) `expected`, up to float32's rounding in the recentred frame."""
     actual = world(scene, time)
     assert actual.shape == np.shape(expected)
     reach = max(np.abs(expected - scene.origin).max(), np.ptp(scene.bounds, axis=0).max())
@@ -137,7 +140,7 @@ def assert_at(scene, expected, time=0.0):
 
 
 def trs(translation=(0, 0, 0), rotation=(0, 0, 0, 1), scale=(1, 1, 1)) -> np.ndarray:
-    """A 4 x 4 transform, by scipy's rotations."""
+    """A 4 x 4 transform, made with scipy's rotations."""
     from scipy.spatial.transform import Rotation
 
     matrix = np.eye(4)
@@ -152,7 +155,7 @@ def moved(matrix, points) -> np.ndarray:
 
 
 def everything() -> Gltf:
-    """One file with most features, for mutation."""
+    """A file with most features, for mutation."""
     made = Gltf()
     made.json["extensionsUsed"] = ["KHR_lights_punctual", "EXT_mesh_gpu_instancing"]
     image = made.add("images", bufferView=made.view(png(np.full((4, 4, 3), 200))), mimeType="image/png")

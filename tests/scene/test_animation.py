@@ -1,4 +1,4 @@
-"""Animation at a time: keyframes, skins and morph targets against the format's definitions, written anew."""
+"""Animation at a time: keyframes, skins and morph targets against an independent implementation of the format."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def linear(times, keys, t):
 
 
 def keys_for(path, interpolation, seed=5):
-    """Float32 keys as float64, quaternions of unit length."""
+    """Float32 keys as float64; quaternions have unit length."""
     rng = np.random.default_rng(seed)
     width = {"rotation": 4, "weights": 2}.get(path, 3)
     shape = (len(TIMES), 3, width) if interpolation == "CUBICSPLINE" else (len(TIMES), width)
@@ -78,7 +78,7 @@ def test_keyframes(tmp_path, path, interpolation):
 def test_slerp_goes_the_short_way_round(tmp_path_factory, seed, t):
     keys = keys_for("rotation", "LINEAR", seed)
     if seed % 3 == 0:
-        keys[1] = -keys[0]  # the same rotation: nothing may move between them
+        keys[1] = -keys[0]  # the same rotation, so nothing may move between the keys
     made = Gltf()
     made.animate(made.node(mesh=made.mesh()), "rotation", TIMES, keys)
     scene = load(made.write(tmp_path_factory.mktemp("slerp")))
@@ -151,7 +151,7 @@ def test_the_first_of_rival_animations_counts_and_the_rest_play_together(tmp_pat
 
 
 def skin_file(seed=0, sets=1, inverse=True, joints=3):
-    """A strip skinned to a chain of joints, and what is needed to compute it: (file, arrays)."""
+    """(file, points, joints, weights, bind matrices) of a strip that is skinned to a chain of joints."""
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(12, 3)).astype(np.float32)
     index = rng.integers(0, joints, (12, 4 * sets)).astype(np.uint8)
@@ -174,7 +174,7 @@ def skin_file(seed=0, sets=1, inverse=True, joints=3):
     if inverse:
         skin["inverseBindMatrices"] = made.accessor(bind.transpose(0, 2, 1).reshape(joints, 16))
     mesh = made.mesh(made.primitive(points, attributes=attributes))
-    # the transform of the node that holds a skinned mesh plays no part
+    # the transform of the skinned mesh's node has no effect
     made.node(mesh=mesh, skin=made.add("skins", **skin), translation=[100, 100, 100])
     made.animate(chain[1], "rotation", [0, 1], [[0, 0, 0, 1], [0.6, 0, 0, 0.8]])
     return made, points, index, weight, bind if inverse else np.tile(np.eye(4), (joints, 1, 1))
@@ -230,7 +230,7 @@ def test_vertices_without_weights_follow_their_first_joint(tmp_path):
     joints = [made.node(translation=[9, 0, 0]), made.node(translation=[0, 4, 0])]
     mesh = made.mesh(made.primitive(attributes=attributes))
     made.node(mesh=mesh, skin=made.add("skins", joints=joints))
-    # joint numbers of zero weights mean nothing, so the first of the skin it is
+    # joint numbers with zero weights have no meaning, so the vertices follow the first joint of the skin
     assert_at(load(made.write(tmp_path)), TRIANGLE[None] + (9.0, 0, 0))
 
 

@@ -1,4 +1,4 @@
-"""Scenes from arrays, and the recentring that all scenes share."""
+"""Scenes from arrays, and the recentring of all scenes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Paths that are no scene files."""
+"""Paths that are not scene files."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""glTF files that cannot be used: one clear line each, that names the file, the field and the cure."""
+"""Unusable glTF files: each gives one line that names the file, the field and the cure."""
 
 import base64
 import json
@@ -22,7 +22,7 @@ def message_of(path) -> str:
 
 
 def spoiled(change, made=None) -> Gltf:
-    """A good file (one tetrahedron) after `change(json)`."""
+    """A valid file (one tetrahedron) after `change(json)`."""
     made = made or single(TETRAHEDRON, TETRAHEDRON_FACES)
     change(made.json)
     return made

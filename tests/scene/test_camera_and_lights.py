@@ -1,4 +1,4 @@
-"""Cameras and lights: rays through pixels, and arguments that make no sense."""
+"""Cameras and lights: rays through pixels, and invalid arguments."""
 
 import numpy as np
 import pytest
@@ -109,7 +109,7 @@ def test_every_set_is_a_spread_of_the_lights():
     positions = np.random.default_rng(3).uniform(size=(4096, 3))
     sets = at.PointLights(positions, interleave=True).sets
     counts = np.array([np.bincount((positions[row] * 4).astype(int) @ (1, 4, 16), minlength=64) for row in sets])
-    assert counts.min() >= 1 and counts.max() <= 7  # 4 on average; chosen at random it would be 0 to 12
+    assert counts.min() >= 1 and counts.max() <= 7  # 4 on average; a random choice would give 0 to 12
 
 
 def test_lights_that_are_not_interleaved_keep_their_order():

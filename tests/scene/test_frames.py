@@ -1,4 +1,4 @@
-"""Folders of vertex arrays, one for each moment."""
+"""Folders of vertex arrays, one array for each frame."""
 
 import json
 import pickle

@@ -1,4 +1,4 @@
-"""Damaged files end in a scene or in one `InputError`: never another exception, a hang, a huge allocation."""
+"""Damaged files give a scene or an `InputError`, never another exception, a hang or a huge allocation."""
 
 import json
 import signal
@@ -16,7 +16,7 @@ from scene.test_frames import FRAMES
 from scene.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
 from scenes import scene_path
 
-SECONDS = 20  # for a file of a few kilobytes: only a hang takes that long
+SECONDS = 20  # for a file of a few kilobytes; only a hang takes so long
 MEGABYTES = 64
 ODD_VALUES = [
     None,
@@ -45,12 +45,12 @@ ODD_VALUES = [
 
 
 class Hang(BaseException):
-    """Not an `Exception`, so that no handler of the loader takes it."""
+    """Raised on a timeout. It is no `Exception`, so that no handler of the loader catches it."""
 
 
 @contextmanager
 def limits():
-    """Raises Hang after SECONDS (where the system has timers); checks that no huge array was asked for."""
+    """Raise Hang after SECONDS (if the system has timers), and check that no huge array was allocated."""
 
     def ring(*_):
         raise Hang
@@ -71,7 +71,7 @@ def limits():
 
 
 def outcome(path) -> str:
-    """Load and evaluate; "scene", or "error" after checking it."""
+    """Load and evaluate a file; return "scene", or "error" after checking the error."""
     with limits(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         try:
@@ -80,7 +80,7 @@ def outcome(path) -> str:
                 triangles = scene.triangles(time)
         except InputError as error:
             assert "\n" not in str(error) and len(str(error)) < 600
-            # our own readers foresee everything; only trimesh's exceptions may reach the last fence
+            # our own readers expect all errors; only trimesh's exceptions may reach the general handler
             assert "is the file damaged" not in str(error) or path.suffix in (".obj", ".ply", ".stl")
             return "error"
     assert triangles.vertices.shape == (scene.n_triangles, 3, 3) and scene.n_triangles > 0
@@ -90,7 +90,7 @@ def outcome(path) -> str:
 
 
 def damaged(data: bytes, rng) -> bytes:
-    """A few random changes of bytes: flipped, overwritten, cut out, doubled, or the end missing."""
+    """The bytes after a few random changes: flipped, overwritten, cut out, doubled, or without the end."""
     data = bytearray(data)
     for _ in range(rng.integers(1, 4)):
         if not data:
@@ -140,7 +140,7 @@ def with_odd_value(document, rng):
 
 
 def run(path, base: bytes, seeds, change=damaged) -> dict:
-    """Outcomes over seeds; on failure the seed is in the message and the file is kept at `path`."""
+    """Outcomes over seeds. On failure the message has the seed, and the file is kept at `path`."""
     counts = {"scene": 0, "error": 0}
     for seed in seeds:
         path.write_bytes(change(base, np.random.default_rng(seed)))

@@ -12,7 +12,7 @@ from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, png
 
 
 def linear(srgb):
-    """IEC 61966-2-1, written out for one number."""
+    """Linear light by IEC 61966-2-1, for a single number."""
     return srgb / 12.92 if srgb <= 0.04045 else ((srgb + 0.055) / 1.055) ** 2.4
 
 
@@ -95,7 +95,7 @@ def test_no_material_is_white(tmp_path):
 
 def _broken_images():
     bomb = io.BytesIO()
-    Image.new("1", (6000, 6000)).save(bomb, "PNG")  # 36 million pixels in some thousand bytes
+    Image.new("1", (6000, 6000)).save(bomb, "PNG")  # 36 million pixels in a few thousand bytes
     whole = png(np.zeros((64, 64, 3)))
     return {
         "missing": None,

@@ -62,7 +62,7 @@ def test_triangles_strips_and_fans(tmp_path, mode, indexed):
     corners = points if order is None else points[order]
     if mode == 4:
         expected = [(0, 1, 2), (3, 4, 5)]
-    elif mode == 5:  # every second triangle turned, so that all wind alike
+    elif mode == 5:  # every second triangle is flipped, so that all have the same winding
         expected = [(0, 1, 2), (1, 3, 2), (2, 3, 4), (3, 5, 4)]
     else:
         expected = [(i + 1, i + 2, 0) for i in range(4)]
@@ -161,7 +161,7 @@ def test_the_same_from_glb_data_uri_and_external_buffer(tmp_path):
     (tmp_path / "sub dir").mkdir()
     (tmp_path / "sub dir" / "a.bin").write_bytes(made.data)
     (tmp_path / "beside.gltf").write_bytes(made.gltf("sub%20dir/a.bin"))
-    (tmp_path / "turned.glb").write_bytes(made.gltf())  # told apart by content, not by suffix
+    (tmp_path / "turned.glb").write_bytes(made.gltf())  # the content decides the format, not the suffix
     scenes = [load(made.write(tmp_path)), load(made.write(tmp_path, "inside.gltf"))]
     scenes += [load(tmp_path / "beside.gltf"), load(str(tmp_path / "turned.glb"))]
     for scene in scenes[1:]:

@@ -134,7 +134,7 @@ def test_material_files_outside_the_folder_are_not_read(tmp_path, library):
 
 
 def test_the_parsers_log_stays_off_the_screen(tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr(logging.root, "handlers", [])  # as in a program that sets up no logging
+    monkeypatch.setattr(logging.root, "handlers", [])  # like a program without logging
     assert load(put(tmp_path, "a.stl", stl_text().replace("normal 0 0 0", "normal 0 x 0"))).n_triangles == 4
     assert capfd.readouterr() == ("", "")
 

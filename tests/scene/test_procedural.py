@@ -1,4 +1,4 @@
-"""Procedural scenes: as many triangles as asked, the same every time, and geometry that holds water."""
+"""Procedural scenes: the requested number of triangles, the same scene every time, and watertight geometry."""
 
 from itertools import islice
 
@@ -114,7 +114,7 @@ def test_the_camera_sees_surfaces_in_light_and_in_shadow(scene):
 
 
 def _nearest(origin, directions, triangles):
-    """Distance (in lengths of the direction) and index of the nearest triangle; Moeller and Trumbore, float64."""
+    """(t, index) of the nearest triangle, by Moeller and Trumbore in float64. t is in lengths of the direction."""
     a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     s = origin - a
     q = np.cross(s, e1)
@@ -198,7 +198,7 @@ def test_solids_are_closed_and_face_outwards(name, mesh):
 
 
 def _bodies(mesh):
-    """Face masks of the connected parts of a mesh."""
+    """Masks of faces, one for each connected part of a mesh."""
     label = np.arange(len(mesh.vertices))
     while True:
         least = label[mesh.faces].min(axis=1)

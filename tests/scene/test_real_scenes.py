@@ -1,6 +1,6 @@
-"""Real files, where they are at hand: counts, and animation against the format's definitions.
+"""Real files, if they exist: counts, and animation against the format's definitions.
 
-The definitions are written anew here, on arrays that a few lines of `struct` and `json` read from the files.
+This module implements the definitions independently, on arrays that `struct` and `json` read from the files.
 """
 
 import base64
@@ -101,7 +101,10 @@ def posed(document, read, t, animations):
 
 
 def expected(path, t):
-    """The triangles of a file ((n, 3, 3) world) by the definitions; of rival animations, the first."""
+    """(n, 3, 3): the triangles of a file in world space, by the definitions.
+
+    Of competing animations, the first counts.
+    """
     document, read = opened(path)
     animations = document.get("animations", [])
     animations = animations if path.stem == "InterpolationTest" else animations[:1]

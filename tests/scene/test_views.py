@@ -1,4 +1,4 @@
-"""Cameras and lights of files, and those a scene makes up."""
+"""Cameras and lights of files, and the defaults of a scene."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Any damage is found, and said in one line: on opening, or when the chunk is checked."""
+"""Any damage is found, when a store is opened or a chunk is checked, and reported in one line."""
 
 import zlib
 
@@ -16,14 +16,14 @@ from stores import CHUNK, built, soup_scene
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """(path to be damaged, the bytes of the store)."""
+    """(path for a damaged copy, the bytes of the store)."""
     store = built(tmp_path_factory.mktemp("damage"), soup_scene(terrain(600)), chunk=2 * CHUNK)
     assert len(store) > 3
     return store.path, store.path.read_bytes()
 
 
 def found(path) -> str:
-    """What opening and checking a file says; "" if nothing."""
+    """The error of opening and checking a file; "" if there is none."""
     try:
         with open_store(path) as store:
             for k in range(len(store)):
@@ -81,7 +81,7 @@ def test_cut_anywhere(whole, share):
 
 
 def with_header(data, **changes) -> bytes:
-    """The store with other words in its header, and the right checksum of that."""
+    """The store with other words in its header, and a correct checksum."""
     names = "magic", "version", "complete", "size", "place", "length", "crc"
     words = dict(zip(names, HEADER.unpack_from(data))) | changes
     header = HEADER.pack(*words.values()).ljust(HEADER_CRC, b"\0")

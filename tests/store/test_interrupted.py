@@ -1,4 +1,4 @@
-"""A build that does not come to its end leaves nothing that opens; what a killed one leaves, the next one removes."""
+"""An unfinished build leaves nothing that opens. The next build removes the files of a killed one."""
 
 import os
 import signal
@@ -78,7 +78,7 @@ def test_control_c(tmp_path, phase):
 def test_a_full_disk(tmp_path, room):
     resource = pytest.importorskip("resource", reason="no RLIMIT_FSIZE on this system")
     scene = soup_scene(scattered(20_000))  # 720 kB of vertices, and a store of twice that
-    build_store([scene], tmp_path / "b.antumbra", chunk=1024)  # and kernels are compiled
+    build_store([scene], tmp_path / "b.antumbra", chunk=1024)  # this also compiles the kernels
     (tmp_path / "b.antumbra").unlink()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -93,7 +93,7 @@ def test_a_full_disk(tmp_path, room):
 
 
 def test_the_header_comes_last(tmp_path, monkeypatch):
-    """A file without its last write is no store, wherever the end of it stands."""
+    """A file without the last write is no store, although all other bytes are complete."""
     kept = []
 
     def sync(self):

@@ -1,4 +1,4 @@
-"""A build stays within its memory, and chunks leave it when they are released."""
+"""A build stays within its memory, and released chunks leave the memory."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What is written is what is read, bit for bit, and nothing but the scenes decides about the bytes."""
+"""Stores are read as they were written, bit for bit. The scenes alone decide the bytes."""
 
 import json
 import subprocess
@@ -89,15 +89,15 @@ def test_neither_memory_nor_threads_change_a_byte(tmp_path, monkeypatch, name):
     path = built(tmp_path, SCENES[name], threads=1).path
     once = path.read_bytes()
     assert built(tmp_path, SCENES[name], threads=3).path.read_bytes() == once
-    monkeypatch.setattr(spool_module, "MOST", 7)  # so that large pieces are cut ...
+    monkeypatch.setattr(spool_module, "MOST", 7)  # so that large pieces are split ...
     monkeypatch.setattr(build_module, "MOST", 50)
-    monkeypatch.setattr(build_module, "_BATCH_BYTES", 1 << 40)  # ... and few triangles are moved at a time
+    monkeypatch.setattr(build_module, "_BATCH_BYTES", 1 << 40)  # ... and few triangles are distributed at a time
     assert built(tmp_path, SCENES[name]).path.read_bytes() == once
     assert built(tmp_path, SCENES[name], chunk=CHUNK + 1).path.read_bytes() != once
 
 
 def test_a_streamed_city_is_the_city():
-    # Large enough for two groups of blocks, which two processes make.
+    # Large enough for two groups of blocks, made by two processes.
     whole, streamed = at.procedural("city", triangles=1_700_000, seed=3), StreamedCity(1_700_000, 3, processes=2)
     (mesh,), blocks = whole.source.pieces(0.0), list(streamed.source.pieces(0.0))
     starts = np.cumsum([0, *(b.vertices.shape[1] for b in blocks)])[:-1]
@@ -161,7 +161,7 @@ def test_every_light_comes_back_to_the_bit():
 
 def test_palettes():
     some = RNG.random((9, 3)).astype(np.float32)
-    some[3] = -0.0  # is another colour than 0.0: bits are what is kept
+    some[3] = -0.0  # differs from the colour 0.0, because bits are kept
     some[4] = 0.0
     for colours, rows in ((some[RNG.integers(0, 9, 5000)], 9), (RNG.random((4000, 3)), 4000), (some[:1], 1)):
         colours = np.asarray(colours, np.float32)

@@ -1,4 +1,4 @@
-"""An independent check: Embree with its robust flag. Every difference is reported, and the oracle says who is right."""
+"""An independent check: Embree with its robust flag. Every difference is reported, and the oracle decides it."""
 
 import numpy as np
 import pytest

@@ -10,8 +10,8 @@ from asking import answer, query_of
 from truths import LIGHTS, SIZE, asked_of, case_of, soup_scene
 
 PLANS = covering_plans()
-TRACING = [p for p in PLANS if p == Plan(trace=p.trace)]  # over the default tree; tests/papers has the others
-LIT = TRACING + [p for p in PLANS if p.cull == "grid32"]  # what looks at lights; tests/cull does so for all cullers
+TRACING = [p for p in PLANS if p == Plan(trace=p.trace)]  # with the default tree; tests/papers tests the others
+LIT = TRACING + [p for p in PLANS if p.cull == "grid32"]  # methods that depend on lights; tests/cull tests all cullers
 
 
 @pytest.fixture(scope="module", params=["soup", *PROCEDURAL])
@@ -55,7 +55,7 @@ def test_every_number_of_samples(plan, spp):
 @pytest.mark.parametrize("spp", [5, 21])
 @pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_few_samples_of_receivers_that_lie_apart(plan, spp):
-    """A chunk of at most 8 samples at silhouettes, with neighbours on all sides that hold receivers."""
+    """A chunk of at most 8 samples at silhouettes, with receivers in the neighbours on all sides."""
     triangles, query, truth, asked = asked_of(3, (24, 20), LIGHTS["quad"], spp)
     assert truth[asked].any() and not truth[asked].all()
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
@@ -80,7 +80,7 @@ def test_threads_and_tiles_do_not_matter(plan):
 
 @pytest.mark.parametrize("plan", LIT, ids=str)
 def test_an_offset_of_a_map_grid_changes_no_bit(plan):
-    """UTM-sized coordinates: the same bits as the centred scene (coordinates that float64 can shift exactly)."""
+    """UTM-sized coordinates, which float64 can shift exactly, give the bits of the centred scene."""
     soup = np.round(soup_scene(15).triangles().vertices.astype(np.float64) * 2**20) / 2**20
     images = []
     for offset in (np.zeros(3), np.array([5e6, 120.0, 4.5e5])):
@@ -94,7 +94,7 @@ def test_an_offset_of_a_map_grid_changes_no_bit(plan):
 
 @pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_receivers_blockers_and_light_in_one_plane(plan):
-    """Float32 can say nothing about any of them: all is left to exact arithmetic, at once."""
+    """Float32 can decide none of these rays, so exact arithmetic decides all at once."""
     rng = np.random.default_rng(17)
     x, z = (a.ravel() for a in np.meshgrid(np.arange(24.0), np.arange(24.0)))
     floor = np.stack([x, 0 * x, z], 1)[:, None] + [[0, 0, 0], [1, 0, 0], [0, 0, 1]]

@@ -1,4 +1,4 @@
-"""Coordinates of all magnitudes: float32 holds neither squares of 1e20 nor cubes of 1e13, and no bit may differ."""
+"""Coordinates of all magnitudes. Squares of 1e20 and cubes of 1e13 exceed float32, and yet no bit may differ."""
 
 from functools import cache
 
@@ -12,7 +12,7 @@ from antumbra.trace.packets.incoherent import is_far
 from asking import answer, true_occlusion
 from beam_scenes import lit
 
-FAMILIES = "single:", "cones:"  # orders and options, whose formulas are those of others
+FAMILIES = "single:", "cones:"  # orders and options, with the formulas of other methods
 PLANS = [
     plan
     for plan in covering_plans()
@@ -30,7 +30,7 @@ LIGHTS = {
 
 
 def _scene(scale):
-    """(scene, points, their normals): small and large triangles, points that lie apart and in clusters."""
+    """(scene, points, normals of the points): small and large triangles, scattered and clustered points."""
     rng = np.random.default_rng(292)
     size = 10.0 ** rng.uniform(-2.5, 0.3, (60, 1, 1))
     soup = rng.normal(size=(60, 1, 3)) * (1, 0.3, 1) + rng.normal(size=(60, 3, 3)) * size
@@ -50,7 +50,7 @@ def _ordinary_bits(name):
 @pytest.mark.parametrize("exponent", [-100, -66, -43, 38, 42, 50, 56])
 @pytest.mark.parametrize("plan", PLANS, ids=str)
 def test_a_power_of_two_changes_no_bit(plan, exponent):
-    """It changes no float32 number but its exponent, so the question is the same; scenes are 1e-30 to 5e17 wide."""
+    """It changes only the exponents of float32 numbers, so the query is the same. Scenes are 1e-30 to 5e17 wide."""
     scale = 2.0**exponent
     scene, points, normals = _scene(scale)
     for name, light in LIGHTS.items():
@@ -67,7 +67,7 @@ def test_points_and_lights_that_are_far_from_an_ordinary_scene(plan, distance):
 
 
 def _far_away(distance):
-    """(scene, points, light): half of the points and the light are on opposite sides, a triangle between them."""
+    """(scene, points, light). A triangle separates half of the points from the light."""
     scene, points, _ = _scene(1.0)
     wall = np.array([[[-9.0, -2, -9], [9, -2, -9], [0, -2, 9]]])
     soup = np.concatenate([scene.triangles().vertices + scene.origin, wall])
@@ -88,7 +88,7 @@ WRONG_BEFORE = [
     (0, "list", "near and far", 1e-20),
     (1, "quad", "near and far", 1e-30),
 ]
-"""Seeds, lights, receivers and scales of `beam_scenes.lit`: several tracers had bits wrong in all but the last two."""
+"""Seeds, lights, receivers and scales of `beam_scenes.lit`. Several tracers had wrong bits in all but the last two."""
 
 
 @cache
@@ -106,7 +106,7 @@ def test_triangles_aimed_at_segments(plan, case):
 
 
 def test_what_is_far():
-    """Bounds hold for what shafts are made of: the triangles, the receivers, and all samples of the light."""
+    """`is_far` considers all coordinates of shafts: of triangles, of receivers, and of all samples of the light."""
     near, far = _asked(0, "quad", "a plane", 1e-20)[1], _asked(0, "quad", "a plane", 1e17)[1]
     box = np.array([[-1.0, -1, -1], [1, 1, 1]])
     assert not is_far(near, box) and is_far(near, 2.0**41 * box)

@@ -60,7 +60,7 @@ def test_a_closed_mesh_seen_from_inside_has_no_hole():
 
 
 def test_without_an_offset_surfaces_would_shadow_themselves_and_with_it_none_does():
-    """A convex body seen from outside, light outside: every sample above a pixel's horizon is visible."""
+    """A convex body is seen from outside, with the light outside. All samples above a pixel's horizon are visible."""
     v, f = _icosphere(4, np.random.default_rng(6))
     v /= np.linalg.norm(v, axis=1, keepdims=True)
     scene = at.Scene.from_arrays(v * 3.7 + (11.3, -7.1, 5.9), f)
@@ -74,4 +74,4 @@ def test_without_an_offset_surfaces_would_shadow_themselves_and_with_it_none_doe
     np.testing.assert_array_equal(frame.bits[0][seen][above, 0], 0)
     to_light = light.position - world
     naive = scene.occluded(world, to_light, tmin=0.0, tmax=1.0)
-    assert naive[above].mean() > 0.05  # what the offset is for
+    assert naive[above].mean() > 0.05  # the self-shadowing that the offset prevents

@@ -1,6 +1,6 @@
 """The camera's rays as a ray set of CHC+RT: cells of 4 x 4 pixels, traced by multi-frusta (`trace.primary`).
 
-All rays count in one *length*: so many times its direction that every ray has left the scene.
+All rays are measured in one *length*. This multiple of a ray's direction takes every ray out of the scene.
 """
 
 import numpy as np
@@ -19,7 +19,10 @@ CELL = 4  # pixels, both ways
 
 
 def length_of(reach: float) -> float:
-    """How often a direction, whose part along the view axis is 1, is as long as `reach` at least: a power of two."""
+    """The least power of two that makes every direction at least 2 * `reach` long along the view axis.
+
+    A direction's part along the view axis is 1.
+    """
     return float(2.0 ** np.ceil(np.log2(2.0 * reach)))
 
 
@@ -33,7 +36,7 @@ def _ends(rays, error, length, x, y, k):
 
 @kernel
 def _bound(ticket, picture, rays, error, length, cells):
-    """Worker: the cells of regions."""
+    """Worker: write the cells of regions."""
     eye = (rays.origin[0], rays.origin[1], rays.origin[2])
     region = take(ticket)
     while region >= 0:
@@ -60,7 +63,7 @@ def bound_camera(picture: Picture, rays: CameraRays, length: float, threads: int
 
 @kernel
 def _shorten(ticket, spans, tiles, columns, picture, t, length, cells):
-    """Worker: how far the cells of some tiles look, now that some rays have met something."""
+    """Worker: update how far the cells of some tiles look, after some of their rays have been traced."""
     i = take(ticket)
     while i >= 0:
         span = spans[tiles[i]]
@@ -78,6 +81,6 @@ def _shorten(ticket, spans, tiles, columns, picture, t, length, cells):
 
 
 def shorten_camera(cells, spans, tiles, picture: Picture, hits: Hits, length: float, threads: int) -> None:
-    """Bring the cells of some tiles up to date: none looks beyond what all its rays have met."""
+    """Update the cells of some tiles. No cell looks beyond the farthest of its rays' nearest hits."""
     ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
     run(_shorten, threads, ticket, spans, tiles, columns, picture, hits.t, length, cells)

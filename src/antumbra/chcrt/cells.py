@@ -1,9 +1,10 @@
-"""What occlusion queries look at: the rays of a screen, 16 cells of 4 x 4 receivers side by side.
+"""Cells: the rays of a screen as occlusion queries test them, 16 cells of 4 x 4 receivers side by side.
 
-A *cell*'s rays run in one shaft (`trace.slabs`), from the box of its receivers to the box of where they end. How far
-along it any of them still looks for a blocker, or a nearer hit, is the *depth buffer* of [Mattausch et al. 2015, Sec.
-4.1]; it counts in the whole length of the rays, and is negative once no ray of the cell looks any more. The first rows
-of a region's cells are those of `trace.bundle.shafts_of`.
+The rays of a *cell* lie in one shaft (`trace.slabs`), from the box of its receivers to the box of the rays' ends. Each
+cell keeps the largest parameter up to which one of its rays still looks for a blocker, or for a nearer hit. These
+numbers are the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1]. They are shares of the rays' whole length, and
+negative once no ray of the cell looks any more. The first rows of a region's cells are the rows that
+`trace.multifrusta.bundle.shafts_of` loads.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -39,18 +40,18 @@ from ..trace.querychunk import TileShape
 _F = np.float32
 FAR, COUNT, ALL = 12, 13, 14  # rows after those of the shafts: how far, how many rays look, how many there are
 ROWS = 15
-NONE, BLOCKED = _F(-1.0), _F(-0.5)  # instead of how far: a cell without rays, one with blocked rays only
+NONE, BLOCKED = _F(-1.0), _F(-0.5)  # values of row FAR: a cell without rays, a cell whose rays are all blocked
 WORDS = ROWS * 16  # float32 of a region
 _BOXES = 96
 _MORE = np.float32(2.0**-20)  # of the largest coordinate: more than rounding a box of light samples loses
 
 
 class Ends(NamedTuple):
-    """Where the rays of all receivers end: in this box, or the box moved along with the receiver."""
+    """The box in which the rays of all receivers end. It may move with the receiver."""
 
     low: np.ndarray  # (3,) float32
     high: np.ndarray  # (3,) float32
-    moves: bool
+    moves: bool  # the box is relative to the receiver
 
 
 class Picture(NamedTuple):
@@ -58,22 +59,22 @@ class Picture(NamedTuple):
 
     shape: TileShape
     layout: Layout
-    h: int
-    w: int
+    h: int  # rows of receivers
+    w: int  # receivers in a row
 
 
 def picture_of(shape: TileShape, h: int, w: int) -> Picture:
-    """Of (h, w) receivers."""
+    """The `Picture` of (h, w) receivers."""
     return Picture(shape, layout_of(shape), h, w)
 
 
 def new_cells(picture: Picture, sets: int) -> np.ndarray:
-    """(sets, regions, ROWS, 16) float32: room for the cells of some ray sets."""
+    """(sets, regions, ROWS, 16) float32: memory for the cells of some ray sets."""
     return np.empty((sets, picture.layout.rows * picture.layout.columns, ROWS, 16), np.float32)
 
 
 def ends_of(query: ShadowQuery, first: int, count: int) -> Ends:
-    """Where the segments of a query to `count` of its samples, from the `first` on, end."""
+    """The `Ends` of a query's segments to `count` of its samples, from the `first` on."""
     light = query.light
     if light.kind == SPHERE:
         low, high = light.base - light.radius, light.base + light.radius
@@ -97,21 +98,25 @@ def first_receiver(picture, region, g):
 
 @inlined
 def regions_in(span):
-    """How many regions a tile has, whose row of `Tiles.spans` this is."""
+    """The number of regions in a tile; `span`: its row of `Tiles.spans`."""
     return (span[1] - span[0]) * (span[3] - span[2])
 
 
 @inlined
 def region_in(span, j, columns):
-    """The number of a tile's j-th region; columns: regions in a row of the picture."""
+    """The index of a tile's j-th region; `columns`: regions in a row of the picture."""
     across = span[1] - span[0]
     return (span[2] + j // across) * columns + span[0] + j % across
 
 
 @inlined
 def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
-    """Write cell g: the box of its rays' origins, what leads from its corners to those of the box of their ends, how
-    far they look, and how many do."""
+    """Write cell g.
+
+    o_low, o_high : box of the rays' origins
+    d_low, d_high : vectors from its lower and upper corner to the corners of the box of the rays' ends
+    far, n : how far the rays look, and how many rays look
+    """
     for k in range(3):
         put(cells, 16 * k + g, o_low[k])
         put(cells, 48 + 16 * k + g, o_high[k])
@@ -131,7 +136,7 @@ def no_cell(cells, g):
 
 @inlined
 def wider(low, high, p):
-    """A box widened by a point."""
+    """The box from `low` to `high`, widened by a point."""
     return (
         (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2])),
         (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2])),
@@ -147,7 +152,7 @@ def nothing_yet():
 
 @kernel
 def _bound_receivers(query, picture, y0, x0):
-    """Box of the receivers of a cell, and how many there are."""
+    """The box of a cell's receivers, and their number."""
     (low, high), n = nothing_yet(), np.int64(0)
     for y in range(y0, min(y0 + picture.shape.height, picture.h)):
         for x in range(x0, min(x0 + picture.shape.width, picture.w)):
@@ -160,10 +165,10 @@ def _bound_receivers(query, picture, y0, x0):
 
 @kernel
 def _bound_ends(query, picture, y0, x0, samples, ends):
-    """Write the boxes of where the receivers of a cell look to each of 16 directions of the hemisphere, side by side.
+    """Write, for each of 16 directions of the hemisphere, the box of the points that a cell's receivers look at.
 
     samples : pointer to (16, 3, 16) float32
-    ends : pointer to six rows of 16 float32: low x, y, z and high x, y, z. Rounded, by less than `_MORE`
+    ends : pointer to six rows of 16 float32: low x, y, z and high x, y, z, rounded by less than `_MORE`
     """
     asked, inf = query_pointers(query), splat16(_F(np.inf))
     lows, highs = (inf, inf, inf), (-inf, -inf, -inf)
@@ -190,7 +195,8 @@ def _end(abc, base, u, v, w):
 
 @kernel
 def _bound(ticket, query, picture, ends, pad, samples, spp, cells):
-    """Worker: the cells of regions, for each of the sets that `cells` has room for."""
+    """Worker: write the cells of regions, for each set of `cells`."""
+    # In: query, picture, ends, pad, samples, spp. Out: cells.
     sets, regions, boxes = cells.shape[0], cells.shape[1], stack_f32(_BOXES)
     region = take(ticket)
     while region >= 0:
@@ -216,8 +222,10 @@ def _bound(ticket, query, picture, ends, pad, samples, spp, cells):
 
 
 def bound_cells(query: ShadowQuery, picture: Picture, first: int, count: int, sets: int, threads: int) -> np.ndarray:
-    """The cells of a query's segments to `count` samples from the `first` on: one set, or one for each sample, of which
-    there are 16 at most, directions of the hemisphere."""
+    """The cells of a query's segments to `count` samples from the `first` on.
+
+    sets : 1, or one for each sample; then there are at most 16 samples, all of them directions of the hemisphere
+    """
     cells, ends, pad = new_cells(picture, sets), ends_of(query, first, count), 0.0
     if ends.moves:  # sums with receivers are rounded
         pad = _MORE * (np.abs(query.origins).max(initial=0.0) + (query.light.radius if sets > 1 else 0.0))
@@ -231,7 +239,7 @@ def bound_cells(query: ShadowQuery, picture: Picture, first: int, count: int, se
 
 @inlined
 def _blocked(bits, at, words, first, count):
-    """How many of `count` bits from the `first` on are set of receiver number `at`."""
+    """The number of blocked samples of receiver `at`, among `count` samples from the `first` on."""
     n = np.int64(0)
     while count > 0:
         here = min(count, 64 - (first & 63))
@@ -243,7 +251,7 @@ def _blocked(bits, at, words, first, count):
 
 @inlined
 def _put_left(out, g, n):
-    """So many rays of cell g still look."""
+    """Note that n rays of cell g still look."""
     put(out, COUNT * 16 + g, n)
     if n == _F(0.0):
         put(out, FAR * 16 + g, BLOCKED)
@@ -251,8 +259,7 @@ def _put_left(out, g, n):
 
 @kernel
 def _count_left(query, picture, y0, x0, bits, words, first, left):
-    """Write how many receivers of a cell nothing blocks towards each of 16 samples, side by side, `first` a multiple
-    of 16."""
+    """Write the number of a cell's unblocked receivers for each of 16 samples, side by side; 16 divides `first`."""
     counts = splat16(_F(0.0))
     for y in range(y0, min(y0 + picture.shape.height, picture.h)):
         for x in range(x0, min(x0 + picture.shape.width, picture.w)):
@@ -265,7 +272,8 @@ def _count_left(query, picture, y0, x0, bits, words, first, left):
 
 @kernel
 def _shorten(ticket, spans, tiles, columns, query, picture, first, spp, bits, cells):
-    """Worker: of all regions of some tiles, which cells still have rays that nothing blocks."""
+    """Worker: update the numbers of unblocked rays of all cells of some tiles."""
+    # In: spans, tiles, columns, query, picture, first, spp, bits. Out: cells.
     sets, regions, p, words, left = cells.shape[0], cells.shape[1], ptr(bits), bits.shape[2], stack_f32(16)
     t = take(ticket)
     while t >= 0:
@@ -293,7 +301,7 @@ def _shorten(ticket, spans, tiles, columns, query, picture, first, spp, bits, ce
 
 
 def shorten(cells, spans, tiles, query: ShadowQuery, picture: Picture, first, count, bits, threads: int) -> None:
-    """Bring the cells of some tiles up to date: what is blocked, `bits`, looks no further.
+    """Update the cells of some tiles. A ray that is blocked by `bits` looks no further.
 
     first, count : the samples, as for `bound_cells`
     """

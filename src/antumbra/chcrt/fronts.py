@@ -1,9 +1,10 @@
-"""The query-pair hierarchy: pairs of a screen tile and a node, and which of them were visible.
+"""The query-pair hierarchy: pairs of a screen tile and a node, and which pairs were visible.
 
-Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that need not be; inner
-pairs say how they came about, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1].
-There is one hierarchy for each ray set: one for all rays to a light, one for each direction of ambient occlusion or
-diffuse rays (Sec. 5.3). All are kept in the same arrays, since all are asked about together.
+Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that are skipped. Inner
+pairs record the splits, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1].
+
+Each ray set has its own hierarchy. All rays to a light form one set. Each direction of ambient occlusion or of diffuse
+rays forms a set (Sec. 5.3). All hierarchies share the same arrays, because their queries are asked together.
 """
 
 import numpy as np
@@ -25,9 +26,9 @@ class Fronts:
     state : (n,) int8
         INNER, INVISIBLE or VISIBLE.
     due : (n,) int64
-        In which frame a visible pair is asked about again.
+        The frame in which a visible pair is queried again.
     key : (n,) float32
-        Where along the rays its box was last entered.
+        The parameter at which rays last entered its box.
     """
 
     def __init__(self, tiles: Tiles, parts: Parts, sets: int, options: Options):
@@ -46,18 +47,18 @@ class Fronts:
         return len(self.tile)
 
     def of(self, state: int) -> np.ndarray:
-        """Which pairs are in a state, (k,) int64."""
+        """(k,) int64: the pairs in a state."""
         return np.flatnonzero(self.state == state)
 
     def is_final(self, pairs: np.ndarray) -> np.ndarray:
-        """(k,) bool: which pairs are not split any more: of the smallest tiles, and of parts."""
+        """(k,) bool: which pairs are final. A final pair is never split: a smallest tile and a part."""
         return (self.tile[pairs] < self.tiles.smallest) & (self.row[pairs] >= self.parts.inner)
 
     def split(self, pairs: np.ndarray) -> np.ndarray:
-        """Split pairs that are not final; their children, which are asked about next.
+        """Split pairs that are not final. Return their children, which are queried next.
 
-        In object space where the node's share of the scene is larger than t_q times the tile's share of the screen,
-        else in screen space (Sec. 4.4).
+        A pair is split in object space if the node's share of the scene is larger than t_q times the tile's share of
+        the screen. Otherwise it is split in screen space (Sec. 4.4).
         """
         tile, row = self.tile[pairs], self.row[pairs]
         smallest, part = tile < self.tiles.smallest, row >= self.parts.inner
@@ -81,12 +82,12 @@ class Fronts:
         return np.arange(first, first + n)
 
     def show(self, pairs: np.ndarray) -> None:
-        """Make pairs visible; when they are asked about first is spread over the next frames, at random (Sec. 5.1)."""
+        """Make pairs visible. Their first queries are spread at random over the next frames (Sec. 5.1)."""
         self.state[pairs] = VISIBLE
         self.due[pairs] = self.frame + self._random.integers(1, self.options.every + 1, len(pairs))
 
     def end_frame(self) -> None:
-        """Pull invisibility up by one level at most (Sec. 5.1), and forget the children of what became invisible."""
+        """Pull invisibility up by at most one level (Sec. 5.1). Forget the children of pairs that became invisible."""
         n = len(self)
         has_parent = self.parent >= 0
         children = np.bincount(self.parent[has_parent], minlength=n)

@@ -1,9 +1,9 @@
 """The nearest hits of one ray a pixel, through lists of parts [Mattausch et al. 2015, Sec. 5.2].
 
-Packets of 4 x 4 neighbours go down each part together, the nearer child first, each ray as far as its nearest hit so
-far; at a block each ray is tested against all triangles, side by side. Among what a ray surely meets and what float32
-cannot tell, float64 decides which is nearest, as everywhere (`trace.traverse.walk`): ties go to the lowest triangle
-index.
+Packets of 4 x 4 neighbours go down each part together, the nearer child first. Each ray goes only as far as its nearest
+hit so far. At a block, each ray is tested against all triangles side by side. If float32 cannot decide a test, float64
+does. Float64 also decides which hit is nearest, as everywhere (`trace.rays.traverse.walk`). The lowest triangle index
+wins ties.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -70,11 +70,13 @@ class PictureRays(NamedTuple):
 
 
 class Looks(NamedTuple):
-    """How far the rays of a pass look, (h, w) float32 each. A ray's *length* is the power of two times its direction
-    that leaves the scene behind it; `limits` count in it."""
+    """How far the rays of a pass look.
 
-    lengths: np.ndarray
-    limits: np.ndarray  # -1 where there is no ray
+    A ray's *length* is a power of two. This multiple of its direction takes the ray out of the scene.
+    """
+
+    lengths: np.ndarray  # (h, w) float32
+    limits: np.ndarray  # (h, w) float32, in lengths; -1 where there is no ray
 
 
 class Cell(NamedTuple):
@@ -84,16 +86,16 @@ class Cell(NamedTuple):
     limits: object  # float32
     t: object  # float64
     face: object  # int32
-    part: object
-    slot: object
-    own: object
+    part: object  # int32
+    slot: object  # int32
+    own: object  # int32: the triangle that does not count, -1 for none
 
 
 @kernel
 def _measure(ticket, directions, reach, lengths, bits_, limits):
-    """Worker: the lengths of rays, in rows of pixels, and that they look as far as that.
+    """Worker: write the lengths of rays, row by row of pixels, and limits of one length.
 
-    bits_ : the bits of `lengths`: without those of its fraction a number is a power of two
+    bits_ : the bits of `lengths`; clearing the fraction bits rounds a number down to a power of two
     """
     y0 = take(ticket)
     while y0 >= 0:
@@ -110,7 +112,7 @@ def _measure(ticket, directions, reach, lengths, bits_, limits):
 
 
 def looks_of(rays: PictureRays, reach: float, threads: int) -> Looks:
-    """Nothing has been hit yet; `reach`: no ray is longer inside the scene."""
+    """`Looks` of rays that have hit nothing yet; `reach`: no ray is longer inside the scene."""
     shape = rays.skip.shape
     lengths, limits = np.empty(shape, _F), np.empty(shape, _F)
     run(_measure, threads, new_ticket(shape[0], 8), rays.directions, reach, lengths, lengths.view(np.int32), limits)
@@ -119,7 +121,7 @@ def looks_of(rays: PictureRays, reach: float, threads: int) -> Looks:
 
 @inlined
 def _load(picture, rays, hits, looks, y0, x0, cell):
-    """Fill a cell; bits of its rays."""
+    """Fill a cell. Return bits of its rays."""
     valid = np.int64(0)
     for lane in range(16):
         y, x = y0 + lane // picture.shape.width, x0 + lane % picture.shape.width
@@ -172,7 +174,7 @@ def _ray(cell, lane, length):
 
 @kernel
 def _keep(cell, lane, length, tree, k, slot):
-    """A ray meets a triangle: is it the nearest so far?"""
+    """Keep a triangle that a ray meets, if it is the nearest so far."""
     prim = get(tree.prim_ids, slot)
     if prim == get(cell.own, lane):
         return
@@ -189,7 +191,7 @@ def _keep(cell, lane, length, tree, k, slot):
 
 @kernel
 def _trace_block(tree, k, code, mask, cell, lengths):
-    """The rays in `mask` against a block."""
+    """Test the rays in `mask` against a block."""
     numbers, base, present = ptr_at(tree.blocks, (code >> 5) * (BLOCK_ROWS * 16)), (code >> 5) * 16, code & 31
     present = (np.int64(1) << present) - 1
     while mask != 0:
@@ -208,7 +210,8 @@ def _trace_block(tree, k, code, mask, cell, lengths):
 
 @kernel
 def _walk(tree, k, link, mask, slabs, cell, lengths, waiting):
-    """The rays in `mask` through a tree, from a link on."""
+    """Trace the rays in `mask` through a tree, from a link on."""
+    # In: tree, k, link, mask, slabs, lengths. Out: cell. Scratch: waiting.
     at = next_block(tree, slabs, Near(link, mask, np.int64(0)), waiting, load16(cell.limits, 0))
     while at.mask != 0:
         _trace_block(tree, k, ~at.link, at.mask, cell, lengths)
@@ -217,7 +220,8 @@ def _walk(tree, k, link, mask, slabs, cell, lengths, waiting):
 
 @inlined
 def _trace_cell(forest, begin, end, valid, cell, lengths, waiting):
-    """The rays of a cell through the parts of a list."""
+    """Trace the rays of a cell through the parts of a list."""
+    # In: forest, begin, end, valid, lengths. Out: cell. Scratch: waiting.
     d = rows(cell.rays, 48, 16)
     slabs = slabs_of(rays_as_shafts(rows(cell.rays, 0, 16), d), valid)
     for i in range(begin, end):
@@ -236,7 +240,8 @@ def _lengths_of(picture, looks, y0, x0, lengths):
 
 @kernel
 def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, looks, cells):
-    """Worker: all cells of some screen tiles; what they see, and how far they look then."""
+    """Worker: trace all cells of some screen tiles, and update how far they look."""
+    # In: arrays, spans, tiles, columns, picture, rays. In and out: hits, looks, cells.
     cell = Cell(stack_f32(96), stack_f32(16), stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16))
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     lengths, forest = stack_f32(16), forest_pointers(arrays)
@@ -266,14 +271,14 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, hits, looks, ce
 def trace_nearest(
     forest, spans, tiles, picture: Picture, rays: PictureRays, hits: Hits, looks: Looks, cells, threads
 ) -> None:
-    """Trace the rays of some tiles through their lists; `hits`, `looks` and `cells` are brought up to date."""
+    """Trace the rays of some tiles through their lists, and update `hits`, `looks` and `cells`."""
     ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
     run(_trace, threads, ticket, forest, spans, tiles, columns, picture, rays, hits, looks, cells)
 
 
 @kernel
 def _bound(ticket, picture, rays, looks, cells):
-    """Worker: the cells of regions."""
+    """Worker: write the cells of regions."""
     region = take(ticket)
     while region >= 0:
         out = ptr_at(ptr(cells), region * WORDS)

@@ -1,7 +1,7 @@
-"""The hierarchy over the triangles, cut for CHC+RT: a small top, and below it *parts*, subtrees that are traced whole.
+"""The hierarchy over the triangles, cut for CHC+RT: a small top tree, and *parts*, subtrees that are traced whole.
 
-Parts end the traversal of query pairs: they have at most so many triangles, and so many levels [Mattausch et al. 2015,
-Sec. 5.2]. In core they are subtrees of one `BlockTree`; out of core they are the chunks of a store.
+The traversal of query pairs ends at parts. `Options` limits their triangles and levels [Mattausch et al. 2015, Sec.
+5.2]. In core, parts are subtrees of one `BlockTree`. Out of core, they are the chunks of a store.
 """
 
 from collections.abc import Callable, Generator
@@ -20,29 +20,29 @@ _WAITING = MAX_DEPTH + 2
 
 
 class PartMemory(Protocol):
-    """Where the trees of parts are, if not all of them are in memory all the time."""
+    """The memory of the parts' trees, if it does not hold all of them at once."""
 
     def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Generator[np.ndarray, None, None]:
-        """Groups of these parts, those that are in memory first; a group's trees stay until the next is asked for.
+        """Yield these parts in groups, parts in memory first. A group's trees stay until the next group is requested.
 
-        `still`: which of some parts are still wanted, asked before they are read; the others are left out.
+        still : tells which of some parts are still wanted. It is called before they are read; other parts are left out.
         """
         ...
 
 
 class Parts(NamedTuple):
-    """The top tree, r rows: its m inner nodes, the root first, then the k parts; row m + i is part i."""
+    """The top tree as r rows: first its m inner nodes, the root first, then the k parts. Row m + i is part i."""
 
-    lines: np.ndarray  # (r, 16) float32: a node's line; of a part that of its root, so queries test children's boxes
+    lines: np.ndarray  # (r, 16) float32: a node's line; for a part the line of its root, so queries test its children
     children: np.ndarray  # (r, 2) int32: rows, -1 where there is none, and for parts
     share: np.ndarray  # (r,) float64: surface area, as a share of the root's
     inner: int  # m
-    order: np.ndarray  # (k,) int32: at which place each part comes in a walk that goes to the left child first
-    trees: np.ndarray  # (k, ADDRESSES) int64, see `trace.forest`; out of core, only of those in memory
+    order: np.ndarray  # (k,) int32: the place of each part in a walk that goes to the left child first
+    trees: np.ndarray  # (k, ADDRESSES) int64, see `trace.forest`; out of core, valid only for parts in memory
     heads: np.ndarray  # (k, 16) float32, see `trace.forest`
     extents: np.ndarray  # (3,) float32 of the scene
     memory: PartMemory | None  # None: everything is in memory
-    keeps: object  # what holds the memory behind the addresses
+    keeps: object  # the owner of the memory behind the addresses
 
     @property
     def boxes(self) -> np.ndarray:
@@ -60,7 +60,10 @@ def shares(lines: np.ndarray) -> np.ndarray:
 
 @kernel
 def _measure(links, order, triangles, heights):
-    """Triangles, and levels of inner nodes, at and below each inner node of a `BlockTree`; `order`: parents first."""
+    """Count the triangles, and the levels of inner nodes, at and below each inner node of a `BlockTree`.
+
+    order : the nodes, parents first
+    """
     for i in range(len(order) - 1, -1, -1):
         node, n, height = order[i], 0, 0
         for side in range(2):
@@ -73,7 +76,10 @@ def _measure(links, order, triangles, heights):
 
 @kernel
 def _cut(links, triangles, heights, most, highest, top, roots):
-    """Nodes of the top (parents first) and links to the parts' roots, in place: (how many nodes, parts)."""
+    """Write the nodes of the top tree (parents first), and links to the parts' roots. Return their numbers.
+
+    most, highest : limits of a part's triangles and levels
+    """
     waiting = stack_array(np.int64, _WAITING)
     waiting[0] = 0
     height, m, k = 1, 0, 0
@@ -94,7 +100,7 @@ def _cut(links, triangles, heights, most, highest, top, roots):
 
 
 def _lines(tree: BlockTree, links: np.ndarray, parents: dict[int, tuple[int, int]]) -> np.ndarray:
-    """Lines of links: nodes' own; of a block, its box as both children."""
+    """The lines of links. A node has its own line; a block's line has its box as both children."""
     lines = np.empty((len(links), 16), np.float32)
     inner = links >= 0
     lines[inner] = tree.nodes[links[inner]]
@@ -119,7 +125,7 @@ def _order(children: np.ndarray, m: int) -> np.ndarray:
 
 
 def parts_of(tree: BlockTree, options: Options) -> Parts:
-    """A `BlockTree` cut into parts."""
+    """Cut a `BlockTree` into parts."""
     n = len(tree.nodes)
     triangles, heights = np.zeros(n, np.int64), np.zeros(n, np.int64)
     _measure(tree.links, parents_first(tree.links), triangles, heights)
@@ -143,7 +149,7 @@ def parts_of(tree: BlockTree, options: Options) -> Parts:
 
 
 def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memory: PartMemory, keeps) -> Parts:
-    """Chunks as parts.
+    """`Parts` of the chunks of a store.
 
     top : (m, 16) float32: nodes over the chunks as in `Bvh`, but a link < 0 is ``~(8 * chunk)``, or EMPTY
     roots : (k, 16) float32: the chunks' root nodes
@@ -152,11 +158,11 @@ def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memor
     links, m = top.view(np.int32)[:, 12:14], len(top)
     children = np.where(links >= 0, links, np.where(links == EMPTY, -1, m + (~links >> 3))).astype(np.int32)
     lines = np.concatenate([top, roots])
-    for side, other in ((0, 1), (1, 0)):  # a child that is not there has a box that no arithmetic is made for
+    for side, other in ((0, 1), (1, 0)):  # replace the infinite box of a missing child by its sibling's box
         gone = ~np.isfinite(lines[:, side])
         lines[gone, side:12:2] = lines[gone, other:12:2]
     children = np.concatenate([children, np.full((len(roots), 2), -1, np.int32)])
-    if len(roots) == 1:  # a top that only says where the chunk is
+    if len(roots) == 1:  # with one chunk, the top tree is not needed
         lines, children, m = lines[m:], children[m:], 0
     boxes = boxes_of(lines)
     heads = head(*boxes[m:].swapaxes(0, 1))

@@ -1,9 +1,9 @@
-"""Occlusion queries: how many rays of a screen tile may meet a box before what they have hit already?
+"""Occlusion queries: how many rays of a screen tile may meet a box before their hits so far?
 
-[Mattausch et al. 2015, Sec. 4.1]. The paper asks the graphics hardware; here a query is a SIMD count over the tile's
-cells. All boxes that are asked about for one tile are asked together, while its cells are at hand: that is the paper's
-*multi-query* (Sec. 5.1), except that it says of each box whether it is met, so none has to be asked again by itself. A
-box is asked by those of its two children: the paper's *tighter bounds*.
+[Mattausch et al. 2015, Sec. 4.1]. The paper uses the graphics hardware. Here a query is a SIMD count over the tile's
+cells. All queries of one tile are answered together, while its cells are in the cache: the paper's *multi-query* (Sec.
+5.1). Unlike the paper's, it answers for each box, so no box is queried again by itself. A query tests the boxes of a
+node's two children instead of the node's own: the paper's *tighter bounds*.
 """
 
 from typing import NamedTuple
@@ -35,16 +35,16 @@ _F = np.float32
 
 
 class Answers(NamedTuple):
-    """What queries found."""
+    """The answers to n queries."""
 
     counts: np.ndarray  # (n,) int32: rays that may meet the box; counting ends beyond the threshold
-    keys: np.ndarray  # (n,) float32: where along the rays some of them enter it first, in [0, 1]
-    groups: int  # multi-queries
+    keys: np.ndarray  # (n,) float32: least parameter at which a ray enters the box, in [0, 1]
+    groups: int  # number of multi-queries
 
 
 @inlined
 def _rays_in(cells, counts, met):
-    """How many rays the cells in `met` (bits) have by a row of counts."""
+    """The number of rays of the cells in `met` (bits), by a row of counts."""
     n = _F(0.0)
     while met != 0:
         n += get(cells, counts * 16 + lowest_bit(met))
@@ -54,7 +54,8 @@ def _rays_in(cells, counts, met):
 
 @kernel
 def _ask_region(cells, lines, rows, first, end, threshold, blind, counts, keys):
-    """Add a region's rays to the counts of the pairs first .. end; how many are decided by that."""
+    """Add a region's rays to the counts of the pairs first .. end. Return how many pairs this decides."""
+    # In: cells, lines, rows, first, end, threshold, blind. Out: counts, keys.
     far, decided, row = load16(cells, FAR * 16), np.int64(0), COUNT
     if blind:
         far, row = select(far >= BLOCKED, splat16(_F(1.0)), far), ALL
@@ -81,7 +82,8 @@ def _ask_region(cells, lines, rows, first, end, threshold, blind, counts, keys):
 
 @kernel
 def _ask(ticket, groups, tiles, sets, rows, spans, columns, cells, lines, threshold, blind, counts, keys):
-    """Worker: groups of pairs of the same set and tile."""
+    """Worker: answer groups of pairs of the same set and tile."""
+    # In: groups, tiles, sets, rows, spans, columns, cells, lines, threshold, blind. Out: counts, keys.
     regions, c, l, r = cells.shape[1], ptr(cells), ptr(lines), ptr(rows)
     k, n = ptr(counts), ptr(keys)
     group = take(ticket)
@@ -98,10 +100,10 @@ def _ask(ticket, groups, tiles, sets, rows, spans, columns, cells, lines, thresh
 
 
 def ask(tiles: Tiles, cells, lines, tile, set_, row, threshold: int, blind: bool, threads: int) -> Answers:
-    """Ask about n pairs: their tiles, ray sets and rows of `lines`, (n,) int32 each.
+    """Answer the queries of n pairs, given by their tiles, ray sets and rows of `lines`, (n,) int32 each.
 
     threshold : counting ends beyond it
-    blind : count rays that are blocked, too
+    blind : also count rays that are blocked
     """
     n = len(tile)
     counts, keys = np.zeros(n, np.int32), np.ones(n, np.float32)

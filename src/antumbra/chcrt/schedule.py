@@ -10,28 +10,29 @@ import numpy as np
 from .fronts import INVISIBLE, VISIBLE, Fronts
 from .queries import Answers
 
-_FIRST_BATCH = 4  # newly visible parts of a tile that are traced first; then twice as many, up to `Options.batch`
+_FIRST_BATCH = 4  # newly visible parts of a tile in the first batch; batches double up to `Options.batch`
 
 
 class RaySet(Protocol):
     """The rays of a picture, as the schedule sees them."""
 
-    front_to_back: bool  # Do they go through their lists front to back? Else as the tree has its parts.
+    front_to_back: bool  # True: rays go through lists front to back; False: in the tree's order of parts
 
     def ask(self, fronts: Fronts, pairs: np.ndarray, again: bool) -> Answers:
-        """Occlusion queries for pairs; `again`: for those that have just been traced.
+        """Answer occlusion queries for pairs; `again`: the pairs have just been traced.
 
-        A part that blocks a ray is wanted in the next frame, too, though nothing looks for a blocker any more.
+        A part that blocks a ray must stay visible for the next frame. So queries of traced pairs count blocked rays,
+        too.
         """
         ...
 
     def trace(self, lists: "Lists") -> None:
-        """Trace the rays of each tile and set through lists of parts, and bring the cells of these tiles up to date."""
+        """Trace the rays of each tile and set through lists of parts, and update the cells of these tiles."""
         ...
 
 
 class Lists(NamedTuple):
-    """Which parts the rays of each of the smallest tiles, and each set, go through, one after the other."""
+    """For each smallest tile and each set, the parts that its rays go through, in order."""
 
     starts: np.ndarray  # (tiles * sets + 1,) int32: list number tile * sets + set
     items: np.ndarray  # (n,) int32: parts
@@ -42,10 +43,10 @@ Progress = Callable[[int, int], None]
 
 
 class Statistics:
-    """What a frame took; the phases are those of Fig. 8.
+    """The times and counts of a frame, by the phases of Fig. 8.
 
     progress : function of (done, total) or None
-        Is told how many of the parts that had to be looked for in memory have been traced.
+        It receives the number of parts traced, and the number of parts requested from the part memory.
     """
 
     def __init__(self, progress: Progress | None = None):
@@ -60,7 +61,7 @@ class Statistics:
         self._last = now
 
     def as_dict(self, fronts: Fronts) -> dict:
-        """For people and benchmarks."""
+        """The statistics as a dict, for people and benchmarks."""
         visible = int(np.count_nonzero(fronts.state == VISIBLE))
         hidden = int(np.count_nonzero(fronts.state == INVISIBLE))
         return {
@@ -70,16 +71,16 @@ class Statistics:
 
 
 def _in_lists(fronts: Fronts, pairs: np.ndarray, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(the list of each pair, the order of the pairs by list, and by their keys in each)."""
+    """(the list of each pair, the order of the pairs by list, and by key within a list)."""
     number = fronts.tile[pairs].astype(np.int64) * fronts.sets + fronts.set[pairs]
     return number, np.lexsort((keys, number))
 
 
 def lists_of(fronts: Fronts, pairs: np.ndarray, front_to_back: bool) -> Lists:
-    """The lists of final pairs: front to back, or as the tree has its parts.
+    """The lists of final pairs: front to back, or in the tree's order of parts.
 
-    What any blocker ends is best asked as from the root. Where a tile begins in the boxes of many parts, they are all
-    equally near: front to back took 1.6 times as long in foliage (San Miguel).
+    Any-hit rays are fastest in the tree's order. A tile may begin inside the boxes of many parts, which are then all
+    equally near. There, front to back took 1.6 times as long in foliage (San Miguel).
     """
     parts = fronts.parts
     keys = fronts.key[pairs] if front_to_back else parts.order[fronts.row[pairs] - parts.inner]
@@ -91,7 +92,7 @@ def lists_of(fronts: Fronts, pairs: np.ndarray, front_to_back: bool) -> Lists:
 
 
 def trace_frame(fronts: Fronts, rays: RaySet, progress: Progress | None = None) -> Statistics:
-    """Trace the rays of a frame, and keep in `fronts` what was visible for the next one."""
+    """Trace the rays of a frame, and store the visible pairs in `fronts` for the next frame."""
     told = Statistics(progress)
     shown, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
     _trace(fronts, rays, shown, told)
@@ -108,7 +109,7 @@ def trace_frame(fronts: Fronts, rays: RaySet, progress: Progress | None = None) 
 
 
 def _ask(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, again: bool = False) -> np.ndarray:
-    """(k,) bool: which pairs have more rays than may be neglected."""
+    """Query pairs. Return (k,) bool: which pairs have more rays than the threshold."""
     answers = rays.ask(fronts, pairs, again)
     fronts.key[pairs] = answers.keys
     told.queries += len(pairs)
@@ -117,10 +118,10 @@ def _ask(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, agai
 
 
 def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) -> np.ndarray:
-    """Trace the rays of final pairs, first the parts that are in memory (Sec. 5.4); the pairs that were traced.
+    """Trace the rays of final pairs, parts in memory first (Sec. 5.4). Return the pairs that were traced.
 
-    Parts that are not in memory come nearest first, each once for all its pairs. Pairs whose rays have found something
-    before their part is read are left out.
+    The other parts follow nearest first, each once for all its pairs. A pair is left out if all its rays find a hit
+    before its part is read.
     """
     memory = fronts.parts.memory
     if memory is None or not len(pairs):
@@ -130,7 +131,7 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) ->
     parts = fronts.row[pairs] - fronts.parts.inner
 
     def still(asked: np.ndarray) -> np.ndarray:
-        """Which parts are met by rays that nothing has blocked so far; asked before they are read."""
+        """Which parts do unblocked rays still meet? Called before the parts are read."""
         those = pairs[np.isin(parts, asked)]
         met = those[rays.ask(fronts, those, False).counts > fronts.options.threshold]
         return np.isin(asked, fronts.row[met] - fronts.parts.inner)
@@ -148,17 +149,17 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) ->
 
 
 def _nearest_first(parts: np.ndarray, keys: np.ndarray) -> np.ndarray:
-    """The parts, each once, in the order of their least keys."""
+    """The parts without repetition, in the order of their least keys."""
     order = np.argsort(keys, kind="stable")
     _, first = np.unique(parts[order], return_index=True)
     return parts[order][np.sort(first)]
 
 
 def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) -> None:
-    """Phase 3: split what has become visible, down to final pairs, and trace those.
+    """Phase 3: split newly visible pairs down to final pairs, and trace the final pairs.
 
-    In core, batch by batch: each has the nearest parts of each tile, and those behind are asked about again before
-    they are traced. Out of core the memory does so.
+    In core this goes batch by batch. A batch has the nearest parts of each tile. The parts behind them are queried
+    again before they are traced. Out of core, the part memory does both.
     """
     waiting = [seen[:0]]
     while len(seen):
@@ -179,7 +180,7 @@ def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) 
 
 
 def _rank(fronts: Fronts, pairs: np.ndarray) -> np.ndarray:
-    """(k,) int: how many pairs of the same tile and set are nearer."""
+    """(k,) int: the number of nearer pairs of the same tile and set."""
     number, order = _in_lists(fronts, pairs, fronts.key[pairs])
     ordered = number[order]
     starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]])) if len(order) else order

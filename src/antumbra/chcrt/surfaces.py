@@ -1,4 +1,4 @@
-"""What rays see by CHC+RT, as surfaces: of the camera's rays, and of passes of diffuse rays."""
+"""The surfaces that rays see, found by CHC+RT: for the camera's rays, and for passes of diffuse rays."""
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from .trace import Scheduled, camera_hits, nearest_hits
 
 
 def primary_hits(scheduled: Scheduled, rays: CameraRays, threads=None) -> tuple[np.ndarray, np.ndarray]:
-    """What a camera sees, as `trace.primary.trace_primary` gives it: (face, t)."""
+    """The (face, t) that a camera sees, in the format of `trace.primary.trace.trace_primary`."""
     hits = camera_hits(scheduled, rays, threads)
     return hits.face, hits.t
 
 
 def nearest_scheduled(rays: RayPass, shape, scheduled: Scheduled, triangles, threads=None) -> Surfaces:
-    """The surfaces that the rays of a picture of this shape meet first; `triangles`: all of the scene."""
+    """The surfaces that the rays of a picture of this shape meet first; `triangles`: all triangles of the scene."""
     hits = nearest_hits(scheduled, rays, shape, threads)
     met = surfaces_met(rays, hits.face.reshape(-1), hits.t.reshape(-1), shape, triangles, threads)
     return surfaces_of(met, triangles)

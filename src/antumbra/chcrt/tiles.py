@@ -10,22 +10,22 @@ from ..trace.querychunk import TileShape
 
 
 class Tiles(NamedTuple):
-    """All tiles of all levels, the smallest first, row by row; t of them, the last is the whole screen."""
+    """The t tiles of all levels, smallest first, row by row. The last tile is the whole screen."""
 
-    spans: np.ndarray  # (t, 4) int32: first and end of its columns, then of its rows, of regions
-    children: np.ndarray  # (t, 4) int32: tiles, -1 where there is none, and for the smallest
-    share: np.ndarray  # (t,) float64: of the screen's area
-    pixels: int  # side of the smallest in pixels
+    spans: np.ndarray  # (t, 4) int32: first and end column of a tile's regions, then first and end row
+    children: np.ndarray  # (t, 4) int32: tiles; -1 where there is none, and for the smallest tiles
+    share: np.ndarray  # (t,) float64: share of the screen's area
+    pixels: int  # side of the smallest tile in pixels
     across: int  # smallest tiles in a row
-    smallest: int  # how many there are
+    smallest: int  # number of smallest tiles
     columns: int  # regions in a row
 
 
 @lru_cache(maxsize=16)
 def tiles_of(shape: TileShape, pixels: int) -> Tiles:
-    """The quadtree over a query that `trace.asked.tile_shape` has cut into tiles of 16 receivers.
+    """The quadtree over a query that `trace.querychunk.tile_shape` has cut into tiles of 16 receivers.
 
-    pixels : side of the smallest tile; where receivers form a row it is 64 times as long
+    pixels : side of the smallest tile; 64 times as long if the receivers form one row
     """
     layout = layout_of(shape)
     width, height = layout.across * shape.width, layout.down * shape.height  # pixels of a region

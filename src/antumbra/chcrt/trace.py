@@ -1,4 +1,4 @@
-"""CHC+RT as a tracer: what it keeps between frames, and how it answers shadow queries and passes of rays."""
+"""CHC+RT as a tracer: its state between frames, and how it answers shadow queries and passes of rays."""
 
 from collections.abc import Callable
 from threading import Lock
@@ -33,16 +33,16 @@ from .tiles import Tiles, tiles_of
 
 
 class Scheduled:
-    """A scene ready for CHC+RT, with what was visible of it when it was asked last.
+    """A scene ready for CHC+RT, with the visibility states that the last frame left.
 
-    Each question of a frame has a state of its own: the n-th one that of the n-th one of the frame before, if it has as
-    many receivers and rays. So temporal coherence is that of questions in the same order; the answers never depend on
-    it.
+    Each query of a frame has its own state. Query n starts from the state of query n of the last frame, if both have
+    the same numbers of receivers and rays. So frames are coherent if they ask their queries in the same order. The
+    answers never depend on this.
 
     parts : Parts
     options : Options
     told : list of dict
-        Of each question of this frame, what it took: see `schedule.Statistics`.
+        The statistics of each query of this frame: see `schedule.Statistics`.
     """
 
     def __init__(self, parts: Parts, options: Options):
@@ -52,11 +52,11 @@ class Scheduled:
         self.begin()
 
     def begin(self) -> None:
-        """A new frame begins."""
+        """Begin a new frame."""
         self._questions, self.told = 0, list[dict]()
 
     def fronts(self, tiles: Tiles, shape: tuple, sets: int) -> Fronts:
-        """The state of the next question of the frame."""
+        """The state of the frame's next query."""
         key = self._questions, shape, sets
         self._questions += 1
         if key not in self._fronts:
@@ -64,7 +64,7 @@ class Scheduled:
         return self._fronts[key]
 
     def run(self, tiles: Tiles, shape: tuple, sets: int, rays, progress=None) -> None:
-        """Trace one ray set, or several together."""
+        """Trace one ray set, or several together, from the state of the frame's next query."""
         with self._lock:
             fronts = self.fronts(tiles, shape, sets)
             statistics = trace_frame(fronts, rays, progress)
@@ -72,16 +72,16 @@ class Scheduled:
 
 
 def prepare(bvh: Bvh, options: Options, threads=None) -> Scheduled:
-    """What the tracer takes, from a builder's tree."""
+    """The tracer's form of a builder's tree."""
     return Scheduled(parts_of(block_tree(bvh, threads), options), options)
 
 
 class _Rays(NamedTuple):
-    """What all ray sets share."""
+    """The data that all ray sets share."""
 
     tiles: Tiles
     picture: Picture
-    cells: np.ndarray
+    cells: np.ndarray  # (sets, regions, ROWS, 16) float32, see `cells.new_cells`
     parts: Parts
     threads: int
 
@@ -95,7 +95,7 @@ class _Rays(NamedTuple):
 
 
 class _Shadows:
-    """The segments of a query to some chunks of its samples, as ray sets: all together, or each stratum by itself."""
+    """The segments of a query to some chunks of its samples, as ray sets: one for all, or one for each stratum."""
 
     front_to_back = False
 
@@ -126,7 +126,7 @@ class _Shadows:
 
 
 def _padded(lists: Lists, sets: int) -> Lists:
-    """The lists of a chunk with fewer than STRATA sets, as those of one with all."""
+    """The lists of a chunk with fewer than STRATA sets, padded with empty lists to STRATA sets."""
     if sets in (1, STRATA):
         return lists
     counts = np.zeros((len(lists.starts) // sets, STRATA), np.int32)
@@ -137,14 +137,14 @@ def _padded(lists: Lists, sets: int) -> Lists:
 def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    Rays to a lamp or the sun have one visibility state, and multi-frusta tracing traces them; directions of the
-    hemisphere have one each (Sec. 5.3), and packets do.
+    Rays to a lamp or the sun share one visibility state, and multi-frusta tracing traces them. Each direction of the
+    hemisphere has its own state (Sec. 5.3), and packets trace its rays.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
     chunks = range(-(-query.samples.shape[1] // STRATA))
-    inside = None if scheduled.parts.memory else progress  # out of core, what takes long is to read
+    inside = None if scheduled.parts.memory else progress  # out of core, reading parts takes longest: report that
     options = {"threads": thread_count(threads), "counters": counters, "progress": inside}
     kind, steps, trace = query.light.kind, [chunks], trace_forest
     if is_incoherent(query):
@@ -157,7 +157,7 @@ def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, c
 
 
 class _Nearest:
-    """Rays that look for what is nearest, one a pixel; `bound` makes the cells of their `Picture`."""
+    """Closest-hit rays, one a pixel. `bound` makes the cells of their `Picture`."""
 
     front_to_back = True
 
@@ -168,11 +168,11 @@ class _Nearest:
         self.rays = _Rays(tiles, picture, bound(picture), scheduled.parts, threads)
 
     def ask(self, fronts, pairs, again):
-        return self.rays.ask(fronts, pairs, False)  # a box around the nearest hit is entered before it
+        return self.rays.ask(fronts, pairs, False)  # a ray enters the box of its nearest hit before the hit
 
 
 class _Pass(_Nearest):
-    """A pass of rays."""
+    """A pass of rays as a ray set."""
 
     def __init__(self, scheduled: Scheduled, rays: PictureRays, reach: float, threads: int):
         self.pass_, self.looks = rays, looks_of(rays, reach, threads)
@@ -187,7 +187,7 @@ class _Pass(_Nearest):
 
 
 class _View(_Nearest):
-    """The rays of a camera."""
+    """The rays of a camera as a ray set."""
 
     def __init__(self, scheduled: Scheduled, camera: CameraRays, reach: float, threads: int):
         self.length = length_of(reach)
@@ -204,13 +204,13 @@ class _View(_Nearest):
 
 
 def _reach(scheduled: Scheduled, low, high) -> float:
-    """No ray that starts in a box is longer inside the scene."""
+    """The greatest length inside the scene of a ray that starts in the box from `low` to `high`."""
     boxes = scheduled.parts.boxes[0].astype(np.float64)
     return float(np.linalg.norm(np.maximum(boxes[1], high) - np.minimum(boxes[0], low))) + 1e-30
 
 
 def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], threads=None, progress=None) -> Hits:
-    """The nearest hit of each ray of a pass over a picture of this shape, the same as every other method finds."""
+    """The nearest hit of each ray of a pass over a picture of this shape. Every other method finds the same hits."""
     picture, threads = PictureRays(*(a.reshape(*shape, *a.shape[1:]) for a in rays)), thread_count(threads)
     made = _Pass(scheduled, picture, _reach(scheduled, *bounds(rays.origins, threads)), threads)
     scheduled.run(made.rays.tiles, shape, 1, made, progress)
@@ -218,12 +218,12 @@ def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], th
 
 
 def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=None) -> Hits:
-    """What a camera's rays see first.
+    """The nearest hits of a camera's rays.
 
     Raises
     ------
     InputError
-        Where directions of neighbouring pixels are too close, as `query.raster.rasterise` does.
+        If directions of neighbouring pixels are too close, as in `query.raster.rasterise`.
     """
     view = _View(scheduled, rays, _reach(scheduled, rays.origin, rays.origin), thread_count(threads))
     scheduled.run(view.rays.tiles, (rays.height, rays.width), 1, view, progress)

@@ -162,7 +162,7 @@ def parse_srdh_rays(text: str):
 def parse_camera(text: str) -> int | CameraSpec:
     """Parse the index of a camera, or ``px,py,pz:tx,ty,tz[:vfov]``."""
     if _INDEX.fullmatch(text):
-        return int(text)
+        return int(text.strip())  # int() keeps some of the blanks that a pattern skips
     parts = text.split(":")
     with _named(f"--camera {text}"):
         if not 2 <= len(parts) <= 3:
@@ -194,7 +194,7 @@ def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[
 def parse_light(text: str):
     """Parse a light ``KIND:...[@INTENSITY]``, or the index of one of the scene's own lights."""
     if _INDEX.fullmatch(text):
-        return int(text)
+        return int(text.strip())  # int() keeps some of the blanks that a pattern skips
     body, at, strength = text.partition("@")
     kind, *fields = body.split(":")
     with _named(f"--light {text}"):

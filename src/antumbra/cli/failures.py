@@ -32,7 +32,7 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
         if code == INTERRUPTED:
             raise KeyboardInterrupt
         return code
-    except BrokenPipeError:  # nobody reads any more
+    except BrokenPipeError:  # the reader of the output has ended
         _drop_output()
         return UNFORESEEN
     except BaseException as error:

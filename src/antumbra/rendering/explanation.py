@@ -113,9 +113,10 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     Raises
     ------
     InputError
-        On a value out of range, an unknown plan or one without a BVH, or if srdh_rays is given and no plan wants rays.
+        If a value is out of range, or a plan is unknown or has no BVH. If `srdh_rays` is given and no plan is
+        ray-guided.
     RuntimeError
-        If plans differ in a bit, which would be a bug.
+        If two plans differ in a bit, which is a bug.
     """
     plans = explained_plans(plans)
     check_srdh_rays(srdh_rays, *plans)
@@ -129,7 +130,7 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
 
 
 def steps_job() -> Job:
-    """What `antumbra explain` counts."""
+    """The job of the counting walk of `antumbra explain`."""
 
     def work():
         camera, lights = small_view()
@@ -139,7 +140,7 @@ def steps_job() -> Job:
 
 
 def explained_plans(plans) -> list[Plan]:
-    """The plans; InputError if one is unknown, or has no BVH through which rays take steps."""
+    """Parse the plans; InputError if one is unknown or has no BVH."""
     plans = [parse_plan(plan) for plan in plans]
     for plan in plans:
         if plan.build is None:
@@ -148,7 +149,7 @@ def explained_plans(plans) -> list[Plan]:
 
 
 def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=None) -> Explanation:
-    """`explain`, from checked arguments."""
+    """`explain` with checked arguments and compiled kernels."""
     pictures, told = [_picture(scene, moment, spp, threads) for moment in moments], []
     for i, plan in enumerate(plans):
         if say is not None:

@@ -1,4 +1,4 @@
-"""Scenes in a store: chunks come into memory when rays want them, within a budget, and go again."""
+"""Scenes in a store: chunks are read on demand when rays reach them, and evicted to stay within a memory budget."""
 
 from functools import partial
 from typing import ClassVar
@@ -24,39 +24,40 @@ from .accelerate import Accelerated, Accelerator
 from .ready import Job, fixed_job, make_ready
 
 MAX_MEMORY = 4 << 30
-_PIXEL_BYTES = 320  # of a frame's arrays: rays, hits, surfaces, cells, the image and what makes it
-_SPARE = 48 << 20  # for what is allocated here and there
+_PIXEL_BYTES = 320  # bytes per pixel of a frame's arrays: rays, hits, surfaces, cells, the image and its inputs
+_SPARE = 48 << 20  # bytes reserved for small allocations
 
 
 def paged_job() -> Job:
-    """Rendering a scene in a store, besides the job of its plan."""
+    """The additional job of rendering a scene in a store, besides the job of its plan."""
     work = lambda: radix_sort(np.zeros(2, np.int64), np.zeros(2, np.int32), 40, 2)
     return fixed_job("scenes in a store", work)
 
 
 class Paged:
-    """A scene in a store, with those of its chunks that are in memory; see `RenderSource` for what its methods are for.
+    """A scene in a store, with its resident chunks; `RenderSource` documents the methods.
 
     Parameters
     ----------
     scene : PagedScene
     accelerator : Accelerator
-        Its plan says how the store's trees are traced.
+        Its plan names the tracer for the store's trees.
     gbuffer : str
-        Of no effect: only rays find the triangles of a store, with the bits that rasterisation would give.
+        Has no effect: primary visibility in a store always uses rays. They give the same bits as rasterisation.
     max_memory : int or None
-        Bytes that the process may have in memory at any time; None: 4 GiB.
+        Limit in bytes on the memory of the process at any time; None: 4 GiB.
 
     Attributes
     ----------
     accelerated : Accelerated
-        The plan's tracer takes it; it holds no triangles.
+        The input of the plan's tracer; it holds no triangles.
     residency : Residency
+        Tracks which chunks are in memory.
 
     Raises
     ------
     InputError
-        On a plan that needs all triangles, or a `max_memory` out of range.
+        If the plan needs all triangles, or `max_memory` is out of range.
     """
 
     default_plan: ClassVar = str(Plan(trace="chcrt"))
@@ -88,17 +89,17 @@ class Paged:
         raise InputError(f"{self.scene.name}: adaptive sampling wants all triangles at once; leave it out")
 
     def begin(self, pixels: int, words: int) -> None:
-        """A frame of so many pixels and words of bits begins: the chunks get what memory it leaves."""
+        """Begin a frame of `pixels` pixels with `words` words of bits each; the chunks get the remaining memory."""
         self.residency.budget, self._before = self.budget(pixels, words), self.residency.paging
         self.residency.trim()
 
     def budget(self, pixels: int, words: int) -> int:
-        """Bytes that chunks may take in such a frame.
+        """Bytes left for chunks in a frame of `pixels` pixels with `words` words of bits each.
 
         Raises
         ------
         InputError
-            If that is not enough for two chunks.
+            If the budget does not hold two chunks.
         """
         frame = pixels * (_PIXEL_BYTES + 8 * words) + _SPARE
         budget = self.max_memory - frame - (resident() - self.residency.used)
@@ -123,12 +124,12 @@ class Paged:
         return self.store.meta.box
 
     def paging(self) -> dict[str, int]:
-        """Counts of chunks that came and went in this frame."""
+        """Counts of chunks read and evicted in this frame."""
         now, before = self.residency.paging, self._before
         return {name: a - b for name, a, b in zip(now._fields, now, before)}
 
     def look(self, camera, triangles=None, whole=None, progress=None) -> Surfaces:
-        """The surfaces that a camera sees; the triangles are the store's."""
+        """The surfaces that a camera sees; `triangles` and `whole` are not used."""
         rays = camera.rays(self.scene.origin)
         return self._surfaces(
             camera_hits(self.accelerated.prepared, rays, self.threads, progress),
@@ -139,8 +140,11 @@ class Paged:
         return self.nearest
 
     def nearest(self, rays: RayPass, shape: tuple[int, int], by: Scheduled | None = None) -> Surfaces:
-        """The surfaces that a pass of rays over a picture of this shape meets first, traced by the plan's tracer or by
-        another one of the same parts."""
+        """The first surfaces that a pass of rays meets.
+
+        shape : (H, W) of the picture
+        by : another tracer of the same parts; None: the plan's tracer
+        """
         hits = nearest_hits(by or self.accelerated.prepared, rays, shape, self.threads)
         return self._surfaces(hits, partial(self._met, rays, shape))
 
@@ -148,7 +152,7 @@ class Paged:
         return surfaces_met(rays, face.reshape(-1), t.reshape(-1), shape, triangles, self.threads)
 
     def _surfaces(self, hits: Hits, gbuffer_of) -> Surfaces:
-        """The triangles that are hit are copied from their chunks; the others need not be known."""
+        """Surfaces at the hits; only the hit triangles are copied from their chunks."""
         seen = hits.part >= 0
         where = hits.part[seen].astype(np.int64) << 32 | hits.slot[seen]
         bits = 32 + len(self.store).bit_length()
@@ -162,8 +166,8 @@ class Paged:
         return Surfaces(gbuffer_of(face, hits.t, triangles), triangles, hits.face, self.store.meta.box)
 
     def _triangles(self, where: np.ndarray) -> Triangles:
-        """Triangles by chunk and slot, (n, 2), in the order of the chunks."""
-        n = max(len(where), 1)  # kernels may read the first
+        """Copies of triangles; `where`: (n, 2) int64, chunk and slot of each, sorted by chunk."""
+        n = max(len(where), 1)  # never empty: kernels may read the first entry
         vertices, colour, ids = np.zeros((n, 3, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.int32)
         starts = np.flatnonzero(np.diff(where[:, 0], prepend=-1))
         for first, end in zip(starts, np.append(starts[1:], len(where))):

@@ -1,4 +1,4 @@
-"""One frame, pass by pass: evaluate, see, trace, filter, refine, bounce, shade, and the sub-pixels of edges."""
+"""One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and the sub-pixels of edges."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from .state import FrameState, Request, TracedLights, accelerate, arriving_at, a
 
 
 def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Frame:
-    """Make a frame; all kernels that it calls should be ready."""
+    """Render a frame. Its kernels should be compiled already, or compilation counts in the timings."""
     state = FrameState(source, accelerator, request)
     evaluate(state)
     surfaces = look(state)
@@ -45,7 +45,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
 
 
 def evaluate(state: FrameState) -> None:
-    """The triangles at the frame's time; and their tree, if the camera's rays want it."""
+    """Evaluate the triangles at the frame's time; build their tree if primary visibility uses rays."""
     source, camera, samples = state.source, state.request.camera, state.request.samples
     source.begin(camera.width * camera.height, sum(-(-sets.shape[1] // 64) for sets in samples))
     state.triangles, state.whole = source.moment(state.request.time)
@@ -56,7 +56,7 @@ def evaluate(state: FrameState) -> None:
 
 
 def look(state: FrameState) -> Surfaces:
-    """The surfaces that the camera sees."""
+    """Find the surfaces that the camera sees."""
     if state.whole is not None:
         state.whole.begin()
     surfaces = state.source.look(state.request.camera, state.triangles, state.whole, state.request.progress)
@@ -67,7 +67,7 @@ def look(state: FrameState) -> Surfaces:
 
 
 def trace(state: FrameState, surfaces: Surfaces) -> TracedLights:
-    """The shadow rays of all pixels, through a tree that answers those of refined penumbrae too."""
+    """Trace the shadow rays of all pixels. The tree also serves the later rays of refined penumbrae."""
     request, maker, whole = state.request, state.accelerator, state.whole
     queries = queries_of(state, surfaces, request.samples)
     state.clock.lap("trace")
@@ -84,7 +84,7 @@ def trace(state: FrameState, surfaces: Surfaces) -> TracedLights:
 
 
 def lit(state: FrameState, surfaces: Surfaces, traced: TracedLights) -> tuple[PictureSurfaces, list[np.ndarray]]:
-    """The seen surfaces, as filters take them; and the share of each light that each pixel sees, filtered if wanted."""
+    """The seen surfaces in the filters' format; and per light (H, W) float32 visibility, filtered on request."""
     seen = seen_by(surfaces.gbuffer, state.view)
     visibility = [fraction(seen, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
     state.clock.lap("filter")
@@ -94,9 +94,9 @@ def lit(state: FrameState, surfaces: Surfaces, traced: TracedLights) -> tuple[Pi
 def refine(
     state: FrameState, seen: PictureSurfaces, traced: TracedLights, visibility: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ask again in penumbrae, and replace their visibility.
+    """Trace more rays in penumbrae, and replace the visibility there.
 
-    Returns (H, W) bool twice: edges, whose sub-pixels `divide` asks; and all refined pixels.
+    Returns two (H, W) bool masks: edge pixels, which `divide` splits into sub-pixels; and all refined pixels.
     """
     finer, more = state.request.finer, lambda query: ask(state, query)
     assert finer is not None
@@ -112,7 +112,7 @@ def refine(
 
 
 def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights) -> np.ndarray:
-    """(H, W, 3) float32: irradiance by light that has bounced once, filtered if wanted."""
+    """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
     nearest = open_to_all(state)
     indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
     state.clock.lap("trace")
@@ -123,7 +123,7 @@ def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced:
 
 
 def open_to_all(state: FrameState) -> Nearest:
-    """Make ready for queries of any surfaces, whatever was culled; and find the nearest hits of ray passes so."""
+    """Prepare all triangles, undoing any culling, for queries at any surface; returns the closest-hit function."""
     maker = state.accelerator
     if maker.plan.cull:
         own = state.whole if maker.one_tree else None
@@ -136,7 +136,7 @@ def open_to_all(state: FrameState) -> Nearest:
 def shade(
     state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, visibility, indirect
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The image, (H, W, 3) float32; and its ambient light, (3,) float32, none where light bounces."""
+    """The image, (H, W, 3) float32; and its ambient light, (3,) float32, zero if the frame has bounced light."""
     arrived = arriving_at(state, surfaces, traced, seen if state.request.smooth else None)
     ambient = np.zeros(3, np.float32)
     if indirect is None:
@@ -147,7 +147,7 @@ def shade(
 
 
 def divide(state: FrameState, edge: np.ndarray, image: np.ndarray, ambient: np.ndarray, indirect) -> None:
-    """Ask sixteen sub-pixels of each edge, and put their mean into the image."""
+    """Shade sixteen sub-pixels of each edge pixel, and write their mean to the image."""
     triangles, finer = state.triangles, state.request.finer
     assert finer is not None
     pixels = surfaces_of(subpixel_gbuffer(triangles, state.view, edge, state.threads), triangles)

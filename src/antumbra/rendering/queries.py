@@ -1,4 +1,4 @@
-"""Questions that are not pictures: ray arrays, and points that ask which lights they see."""
+"""Queries without a camera: arrays of rays, and the visibility of lights from points."""
 
 from dataclasses import replace
 from threading import get_ident
@@ -25,23 +25,23 @@ from .renderer import Renderer, source_kind
 
 
 class Visibility(NamedTuple):
-    """Which samples of a light each point sees; leading shape (...) as the points had."""
+    """The samples of a light that each point sees; the leading shape (...) is the points' leading shape."""
 
     bits: np.ndarray  # (..., ceil(spp / 64)) uint64: bit s = sample s occluded
-    fraction: np.ndarray  # (...) float32: share of the samples that is not occluded
+    fraction: np.ndarray  # (...) float32 in [0, 1]: share of the samples that are not occluded
 
 
 def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated:
-    """The scene's triangles and BVH at a time; those of all plans for the last time asked are kept with the scene.
+    """The scene's triangles and BVH at a time in seconds; the scene caches them, per plan, for the latest time.
 
-    Plans that differ only in their tracer share triangles and BVH, or the triangles if they have none.
+    Plans that differ only in their tracer share the triangles and the BVH, if they have one.
 
-    plan : one that builds the same tree for every question
+    plan : a plan whose tree does not depend on the query
 
     Raises
     ------
     InputError
-        If the scene is in a store, and the plan needs its triangles.
+        If the scene is in a store and the plan needs all triangles.
     """
     _, ready = Renderer(scene, plan, threads).source.for_points(time)
     assert ready is not None
@@ -49,7 +49,7 @@ def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated
 
 
 def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time, threads) -> HitArrays:
-    """Trace rays through a scene; InputError where a number is one that a ray must not have."""
+    """Trace rays through a scene; InputError if a ray holds an invalid number."""
     m = len(arguments.origins)
     n = 0 if any_hit else m
     out = HitArrays(
@@ -62,12 +62,12 @@ def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time
 
 
 def warm_up_rays() -> None:
-    """`Scene.occluded` and `Scene.closest_hit`."""
+    """Compile the kernels of `Scene.occluded` and `Scene.closest_hit`."""
     make_ready(rays_job)
 
 
 def rays_job() -> Job:
-    """Ray queries."""
+    """The job of ray queries."""
 
     def work():
         arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0]
@@ -79,7 +79,10 @@ def rays_job() -> Job:
 
 
 def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_faces, threads):
-    """Any-hit: (...) bool; else the `Hit`. `rays`: the first five arguments of `Scene.occluded`."""
+    """Trace an array of rays: (...) bool for any-hit, a `Hit` for closest hit.
+
+    rays : the first five arguments of `Scene.occluded`
+    """
     arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin)
     thread_count(threads)
     warm_up_rays()
@@ -93,34 +96,38 @@ def visibility(
     scene, points, light, normals=None, *, spp=16, plan=None, time=0.0, threads=None,
     sampler="larcher-pillichshammer", cull_faces=None, srdh_rays=None, max_memory=None,
 ) -> Visibility:  # fmt: skip
-    """Which samples of a light do points see? Receivers that are not pixels: vertices, sensors, plots of land.
+    """Find which samples of a light are visible from arbitrary points, such as mesh vertices or sensors.
+
+    Sample s is occluded if a triangle meets the segment from the point to the sample strictly between its ends.
 
     Parameters
     ----------
     scene : Scene or PagedScene
-    points : (..., 3) float, world; anything with DLPack
+    points : (..., 3) float
+        World coordinates, in any array type that supports DLPack.
     light : a light
-        Ambient occlusion needs normals. Of a list of lights each point asks all: bit s is light s.
-    normals : (..., 3) float, broadcast against the points, or None
-        Where points lie on surfaces: the surfaces' normals, any length, towards the side that asks. The points are
-        moved off their surface by a few units in the last place, and samples below its horizon are occluded. None:
-        the points float freely and are used as they are.
+        Ambient occlusion needs `normals`. With `PointLights` each point tests every light: bit s is light s.
+    normals : (..., 3) float or None
+        For points on surfaces: the surface normals towards the tested side, of any length. They are broadcast against
+        the points. Each point is moved off its surface by a few units in the last place, and samples below its horizon
+        are occluded. None: the points lie in free space and are used unchanged.
     spp, plan, time, threads, sampler, cull_faces
         As in `antumbra.render`. Point i uses sample set i mod 4.
     srdh_rays : SrdhRays or None
-        Which rays the builder `srdh` is shown; None: those of 256 of the points.
+        The rays that the builder `srdh` is shown; None: the rays of 256 of the points.
     max_memory : int or None
-        Bytes that the process may have in memory, for a scene in a store; None: 4 GiB. What has been read is kept with
-        the scene for the next question that names the same plan, threads and memory.
+        Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB. The scene keeps the chunks
+        that were read for the next query with the same plan, threads and memory.
 
     Returns
     -------
     Visibility
+        `bits` (..., ceil(spp / 64)) uint64 and `fraction` (...) float32.
 
     Raises
     ------
     InputError
-        On wrong shapes or dtypes, NaN or infinite numbers, zero normals, or an unknown plan.
+        If a shape or dtype is wrong, a number is NaN or infinite, a normal is zero, or the plan is unknown.
     """
     renderer = _renderer(scene, plan, threads, srdh_rays, max_memory)
     points = as_array(points, "points")
@@ -128,7 +135,7 @@ def visibility(
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     (light,) = check_lights([light])
     if isinstance(light, PointLights) and light.interleave:
-        light = replace(light, interleave=False)  # points are in no blocks of 4x4: each asks all lights
+        light = replace(light, interleave=False)  # points form no 4x4 blocks, so each tests all lights
     samples = light_samples(light, spp, sampler)
     if normals is None and light.domain == "hemisphere":
         raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
@@ -161,7 +168,7 @@ def visibility(
 
 
 def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
-    """A renderer of this scene; if it keeps what is read, the one that answered this thread before."""
+    """A renderer of this scene; for a store, the renderer of this thread's previous query if the options agree."""
     if not source_kind(scene).keeps_read:
         return Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
     asked, kept = (plan, threads, max_memory, get_ident()), scene.__dict__.get("_renderer")
@@ -171,7 +178,7 @@ def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
 
 
 def _receivers(scene, points, normals) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) float32 points in the recentred frame, off their surfaces; and (n, 3) float64 unit normals, or none."""
+    """(n, 3) float32 receivers in the recentred frame; and (n, 3) float64 unit normals, empty if `normals` is None."""
     world = points.astype(np.float64).reshape(-1, 3)
     if not np.isfinite(world).all():
         raise InputError("points hold NaN or infinity")

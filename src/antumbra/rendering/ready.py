@@ -1,10 +1,10 @@
-"""Compile kernels before anything is timed, by all cores, and tell the user.
+"""Compile kernels on all cores before anything is timed, and tell the user.
 
-A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` has recorded which kernels
-a job calls. Several processes compile the ones that are not on disk. Then the job runs on a small scene, which
-compiles kernels that nobody recorded. If all are on disk, as they are in every later process, nothing runs.
+A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` records which kernels a job
+calls. Several processes compile the kernels that are missing on disk. Then the job runs on a small scene, which
+compiles any unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
 
-Each module owns the jobs of its work; `warm` lists them all.
+Each module defines the jobs of its work; `warm` lists all jobs.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,21 +25,21 @@ from ..scene.scene import Scene
 
 
 class Job(NamedTuple):
-    """Something that calls kernels, done on a small scene."""
+    """Work that calls kernels, run on a small scene."""
 
-    name: str  # under which its kernels are recorded
-    work: Callable[[], object]
-    kernels: Callable[[], set[Wanted] | None]  # that are known to be called; None: nobody has recorded it
+    name: str  # key of the record of its kernels
+    work: Callable[[], object]  # runs the job
+    kernels: Callable[[], set[Wanted] | None]  # returns the recorded kernels; None: the job has no record
 
 
 def fixed_job(name: str, work: Callable[[], object]) -> Job:
-    """A job that calls the kernels that are recorded under its name."""
+    """A job whose kernels are recorded under its name."""
     return Job(name, work, lambda: needs.of_job(name))
 
 
 @cache
 def make_ready(job_of: Callable[..., Job], *about) -> None:
-    """Compile the kernels of the job ``job_of(*about)`` that are not on disk; once in a process."""
+    """Compile the kernels of the job ``job_of(*about)`` that are missing on disk; once per process."""
     job = job_of(*about)
     wanted = job.kernels()
     if wanted is None:
@@ -50,7 +50,7 @@ def make_ready(job_of: Callable[..., Job], *about) -> None:
 
 
 def make_ready_all(wanted: Iterable[Job]) -> int:
-    """Compile what jobs call and is not on disk, all together; how many kernels that were."""
+    """Compile the missing kernels of several jobs together; returns how many were compiled."""
     wanted = list(wanted)
     missing = missing_of({each for job in wanted for each in job.kernels() or ()})
     if missing:
@@ -67,7 +67,7 @@ def missing_of(wanted: Iterable[Wanted]) -> set[Wanted]:
 
 
 def compile_missing(missing: set[Wanted]) -> None:
-    """Compile kernels by all cores; the user is told. Where none can be kept, nothing is done: `loading` says so."""
+    """Compile kernels on all cores, and tell the user. Does nothing if the cache is read-only; `loading` warns then."""
     if not user_cache().is_writable():
         return
     with told(f"compiling {len(missing)} kernels for this machine, once") as progress:
@@ -75,7 +75,7 @@ def compile_missing(missing: set[Wanted]) -> None:
 
 
 def small_scene() -> Scene:
-    """Hills of about 10 000 triangles: enough for builders to take every path that large scenes take."""
+    """Hills of about 10 000 triangles, enough that builders take every code path of large scenes."""
     x, z = np.meshgrid(np.linspace(-1, 1, 73), np.linspace(-1, 1, 73))
     a = (np.arange(72)[:, None] * 73 + np.arange(72)).ravel()
     faces = np.concatenate([np.stack([a, a + 73, a + 1], 1), np.stack([a + 1, a + 73, a + 74], 1)])
@@ -83,7 +83,7 @@ def small_scene() -> Scene:
 
 
 def small_view(quality=False, sky=True) -> tuple[Camera, list]:
-    """(camera, lights) for the small scene; `quality`: lights with penumbrae, `sky`: light from everywhere, too."""
+    """(camera, lights) for the small scene; `quality`: lights with penumbrae, `sky`: ambient occlusion as well."""
     above = np.array([0, 2, 0])
     light = SphereLight(above, 0.1) if quality else PointLight(above)
     lights = [light, PointLights(above[None], interleave=quality), *([AmbientOcclusion(1.0)] if sky else [])]

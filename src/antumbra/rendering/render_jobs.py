@@ -1,4 +1,4 @@
-"""The jobs of rendering: frames by a plan, and what filters, refinement and light that bounces take besides."""
+"""The jobs of rendering: frames by a plan, and the extra kernels of filter, refinement and bounced light."""
 
 import numpy as np
 
@@ -18,29 +18,29 @@ from .state import Request
 
 
 def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
-    """All that rendering by this plan calls. `counters`: with those that count, if a tracer has them apart."""
+    """Compile the kernels of rendering by a plan. `counters`: include a tracer's separate counting kernels."""
     make_ready(rendering_job, plan, gbuffer, counters and plan.tracer.counts_apart)
     if plan.trace == "cones":
         make_ready(wide_lights_job)
 
 
 def warm_up_quality() -> None:
-    """The filter and adaptive sampling; they are the same for every plan."""
+    """Compile the kernels of the filter and of adaptive sampling; they are the same for every plan."""
     make_ready(quality_job)
 
 
 def warm_up_bounce() -> None:
-    """The diffuse rays that `SrdhRays` can ask for."""
+    """Compile the kernels of the diffuse rays that `SrdhRays` can request."""
     make_ready(bounce_job)
 
 
 def warm_up_indirect(gbuffer: str) -> None:
-    """Light that bounces; it is the same for every plan."""
+    """Compile the kernels of bounced light; they are the same for every plan."""
     make_ready(indirect_job, gbuffer)
 
 
 def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:
-    """Rendering by a plan. Of a plan that nobody recorded the kernels are those of plans that share its methods."""
+    """The job of rendering by a plan. A plan without a record gets the kernels of recorded plans with its methods."""
     name = lambda p: f"{p} ({gbuffer}{', counted' if counters else ''})"
     plain = lambda p: needs.of_job(f"{p} ({gbuffer})") or set()
 
@@ -63,18 +63,18 @@ def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -
 
 
 def quality_job() -> Job:
-    """The filter, and adaptive sampling."""
+    """The job of the filter and of adaptive sampling."""
     return fixed_job("filter and refinement", lambda: _render_small(Plan(), "raster", quality=True))
 
 
 def bounce_job() -> Job:
-    """Diffuse rays that a builder is shown."""
+    """The job of the diffuse rays that a builder is shown."""
     plan = parse_plan("srdh+single")
     return fixed_job("a diffuse bounce", lambda: _render_small(plan, "raster", srdh_rays=SrdhRays(bounce=True)))
 
 
 def wide_lights_job() -> Job:
-    """Lights that cones see as more than a point."""
+    """The job of `cones` with lights too wide for one apex."""
 
     def work():
         light = QuadLight(np.array([-1, 0.5, -1]), np.array([2, 0, 0]), np.array([0, 0, 2]))
@@ -85,12 +85,12 @@ def wide_lights_job() -> Job:
 
 
 def indirect_job(gbuffer: str = "raster") -> Job:
-    """Light that bounces."""
+    """The job of bounced light."""
     return fixed_job(f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, passes=1))
 
 
 def _render_small(plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1):
-    """A frame of the small scene; `passes`: of diffuse rays, `view`: (camera, lights)."""
+    """Render a frame of the small scene; `passes`: number of diffuse rays, `view`: (camera, lights)."""
     scene, accelerator = small_scene(), Accelerator(plan, 2, srdh_rays)
     camera, lights = view or small_view(quality, sky=not passes)
     request = Request(
@@ -102,6 +102,6 @@ def _render_small(plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passe
         finer=finer_samples(lights, 2, "hammersley") if quality else None,
         passes=diffuse_passes(lights, passes, "hammersley") if passes else None,
     )
-    if accelerator.showing is None:  # of all triangles: culling leaves too few for all of a builder; the frame refits
+    if accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
         accelerator.build(scene.triangles(0.0, 2))
     draw(InMemory(scene, accelerator, gbuffer), accelerator, request)

@@ -1,4 +1,4 @@
-"""One frame, or a sequence with state kept between frames, of one scene by one plan."""
+"""Render one frame, or a sequence of frames with state kept between them, of one scene by one plan."""
 
 from typing import TYPE_CHECKING
 
@@ -27,35 +27,36 @@ if TYPE_CHECKING:
 
 
 def source_kind(scene) -> "type[InMemory] | type[Paged]":
-    """The source of a `Renderer` of this scene."""
+    """The class of source that supplies this scene to a `Renderer`."""
     if isinstance(scene, Scene):
         return InMemory
-    from .paged import Paged  # reads stores: not to be waited for by who has all in memory
+    from .paged import Paged  # imported late: scenes in memory start sooner without it
 
     return Paged
 
 
 class Renderer:
-    """Renders frames of one scene by one plan.
+    """Renders frames of one scene by one plan, and keeps state from frame to frame.
 
     Parameters
     ----------
     scene : Scene or PagedScene
+        A scene in memory or in a store.
     plan : str, Plan or None
-        None: ``"bsah+multifrusta"``; of a scene in a store ``"bsah+chcrt"``.
+        None: ``"bsah+multifrusta"``; for a scene in a store ``"bsah+chcrt"``.
     threads : int or None
         None: all cores.
     gbuffer : "raster" or "rays"
-        How primary visibility is found; both give the same bits. Of a store rays always find it.
+        The method of primary visibility; both give the same bits. A store always uses rays.
     srdh_rays : SrdhRays or None
-        Which rays a builder is shown that wants some (`srdh`); None: those of 16 x 16 pixels of each frame.
+        The rays that a ray-guided builder (`srdh`) is shown; None: the rays of 16 x 16 pixels of each frame.
     max_memory : int or None
-        Bytes that the process may have in memory at any time, for a scene in a store; None: 4 GiB.
+        Limit in bytes on the memory of the process at any time, for a scene in a store; None: 4 GiB.
 
     Raises
     ------
     InputError
-        On a value out of range, an unknown plan, or one that cannot render a scene in a store.
+        If a value is out of range, the plan is unknown, or the plan cannot render a scene in a store.
     """
 
     def __init__(
@@ -72,7 +73,7 @@ class Renderer:
         self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
         filter=False, adaptive=None, progress=None, bounce=None,
     ) -> Frame:  # fmt: skip
-        """Render a frame; see `antumbra.render`."""
+        """Render one frame; `antumbra.render` documents the parameters."""
         lights = check_lights(lights)
         if not isinstance(camera, Camera):
             raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
@@ -86,7 +87,7 @@ class Renderer:
         return draw(self.source, self.accelerator, request)
 
     def _warm_up(self, request: Request) -> None:
-        """Have all kernels ready that the frame calls."""
+        """Compile all kernels that the frame calls."""
         gbuffer, showing = self.source.gbuffer, self.accelerator.showing
         warm_up(self.plan, gbuffer, request.counters)
         self.source.warm_up()
@@ -98,11 +99,11 @@ class Renderer:
             warm_up_indirect(gbuffer)
 
     def accelerate(self, time=0.0) -> Accelerated:
-        """The scene's triangles at a time, with their BVH if the plan has one."""
+        """The scene's triangles at a time in seconds, with their BVH if the plan has one."""
         return self.accelerator.build(self.scene.triangles(time, self.threads))
 
     def see(self, triangles: Triangles, camera, accelerated: Accelerated | None = None) -> GBuffer:
-        """The G-buffer of a camera: by rasterisation, or by rays where there is a BVH of all triangles."""
+        """The G-buffer of a camera: by rays through `accelerated`; by rasterisation if it is None."""
         return see(triangles, camera, accelerated, self.threads)
 
 
@@ -113,18 +114,22 @@ def render(
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
+    A shadow ray is occluded if a triangle meets its segment strictly between receiver and light sample.
+
     Parameters
     ----------
     scene : Scene or PagedScene
+        A scene in memory or in a store.
     camera : Camera or None
         None: ``scene.default_camera()``.
     lights : list of lights, one light, or None
         None: the scene's own lights at `time`, or ``scene.default_light()`` if it has none.
     spp : int
-        Shadow rays a pixel and light, 1 to 1024; `PointLights`, and `AmbientOcclusion` with an spp, have their own.
+        Shadow rays per pixel and light, 1 to 1024. `PointLights`, and `AmbientOcclusion` with its own spp, ignore it.
     plan : str, Plan or None
-        Which methods answer, such as ``"bsah+single"`` (see ``antumbra plans``). Never changes the bits, unless it
-        neglects what few rays see (``"bsah+chcrt:20"``). None: ``"bsah+multifrusta"``; of a store ``"bsah+chcrt"``.
+        The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan never changes the bits, unless it
+        neglects geometry that few rays see (``"bsah+chcrt:20"``). None: ``"bsah+multifrusta"``; for a store
+        ``"bsah+chcrt"``.
     time : float
         Seconds, clamped to [0, scene.duration].
     threads : int or None
@@ -132,36 +137,37 @@ def render(
     counters : bool
         Count tests and nodes exactly (costs a little time).
     gbuffer : "raster" or "rays"
-        How primary visibility is found. Never changes the bits.
+        The method of primary visibility. It never changes the bits.
     sampler : str
         A name in `antumbra.query.sampling.SAMPLERS`.
     cull_faces : None, "front" or "back"
-        Triangles that turn this side to a receiver do not block its rays.
+        Triangles whose given side faces the receiver do not block its rays.
     filter : bool
-        Smooth the visibility, not the bits, over 4 x 4 pixels of the same surface: 16 times as many samples of the
-        light take part where the penumbra is wide. Of interleaved `PointLights` it smooths what arrives from them.
+        Smooth the visibility, but not the bits, over 4 x 4 pixels of the same surface. In wide penumbrae each pixel
+        then uses 16 times as many samples of the light. For interleaved `PointLights` the irradiance is smoothed.
     adaptive : int or None
-        Ask again, with this many shadow rays a pixel and light (1 to 1024), in penumbrae, where the new visibility
-        replaces the old one; and at edges, where they are divided among 16 sub-pixels, whose mean the pixel of
-        the image then is. Lights that have their own numbers of rays keep them, in each sub-pixel too.
+        Refine with this many shadow rays per pixel and light, 1 to 1024; None: no refinement. In penumbrae the new
+        visibility replaces the old one. At edges the rays are divided among 16 sub-pixels, and the image pixel is
+        their mean. Lights with their own numbers of rays keep them, in each sub-pixel too.
     progress : function of (done, total), optional
         Called about ten times a second while rays are traced.
     srdh_rays : SrdhRays or None
-        Which rays the builder `srdh` is shown; None: those of 16 x 16 pixels. Never changes the bits.
+        The rays that the builder `srdh` is shown; None: the rays of 16 x 16 pixels. They never change the bits.
     bounce : int or None
-        Instead of ambient light, light that bounces once: this many diffuse rays a pixel (1 to 1024), each with a
-        shadow ray to each light from where it ends. `sampler` spreads them too.
+        Replace ambient light by light that bounces once: this many diffuse rays per pixel, 1 to 1024. Each diffuse
+        ray has a shadow ray to each light from its end. `sampler` distributes the diffuse rays too.
     max_memory : int or None
-        Bytes that the process may have in memory, for a scene in a store; None: 4 GiB.
+        Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB.
 
     Returns
     -------
     Frame
+        The image (H, W, 3) float32, and the visibility, bits and timings.
 
     Raises
     ------
     InputError
-        On a value out of range, an unknown plan, or things that are not cameras and lights.
+        If a value is out of range, the plan is unknown, or an argument is not a camera or a light.
     """
     camera = scene.default_camera() if camera is None else camera
     if lights is None:

@@ -1,4 +1,4 @@
-"""The source of frames: it finds what a camera sees and what rays meet first, and knows what can be traced."""
+"""The protocol of a render source: it supplies triangles and trees, primary visibility and closest hits."""
 
 from typing import ClassVar, Protocol
 
@@ -12,16 +12,16 @@ from .accelerate import Accelerated
 
 
 class RenderSource(Protocol):
-    """A scene, as one `Renderer` sees it: `InMemory` or `Paged`.
+    """A scene as seen by one `Renderer`: `InMemory` or `Paged`.
 
     default_plan : str
-        The plan of a `Renderer` that is given none.
+        The plan of a `Renderer` without an explicit plan.
     keeps_read : bool
-        Does it hold what it read for one question of points? Then its `Renderer` waits for the next question.
+        True if the source keeps the data read for a query of points. Then the next query reuses its `Renderer`.
     looks : int
-        How often `look` counts `progress` to its end.
+        How often `look` runs `progress` to its end.
     gbuffer : "raster" or "rays"
-        How `look` finds what a camera sees.
+        The method of primary visibility in `look`.
     """
 
     default_plan: ClassVar[str]
@@ -35,30 +35,30 @@ class RenderSource(Protocol):
     def gbuffer(self) -> str: ...
 
     def warm_up(self) -> None:
-        """Have the kernels ready that it calls besides those of every plan."""
+        """Compile the kernels that only this kind of source calls."""
 
     def check_adaptive(self) -> None:
-        """InputError if edges cannot be divided into sub-pixels."""
+        """Raise InputError if adaptive sampling is not supported."""
 
     def begin(self, pixels: int, words: int) -> None:
-        """A frame begins, of so many pixels or points, each with so many words of bits.
+        """Begin a frame of `pixels` pixels or points, each with `words` 64-bit words of bits.
 
         Raises
         ------
         InputError
-            If memory is too small for it.
+            If memory is too small for the frame.
         """
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
-        """The triangles at a time; and a tree of them all, if the frames before left one."""
+        """The triangles at a time in seconds; and a tree of all of them, if an earlier frame kept one."""
         ...
 
     def for_points(self, time: float) -> tuple[Triangles, Accelerated | None]:
-        """The same for points that ask; None: the tree depends on the question."""
+        """The triangles at a time in seconds, and a tree for a query of points; None: the tree depends on the query."""
         ...
 
     def keep(self, accelerated: Accelerated) -> None:
-        """A frame's shadow rays went through this tree; the next frames may use it again."""
+        """Offer the tree of a frame's shadow rays for reuse in later frames."""
 
     def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None) -> Surfaces:
         """The surfaces that a camera sees.
@@ -68,13 +68,13 @@ class RenderSource(Protocol):
         ...
 
     def nearest_in(self, whole: Accelerated) -> Nearest:
-        """A function that finds the surfaces that a pass of diffuse rays meets first."""
+        """A closest-hit function: it finds the first surfaces that a pass of diffuse rays meets."""
         ...
 
     def box(self, triangles: Triangles) -> np.ndarray:
-        """(2, 3) float32: bounds of the scene at a moment, in the recentred frame."""
+        """(2, 3) float32: bounds of the scene with these triangles, in the recentred frame."""
         ...
 
     def paging(self) -> dict[str, int] | None:
-        """Counts of chunks that came and went since `begin`; None where all is in memory."""
+        """Counts of chunks read and evicted since `begin`; None if the scene is in memory."""
         ...

@@ -1,7 +1,7 @@
-"""Representative shadow rays: what the builder `srdh` is shown of those that will be traced [Feltman et al. 2012].
+"""Representative shadow rays: the sample of the rays to be traced that the builder `srdh` is shown.
 
-They come from a sparse picture of the scene (Sec. 3.4, 4.2), from the last frame of an animation, or from the user. All
-that each of them meets is found in a BVH that is made for it, or was made for something else.
+The rays come from a sparse picture of the scene [Feltman et al. 2012, Sec. 3.4, 4.2], from the last frame of an
+animation, or from the user. All their intersections are found in an existing BVH, or in a temporary one.
 """
 
 from collections.abc import Callable
@@ -24,31 +24,32 @@ from ..trace.rays.bounce import bounced
 from ..trace.rays.intersections import intersections
 
 Bounce = Callable[[Bvh], list[ShadowQuery]]
-"""A `Bvh` of all triangles -> the queries of surfaces that diffuse rays meet in it."""
+"""Function of a `Bvh` of all triangles: returns the queries at the surfaces that diffuse rays meet."""
 
 
 @dataclass(frozen=True, eq=False)
 class SrdhRays:
-    """Which shadow rays the builder `srdh` is shown.
+    """The choice of shadow rays that the builder `srdh` is shown.
 
     Parameters
     ----------
     size : int or None
-        Of a picture, size x size pixels spread evenly; of a single row of points, as many of them. None: all.
+        Size x size pixels, spread evenly over the picture, or size x size points of a query; 1 to 65536. None: all.
     spp : int
-        Samples of each light from each of them, 1 or more; at most those that are asked.
+        Samples of each light from each pixel, 1 to 1024; at most the number that is traced.
     bounce : bool
-        As many also from the surfaces that one diffuse ray from each pixel meets [Feltman et al. 2012, Sec. 4]: for
-        trees that will answer more than what the camera sees.
+        Add as many rays from the surfaces that one diffuse ray from each pixel meets [Feltman et al. 2012, Sec. 4].
+        Use it for trees that answer more than the shadows of visible surfaces.
     last_frame : bool
-        Frames of a `Renderer` after the first are shown the rays of the frame before, and what they met then.
-    origins, ends : (m, 3) float, world, or None
-        These segments, instead of any others.
+        Show each frame of a `Renderer` after the first the rays of the previous frame, with their intersections.
+    origins, ends : (m, 3) float or None
+        World coordinates of explicit segments, which replace all other rays.
 
     Raises
     ------
     InputError
-        On a value out of range, a coordinate as large as no triangle's may be, or origins and ends of different shapes.
+        If a value is out of range, a coordinate exceeds the limit for triangles, or `origins` and `ends` differ in
+        shape.
     """
 
     size: int | None = 16
@@ -82,11 +83,11 @@ class Segments(NamedTuple):
 
     origins: np.ndarray  # (m, 3) float32
     ends: np.ndarray  # (m, 3) float32
-    skip: np.ndarray  # (m,) int32: the triangle that each starts on, which does not count; -1: none
+    skip: np.ndarray  # (m,) int32: triangle under the origin, which is not tested; -1: none
     cull_faces: int  # a value of CULL_FACES
 
     def in_bvh(self, bvh: Bvh, skip: np.ndarray, threads: int) -> Intersections:
-        """What they meet in a BVH; `skip` as it counts its triangles."""
+        """All intersections with a BVH; `skip` holds indices into the BVH's triangles."""
         return intersections(bvh, self.origins, self.ends, skip, threads, self.cull_faces)
 
 
@@ -96,7 +97,7 @@ def _spread(n: int, k: int | None) -> np.ndarray:
 
 
 def _pixels(shape: tuple[int, int], size: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """(rows, columns) of size x size pixels of a picture, or of as many points in a single row."""
+    """(rows, columns) of size x size pixels of a picture, or of the same number of points in a single row."""
     h, w = shape
     if h == 1:
         return np.zeros(1, np.int64), _spread(w, None if size is None else size * size)
@@ -104,12 +105,12 @@ def _pixels(shape: tuple[int, int], size: int | None) -> tuple[np.ndarray, np.nd
 
 
 def _sparse(array: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """The rows and columns of an (H, W, ...) array."""
+    """The chosen rows and columns of an (H, W, ...) array."""
     return np.ascontiguousarray(array[at[0]][:, at[1]])
 
 
 def fewer_samples(samples: np.ndarray, spp: int) -> np.ndarray:
-    """At most `spp` of the samples of each set, (16, n, 3): others of each, so that neighbours see all of a light."""
+    """At most `spp` samples of each set, (16, n, 3). Sets get different samples, so neighbours cover all of a light."""
     n = samples.shape[1]
     if spp >= n:
         return samples
@@ -118,7 +119,7 @@ def fewer_samples(samples: np.ndarray, spp: int) -> np.ndarray:
 
 
 def _sparse_query(query: ShadowQuery, asked: SrdhRays) -> ShadowQuery:
-    """The part of a query that `asked` wants."""
+    """The part of a query that `asked` selects."""
     at = _pixels(query.sides.shape, asked.size)
     normals = query.normals if query.normals.size == 0 else _sparse(query.normals, at)
     return query._replace(
@@ -128,13 +129,13 @@ def _sparse_query(query: ShadowQuery, asked: SrdhRays) -> ShadowQuery:
 
 
 def sparse_gbuffer(gbuffer: GBuffer, asked: SrdhRays) -> GBuffer:
-    """The pixels of a picture that `asked` wants."""
+    """The pixels of a picture that `asked` selects."""
     at = _pixels(gbuffer.face.shape, asked.size)
     return GBuffer(*(_sparse(array, at) for array in gbuffer[:5]), gbuffer.origin)
 
 
 def segments_of(queries) -> Segments:
-    """All segments of some queries that run above their receiver's horizon."""
+    """All segments of several queries that run above their receiver's horizon."""
     parts = []
     for query in queries:
         ends, above = segments(query)
@@ -146,13 +147,13 @@ def segments_of(queries) -> Segments:
 
 
 def _given(asked: SrdhRays, origin: np.ndarray, cull_faces: int) -> Segments:
-    """The user's, in a scene with this origin."""
+    """The user's segments, in the recentred frame of a scene with this origin."""
     local = [(points - origin).astype(np.float32) for points in (asked.origins, asked.ends)]
     return Segments(*local, np.full(len(local[0]), -1, np.int32), cull_faces)
 
 
 def _among(kept: np.ndarray | None, faces: np.ndarray) -> np.ndarray:
-    """The place of each triangle of the scene among those that are kept (None: all), -1 where it is not."""
+    """The index of each scene triangle among the kept ones (None: all are kept); -1: not kept."""
     if kept is None:
         return faces
     if len(kept) == 0:
@@ -162,7 +163,7 @@ def _among(kept: np.ndarray | None, faces: np.ndarray) -> np.ndarray:
 
 
 def _counted_in(kept: np.ndarray | None, found: Intersections) -> Intersections:
-    """Intersections with triangles of the scene, as those with the triangles that are kept, counted in these."""
+    """Restrict intersections to the kept triangles, and renumber these."""
     prims, m = _among(kept, found.prims), len(found.origins)
     owner = np.repeat(np.arange(m), np.diff(found.first))[prims >= 0]
     first = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=m))])
@@ -170,7 +171,7 @@ def _counted_in(kept: np.ndarray | None, found: Intersections) -> Intersections:
 
 
 class Shown:
-    """The rays that a builder is shown: segments, and what they met if that is known."""
+    """The rays that a builder is shown: segments, with their intersections once known."""
 
     def __init__(self, segments: Segments, bvh: Bvh | None = None):
         self.segments = segments
@@ -178,10 +179,13 @@ class Shown:
         self.met: Intersections | None = None
 
     def among(self, vertices: np.ndarray, kept: np.ndarray | None, threads: int, bvh: Bvh | None = None):
-        """The `Intersections`, as the builder of these triangles counts them; `kept`: which of the scene's, None: all.
+        """The `Intersections` with the builder's triangles, in the builder's numbering.
 
-        If no BVH can answer that yet, not even one of these triangles (`bvh`), the one is made that takes the least
-        time: it is asked little.
+        vertices : (n, 3, 3) float32, the builder's triangles
+        kept : (n,) int, their indices in the scene; None: all triangles of the scene
+        bvh : a BVH of these triangles, if there is one
+
+        Without any BVH, a temporary `lbvh` is built: few rays are traced, so build time matters most.
         """
         if self.met is None and self.bvh is not None:
             self.met = self.segments.in_bvh(self.bvh, self.segments.skip, threads)
@@ -192,18 +196,18 @@ class Shown:
 
 
 class Showing:
-    """Chooses what the builder of a `Renderer` is shown, frame after frame."""
+    """Chooses the rays that the builder of a `Renderer` is shown, frame after frame."""
 
     def __init__(self, asked: SrdhRays, threads: int):
         self.asked, self.threads = asked, threads
-        self.last: Shown | None = None  # of the frame before, if that is asked for
+        self.last: Shown | None = None  # of the previous frame, if `last_frame` is set
         self.n_triangles = 0  # of that frame
 
     def show(self, queries, triangles, bvh: Bvh | None = None, bounce: Bounce | None = None) -> Shown:
-        """The rays of these queries, or instead.
+        """The rays to show for these queries: a selection of their rays, the user's rays, or those of the last frame.
 
-        bvh : of all triangles, if there is one
-        bounce : of a picture, if such rays are asked for
+        bvh : a BVH of all triangles, if there is one
+        bounce : adds the queries at bounce surfaces; None: the queries do not come from a picture
         """
         if self.asked.origins is not None:
             return Shown(_given(self.asked, triangles.origin, queries[0].cull_faces), bvh)
@@ -217,24 +221,24 @@ class Showing:
         if not self.asked.last_frame:
             return shown
         last, n, self.last, self.n_triangles = self.last, self.n_triangles, shown, len(triangles.vertices)
-        same = last is not None and last.met is not None and n == self.n_triangles  # what it met is there still
+        same = last is not None and last.met is not None and n == self.n_triangles  # triangle indices still hold
         return last if same else shown
 
     def built(self, bvh: Bvh) -> None:
-        """Note, for the next frame, what the rays of this one meet in the BVH that was built first."""
-        if self.last is not None and self.last.met is None:  # of edges, a culled BVH is built again: of less
+        """Store the intersections of this frame's rays with the first BVH of the frame, for the next frame."""
+        if self.last is not None and self.last.met is None:  # a later BVH of the frame, for culled edges, has less
             self.last.met = self.last.segments.in_bvh(bvh, self.last.segments.skip, self.threads)
 
 
 def check_srdh_rays(srdh_rays: SrdhRays | None, *plans: Plan) -> None:
-    """InputError if rays are chosen for builders, and none of the plans has one that wants rays."""
+    """Raise InputError if `srdh_rays` is given and no plan has a ray-guided method."""
     if srdh_rays is not None and not any(plan.wants_rays for plan in plans):
         names = ", ".join(map(str, plans))
         raise InputError(f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh")
 
 
 def bounced_queries(showing: Showing | None, triangles, gbuffer: GBuffer, lights, samples, facing=0) -> Bounce | None:
-    """Asks for the light where diffuse rays end, one from each pixel shown; None if the builder wants none of them."""
+    """A function that makes the queries where diffuse rays end, one ray per shown pixel; None if not requested."""
     if showing is None or not showing.asked.bounce:
         return None
     asked, threads = showing.asked, showing.threads

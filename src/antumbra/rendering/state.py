@@ -1,4 +1,4 @@
-"""One frame while it is made, and the steps that several of its passes take: ask, accelerate, shade."""
+"""The state of a frame during rendering, and the steps that several passes share: trace, accelerate, shade."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -21,29 +21,29 @@ from .srdh_rays import Shown
 
 
 class Request(NamedTuple):
-    """What a frame is asked for, checked."""
+    """The checked arguments of a frame."""
 
     camera: Camera
     lights: list
-    samples: list[np.ndarray]  # of each light, from `light_samples`
+    samples: list[np.ndarray]  # per light (16, n, 3), from `light_samples`
     facing: int = 0  # a value of CULL_FACES
-    time: float = 0.0
+    time: float = 0.0  # seconds
     counters: bool = False
     progress: Callable | None = None
-    smooth: bool = False  # filter
-    finer: FinerSamples | None = None  # the samples of refined pixels; None: nothing is refined
-    passes: Passes | None = None  # of diffuse rays; None: no light bounces
+    smooth: bool = False  # the argument `filter`
+    finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
+    passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
 
 
 class TracedLights(NamedTuple):
-    """Queries, one a light, and their answers."""
+    """The queries of all lights, and their bits."""
 
-    queries: list[ShadowQuery]
-    bits: list[np.ndarray]
+    queries: list[ShadowQuery]  # one per light
+    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64
 
 
 class FrameState:
-    """One frame while it is made.
+    """The state of one frame during rendering.
 
     source : RenderSource
     accelerator : Accelerator
@@ -51,19 +51,19 @@ class FrameState:
     clock : Clock
         Each pass adds its seconds.
     tally : (n,) int64 or None
-        Counters, if the request wants them.
+        Counters, if requested.
     rays : int
-        Shadow rays asked so far.
+        Shadow rays traced so far.
     triangles : Triangles
-        All of the scene; of a store the ones that are seen.
+        All triangles of the scene; for a store only the visible ones.
     view : CameraRays
         The camera's rays, in the frame of the triangles.
     whole : Accelerated or None
-        All triangles in a tree, if there is one; it may be for the camera's rays only.
+        A tree of all triangles, if there is one; it may serve camera rays only.
     shown : Shown or None
-        The rays that the builder is shown for this frame; None if it wants none.
+        The rays that the builder is shown for this frame; None if it takes none.
     ready : Accelerated
-        Answers the shadow queries that `accelerate` was given last.
+        Answers the shadow queries last passed to `accelerate`.
     """
 
     triangles: Triangles
@@ -79,12 +79,12 @@ class FrameState:
 
 
 def queries_of(state: FrameState, surfaces: Surfaces, samples) -> list[ShadowQuery]:
-    """The query of each light for some surfaces, with these samples of each."""
+    """One query per light at these surfaces, with the given samples of each light."""
     return surface_queries(surfaces, state.request.lights, samples, state.request.facing, state.threads)
 
 
 def accelerate(state: FrameState, queries, ready: Accelerated | None) -> None:
-    """Make ready for these queries; `ready`: traces them if nothing is culled, None: to be built."""
+    """Cull and build for these queries. `ready`: an existing tree, used if the plan culls nothing; None: build."""
     culled = state.accelerator.culled(state.triangles, queries)
     if culled is not None:
         state.clock.lap("cull")
@@ -95,29 +95,29 @@ def accelerate(state: FrameState, queries, ready: Accelerated | None) -> None:
 
 
 def ask(state: FrameState, query: ShadowQuery) -> np.ndarray:
-    """The bits of a query."""
+    """Trace a query: (h, w, ceil(n / 64)) uint64."""
     state.rays += int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
     return state.accelerator.answer(state.ready, query, state.tally, state.request.progress)
 
 
 def ask_all(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
-    """The bits of all these queries."""
+    """Trace several queries."""
     return TracedLights(queries, [ask(state, query) for query in queries])
 
 
 def arriving_at(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:
-    """The light that each lamp sends to each pixel's surface; see `image.shade.arriving`."""
+    """The light that each light source sends to each pixel's surface; see `image.shade.arriving`."""
     of_lights = zip(state.request.lights, *traced)
     return [arriving(surfaces.gbuffer, light, query, b, seen, state.threads) for light, query, b in of_lights]
 
 
 def shaded(state: FrameState, surfaces: Surfaces, arrived, visibility, ambient, indirect=None) -> np.ndarray:
-    """The image of some surfaces, (H, W, 3) float32."""
+    """The shaded image of these surfaces, (H, W, 3) float32."""
     colour, up, lights = surfaces.triangles.colour, state.source.scene.up, state.request.lights
     return shade(surfaces.gbuffer, colour, lights, arrived, visibility, ambient, up, indirect, state.threads)
 
 
 def picture(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient, indirect=None) -> np.ndarray:
-    """The image of some surfaces by these bits, as they are."""
+    """The image of these surfaces, (H, W, 3) float32, shaded with unfiltered bits."""
     shares = [fraction_lit(b, query.samples.shape[1], state.threads) for query, b in zip(*traced)]
     return shaded(state, surfaces, arriving_at(state, surfaces, traced), shares, ambient, indirect)

@@ -1,4 +1,4 @@
-"""Virtual point lights: where the light of a lamp falls, there is a new light [Keller 1997]."""
+"""Virtual point lights: new lights at the surfaces that a light's photons reach [Keller 1997]."""
 
 import numpy as np
 
@@ -19,31 +19,30 @@ from ..scene.point_lights import PointLights
 
 
 def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=True, threads=None) -> PointLights:
-    """The light that has bounced once, as point lights: instant radiosity [Keller 1997].
+    """Approximate light that has bounced once by point lights: instant radiosity [Keller 1997].
 
-    Sends n photons from the light, spread by a Sobol sequence: from area lights by the cosine, from a sphere all over
-    its surface, from a distant light through a disk that covers the scene. Where a photon meets a surface is a point
-    light, just off the surface, with the photon's power times the surface's colour, shining by the cosine around the
-    normal. All photons carry the same power; those that leave the scene are lost.
+    The light emits n photons, distributed by a Sobol sequence. Area lights emit with cosine density, a sphere over its
+    whole surface, and a distant light through a disk that covers the scene. A point light is placed just off each
+    surface point that a photon reaches. Its power is the photon's power times the surface colour, and it shines with
+    the cosine to the normal. All photons carry the same power; photons that leave the scene are lost.
 
-    The sum over the lights is an unbiased estimate of the irradiance by light that has bounced once, with one
-    exception: 1 / distance^2 is clamped (``PointLights.nearest``) at the radius of the disk that one light typically
-    stands for, because receivers nearer than that would show the lights as bright spots. So corners are a little too
-    dark.
+    The sum over the lights is an unbiased estimate of the irradiance after one bounce, with one exception. The factor
+    1 / distance^2 is clamped (``PointLights.nearest``) at the radius of the disk that one light typically represents.
+    Otherwise nearer receivers would show the lights as bright spots. Corners are therefore a little too dark.
 
     Parameters
     ----------
     scene : Scene
     light : a light
-        Not ambient occlusion, and not itself a list.
+        Any light except ambient occlusion and `PointLights`.
     n : int
-        Photons, 1 to 16384 (1024 without `interleave`).
+        Photons, 1 to 16384 (1 to 1024 without `interleave`).
     seed : int
-        Of the scrambled sequence; the same seed gives the same lights.
+        Seed of the scrambled sequence; the same seed gives the same lights.
     time : float
         Seconds, clamped to [0, scene.duration].
     interleave : bool
-        Whether a pixel asks a sixteenth of the lights, see `PointLights`.
+        If True, each pixel tests a sixteenth of the lights, see `PointLights`.
     threads : int or None
         None: all cores.
 
@@ -55,7 +54,7 @@ def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=Tr
     Raises
     ------
     InputError
-        When the light is of another kind, n is out of range, or no photon meets the scene.
+        If the light is of an unsupported kind, n is out of range, or no photon meets the scene.
     """
     (light,) = check_lights([light])
     n = whole_number(n, "n", 1, 16384 if interleave else 1024)
@@ -71,7 +70,7 @@ def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=Tr
     positions, normals = _off_surface(points, directions[met], face, triangles, threads)
     return PointLights(
         positions,
-        power / n / np.pi,  # a flux F that leaves by the cosine has the intensity F / pi along the normal
+        power / n / np.pi,  # Eq. (4) of docs/design/lights.md: intensity along the normal
         triangles.colour[face] * np.asarray(light.colour),
         normals,
         interleave=interleave,
@@ -81,17 +80,17 @@ def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=Tr
 
 
 def _sobol(n: int, seed: int) -> np.ndarray:
-    """(n, 4) float64 in [0, 1)."""
+    """The first n points of a scrambled Sobol sequence: (n, 4) float64 in [0, 1)."""
     from scipy.stats import qmc  # slow to import, so only when asked for
 
     return qmc.Sobol(4, scramble=True, rng=seed).random(1 << (n - 1).bit_length())[:n]
 
 
 def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, np.ndarray, float]:
-    """Origins (n, 3) and unit directions (n, 3) of photons, world, and the power of all of them together.
+    """World origins (n, 3) and unit directions (n, 3) of the photons, and their total power.
 
-    The power follows from what shading does with `intensity`: candela along a flat light's axis, falling off by the
-    cosine on both sides; candela all around of points and spheres; lux of a distant light.
+    The power follows from the unit of `intensity` in shading. For a flat light it is candela along the axis, with
+    cosine falloff on both sides. For points and spheres it is candela in every direction, for a distant light lux.
     """
     a, b = xi[:, 0], xi[:, 1]
     if isinstance(light, PointLight):
@@ -123,26 +122,26 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
 
 
 def _on_sphere(a, b) -> np.ndarray:
-    """The unit square onto the unit sphere, uniformly."""
+    """Map the unit square uniformly to the unit sphere."""
     z, angle = 1.0 - 2.0 * a, 2.0 * np.pi * b
     r = np.sqrt(np.maximum(1.0 - z * z, 0.0))
     return np.stack([r * np.cos(angle), r * np.sin(angle), z], -1)
 
 
 def _on_disk(a, b) -> np.ndarray:
-    """The unit square onto the unit disk, uniformly."""
+    """Map the unit square uniformly to the unit disk."""
     r, angle = np.sqrt(a), 2.0 * np.pi * b
     return np.stack([r * np.cos(angle), r * np.sin(angle)], -1)
 
 
 def _by_cosine(normals, xi) -> np.ndarray:
-    """(n, 3) unit directions around unit normals, their density the cosine: a sphere that touches the surface."""
+    """(n, 3) unit directions around unit normals with cosine density: points of a sphere tangent to the surface."""
     d = normals + 0.9999999 * _on_sphere(xi[:, 0], xi[:, 1])  # never quite opposite, so never zero
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
 def _off_surface(points, directions, face, triangles, threads) -> tuple[np.ndarray, np.ndarray]:
-    """World positions just off the faces that photons met at `points`, and unit normals to the side they came from."""
+    """World positions just off the faces met at `points`, and unit normals towards the photons' side."""
     corners = triangles.vertices[face].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     away = (normals * directions).sum(1) > 0.0
@@ -154,7 +153,7 @@ def _off_surface(points, directions, face, triangles, threads) -> tuple[np.ndarr
 
 
 def _typical_radius(positions) -> float:
-    """Radius of the disk that one light of a surface stands for: by the median distance to the nearest other light."""
+    """Radius of the disk that one light typically represents, from the median distance to the nearest other light."""
     from scipy.spatial import KDTree  # slow to import, so only when asked for
 
     if len(positions) < 2:

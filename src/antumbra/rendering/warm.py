@@ -1,4 +1,4 @@
-"""The jobs whose kernels can be compiled ahead of time: all that the package does."""
+"""All jobs whose kernels can be compiled ahead of time."""
 
 from collections.abc import Iterable
 
@@ -12,9 +12,10 @@ from .render_jobs import bounce_job, indirect_job, quality_job, rendering_job, w
 
 
 def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
-    """The jobs of plans, of all methods if None, and those that are the same for every plan.
+    """The jobs of the given plans, and the jobs common to all plans.
 
-    papers : of the methods that packages add, too; theirs come last
+    plans : None: enough plans to cover every method
+    papers : cover the methods added by packages too; they come last
     """
     plans = list(dict.fromkeys(covering_plans(papers) if plans is None else plans))
     found = [rays_job(), quality_job(), indirect_job("raster"), indirect_job("rays")]

@@ -1,1 +1,1 @@
-"""Tracers: they answer a ShadowQuery, over a BVH, all with the same bits."""
+"""Tracers: each answers a ShadowQuery over a BVH, and all give the same bits."""

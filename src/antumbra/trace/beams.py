@@ -1,9 +1,9 @@
 """The beams of a tile: from each of its 16 receivers to the box of all of its samples.
 
-These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each: next to the receivers they
-are narrower than `shafts`, which start from the box of all of them, and next to the light they are wider. Lanes are
-receivers. With D from the receiver to the middle of the box, half extents h, and the edge functions of `shaftleaf` on
-D, those of a sample D + y differ by y . N, so by at most h . |N|.
+These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each. Next to the receivers they
+are narrower than `shafts`, which start from the box of all receivers. Next to the light they are wider. Lanes are
+receivers. Let D be the vector from the receiver to the middle of the box, and h the half extents of the box. Take the
+edge functions of `multifrusta.shaftcull` along D. At a sample D + y they differ by y . N, so by at most h . |N|.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ BEAM_FLOATS = 96
 
 @kernel
 def make_beams(tile):
-    """The beams of a tile whose origins and targets are known."""
+    """Write the beams of a tile whose origins and targets are filled."""
     middle, half = rows(tile.targets, 0, 16), rows(tile.targets, 48, 16)
     d, off = minus(middle, rows(tile.origins, 0, 16)), splat16(_F(2.0**-23))  # rounding of d
     keep(tile.beams, _D, 16, d)
@@ -36,15 +36,15 @@ def beams_of(tile):
 
 @inlined
 def beam_of(tile, r):
-    """The same of receiver r, in all lanes."""
+    """`beams_of` for receiver r, in all lanes."""
     return broadcasts(tile.beams, _D + r, 16), broadcasts(tile.beams, _H + r, 16)
 
 
 @inlined
 def is_near(s, i, c):
-    """Are beams narrower than the shafts of strata at a point? Shafts narrow from the receivers' box, beams widen.
+    """Are beams narrower than the shafts of strata at a point? Towards the light, beams widen and shafts narrow.
 
-    s, i, c : the shafts and the info of a `Tile`, and the point
+    s, i, c : the shafts of a `Tile`, its `info`, and the point
     """
     dx, dy, dz = get(s, D + 1), get(s, D + N + 1), get(s, D + 2 * N + 1)
     along = (get(c, 0) - get(i, 0)) * dx + (get(c, 1) - get(i, 1)) * dy + (get(c, 2) - get(i, 2)) * dz

@@ -1,4 +1,4 @@
-"""A block of triangles that rays, shafts or beams are tested against, how it is fetched, and the test of one ray."""
+"""A block of triangles: the block as tests see it, its prefetch, and the test of one ray against it."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from .raytest import ray_meets
 
 
 class Block(NamedTuple):
-    """A block, and all that it takes to test it against a tile's segments."""
+    """A block, and everything else that its tests against a tile's segments need."""
 
     tree: object  # BlockPointers
     number: int
@@ -26,7 +26,7 @@ class Block(NamedTuple):
 
 @inlined
 def fetch(tree, link):
-    """Ask for the node or the block behind a link; in large scenes, waiting for memory is what takes longest."""
+    """Prefetch the node or the block behind a link. In large scenes, waiting for memory takes longest."""
     if link >= 0:
         prefetch(tree.nodes, link * 16)
         return
@@ -43,15 +43,15 @@ def numbers_of(b):
 
 @inlined
 def slot_of(b, i):
-    """Triangle i's place in the BVH's arrays."""
+    """The slot of triangle i: its place in the BVH's arrays."""
     return np.int64(get(b.tree.slots, b.number * 16 + i))
 
 
 @inlined
 def blocks_ray(b, o, d, own, place, counters):
-    """Does a triangle of a block surely block the ray from o along d, each in all lanes?
+    """Does a triangle of a block surely block the ray from o along d, given in all lanes?
 
-    If not, what float32 cannot say is deferred for the ray's `place`, but for its receiver's `own` triangle.
+    If not, tests that float32 cannot decide are deferred for the ray's `place`, except the receiver's `own` triangle.
     """
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = ray_meets(o, d, numbers_of(b), b.facing, None)

@@ -1,5 +1,8 @@
-"""What tracing counts: each thread in memory of its own. Most tracers always count, whether anybody asks or not, so
-that they are compiled once: it costs them next to nothing. Where None is passed on, counting is compiled away."""
+"""Counters of tracing. Each thread counts in its own memory.
+
+Most tracers always count, whether or not the caller asks, so that they are compiled only once. It costs them next to
+nothing. If a kernel gets None as counters, counting is compiled away.
+"""
 
 import numpy as np
 
@@ -21,12 +24,21 @@ COUNTERS = (
     "shrinks",
     "sheaf_tiles",
 )
-"""Names, in the order of the array: rays asked; those that their own surface settled; inner nodes visited; boxes
-tested; triangles tested; tests that float32 left to float64; tests that float64 left to exact arithmetic; rays blocked
-by the triangle that blocked the ray before. Any-hit of `single` counts a node's boxes one by one, when it comes to
-them; others both of a node, or all eight. Tracers of many rays at once count a test of up to 16 lanes against one box
-or triangle once, and besides: triangles fetched; those left when whole bundles had been culled; lanes that one triangle
-blocked whole; frusta shrunk to the rays that are left; tiles traced in tile groups."""
+"""Names, in the order of the array:
+
+- rays of the query; rays that their receiver's own surface blocks
+- inner nodes visited; boxes tested; triangles tested
+- tests that float32 left to float64; tests that float64 left to exact arithmetic
+- rays blocked by the triangle that blocked the ray before
+
+Tracers of many rays at once also count:
+
+- triangles fetched; triangles left after whole bundles were culled; lanes that one triangle covers whole
+- frusta shrunk to the rays that are left; tiles traced in tile groups
+
+Any-hit rays of `single` count a node's boxes one by one, when the walk comes to them. Other walks count both boxes of a
+node, or all eight. Tracers of many rays count a test of up to 16 lanes against one box or triangle once.
+"""
 
 RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
 TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES = range(8, len(COUNTERS))
@@ -34,18 +46,18 @@ N_COUNTERS = len(COUNTERS)
 
 
 def new_counters() -> np.ndarray:
-    """An array of zeros, one a counter."""
+    """An array of zeros, one for each counter."""
     return np.zeros(len(COUNTERS), np.int64)
 
 
 def as_dict(counters: np.ndarray) -> dict[str, int]:
-    """Names and values, for people."""
+    """The counters by name, for people."""
     return dict(zip(COUNTERS, counters.tolist()))
 
 
 @inlined
 def cleared(mine):
-    """A thread's own zeros, so that threads do not share cache lines: a kernel's ``stack_i64(N_COUNTERS)``."""
+    """Zero a thread's own counters, a kernel's ``stack_i64(N_COUNTERS)``, so that threads share no cache lines."""
     for i in range(N_COUNTERS):
         put(mine, i, 0)
     return mine
@@ -58,7 +70,7 @@ def cleared_if(counters, mine):
 
 @overload(cleared_if)
 def _cleared_if(counters, mine):
-    if str(counters) == "none":  # told apart here: what might be None is tested for it each time
+    if str(counters) == "none":  # decided at compile time: an optional argument would be tested at each count
         return lambda counters, mine: None
     return lambda counters, mine: cleared(mine)
 

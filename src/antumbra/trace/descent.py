@@ -1,7 +1,7 @@
-"""From leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks.
+"""Descent from leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks.
 
-Lanes that ask for any blocker go as the tree says (`next_leaf`). Lanes that look for the nearest hit go to the nearer
-child first (`next_block`).
+Any-hit lanes visit children in the tree's order (`next_leaf`). Closest-hit lanes visit the nearer child first
+(`next_block`).
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ WAITING_INTS, WAITING_FLOATS = 2 * MAX_DEPTH, 16 * MAX_DEPTH
 
 
 class Slabs(NamedTuple):
-    """16 shafts prepared for slab tests; the `Uniform` axes hold only if all lanes that count go the same ways."""
+    """16 shafts prepared for slab tests. The `Uniform` axes are valid only if all live lanes go the same ways."""
 
     uniform: bool
     ux: Uniform
@@ -44,12 +44,12 @@ class Slabs(NamedTuple):
 
 
 class At(NamedTuple):
-    """Where a walk is. The lanes in `mask` are about to visit `link`; mask 0: the walk is over."""
+    """The state of a walk. The lanes in `mask` are about to visit `link`; mask 0: the walk is over."""
 
     link: int
-    place: int  # where the link was read: node * 16 + 12 for a left child, + 13 for a right one; -1: the root
+    place: int  # where the link is stored: node * 16 + 12 for a left child, + 13 for a right one; -1: the root
     mask: int
-    height: int  # int32 on the stack: place and mask, in turn
+    height: int  # int32 on the stack: place and mask, alternating
 
 
 @inlined
@@ -60,13 +60,13 @@ def rays_as_shafts(o, d):
 
 @inlined
 def slabs_of(s, alive):
-    """`Slabs` of `Shafts`; `alive`: bits of the lanes that count."""
+    """`Slabs` of `Shafts` whose t ends at 1; `alive`: bits of the live lanes."""
     return _slabs(s, alive, False)
 
 
 @inlined
 def endless_slabs_of(s, alive):
-    """The same, where no t is too large."""
+    """`Slabs` of endless `Shafts`, whose t has no upper limit."""
     return _slabs(s, alive, True)
 
 
@@ -89,7 +89,7 @@ def _slabs(s, alive, endless):
 
 @inlined
 def children(nodes, node, slabs):
-    """(bits of the lanes that meet the left child's box, of those that meet the right one's)."""
+    """(bits of the lanes that meet the left child's box, bits of the lanes that meet the right child's box)."""
     if slabs.uniform:
         return children_uniform(nodes, node, slabs.ux, slabs.uy, slabs.uz)
     return children_mixed(nodes, node, slabs.mx, slabs.my, slabs.mz)
@@ -97,7 +97,10 @@ def children(nodes, node, slabs):
 
 @inlined
 def entry(nodes, at, slabs, far):
-    """(bits of the lanes that may enter the box whose lower x is element `at` of `nodes` before `far`, where)."""
+    """(bits of the lanes that may enter a box before `far`, the entry t of each lane).
+
+    at : index in `nodes` of the box's lower x
+    """
     if slabs.uniform:
         near, end = span_uniform(nodes, at, slabs.ux, slabs.uy, slabs.uz, far)
     else:
@@ -107,25 +110,25 @@ def entry(nodes, at, slabs, far):
 
 @inlined
 def root(alive):
-    """Where a walk of the lanes in `alive` begins."""
+    """The start of a walk of the lanes in `alive`."""
     return At(np.int64(0), np.int64(-1), alive, np.int64(0))
 
 
 @inlined
 def nowhere():
-    """Where a walk is that has not begun."""
+    """The state of a walk that has not begun."""
     return At(np.int64(0), np.int64(NOWHERE), np.int64(0), np.int64(0))
 
 
 @inlined
 def left(at):
-    """Where a walk is when it has done with a leaf."""
+    """The state of a walk after a leaf."""
     return At(at.link, at.place, np.int64(0), at.height)
 
 
 @inlined
 def save(memory, at):
-    """Keep where a walk is in 4 int32."""
+    """Write the state of a walk to 4 int32."""
     put(memory, 0, at.link)
     put(memory, 1, at.place)
     put(memory, 2, at.mask)
@@ -134,7 +137,7 @@ def save(memory, at):
 
 @inlined
 def saved(memory, alive):
-    """Where a walk was when it was kept; the lanes that died since are gone."""
+    """The saved state of a walk, without the lanes that have died since."""
     return At(
         np.int64(get(memory, 0)), np.int64(get(memory, 1)), np.int64(get(memory, 2)) & alive, np.int64(get(memory, 3))
     )
@@ -142,7 +145,7 @@ def saved(memory, alive):
 
 @inlined
 def popped(links, at, stack, alive):
-    """The place on top of the stack that lanes in `alive` wait for, if `at` has none left."""
+    """If `at` has no lanes left, pop the stack up to an entry with a lane in `alive`."""
     link, place, mask, height = at.link, at.place, at.mask, at.height
     while mask == 0 and height > 0:
         height -= 2
@@ -153,7 +156,7 @@ def popped(links, at, stack, alive):
 
 @inlined
 def entered(links, at, left, right, stack):
-    """The child that lanes visit first, once those that meet either are known; the other one waits on the stack."""
+    """Go to the child that is visited first, and push the other one. left, right: bits of the lanes that meet each."""
     here, height = at.link * 16 + 12, at.height
     if left != 0 and right != 0:
         put(stack, height, here + 1)
@@ -165,7 +168,7 @@ def entered(links, at, left, right, stack):
 
 @inlined
 def next_leaf(tree, slabs, at, stack, alive, counters):
-    """Go on from `at` to the next leaf that a lane in `alive` meets."""
+    """Walk from `at` to the next leaf that a lane in `alive` meets."""
     at = popped(tree.links, at, stack, alive)
     while at.mask != 0 and at.link >= 0:
         count(counters, NODES, 1)
@@ -176,23 +179,23 @@ def next_leaf(tree, slabs, at, stack, alive, counters):
 
 
 class Near(NamedTuple):
-    """Where a walk to the nearest hit is: the lanes in `mask` are about to visit `link`; mask 0: they have done so."""
+    """The state of a closest-hit walk. The lanes in `mask` are about to visit `link`; mask 0: they have visited it."""
 
     link: int
     mask: int
-    height: int  # links that wait
+    height: int  # links on the stack
 
 
 class Waiting(NamedTuple):
-    """Pointers to the links that wait in a walk to the nearest hit."""
+    """Pointers to the stack of a closest-hit walk."""
 
-    links: object  # int32, WAITING_INTS: link and mask, in turn
-    entries: object  # float32, WAITING_FLOATS: where each lane enters the box
+    links: object  # int32, WAITING_INTS: link and mask, alternating
+    entries: object  # float32, WAITING_FLOATS: entry t of each lane
 
 
 @inlined
 def _popped_near(at, waiting, far):
-    """The link on top of those that wait whose box some lane still enters before `far`, if `at` has no lanes."""
+    """If `at` has no lanes, pop the stack up to a link whose box some lane still enters before `far`."""
     link, mask, height = at
     while mask == 0 and height > 0:
         height -= 1
@@ -204,13 +207,13 @@ def _popped_near(at, waiting, far):
 
 @inlined
 def visited(at):
-    """Where a walk to the nearest hit is when it has done with a link."""
+    """The state of a closest-hit walk after a link."""
     return Near(at.link, np.int64(0), at.height)
 
 
 @inlined
 def _nearer_child(tree, slabs, at, waiting, far):
-    """The child whose box most lanes enter first, before `far`; the other one waits if some lane enters it."""
+    """Go to the child whose box most lanes enter first. Push the other child if some lane enters it before `far`."""
     line = at.link * 16
     left, a = entry(tree.nodes, line, slabs, far)
     right, b = entry(tree.nodes, line + 1, slabs, far)
@@ -236,7 +239,7 @@ def _nearer_child(tree, slabs, at, waiting, far):
 
 @inlined
 def next_block(tree, slabs, at, waiting, far):
-    """Go on from `at` to the next block that a lane enters before `far`; mask 0: there is none."""
+    """Walk from `at` to the next block that a lane enters before `far`; mask 0: there is none."""
     at = _popped_near(at, waiting, far)
     while at.mask != 0 and (at.link >= 0 or ~at.link & 31 == 0):
         at = _nearer_child(tree, slabs, at, waiting, far) if at.link >= 0 else visited(at)

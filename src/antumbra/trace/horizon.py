@@ -1,4 +1,4 @@
-"""The receivers' own surfaces against a tile's samples: those below them are blocked before anything is traced."""
+"""The receivers' own surfaces against a tile's samples. Samples below the surface are blocked before tracing."""
 
 from typing import NamedTuple
 
@@ -39,7 +39,7 @@ class Plane(NamedTuple):
 
     point: Vec
     normal: Vec
-    size: float  # what scales the error of a height over it
+    size: float  # scale of the error of a height over the plane
 
 
 @inlined
@@ -52,7 +52,7 @@ def _plane_of_face(corners, face):
 
 @inlined
 def _plane_at(chunk, at, is_free):
-    """The `Plane` through a receiver without a triangle, at right angles to its normal; none if it is free."""
+    """The `Plane` through a receiver without a triangle, at right angles to its normal. A free receiver has none."""
     n = Vec(_F(0.0), _F(0.0), _F(0.0))
     if not is_free:
         x, y, z = scalars(chunk.query.normals, 3 * at, 1)
@@ -80,7 +80,7 @@ def _put_everywhere(planes, p):
 
 @kernel
 def _gather_planes(chunk, y0, x0, valid, tile, planes):
-    """Rows of `planes`: a point of each receiver's plane (3), a normal (3), the side seen, what scales its error."""
+    """Write the rows of `planes`: a point of each receiver's plane (3), its normal (3), the seen side, its `size`."""
     first = get(tile.faces, lowest_bit(valid))
     together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
     if together:
@@ -100,11 +100,11 @@ def _gather_planes(chunk, y0, x0, valid, tile, planes):
 
 @inlined
 def _height(planes, lx, ly, lz):
-    """(height of light points over the lanes' planes on the seen side, bound of its error)."""
+    """(height of light points over the lanes' planes on the seen side, error bound of the height)."""
     ax, ay, az = lx - load16(planes, 0), ly - load16(planes, 16), lz - load16(planes, 32)
     h = load16(planes, 48) * ax + load16(planes, 64) * ay + load16(planes, 80) * az
     reach = maximum(maximum(absolute(ax), absolute(ay)), absolute(az))
-    error = load16(planes, 112) * reach * _U  # in this order: infinite where the height could be
+    error = load16(planes, 112) * reach * _U  # in this order, the bound is infinite wherever the height could overflow
     return h * load16(planes, 96), error + _TINY * (reach + _F(1.0))
 
 
@@ -115,9 +115,9 @@ def _whole_light(tile, k):
 
 @kernel
 def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
-    """Start `dead`: segments to samples that are not above the receiver's own surface are blocked by it.
+    """Start `dead`: a receiver's own surface blocks the segments to samples that are not above it.
 
-    What float32 cannot say is deferred.
+    Tests that float32 cannot decide are deferred.
     """
     store(
         tile.dead,

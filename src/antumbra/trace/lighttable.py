@@ -1,8 +1,8 @@
 """The light samples of a query, laid out for tiles of 16 receivers.
 
-Samples are taken 16 at a time, a *chunk*. A chunk's sample s of all 16 sample sets is its *stratum* s: near each other
-on the light, because the sets are in Z order of their cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*, kept
-as a heap: stratum s is group 16 + s, and group g holds groups 2g and 2g + 1; group 1 is the whole chunk.
+A *chunk* is 16 samples. *Stratum* s of a chunk holds sample s of all 16 sample sets. These samples are near each other
+on the light, because each set is in Z order of its cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*. The groups
+form a heap: stratum s is group 16 + s, and group g holds groups 2g and 2g + 1. Group 1 is the whole chunk.
 """
 
 from typing import NamedTuple
@@ -28,24 +28,24 @@ from ..query.samples import patch_at, sample_point
 from ..scene.lights import FIXED, LIST
 
 STRATA = 16
-POINTS = STRATA * 48  # float32 of a chunk: of each stratum x, y, z of 16 lanes
-ALL_GROUPS = 32  # group 0 is group 1 once more
+POINTS = STRATA * 48  # float32 of a chunk: for each stratum x, y, z of 16 lanes
+ALL_GROUPS = 32  # group 0 is a copy of group 1
 GROUPS = 6 * ALL_GROUPS  # float32: rows of the groups' lower x, y, z, then of the upper ones
 TARGETS = 6 * 16  # float32: rows of the middles x, y, z of each lane's samples, then of their half extents
 
 
 class LightTable(NamedTuple):
-    """All samples of a light that does not move with the receiver; else only the shapes."""
+    """All samples of a light that does not move with the receiver. For other lights only the shapes are meaningful."""
 
     points: np.ndarray  # (chunks, 16, 3, 16) float32: stratum, axis, lane
-    groups: np.ndarray  # (chunks, 6, 32) float32
-    targets: np.ndarray  # (chunks, 6, 16) float32
-    by_lane: np.ndarray  # (chunks, 16, 3, 16) float32: `points` the other way round: lane, axis, stratum
+    groups: np.ndarray  # (chunks, 6, 32) float32: boxes of the groups
+    targets: np.ndarray  # (chunks, 6, 16) float32: boxes of each lane's samples
+    by_lane: np.ndarray  # (chunks, 16, 3, 16) float32: `points` transposed: lane, axis, stratum
 
 
 @inlined
 def stays(light):
-    """Are a LightPatch's samples the same for all receivers, so that one table serves them?"""
+    """Are a LightPatch's samples the same for all receivers? Then one table serves them all."""
     return light.kind == FIXED or light.kind == LIST
 
 

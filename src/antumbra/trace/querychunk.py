@@ -1,4 +1,4 @@
-"""What is asked, as hot kernels see it: a query cut into tiles of 16 receivers and chunks of 16 samples."""
+"""A query in the form of the hot kernels: cut into tiles of 16 receivers and chunks of 16 samples."""
 
 from typing import NamedTuple
 
@@ -16,14 +16,14 @@ _LIGHT = _F(2.0**-6)
 class TileShape(NamedTuple):
     """How receivers are cut into tiles: 4 x 4 pixels, or 16 of a row."""
 
-    width: int
-    height: int
-    columns: int  # tiles in a row of tiles
-    rows: int
+    width: int  # receivers in a row of a tile
+    height: int  # rows of receivers in a tile
+    columns: int  # tiles in a row
+    rows: int  # rows of tiles
 
 
 def tile_shape(query) -> TileShape:
-    """4 x 4 pixels; receivers that form a row are taken 16 at a time."""
+    """The `TileShape` of a query: 4 x 4 pixels, or 16 receivers if they form a single row."""
     h, w = query.sides.shape
     width, height = (4, 4) if h > 1 else (16, 1)
     return TileShape(width, height, -(-w // width), -(-h // height))
@@ -39,14 +39,14 @@ class QueryChunk(NamedTuple):
     """A query's chunk for hot kernels."""
 
     query: QueryPointers
-    points: object  # of the chunk's light table, if the light does not move
-    groups: object
-    targets: object
-    by_lane: object
-    fixed: bool  # the light does not move
+    points: object  # float32 * into the chunk's light table, like the next three; unused if the light moves
+    groups: object  # float32 *
+    targets: object  # float32 *
+    by_lane: object  # float32 *
+    fixed: bool  # the light does not move with the receiver
     shape: TileShape
-    first: int  # sample
-    count: int  # samples
+    first: int  # first sample
+    count: int  # number of samples
     light: float  # a small part of the sum of the light's extents
 
 
@@ -66,5 +66,5 @@ def query_chunk_of(query, table, shape, chunk, n_samples):
 
 @inlined
 def place_of(chunk, y0, x0, lane):
-    """Index of a lane's receiver among all, row by row."""
+    """Index of a lane's receiver among all receivers, row by row."""
     return (y0 + lane // chunk.shape.width) * chunk.query.w + x0 + lane % chunk.shape.width

@@ -1,7 +1,7 @@
-"""One triangle against 16 rays in float32, which decides only beyond the bounds of `predicate.filters`.
+"""One triangle against 16 rays in float32. It decides only beyond the error bounds of `predicate.filters`.
 
-Nothing limits the coordinates here, so the bounds leave float32's range before any number does that they are for: they
-are infinite then, and decide nothing. docs/design/exactness.md derives that.
+Nothing limits the coordinates here. So each bound overflows before any number that it bounds. An infinite bound decides
+nothing. docs/design/exactness.md derives the bounds.
 """
 
 from typing import NamedTuple
@@ -13,14 +13,14 @@ from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, s
 from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
 
 _F = np.float32
-_ROOM = _F(8.0)  # times a product: at least the sums that are made of such products
-_U = _F(64 * 2.0**-24 / 8.0)  # of so many times a product
+_ROOM = _F(8.0)  # a product times this is at least every sum made of such products
+_U = _F(64 * 2.0**-24 / 8.0)  # relative error bound, for products multiplied by _ROOM
 _TINY = _F(1e-37)
 LANES = 12 * 16  # float32 of kept `Lanes`
 
 
 class Triangle(NamedTuple):
-    """A triangle's first corner, the edges at it, their cross product and their largest component; float32 scalars."""
+    """A triangle: first corner, edges at it, their cross product, and the edges' largest component; float32 scalars."""
 
     v: Vec
     p: Vec
@@ -30,14 +30,14 @@ class Triangle(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """A triangle as the origins of 16 rays see it; f32x16."""
+    """A triangle relative to the origins of 16 rays; f32x16."""
 
     cp: Vec  # a x p, where a = v0 - origin
     cq: Vec  # a x q
     n: Vec
     t: object  # a . n
-    e: object  # bounds of the errors of the three edge functions,
-    te: object  # of t and of the distance of the ray's end from the plane
+    e: object  # error bound of the three edge functions
+    te: object  # error bound of t, and of the distance of the ray's end from the plane
 
 
 @inlined
@@ -71,20 +71,21 @@ def splats(v):
 
 @inlined
 def error_bounds(reach, size, span):
-    """(bound of the errors of the edge functions, of the distances from the plane), see `predicate.filters`; f32x16.
+    """(error bound of the edge functions, error bound of the distances from the plane), f32x16.
 
     reach, size : at least the largest component of v0 - origin, and of the edges at v0
-    span : at least the sum of the components of a ray
+    span : at least the sum of the magnitudes of a ray's components
     """
+    # Eq. (12) to (14) of docs/design/exactness.md
     room, wide = size * _ROOM, maximum(reach, size)
     far = fma(span, splat16(_F(2.0)), room + _F(1.0))
-    floor = fma(reach + room, far, far) * _TINY  # covers what underflows; infinite where a product of two could be
+    floor = fma(reach + room, far, far) * _TINY  # covers underflow; infinite wherever a product of two could overflow
     return fma(room * wide * span, splat16(_U), floor), fma(room * size * (reach + span), splat16(_U), floor)
 
 
 @inlined
 def seen_from(origins, span, triangle):
-    """`Lanes` of a triangle for 16 origins; `span`: at least the sum of the components of any of their rays, f32x16."""
+    """`Lanes` of a triangle for 16 origins; span: f32x16, at least the sum of the magnitudes of a ray's components."""
     a = Vec(triangle.v.x - origins.x, triangle.v.y - origins.y, triangle.v.z - origins.z)
     e, te = error_bounds(largest(a), splat16(triangle.size), span)
     n = triangle.n
@@ -99,10 +100,11 @@ def length1(d):
 
 @inlined
 def decide_signs(e0, e1, e2, t, f, e, te, facing):
-    """(bits of the lanes whose ray surely meets their triangle, of those float32 cannot say).
+    """(bits of the lanes whose ray surely meets its triangle, bits of the lanes that float32 cannot decide).
 
-    From the edge functions, the distances of the ray's start and end from the triangle's plane, and the bounds of their
-    errors.
+    e0, e1, e2 : edge functions
+    t, f : distances of the ray's start and end from the triangle's plane
+    e, te : error bounds of the edge functions, and of the distances
     """
     low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
     near, far = minimum(t, f), maximum(t, f)
@@ -117,7 +119,8 @@ def decide_signs(e0, e1, e2, t, f, e, te, facing):
 
 @inlined
 def decide(d, lanes, facing):
-    """(bits of the rays along d that surely meet the triangle, of those float32 cannot say)."""
+    """(bits of the rays along d that surely meet the triangle, bits of the rays that float32 cannot decide)."""
+    # Eq. (7) of docs/design/exactness.md
     e2, e1, dn = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, lanes.n)
     return decide_signs(dn - e1 - e2, e1, e2, lanes.t, lanes.t - dn, lanes.e, lanes.te, facing)
 
@@ -144,11 +147,15 @@ def kept_lane(memory, k):
 
 @inlined
 def ray_meets(o, d, numbers, facing, limit):
-    """(bits of the 16 triangles of a block that a ray from o along d surely meets, of those float32 cannot say).
+    """Test a ray from o along d against the 16 triangles of a block.
 
-    o, d : in all lanes
+    Return (bits of the triangles that it surely meets, bits of the triangles that float32 cannot decide).
+
+    o, d : the same ray in all lanes
+    numbers : the block's corners and edges
     limit : triangles surely beyond it are left out; None: there is no limit
     """
+    # Eq. (6) and (7) of docs/design/exactness.md
     a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, r = cross(p, q), cross(d, a)
     e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)

@@ -1,14 +1,15 @@
 """The shafts of a tile: from the box of its receivers to the box of each group of strata.
 
-Relative to the centre c of the receivers' box (half extents rx), the box of a group has the centre D and half extents
-ry. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound it sideways: for m at right
-angles to D and to one of the axes, w = +-m - k D and the support of the two boxes,
+Let c be the centre of the receivers' box and rx its half extents. Let D be the centre of a group's box relative to c,
+and ry its half extents. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound the hull
+sideways. Let m be at right angles to D and to one of the axes. A plane has the normal w = +-m - k D and the support of
+the two boxes
 
     b = max(|w| . rx, w . D + |w| . ry)
 
-so that w . x <= b in all of the hull; k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes, up to second
-order, but any k is right. D itself gives the two end caps. A triangle all of whose corners are beyond one of the six
-planes is missed by the whole shaft.
+so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes, up
+to second order, but any k is correct. D itself is the normal of the two end caps. A triangle that lies wholly beyond one
+of the six planes is missed by the whole shaft.
 """
 
 from typing import NamedTuple
@@ -32,10 +33,10 @@ SHAFT_FLOATS = PLANES + 4 * PLANE
 class Axis(NamedTuple):
     """The shaft to one group; float32 scalars."""
 
-    d: Vec
-    half: Vec  # of the group's box
+    d: Vec  # from the centre of the receivers' box to the centre of the group's box
+    half: Vec  # half extents of the group's box
     twist: float  # sum of ry_i (rx_j + rx_k)
-    span: float  # at least |d|_1 of any segment, |rx|_1 and |ry|_1 once more
+    span: float  # at least |d|_1 of any segment, plus |rx|_1 and |ry|_1
     lever: float  # |rx|_1 |D|_1
 
 
@@ -53,7 +54,7 @@ def axis_of(shafts, group):
 
 @inlined
 def _sideways(d, axis):
-    """d turned by 90 degrees around an axis: at right angles to both."""
+    """d turned by 90 degrees around an axis: at right angles to d and to the axis."""
     zero = splat16(_F(0.0))
     if axis == 0:
         return Vec(zero, -d.z, d.y)
@@ -74,7 +75,7 @@ def _bound_plane(shafts, at, w, d, receivers, half, size):
 
 @kernel
 def make_shafts(info, groups, shafts):
-    """The shafts of a tile to all groups, 16 at a time; `info` as in `tile.Tile`."""
+    """Write the shafts of a tile to all groups, 16 at a time; `info` as in `tile.Tile`."""
     c, receivers = scalars(info, 0, 1), scalars(info, 3, 1)
     x1 = receivers.x + receivers.y + receivers.z
     dx = abs(_F(0.5) * (get(groups, 1) + get(groups, 3 * N + 1)) - c.x)

@@ -1,21 +1,28 @@
 """Slab tests of 16 shafts at once: one box against 16 lanes.
 
-A *shaft* holds all segments from a box of origins to a box of targets. At parameter t its points lie, along each axis,
-between o_low + t d_low and o_high + t d_high, where o_low, o_high bound the origins, and d_low (d_high) leads from the
-lower (upper) bound of the origins to that of the targets. So it meets the slab [low, high] of a node's box at t if
+A *shaft* contains all segments from a box of origins to a box of targets. Along each axis, o_low and o_high bound the
+origins. d_low leads from the lower bound of the origins to the lower bound of the targets, and d_high does the same for
+the upper bounds. At parameter t the shaft's points lie between o_low + t d_low and o_high + t d_high. So the shaft meets
+the slab [low, high] of a node's box at t if
 
     o_high + t d_high >= low     and     o_low + t d_low <= high
 
-Each condition bounds t on one side: from below where the first has d_high > 0 (the second d_low < 0), from above
-otherwise. With a point as origin box, a shaft is the frustum of multi-frusta tracing and this is its interval slab test
-[Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]; with points as both, it is a ray. An interval of directions that
-contains zero needs no special test (the paper adds one): its two conditions then both bound t from below.
+Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0; otherwise they
+bound t from above. An interval of directions that contains zero needs no special test, though the paper adds one. Its
+two conditions both bound t from below.
 
-Conservative in float32. A bound is fma(plane, r, k) with r = 1 / d and k = -o r. d and r bring 3u |plane r|, at most
-3u (|t| + |k|); k's own rounding 4u |k|; the fma u |t|; u the unit roundoff. `_PAD` = 12u of (1 + |k|), added to k once,
-outwards, covers them for all t up to 1. *Endless* shafts have no last t: they take 12u |k| and let `GROW` cover 7u |t|
-of an entry and 9u |t| of an exit, whose r and k it multiplies.
-A |d| below a tiny limit is taken for one of that size that bounds t from below, which is never tighter than the truth.
+If the origin box is a point, the shaft is the frustum of multi-frusta tracing, and this is its interval slab test
+[Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]. If both boxes are points, the shaft is a ray.
+
+The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d and k = -o r; u is the unit roundoff.
+
+- Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
+- Rounding k adds 4u |k|, and the fma adds u |t|.
+- `_PAD` = 12u of (1 + |k|), added to k once, outwards, covers these errors for all t up to 1.
+- *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t| of an
+  entry and 9u |t| of an exit.
+
+A |d| below a tiny limit is replaced by one of that size that bounds t from below. This is never tighter than the truth.
 """
 
 from typing import NamedTuple
@@ -56,21 +63,21 @@ class Bound(NamedTuple):
 
 
 class Uniform(NamedTuple):
-    """Slabs of one axis along which all lanes go the same way: entry and exit, and the planes that decide them."""
+    """Slabs of one axis along which all lanes go the same way: bounds of entry and exit, and their planes."""
 
     near: Bound
     far: Bound
     near_plane: int  # offset in a node's line: 0 the lower planes, 2 the upper ones
-    far_plane: int
+    far_plane: int  # the same for the exit
 
 
 class Mixed(NamedTuple):
-    """Slabs of one axis for lanes of any direction: the bounds from lower and upper planes, each on either side."""
+    """Slabs of one axis for lanes of any direction: entry and exit bounds from the lower and the upper planes."""
 
-    near_low: Bound  # t >= this of the lower plane; (0, 0) where it does not bind
-    near_high: Bound
-    far_low: Bound  # t <= this of the lower plane; (0, 1) or (0, infinity) where it does not bind
-    far_high: Bound
+    near_low: Bound  # t >= this bound at the lower plane; (0, 0) where it does not bind
+    near_high: Bound  # t >= this bound at the upper plane
+    far_low: Bound  # t <= this bound at the lower plane; (0, 1) or (0, infinity) where it does not bind
+    far_high: Bound  # t <= this bound at the upper plane
 
 
 @inlined
@@ -84,13 +91,14 @@ def _bounds(o, d, endless):
 
 @inlined
 def _choose(there, bound, otherwise):
-    """A bound in the lanes in `there`, else the same t for all planes."""
+    """A bound in the lanes in `there`; in the other lanes the constant t `otherwise`."""
     return Bound(select(there, bound.r, splat16(_ZERO)), select(there, bound.k, splat16(otherwise)))
 
 
 @inlined
 def mixed_axis(o_low, o_high, d_low, d_high, limit, endless):
     """`Mixed` of one axis; limit: splat of the least |d|."""
+    # Eq. (1) of docs/design/multifrusta.md
     end = _INFINITE if endless else _ONE
     up, down = d_high > -limit, d_low < limit
     low, high = _bounds(o_high, select(up, maximum(d_high, limit), d_high), endless)
@@ -110,8 +118,9 @@ def way_of(d_low, d_high, limit, lanes):
 @inlined
 def uniform_axis(o_low, o_high, d_low, d_high, limit, way, endless):
     """`Uniform` of one axis whose `way_of` is 1 or -1."""
+    # Eq. (1) of docs/design/multifrusta.md
     up = way > 0
-    # lanes that do not count may hold anything: keep their reciprocals finite
+    # dead lanes may hold anything: keep their reciprocals finite
     high, low = maximum(absolute(d_high), limit), maximum(absolute(d_low), limit)
     first, last = (o_high, o_low) if up else (o_low, o_high)
     enters, leaves = (high, low) if up else (-low, -high)
@@ -135,7 +144,7 @@ def _at(bound, plane):
 
 @inlined
 def span_uniform(nodes, at, x, y, z, end):
-    """(entry, exit) f32x16 of the shafts, from 0 to `end`, of the box whose lower x is element `at` of `nodes`."""
+    """(entry t, exit t) f32x16 of the shafts in a box, between 0 and `end`; at: index in `nodes` of its lower x."""
     near = maximum(
         maximum(
             _at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))
@@ -151,14 +160,14 @@ def span_uniform(nodes, at, x, y, z, end):
 
 @inlined
 def _narrow(axis, low, high, near, far):
-    """(near, far) narrowed by one axis."""
+    """The interval (near, far) of t, narrowed by one axis."""
     near = maximum(near, maximum(_at(axis.near_low, low), _at(axis.near_high, high)))
     return near, minimum(far, minimum(_at(axis.far_low, low), _at(axis.far_high, high)))
 
 
 @inlined
 def span_mixed(nodes, at, x, y, z, end):
-    """The same for lanes of any direction."""
+    """`span_uniform` for lanes of any direction."""
     near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), splat16(_ZERO), end)
     near, far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), near, far)
     return _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), near, far)
@@ -166,25 +175,25 @@ def span_mixed(nodes, at, x, y, z, end):
 
 @inlined
 def meets_uniform(nodes, at, x, y, z):
-    """mask16 of the lanes whose shaft meets the box whose lower x is element `at` of `nodes`."""
+    """mask16 of the lanes whose shaft meets a box; at: index in `nodes` of its lower x."""
     near, far = span_uniform(nodes, at, x, y, z, splat16(_ONE))
     return near <= far
 
 
 @inlined
 def meets_mixed(nodes, at, x, y, z):
-    """The same for lanes of any direction."""
+    """`meets_uniform` for lanes of any direction."""
     near, far = span_mixed(nodes, at, x, y, z, splat16(_ONE))
     return near <= far
 
 
 @inlined
 def children_uniform(nodes, node, x, y, z):
-    """(bits of the lanes that meet the left child's box, of those that meet the right one's)."""
+    """(bits of the lanes that meet the left child's box, bits of the lanes that meet the right child's box)."""
     return bits(meets_uniform(nodes, node * 16, x, y, z)), bits(meets_uniform(nodes, node * 16 + 1, x, y, z))
 
 
 @inlined
 def children_mixed(nodes, node, x, y, z):
-    """The same for lanes of any direction."""
+    """`children_uniform` for lanes of any direction."""
     return bits(meets_mixed(nodes, node * 16, x, y, z)), bits(meets_mixed(nodes, node * 16 + 1, x, y, z))

@@ -1,4 +1,4 @@
-"""Tile groups: many tiles as one towards a large light; the bits of every ray alone, whatever the light."""
+"""Tile groups: many tiles are traced together towards a large light, with the bits of single rays for any light."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ LIGHTS = {
 
 
 def _scene(n, size):
-    """A floor, and n triangles of some size over it."""
+    """A floor, and n triangles of a given size above it."""
     rng = np.random.default_rng(n)
     floor = 40 * np.array([[[-1, 0, -1], [1, 0, 1], [1, 0, -1]], [[-1, 0, -1], [-1, 0, 1], [1, 0, 1]]], float)
     over = rng.uniform((-4, 0.2, -4), (4, 5, 4), (n, 1, 3)) + size * rng.normal(size=(n, 3, 3))
@@ -25,7 +25,7 @@ def _scene(n, size):
 
 
 def _query(scene, light, spp):
-    """What a long lens sees: its receivers are near each other."""
+    """The query of a camera with a long lens, so that receivers are close together."""
     return query_of(scene, at.Camera((0, 6, 8), (0, 0, 0), vfov=5.0, width=48, height=32), light, spp)
 
 
@@ -62,7 +62,7 @@ def test_the_oracle(spp):
 
 
 def test_more_undecided_rays_than_there_is_memory_for():
-    """Copies of a triangle in whose plane the light and receivers of the whole picture lie: nothing is sure."""
+    """The light and the receivers of the whole picture lie in the planes of a triangle's copies: nothing is certain."""
     edge = np.array([[-3.0, 0, 0], [3, 0, 0], [0, 1e-6, 0]])
     vertices = np.concatenate([edge + (0, 0.5, z) for z in np.linspace(-2, 2, 200)])
     floor = 40 * np.array([[-1, 0, -1], [1, 0, 1], [1, 0, -1], [-1, 0, -1], [-1, 0, 1], [1, 0, 1]], float)

@@ -1,4 +1,4 @@
-"""Which samples go ray by ray, and that it takes more than one chunk of them."""
+"""The samples that are traced as packets instead of shafts, in more than one chunk."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Packets of rays and the paper's frusta: what they count, and what float32 cannot decide in large numbers."""
+"""Packets of rays and the paper's frusta: their counters, and large numbers of cases that float32 cannot decide."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ SHRINKING = ("multifrusta:leaf-boxes", "multifrusta:corners", "multifrusta:full"
 
 @pytest.fixture(scope="module")
 def counted():
-    """Tracer -> counters of one query of a forest; all bits are the same."""
+    """Tracer -> counters of one query of a forest. All bits are the same."""
     scene = at.procedural("forest", triangles=10_000)
     triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), scene.lights[0], 16)
     truth, counts = answer(Plan(), triangles, query), {}
@@ -55,7 +55,7 @@ def test_what_each_way_of_shrinking_saves_and_costs(counted):
 
 @pytest.mark.parametrize("name", (*TRACERS, *SHRINKING))
 def test_more_uncertain_segments_than_can_be_put_deferred(name):
-    """Triangles without area, so long that float32 says nothing of the rays between them, and one real occluder."""
+    """Triangles without area, and one real occluder. The triangles are so long that float32 cannot decide any ray."""
     far = np.random.default_rng(1).uniform(4e4, 5e4, 400)
     start, end = np.stack([-far, 0 * far + 2, -far], -1), np.stack([far, 0 * far + 2, far], -1)
     slivers = np.stack([start, end, end], 1)

@@ -1,4 +1,4 @@
-"""Multi-frusta primary rays give what walking the BVH ray by ray gives, bit for bit."""
+"""Multi-frusta primary rays equal tracing the BVH ray by ray, bit for bit."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def _walk_all(bvh, rays, face, t):
 
 
 def check(triangles, rays, **options):
-    """Equal to `walk`; returns (face, t) so that a test can also say what must be in the picture."""
+    """Check that the result equals `walk`; return (face, t), so that a test can also check the picture's contents."""
     triangles = np.ascontiguousarray(triangles, np.float32).reshape(-1, 3, 3)
     bvh = BUILDERS["bsah"].build(triangles, 1)
     true_face, true_t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
@@ -49,7 +49,7 @@ def check(triangles, rays, **options):
     target=st.sampled_from([(0, 0, -1), (0.3, -0.2, -1), (1e-4, 1e-3, -1)]),
 )
 def test_hard_scenes_are_as_walked(family, seed, n, scale, shape, vfov, target):
-    """Shared edges and vertices, duplicates, slivers, no area, planes through the eye, the eye among them."""
+    """Shared edges and vertices, duplicates, slivers, no area, planes through the eye, the eye between triangles."""
     rays = view(target=target, vfov=vfov, width=shape[0], height=shape[1])
     triangles = family(np.random.default_rng(seed), n, rays)
     check(scale * np.asarray(triangles, float).reshape(-1, 3, 3), rays, threads=1)
@@ -64,18 +64,18 @@ def test_lattice(lattice):
 @pytest.mark.parametrize("away", [0.0, 1e3])
 @pytest.mark.parametrize("position", [(0, 0, 0), (0.2, -0.1, -4.0)])
 def test_soup_of_many_blocks(position, away):
-    """Many blocks in a tile; from inside the soup too, and far from zero, where coordinates are coarse."""
+    """Many blocks in a tile. The eye is also inside the soup, and far from the origin, where coordinates are coarse."""
     rng = np.random.default_rng(5)
     triangles = rng.normal(size=(4000, 1, 3)) * (3, 3, 2) + rng.normal(size=(4000, 3, 3)) * 0.2 + (0, 0, -4)
     triangles[::7, 2] = triangles[::7, 1]  # without area
-    triangles[3::50] = triangles[4::50]  # seen twice
+    triangles[3::50] = triangles[4::50]  # duplicates
     rays = view(np.add(position, away), np.add((0.1, 0.2, -5.0), away), width=150, height=90)
     face, _ = check(triangles + away, rays)
     assert len(np.unique(face)) > 200
 
 
 def test_subpixel_triangles():
-    """A height field of triangles smaller than a pixel, all edges shared: no hole."""
+    """A height field of triangles smaller than a pixel, with shared edges, has no holes."""
     x, z = np.meshgrid(np.linspace(-40, 40, 160), np.linspace(-1, -60, 160))
     points = np.stack([x, -3 + 0.3 * np.sin(x) * np.cos(z), z], -1)
     a, b, c, d = points[:-1, :-1], points[1:, :-1], points[:-1, 1:], points[1:, 1:]
@@ -114,7 +114,7 @@ def test_extreme_fields_of_view(vfov):
 
 @pytest.mark.parametrize("scale", [1e-34, 1e-30, 1e-12, 1e12])
 def test_extreme_scales(scale):
-    """Down to where nothing is sure in float32 any more."""
+    """Scales down to values where float32 decides nothing."""
     rng = np.random.default_rng(1)
     face, _ = check(scale * (rng.normal(size=(40, 3, 3)) + (0, 0, -3)), view())
     assert len(np.unique(face)) > 5

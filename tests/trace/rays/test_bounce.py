@@ -13,7 +13,7 @@ from antumbra.trace.rays.bounce import bounced
 
 @pytest.fixture(scope="module")
 def seen():
-    """(scene, triangles, G-buffer, BVH) of a room that is open; some of the pixels see nothing."""
+    """(scene, triangles, G-buffer, BVH) of an open room. Some pixels see nothing."""
     scene = at.procedural("atrium", triangles=1500)
     triangles = scene.triangles()
     gbuffer = Renderer(scene).see(triangles, scene.cameras[0].resized(32, 24))
@@ -25,7 +25,7 @@ def seen():
 
 
 def _directions(normals, seed):
-    """(m, 3) float32: Malley's method around each normal, the tangents those of Duff et al. 2017."""
+    """(m, 3) float32: directions by Malley's method around each normal, with the tangents of Duff et al. 2017."""
     n = normals.astype(np.float64)
     u, v = np.random.default_rng(seed).random((len(n), 2)).T
     s = np.copysign(1.0, n[:, 2])
@@ -92,7 +92,7 @@ def test_seeds_and_threads(seen):
 
 
 def test_directions_are_as_dense_as_their_cosine_is_large():
-    """From the floor of a large box of a known height: how far away its ceiling is met."""
+    """The distances from the floor of a large box to its ceiling, at a known height, give the cosines."""
     quad = np.float32([[[-1, 0, -1], [-1, 0, 1], [1, 0, 1]], [[-1, 0, -1], [1, 0, 1], [1, 0, -1]]])
     scene = at.Scene.from_arrays(np.concatenate([quad, quad * np.float32([1e4, 1, 1e4]) + np.float32([0, 1, 0])]))
     triangles = scene.triangles()
@@ -102,5 +102,5 @@ def test_directions_are_as_dense_as_their_cosine_is_large():
     out = bounced(gbuffer, triangles, BUILDERS["bsah"].build(triangles.vertices))
     cosine = 1 / out.depth[out.face >= 2]
     assert len(cosine) > 4000
-    shares = np.histogram(cosine**2, 8, (0, 1))[0] / len(cosine)  # of a cosine distribution its square is even
+    shares = np.histogram(cosine**2, 8, (0, 1))[0] / len(cosine)  # the squares of a cosine distribution are uniform
     assert abs(shares - 1 / 8).max() < 0.03

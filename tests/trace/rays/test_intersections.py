@@ -1,4 +1,4 @@
-"""All that segments meet."""
+"""All intersections of segments."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -16,7 +16,7 @@ BUILD = BUILDERS["bsah"].build
 
 
 def as_matrix(found, n):
-    """(m, n) bool; each hit is listed once."""
+    """(m, n) bool: whether each segment meets each triangle. Checks that each hit is listed once."""
     out = np.zeros((len(found.origins), n), int)
     np.add.at(out, (np.repeat(np.arange(len(out)), np.diff(found.first)), found.prims), 1)
     assert found.first[0] == 0 and found.first[-1] == len(found.prims) and out.max(initial=0) <= 1
@@ -45,7 +45,7 @@ def test_any_soup_equals_the_oracle(vertices, seed, aimed):
 
 
 def test_what_meets_at_a_vertex_and_at_an_edge_is_met():
-    """A fan of eight triangles around the origin, some of them bent."""
+    """A fan of eight triangles around the origin, with a bent rim."""
     angle = np.arange(9) * np.pi / 4
     rim = np.column_stack([np.cos(angle), np.sin(angle), np.arange(9) % 2 / 8]).astype(np.float32)
     rim[8] = rim[0]
@@ -54,7 +54,7 @@ def test_what_meets_at_a_vertex_and_at_an_edge_is_met():
     ends = np.float32([[0, 0, -1], [0.5, 0, -1], [0.25, 0.125, -1], [0, 0, 0], [0, 0, 1]])
     skip = np.int32([-1, -1, -1, -1, -1])
     truth = check(fan, origins, ends, skip)
-    assert truth.sum(1).tolist() == [8, 2, 1, 0, 0]  # ends do not count
+    assert truth.sum(1).tolist() == [8, 2, 1, 0, 0]  # hits at the ends do not count
     assert check(fan, origins, ends, np.int32([3, 0, 0, 3, 3])).sum(1).tolist() == [7, 1, 0, 0, 0]
 
 

@@ -1,4 +1,4 @@
-"""Traversal orders: which child comes first changes no answer, and the work by exactly what the cost metric says."""
+"""Traversal orders: they change no answer, and the work equals the cost metric exactly."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -55,12 +55,12 @@ def test_pictures_are_the_same(plan):
     assert 0 < frame.bits[0].any(axis=-1).mean() < 1
 
 
-# The cost metric [Feltman et al. 2012, Sec. 3.2] is what is counted.
+# The counts equal the cost metric [Feltman et al. 2012, Sec. 3.2].
 
 
 @pytest.fixture(scope="module", params=["srdh", "srdh:distance", "srdh:all", "bsah"])
 def case(request):
-    """(bvh, reference scene, origins, ends): a triangle to a leaf; a tree of `srdh` knows all of the rays."""
+    """(bvh, reference scene, origins, ends), with one triangle in a leaf. Trees of `srdh` are built for all rays."""
     vertices = scattered(150, 2)
     origins, ends = segments_in(vertices, 300, 4)
     rays = dict(rays=met(vertices, origins, ends)) if BUILDERS[request.param].wants_rays else {}
@@ -71,7 +71,7 @@ def case(request):
 
 
 def _kappa(scene, order, unordered=0.5):
-    """The kernel of an order, or of the word in each node; `unordered`: where that says nothing."""
+    """The kernel of an order, or of the word in each node. `unordered`: the kernel of nodes without an order."""
 
     def first(word, left, right):
         chosen = {SRDH: word if word != UNORDERED else RANDOM}.get(order, order)
@@ -84,7 +84,7 @@ def _kappa(scene, order, unordered=0.5):
 
 
 def _below_the_root(costs, scene):
-    """C of the root without the test of its own box, which no walk makes: rays that miss it miss both its children."""
+    """C of the root without the test of its own box, which no walk makes. A ray that misses it tests both children."""
     enters = pierces(box_of(scene, slice(None)), scene.origins, scene.ends)
     assert 0.5 < enters.mean() <= 1
     return (np.where(enters, c - 1, 2) for c in costs[:3])
@@ -100,7 +100,7 @@ def test_boxes_tested_are_the_cost_of_each_ray(case, order):
 
 
 def test_boxes_tested_in_the_order_of_the_builder_are_the_cost_of_each_ray(case):
-    """Where it has chosen none, no ray that was shown meets anything, as long as orders are not chosen anew."""
+    """At a node without a chosen order, no ray meets a triangle, unless the builder chose orders again."""
     bvh, scene, origins, ends = case
     prim, _, tests = walked(bvh, SRDH, origins, ends)
     one, other = (visit(scene, nested(bvh), _kappa(scene, SRDH, unordered))[0] for unordered in (0.0, 1.0))
@@ -153,12 +153,12 @@ def test_a_coin_falls_on_both_sides_and_in_the_same_way_each_time():
     prim, _, tests = walked(bvh, RANDOM, origins, ends)
     assert (tests == 1).all() and abs((prim == 0).mean() - 0.5) < 0.03
     np.testing.assert_array_equal(prim, walked(bvh, RANDOM, origins, ends)[0])
-    np.testing.assert_array_equal(prim, walked(bvh, SRDH, origins, ends)[0])  # the builder has chosen nothing
+    np.testing.assert_array_equal(prim, walked(bvh, SRDH, origins, ends)[0])  # the builder has chosen no order
     np.testing.assert_array_equal(prim[::-1], walked(bvh, RANDOM, origins[::-1], ends[::-1])[0])
 
 
 def test_coins_of_the_nodes_on_a_rays_way_have_nothing_to_do_with_each_other():
-    """Copies of one triangle: each blocks as many rays as the coins on the way to it let through."""
+    """Copies of one triangle: each blocks the rays that the coin tosses on the path send to it."""
     vertices = np.tile(np.float32([[[-5, -5, 0], [5, -5, 0], [0, 5, 0]]]), (16, 1, 1))
     bvh, (_, origins, ends) = binned_sah.build(vertices, 1, 1), _pair()
     found = np.bincount(walked(bvh, RANDOM, origins, ends)[0], minlength=16)[bvh.prim_ids]

@@ -39,7 +39,7 @@ def test_any_hit_and_closest_hit_equal_the_oracle(soup, seed):
     t, face = oracle.closest_hit(triangles.vertices, local, directions, tmin, tmax, skip)
     np.testing.assert_allclose(hit.t, t, rtol=2.0**-29)
     other = hit.face != face
-    if other.any():  # equally far, as far as float64 can say: shared edges, duplicates
+    if other.any():  # equally far within float64's precision: shared edges, duplicates
         for i in np.nonzero(other)[0]:
             there = oracle.meets_exactly(local[i], directions[i], triangles.vertices[hit.face[i]], tmin, tmax)[1]
             assert abs(float(there) - t[i]) <= 1e-12 * t[i]

@@ -1,4 +1,4 @@
-"""How deep leaves lie, and steps that are counted; `tests/test_explanation.py` has what comes of them."""
+"""Depths of leaves, and counted steps. `tests/rendering/test_explanation.py` tests the figures derived from them."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from shadow_rays import nested, walked
 
 
 def _depths(tree, depth, found):
-    """Of each triangle the number of boxes on the way to its leaf, the root's not among them."""
+    """Triangle -> number of boxes on the path to its leaf, without the root's box."""
     if isinstance(tree, list):
         found.update(dict.fromkeys(tree, depth))
     else:
@@ -51,7 +51,7 @@ def test_steps_are_those_of_each_ray(asked, order):
     steps = count_steps(Ordered(bvh, order), query, n, 2)
     ends, above = segments(query)
     y, x, _ = np.nonzero(above)
-    prim, _, tests = walked(bvh, order, query.origins[y, x], ends[above])  # no ray meets the surface it starts on
+    prim, _, tests = walked(bvh, order, query.origins[y, x], ends[above])  # no ray meets the surface that it starts on
     truth = (true_occlusion(triangles, query)[0] & above)[above]
     np.testing.assert_array_equal(prim >= 0, truth)
     depths = np.zeros(n, int)

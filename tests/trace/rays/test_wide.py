@@ -1,4 +1,4 @@
-"""Rays over the wide BVH, single and in packets: the answers of `walk` over the binary BVH, and of the oracle."""
+"""Rays through the wide BVH, single and in packets, give the answers of `walk` in the binary BVH, and of the oracle."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def _walk_all(bvh, origins, directions, tmin, tmax, skip, cull_faces, face, t):
 
 
 def _compare(soup, origins, directions, tmin=0.0, tmax=np.inf, skip=None, cull_faces=None):
-    """Both kinds of query against `walk`; (share that hits, counters of the any-hit query)."""
+    """Compare both kinds of query with `walk`; return (share of hits, counters of the any-hit query)."""
     n = len(origins)
     bvh = BUILDERS["bsah"].build(soup, 1)
     wide = widen(bvh, 1)
@@ -51,7 +51,7 @@ def _compare(soup, origins, directions, tmin=0.0, tmax=np.inf, skip=None, cull_f
 
 
 def _bundles(rng, size, n=40):
-    """n bundles of 16 rays that start close together and run alike: (origins, directions)."""
+    """(origins, directions) of n bundles of 16 rays with similar origins and directions."""
     origins = rng.normal(size=(n, 1, 3)) * size + rng.normal(size=(n, 16, 3)) * size * 1e-3
     directions = rng.normal(size=(n, 1, 3)) * size + rng.normal(size=(n, 16, 3)) * size * 1e-2
     return origins.reshape(-1, 3).astype(np.float32), directions.reshape(-1, 3).astype(np.float32)
@@ -101,7 +101,7 @@ def test_packets_share_nodes():
 
 
 def test_parallel_rays_along_axes_through_a_grid_of_corners():
-    """Origins and directions on the planes of boxes and the edges of triangles."""
+    """Origins and directions lie on planes of boxes and on edges of triangles."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(8.0), np.arange(8.0)))
     corner = np.stack([x, y, np.zeros(64)], 1)[:, None]
     soup = np.concatenate([corner + [[0, 0, 0], [1, 0, 0], [1, 1, 0]], corner + [[0, 0, 0], [1, 1, 0], [0, 1, 0]]])

@@ -1,6 +1,7 @@
-"""Rays of a tile group's tiles to one stratum, gathered into full vectors: those that meet the box of a block.
+"""Compaction: rays of a tile group to one stratum, gathered into full vectors.
 
-A tile alone has few such rays where a light is large, and a vector of 16 receivers would be mostly empty.
+Only rays that meet the box of a block are gathered. If the light is large, a single tile has few such rays. A vector of
+its 16 receivers would be mostly empty.
 """
 
 from typing import NamedTuple
@@ -29,22 +30,22 @@ from ..deferred import defer
 from ..raytest import decide
 from .shaftcull import triangle_lanes
 
-_ROW = 17 * 16  # rays of 16 tiles, and as much as a vector may write beyond them
+_ROW = 17 * 16  # room for the rays of 16 tiles, and for one vector beyond them
 COMPACTED_FLOATS = 8 * _ROW
 
 
 class Compacted(NamedTuple):
-    """Where gathered rays are: pointers to rows of memory."""
+    """Pointers to the rows of gathered rays in memory."""
 
     origins: object  # float32, three rows
-    points: object  # float32, three rows: where they end
+    points: object  # float32, three rows: where the rays end
     places: object  # int32, as in `deferred`
     faces: object  # int32: their receivers' own triangles
 
 
 @inlined
 def compacted_at(memory):
-    """The `Compacted` in GATHERED_FLOATS float32."""
+    """The `Compacted` in COMPACTED_FLOATS float32."""
     return Compacted(
         memory, ptr_at(memory, 3 * _ROW), as_i32(ptr_at(memory, 6 * _ROW)), as_i32(ptr_at(memory, 7 * _ROW))
     )
@@ -52,7 +53,7 @@ def compacted_at(memory):
 
 @inlined
 def gather(rays, n, tile, s, receivers):
-    """Add the rays from some receivers (bits) of a tile to stratum s to n rays; how many there are then."""
+    """Append the rays from some receivers (bits) of a tile to stratum s to n gathered rays. Return the new count."""
     mask = mask_from_bits16(receivers)
     for k in range(3):
         store(rays.origins, k * _ROW + n, compress(mask, load16(tile.origins, 16 * k)))
@@ -64,7 +65,7 @@ def gather(rays, n, tile, s, receivers):
 
 @inlined
 def test_one_by_one(rays, n, b, counters):
-    """Test up to 64 rays, each against all triangles of a block; bits of those that are blocked."""
+    """Test up to 64 rays, each against all triangles of a block. Return bits of the blocked rays."""
     blocked = np.int64(0)
     for r in range(n):
         o, place = broadcasts(rays.origins, r, _ROW), np.int64(get(rays.places, r))
@@ -76,7 +77,10 @@ def test_one_by_one(rays, n, b, counters):
 
 @inlined
 def test_together(rays, first, n, b, triangles, counters):
-    """Test n rays from the first on, at most 16, against triangles (bits) that `cull_block` has left; the blocked."""
+    """Test at most 16 rays against triangles (bits) that `cull_block` has kept. Return bits of the blocked rays.
+
+    first, n : the first ray, and the number of rays
+    """
     left = (np.int64(1) << n) - 1
     o, everyone = rows(rays.origins, first, _ROW), left
     d, faces = minus(rows(rays.points, first, _ROW), o), load16(rays.faces, first)

@@ -1,4 +1,4 @@
-"""A picture cut into regions of 16 tiles, and those into tiles that are traced together."""
+"""A picture cut into regions of 16 tiles, and the tiles of a region that are traced together."""
 
 from typing import NamedTuple
 
@@ -11,28 +11,28 @@ from ..querychunk import TileShape
 from ..tile import coherent_part, load_receivers, tile_at
 from .bundle import MAX_TILES
 
-RUN = 64  # regions in a square, or in a part of a row
-_LARGE = np.float32(16.0)  # how often a tile group's receivers fit into the light, at least
+RUN = 64  # regions in a run: a square of 8 x 8, or a part of a row
+_LARGE = np.float32(16.0)  # least size of the light, in sizes of the box of a tile group's receivers
 
 
 class Layout(NamedTuple):
-    """How tiles are cut into regions: 4 x 4, or 16 of a row."""
+    """How tiles are cut into regions: 4 x 4 tiles, or 16 tiles of a row."""
 
     across: int  # tiles in a row of a region
-    down: int
+    down: int  # rows of tiles in a region
     columns: int  # regions in a row
-    rows: int
+    rows: int  # rows of regions
 
 
 def layout_of(shape: TileShape) -> Layout:
-    """The regions of a query."""
+    """The `Layout` of a query."""
     across = MAX_TILES if shape.height == 1 else 4
     down = MAX_TILES // across
     return Layout(across, down, -(-shape.columns // across), -(-shape.rows // down))
 
 
 def runs(layout: Layout) -> int:
-    """Runs of RUN regions: squares of 8 x 8, or parts of a row."""
+    """The number of runs of RUN regions: squares of 8 x 8, or parts of a row."""
     return -(-layout.columns // RUN) if layout.rows == 1 else -(-layout.columns // 8) * -(-layout.rows // 8)
 
 
@@ -44,7 +44,7 @@ def _even_bits(code):
 
 @inlined
 def corner_of(layout, at):
-    """(row, column) of a region's first tile. Squares come row by row, regions of each in Z order, for the caches."""
+    """(row, column) of the first tile of region `at`. For the caches, the regions of each square come in Z order."""
     if layout.rows == 1:
         return np.int64(0), at * layout.across
     square, code, across = at >> 6, at & 63, (layout.columns + 7) >> 3
@@ -54,13 +54,16 @@ def corner_of(layout, at):
 
 @inlined
 def _tile_in(layout, g):
-    """(row, column) of tile g in its region: in Z order, too."""
+    """(row, column) of tile g in its region. Tiles come in Z order, too."""
     return (np.int64(0), np.int64(g)) if layout.down == 1 else (_even_bits(g >> 1), _even_bits(g))
 
 
 @inlined
 def next_parts(chunk, layout, y, x, scratch):
-    """Load, of each tile of a region, receivers near each other that are not traced yet; how many tiles have any."""
+    """Load the next part of each tile of a region: receivers near each other that are not traced yet.
+
+    Return the number of tiles that have such a part.
+    """
     n = np.int64(0)
     for g in range(MAX_TILES):
         rest = np.int64(get(scratch.left, g))
@@ -88,7 +91,7 @@ def _light_size(tile):
 
 @inlined
 def _union(low, high, info):
-    """(lower, upper corner) of a box widened by that of a tile's receivers."""
+    """(lower, upper corner) of a box widened by the box of a tile's receivers."""
     return (
         (min(low[0], get(info, 6)), min(low[1], get(info, 7)), min(low[2], get(info, 8))),
         (max(high[0], get(info, 9)), max(high[1], get(info, 10)), max(high[2], get(info, 11))),
@@ -97,7 +100,7 @@ def _union(low, high, info):
 
 @kernel
 def near_each_other(chunk, tiles, numbers):
-    """Bits of the tiles that form a tile group with the first one: the light is large beside their box."""
+    """Bits of the tiles in `numbers` that form a tile group with the first one: the light is large beside their box."""
     first = tile_at(tiles, lowest_bit(numbers), chunk)
     i, light, members = first.info, _light_size(first), numbers & -numbers
     low, high = (get(i, 6), get(i, 7), get(i, 8)), (get(i, 9), get(i, 10), get(i, 11))

@@ -1,8 +1,9 @@
-"""Which rays, shafts and beams of a tile meet the box of a block: none of the axes tried separates them.
+"""Separating-axis tests of a tile's rays, shafts and beams against the box of a block.
 
-Besides the three axes of the box, these are its axes' cross products with the segments. The middle of a segment and its
-distance from the box's err by 4u of the coordinates, which `_PAD` covers eight times over; `_TINY` covers what
-underflows, `_SURE` what is divided by that.
+The axes are the three axes of the box, and their cross products with the segments. A segment may meet the box if no
+axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most 4u of the
+coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of numbers that
+underflow.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ _ZERO, _ONE = _F(0.0), _F(1.0)
 
 @inlined
 def _in_box(m, v, e):
-    """Bits of the segments along v that meet a box whose middle is at m from their starts, its half extents e."""
+    """Bits of the segments along v that meet a box. m: its middle relative to their starts; e: its half extents."""
     half, tiny = _F(0.5), splat16(_TINY)
     d = Vec(v.x * half, v.y * half, v.z * half)
     m = minus(m, d)
@@ -36,11 +37,15 @@ def _in_box(m, v, e):
 
 @inlined
 def shafts_in_box(o, v, near, far, c, e):
-    """Bits of the shafts from o along v, half extents `near` at the start and `far` at the end, that may meet a box.
+    """Bits of the shafts from o along v that may meet the box with middle c and half extents e.
 
-    What lies in the box has a parameter t along the shaft of at most
-    (|v| . e + |v| . near + v . (c - o)) / (v . v + |v| . (near - far)), up to which the shaft is no wider than
-    near + t far.
+    A point of the box has a parameter along the shaft of at most
+
+        t = (|v| . e + |v| . near + v . (c - o)) / (v . v + |v| . (near - far))
+
+    Up to t the shaft is no wider than near + t far.
+
+    near, far : half extents of the shaft at its start and at its end
     """
     m, size = minus(c, o), magnitudes(v)
     pad = fma(maximum(largest(o), largest(c)) + largest(v), splat16(_PAD), splat16(_TINY))

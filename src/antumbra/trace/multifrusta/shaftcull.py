@@ -1,27 +1,31 @@
-"""Triangles against shafts and beams: which are surely missed, and which surely block all of their segments.
+"""Cull and cover: find triangles that shafts or beams surely miss, and triangles that surely block all segments.
 
-With c the centre of the receivers' box, C that of a box of light samples, D = C - c, a = v0 - c, and p, q the edges at
-v0, the edge functions of `predicate.filters` along the axis of the shaft are
+Let c be the centre of the receivers' box, C the centre of a box of light samples, and D = C - c. Let p and q be the
+edges at v0, and a = v0 - c. Along the axis of the shaft, the edge functions of `predicate.filters` are
 
     e2 = D . (a x p)     e1 = -D . (a x q)     e0 = D . n - e1 - e2       n = p x q
 
-For a receiver c + x and a sample C + y they change, with N the vector that D is multiplied by and g the edge, by
+Let N be the vector that D is multiplied by, and g the edge. For a receiver c + x and a sample C + y, an edge function
+changes by
 
     y . N  -  x . (N + g x D)  -  y . (x x g)
 
-so by at most ry . |N| + rx . |N + g x D| + w |g|, where rx, ry are the half extents of the two boxes and w = sum of
-ry_i (rx_j + rx_k). Likewise the distances T = a . n of the receivers from the triangle's plane and F = T - D . n of the
-samples change by rx . |n| and ry . |n|. So signs that are sure along the axis hold for all segments of the shaft: it
-misses if two edge functions have opposite signs, or T and F the same one; all its segments are blocked if all edge
-functions have one sign and T and F opposite ones. This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for
-shafts whose segments share no origin.
+This is at most ry . |N| + rx . |N + g x D| + w |g|, the *slack*. Here rx and ry are the half extents of the two boxes,
+and w is the sum of ry_i (rx_j + rx_k). The distances from the triangle's plane are T = a . n for the receivers and
+F = T - D . n for the samples. They change by at most rx . |n| and ry . |n|.
 
-For a beam x is zero, and the slack exactly ry . |N|. The shafts may be those of a tile's groups or strata, or of 16
-tiles.
+So signs that are sure along the axis hold for all segments of the shaft:
 
-Rounding: E = 64 u s (span wide + |rx| |D|) bounds the error of e0, e1, e2 of the axis and of any ray of the shaft, and
-of their slack (see `predicate.filters`: 60 u |d| s max(|a|, s) for each e; here span >= |d| and wide >= |a| for all of
-them); 64 u s^2 (|a| + span) that of T, F and theirs.
+- The shaft misses the triangle if two edge functions have opposite signs, or if T and F have the same sign.
+- The triangle blocks all segments if all edge functions have one sign, and T and F have opposite signs.
+
+This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for shafts whose segments share no origin. For a beam x is
+zero, and the slack is exactly ry . |N|. The shafts belong to a tile's groups or strata, or to 16 tiles.
+
+Rounding: E = 64 u s (span wide + |rx| |D|) bounds the errors of e0, e1 and e2, along the axis and along any ray of the
+shaft, and the errors of their slack. It follows from the bound 60 u |d| s max(|a|, s) for each e in
+`predicate.filters`, because span >= |d| and wide >= |a| for all rays. In the same way 64 u s^2 (|a| + span) bounds the
+errors of T and F, and of their slack.
 """
 
 from typing import NamedTuple
@@ -47,7 +51,7 @@ CULL_WORK = 25 * 16  # float32 of scratch memory
 
 @inlined
 def _beyond(shafts, at, group, a, p, q, wide):
-    """mask16 of the triangles all of whose corners are beyond a plane of the shaft."""
+    """mask16 of the triangles that lie wholly beyond a plane of the shaft."""
     w = broadcasts(shafts, at + group, N)
     nearest = dot(a, w) + minimum(minimum(dot(p, w), dot(q, w)), splat16(_ZERO))
     return nearest > fma(wide, broadcast16(shafts, at + 4 * N + group), broadcast16(shafts, at + 3 * N + group))
@@ -55,7 +59,7 @@ def _beyond(shafts, at, group, a, p, q, wide):
 
 @inlined
 def _outside(shafts, group, a, p, q, wide):
-    """mask16 of the triangles that are beyond one of the six planes of the shaft."""
+    """mask16 of the triangles that lie wholly beyond one of the six planes of the shaft."""
     d, zero = broadcasts(shafts, D + group, N), splat16(_ZERO)
     at, on, off = dot(a, d), dot(p, d), dot(q, d)
     error = wide * broadcast16(shafts, CAP_ERROR + group)
@@ -74,6 +78,7 @@ def _outside(shafts, group, a, p, q, wide):
 @inlined
 def _slack(n, g_cross_d, receivers, lights, twist, e):
     """Slack of one edge function: (without the part of the lights, with it)."""
+    # Eq. (6) of docs/design/multifrusta.md
     common = fma(abs_dot(plus(n, g_cross_d), receivers), splat16(_MORE), twist + e)
     return common, fma(abs_dot(n, lights), splat16(_MORE), common)
 
@@ -81,6 +86,7 @@ def _slack(n, g_cross_d, receivers, lights, twist, e):
 @inlined
 def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
     """Edge functions along d (3), their slack without the part of the lights (3), and with it (3)."""
+    # Eq. (5) of docs/design/multifrusta.md
     e2, e1 = dot(cp, d), -dot(cq, d)
     p_d, q_d = cross(p, d), cross(q, d)
     k2, g2 = _slack(cp, p_d, receivers, half, twist, e)
@@ -91,7 +97,7 @@ def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
 
 @inlined
 def _keep_box(work, a, p, q):
-    """Centre and half extents of the triangles' boxes."""
+    """Write the centres and half extents of the triangles' boxes to `work`."""
     zero, half = splat16(_ZERO), _F(0.5)
     x, y, z = minimum(minimum(p.x, q.x), zero), minimum(minimum(p.y, q.y), zero), minimum(minimum(p.z, q.z), zero)
     u, v, w = maximum(maximum(p.x, q.x), zero), maximum(maximum(p.y, q.y), zero), maximum(maximum(p.z, q.z), zero)
@@ -102,7 +108,7 @@ def _keep_box(work, a, p, q):
 
 @kernel
 def cull_block(tile, numbers, group, facing, work):
-    """Bits of a block's triangles that some segment of the shaft to a group may meet; more on them in `work`."""
+    """Bits of a block's triangles that some segment of the shaft to a group may meet. Write their numbers to `work`."""
     info, shafts = tile.info, tile.shafts
     c = broadcasts(info, 0, 1)
     a, p, q = minus(rows(numbers, 0, 16), c), rows(numbers, 48, 16), rows(numbers, 96, 16)
@@ -148,7 +154,7 @@ def cull_block(tile, numbers, group, facing, work):
 
 @inlined
 def _box_beyond(shafts, at, middle, half, wide):
-    """mask16 of the strata for which a triangle's box is beyond a plane of their shaft."""
+    """mask16 of the strata whose shaft has a triangle's box wholly beyond one plane."""
     w = rows(shafts, at + 16, N)
     nearest = dot(w, middle) - fma(absolute(w.x), half.x, fma(absolute(w.y), half.y, absolute(w.z) * half.z))
     return nearest > fma(load16(shafts, at + 4 * N + 16), wide, load16(shafts, at + 3 * N + 16))
@@ -156,7 +162,7 @@ def _box_beyond(shafts, at, middle, half, wide):
 
 @inlined
 def _strata_outside(shafts, work, i):
-    """mask16 of the strata whose shaft has the box of triangle i beyond one of its sides."""
+    """mask16 of the strata whose shaft has the box of triangle i wholly beyond one of its four sides."""
     middle, half, wide = (
         broadcasts(work, _MIDDLE + i, 16),
         broadcasts(work, _HALF + i, 16),
@@ -171,17 +177,20 @@ def _strata_outside(shafts, work, i):
 
 
 class Verdict(NamedTuple):
-    """What is sure of 16 shafts and a triangle: bits of the lanes."""
+    """What is certain of 16 shafts and a triangle: bits of the lanes."""
 
-    miss: int
+    miss: int  # no segment meets the triangle
     cover: int  # all segments are blocked
     above: int  # all targets lie on the side of the triangle's plane that its normal points away from
-    below: int
+    below: int  # all targets lie on the other side
 
 
 @inlined
 def _verdict(e0, e1, e2, k0, k1, k2, t, kt, f, kf, facing):
-    """`Verdict` from the edge functions, their slack, and the plane's distances from both ends with theirs."""
+    """`Verdict` from edge functions e0, e1, e2, distances t, f of both ends from the plane, and the slack of each.
+
+    k0, k1, k2, kt, kf : slack of the edge functions, of t, and of f
+    """
     a0, a1, a2, b0, b1, b2 = e0 - k0, e1 - k1, e2 - k2, e0 + k0, e1 + k1, e2 + k2
     above, below, ahead, behind = f > kf, f < -kf, t > kt, t < -kt
     up, down = minimum(minimum(a0, a1), a2) > _ZERO, maximum(maximum(b0, b1), b2) < _ZERO
@@ -201,6 +210,7 @@ def cull_strata(shafts, work, i, facing):
     d, half = rows(shafts, D + 16, N), rows(shafts, 3 * N + 16, N)
     cp, cq, n = broadcasts(work, _CP + i, 16), broadcasts(work, _CQ + i, 16), broadcasts(work, _N + i, 16)
     c0 = plus(n, minus(cq, cp))
+    # Eq. (5) of docs/design/multifrusta.md
     dn, e2, e1 = dot(d, n), dot(d, cp), -dot(d, cq)
     e0 = dn - e1 - e2
     more = splat16(_MORE)
@@ -215,8 +225,9 @@ def cull_strata(shafts, work, i, facing):
 
 @inlined
 def cull_beams(d, half, lanes, facing):
-    """`Verdict` on beams along d, half extents `half` at the end: 16 of them and a triangle, or the other way."""
+    """`Verdict` on beams along d with half extents `half` at the end: 16 beams and a triangle, or the reverse."""
     cp, cq, n, more = lanes.cp, lanes.cq, lanes.n, splat16(_MORE)
+    # Eq. (5) of docs/design/multifrusta.md
     dn, e2, e1 = dot(d, n), dot(d, cp), -dot(d, cq)
     k0 = fma(abs_dot(plus(n, minus(cq, cp)), half), more, lanes.e)
     k1, k2 = fma(abs_dot(cq, half), more, lanes.e), fma(abs_dot(cp, half), more, lanes.e)
@@ -226,9 +237,9 @@ def cull_beams(d, half, lanes, facing):
 
 @inlined
 def cull_tiles(boxes, targets, numbers, work, i, facing):
-    """`Verdict` on the shafts of 16 tiles and triangle i of the block, one that `cull_block` has left for all of them.
+    """`Verdict` on the shafts of 16 tiles and triangle i of a block, which `cull_block` has kept for all tiles.
 
-    boxes, targets : rows of the middles (3) and half extents (3) of the boxes of receivers, and of samples
+    boxes, targets : rows of middles (3) and half extents (3): boxes of receivers, and boxes of samples
     """
     o, receivers, half = rows(boxes, 0, 16), rows(boxes, 48, 16), rows(targets, 48, 16)
     d, a = minus(rows(targets, 0, 16), o), minus(broadcasts(numbers, i, 16), o)
@@ -244,13 +255,13 @@ def cull_tiles(boxes, targets, numbers, work, i, facing):
 
 @inlined
 def plane_of(work, i):
-    """(distance of the middle of the receivers from the plane of triangle i of the block, slack for all of them)."""
+    """(distance of the receivers' middle from the plane of triangle i of the block, slack for all receivers)."""
     return get(work, _T + i), get(work, _KT + i)
 
 
 @inlined
 def triangle_lanes(origins, numbers, work, i):
-    """`Lanes` of triangle i of a block, one that `cull_block` has left, as rays from 16 origins see it."""
+    """`Lanes` of triangle i of a block, which `cull_block` has kept, for rays from 16 origins."""
     a = minus(broadcasts(numbers, i, 16), origins)
     p, q, n = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16), broadcasts(work, _N + i, 16)
     return Lanes(cross(a, p), cross(a, q), n, dot(a, n), broadcast16(work, _E + i), broadcast16(work, _TE + i))
@@ -258,7 +269,7 @@ def triangle_lanes(origins, numbers, work, i):
 
 @inlined
 def receiver_lanes(tile, numbers, r):
-    """`Lanes` of the 16 triangles of a block as receiver r sees them."""
+    """`Lanes` of the 16 triangles of a block for rays from receiver r."""
     a, p, q = minus(rows(numbers, 0, 16), broadcasts(tile.origins, r, 16)), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, span = cross(p, q), broadcast16(tile.shafts, SPAN + 1)
     e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), span)

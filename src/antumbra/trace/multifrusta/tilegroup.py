@@ -96,8 +96,7 @@ def _widen(memory, low, high, by, by_low, by_high):
 
 @inlined
 def _add_tile(tile_group, tile, chunk):
-    """Widen the tile group by the box of a tile's receivers. If the light moves with the receivers, add its samples.
-    """
+    """Widen the tile group by the box of a tile's receivers. If the light moves with them, add its samples."""
     info, groups = tile_group.whole.info, tile_group.whole.groups
     for k in range(3):
         _widen(info, 6 + k, 9 + k, tile.info, 6 + k, 9 + k)

@@ -166,8 +166,7 @@ def _trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
 
 @inlined
 def _start_tile(chunk, g, scratch, fresh, known, counters):
-    """Prepare tile g, whose receivers are loaded. Unless `fresh`, the bits at `known` tell which segments are blocked.
-    """
+    """Prepare tile g, whose receivers are loaded. Unless `fresh`, the bits at `known` give the blocked segments."""
     tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)

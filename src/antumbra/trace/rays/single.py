@@ -128,7 +128,7 @@ def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=No
     counters : from `new_counters`, or None
     """
     if counters is None and isinstance(prepared, WideBvh):
-        counters = new_counters()  # counting is free for a `WideBvh`; the binary walk takes twice as long when it counts
+        counters = new_counters()  # counting is free here; the binary walk takes twice as long when it counts
     h, w = query.sides.shape
     tiles = -(-h // TILE) * -(-w // TILE)
     run(
