@@ -1,4 +1,4 @@
-"""How far it is across all that a query asks about: distant lights are placed beyond that."""
+"""Bounds of a query's triangles and points; distant lights are placed beyond them."""
 
 import numpy as np
 
@@ -6,14 +6,14 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 
-_ROWS = 16  # of three numbers: three vectors, whose lanes hold the same axis in every block of so many rows
+_ROWS = 16  # points per block: three vectors of 16 lanes; a lane holds the same axis in every block
 _BLOCK = 3 * _ROWS
 _CHUNK = 2048  # blocks
 
 
 @kernel
 def _bounds(ticket, values, parts):
-    """Worker: the lowest and the highest number at each of the 48 places of a block, for each chunk of blocks."""
+    """Worker: minimum and maximum at each of the 48 positions in a block, for each chunk of blocks."""
     p, out = ptr(values), ptr(parts)
     first = take(ticket)
     while first >= 0:
@@ -34,7 +34,7 @@ def _bounds(ticket, values, parts):
 
 
 def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest corner ((3,) float32 each) of (..., 3) float32 points, C-contiguous, finite; at least one."""
+    """Lower and upper corner, (3,) float32 each, of at least one (..., 3) float32 point; C-contiguous and finite."""
     flat = points.reshape(-1)
     n = flat.size // _BLOCK
     parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
@@ -45,12 +45,12 @@ def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, 
 
 
 def reach(triangles, points: np.ndarray, threads: int | None = None) -> float:
-    """A length greater than the distance of any of the (..., 3) points to any triangle's corner."""
+    """A length greater than the distance from any of the (..., 3) points to any triangle's corner."""
     return reach_of(np.stack(bounds(triangles.vertices, threads)), points, threads)
 
 
 def reach_of(box: np.ndarray, points: np.ndarray, threads: int | None = None) -> float:
-    """The same for triangles whose exact bounds are known, (2, 3) float32."""
+    """As `reach`, from the exact bounds of the triangles: `box` (2, 3) float32."""
     (lower, upper), (low, high) = box, bounds(points, threads)
     extent = np.maximum(upper, high).astype(np.float64) - np.minimum(lower, low)
     return float(2.0 * np.linalg.norm(extent) + np.finfo(np.float32).tiny)

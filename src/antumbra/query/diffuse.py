@@ -1,7 +1,7 @@
 """Diffuse rays: passes of one ray from each pixel's surface, into the hemisphere around its normal.
 
-A pass is what is traced at once [Mattausch et al. 2015, Sec. 5.3]: directions of one sample of each set, so that
-neighbours look almost the same way. Directions are float32, rounded once: all tracers get the same rays.
+One pass is traced at a time [Mattausch et al. 2015, Sec. 5.3]. It takes one sample from each set, so the directions of
+neighbouring pixels are similar. Directions are rounded once to float32, so all tracers get the same rays.
 """
 
 from typing import NamedTuple
@@ -19,35 +19,35 @@ from .samples import hemisphere, sample_point
 from .sampling import domain_sets, light_samples
 
 SEED = 1
-"""Of the pairs of directions and light samples."""
+"""Seed of the pairing of directions with light samples."""
 
 
 class RayPass(NamedTuple):
     """One ray from each of m receivers, pixel by pixel and row by row."""
 
     origins: np.ndarray  # (m, 3) float32, recentred frame
-    directions: np.ndarray  # (m, 3) float32, of about unit length; zero: there is no ray, and it meets nothing
-    skip: np.ndarray  # (m,) int32, the triangle that it starts on, which does not count; -1: none
+    directions: np.ndarray  # (m, 3) float32, approximately unit length; zero: no ray, counts as a miss
+    skip: np.ndarray  # (m,) int32, the triangle under the origin, which is not tested; -1: none
 
 
 class Passes(NamedTuple):
-    """The samples of some passes: where their rays go, and which points of the lights shine on what they meet."""
+    """The samples of all passes: directions of the diffuse rays, and light samples for the surfaces they meet."""
 
     directions: np.ndarray  # (n, 4, 4, 3) float64, on the hemisphere; repeated over the picture
-    lights: list[list[np.ndarray]]  # of each light, in each pass: (16, k, 3) float64, as of `light_samples`
+    lights: list[list[np.ndarray]]  # per light and pass: (16, k, 3) float64, as from `light_samples`
 
 
 def diffuse_passes(lights, n: int, sampler: str) -> Passes:
-    """n passes of diffuse rays, 1 to 1024, by the cosine, whose ends each ask one sample of each light.
+    """The samples of n passes of diffuse rays, 1 to 1024, with cosine density; each ray end tests one sample per light.
 
-    Which sample of a light comes with which direction is shuffled, in each set in another way: samples of equal number
-    lie in corresponding places of the light and of the hemisphere. Of `PointLights` all are asked in each pass, or all
-    of a set.
+    Light samples are paired with directions by a random permutation, a different one for each set. Without it, samples
+    with equal numbers would lie in corresponding places of the light and of the hemisphere. For `PointLights` each pass
+    tests all lights, or all lights of a set.
 
     Raises
     ------
     InputError
-        On n out of range, an unknown sampler, or lights that scale ambient light or have bounced already.
+        If n is out of range or the sampler is unknown. If a light scales ambient light, or is itself bounced light.
     """
     n = whole_number(n, "bounce", 1, MAX_SPP)
     for light in lights:
@@ -56,7 +56,7 @@ def diffuse_passes(lights, n: int, sampler: str) -> Passes:
             raise InputError(f"{name} dims the ambient light that bounce replaces; leave one of them out")
         if getattr(light, "indirect", False):
             raise InputError(f"{name} with indirect=True and bounce are both light that has bounced; leave one out")
-    # Set (x mod 4) + 4 (y mod 4) of pixel (x, y) is that of row y mod 4 and column x mod 4.
+    # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
     directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)
     return Passes(np.ascontiguousarray(directions), [_of_passes(light, n, sampler) for light in lights])
 
@@ -91,10 +91,10 @@ def _direction_rows(ticket, normals, sides, samples, out):
 
 
 def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None) -> RayPass:
-    """A ray from each surface in a G-buffer.
+    """One diffuse ray from each surface in a G-buffer.
 
     origins : (H, W, 3) float32, the receivers of its surfaces
-    samples : (h, w, 3) float64, points of the unit hemisphere; that of pixel (x, y) is [y mod h, x mod w]
+    samples : (h, w, 3) float64, points of the unit hemisphere; pixel (x, y) uses entry [y mod h, x mod w]
     """
     directions = np.empty_like(origins)
     ticket = new_ticket(len(directions), 8)

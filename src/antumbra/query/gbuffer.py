@@ -1,4 +1,4 @@
-"""The G-buffer: what each pixel sees, made by rasterisation or by primary rays; both give the same bits."""
+"""The G-buffer: the surface seen by each pixel, from rasterisation or primary rays; both give the same bits."""
 
 from typing import NamedTuple
 
@@ -13,18 +13,18 @@ from .receivers import NOTHING
 
 
 class GBuffer(NamedTuple):
-    """What each pixel of an (H, W) picture sees. Where it sees nothing: face -1, depth inf, the rest 0."""
+    """The surface seen by each pixel of an (H, W) picture. Background pixels have face -1, depth inf, and otherwise 0."""
 
     position: np.ndarray  # (H, W, 3) float32, recentred frame (world position = position + origin)
     normal: np.ndarray  # (H, W, 3) float32, geometric, unit length, towards the camera
     face: np.ndarray  # (H, W) int32, index of the face in the scene
     depth: np.ndarray  # (H, W) float32, world units along the view axis
-    side: np.ndarray  # (H, W) int8: 1 where the triangle's own normal points to the camera, -1 where away, 0: nothing
-    origin: np.ndarray  # (3,) float64, world position of the frame's zero
+    side: np.ndarray  # (H, W) int8: 1: the triangle's own normal points to the camera; -1: away; 0: background
+    origin: np.ndarray  # (3,) float64, world position of the frame's origin
 
 
 class Surface(NamedTuple):
-    """Pointers to what `fill_pixel` writes."""
+    """Pointers to the arrays that `fill_pixel` writes."""
 
     position: object  # float32 *, 3 a pixel
     normal: object  # float32 *, 3 a pixel
@@ -47,7 +47,7 @@ def _put3(pointer, at, v):
 
 @inlined
 def fill_pixel(y, x, i, t, corners, rays, out, at):
-    """Write as pixel number `at` where the ray of pixel (y, x) meets triangle i, at t; `corners` a pointer."""
+    """Write entry `at`: the point at parameter t where pixel (y, x)'s ray meets triangle i; `corners` is a pointer."""
     f = np.float64
     d, o = pixel_direction(rays, x, y), rays.origin
     fill_point((f(o[0]), f(o[1]), f(o[2])), (f(d[0]), f(d[1]), f(d[2])), i, t, corners, out, at)
@@ -55,7 +55,7 @@ def fill_pixel(y, x, i, t, corners, rays, out, at):
 
 @inlined
 def fill_point(o, d, i, t, corners, out, at):
-    """Write as pixel number `at` where the ray from o along d, float64, meets triangle i, at t."""
+    """Write entry `at`: the point at parameter t where the float64 ray from o along d meets triangle i."""
     f, (dx, dy, dz) = np.float64, d
     _put3(out.position, at, (o[0] + t * dx, o[1] + t * dy, o[2] + t * dz))
     k = 9 * i

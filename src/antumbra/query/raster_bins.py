@@ -92,19 +92,19 @@ def _cull(ticket, corners, view, padding, columns, seen, left, counts):
 
 @kernel
 def _prefix_sums(counts, first):
-    """counts becomes where each chunk's part of each tile's list starts; first, where each list does."""
+    """Replace counts[chunk, tile] by the start of the chunk's part of the tile's list; first[tile]: start of the list."""
     chunks, tiles = counts.shape
     for chunk in range(chunks):
         for tile in range(tiles):
             first[tile + 1] += counts[chunk, tile]
     for tile in range(tiles):
         first[tile + 1] += first[tile]
-    for chunk in range(chunks):  # moves each start to the end of its list, which is the start of the next one ...
+    for chunk in range(chunks):  # moves each start to the end of its list, the start of the next ...
         for tile in range(tiles):
             n = counts[chunk, tile]
             counts[chunk, tile] = first[tile]
             first[tile] += n
-    for tile in range(tiles, 0, -1):  # ... so back it goes
+    for tile in range(tiles, 0, -1):  # ... so shift the starts back
         first[tile] = first[tile - 1]
     first[0] = 0
 
@@ -124,7 +124,7 @@ def _fill(ticket, size, columns, left, cursors, box, slots):
 
 
 def bin_triangles(corners, view: RasterView, threads: int) -> Bins:
-    """Cull the triangles ((n, 9) float32) and list the rest by tile."""
+    """Cull the triangles, (n, 9) float32, and list the remaining ones by tile."""
     n, columns = len(corners), tiles_across(view.width)
     tiles = columns * tiles_across(view.height)
     size = max(_LEAST_CHUNK, -(-n // max(1, min(_MOST_CHUNKS, _MOST_COUNTS // tiles))))
@@ -141,20 +141,20 @@ def bin_triangles(corners, view: RasterView, threads: int) -> Bins:
 
 @inlined
 def _bucket(key, slot, highest, shift):
-    """The larger the depth key, the lower the bucket; positive floats are ordered as their bits are."""
+    """A larger depth key gives a lower bucket; positive floats sort like their bit patterns."""
     return max(highest - np.int64(get(key, slot)), 0) >> shift
 
 
 @kernel
 def front_to_back(bins, tile, order):
-    """Write a tile's slots to `order`, roughly sorted by falling depth key of their nearest corner; their number."""
+    """Write a tile's slots to `order`, roughly sorted by falling depth key of the nearest corner; return their number."""
     first, n = bins.first[tile], bins.first[tile + 1] - bins.first[tile]
     key, slots, start = as_i32(ptr(bins.seen.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
     lowest, highest = np.int64(_INFINITY), np.int64(0)
     for e in range(first, first + n):
         k = np.int64(get(key, np.int64(get(slots, e))))
         lowest = k if k < lowest else lowest
-        highest = k if highest < k < _INFINITY else highest  # what crosses the camera's plane goes to bucket 0
+        highest = k if highest < k < _INFINITY else highest  # triangles that cross the camera's plane go to bucket 0
     shift = 0
     while (highest - lowest) >> shift >= _BUCKETS:
         shift += 1

@@ -1,8 +1,8 @@
-"""Bounds of triangles on the screen: which pixels can one cover?
+"""Bounds of triangles on the screen: the pixels that each triangle can cover.
 
-Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
-behind the camera, beside the picture, or fall between pixel centres, and end here; so eight at a time are bounded in
-float32, and only the few that come close to the camera's plane or cross it are looked at in float64.
+Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are culled
+here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a time are bounded
+in float32. Only the few triangles close to the camera's plane, or across it, are bounded in float64.
 """
 
 from typing import NamedTuple
@@ -17,30 +17,30 @@ from .raster_setup import RasterView, corner_from, pixel_vector
 BLOCK = 64  # triangles bounded together
 _F = np.float32
 _U32, _U64 = 2.0**-24, 2.0**-53
-_NEAR32 = 2.0**-5  # a corner this far in front of the camera's plane, for its distance, is placed well by float32,
-_NEAR64 = 2.0**-20  # this far by float64;
-_APART = 2.0**-28  # this far, it is clearly on one side of the plane
-_SMALL, _LARGE = _F(1e-25), _F(1e25)  # distances between which float32 neither under- nor overflows
+_NEAR32 = 2.0**-5  # least depth / distance of a corner that float32 projects accurately
+_NEAR64 = 2.0**-20  # least depth / distance of a corner that float64 projects accurately
+_APART = 2.0**-28  # least |depth| / distance of a corner surely on one side of the camera's plane
+_SMALL, _LARGE = _F(1e-25), _F(1e25)  # range of distances in which float32 neither under- nor overflows
 _NOWHERE = (0, 0, -1, -1)
 
 
 class Padding(NamedTuple):
-    """How far bounds on the screen are widened, in pixels. All but `usable` are float64."""
+    """Widening of screen bounds, in pixels. All fields but `usable` are float64."""
 
     near_x: float
     near_y: float
     far_x: float  # for triangles that cross the camera's plane
     far_y: float
-    quick_x: float  # in float32: this,
+    quick_x: float  # constant part of the padding in float32
     quick_y: float
-    slope_x: float  # and this times the corners' largest distance / depth
+    slope_x: float  # variable part in float32: times the corners' largest distance / depth
     slope_y: float
-    nearer: float  # a corner's 1 / depth times this is a bound of the depth key
-    usable: bool  # no: rounding moves rays so far that nothing can be culled
+    nearer: float  # factor from a corner's 1 / depth to a bound of the depth key
+    usable: bool  # False: rounding moves rays so far that nothing can be culled
 
 
 def make_padding(view: RasterView) -> Padding:
-    """Rays are moved by their rounding, and a corner is placed with an error of 8 u norm distance / depth."""
+    """Padding for two errors: the rounding of rays, and the error 8 u norm distance / depth of a projected corner."""
     if not view.shift_z < 0.25:
         return Padding(*[0.0] * 9, False)
     moved = [shift / (1.0 - view.shift_z) for shift in (view.shift_x, view.shift_y)]
@@ -57,7 +57,7 @@ def make_padding(view: RasterView) -> Padding:
 
 @inlined
 def _pixels(low_x, high_x, low_y, high_y, view):
-    """Pixels (x0, y0, x1, y1) of the picture whose centres lie in the range; x0 > x1 or y0 > y1 if none do."""
+    """Pixels (x0, y0, x1, y1) of the picture with centres in the range; x0 > x1 or y0 > y1 if there are none."""
     low_x, high_x = max(low_x, 0.0), min(high_x, view.width - 1.0)
     low_y, high_y = max(low_y, 0.0), min(high_y, view.height - 1.0)
     if not (low_x <= high_x and low_y <= high_y):
@@ -67,7 +67,7 @@ def _pixels(low_x, high_x, low_y, high_y, view):
 
 @inlined
 def _opened(low, high, direction, error):
-    """The range after a part of the triangle runs off to infinity on one side, or on either when that is not sure."""
+    """Extend the range to infinity on the side of `direction`, or on both sides if its sign is uncertain."""
     if direction > -error:
         high = np.inf
     if direction < error:
@@ -77,9 +77,10 @@ def _opened(low, high, direction, error):
 
 @kernel
 def _crossing_range(z, x, r, norm_z, norm_x):
-    """Range of x / z over the part of a triangle in front of the camera's plane, which it crosses or touches.
+    """Range of x / z over the front part of a triangle that crosses or touches the camera's plane.
 
-    That part is the hull of the corners in front and of the points where edges meet the plane; those are at infinity.
+    The front part is the hull of the corners in front and of the points where edges meet the plane. The latter project
+    to infinity.
     """
     low, high = np.inf, -np.inf
     for i in range(3):
@@ -92,14 +93,14 @@ def _crossing_range(z, x, r, norm_z, norm_x):
         elif z[i] >= -_APART * norm_z * r[i]:
             if abs(z[i]) > 8.0 * _U64 * norm_z * r[i]:
                 return -np.inf, np.inf
-            # On the plane, or so close to it that a clear x decides where it and its edges run off to
+            # On the plane or very close to it: the sign of x decides the side of infinity
             low, high = _opened(low, high, x[i], 2.0**-8 * norm_x * r[i])
     return low, high
 
 
 @kernel
 def careful_box(view, padding, corners, i):
-    """First and last pixel (x0, y0, x1, y1) that triangle i may cover; x0 > x1 or y0 > y1 if it covers none."""
+    """Pixel bounds (x0, y0, x1, y1), inclusive, of triangle i; x0 > x1 or y0 > y1 if it covers no pixel."""
     if not padding.usable:
         return 0, 0, view.width - 1, view.height - 1
     eye = (view.eye_x, view.eye_y, view.eye_z)
@@ -140,7 +141,7 @@ def transpose(corners, first, n, lanes):
 
 @inlined
 def _quick_corner(view, lanes, k):
-    """(z, x, y, distance) of eight corners, in pixel coordinates; wrong by at most 6 u norm distance."""
+    """(z, x, y, distance) of eight corners, in pixel coordinates, with error at most 6 u norm distance."""
     x = load8(lanes, k) - _F(view.eye_x)
     y = load8(lanes, k + BLOCK) - _F(view.eye_y)
     z = load8(lanes, k + 2 * BLOCK) - _F(view.eye_z)
@@ -154,7 +155,7 @@ def _quick_corner(view, lanes, k):
 
 @inlined
 def _quick_pixels(a, b, c, pad, last):
-    """First and last pixel of 0 to `last` within `pad` of the range of a, b, c, and which lanes have any."""
+    """First and last pixel in [0, `last`] within `pad` of the range of a, b, c; and a mask of lanes with any pixel."""
     low = minimum(maximum(minimum(a, minimum(b, c)) - pad, _F(0.0)), last + _F(1.0))
     high = maximum(minimum(maximum(a, maximum(b, c)) + pad, last), _F(-1.0))
     first, final = to_i32(low), to_i32(high)
@@ -164,13 +165,13 @@ def _quick_pixels(a, b, c, pad, last):
 
 @inlined
 def quick_boxes(view, padding, lanes, k, boxes, nearest):
-    """Bound the eight triangles from the k-th of a block.
+    """Bound eight triangles of a block, starting at the k-th.
 
-    Writes x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of their depth keys; returns two bit masks: those that may
-    cover pixels inside these bounds, and those that `careful_box` must look at. The others cover nothing.
+    Writes x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of the depth keys. Returns two bit masks: triangles that may
+    cover pixels inside these bounds, and triangles that need `careful_box`. The others cover no pixel.
 
-    With q the largest distance / depth, x / z is wrong by at most 9 u q (|row x| + |x / z| norm_z), so inside twice the
-    picture `slope_x` q is enough; corners farther out stay there, since q norm_z <= 1 / _NEAR32.
+    With q the largest distance / depth, the error of x / z is at most 9 u q (|row x| + |x / z| norm_z). Inside twice the
+    picture, `slope_x` q bounds it. Corners farther out stay outside, since q norm_z <= 1 / _NEAR32.
     """
     za, xa, ya, ra = _quick_corner(view, lanes, k)
     zb, xb, yb, rb = _quick_corner(view, lanes, k + 3 * BLOCK)

@@ -1,4 +1,4 @@
-"""`filters.hit_t` of many rays from one eye: what does not depend on the direction is computed once a triangle."""
+"""`filters.hit_t` of many rays from one eye: terms independent of the direction are computed once per triangle."""
 
 from typing import NamedTuple
 
@@ -7,8 +7,8 @@ import numpy as np
 from ..kernels.jit import inlined
 from ..kernels.predicate.filters import hit_t, plane, widest
 
-_ACCURACY = 2.0**-31  # half of what `hit_t` asks of float64: where this holds, its float64 expression is its result
-_FLOOR = 1e-250  # far above what underflow can cost
+_ACCURACY = 2.0**-31  # half the error that `hit_t` accepts: within it, `hit_t` returns its float64 expression
+_FLOOR = 1e-250  # far above any loss by underflow
 
 
 class EyePlane(NamedTuple):
@@ -19,7 +19,7 @@ class EyePlane(NamedTuple):
     ny: float
     nz: float
     volume: float  # det(a, b, c) of the corners relative to the eye
-    least: float  # |d . n| / |d|_1 from which on float64 is accurate; infinite where the volume is not
+    least: float  # least |d . n| / |d|_1 with an accurate float64 result; inf if the volume is inaccurate
 
 
 NO_PLANE = EyePlane(-1, 0.0, 0.0, 0.0, 0.0, np.inf)
@@ -37,7 +37,7 @@ def eye_plane(corners, i, o):
 
 @inlined
 def quick_t(p, ray):
-    """`plane_t` where float64 is surely accurate, else -1."""
+    """`plane_t` if float64 is surely accurate, else -1."""
     det = ray.dx * p.nx + ray.dy * p.ny + ray.dz * p.nz
     size = abs(ray.dx) + abs(ray.dy) + abs(ray.dz)
     return p.volume / det if abs(det) > p.least * size + _FLOOR else -1.0
@@ -45,6 +45,6 @@ def quick_t(p, ray):
 
 @inlined
 def plane_t(p, ray, corners):
-    """``hit_t(ray, corners, p.triangle)``, the same bits, for a ray from the eye that meets the triangle."""
+    """The bits of ``hit_t(ray, corners, p.triangle)``, for a ray from the eye that meets the triangle."""
     t = quick_t(p, ray)
     return t if t > 0.0 else hit_t(ray, corners, p.triangle)

@@ -1,4 +1,4 @@
-"""From a triangle to its edge functions on the screen, with proven bounds of all rounding errors.
+"""Edge functions of a triangle on the screen, with proven bounds of all rounding errors.
 
 A vector v from the eye is written h = (z, x, y) in *pixel coordinates*: v = z c + x r + y d, where c points to the
 centre of the upper left pixel and r, d step one pixel right and down. The ray of pixel (i, j) is then g = (1, i, j),
@@ -7,15 +7,15 @@ the common factor det(c, r, d),
 
     e0 = det(g, h1, h2)   e1 = det(g, h2, h0)   e2 = det(g, h0, h1)   t = det(h0, h1, h2) / (e0 + e1 + e2)
 
-These are homogeneous edge functions [Olano and Greer 1997]: linear over the screen, and right for triangles that cross
-the camera's plane, without clipping. The triangle covers the pixel where each e has the sign of det(h0, h1, h2) or is 0
-(with t > 0 the other case of the contract, all signs opposite, cannot be). The depth key 1 / t is linear as well.
+These are homogeneous edge functions [Olano and Greer 1997]. They are linear over the screen, and correct without clipping
+for triangles that cross the camera's plane. The triangle covers a pixel if each e is 0 or has the sign of det(h0, h1, h2).
+With t > 0 the other case of the contract, all signs opposite, cannot occur. The depth key 1 / t is linear as well.
 
-Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`), which moves e = C + A i + B j by
-|C| shift_z + |A| shift_x + |B| shift_y. With u = 2**-53, a vector no component of which exceeds r has components of h
-wrong by at most 8 u r (`norm_z`, `norm_x`, `norm_y`): three inputs, products and sums, and the move to a tile's origin.
-A 2 x 2 determinant of two such vectors is then wrong by 36 u norm norm r r. All functions are made of a = v0 - eye,
-p = v1 - v0, q = v2 - v0, so errors shrink with the triangle:
+Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`). This moves e = C + A i + B j by at most
+|C| shift_z + |A| shift_x + |B| shift_y. Let u = 2**-53, and let v be a vector whose components do not exceed r. The
+components of its h then have errors of at most 8 u r (`norm_z`, `norm_x`, `norm_y`), from three inputs, products and sums,
+and the move to a tile's origin. A 2 x 2 determinant of two such vectors has an error of at most 36 u norm norm r r. All
+functions are computed from a = v0 - eye, p = v1 - v0, q = v2 - v0, so errors shrink with the triangle:
 
     |error e1|, |error e2| <= K r s    |error (e0 + e1 + e2)| <= K s s    |error det| <= V r s s
 
@@ -33,18 +33,18 @@ from ..kernels.predicate.filters import widest
 from ..kernels.simd import get
 
 TILE = 64  # pixels; tiles are square
-STRIDE = TILE + 8  # of a tile's rows: a vector of pixels may start anywhere, and run over the right edge
+STRIDE = TILE + 8  # row stride of a tile: a vector of pixels may start anywhere, and extend past the right edge
 
 _U = 2.0**-53
 _F = np.float32
 _EPSILON = 2.0**-24  # of float32
 _SLACK = 1.001  # for second order terms, and for the rounding of the bounds themselves
-_TINY = 1e-37  # more than float32 loses by underflow
-_HUGE = 1e30  # less than float32 overflows at, with room for sums
+_TINY = 1e-37  # above the loss of float32 by underflow
+_HUGE = 1e30  # below the overflow limit of float32, with room for sums
 
 
 class RasterView(NamedTuple):
-    """A camera in pixel coordinates: float64 numbers; no arrays, whose reference counts threads would fight over."""
+    """A camera in pixel coordinates, in float64 scalars: threads would contend for the reference counts of arrays."""
 
     eye_x: float
     eye_y: float
@@ -64,7 +64,7 @@ class RasterView(NamedTuple):
     norm_z: float  # |h| is at most norm * |v - eye|_inf, component by component, also relative to a pixel of the screen
     norm_x: float
     norm_y: float
-    shift_z: float  # how far rounding its direction to float32 moves a ray
+    shift_z: float  # bound on the movement of a ray when its direction is rounded to float32
     shift_x: float
     shift_y: float
     slope_error: float  # K above: error of the edge function of two vectors of length 1, up to STRIDE from its origin
@@ -72,7 +72,7 @@ class RasterView(NamedTuple):
 
 
 def make_view(rays) -> RasterView:
-    """The `RasterView` of `CameraRays`; InputError where its pixels are too close for float64's range."""
+    """The `RasterView` of `CameraRays`; InputError if its pixels are too close for float64's range."""
     rows, turn = _inverse(rays.corner + 0.5 * rays.dx + 0.5 * rays.dy, rays.dx, rays.dy)
     norm = np.abs(rows).sum(1) * _SLACK
     if not norm.max() < _HUGE:
@@ -99,7 +99,7 @@ def _cross(a, b):
 
 
 def direction_error(rays) -> np.ndarray:
-    """How far a pixel's direction may lie from c + i r + j d in real arithmetic, component by component."""
+    """Bound on the difference of a pixel's direction from c + i r + j d in real arithmetic: (3,) float64."""
     right, down = rays.width * rays.dx, rays.height * rays.dy
     ends = [rays.corner, rays.corner + right, rays.corner + down, rays.corner + right + down]
     float64 = 16 * _U * (np.abs(rays.corner) + np.abs(right) + np.abs(down))
@@ -109,8 +109,8 @@ def direction_error(rays) -> np.ndarray:
 class EdgeFunctions(NamedTuple):
     """Three edge functions and the depth key over the pixels (i, j) from an origin: value = c + a i + b j, all float32.
 
-    Each edge function is divided by the bound of its error: above 1 a pixel is surely inside, below -1 surely outside.
-    The depth key is 1 / t, wrong by at most ``key_error``.
+    Each edge function is divided by its error bound: above 1 a pixel is surely inside, below -1 surely outside. The depth
+    key is 1 / t, with an error of at most ``key_error``.
     """
 
     a0: float
@@ -130,7 +130,7 @@ class EdgeFunctions(NamedTuple):
 
 @inlined
 def corner_from(corners, i, k, o):
-    """Corner k of triangle i less the point o, in float64; `corners` is a pointer."""
+    """Corner k of triangle i minus the point o, in float64; `corners` is a pointer."""
     f, at = np.float64, 9 * i + 3 * k
     return f(get(corners, at)) - o[0], f(get(corners, at + 1)) - o[1], f(get(corners, at + 2)) - o[2]
 
@@ -160,7 +160,7 @@ def _linear(v, w):
 
 @inlined
 def _scaled(f, view, x_reach, y_reach, error, sign):
-    """An edge function over the bound of its error, in float32, whose own five roundings the bound includes."""
+    """An edge function divided by its error bound, in float32; the bound includes the five roundings in float32."""
     a, b, c = abs(f[0]), abs(f[1]), abs(f[2])
     error += (
         a * (view.shift_x + 5 * _EPSILON * x_reach)
@@ -173,7 +173,7 @@ def _scaled(f, view, x_reach, y_reach, error, sign):
 
 @inlined
 def _depth_key(f, view, x_reach, y_reach, error, volume, volume_error):
-    """(a, b, c, error) of 1 / t in float32; the error is infinite where float32 cannot hold it."""
+    """(a, b, c, error) of 1 / t in float32; the error is infinite if float32 cannot represent it."""
     a, b, c = abs(f[0]), abs(f[1]), abs(f[2])
     moved = error + a * view.shift_x + b * view.shift_y + c * view.shift_z
     size, inverse, total = abs(volume), 1.0 / volume, a * x_reach + b * y_reach + c
@@ -189,8 +189,8 @@ def _depth_key(f, view, x_reach, y_reach, error, volume, volume_error):
 def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
     """(turn, `EdgeFunctions`) of triangle i with origin at pixel (x0, y0), for pixels up to x_reach, y_reach from it.
 
-    turn: the sign of det(h0, h1, h2), by which the edge functions are multiplied; 0 where float64 cannot tell: then
-    they have their own sign.
+    turn: the sign of det(h0, h1, h2), by which the edge functions are multiplied. 0: float64 cannot decide it, and the
+    edge functions keep their own sign.
     """
     v0 = corner_from(corners, i, 0, (0.0, 0.0, 0.0))
     a = (v0[0] - view.eye_x, v0[1] - view.eye_y, v0[2] - view.eye_z)
@@ -216,7 +216,7 @@ def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
 
 @inlined
 def turned(f):
-    """The edge functions multiplied by -1; the depth key as it is."""
+    """The edge functions multiplied by -1; the depth key is unchanged."""
     return EdgeFunctions(
         -f.a0, -f.b0, -f.c0, -f.a1, -f.b1, -f.c1, -f.a2, -f.b2, -f.c2, f.key_a, f.key_b, f.key_c, f.key_error
     )

@@ -1,9 +1,9 @@
-"""Drawing into tiles: edge functions and depth keys, eight pixels at a time; the exact predicate where they cannot say.
+"""Drawing into tiles: edge functions and depth keys, eight pixels at a time; the exact predicate if they are uncertain.
 
-A tile keeps, for each pixel, its face and an interval that surely holds the face's depth key 1 / t. A triangle wins a
-pixel at once where it surely covers it and its interval lies above the pixel's; it loses at once where it surely
-misses or its interval lies below. The rest goes to `filters.meets` and `filters.hit_t`, as every pixel does in the
-contract; so the order of drawing does not matter. It is front to back: most hidden triangles then end at a glance.
+A tile keeps, for each pixel, its face and an interval that surely contains the face's depth key 1 / t. A triangle wins a
+pixel at once if it surely covers it and its interval lies above the pixel's. It loses at once if it surely misses the pixel
+or its interval lies below. `filters.meets` and `filters.hit_t` decide the remaining pixels, as the contract defines, so the
+drawing order does not matter. Triangles are drawn front to back, because most hidden ones are then rejected early.
 """
 
 from typing import NamedTuple
@@ -41,26 +41,27 @@ from .raster_depth import NO_PLANE, eye_plane, plane_t
 from .raster_setup import STRIDE, TILE, edge_functions, turned
 
 RASTER_COUNTERS = ("listed", "drawn", "pixels", "uncertain", "ties")
-"""What drawing counts: (tile, triangle) pairs; those not hidden at a glance; the pixels inside the bounds of these; of
-these pixels, how many float32 could not tell to be covered, and how many were, but by which face was too close to call.
+"""The counters of drawing. listed: (tile, triangle) pairs; drawn: pairs not rejected as hidden; pixels: pixels inside the
+bounds of drawn pairs; uncertain: pixels whose coverage float32 could not decide; ties: covered pixels whose nearest face
+float32 could not decide.
 """
 _LISTED, _DRAWN, _PIXELS, _UNCERTAIN, _TIES = range(len(RASTER_COUNTERS))
 _COUNTS = len(RASTER_COUNTERS)
 
 _F = np.float32
 _CELLS = TILE * STRIDE
-_FLAT = _F(1e-20)  # an edge function that rises less than this a pixel limits no row
-_NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
+_FLAT = _F(1e-20)  # an edge function with a smaller slope per pixel limits no row
+_NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # above the error of rounding a key to float32
 
 
 class RasterTile(NamedTuple):
     """Pointers to the state of a tile: pixel (x, y) of it is element y * STRIDE + x."""
 
-    low: object  # float32: least possible depth key of the face; -inf where there is none
-    high: object  # float32: largest possible one, where there is a face
-    face: object  # int32; -1 where there is none
-    unsure: object  # int32: pixels that the last triangle left to the predicate, times 2; plus 1 if it covers them
-    ranges: object  # (16,) int32: of eight rows, the first pixel to draw and the one after the last
+    low: object  # float32: least possible depth key of the face; -inf: no face
+    high: object  # float32: largest possible depth key of the face; undefined without a face
+    face: object  # int32; -1: no face
+    unsure: object  # int32: uncertain pixels of the last triangle, times 2, plus 1 if it surely covers them
+    ranges: object  # (16,) int32: first pixel to draw in each of eight rows, then one past the last of each
 
 
 @inlined
@@ -72,7 +73,7 @@ def _clear(tile):
 
 @inlined
 def _hidden(tile, at, columns, rows, nearest):
-    """Whether all `columns` x `rows` pixels from pixel `at` have a face surely in front of depth key `nearest`."""
+    """True if all `columns` x `rows` pixels from pixel `at` have a face surely in front of depth key `nearest`."""
     for _ in range(rows):
         for x in range(0, columns, 8):
             if any_lane((load8(tile.low, at + x) <= nearest) & (iota8() < columns - x)):
@@ -83,7 +84,7 @@ def _hidden(tile, at, columns, rows, nearest):
 
 @inlined
 def _clip_rows(a, b, c, y, low, high):
-    """Narrow the ranges of pixels of rows y (eight) to where an edge function may say that a pixel is covered."""
+    """Narrow the pixel ranges of eight rows y to the pixels that may be covered according to an edge function."""
     if abs(a) < _FLAT:
         return low, high
     pad = _F(0.01) + _F(2.0**-21) * (abs(c) + abs(b) * _F(STRIDE) + _F(1.0)) / abs(a)  # of c + b y + 1, and of x
@@ -144,7 +145,7 @@ def _cover(tile, i, columns, rows, at, f):
 
 @kernel
 def _settle(tile, n, x0, y0, corners, rays, i):
-    """Let the contract decide the n pixels that triangle i left unsure; how many of them it surely covers."""
+    """Decide the n uncertain pixels of triangle i exactly; return how many of them it surely covers."""
     p, o, ties = ptr(corners), rays.origin, 0
     mine, other = eye_plane(p, i, o), NO_PLANE
     for u in range(n):
@@ -172,7 +173,7 @@ def _settle(tile, n, x0, y0, corners, rays, i):
 
 @kernel
 def _draw(tile, bins, order, n, window, corners, rays, view, cull_faces, counts):
-    """Draw a list of triangles into the tile whose pixels are those of the window (x0, y0, x1, y1)."""
+    """Draw a list of triangles into the tile that covers the window (x0, y0, x1, y1), inclusive."""
     p, (x0, y0, x1, y1) = ptr(corners), window
     boxes, triangles, nearest = ptr(bins.seen.box), ptr(bins.seen.triangle), ptr(bins.seen.nearest)
     for entry in range(n):
@@ -215,7 +216,7 @@ def _finish(tile, window, corners, rays, face, t):
 
 @kernel
 def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters, order):
-    """Worker: whole tiles of the picture, each by one thread. `order`: the thread's own memory for the longest list."""
+    """Worker: draw whole tiles of the picture. `order`: the thread's own buffer for the longest list."""
     tile = RasterTile(stack_f32(_CELLS), stack_f32(_CELLS), stack_i32(_CELLS), stack_i32(_CELLS), stack_i32(16))
     counts = stack_array(np.int64, _COUNTS)
     for c in range(_COUNTS):

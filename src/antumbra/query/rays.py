@@ -1,4 +1,4 @@
-"""Ray lists: any-hit and closest-hit queries on arrays, as `Scene.occluded` and `Scene.closest_hit` ask them."""
+"""Ray lists: the checked arguments of `Scene.occluded` (any-hit) and `Scene.closest_hit`."""
 
 from typing import NamedTuple
 
@@ -9,9 +9,9 @@ from .shadow import CULL_FACES
 
 
 class RayList(NamedTuple):
-    """Rays as the caller gave them; `trace.batch` checks and converts them on the way.
+    """Rays in the caller's arrays; `trace.rays.batch` checks and converts the numbers while it traces.
 
-    Element (i, k) of an argument is ``address + i * row + k * column``, in bytes; row is 0 where one is for all rays.
+    Element (i, k) of an argument is at ``address + i * row + k * column``, in bytes; row is 0 if all rays share it.
     """
 
     layout: np.ndarray  # (5, 4) int64: address, row, column, 1 for float64 and 0 for float32 or int32, of each argument
@@ -21,7 +21,7 @@ class RayList(NamedTuple):
 
 
 class HitArrays(NamedTuple):
-    """Where kernels write: `blocked` for any-hit, the others for closest-hit; those not wanted have no elements."""
+    """Output arrays of kernels: `blocked` for any-hit, the others for closest hit; unused arrays are empty."""
 
     blocked: np.ndarray  # (m,) bool
     face: np.ndarray  # (m,) int32, -1 on a miss
@@ -31,7 +31,7 @@ class HitArrays(NamedTuple):
 
 
 def as_array(value, what: str) -> np.ndarray:
-    """numpy view (or copy) of numbers, or of anything with DLPack in host memory."""
+    """A numpy view (or copy) of numbers, or of any array in host memory that supports DLPack."""
     if not isinstance(value, np.ndarray) and hasattr(value, "__dlpack__"):
         try:
             value = np.from_dlpack(value)
@@ -51,7 +51,7 @@ def ray_arguments(
 ) -> tuple["Arguments", tuple[int, ...], int]:
     """The arguments of `Scene.occluded` and `Scene.closest_hit`: (Arguments, leading shape, value of CULL_FACES).
 
-    Shapes and dtypes are checked here, numbers when they are traced. World coordinates are recentred (minus
+    Shapes and dtypes are checked here, the numbers during tracing. World coordinates are recentred (minus
     ``frame_origin``, in float64) before they are rounded to float32.
     """
     origins = as_array(origins, "origins")
@@ -88,19 +88,19 @@ class Arguments(NamedTuple):
 
     origins: np.ndarray  # (m, 3) world
     directions: np.ndarray  # (m, 3) any length but zero
-    tmin: np.ndarray  # (m, 1) >= 0, in lengths of the direction
-    tmax: np.ndarray  # (m, 1) may be inf
-    skip: np.ndarray  # (m, 1) a triangle index that does not count, or -1
+    tmin: np.ndarray  # (m, 1) >= 0, in lengths of the direction; hits need t > tmin
+    tmax: np.ndarray  # (m, 1) may be inf; hits need t < tmax
+    skip: np.ndarray  # (m, 1) index of a triangle that is not tested, or -1
     frame: np.ndarray  # (3,) float64
 
     def ray_list(self, cull_faces: int) -> RayList:
-        """What kernels read; good for as long as this object lives."""
+        """The `RayList` for kernels; valid while this object lives."""
         layout = [(a.ctypes.data, *a.strides, a.dtype == np.float64) for a in self[:5]]
         return RayList(np.array(layout, np.int64), self.frame, len(self.origins), cull_faces)
 
     def check(self) -> None:
-        """Raise the InputError that names what is wrong with the rays, if anything is."""
-        with np.errstate(over="ignore"):  # what overflows is reported as not finite
+        """Raise an InputError that names the first problem of the rays, if there is one."""
+        with np.errstate(over="ignore"):  # overflows are reported as not finite
             origins = (self.origins.astype(np.float64) - self.frame).astype(np.float32)
             directions = self.directions.astype(np.float32)
             tmin, tmax = self.tmin.astype(np.float32), self.tmax.astype(np.float32)
@@ -112,7 +112,7 @@ class Arguments(NamedTuple):
 
 
 def _rows(array, shape, dtype=None) -> np.ndarray:
-    """The array broadcast to `shape`, as rows; float32 and float64, or `dtype`; a view where one can be had."""
+    """The array broadcast to `shape`, as rows, in float32 or float64, or in `dtype`; a view if possible."""
     if shape[-1] == 1:
         array = array[..., None]
     if dtype is None:

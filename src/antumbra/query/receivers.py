@@ -1,10 +1,10 @@
 """Receivers: surface points moved off their surface, once, before any method sees them.
 
-Self-intersection is settled here. A receiver is shifted along its geometric normal, towards the side that is seen, by
-a few units in the last place of its coordinates: an amount derived from the float32 error of the position itself and
-of its triangle's corners, never a scene constant. If that does not bring it strictly to the seen side of its own
-triangle's plane, in exact arithmetic, the shift doubles until it does. From there its own triangle cannot meet a
-segment to a light sample above the same plane, and a sample that is not above is occluded by the surface itself.
+The shift prevents self-intersection. A receiver is shifted along its geometric normal, towards the visible side, by a few
+units in the last place of its coordinates. The amount is derived from the float32 error of the position and of its
+triangle's corners; there is no scene constant. The shift doubles until the receiver lies strictly on the visible side of its
+triangle's plane, in exact arithmetic. Then its own triangle cannot meet a segment to a light sample above the plane. A
+sample on or below the plane is occluded by the surface itself.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ def _moved_off(p, n, side, corners, face):
     f, zero = np.float32, np.float64(0.0)
     v0, normal, error = plane(corners, face, zero, zero, zero)
     near, far = widest(p), _magnitude(corners, face)
-    shift = _SHIFT * (near if near > far else far)
+    shift = _SHIFT * (near if near > far else far)  # Eq. (1) of docs/design/receivers.md
     x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
     for _ in range(_MAX_DOUBLINGS):
         if side_of(v0, normal, error, x, y, z, corners, face) == side:
@@ -81,12 +81,12 @@ def surface_receivers(positions, normals, faces, sides, corners, threads=None) -
 
 
 def point_receivers(points, normals, world, single: bool) -> np.ndarray:
-    """(m, 3) float32: the receivers of points that lie on surfaces known by their normals only.
+    """(m, 3) float32: the receivers of points on surfaces of which only the normals are known.
 
     points : (m, 3) float64, recentred; normals : (m, 3) float64, unit length
-    world : (m, 3) float64 world positions; `single` says they came as float32, so their own error counts
+    world : (m, 3) float64 world positions; `single`: they were passed as float32, so their own error counts
     """
-    shift = _SHIFT * np.abs(points).max(-1, keepdims=True)
+    shift = _SHIFT * np.abs(points).max(-1, keepdims=True)  # Eq. (2) of docs/design/receivers.md
     if single:
         shift = shift + _SHIFT / 4 * np.abs(world).max(-1, keepdims=True)
     return np.ascontiguousarray((points + shift * normals).astype(np.float32))

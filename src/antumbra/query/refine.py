@@ -1,4 +1,4 @@
-"""Which pixels deserve more samples: penumbrae, and silhouettes [Benthin and Wald 2009, Sec. 5.4 and 6.1]."""
+"""Selection of pixels for refinement: penumbrae and silhouettes [Benthin and Wald 2009, Sec. 5.4 and 6.1]."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from .sampling import light_samples
 from .surface import PictureSurfaces, points_of, same_surface
 
 VISIBLE = np.float32(1.0 / 16.0)
-"""Linear base colours that differ by more, in red, green or blue, make an edge."""
+"""Largest difference in red, green or blue of linear base colours that makes no edge."""
 
 
 class FinerSamples(NamedTuple):
@@ -27,8 +27,13 @@ class FinerSamples(NamedTuple):
 
 
 def finer_samples(lights, n: int, sampler: str) -> FinerSamples:
-    """Samples for n, 1 to 1024, in each refined pixel, or as many as a light has of its own; InputError on other n, or
-    an unknown sampler."""
+    """The samples for n shadow rays, 1 to 1024, in each refined pixel; lights with their own numbers keep them.
+
+    Raises
+    ------
+    InputError
+        If n is out of range, or the sampler is unknown.
+    """
     n = whole_number(n, "adaptive", 1, MAX_SPP)
     shared = -(-n // N_SETS)
     return FinerSamples(
@@ -54,9 +59,9 @@ def _penumbra_rows(ticket, seen, counts, spp, out):
 
 
 def penumbra(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
-    """(H, W) bool: pixels whose samples disagree, or disagree with a neighbour's on the same surface.
+    """(H, W) bool: pixels partly in shadow, or with another count than a neighbour on the same surface.
 
-    counts : (H, W) int, how many of a pixel's `spp` samples of one light are occluded
+    counts : (H, W) int, the number of a pixel's `spp` samples of one light that are occluded
     """
     counts, out = np.ascontiguousarray(counts, np.int32), np.empty(counts.shape, np.bool_)
     run(_penumbra_rows, thread_count(threads), new_ticket(len(out), 8), seen, counts, int(spp), out)
@@ -65,7 +70,7 @@ def penumbra(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) 
 
 @inlined
 def _other_colour(colour, i, k):
-    """Are these faces, -1 or an index each, of visibly different colours?"""
+    """True if two faces (indices, or -1 for the background) have visibly different colours."""
     if i < 0 or k < 0:
         return i != k
     for c in range(3):
@@ -91,14 +96,14 @@ def _edge_rows(ticket, seen, colour, out):
 
 
 def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray:
-    """(H, W) bool: pixels beside one that sees another surface, another colour, or nothing.
+    """(H, W) bool: pixels with a direct neighbour on another surface, of another colour, or in the background.
 
-    colour : (n, 3) float32, of each face
+    colour : (n, 3) float32, linear base colour of each face
 
-    The paper finds silhouettes while it traverses, as edges whose two triangles face the viewer differently. What is
-    visible of them is a discontinuity of the G-buffer, and so are creases and intersections, which that test misses. No
-    adjacency of triangles is needed, and silhouettes behind other things are not marked. What is narrower than a pixel
-    and passes between all pixel centres is not found.
+    The paper finds silhouettes during traversal, as edges whose two triangles face the viewer differently. Visible
+    silhouettes are discontinuities of the G-buffer; so are creases and intersections, which the paper's test misses. The
+    G-buffer test needs no adjacency of triangles, and does not mark hidden silhouettes. It misses objects narrower than
+    a pixel that pass between all pixel centres.
     """
     out = np.empty(seen.face.shape, np.bool_)
     run(_edge_rows, thread_count(threads), new_ticket(len(out), 8), seen, colour, out)

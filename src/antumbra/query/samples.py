@@ -1,4 +1,4 @@
-"""Light samples in kernels: where the patch of a light is for a receiver, and its points."""
+"""Light samples in kernels: the patch of a light for a receiver, and the points of the patch."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 
 
 class Patch(NamedTuple):
-    """A light as one receiver sees it: the points base + a u + b v + c w. Float64 scalars."""
+    """A light as seen from one receiver: the points base + a u + b v + c w. All fields are float64 scalars."""
 
     bx: float
     by: float
@@ -29,7 +29,7 @@ class Patch(NamedTuple):
 def patch_at(light, x, y, z, nx, ny, nz):
     """The `Patch` of a LightPatch for a receiver at the float32 point (x, y, z).
 
-    (nx, ny, nz): float64, the receiver's unit normal towards the seen side; only AMBIENT looks at it.
+    (nx, ny, nz): float64, the receiver's unit normal towards the visible side; only AMBIENT uses it.
     """
     b, u, v, w = light.base, light.u, light.v, light.w
     if light.kind == DIRECTIONAL:
@@ -43,7 +43,7 @@ def patch_at(light, x, y, z, nx, ny, nz):
 
 @inlined
 def moved(patch, x, y, z):
-    """The patch, its base moved by (x, y, z)."""
+    """The patch with its base moved by (x, y, z)."""
     bx, by, bz, ux, uy, uz, vx, vy, vz, wx, wy, wz = patch
     return Patch(bx + x, by + y, bz + z, ux, uy, uz, vx, vy, vz, wx, wy, wz)
 
@@ -66,14 +66,14 @@ def tangents64(nx, ny, nz):
 
 @kernel
 def tangent_disk(cx, cy, cz, radius, x, y, z):
-    """The `Patch` of a sphere: the disk in which the tangent cone from (x, y, z) touches it; all float64."""
+    """The `Patch` of a sphere: the disk bounded by the circle where the tangent cone from (x, y, z) touches it; float64."""
     nx, ny, nz = x - cx, y - cy, z - cz
     distance = np.sqrt(nx * nx + ny * ny + nz * nz)
     if distance > 0.0:
         nx, ny, nz = nx / distance, ny / distance, nz / distance
     else:
         nx, ny, nz = 0.0, 0.0, 1.0
-    if distance > radius:  # the circle of tangency lies before the centre and is smaller than the great circle
+    if distance > radius:  # the tangent circle lies in front of the centre and is smaller than the great circle
         shift = radius * radius / distance
         cx, cy, cz = cx + shift * nx, cy + shift * ny, cz + shift * nz
         radius *= np.sqrt(1.0 - (radius / distance) ** 2)
@@ -84,6 +84,7 @@ def tangent_disk(cx, cy, cz, radius, x, y, z):
 @inlined
 def sample_point(patch, a, b, c):
     """The float32 light sample (a, b, c) of a patch: (((base + a u) + b v) + c w) in float64, rounded once."""
+    # Eq. (1) of docs/design/lights.md, Eq. (3) of docs/design/sampling.md
     return (
         np.float32(((patch.bx + a * patch.ux) + b * patch.vx) + c * patch.wx),
         np.float32(((patch.by + a * patch.uy) + b * patch.vy) + c * patch.wy),

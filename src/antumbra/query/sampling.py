@@ -1,10 +1,11 @@
 """Sample sets on a light: 16 sets that interleave over 4x4 pixels and together form one fine set.
 
-Interleaved sampling [Keller and Heidrich 2001], as multi-frusta tracing uses it (Sec. 4.5): pixel (x, y) takes set
-(x mod 4) + 4 (y mod 4); 16 neighbouring pixels share 16 spp samples, and each set by itself is well spread.
+This is interleaved sampling [Keller and Heidrich 2001], as in multi-frusta tracing [Benthin and Wald 2009, Sec. 4.5].
+Pixel (x, y) uses set (x mod 4) + 4 (y mod 4). So 16 neighbouring pixels share 16 spp samples, and each set by itself is
+well distributed.
 
-The "halton" samplers are those of CHC+RT [Mattausch et al. 2015, Sec. 5.3]: every set is the same Halton sequence,
-rotated around the normal by an angle of the set's own where it is a hemisphere, else moved.
+The "halton" samplers follow CHC+RT [Mattausch et al. 2015, Sec. 5.3]. All sets are the same Halton sequence. On the
+hemisphere each set is rotated around the normal by its own angle; on other domains it is shifted.
 """
 
 from collections.abc import Callable
@@ -18,13 +19,15 @@ from ..scene.point_lights import N_SETS, PointLights
 
 
 def hammersley(n: int) -> np.ndarray:
-    """(n, 2) float64: i / n and the van der Corput radical inverse of i; n a power of two."""
+    """(n, 2) float64: (i + 1/2) / n and the van der Corput radical inverse of i; n is a power of two."""
+    # Eq. (2) of docs/design/sampling.md
     i = np.arange(n, dtype=np.uint64)
     return np.stack([(i + 0.5) / n, _radical_inverse(i, _van_der_corput_rows())], 1)
 
 
 def larcher_pillichshammer(n: int) -> np.ndarray:
-    """(n, 2) float64: i / n and the Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n a power of two."""
+    """(n, 2) float64: (i + 1/2) / n and the Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n a power of two."""
+    # Eq. (2) of docs/design/sampling.md
     i = np.arange(n, dtype=np.uint64)
     rows = [0]
     for k in range(32):  # v ^= 2**31 >> ... of Kollig and Keller's listing: v | v >> 1
@@ -58,11 +61,11 @@ def _inverse_in_base_3(i):
 
 
 def _split_net(points: np.ndarray) -> np.ndarray:
-    """(16 m, 2) net -> (16, m, 2): every set has one point in each of m elementary cells, in Z order of the cells.
+    """Split a (16 m, 2) net into sets (16, m, 2), each with one point per elementary cell, in Z order of the m cells.
 
-    The net has 16 points in each cell. Set k takes the point whose rank by x is k, permuted from row to row in the
-    rank's high bits (which decide x) and from column to column in its low bits (which decide y in a digital net), so
-    that the projections of each set on the axes are spread as well.
+    The net has 16 points in each cell. Set k takes the point with rank k by x, after a permutation of ranks. The
+    permutation changes the rank's high bits, which decide x, from row to row. It changes the low bits, which decide y in
+    a digital net, from column to column. So the projections of each set on the axes are well distributed too.
     """
     m = len(points) // N_SETS
     bits = m.bit_length() - 1
@@ -82,7 +85,7 @@ def _z_order(x, y):
 
 
 def _scrambled_sobol(spp: int, seed: int) -> np.ndarray:
-    from scipy.stats import qmc  # slow to import, so only when asked for
+    from scipy.stats import qmc  # imported on demand, because the import is slow
 
     size = _power_of_two(spp)
     points = qmc.Sobol(2, scramble=True, rng=seed).random(N_SETS * size)
@@ -104,7 +107,7 @@ def _net(generate: Callable[[int], np.ndarray]):
 
 
 _DITHER = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])
-"""Place of each set in 16 strata: any 2 x 2 pixels have one of each quarter of them [Bayer 1973]."""
+"""Stratum of each set, of 16: any 2 x 2 pixels contain one stratum of each quarter [Bayer 1973]."""
 
 ROTATIONS: dict[str, float] = {
     "halton": 36.0,
@@ -113,15 +116,15 @@ ROTATIONS: dict[str, float] = {
     "halton:36": 36.0,
     "halton:full": 360.0,
 }
-"""Sampler -> degrees by which its sets are rotated on a hemisphere at most; for 20 samples the paper chose 36."""
+"""Sampler -> largest rotation of its sets on a hemisphere, in degrees; the paper chose 36 for 20 samples."""
 
 
 def _moved_halton(degrees: float):
-    """Cranley-Patterson rotation of the square, its offsets as large as the share of a full turn says."""
+    """Cranley-Patterson rotation of the square, with offsets of up to degrees / 360."""
 
     def sets(spp: int, seed: int) -> np.ndarray:
         offsets = degrees / 360.0 * larcher_pillichshammer(N_SETS)[_DITHER, None]
-        return np.maximum((halton(spp) + offsets) % 1.0, 2.0**-33)  # never 0, which the open square leaves out
+        return np.maximum((halton(spp) + offsets) % 1.0, 2.0**-33)  # never 0: the square is open
 
     return sets
 
@@ -152,7 +155,7 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
     Parameters
     ----------
     spp : int
-        Samples a set, 1 to 1024.
+        Samples per set, 1 to 1024.
     sampler : str
         A name in `SAMPLERS`. ``seed`` only matters to "sobol" (scrambled, from scipy).
 

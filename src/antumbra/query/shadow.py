@@ -14,7 +14,7 @@ from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
 
 CULL_FACES = {None: 0, "front": -1, "back": 1}
-"""Name -> sign of d . n of the triangles that do not block, d the ray's direction and n the triangle's normal."""
+"""Name -> sign of d . n of the triangles that do not block; d: the ray's direction, n: the triangle's normal."""
 
 
 class ShadowQuery(NamedTuple):
@@ -25,31 +25,31 @@ class ShadowQuery(NamedTuple):
 
     origins: np.ndarray  # (h, w, 3) float32, receivers moved off their surface, recentred frame
     faces: np.ndarray  # (h, w) int32, the receiver's own triangle in `corners`, -1 if it has none
-    sides: np.ndarray  # (h, w) int8: +-1 the side of its surface it sees, FREE without surface, NOTHING: no receiver
-    normals: np.ndarray  # (h, w, 3) float64 unit, to the seen side; (0, 0, 3) if no face is -1 and no light AMBIENT
-    corners: np.ndarray  # (n, 9) float32, triangles that `faces` counts in
+    sides: np.ndarray  # (h, w) int8: +-1: visible side of the receiver's surface; FREE: no surface; NOTHING: no receiver
+    normals: np.ndarray  # (h, w, 3) float64 unit, to the visible side; (0, 0, 3) if no face is -1 and no light AMBIENT
+    corners: np.ndarray  # (n, 9) float32, the triangles that `faces` indexes
     light: LightPatch
     samples: np.ndarray  # (16, spp, 3) float64, (a, b, c) in the light's domain
     cull_faces: int  # a value of CULL_FACES
-    ids: np.ndarray  # (h, w) int32: what trees call the own triangles; `faces`, unless `corners` has not all triangles
+    ids: np.ndarray  # (h, w) int32: the own triangles' indices in trees; equal to `faces` if `corners` has all triangles
 
 
 class Horizon(NamedTuple):
-    """The plane of one receiver's surface: which light samples are above it? Float64 scalars."""
+    """The plane of one receiver's surface, to decide which light samples lie above it. Float64 scalars."""
 
-    side: int  # the side of the plane that the receiver sees; FREE: there is no plane
-    face: int  # triangle that the plane belongs to, -1: known by its normal only
+    side: int  # the receiver's side of the plane; FREE: there is no plane
+    face: int  # the triangle in the plane; -1: only the normal is known
     px: float  # a point of the plane
     py: float
     pz: float
     nx: float  # its normal, any length
     ny: float
     nz: float
-    error: float  # of the product (l - p) . n, for each unit of the largest component of l - p
+    error: float  # error of the product (l - p) . n, per unit of the largest component of l - p
 
 
 class QueryPointers(NamedTuple):
-    """A `ShadowQuery` in hot kernels, for each array passed on costs a reference count; receivers count row by row."""
+    """Pointers to a `ShadowQuery` for hot kernels, free of reference counts; receivers are numbered row by row."""
 
     origins: object  # float32
     faces: object  # int32
@@ -84,13 +84,14 @@ def _three(a):
 
 @inlined
 def three_at(p, i):
-    """Three numbers, in float64."""
+    """Vector i of an array of 3-vectors, in float64."""
     return np.float64(get(p, 3 * i)), np.float64(get(p, 3 * i + 1)), np.float64(get(p, 3 * i + 2))
 
 
 @inlined
 def set_of(query, i):
     """The sample set of receiver i."""
+    # Eq. (1) of docs/design/sampling.md
     return (i % query.w & 3) + 4 * (i // query.w & 3)
 
 
@@ -124,14 +125,14 @@ def horizon_of(query, i):
 
 @inlined
 def set_bit(query, bits, i, s):
-    """Say that sample s of receiver i is blocked; `bits`: pointer to the answer."""
+    """Set the bit of sample s of receiver i, which is blocked; `bits`: pointer to the answer."""
     at = i * query.words + (s >> 6)
     put(bits, at, get(bits, at) | np.uint64(1) << np.uint64(s & 63))
 
 
 @inlined
 def is_above(horizon, lx, ly, lz, corners):
-    """Is the float32 light sample strictly on the receiver's side of its surface? Exact where a triangle is known."""
+    """True if the float32 light sample lies strictly on the receiver's side of its surface; exact if `face` is known."""
     if horizon.side == FREE:
         return True
     a = (np.float64(lx) - horizon.px, np.float64(ly) - horizon.py, np.float64(lz) - horizon.pz)
@@ -159,8 +160,8 @@ def _segments_kernel(query, ends, above):
 def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
     """All light samples of a query, for checks against other tools: (ends, above).
 
-    ends : (h, w, spp, 3) float32; the segments run from ``query.origins`` to these
-    above : (h, w, spp) bool; False where the surface itself occludes the sample, or there is no receiver
+    ends : (h, w, spp, 3) float32, ends of the segments that begin at ``query.origins``
+    above : (h, w, spp) bool; False if the surface itself occludes the sample, or there is no receiver
     """
     h, w = query.sides.shape
     spp = query.samples.shape[1]
@@ -171,7 +172,7 @@ def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
 
 @kernel
 def _fraction_kernel(ticket, bits, spp, out):
-    """Worker: of each row of words, the share of spp samples whose bit is not set."""
+    """Worker: for each row of words, the share of the spp samples whose bit is not set."""
     p, words = ptr(bits), bits.shape[1]
     first = take(ticket)
     while first >= 0:

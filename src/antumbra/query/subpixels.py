@@ -1,8 +1,8 @@
-"""Sub-pixels: sixteen points in each of some pixels, as a picture of their own.
+"""Sub-pixels: sixteen points in each selected pixel, arranged as a separate picture.
 
-Pixel e becomes a block of 4 x 4 pixels of that picture. So its sub-pixels use sixteen different sample sets, neighbours
-stay neighbours, and any tracer gets what it is made for: to multi-frusta tracing a block is one group of 16 frusta
-[Benthin and Wald 2009, Sec. 6.1].
+Pixel e becomes a block of 4 x 4 pixels of that picture. So its sub-pixels use sixteen different sample sets, and
+neighbours stay neighbours. Tracers get the coherent input they need: in multi-frusta tracing, a block is one group of 16
+frusta [Benthin and Wald 2009, Sec. 6.1].
 """
 
 import math
@@ -24,8 +24,8 @@ BLOCK = 4
 def _offsets() -> np.ndarray:
     """(4, 4, 2) float64: x and y in (0, 1) of the sub-pixel in each row and column of a block.
 
-    The sixteen points of a digital net: one in each cell of 4 x 4, no two at the same x or y, so that an edge of any
-    direction, upright ones too, moves over them one by one.
+    The points form a digital net: one in each cell of 4 x 4, no two at the same x or y. So an edge of any direction, also
+    a vertical one, moves over them one by one.
     """
     points = larcher_pillichshammer(BLOCK * BLOCK) + (0.0, 0.5 / BLOCK**2)
     column, row = (points * BLOCK).astype(int).T
@@ -53,14 +53,14 @@ def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays
 
 
 def subpixel_gbuffer(triangles, rays: CameraRays, wanted: np.ndarray, threads=None) -> GBuffer:
-    """The G-buffer of the sub-pixels of some pixels.
+    """The G-buffer of the sub-pixels of selected pixels.
 
-    wanted : (H, W) bool, E of them true; row by row they become the blocks of a picture of (4 R, 4 C) pixels, about
-        square, whose last blocks see nothing if E is not R C
+    wanted : (H, W) bool, with E true entries; row by row they become the blocks of a roughly square picture of
+        (4 R, 4 C) pixels, whose last blocks are background if E < R C
 
-    What a sub-pixel sees is found by the rasteriser, with the camera's window shifted so that the sub-pixel is the
-    centre of its pixel: sixteen times all of the picture takes about as long as tracing rays through a few per cent of
-    it, and needs no tree that holds all that is visible.
+    The rasteriser finds the surface of each sub-pixel: it shifts the camera's window to put the sub-pixel at the centre of
+    its pixel. Rasterising the whole picture sixteen times takes about as long as tracing rays through a few per cent of
+    its pixels. It also needs no tree of all visible triangles.
     """
     threads = thread_count(threads)
     pixels = np.ascontiguousarray(np.argwhere(wanted))
@@ -84,7 +84,7 @@ def _nothing_seen(h: int, w: int, origin) -> GBuffer:
 
 
 def block_copies(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(4 R, 4 C, ...): each of n values in all of its block of a picture of sub-pixels with this shape; else 0."""
+    """(4 R, 4 C, ...): a picture of sub-pixels with each of n values copied over its block; 0 in the other blocks."""
     rows, columns = shape[0] // BLOCK, shape[1] // BLOCK
     blocks = np.zeros((rows * columns, *values.shape[1:]), values.dtype)
     blocks[: len(values)] = values

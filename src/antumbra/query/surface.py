@@ -1,4 +1,4 @@
-"""Do two pixels see one smooth surface? The question of the filter, of penumbrae and of silhouettes."""
+"""The test whether two pixels see the same smooth surface, for the filter, penumbrae and silhouettes."""
 
 from typing import NamedTuple
 
@@ -12,22 +12,22 @@ COSINE = np.float32(np.cos(np.radians(20.0)))
 """Normals of one smooth surface differ by less than 20 degrees."""
 
 APART = np.float32(0.5)
-"""Each of two points of one smooth surface is this near to the other's tangent plane, in widths of a pixel there."""
+"""Largest distance of a point from the other's tangent plane on one smooth surface, in pixel widths at that depth."""
 
 
 class PictureSurfaces(NamedTuple):
-    """The surfaces in a G-buffer, as `same_surface` asks about them; (H, W, ...) arrays of `query.gbuffer.GBuffer`."""
+    """The surfaces in a G-buffer, as input of `same_surface`; the arrays are those of `query.gbuffer.GBuffer`."""
 
-    position: np.ndarray
-    normal: np.ndarray
-    face: np.ndarray
-    depth: np.ndarray
-    side: np.ndarray
+    position: np.ndarray  # (H, W, 3) float32
+    normal: np.ndarray  # (H, W, 3) float32
+    face: np.ndarray  # (H, W) int32
+    depth: np.ndarray  # (H, W) float32
+    side: np.ndarray  # (H, W) int8
     pixel: float  # float32, width of a pixel at depth 1
 
 
 def seen_by(gbuffer, rays) -> PictureSurfaces:
-    """What the camera of these `CameraRays` sees."""
+    """The surfaces of a G-buffer that was made with these `CameraRays`."""
     pixel = np.float32(np.linalg.norm(rays.dy))
     return PictureSurfaces(gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.depth, gbuffer.side, pixel)
 
@@ -56,7 +56,7 @@ def points_of(seen):
 
 @inlined
 def at(points, values, y, x):
-    """Pixel (y, x) of another (H, W) array, by its pointer."""
+    """Pixel (y, x) of another (H, W) array, given by its pointer."""
     return get(values, y * points.w + x)
 
 
@@ -72,11 +72,11 @@ def _dot(a, b):
 
 @inlined
 def same_surface(points, y, x, v, u):
-    """Does pixel (v, u), which may lie outside the picture, see the surface that pixel (y, x) sees, and smoothly on?
+    """True if pixels (y, x) and (v, u) see the same smooth surface; (v, u) may lie outside the picture.
 
-    The same face is the same surface. Another one is if its normal is nearly the same and each of the two points lies
-    near the other's tangent plane. Distance to a plane does not grow with the angle of sight, as difference of depth
-    does; nor do finely tessellated surfaces, where every pixel sees another face, fall apart.
+    The same face is the same surface. Two faces belong to one surface if their normals are nearly equal and each point
+    lies near the other's tangent plane. Unlike a difference of depth, the distance to a plane does not grow at grazing
+    angles. Finely tessellated surfaces, where every pixel sees another face, also stay connected.
     """
     if v < 0 or u < 0 or v >= points.h or u >= points.w:
         return False
@@ -86,7 +86,7 @@ def same_surface(points, y, x, v, u):
     if get(points.face, i) == get(points.face, k):
         return True
     n, m = _vector(points.normal, i), _vector(points.normal, k)
-    if _dot(n, m) < COSINE:
+    if _dot(n, m) < COSINE:  # Eq. (2) of docs/design/filter.md
         return False
     p, q = _vector(points.position, i), _vector(points.position, k)
     d = q[0] - p[0], q[1] - p[1], q[2] - p[2]

@@ -1,8 +1,8 @@
 """The light samples of a query, laid out for tiles of 16 receivers.
 
 A *chunk* is 16 samples. *Stratum* s of a chunk holds sample s of all 16 sample sets. These samples are near each other
-on the light, because each set is in Z order of its cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*. The groups
-form a heap: stratum s is group 16 + s, and group g holds groups 2g and 2g + 1. Group 1 is the whole chunk.
+on the light, because each set is in Z order of its cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*. The
+groups form a heap: stratum s is group 16 + s, and group g holds groups 2g and 2g + 1. Group 1 is the whole chunk.
 """
 
 from typing import NamedTuple

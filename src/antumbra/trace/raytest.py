@@ -20,7 +20,7 @@ LANES = 12 * 16  # float32 of kept `Lanes`
 
 
 class Triangle(NamedTuple):
-    """A triangle: first corner, edges at it, their cross product, and the edges' largest component; float32 scalars."""
+    """A triangle's first corner, the edges at it, their cross product, and their largest component; float32 scalars."""
 
     v: Vec
     p: Vec

@@ -8,8 +8,8 @@ the two boxes
     b = max(|w| . rx, w . D + |w| . ry)
 
 so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes, up
-to second order, but any k is correct. D itself is the normal of the two end caps. A triangle that lies wholly beyond one
-of the six planes is missed by the whole shaft.
+to second order, but any k is correct. D itself is the normal of the two end caps. The whole shaft misses a triangle
+that lies wholly beyond one of the six planes.
 """
 
 from typing import NamedTuple

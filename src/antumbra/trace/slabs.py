@@ -2,14 +2,14 @@
 
 A *shaft* contains all segments from a box of origins to a box of targets. Along each axis, o_low and o_high bound the
 origins. d_low leads from the lower bound of the origins to the lower bound of the targets, and d_high does the same for
-the upper bounds. At parameter t the shaft's points lie between o_low + t d_low and o_high + t d_high. So the shaft meets
-the slab [low, high] of a node's box at t if
+the upper bounds. At parameter t the shaft's points lie between o_low + t d_low and o_high + t d_high. So the shaft
+meets the slab [low, high] of a node's box at t if
 
     o_high + t d_high >= low     and     o_low + t d_low <= high
 
-Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0; otherwise they
-bound t from above. An interval of directions that contains zero needs no special test, though the paper adds one. Its
-two conditions both bound t from below.
+Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0. Otherwise
+they bound t from above. An interval of directions that contains zero needs no special test, though the paper adds one.
+Its two conditions both bound t from below.
 
 If the origin box is a point, the shaft is the frustum of multi-frusta tracing, and this is its interval slab test
 [Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]. If both boxes are points, the shaft is a ray.
@@ -19,8 +19,8 @@ The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d 
 - Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
 - Rounding k adds 4u |k|, and the fma adds u |t|.
 - `_PAD` = 12u of (1 + |k|), added to k once, outwards, covers these errors for all t up to 1.
-- *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t| of an
-  entry and 9u |t| of an exit.
+- *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t| of
+  an entry and 9u |t| of an exit.
 
 A |d| below a tiny limit is replaced by one of that size that bounds t from below. This is never tighter than the truth.
 """

@@ -2,8 +2,8 @@
 
 The axes are the three axes of the box, and their cross products with the segments. A segment may meet the box if no
 axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most 4u of the
-coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of numbers that
-underflow.
+coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of numbers
+that underflow.
 """
 
 import numpy as np

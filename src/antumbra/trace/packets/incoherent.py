@@ -1,11 +1,11 @@
-"""Samples that lie anywhere, as interleaved point lights and a hemisphere: packets of rays through a tree of blocks.
+"""Incoherent samples, as of interleaved point lights and the hemisphere: packets of rays through a tree of blocks.
 
-Where the samples of a stratum are as far apart as those of the whole light, or all around, its shaft culls nothing, and
-neither does a beam. Then multi-frusta tracing falls back to rays. The 16 lanes are a receiver's rays to the points of a
-list, or those of 16 receivers in one direction of the hemisphere; at a block each ray in turn is tested against the
-triangles, side by side.
+If the samples of a stratum are as far apart as the whole light, or all around, neither shafts nor beams cull anything.
+Then multi-frusta tracing falls back to rays. The 16 lanes are the rays of a receiver to the points of a list, or the
+rays of 16 receivers in one direction of the hemisphere. At a block, each ray in turn is tested against the triangles
+side by side.
 
-They also trace what is far: shafts multiply three lengths, which float32 does not hold from some coordinates on.
+Packets also trace far scenes. Shafts multiply three lengths, and float32 overflows for large coordinates.
 """
 
 import numpy as np
@@ -20,15 +20,15 @@ from ..counters import TRIANGLES, count
 from ..lighttable import STRATA
 from .raytile import rows_are_receivers
 
-_WIDE = 0.1  # of a chunk's extents, those of a stratum from which on it is not worth a shaft
-_HUGE = 0.5  # of the scene's extents, those of a chunk from which on packets are faster ...
-_LARGE = 0.1  # ... and from which on they are with less samples than ...
-_FEW = 8  # ... these, with which tiles do not share a walk
-_FAR = 2.0**40  # coordinates up to this cannot overflow in a product of three of their differences, nor in sums of such
+_WIDE = 0.1  # beyond this share of a chunk's extents, a stratum is too wide for a shaft
+_HUGE = 0.5  # beyond this share of the scene's extents, a chunk is too wide for shafts: packets are faster
+_LARGE = 0.1  # the same limit for queries of fewer than _FEW samples
+_FEW = 8  # with fewer samples, tiles do not share a walk
+_FAR = 2.0**40  # up to this coordinate, no product of three differences overflows, and no sum of such products
 
 
 def _extents(query):
-    """Means of the sums of the extents of a patch's samples: (of a stratum, of a chunk)."""
+    """Mean extents of a patch's samples, summed over the axes: (of a stratum, of a chunk)."""
     points = query.samples @ np.stack([query.light.u, query.light.v, query.light.w])
     low, high = points.min(0), points.max(0)  # (n, 3) of each stratum
     chunks = np.arange(0, len(low), STRATA)
@@ -37,7 +37,7 @@ def _extents(query):
 
 
 def is_incoherent(query) -> bool:
-    """Are a stratum's samples far apart: a wide cone of the hemisphere, or points of a list that are?"""
+    """Are a stratum's samples far apart: directions of the hemisphere, or scattered points of a list?"""
     if query.light.kind != LIST:
         return query.light.kind == AMBIENT
     stratum, whole = _extents(query)
@@ -51,9 +51,9 @@ def extents_of(tree) -> np.ndarray:
 
 
 def is_huge(query, extents) -> bool:
-    """Do a lamp's samples, those of a chunk, span a good part of a tree's `extents`, so that frusta hold much of it?
+    """Do the samples of a lamp's chunk span a large part of a tree's `extents`? Then frusta contain much of the tree.
 
-    Of few samples a shaft has so few rays that less of the tree is too much.
+    With few samples a shaft has few rays, so the limit is lower.
     """
     if query.light.kind != FIXED:
         return False
@@ -62,18 +62,19 @@ def is_huge(query, extents) -> bool:
 
 
 def is_far(query, box) -> bool:
-    """May a coordinate of the query, or of the (2, 3) box of the triangles, be too large for float32's shafts?"""
+    """May a coordinate of the query, or of the triangles' (2, 3) box, be too large for shafts in float32?"""
     light = query.light
     far = np.abs(box).max() + np.abs(light.base).max() + 3.0 * light.radius
     far += max(1.0, np.abs(query.samples).max()) * np.abs([light.u, light.v, light.w]).sum()
-    if query.sides.shape[0] == 1:  # receivers that are not pixels may be anywhere; those that are lie on triangles
+    if query.sides.shape[0] == 1:  # receivers in a row may be anywhere; pixels' receivers lie on triangles
         far += np.abs(query.origins).max(initial=0.0)
     return not far <= _FAR
 
 
 @kernel
 def trace_block(tree, rays, r, code, mask, facing, deferred, counters):
-    """Test the rays of row r that are in `mask` against a block; bits of those that it blocks."""
+    """Test the rays of row r in `mask` (bits) against a block. Return bits of the rays that it blocks."""
+    # In: tree, rays, r, code, mask, facing. Out: deferred, counters.
     b = Block(tree, code >> 5, (np.int64(1) << (code & 31)) - 1, np.int64(0), facing, None, deferred)
     hits = np.int64(0)
     while mask != 0:

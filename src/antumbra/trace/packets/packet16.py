@@ -1,11 +1,11 @@
-"""`packet16`: packets of 16 shadow rays, each through the builder's own deep tree.
+"""`packet16`: packets of 16 shadow rays through the builder's own deep tree.
 
-What multi-frusta tracing is measured against [Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]: one slab test a node
-for all 16 rays, a mask of active rays, and no bounds of packets. A packet is a stratum of 16 neighbouring receivers, or
-(`packet16:samples`) a receiver's samples.
-Triangles are tested by edge functions, where the paper takes Moeller and Trumbore's test.
+This is the baseline of multi-frusta tracing [Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]. It has one slab test a
+node for all 16 rays, a mask of active rays, and no bounds of packets. A packet is a stratum of 16 neighbouring
+receivers, or a receiver's samples (`packet16:samples`). Triangles are tested by edge functions. The paper uses Moeller
+and Trumbore's test.
 
-The same packets go through a tree of blocks for `scattered` samples.
+For `incoherent` samples, the same packets go through a tree of blocks.
 """
 
 from functools import partial
@@ -54,11 +54,11 @@ def pointers(prepared):
 
 
 def trees_for(trees, y, x, stratum):
-    """In kernels: (begin, end) of the trees that a stratum of the receivers near pixel (y, x) goes through."""
+    """In kernels: (begin, end) of the trees for a stratum of the receivers near pixel (y, x)."""
 
 
 def nothing_for(trees, y, x):
-    """In kernels: need nothing be done about the receivers near pixel (y, x)?"""
+    """In kernels: is there nothing to trace for the receivers near pixel (y, x)?"""
 
 
 def tree_number(trees, k):
@@ -66,11 +66,11 @@ def tree_number(trees, k):
 
 
 def walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
-    """In kernels: trace a row through the trees from the i-th on: (the one to go on with, the rays left)."""
+    """In kernels: trace a row through trees i .. end. Return (the tree to go on with, bits of the rays left)."""
 
 
 def trace_leaf(tree, rays, r, code, mask, facing, deferred, counters):
-    """In kernels: test the rays of row r in `mask` against a leaf of the tree; bits of those that it blocks."""
+    """In kernels: test the rays of row r in `mask` against a leaf. Return bits of the rays that it blocks."""
 
 
 @overload(pointers)
@@ -114,7 +114,7 @@ def _by_job(tree, slabs, at, alive, job, scratch, counters):
 
 
 def _chosen(argument, kind, one, other):
-    """What an overload takes: one for arguments of a kind, the other for all others."""
+    """The implementation of an overload: `one` if the argument is of type `kind`, otherwise `other`."""
     return one if argument.instance_class is kind else other
 
 
@@ -131,7 +131,7 @@ def _trace_leaf(tree, rays, r, code, mask, facing, deferred, counters):
 
 @inlined
 def _own(tree, rays, r, slot):
-    """Bits of the rays of row r that start on the triangle."""
+    """Bits of the rays of row r that start on the triangle in `slot`."""
     if rows_are_receivers(rays):
         return np.int64(0xFFFF) if get(rays.tile.faces, r) == get(tree.prim_ids, slot) else np.int64(0)
     return bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
@@ -139,7 +139,7 @@ def _own(tree, rays, r, slot):
 
 @kernel
 def _trace_triangles(tree, rays, r, code, mask, facing, deferred, counters):
-    """`trace_leaf` of a `Tree`, triangle by triangle."""
+    """`trace_leaf` for a `Tree`, triangle by triangle."""
     hits = np.int64(0)
     if ~code == EMPTY:
         return hits
@@ -174,7 +174,7 @@ def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
 
 @inlined
 def _walk_one(tree, slabs, alive, row, scratch, counters):
-    """`walk_trees` where there is one tree."""
+    """`walk_trees` for a single tree."""
     at = saved(scratch.at, alive)
     at, alive = _walk_tree(tree, slabs, at if at.place != NOWHERE else root(alive), alive, row, scratch, counters)
     save(scratch.at, at)
@@ -183,7 +183,7 @@ def _walk_one(tree, slabs, alive, row, scratch, counters):
 
 @kernel
 def _walk(trees, rays, r, i, end, facing, scratch, counters):
-    """Trace row r through the trees from the i-th on; the one to go on with when what is deferred has been settled."""
+    """Trace row r through trees i .. end. Return the tree to go on with after deferred tests are settled."""
     alive = open_rays(rays, r)
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
     i, alive = walk_trees(trees, i, end, slabs, alive, Row(rays, r, facing), scratch, counters)
@@ -193,7 +193,7 @@ def _walk(trees, rays, r, i, end, facing, scratch, counters):
 
 @kernel
 def _trace_packets(ticket, prepared, query, samples, job, out, counters):
-    """Worker: tiles, packet by packet."""
+    """Worker: trace tiles, packet by packet."""
     scratch, trees = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS)), pointers(prepared)
     mine = cleared(stack_i64(N_COUNTERS))
     chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
@@ -227,9 +227,9 @@ def trace_shadow(
 
     by_sample : whether a packet is one receiver's samples, not the samples of 16 receivers
     prepared : Bvh, BlockTree or Forest
-    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry, or what a forest that is not fresh has found so far
+    bits : (h, w, ceil(spp / 64)) uint64. Zeros on entry; if a forest is not fresh, the blocked samples found so far.
     counters : from `new_counters`, or None
-    chunks : of 16 samples; None: all
+    chunks : range of the chunks of 16 samples to trace; None: all
     """
     trees = whole(prepared) if isinstance(prepared, BlockTree) else prepared
     fresh = trees.fresh if isinstance(trees, Forest) else True

@@ -1,7 +1,7 @@
-"""A tile's rays as 16 rows of 16: what the packet tracers and the paper's multi-frusta tracing have in common.
+"""A tile's rays as 16 rows of 16, shared by the packet tracers and the paper's multi-frusta tracing.
 
-A row is either a stratum, whose lanes are the receivers (packets over pixels), or a receiver, whose lanes are its
-samples (packets and frusta with a common origin).
+In packets over pixels, a row is a stratum, and its lanes are the receivers. In packets and frusta with a common origin,
+a row is a receiver, and its lanes are the receiver's samples.
 """
 
 from typing import NamedTuple
@@ -34,7 +34,7 @@ from ..tile import (
 STACK = 4 * MAX_DEPTH
 _AT = TREE + 1
 SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
-_STACK_AT = 32 + (_AT + 15) // 16 * 16  # after `dead` and `pixel`, 16 each, and `at`
+_STACK_AT = 32 + (_AT + 15) // 16 * 16  # int32 before the stack: `dead` and `pixel`, 16 each, and `at`
 SCRATCH_INTS = _STACK_AT + STACK + deferred_ints(1)
 
 
@@ -46,13 +46,13 @@ class SampleRows(NamedTuple):
 
 
 class RayTileJob(NamedTuple):
-    """What all tiles of a run share."""
+    """The data that all tiles of a run share."""
 
     shape: object  # TileShape
-    chunk: int
+    chunk: int  # number of the chunk
     count: int  # samples of the chunk
     by_sample: bool  # whether a row's lanes are one receiver's samples, not 16 receivers
-    fresh: bool  # nothing is known of the rays; else the bits tell which ones are blocked
+    fresh: bool  # True: nothing is known of the rays yet; False: the bits tell which ones are blocked
 
 
 class RayTileScratch(NamedTuple):
@@ -74,13 +74,13 @@ class TileRays(NamedTuple):
     tile: object  # Tile
     pixel: object  # int32: y and x of its first pixel
     origins: object  # float32 x, y, z of 16 lanes; row r at r * stride
-    stride: int
+    stride: int  # float32 between the origins of two rows
     points: object  # float32 x, y, z of 16 lanes; row r at r * 48
     dead: object  # int32, one a row: bits of the blocked rays
     rows: int  # bits of the rows that hold rays
-    lanes: int  # bits of the lanes that do
-    row_place: int  # see `aside.put_aside`
-    lane_place: int
+    lanes: int  # bits of the lanes that hold rays
+    row_place: int  # step of `deferred.defer`'s place from row to row
+    lane_place: int  # step of the place from lane to lane
 
 
 @inlined
@@ -94,13 +94,13 @@ def scratch_in(floats, ints):
 
 @inlined
 def query_chunk_in(query, samples, job):
-    """The `Asked` of a job."""
+    """The `QueryChunk` of a job."""
     return query_chunk_of(query, samples.table, job.shape, job.chunk, job.count)
 
 
 @kernel
 def _by_receiver(chunk, tile, scratch):
-    """Points of the receivers' samples; fills the receivers' origins."""
+    """Fill the receivers' origins. Return the points of the receivers' samples."""
     for r in range(16):
         for k in range(3):
             store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
@@ -112,9 +112,9 @@ def _by_receiver(chunk, tile, scratch):
 
 @kernel
 def start_tile(job, chunk, n, scratch, known, counters):
-    """The `TileRays` of tile n, those that the receivers' own surfaces surely block dead already.
+    """The `TileRays` of tile n. Rays that the receivers' own surfaces surely block are already dead.
 
-    known : pointer to the bits of all receivers, which are read unless the job is fresh
+    known : pointer to the bits of all receivers, read unless the job is fresh
     """
     y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
     tile = tile_at(scratch.tile, 0, chunk)
@@ -147,7 +147,7 @@ def origins_of(rays, r):
 
 @inlined
 def directions_of(rays, r):
-    """Their directions, the whole way to the samples, rounded once."""
+    """Directions of the rays of row r: the whole way to the samples, rounded once."""
     return minus(rows(rays.points, r * 48, 16), origins_of(rays, r))
 
 
@@ -165,7 +165,7 @@ def rows_are_receivers(rays):
 
 @kernel
 def settle(tree, chunk, rays, scratch, counters):
-    """Decide what was deferred, and update `rays.dead`."""
+    """Settle the deferred tests, and update `rays.dead`."""
     if get(scratch.deferred, 0) == 0:
         return
     if rows_are_receivers(rays):
@@ -200,7 +200,7 @@ def trace_tiles(
     """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk.
 
     by_sample : whether rows are receivers, not strata
-    fresh : whether nothing is known of the rays; else `bits` tell which ones are blocked
+    fresh : True: nothing is known of the rays yet; False: `bits` tell which ones are blocked
     chunks : range of the chunks of samples; None: all
     """
     counters = new_counters() if counters is None else counters

@@ -1,7 +1,7 @@
 """Slab tests of the 16 frusta of a tile of primary rays: 8 x 4 pixels each, the camera as common origin.
 
-A frustum holds the rays o + t d of its pixels; along each axis d_low <= d <= d_high: it is a shaft without an end
-(`trace.slabs`) [Benthin and Wald 2009, Sec. 4.1].
+A frustum contains the rays o + t d of its pixels. Along each axis d_low <= d <= d_high. So a frustum is an endless
+shaft (`trace.slabs`) [Benthin and Wald 2009, Sec. 4.1].
 """
 
 import numpy as np
@@ -20,8 +20,9 @@ FLOATS = 96
 def bound_directions(rays, error, x0, y0, directions):
     """Write d_low and d_high of the frusta of the tile at pixel (x0, y0).
 
-    error: (3,) float64, how far `pixel_direction` is from the real direction at most. Frusta that lie beyond the
-    picture are bounded too.
+    Frusta beyond the picture are bounded, too.
+
+    error : (3,) float64, bound of the error of `pixel_direction`
     """
     for axis in range(3):
         dx, dy = rays.dx[axis], rays.dy[axis]

@@ -1,8 +1,9 @@
 """A block of triangles against the frusta and pixels of a tile of primary rays.
 
-`pixelsetup` has written the block's edge functions and depth keys, linear over the tile, lanes = 16 triangles. The same
-lanes cull the block against cells, halves of frusta [Benthin and Wald 2009, Sec. 4.2: over a frustum a linear function
-is largest at a corner]; what is left is tested with lanes = a cell's 16 pixels.
+`pixelsetup` writes the block's edge functions and depth keys. They are linear over the tile, and lanes are the 16
+triangles. With the same lanes the block is culled against cells, halves of frusta. A linear function over a frustum is
+largest at a corner [Benthin and Wald 2009, Sec. 4.2]. The triangles left are tested one by one, and lanes are then a
+cell's 16 pixels.
 """
 
 from typing import NamedTuple
@@ -31,7 +32,7 @@ from ...kernels.vec import broadcasts
 from .pixelsetup import BOX, EDGES, KEY, KEY_ERROR, TOPS, set_up_block
 
 _F = np.float32
-CELLS = 32  # of 4 x 4 pixels in a tile: f is the left half of frustum f, 16 + f the right one
+CELLS = 32  # cells of 4 x 4 pixels in a tile: cell f is the left half of frustum f, cell 16 + f the right half
 PIXELS = 16 * CELLS
 DEFERRED = 2 + 2 * 16 * PIXELS  # int32: a block leaves at most 16 triangles for each pixel
 
@@ -39,14 +40,14 @@ DEFERRED = 2 + 2 * 16 * PIXELS  # int32: a block leaves at most 16 triangles for
 class Pixels(NamedTuple):
     """Pointers to the state of a tile's pixels, see `pixelstate`: cell c has elements 16 c to 16 c + 15."""
 
-    low: object  # float32: least possible depth key of the triangle; -inf where there is none, inf beyond the picture
-    high: object  # float32: largest possible one; -inf where there is none
-    slot: object  # int32: of the tree at hand; NOTHING, or KNOWN
+    low: object  # float32: lower bound of the visible triangle's depth key; -inf if none, inf beyond the picture
+    high: object  # float32: upper bound of the depth key; -inf if there is no triangle
+    slot: object  # int32: the triangle's slot in the current tree; NOTHING, or KNOWN
     least: object  # (CELLS,) float32: the least `low` of each cell
-    far: object  # (16,) float32: t beyond which nothing can be seen in each frustum
-    part: object  # int32: of what is KNOWN, the number of its tree; -1: it is in the picture
-    kept: object  # int32: and its slot there
-    deferred: object  # int32: how many pixels are deferred, -; then slot, 2 * pixel + (1 if it is surely covered)
+    far: object  # (16,) float32: t beyond which nothing is visible in each frustum
+    part: object  # int32: for KNOWN, the number of the triangle's tree; -1: see the picture
+    kept: object  # int32: for KNOWN, the triangle's slot in that tree
+    deferred: object  # int32: number of deferred pixels, an unused word; then slot, 2 * pixel + (1 if surely covered)
 
 
 @inlined
@@ -82,7 +83,7 @@ def _value(work, at, i, x, y):
 
 @inlined
 def defer(deferred, slot, cell, unsure, sure):
-    """Note pixels of a cell, which a triangle may win, for later."""
+    """Defer the pixels of a cell in `unsure` (bits), in which a triangle may be in front."""
     n = np.int64(get(deferred, 0))
     while unsure != 0:
         lane = lowest_bit(unsure)
@@ -95,7 +96,7 @@ def defer(deferred, slot, cell, unsure, sure):
 
 @inlined
 def _test_cell(work, tree, block, tests, x, y, pixels, cell):
-    """Test triangles (bits) against the pixels of a cell; bits of those that some pixel saw for a while."""
+    """Test triangles (bits) against the pixels of a cell. Return bits of triangles that some pixel saw for a while."""
     at, winners = 16 * cell, np.int64(0)
     low, high, slot = load16(pixels.low, at), load16(pixels.high, at), load16(pixels.slot, at)
     while tests != 0:
@@ -123,7 +124,7 @@ def _test_cell(work, tree, block, tests, x, y, pixels, cell):
 
 @kernel
 def trace_block(frame, tree, block, triangles, frusta, pixels, work):
-    """Test a block against some frusta (bits) of a tile; whether some pixel now sees one of its triangles."""
+    """Test a block against some frusta (bits) of a tile. Return whether some pixel sees one of its triangles."""
     left, winners = set_up_block(frame, tree, block, triangles, work), np.int64(0)
     if left == 0:
         return False
@@ -138,7 +139,7 @@ def trace_block(frame, tree, block, triangles, frusta, pixels, work):
             if tests != 0:
                 winners |= _test_cell(work, tree, block, tests, across + x, down + y, pixels, cell)
     seen = winners != 0
-    while winners != 0:  # ask for what the float64 t needs
+    while winners != 0:  # prefetch the corners for the float64 t
         slot = np.int64(get(tree.slots, block * 16 + lowest_bit(winners)))
         winners &= winners - 1
         prefetch(tree.corners, 9 * slot)

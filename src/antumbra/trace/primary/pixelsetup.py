@@ -1,22 +1,28 @@
 """A block of triangles set up for a tile of primary rays: edge functions and depth keys in pixel coordinates.
 
-As in the rasteriser (`query.raster_setup`), a vector from the eye is written (x, y, z) in pixel coordinates relative to
-the tile's first pixel, so that the ray of the tile's pixel (i, j) is g = (i, j, 1), apart from the rounding of its
-direction. With a = v0 - eye and the edges p, q, the edge functions and the depth key 1 / t are linear over the tile:
+As in the rasteriser (`query.raster_setup`), a vector from the eye has pixel coordinates (x, y, z) relative to the
+tile's first pixel. The ray of the tile's pixel (i, j) is g = (i, j, 1), apart from the rounding of its direction. With
+a = v0 - eye and the edges p and q, the edge functions and the depth key 1 / t are linear over the tile:
 
     e1 = g . (q x a)    e2 = g . (a x p)    e0 = D - e1 - e2    D = g . (p x q)    1 / t = D / (a . (p x q))
 
-So they are set up once for a block and a tile, lanes = 16 triangles, for `pixelblock` to test.
+So they are set up once for a block and a tile, with 16 triangles as lanes. `pixelblock` tests them.
 
-Errors. u = 2**-24; n, m are the largest sums of magnitudes in the rows (x, y) and z of the matrix to pixel coordinates.
-Its entries, a, p, q are rounded once, the products summed by fma, so x, y (z) of a vector no component of which exceeds
-r are wrong by at most 6 u n r (6 u m r). With A, dA the largest |x| or |y| of a plus 32 times its |z|, and their error,
-and P, dP those of p and q, the coefficients of e1 and e2 make them wrong by at most 2 (A dP + P dA), and all roundings
-from there to their value at a pixel by 12 u A P; for D put P for A; e0 adds two of the ones to the other, and two
-roundings. Rounding a direction moves g by at most (sx, sy, sz), and so c . g by |c| . (sx, sy, sz). Edge functions are
-divided by these bounds: above 1 a pixel is surely inside, below -1 surely outside.
+Errors. Let u = 2**-24. Let n and m be the largest sums of magnitudes in the rows (x, y) and z of the matrix to pixel
+coordinates.
 
-Lengths are scaled by a power of two, so that no product over- or underflows; where that cannot be, nothing is sure.
+- The entries of the matrix, a, p and q are rounded once, and products are summed by fma. If no component of a vector
+  exceeds r, its x and y are wrong by at most 6 u n r, and its z by at most 6 u m r.
+- Let A be the largest |x| or |y| of a plus 32 times its |z|, and dA the error of A. Let P and dP be the same for p and
+  q. The errors of the coefficients change e1 and e2 by at most 2 (A dP + P dA). The later roundings, up to the value at
+  a pixel, add 12 u A P.
+- For D, replace A by P. The error of e0 is the error of D, plus the errors of e1 and e2, plus two roundings.
+- Rounding a direction moves g by at most (sx, sy, sz), and so changes c . g by at most |c| . (sx, sy, sz).
+
+Edge functions are divided by these bounds. Above 1 a pixel is surely inside, below -1 it is surely outside.
+
+Lengths are scaled by a power of two, so that no product overflows or underflows. If no such scale exists, nothing is
+sure.
 """
 
 from typing import NamedTuple
@@ -50,7 +56,7 @@ _U = 2.0**-24
 _ZERO, _INFINITE = _F(0.0), _F(np.inf)
 _MORE = _F(1.01)  # second order terms and the rounding of the bounds
 _FLOOR = _F(1e-32)  # more than underflow can cost an edge function, or a volume
-_SURE = _F(1e-3)  # of a volume: the largest relative error with which a depth key is computed
+_SURE = _F(1e-3)  # largest relative error of a volume for which a depth key is computed
 _HUGE = _F(1e28)
 WIDTH, HEIGHT = 32, 16  # pixels of a tile
 EDGES, KEY, KEY_ERROR, TOPS, BOX, SIGN = 0, 9 * 16, 12 * 16, 13 * 16, 17 * 16, 21 * 16
@@ -64,7 +70,7 @@ class Frame(NamedTuple):
     x: Vec  # rows of the matrix
     y: Vec
     z: Vec
-    error: float  # of x and y, for each unit of a vector's largest component
+    error: float  # error of x and y, for each unit of a vector's largest component
     z_error: float
     shift: Vec  # how far rounding moves the direction g of a pixel
     floor: float  # infinite: nothing is sure
@@ -116,7 +122,7 @@ def _to_pixels(frame, v):
 
 @inlined
 def _sizes(frame, xy, z, length):
-    """`Sizes` of vectors whose computed coordinates are at most xy and z, and whose components at most `length`."""
+    """`Sizes` of vectors with computed coordinates of at most xy and z, and components of at most `length`."""
     xy_error, z_error = length * frame.error, length * frame.z_error
     return Sizes(xy + xy_error, z + z_error, xy_error, z_error)
 
@@ -134,7 +140,7 @@ def _range(a, b, c):
 
 @inlined
 def _pixel_range(low, high, pad, clear, size, work, at):
-    """Write the first and the last pixel, along one axis, whose centre a triangle may cover; mask16: there are any."""
+    """Write the first and last pixel along one axis whose centre a triangle may cover. mask16: there is such a pixel."""
     low = select(clear, minimum(maximum(low - pad, _ZERO), splat16(_F(size))), splat16(_ZERO))
     high = select(clear, minimum(high + pad, _F(size - 1)), splat16(_F(size - 1)))
     first = to_f32(to_i32(low))
@@ -146,10 +152,10 @@ def _pixel_range(low, high, pad, clear, size, work, at):
 
 @inlined
 def _keep_boxes(frame, a, p, q, a_size, p_size, work):
-    """Write the ranges of pixels of the triangles (`_pixel_range`); the tile where a corner is not clearly in front.
+    """Write the triangles' ranges of pixels (`_pixel_range`): the whole tile if a corner is not clearly in front.
 
-    Where the error of x is below z / 8, and so that of z far less, a coordinate x / z beyond 64 is surely beyond the
-    tile, and up to there it is wrong by 4 error / z.
+    Suppose the error of x is below z / 8, and so the error of z far less. Then a coordinate x / z beyond 64 is surely
+    beyond the tile. Up to 64 the coordinate is wrong by at most 4 error / z.
     """
     _, slip = _reach(Sizes(a_size.xy, a_size.z, a_size.xy_error + p_size.xy_error, a_size.z_error + p_size.z_error))
     zb, zc = a.z + p.z, a.z + q.z
@@ -174,13 +180,13 @@ def _moved(frame, c):
 
 @inlined
 def _top(c, right, down):
-    """What to add to c . (x, y, 1) for the largest value over the pixels from (x, y) to (x + right, y + down)."""
+    """The s for which c.x x + c.y y + s is the largest value of c over pixels (x, y) to (x + right, y + down)."""
     return fma(maximum(c.x, _ZERO), splat16(_F(right)), fma(maximum(c.y, _ZERO), splat16(_F(down)), c.z))
 
 
 @inlined
 def _keep_edge(frame, k, c, sign, error, work):
-    """Write an edge function over the bound of its error; bits of the triangles that the whole tile is outside of."""
+    """Write an edge function divided by its error bound. Return bits of the triangles that miss the whole tile."""
     scaled = times(c, sign / ((error + _moved(frame, c) + frame.floor) * _MORE))
     keep(work, EDGES + 48 * k, 16, scaled)
     store(work, TOPS + 16 * k, _top(scaled, 3, 3))
@@ -189,7 +195,7 @@ def _keep_edge(frame, k, c, sign, error, work):
 
 @inlined
 def _keep_key(frame, c, error, volume, volume_error, work):
-    """Write the depth key; its error is infinite where float32 cannot hold it."""
+    """Write the depth key and its error bound. The bound is infinite where float32 cannot hold the key."""
     size = absolute(volume)
     total = fma(absolute(c.x) + absolute(c.y), splat16(_F(WIDTH)), absolute(c.z))
     good = (volume_error < size * _SURE) & (total < size * _HUGE)
@@ -206,7 +212,7 @@ def _keep_key(frame, c, error, volume, volume_error, work):
 
 @inlined
 def _volume_error(frame, d, a_size, p_size):
-    """Bound of the error of a . d, with d = p x q."""
+    """Error bound of a . d, with d = p x q."""
     dz = p_size.xy * (p_size.xy_error * _F(4.0) + p_size.xy * _F(4 * _U))
     dxy = (p_size.z * p_size.xy_error + p_size.xy * p_size.z_error) * _F(2.0) + p_size.xy * p_size.z * _F(4 * _U)
     xy, z = absolute(d.x) + absolute(d.y), absolute(d.z)
@@ -216,7 +222,7 @@ def _volume_error(frame, d, a_size, p_size):
 
 @kernel
 def _settle_turns(frame, tree, block, flat, work):
-    """Write the exact signs of the volumes that float32 cannot tell; bits of those that are 0."""
+    """Write the exact signs of the `flat` volumes, which float32 cannot decide. Return bits of volumes that are 0."""
     none, e = np.int64(0), frame.eye
     while flat != 0:
         i = lowest_bit(flat)
@@ -230,7 +236,7 @@ def _settle_turns(frame, tree, block, flat, work):
 
 @kernel
 def set_up_block(frame, tree, block, triangles, work):
-    """Write what the tests of a block's triangles need; bits of those that some pixel of the tile may see."""
+    """Set up a block's triangles for their tests. Return bits of the triangles that some pixel of the tile may see."""
     numbers = ptr_at(tree.blocks, block * (ROWS * 16))
     a3, p3, q3 = rows(numbers, 0, 16), rows(numbers, 48, 16), rows(numbers, 96, 16)
     e = frame.eye

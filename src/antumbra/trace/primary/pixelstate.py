@@ -1,7 +1,8 @@
-"""What the pixels of a tile of primary rays have seen so far: at first nothing, or what earlier trees have shown.
+"""The state of a tile's pixels: the triangle that each pixel of primary rays has seen so far.
 
-A pixel's slot is that of a triangle of the tree at hand. What it sees of trees before it is `KNOWN`: as a tree and
-a slot there, or, if it was seen in an earlier call, by its face and its t in the picture.
+A pixel's slot is the slot of a triangle in the current tree. A triangle of an earlier tree is `KNOWN`. The pixel then
+keeps the number of that tree, and the slot there. If an earlier call found the triangle, its face and its t are in the
+picture.
 """
 
 import numpy as np
@@ -17,14 +18,14 @@ from .pixelblock import CELLS, first_pixel
 
 _F = np.float32
 NOTHING, KNOWN = np.int32(-1), np.int32(-2)  # instead of a slot
-_NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # more than rounding a key to float32 loses
+_NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # exceed the rounding of a key to float32
 _BEYOND = GROW * GROW  # once for rounding t, once as exits grow
 _LARGEST = 1e30  # more than a depth key that float32 computes
 
 
 @inlined
 def start(pixels, x0, y0, rays):
-    """Nothing is seen yet; bits of the frusta that have pixels."""
+    """Reset the pixels: nothing is seen yet. Return bits of the frusta that have pixels."""
     alive = np.int64(0)
     for cell in range(CELLS):
         x, y = first_pixel(cell)
@@ -43,7 +44,7 @@ def start(pixels, x0, y0, rays):
 
 @inlined
 def _see(pixels, at, slot, t, scale):
-    """Pixel `at` sees what lies at t."""
+    """Note that pixel `at` sees the triangle in `slot` at t."""
     key = 1.0 / (t * scale) if scale > 0.0 else 0.0
     low = key * _NEXT_BELOW - _TINY if scale > 0.0 else -np.inf
     put(pixels.low, at, low if low < _LARGEST else _LARGEST)
@@ -53,7 +54,7 @@ def _see(pixels, at, slot, t, scale):
 
 @inlined
 def _update_least(pixels, touched):
-    """Of the cells in `touched` (bits), the least of what their pixels may see."""
+    """Update `least` of the cells in `touched` (bits)."""
     while touched != 0:
         cell = lowest_bit(touched)
         touched &= touched - 1
@@ -62,7 +63,7 @@ def _update_least(pixels, touched):
 
 @kernel
 def resume(pixels, x0, y0, rays, face, t, scale):
-    """The same as `start`, for a tile of a picture of which some triangles have been seen already."""
+    """`start` for a tile whose picture already holds hits of earlier calls."""
     alive, touched = start(pixels, x0, y0, rays), np.int64(0)
     for cell in range(CELLS):
         across, down = first_pixel(cell)
@@ -80,14 +81,14 @@ def resume(pixels, x0, y0, rays, face, t, scale):
 
 @inlined
 def shorten(pixels, scale):
-    """What some frusta see has come nearer."""
+    """Shorten the frusta (`far`), after some of their pixels have seen nearer triangles."""
     least, far = minimum(load16(pixels.least, 0), load16(pixels.least, 16)), load16(pixels.far, 0)
     store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * _BEYOND, far))
 
 
 @inlined
 def keep(pixels, number):
-    """The tree at hand, `number`, is done: does any pixel see a triangle of it?"""
+    """Finish the current tree, `number`: its visible triangles become KNOWN. Return whether there are any."""
     any_ = np.int64(0)
     for cell in range(CELLS):
         slot, part = load16(pixels.slot, 16 * cell), load16(pixels.part, 16 * cell)
@@ -101,7 +102,7 @@ def keep(pixels, number):
 
 @inlined
 def _plane_of(forest, known, part, slot, o):
-    """The plane of a triangle; `known`: the last one, and its part."""
+    """(the plane of a triangle, its part). `known`: the last plane and its part, reused if the triangle is the same."""
     plane, of = known
     if slot != plane.triangle or part != of:
         plane = eye_plane(tree_in(forest, part).corners, slot, o)
@@ -110,7 +111,7 @@ def _plane_of(forest, known, part, slot, o):
 
 @inlined
 def _best_of(pixels, at, forest, other, part, ray, o, pixel, face, t):
-    """((the last plane, its part), t, face) of what pixel `at` sees."""
+    """((the last plane, its part), t, face) of the triangle that pixel `at` sees."""
     slot = np.int64(get(pixels.slot, at))
     if slot == KNOWN:
         part, slot = np.int64(get(pixels.part, at)), np.int64(get(pixels.kept, at))
@@ -122,10 +123,11 @@ def _best_of(pixels, at, forest, other, part, ray, o, pixel, face, t):
 
 @kernel
 def settle(pixels, forest, part, rays, x0, y0, scale, face, t):
-    """Let the contract decide the pixels that were deferred in tree `part`.
+    """Settle the deferred pixels of tree `part` by the contract's predicates.
 
-    face, t : pointers to the picture: what is `KNOWN` from earlier calls
+    face, t : pointers to the picture, with the triangles that are `KNOWN` from earlier calls
     """
+    # In: forest, part, rays, x0, y0, scale, face, t. In and out: pixels.
     o, touched, tree = rays.origin, np.int64(0), tree_in(forest, part)
     mine, other = (NO_PLANE, np.int64(-1)), (NO_PLANE, np.int64(-1))
     for k in range(np.int64(get(pixels.deferred, 0))):

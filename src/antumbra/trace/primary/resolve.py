@@ -1,7 +1,7 @@
-"""The faces and the canonical t of what a tile of primary rays sees.
+"""Resolve a tile of primary rays: the face and the canonical t of each pixel.
 
-`hit_t` is float64 and costs more than all tests of a pixel together if it is computed from the corners. So the plane of
-each triangle that the tile sees is computed once, and 16 pixels divide side by side.
+`hit_t` is float64. Computed from a triangle's corners, it costs more than all tests of a pixel together. So the plane
+of each visible triangle is computed once for the tile, and 16 pixels divide side by side.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from ..forest import tree_in
 from .pixelblock import CELLS, PIXELS, first_pixel
 from .pixelstate import KNOWN
 
-_CELL = 6 * 16  # float64 of 16 pixels: five rows for their planes, and t
+_CELL = 6 * 16  # float64 of 16 pixels: five rows for their planes, one row for t
 _T = 5 * 16
 PLANE_FLOATS = CELLS * _CELL
 KNOWN_PLANES = PIXELS + 1
@@ -30,11 +30,11 @@ MARK_WORDS = 3 * _MARKS
 class ResolveScratch(NamedTuple):
     """Pointers to scratch memory."""
 
-    planes: object  # float64, PLANE_FLOATS: of each cell five rows of 16 pixels for their planes, and one for their t
+    planes: object  # float64, PLANE_FLOATS: for each cell five rows of 16 pixels for their planes, one row for t
     face: object  # int32, PIXELS: in the order of cells, like all of `Pixels`
-    known: object  # float64, KNOWN_FLOATS: five numbers a plane; number 0 is no plane
+    known: object  # float64, KNOWN_FLOATS: five numbers for each plane; plane 0 stands for no plane
     ids: object  # int32, KNOWN_PLANES: faces of these planes
-    marks: object  # int32, MARK_WORDS: by the last bits of a slot, the slot; its part; the number of its plane
+    marks: object  # int32, MARK_WORDS: hash table by the last bits of a slot: slots, parts, numbers of planes
 
 
 @inlined
@@ -64,7 +64,7 @@ def _get_plane(p, at, stride):
 
 @kernel
 def _find_planes(pixels, forest, o, seen):
-    """Write the face and the plane of each pixel. A triangle's plane is computed again only if its mark was lost."""
+    """Write the face and the plane of each pixel. A plane is computed again only if its mark was overwritten."""
     for k in range(0, 2 * _MARKS, 16):
         store(seen.marks, k, splat16(np.int32(-1)))
     _put_plane(seen.known, 0, 1, NO_PLANE)
@@ -90,10 +90,11 @@ def _find_planes(pixels, forest, o, seen):
 
 @inlined
 def _find_t(planes, face, rays, x, y):
-    """Write t of the 16 pixels of a cell, -1 where float64 is not surely accurate; whether there is such a pixel.
+    """Write t of the 16 pixels of a cell, or -1 where float64 may be inaccurate. Return whether there is such a pixel.
 
-    LLVM makes vectors of this.
+    LLVM vectorises this.
     """
+    # Eq. (4) of docs/design/exactness.md
     unsure = False
     for i in range(16):
         t = quick_t(_get_plane(planes, i, 16), pixel_ray(rays, x + (i & 3), y + (i >> 2)))
@@ -105,7 +106,7 @@ def _find_t(planes, face, rays, x, y):
 
 @kernel
 def _correct_t(pixels, forest, rays, x, y, cell, planes):
-    """Let `hit_t` decide where float64 is not surely accurate."""
+    """Compute t by `hit_t` where float64 may be inaccurate."""
     for i in range(16):
         if get(planes, _T + i) < 0.0:
             at = 16 * cell + i
@@ -115,8 +116,11 @@ def _correct_t(pixels, forest, rays, x, y, cell, planes):
 
 @inlined
 def _write_cell(seen, cell, known, face, t, at, width, columns, rows):
-    """Copy a cell to the picture, of which pixel `at` is its first, but for pixels in `known` (bits); t bit by bit, as
-    float32."""
+    """Copy a cell to the picture, except its pixels in `known` (bits). The bits of t are copied as float32 words.
+
+    at : index in the picture of the cell's first pixel
+    """
+    # In: seen, cell, known, at, width, columns, rows. Out: face, t.
     source, bits64, ids = ptr_at(seen.planes, _CELL * cell + _T), as_f32(t), ptr_at(seen.face, 16 * cell)
     for k in range(0, 4 * rows, 4):
         if columns == 4 and known == 0:
@@ -132,7 +136,8 @@ def _write_cell(seen, cell, known, face, t, at, width, columns, rows):
 
 @inlined
 def _write_place(pixels, cell, part, slot, at, width, columns, rows):
-    """Write in which tree the triangles of a cell's pixels are, and where in it."""
+    """Write the part and the slot of the triangle that each pixel of a cell sees."""
+    # In: pixels, cell, at, width, columns, rows. Out: part, slot.
     for k in range(0, 4 * rows, 4):
         for i in range(columns):
             mine = get(pixels.part, 16 * cell + k + i)
@@ -144,9 +149,9 @@ def _write_place(pixels, cell, part, slot, at, width, columns, rows):
 
 @kernel
 def finish(pixels, forest, rays, x0, y0, seen, hits):
-    """Write what the tile at pixel (x0, y0) has seen in this call; where it has seen nothing at all, that.
+    """Write the hits of the tile at pixel (x0, y0) that this call has found. Write misses for pixels without any hit.
 
-    seen : Seen, scratch memory
+    seen : ResolveScratch
     hits : Hits of the picture
     """
     camera, face, t, part, slot = _by_value(rays), ptr(hits.face), ptr(hits.t), ptr(hits.part), ptr(hits.slot)

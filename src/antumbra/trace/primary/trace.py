@@ -1,13 +1,13 @@
-"""Primary rays by multi-frusta tracing: the G-buffer by ray tracing, the same bits as the rasteriser's.
+"""Primary rays by multi-frusta tracing: the G-buffer by ray tracing, with the same bits as the rasteriser's.
 
-A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels, which go through a `BlockTree` together, front to back, each up
-to the farthest of what its pixels see [Benthin and Wald 2009, Sec. 4]. Blocks are culled and tested by halves of
-frusta, *cells* of 4 x 4 pixels: one for each lane. For each pixel the tile keeps the triangle in front and an interval
-of its depth key 1 / t; what float32 cannot decide is deferred, and settled by the contract's own predicates after each
-block. The float64 t of what is seen is computed once, after the tree (`finish`).
+A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Sec. 4]. They go through a `BlockTree`
+together, front to back. Each frustum ends at the farthest hit of its pixels. Blocks are culled and tested by halves of
+frusta, *cells* of 4 x 4 pixels, one pixel to a lane. For each pixel the tile keeps the triangle in front and an
+interval of its depth key 1 / t. If float32 cannot decide a test, the test is deferred. The contract's own predicates
+settle it after the block. The float64 t of a visible triangle is computed once, after the tree (`resolve.finish`).
 
-What is traced is a forest (`trace.forest`): each tile goes through the trees of its list, one after the other, and may
-do so again with another list, from what it has seen already.
+The tracer takes a forest (`trace.forest`). Each tile goes through the trees of its list, one after the other. Later it
+may go through another list, and starts from its hits so far.
 """
 
 from typing import NamedTuple
@@ -29,17 +29,17 @@ from .pixelstate import keep, resume, settle, shorten, start
 from .resolve import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, ResolveScratch, finish
 
 _F = np.float32
-_SUPER = 4  # tiles of a square that is traced in Morton order
+_SUPER = 4  # tiles along the side of a square that is traced in Morton order
 
 
 class PictureSeen(NamedTuple):
-    """What is asked, and what is known of it."""
+    """A camera's picture: its rays, and their hits so far."""
 
     rays: object  # CameraRays
     hits: Hits
     camera: object  # View
-    error: object  # of directions
-    scale: float
+    error: object  # (3,) float64: error bound of directions
+    scale: float  # see `_scale`
 
 
 class _Tile(NamedTuple):
@@ -57,15 +57,14 @@ class _Scratch(NamedTuple):
 
     pixels: Pixels
     seen: ResolveScratch
-    directions: object
-    work: object  # for a block
+    directions: object  # float32, FLOATS: see `frusta`
+    work: object  # float32, WORK: for a block
     waiting: Waiting
 
 
 @kernel
 def _walk(forest, k, alive, picture, tile, scratch):
-    """Trace the frusta in `alive` (bits) through tree k. Each block waits until the next one is found, while memory
-    fetches it."""
+    """Trace the frusta in `alive` (bits) through tree k. A block is tested when the next one is found, and prefetched."""
     tree, hits, pixels, scale = tree_in(forest, k), picture.hits, scratch.pixels, picture.scale
     at, last = Near(root_in(forest, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
     while True:
@@ -92,7 +91,7 @@ def _place(k, across):
 
 @inlined
 def _start(picture, x0, y0, fresh, scratch):
-    """The tile at pixel (x0, y0), where nothing is known of it, or what is."""
+    """Start the tile at pixel (x0, y0): from nothing if `fresh`, otherwise from its hits so far."""
     rays, hits = picture.rays, picture.hits
     if fresh:
         alive = start(scratch.pixels, x0, y0, rays)
@@ -105,7 +104,7 @@ def _start(picture, x0, y0, fresh, scratch):
 
 @kernel
 def _trace_tile(forest, begin, end, picture, tile, scratch):
-    """The frusta of a tile through the trees begin .. end of the lists."""
+    """Trace the frusta of a tile through the trees begin .. end of the lists."""
     pixels, new = scratch.pixels, forest.fresh
     for i in range(begin, end):
         k = item(forest, i)
@@ -119,7 +118,7 @@ def _trace_tile(forest, begin, end, picture, tile, scratch):
 
 @kernel
 def _trace_tiles(ticket, arrays, picture, across):
-    """Worker: whole tiles, each by one thread."""
+    """Worker: trace whole tiles."""
     pixels = Pixels(
         stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(PIXELS),
         stack_i32(PIXELS), stack_i32(DEFERRED),
@@ -152,12 +151,12 @@ def _scale(box, view) -> float:
 
 
 def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
-    """What the pixel-centre rays see first.
+    """The nearest hits of the pixel-centre rays.
 
     Parameters
     ----------
     tree : BlockTree, or Bvh
-        Of a Bvh the `BlockTree` is made first.
+        A Bvh is first made into a `BlockTree`.
     rays : CameraRays
     threads : int, optional
         None: all cores. The result does not depend on it.
@@ -165,14 +164,14 @@ def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     face : (H, W) int32
-        -1 on a miss. Of triangles at the same t, the one with the lowest index.
+        -1 on a miss. Among triangles at the same t, the one with the lowest index.
     t : (H, W) float64
         In lengths of the pixel's direction; inf on a miss.
 
     Raises
     ------
     InputError
-        Where directions of neighbouring pixels are too close, as `rasterise` does.
+        If directions of neighbouring pixels are too close, as in `rasterise`.
     """
     if not isinstance(tree, BlockTree):
         tree = block_tree(tree, threads)
@@ -191,20 +190,19 @@ def picture_seen(rays, box: np.ndarray, hits: Hits) -> PictureSeen:
     box : (2, 3) float32
         Around all triangles.
     hits : Hits
-        What is known, and what tracing changes.
+        The hits so far. Tracing changes them in place.
     """
     view = make_view(rays)
     return PictureSeen(rays, hits, view, direction_error(rays), _scale(box, view))
 
 
 def trace_hits(forest: Forest, picture: PictureSeen, threads: int) -> None:
-    """Trace pixel-centre rays through a forest, from what they have hit already unless it is fresh.
+    """Trace pixel-centre rays through a forest. Unless the forest is fresh, start from the rays' hits so far.
 
     Parameters
     ----------
     forest : Forest
-        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, of the hits only the pixels of tiles that
-        have trees are written.
+        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, only tiles that have trees write their hits.
     picture : PictureSeen
         Its hits are changed in place.
     """

@@ -1,4 +1,4 @@
-"""Ray lists: read, check, trace and write sixteen rays at a time, as packets where they are coherent."""
+"""Ray lists: read, check, trace and write sixteen rays at a time. Coherent rays are traced as packets."""
 
 from typing import NamedTuple
 
@@ -31,12 +31,12 @@ from .rayblock import BLOCK_WORDS, DX, LANES, OX, TMAX, TMIN, RayBlock, prepare,
 from .raypacket import is_coherent, walk_packet
 from .wide import DEFERRED_WORDS, NONE, Query, WideHit, settle_block, slot_of, start
 
-_BLOCKS = 64  # handed out at a time
+_BLOCKS = 64  # blocks that a thread takes at a time
 _FINITE = np.float32(3.4028235e38)
 
 
 class Operand(NamedTuple):
-    """Where an argument is; scalars: see `query.rays.RayList`."""
+    """The memory of an argument, as scalars: see `query.rays.RayList`."""
 
     address: object
     row: object
@@ -61,7 +61,7 @@ def _operand(rays, k):
 
 @inlined
 def _copy(operand, first, last, columns, rows, at):
-    """Copy an argument of float32 of rays first .. first + 15 to rows of a block from word `at`."""
+    """Copy a float32 argument of rays first .. first + 15 to rows of a block from word `at`."""
     if operand.row == 0:
         for k in range(columns):
             store(rows, at + LANES * k, splat16(get(f32_at(operand.address + k * operand.column), 0)))
@@ -79,14 +79,14 @@ def _copy(operand, first, last, columns, rows, at):
 
 @inlined
 def _move(rows, at, shift):
-    """Subtract `shift` from a row, in float64, and round; LLVM makes vectors of this."""
+    """Subtract `shift` from a row in float64, and round. LLVM vectorises this."""
     for i in range(LANES):
         put(rows, at + i, np.float32(np.float64(get(rows, at + i)) - shift))
 
 
 @inlined
 def _fill(operand, first, last, columns, shift, rows, at):
-    """Write an argument of rays first .. first + 15 to rows of a block from word `at`: less `shift`, then rounded."""
+    """Write an argument of rays first .. first + 15, minus `shift` and rounded, to rows of a block from word `at`."""
     if operand.double:
         for i in range(LANES):
             begin = operand.address + min(first + i, last) * operand.row
@@ -102,7 +102,7 @@ def _fill(operand, first, last, columns, shift, rows, at):
 
 @inlined
 def _load(args, frame, first, last, rows, skip):
-    """Convert rays first .. first + 15, the `last` one again where there are no more; whether all are legal."""
+    """Convert rays first .. first + 15, and repeat the `last` one beyond the end. Return whether all are legal."""
     f = np.float32
     _fill(args.origins, first, last, 3, frame, rows, OX)
     _fill(args.directions, first, last, 3, None, rows, DX)
@@ -169,7 +169,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
 def trace_batch(wide, rays, any_hit, out, threads=None, counters=None, progress=None) -> bool:
     """Trace a `query.rays.RayList` over a `WideBvh` and fill `out`, a `query.rays.HitArrays`.
 
-    False, and `out` is not complete, if a ray holds a number that it must not: NaN, infinity, a zero direction, ...
+    Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ...
     """
     counters = new_counters() if counters is None else counters
     ticket, faults = new_ticket(-(-rays.n // LANES), _BLOCKS), np.zeros(1, np.bool_)

@@ -1,4 +1,4 @@
-"""One diffuse bounce: the surfaces whose light falls on those that a camera sees."""
+"""One diffuse bounce: the surfaces that diffuse rays meet, starting from the surfaces that a camera sees."""
 
 from collections.abc import Callable
 
@@ -17,12 +17,12 @@ from .orders import CLOSEST
 from .traverse import walk
 
 Nearest = Callable[[RayPass, tuple[int, int]], Surfaces]
-"""A pass, and the height and width of its picture -> the surfaces that its rays meet first."""
+"""A function of a pass, and of its picture's height and width. It returns the surfaces that the rays meet first."""
 
 
 @kernel
 def _nearest(ticket, bvh, rays, faces, ts):
-    """Worker: what each ray meets first."""
+    """Worker: find the nearest hit of each ray."""
     tree = tree_of(bvh)
     first = take(ticket)
     while first >= 0:
@@ -40,8 +40,8 @@ def _nearest(ticket, bvh, rays, faces, ts):
 def nearest_hits(bvh: Bvh, origins, directions, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The nearest triangle that each ray of a `RayPass` meets: (face, t).
 
-    face : (m,) int32, the lowest index of those at equal t; -1: none
-    t : (m,) float64, in lengths of the direction; inf where nothing is met
+    face : (m,) int32, the lowest index among equal t; -1 on a miss
+    t : (m,) float64, in lengths of the direction; inf on a miss
     """
     m = len(origins)
     face, t = np.full(m, -1, np.int32), np.full(m, np.inf)
@@ -52,7 +52,7 @@ def nearest_hits(bvh: Bvh, origins, directions, skip, threads: int | None = None
 
 @kernel
 def _surfaces(ticket, rays, ts, out, corners):
-    """Worker: where each ray that meets a triangle meets it."""
+    """Worker: write the point and the surface of each ray's hit."""
     surface, triangles = surface_of(out), ptr(corners)
     first = take(ticket)
     while first >= 0:
@@ -68,9 +68,10 @@ def _surfaces(ticket, rays, ts, out, corners):
 
 
 def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None = None) -> GBuffer:
-    """What the rays of a picture of this shape see, as a G-buffer; depth: length of the ray.
+    """The G-buffer of the rays of a picture of this shape; its depth is the length of the ray.
 
-    face, t : from `nearest_hits`, `triangles` those that `face` counts in
+    face, t : from `nearest_hits`
+    triangles : the triangles that `face` indexes
     """
     m, zeros = len(face), np.zeros((len(face), 3), np.float32)
     nothing = np.full(m, np.inf, np.float32), np.full(m, NOTHING, np.int8)
@@ -86,10 +87,11 @@ def nearest_surfaces(rays: RayPass, shape, bvh: Bvh, triangles, threads: int | N
 
 
 def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
-    """What one random diffuse ray from each pixel's surface sees, as a G-buffer of the same shape [Feltman et al. 2012,
-    Sec. 4]; depth: length of the ray.
+    """The G-buffer of one random diffuse ray from each pixel's surface [Feltman et al. 2012, Sec. 4].
 
-    triangles : `Triangles`, all that `bvh` is of
+    It has the same shape. Its depth is the length of the ray.
+
+    triangles : `Triangles`, all triangles of `bvh`
     """
     shape, m = gbuffer.face.shape, gbuffer.face.size
     flat = (a.reshape(m, *a.shape[2:]) for a in (gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.side))

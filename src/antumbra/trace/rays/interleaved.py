@@ -1,8 +1,8 @@
-"""Rays that run apart, in turn: each takes one step down the wide BVH, a node or a leaf, and the next one follows.
+"""Interleaved rays: incoherent rays take turns, and each takes one step down the wide BVH, a node or a leaf.
 
-Alone, a ray waits for memory at nearly every step, for it cannot know where it goes before it has been where it is. So
-the step asks for what the ray visits next, and it is there when its turn comes again. Only the first step is the same
-for all: any-hit queries take it together, a ray to a lane.
+A single ray waits for memory at nearly every step, because each step decides which node comes next. So a step
+prefetches the node that its ray visits next. The node is in the cache when the ray's turn comes again. All rays share
+only the first step. Any-hit queries take it together, one ray to a lane.
 """
 
 import numpy as np
@@ -52,7 +52,7 @@ _STACKS = LANES * STACK
 
 @inlined
 def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters):
-    """Push the children that ray i enters, the one to be visited first on top; the new height."""
+    """Push the children that ray i enters, the first one to visit on top. Return the new height."""
     count(counters, NODES, 1)
     count(counters, BOX_TESTS, WIDTH)
     at = link * NODE_WORDS
@@ -67,7 +67,7 @@ def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters
 
 @inlined
 def _open_root(tree, rays, alive, stacks, heights, counters):
-    """Push the root's children that each ray enters, all rays at once, for any-hit; bits of those that enter one."""
+    """For any-hit, push the root's children that each ray enters, all rays at once. Return bits of rays that enter."""
     entered, n = splat16(np.int32(0)), 0
     while n < WIDTH and get(tree.links, LINKS + n) != NO_CHILD:
         inside = mask_from_bits16(enter_each(tree.nodes, n, rays.rows))
@@ -92,10 +92,10 @@ def _open_root(tree, rays, alive, stacks, heights, counters):
 
 @inlined
 def walk_interleaved(tree, rays, alive, query, found, counters):
-    """Trace the rays in the bit mask `alive` of a prepared block: write what they meet, any or nearest, to `found`."""
+    """Trace the rays in `alive` (bits) of a prepared block, and write their hits, any or nearest, to `found`."""
     stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
     nears = stack_f32(WIDTH)
-    if query.any_hit and alive & (alive - 1):  # there are two or more
+    if query.any_hit and alive & (alive - 1):  # two or more rays
         alive = _open_root(tree, rays, alive, stacks, heights, counters)
     else:
         for i in range(LANES):

@@ -1,4 +1,4 @@
-"""All that segments meet: what the builder `srdh` wants to know of its rays [Feltman et al. 2012, Sec. 3.4]."""
+"""All triangles that segments meet. The builder `srdh` needs them for its rays [Feltman et al. 2012, Sec. 3.4]."""
 
 import numpy as np
 
@@ -12,15 +12,16 @@ from .orders import LEFT_FIRST
 from .traverse import HitList, walk
 
 MOST_HITS = 1 << 14
-"""Of a segment that meets more triangles than this, the others are left out."""
+"""The most triangles that are kept for a segment; others are left out."""
 
 _CHUNK = 64
-_A_RAY = 16  # hits of a segment that there is room for at first
+_A_RAY = 16  # hits for each segment that the first allocation has room for
 
 
 @kernel
 def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spans):
-    """Worker: write the triangles that each segment meets to `prims`, where there is room, and where that is."""
+    """Worker: write the triangles that each segment meets to `prims`, as far as there is room, and their `spans`."""
+    # In: bvh, origins, ends, skip, cull_faces. Out: next_free, prims, spans.
     tree, found, n = tree_of(bvh), stack_i32(MOST_HITS), stack_i32(1)
     hits = HitList(found, n, np.int64(MOST_HITS))
     first = take(ticket)
@@ -58,6 +59,6 @@ def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cul
         room = int(next_free[0])
     starts, counts = spans.T
     first = np.concatenate([[0], np.cumsum(counts)])
-    # threads took their places as they came; in the order of the segments nothing depends on them
+    # threads write to `prims` in any order; sort by segment, so that the result does not depend on threads
     order = np.repeat(starts - first[:-1], counts) + np.arange(first[-1])
     return Intersections(origins, ends, first, prims[order])

@@ -1,9 +1,9 @@
 """Which of two children an any-hit ray visits first: the traversal orders of [Feltman et al. 2012, Sec. 3.1].
 
-A ray that asks for any hit ends at the first one, so the order of children decides how much it visits. An order is a
-number that the one body of any-hit (`traverse.walk`) hands to `left_comes_first` at each node whose boxes both are
-entered. Orders that are the same for all rays at a node cost nothing: the child to visit first is stored as the left
-one (`rtsah`, and what the builder `srdh` chooses).
+An any-hit ray ends at its first hit, so the order of children decides how many nodes it visits. An order is a number.
+The any-hit walk (`traverse.walk`) passes it to `left_comes_first` at each node whose two boxes the ray enters. An order
+that is the same for all rays at a node costs nothing: the builder stores the first child as the left one. `rtsah` does
+so, and the builder `srdh` where it chooses a fixed order.
 """
 
 from typing import NamedTuple
@@ -14,14 +14,14 @@ from ...bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED, Bv
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import as_i32, extract, get, load4, put, stack_f32, swap_halves
 
-CLOSEST = -1  # no order of any-hit: the nearest hit is wanted
-BUILT = UNORDERED  # as the builder chose at each node; where it did not, the child whose box is entered first
+CLOSEST = -1  # not an any-hit order: the walk looks for the nearest hit
+BUILT = UNORDERED  # the builder's choice at each node; without a choice, the child whose box is entered first
 RANDOM, SRDH, NEAREST = 4, 5, 6  # besides LEFT_FIRST, FRONT_TO_BACK and BACK_TO_FRONT, by the children's centres
 
 
 @inlined
 def _squared(nodes, at, o):
-    """Along one axis: in lanes 0 and 1 the squared distances of twice the boxes' centres from twice a coordinate o."""
+    """Squared distances of twice the boxes' centres from twice the coordinate o, along one axis, in lanes 0 and 1."""
     planes = load4(nodes, at)
     away = planes + swap_halves(planes) - np.float32(2.0) * o
     return away * away
@@ -37,7 +37,7 @@ def _left_is_closer(nodes, node, o):
 
 @kernel
 def _toss(node, o, d):
-    """A coin that falls the same way whenever the same ray comes to the same node."""
+    """A coin toss that depends only on the ray and the node."""
     words = stack_f32(6)
     for k in range(3):
         put(words, k, o[k])
@@ -52,7 +52,7 @@ def _toss(node, o, d):
 
 @kernel
 def _by_ray(order, nodes, node, a, b, o, d):
-    """`left_comes_first` of an order that depends on the ray; out of line, since few walks want it."""
+    """`left_comes_first` of an order that depends on the ray. Not inlined, because few walks need it."""
     if order == FRONT_TO_BACK:
         return _left_is_closer(nodes, node, o)
     if order == BACK_TO_FRONT:
@@ -64,9 +64,9 @@ def _by_ray(order, nodes, node, a, b, o, d):
 
 @inlined
 def left_comes_first(order, nodes, links, node, a, b, o, d):
-    """Whether an any-hit ray from o along d, or a closest-hit one, visits a node's left child first.
+    """Whether a ray from o along d visits a node's left child first.
 
-    a, b : where it enters the boxes of the left and the right child
+    a, b : entry t of the boxes of the left and the right child
     """
     if order == BUILT or order == SRDH:
         chosen = np.int64(get(links, node * 16 + 14))
@@ -81,7 +81,7 @@ def left_comes_first(order, nodes, links, node, a, b, o, d):
 
 
 class Ordered(NamedTuple):
-    """What `single` walks: a BVH and the order in which its children are visited."""
+    """The input of `single`: a BVH and the order in which its children are visited."""
 
     bvh: Bvh
     order: int

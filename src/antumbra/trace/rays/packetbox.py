@@ -1,8 +1,8 @@
-"""Sixteen rays that run close together, against boxes: all of them at once by interval arithmetic, or each.
+"""A packet of sixteen coherent rays against boxes: all rays at once by interval arithmetic, or each ray.
 
-In t, a plane x = c is met by ray i at (c - x0) / d_i + (x0 - o_i) / d_i, x0 the first ray's origin; over the packet the
-factor and the summand are intervals, and interval arithmetic bounds where any of the rays may enter and leave each of
-eight boxes [Boulos et al. 2006].
+Let x0 be the first ray's origin. Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i. Over the packet,
+1 / d_i and (x0 - o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each
+of eight boxes [Boulos et al. 2006].
 """
 
 from typing import NamedTuple
@@ -27,27 +27,27 @@ from ...kernels.simd import (
 )
 from .rayblock import FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN
 
-_PAD = np.float32(2.0**-19)  # as `block.prepare` moves planes, but for the roundings of intervals
+_PAD = np.float32(2.0**-19)  # moves planes outwards as `rayblock.prepare` does, for the roundings of intervals
 
 
 class PacketAxis(NamedTuple):
     """A packet's intervals along one axis; scalars."""
 
-    origin: object  # of the first ray
-    low: object  # of the inverses, which have one sign; 0 where they have not, and then the axis does not restrict
-    high: object
-    near: object  # least offset of a plane that is entered through
-    far: object  # greatest offset of one that is left through
-    word: object  # of the planes that are entered through, in a node
+    origin: object  # float32: origin of the first ray
+    low: object  # float32: least inverse; 0 if the inverses differ in sign, and then the axis does not restrict t
+    high: object  # float32: greatest inverse; 0 in the same case
+    near: object  # float32: least offset of a plane through which rays enter
+    far: object  # float32: greatest offset of a plane through which rays leave
+    word: object  # int64: word in a node of the planes through which rays enter
 
 
 class Packet(NamedTuple):
-    """What all rays of a packet have in common."""
+    """The intervals of a packet."""
 
     x: PacketAxis
     y: PacketAxis
     z: PacketAxis
-    tmin: float  # the least
+    tmin: float  # least tmin of the rays
 
 
 @inlined
@@ -55,7 +55,7 @@ def _axis(rows, k, reach):
     """The `PacketAxis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
     o, inverse = load16(rows, OX + LANES * k), load16(rows, INVERSE + LANES * k)
     origin, low, high = get(rows, OX + LANES * k), reduce_min(inverse), reduce_max(inverse)
-    if low < 0.0 and high > 0.0:  # says nothing
+    if low < 0.0 and high > 0.0:  # the axis does not restrict t
         zero, inf = np.float32(0.0), np.float32(np.inf)
         return PacketAxis(origin, zero, zero, -inf, inf, np.int64(2 * WIDTH * k))
     offset = (splat16(origin) - o) * inverse
@@ -76,7 +76,7 @@ def packet_of(tree, rows):
 
 @inlined
 def _near(nodes, at, a):
-    """Bound of t where any ray of the packet passes the near planes of the eight boxes of the node at word `at`."""
+    """Lower bounds of t at which rays of the packet pass the near planes of a node's eight boxes; at: its word."""
     planes = load8(nodes, at + a.word) - a.origin
     return minimum(planes * a.low, planes * a.high) + a.near
 
@@ -89,7 +89,7 @@ def _far(nodes, at, a):
 
 @inlined
 def enter_any(nodes, at, packet, limit):
-    """The eight boxes of a node: (mask of those that any ray may enter before `limit`, bounds of entry t)."""
+    """Test a node's eight boxes: (mask of the boxes that any ray may enter before `limit`, lower bounds of entry t)."""
     x, y, z, tmin = packet
     near = maximum(maximum(_near(nodes, at, x), _near(nodes, at, y)), maximum(_near(nodes, at, z), splat8(tmin)))
     far = minimum(minimum(_far(nodes, at, x), _far(nodes, at, y)), minimum(_far(nodes, at, z), splat8(limit)))
@@ -98,9 +98,9 @@ def enter_any(nodes, at, packet, limit):
 
 @inlined
 def enter_each(nodes, box, rows):
-    """Bit mask of the rays of a block that enter the box whose first plane is at word `box` before their limits.
+    """Bits of the rays of a block that enter a box before their limits; box: the word of its first plane.
 
-    (All of them enter a child that is not there: it is a leaf without triangles.)
+    All rays enter a missing child, which is a leaf without triangles.
     """
     near, far = load16(rows, TMIN), load16(rows, LIMIT)
     for k in range(3):

@@ -1,9 +1,9 @@
-"""Sixteen rays side by side: what every test of boxes and triangles wants to know of them, made once for all sixteen.
+"""Sixteen rays side by side, with the numbers that box and triangle tests need, computed once for all sixteen.
 
-A *block* is scratch memory of 20 rows of 16 float32, a column for each ray. The caller fills origins, directions, tmin
-and tmax; `prepare` the rest. A plane x = c is reached at t = c * inverse + offset: one instruction. Its error is
-absolute, a share of the largest coordinate in play, so offsets move the planes through which a ray enters, and those
-through which it leaves, outwards by more than that: docs/design/wide.md has the proof.
+A *block* is scratch memory of 20 rows of 16 float32, with a column for each ray. The caller fills origins, directions,
+tmin and tmax. `prepare` fills the rest. A ray reaches a plane x = c at t = c * inverse + offset, one instruction. Its
+error is absolute: a share of the largest coordinate in play. So the offsets move the planes outwards by more than this
+error, both where a ray enters and where it leaves. docs/design/wide.md has the proof.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by 
 INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
 LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
 BLOCK_WORDS = 20 * LANES
-PRECISE_WORDS = 6 * LANES  # of `Rays.precise`
+PRECISE_WORDS = 6 * LANES  # float64 of `RayBlock.precise`
 
 _SMALL, _LARGE = np.float32(2.0**-40), np.float32(2.0**40)
 _ALONG = np.float32(2.0**-40)  # a direction's component below this share of the largest one counts as this share
@@ -45,7 +45,7 @@ def ray_of(rays, i):
 @inlined
 def _ray_of(b, d, i):
     ox, oy, oz, tmin, tmax = get(b, OX + i), get(b, OY + i), get(b, OZ + i), get(b, TMIN + i), get(b, TMAX + i)
-    if d is None:  # of an argument: the other branch is then not compiled
+    if d is None:  # a constant for the compiler, which then leaves out the other branch
         return ray_along(ox, oy, oz, get(b, DX + i), get(b, DY + i), get(b, DZ + i), tmin, tmax)
     f = np.float64
     return Ray(

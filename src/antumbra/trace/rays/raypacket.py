@@ -1,9 +1,10 @@
 """Sixteen rays that run close together, through a wide BVH as one: any-hit and closest-hit.
 
-Inner nodes are visited for all rays at once: `packetbox` bounds where any of them may enter each of eight boxes. Of the
-boxes that are left, any-hit queries test which rays enter each, and keep them with it on the stack; closest-hit queries
-do so at leaves. At a leaf, whichever is fewer, the triangles are tested one by one against all rays, or the rays left
-one by one against all triangles. So a packet that falls apart ends as single rays.
+The packet visits inner nodes as a whole. `packetbox` bounds the t at which any of its rays may enter each of eight
+boxes. For each box left, any-hit queries test which rays enter it, and push these rays with the box. Closest-hit
+queries make this test at leaves. At a leaf, the loop is over the triangles or over the rays, whichever are fewer. Each
+triangle is tested against all rays at once, or each ray against all triangles. So a packet that falls apart ends as
+single rays.
 """
 
 import numpy as np
@@ -34,9 +35,9 @@ from .packetbox import enter_any, enter_each, packet_of
 from .rayblock import DX, LANES, LIMIT, OX, UNIT, filter_rays16
 from .wide import STACK, Query, defer, enter, facing, fetch, keep, push_sorted, slabs_of, visit_leaf
 
-_NEAR_ENDS = np.float32(1 / 32)  # extent of a packet's origins, or its ends, at most, as a share of the tree's reach
-_NEAR_DIRECTIONS = np.float32(1 / 4)  # extent of its directions, as a share of their largest component
-_STACK = 2 * STACK  # of any-hit queries: a box and the rays that enter it
+_NEAR_ENDS = np.float32(1 / 32)  # largest extent of a packet's origins, or of its ends, as a share of the tree's reach
+_NEAR_DIRECTIONS = np.float32(1 / 4)  # largest extent of its directions, as a share of their largest component
+_STACK = 2 * STACK  # any-hit queries push a box and the rays that enter it
 
 
 @inlined
@@ -61,10 +62,11 @@ def _extents(rows, limit):
 
 @inlined
 def is_coherent(rows, tree_reach, any_hit):
-    """Are the sixteen rays of a prepared block better traced as one?
+    """Is it faster to trace the sixteen rays of a prepared block as a packet?
 
-    They are if they start close together, within a 32nd of the tree's reach, and run in about one direction: components
-    within a quarter of the largest one. Any-hit segments also if they end close together.
+    It is if they start close together, within a 32nd of the tree's reach, and run in about one direction. Then the
+    components of their directions differ by at most a quarter of the largest one. For any-hit segments it is enough
+    that they end close together.
     """
     if not reduce_max(load16(rows, UNIT)) < np.float32(np.inf):
         return False
@@ -75,7 +77,7 @@ def is_coherent(rows, tree_reach, any_hit):
 
 @inlined
 def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters):
-    """Push the children of the node at word `at` that active rays enter: which rays, and the box."""
+    """Push the children of the node at word `at` that active rays enter: bits of the rays, and the box."""
     hits = bits(enter_any(tree.nodes, at, packet, limit)[0])
     count(counters, BOX_TESTS, popcount(hits))
     while hits:
@@ -92,7 +94,7 @@ def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters
 
 @inlined
 def _push_entered_by_one(tree, rows, active, at, stack, height):
-    """The same where one ray is left."""
+    """`_push_entered` for a single active ray."""
     i = lowest_bit(active)
     hits = bits(enter(tree.nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))[0])
     while hits:
@@ -118,7 +120,7 @@ def _triangle(groups, at):
 
 @inlined
 def _keep_each(tree, rays, hits, at, query, found):
-    """Some rays (bits) meet the triangle in lane `at`."""
+    """Keep the triangle in lane `at` for the rays that meet it (bits)."""
     while hits:
         i = lowest_bit(hits)
         hits &= hits - 1
@@ -127,7 +129,7 @@ def _keep_each(tree, rays, hits, at, query, found):
 
 @inlined
 def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
-    """Each triangle of a leaf against all active rays; bit mask of the rays whose any-hit query is answered."""
+    """Test each triangle of a leaf against all active rays. Return bits of the rays whose any-hit query is answered."""
     group, done = ~link >> 4, np.int64(0)
     for k in range(~link & 15):
         todo = active & ~done
@@ -150,7 +152,7 @@ def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
 
 @inlined
 def _leaf_by_ray(tree, rays, active, link, query, found, counters):
-    """Each active ray against all triangles of a leaf; as `_leaf_by_triangle`."""
+    """Test each active ray against all triangles of a leaf. Return the same as `_leaf_by_triangle`."""
     done = np.int64(0)
     while active:
         i = lowest_bit(active)
@@ -162,7 +164,7 @@ def _leaf_by_ray(tree, rays, active, link, query, found, counters):
 
 @inlined
 def _leaf(tree, rays, active, link, query, found, counters):
-    """A leaf against the active rays; bit mask of those whose any-hit query is answered."""
+    """Test a leaf against the active rays. Return bits of the rays whose any-hit query is answered."""
     if popcount(active) < (~link & 15):
         return _leaf_by_ray(tree, rays, active, link, query, found, counters)
     return _leaf_by_triangle(tree, rays, active, link, query, found, counters)
@@ -170,7 +172,7 @@ def _leaf(tree, rays, active, link, query, found, counters):
 
 @inlined
 def _walk_any(tree, rays, alive, query, found, counters):
-    """Trace the active rays; bit mask of those that are blocked."""
+    """Trace the rays in `alive`. Return bits of the blocked rays."""
     stack, rows, packet = stack_i32(_STACK), rays.rows, packet_of(tree, rays.rows)
     limit = reduce_max(load16(rows, LIMIT))
     height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
@@ -197,7 +199,7 @@ def _walk_any(tree, rays, alive, query, found, counters):
 
 @inlined
 def _walk_nearest(tree, rays, alive, query, found, counters):
-    """Trace the rays in `alive`; their nearest hits are written to `found`."""
+    """Trace the rays in `alive`, and write their nearest hits to `found`."""
     stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
     rows, packet = rays.rows, packet_of(tree, rays.rows)
     height, link, box, limit = np.int64(0), np.int64(0), np.int64(0), reduce_max(load16(rows, LIMIT))
@@ -226,9 +228,10 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
 
 @inlined
 def walk_packet(tree, rays, alive, query, found, counters):
-    """Trace the rays in the bit mask `alive` of a coherent block. Any-hit: bit mask of those that are blocked.
+    """Trace the rays in `alive` (bits) of a coherent block.
 
-    Closest-hit: `found` is written as `walk_interleaved` does.
+    For any-hit queries, return bits of the blocked rays. For closest-hit queries, write `found` as `walk_interleaved`
+    does.
     """
     if query.any_hit:
         return _walk_any(tree, rays, alive, Query(query.cull_faces, True), found, counters)

@@ -1,9 +1,13 @@
-"""Where any-hit rays spend their steps, exactly, receiver by receiver [Feltman et al. 2012, Sec. 4.1].
+"""Exact step counts of any-hit rays, by class and receiver [Feltman et al. 2012, Sec. 4.1].
 
-A step is a test of a ray against the box of a child that the walk comes to; the root's box is not tested. Of a ray that
-is blocked, those on the path from the root to the leaf in which it is are one class, and those that led nowhere (false,
-or faux, hits) another; those of rays that nothing blocks are the third. Rays are walked one by one, without trying the
-last blocker first.
+A step is a test of a ray against the box of a child that the walk comes to. The root's box is not tested. There are
+three classes of steps:
+
+- path to the hit: for a blocked ray, the steps from the root to the leaf of its blocker
+- false hits (faux hits): for a blocked ray, all other steps
+- unoccluded: the steps of rays that nothing blocks
+
+Rays are walked one by one, and the last blocker is not tested first.
 """
 
 from typing import NamedTuple
@@ -27,13 +31,13 @@ PATH, FALSE, UNOCCLUDED = range(3)
 
 
 class Steps(NamedTuple):
-    """The steps of a query's rays. H, W: its receivers."""
+    """The steps of the rays of a query with (H, W) receivers."""
 
     boxes: np.ndarray  # (H, W, 3) int64, boxes tested, by class
     triangles: np.ndarray  # (H, W) int64, triangles tested
     rays: np.ndarray  # (H, W) int64, rays walked: samples above the horizon
-    blocked: np.ndarray  # (H, W) int64, of these, those that are blocked
-    hits: np.ndarray  # (n,) int64, rays that each triangle of the scene was found to block
+    blocked: np.ndarray  # (H, W) int64, walked rays that are blocked
+    hits: np.ndarray  # (n,) int64, for each triangle of the scene, rays whose blocker it was
 
 
 @kernel
@@ -51,7 +55,7 @@ def _count_boxes(bvh, order, inner, depths):
 
 
 def leaf_depths(bvh: Bvh) -> np.ndarray:
-    """(n,) int32: of each slot, the number of boxes on the way from the root to its leaf, its own included."""
+    """(n,) int32: for each slot, the number of boxes on the path from the root to its leaf, with the leaf's own."""
     depths = np.zeros(len(bvh.prim_ids), np.int32)
     _count_boxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
     return depths
@@ -59,7 +63,7 @@ def leaf_depths(bvh: Bvh) -> np.ndarray:
 
 @inlined
 def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
-    """All samples of one receiver."""
+    """Walk the rays to all samples of one receiver, and count their steps."""
     tree, i = tree_of(bvh), y * query.w + x
     o, skip = scalars(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
     patch, horizon = patch_of(query, i), horizon_of(query, i)
@@ -94,7 +98,7 @@ def _walk_rows(ticket, bvh, order, query, depths, steps):
 
 
 def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
-    """Walk all rays of a ShadowQuery, in a BVH of some of the scene's `n_triangles`, and count."""
+    """Walk all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
     bvh, shape = ordered.bvh, query.sides.shape
     planes = [np.zeros((*shape, 3), np.int64), *(np.zeros(shape, np.int64) for _ in range(3))]
     steps = Steps(*planes, np.zeros(n_triangles, np.int64))
@@ -105,11 +109,11 @@ def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progres
 
 
 def add_steps(all_steps: list[Steps]) -> Steps:
-    """The steps of several queries with the same receivers together."""
+    """The sums of the steps of several queries with the same receivers."""
     return Steps(*(np.sum(arrays, axis=0) for arrays in zip(*all_steps)))
 
 
 def hit_depths(bvh: Bvh, hits: np.ndarray) -> np.ndarray:
-    """(k,) int64: how many of the rays that are blocked were so at each depth; `hits` as in `Steps`."""
+    """(k,) int64: the number of rays blocked at each depth of the BVH; `hits` as in `Steps`."""
     depths = leaf_depths(bvh)
     return np.bincount(depths, weights=hits[bvh.prim_ids]).astype(np.int64)

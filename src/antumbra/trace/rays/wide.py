@@ -1,4 +1,4 @@
-"""One ray and a wide BVH: eight boxes, or eight triangles, at a time; what any-hit and closest-hit queries find."""
+"""One ray and a wide BVH: tests of eight boxes or eight triangles at a time, and the results of queries."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from .rayblock import FAR, INVERSE, LANES, LIMIT, NEAR, TMAX, TMIN, filter_ray8,
 from .traverse import settle, walk
 
 STACK = (MAX_DEPTH + 2) * WIDTH
-DEFERRED = 128  # tests that can be deferred for a block of rays
+DEFERRED = 128  # most tests that can be deferred for a block of rays
 DEFERRED_WORDS = 2 + 2 * DEFERRED
 NONE = -1
 _LINE = 16  # float32 of a cache line
@@ -24,19 +24,19 @@ _BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and
 
 
 class Query(NamedTuple):
-    """What counts as a hit, and what is wanted."""
+    """The kind of a query."""
 
     cull_faces: object  # a value of CULL_FACES
-    any_hit: object
+    any_hit: object  # bool: any hit, not the nearest
 
 
 class WideHit(NamedTuple):
-    """Pointers to what has been found for each ray of a block, and to what is to be settled when it has been traced."""
+    """Pointers to the hit of each ray of a block, and to the tests that are settled after the walk."""
 
-    lane: object  # int64 *, group * 8 + lane of the triangle; NONE; below: -2 - its slot
-    prim: object  # int64 *, its index; only for the nearest
-    t: object  # float64 *, where it is met; only for the nearest
-    deferred: object  # int32 *, ASIDE_WORDS: number of tests, bits of the rays that lost some; ray and lane of each
+    lane: object  # int64 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
+    prim: object  # int64 *: index of the triangle; only for the nearest hit
+    t: object  # float64 *: t of the hit; only for the nearest hit
+    deferred: object  # int32 *, DEFERRED_WORDS: number of tests; bits of rays that lost tests; each test's ray and lane
 
 
 @inlined
@@ -48,7 +48,7 @@ def slot_of(tree, found, i):
 
 @inlined
 def start(found, rays):
-    """Nothing has been found for any ray of a block."""
+    """Reset `found`: no ray of a block has a hit."""
     put(found.deferred, 0, 0)
     put(found.deferred, 1, 0)
     for i in range(LANES):
@@ -58,7 +58,7 @@ def start(found, rays):
 
 @inlined
 def _defer_lanes(found, i, first, lanes):
-    """Note the triangles in some lanes (bits) of a group, whose first is `first`, that ray i may meet."""
+    """Note that ray i may meet the triangles in some lanes (bits) of a group; `first`: the group's first lane."""
     n = np.int64(get(found.deferred, 0))
     while lanes:
         k = lowest_bit(lanes)
@@ -74,7 +74,10 @@ def _defer_lanes(found, i, first, lanes):
 
 @inlined
 def keep(tree, rays, i, at, query, found):
-    """Ray i meets the triangle in lane `at`: keep it, for the nearest if it is that; is an any-hit query answered?"""
+    """Keep the triangle in lane `at`, which ray i meets: for the nearest, only if it is nearer than the best so far.
+
+    Return whether an any-hit query is answered.
+    """
     slot = np.int64(get(tree.slots, at))
     prim = np.int64(get(tree.prim_ids, slot))
     if prim == get(rays.skip, i):
@@ -96,7 +99,7 @@ def keep(tree, rays, i, at, query, found):
 
 @kernel
 def settle_block(tree, rays, query, found, counters):
-    """Decide what was deferred. Rays that lost tests are traced anew, over the binary BVH, by the exact walk."""
+    """Settle the deferred tests. Rays that lost tests are traced again, by the exact walk over the binary BVH."""
     lost, order = np.int64(get(found.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
     for k in range(get(found.deferred, 0)):
         i, at = np.int64(get(found.deferred, 2 + 2 * k)), np.int64(get(found.deferred, 3 + 2 * k))
@@ -136,7 +139,7 @@ def facing(hits, positive, cull_faces):
 
 @inlined
 def visit_leaf(tree, rays, i, link, query, found, counters):
-    """Test the triangles of a leaf; whether an any-hit query has its answer."""
+    """Test ray i against the triangles of a leaf. Return whether an any-hit query is answered."""
     group, n = ~link >> 4, ~link & 15
     count(counters, TRIANGLE_TESTS, n)
     hits, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
@@ -167,7 +170,7 @@ def defer(found, rays, at):
 
 @inlined
 def fetch(tree, link):
-    """Ask for the memory of a node or a leaf."""
+    """Prefetch the memory of a node or a leaf."""
     p = ptr_at(tree.nodes, link * NODE_WORDS) if link >= 0 else ptr_at(tree.groups, (~link >> 4) * GROUP_WORDS)
     prefetch(p, 0)
     prefetch(p, _LINE)
@@ -177,7 +180,7 @@ def fetch(tree, link):
 
 
 class WideSlabs(NamedTuple):
-    """A ray against eight boxes: broadcast rows of its block, and the words of the planes that it enters through."""
+    """A ray prepared for eight boxes: broadcast rows of its block, and the words of the planes where it enters."""
 
     ix: object
     iy: object
@@ -211,7 +214,7 @@ def slabs_of(block, i):
 
 @inlined
 def enter(nodes, at, r, limit):
-    """The eight boxes of the node at word `at`: (mask of those entered before `limit`, vector of entry t)."""
+    """Test the eight boxes of the node at word `at`: (mask of the boxes entered before `limit`, vector of entry t)."""
     x, y, z = load8(nodes, at + r.x), load8(nodes, at + r.y), load8(nodes, at + r.z)
     near = maximum(maximum(fma(x, r.ix, r.near_x), fma(y, r.iy, r.near_y)), maximum(fma(z, r.iz, r.near_z), r.tmin))
     x, y, z = load8(nodes, at + (r.x ^ WIDTH)), load8(nodes, at + (r.y ^ WIDTH)), load8(nodes, at + (r.z ^ WIDTH))
@@ -221,7 +224,7 @@ def enter(nodes, at, r, limit):
 
 @inlined
 def push_sorted(stack, entry, height, values, nears, hits):
-    """Push values[k] for each k in `hits`, that with the least nears[k] on top; the new height."""
+    """Push values[k] for each k in `hits`, with the least nears[k] on top. Return the new height."""
     base = height
     while hits:
         k = lowest_bit(hits)
