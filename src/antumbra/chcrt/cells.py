@@ -38,7 +38,7 @@ from ..trace.multifrusta.region import Layout, layout_of
 from ..trace.querychunk import TileShape
 
 _F = np.float32
-FAR, COUNT, ALL = 12, 13, 14  # rows after those of the shafts: how far, how many rays look, how many there are
+FAR, COUNT, ALL = 12, 13, 14  # rows after the shafts: how far rays look, number of rays that look, number of rays
 ROWS = 15
 NONE, BLOCKED = _F(-1.0), _F(-0.5)  # values of row FAR: a cell without rays, a cell whose rays are all blocked
 WORDS = ROWS * 16  # float32 of a region

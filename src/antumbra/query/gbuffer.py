@@ -13,7 +13,7 @@ from .receivers import NOTHING
 
 
 class GBuffer(NamedTuple):
-    """The surface seen by each pixel of an (H, W) picture. Background pixels have face -1, depth inf, and otherwise 0."""
+    """The surface seen by each pixel of an (H, W) picture. Background: face -1, depth inf, all else 0."""
 
     position: np.ndarray  # (H, W, 3) float32, recentred frame (world position = position + origin)
     normal: np.ndarray  # (H, W, 3) float32, geometric, unit length, towards the camera

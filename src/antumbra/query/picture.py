@@ -1,4 +1,4 @@
-"""What a picture asks: the shadow queries of the surfaces that its pixels see."""
+"""The shadow queries of a picture, at the surfaces that its pixels see."""
 
 from typing import NamedTuple
 
@@ -13,26 +13,26 @@ from .shadow import ShadowQuery
 
 
 class Surfaces(NamedTuple):
-    """What a picture's rays meet, and the triangles that it is part of."""
+    """The surfaces that a picture's rays meet, and their triangles."""
 
-    gbuffer: GBuffer  # its faces count in `triangles`
-    triangles: Triangles  # all of the scene, or those that are met
-    ids: np.ndarray  # (H, W) int32: index of the face in the scene; -1 where nothing is met
-    box: np.ndarray | None = None  # (2, 3) float32: bounds of the whole scene; None: those of `triangles`
+    gbuffer: GBuffer  # its faces index `triangles`
+    triangles: Triangles  # all triangles of the scene, or only the visible ones
+    ids: np.ndarray  # (H, W) int32: index of the face in the scene; -1: background
+    box: np.ndarray | None = None  # (2, 3) float32: bounds of the whole scene; None: use the bounds of `triangles`
 
 
 def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
-    """`Surfaces` where all triangles are there."""
+    """`Surfaces` of a G-buffer whose faces index all triangles of the scene."""
     return Surfaces(gbuffer, triangles, gbuffer.face)
 
 
 def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
-    """The query of each light for the surfaces in a G-buffer; ``samples``: of each light from `light_samples`."""
+    """One query per light at the surfaces in a G-buffer; ``samples``: per light, from `light_samples`."""
     return surface_queries(surfaces_of(gbuffer, triangles), lights, samples, cull_faces, threads)
 
 
 def surface_queries(surfaces: Surfaces, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
-    """The same for `Surfaces`."""
+    """As `shadow_queries`, for `Surfaces`."""
     gbuffer, triangles, ids, box = surfaces
     shape = gbuffer.face.shape
     corners = triangles.vertices.reshape(-1, 9)

@@ -1,4 +1,4 @@
-"""The ray of a pixel, the same bits for everything that asks what a pixel sees."""
+"""The ray of a pixel, with the same bits in rasterisation and ray tracing."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The rasteriser: what each pixel of a camera sees, bit for bit as tracing its ray against every triangle says."""
+"""The rasteriser: primary visibility with the same bits as tracing each pixel's ray against every triangle."""
 
 import numpy as np
 
@@ -30,25 +30,25 @@ def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, coun
     cull_faces : int
         0: none. 1, -1: ignore triangles whose normal points along the ray, or against it.
     counters : (5,) int64, optional
-        From `new_raster_counters`; what is counted is added.
+        From `new_raster_counters`; the counts are added to it.
 
     Returns
     -------
     face : (H, W) int32
-        Row of `corners`, -1 where nothing is seen. Of triangles at the same t, the lowest row.
+        Row of `corners`, -1 in the background. Among triangles at the same t, the lowest row wins.
     t : (H, W) float64
-        In lengths of the pixel's direction, that is, depth; inf where nothing is seen.
+        Depth, in lengths of the pixel's direction; inf in the background.
 
     Raises
     ------
     InputError
-        When `corners` are of another shape, type or layout, or `cull_faces` is not one of the three.
+        If `corners` has another shape, dtype or layout, or `cull_faces` is not -1, 0 or 1.
 
     Notes
     -----
-    Pixel (x, y) has the ray ``pixels.pixel_ray(rays, x, y)``, over (0, inf). A triangle covers it where
-    ``filters.meets`` says so, and t is ``filters.hit_t``. Triangles are culled and listed by screen tile
-    (`raster_cull`, `raster_bins`); each tile is then drawn by one thread (`raster_tiles`).
+    Pixel (x, y) has the ray ``pixels.pixel_ray(rays, x, y)``, over (0, inf). ``filters.meets`` defines coverage, and
+    ``filters.hit_t`` defines t. Triangles are culled and listed by screen tile (`raster_cull`, `raster_bins`). Then one
+    thread draws each tile (`raster_tiles`).
     """
     corners = _checked(corners)
     if cull_faces not in (-1, 0, 1):

@@ -19,15 +19,15 @@ _INFINITY = 0x7F800000  # the bits of float32's infinity
 
 
 class Survivors(NamedTuple):
-    """The triangles that culling leaves. Only slots named by `Bins.slot` are filled; other pages stay untouched."""
+    """The triangles left by culling. Only slots in `Bins.slot` are filled; other memory pages stay untouched."""
 
     triangle: np.ndarray  # (n,) int32
     box: np.ndarray  # (n, 4) int16: first and last pixel, x0, y0, x1, y1
-    nearest: np.ndarray  # (n,) float32: its depth key 1 / t is nowhere larger
+    nearest: np.ndarray  # (n,) float32: upper bound of the triangle's depth key 1 / t
 
 
 class Bins(NamedTuple):
-    """What each tile may see. Tile k owns slot[first[k]:first[k + 1]], triangles in ascending order."""
+    """The candidate triangles of each tile. Tile k owns slot[first[k]:first[k + 1]], in ascending triangle order."""
 
     seen: Survivors
     first: np.ndarray  # (tiles + 1,) int64
@@ -35,13 +35,13 @@ class Bins(NamedTuple):
 
 
 def tiles_across(pixels: int) -> int:
-    """Number of tiles that so many pixels take."""
+    """Number of tiles along an edge of `pixels` pixels."""
     return -(-pixels // TILE)
 
 
 @inlined
 def _keep(seen, slot, i, box, nearest, columns, counts):
-    """Write a triangle to its slot and count it in its tiles; the next slot. Nothing if its box is empty."""
+    """Write a triangle to its slot and count it in its tiles, unless its box is empty; return the next slot."""
     x0, y0, x1, y1 = box
     if x0 > x1 or y0 > y1:
         return slot
@@ -92,7 +92,7 @@ def _cull(ticket, corners, view, padding, columns, seen, left, counts):
 
 @kernel
 def _prefix_sums(counts, first):
-    """Replace counts[chunk, tile] by the start of the chunk's part of the tile's list; first[tile]: start of the list."""
+    """Replace counts[chunk, tile] by the start of the chunk's part of a tile's list; first[tile]: start of the list."""
     chunks, tiles = counts.shape
     for chunk in range(chunks):
         for tile in range(tiles):
@@ -147,7 +147,7 @@ def _bucket(key, slot, highest, shift):
 
 @kernel
 def front_to_back(bins, tile, order):
-    """Write a tile's slots to `order`, roughly sorted by falling depth key of the nearest corner; return their number."""
+    """Write a tile's slots to `order`, roughly by falling depth key of the nearest corner; return their number."""
     first, n = bins.first[tile], bins.first[tile + 1] - bins.first[tile]
     key, slots, start = as_i32(ptr(bins.seen.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
     lowest, highest = np.int64(_INFINITY), np.int64(0)

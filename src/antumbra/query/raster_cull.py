@@ -1,8 +1,8 @@
 """Bounds of triangles on the screen: the pixels that each triangle can cover.
 
-Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are culled
-here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a time are bounded
-in float32. Only the few triangles close to the camera's plane, or across it, are bounded in float64.
+Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
+culled here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a time
+are bounded in float32. Only the few triangles close to the camera's plane, or across it, are bounded in float64.
 """
 
 from typing import NamedTuple
@@ -170,8 +170,8 @@ def quick_boxes(view, padding, lanes, k, boxes, nearest):
     Writes x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of the depth keys. Returns two bit masks: triangles that may
     cover pixels inside these bounds, and triangles that need `careful_box`. The others cover no pixel.
 
-    With q the largest distance / depth, the error of x / z is at most 9 u q (|row x| + |x / z| norm_z). Inside twice the
-    picture, `slope_x` q bounds it. Corners farther out stay outside, since q norm_z <= 1 / _NEAR32.
+    With q the largest distance / depth, the error of x / z is at most 9 u q (|row x| + |x / z| norm_z). Inside twice
+    the picture, `slope_x` q bounds it. Corners farther out stay outside, since q norm_z <= 1 / _NEAR32.
     """
     za, xa, ya, ra = _quick_corner(view, lanes, k)
     zb, xb, yb, rb = _quick_corner(view, lanes, k + 3 * BLOCK)

@@ -7,15 +7,16 @@ the common factor det(c, r, d),
 
     e0 = det(g, h1, h2)   e1 = det(g, h2, h0)   e2 = det(g, h0, h1)   t = det(h0, h1, h2) / (e0 + e1 + e2)
 
-These are homogeneous edge functions [Olano and Greer 1997]. They are linear over the screen, and correct without clipping
-for triangles that cross the camera's plane. The triangle covers a pixel if each e is 0 or has the sign of det(h0, h1, h2).
-With t > 0 the other case of the contract, all signs opposite, cannot occur. The depth key 1 / t is linear as well.
+These are homogeneous edge functions [Olano and Greer 1997]. They are linear over the screen, and correct without
+clipping for triangles that cross the camera's plane. The triangle covers a pixel if each e is 0 or has the sign of
+det(h0, h1, h2). With t > 0 the other case of the contract, all signs opposite, cannot occur. The depth key 1 / t is
+linear as well.
 
-Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`). This moves e = C + A i + B j by at most
-|C| shift_z + |A| shift_x + |B| shift_y. Let u = 2**-53, and let v be a vector whose components do not exceed r. The
-components of its h then have errors of at most 8 u r (`norm_z`, `norm_x`, `norm_y`), from three inputs, products and sums,
-and the move to a tile's origin. A 2 x 2 determinant of two such vectors has an error of at most 36 u norm norm r r. All
-functions are computed from a = v0 - eye, p = v1 - v0, q = v2 - v0, so errors shrink with the triangle:
+Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`). This moves e = C + A i + B j by at
+most |C| shift_z + |A| shift_x + |B| shift_y. Let u = 2**-53, and let v be a vector whose components do not exceed r.
+The components of its h then have errors of at most 8 u r (`norm_z`, `norm_x`, `norm_y`), from three inputs, products
+and sums, and the move to a tile's origin. A 2 x 2 determinant of two such vectors has an error of at most 36 u norm
+norm r r. All functions are computed from a = v0 - eye, p = v1 - v0, q = v2 - v0, so errors shrink with the triangle:
 
     |error e1|, |error e2| <= K r s    |error (e0 + e1 + e2)| <= K s s    |error det| <= V r s s
 
@@ -109,8 +110,8 @@ def direction_error(rays) -> np.ndarray:
 class EdgeFunctions(NamedTuple):
     """Three edge functions and the depth key over the pixels (i, j) from an origin: value = c + a i + b j, all float32.
 
-    Each edge function is divided by its error bound: above 1 a pixel is surely inside, below -1 surely outside. The depth
-    key is 1 / t, with an error of at most ``key_error``.
+    Each edge function is divided by its error bound: above 1 a pixel is surely inside, below -1 surely outside. The
+    depth key is 1 / t, with an error of at most ``key_error``.
     """
 
     a0: float

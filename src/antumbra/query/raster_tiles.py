@@ -1,9 +1,10 @@
 """Drawing into tiles: edge functions and depth keys, eight pixels at a time; the exact predicate if they are uncertain.
 
-A tile keeps, for each pixel, its face and an interval that surely contains the face's depth key 1 / t. A triangle wins a
-pixel at once if it surely covers it and its interval lies above the pixel's. It loses at once if it surely misses the pixel
-or its interval lies below. `filters.meets` and `filters.hit_t` decide the remaining pixels, as the contract defines, so the
-drawing order does not matter. Triangles are drawn front to back, because most hidden ones are then rejected early.
+A tile keeps, for each pixel, its face and an interval that surely contains the face's depth key 1 / t. A triangle wins
+a pixel at once if it surely covers it and its interval lies above the pixel's. It loses at once if it surely misses the
+pixel or its interval lies below. `filters.meets` and `filters.hit_t` decide the remaining pixels, as the contract
+defines, so the drawing order does not matter. Triangles are drawn front to back, because most hidden ones are then
+rejected early.
 """
 
 from typing import NamedTuple
@@ -41,9 +42,9 @@ from .raster_depth import NO_PLANE, eye_plane, plane_t
 from .raster_setup import STRIDE, TILE, edge_functions, turned
 
 RASTER_COUNTERS = ("listed", "drawn", "pixels", "uncertain", "ties")
-"""The counters of drawing. listed: (tile, triangle) pairs; drawn: pairs not rejected as hidden; pixels: pixels inside the
-bounds of drawn pairs; uncertain: pixels whose coverage float32 could not decide; ties: covered pixels whose nearest face
-float32 could not decide.
+"""The counters of drawing. listed: (tile, triangle) pairs; drawn: pairs not rejected as hidden; pixels: pixels inside
+the bounds of drawn pairs; uncertain: pixels whose coverage float32 could not decide; ties: covered pixels whose nearest
+face float32 could not decide.
 """
 _LISTED, _DRAWN, _PIXELS, _UNCERTAIN, _TIES = range(len(RASTER_COUNTERS))
 _COUNTS = len(RASTER_COUNTERS)

@@ -1,10 +1,10 @@
 """Receivers: surface points moved off their surface, once, before any method sees them.
 
-The shift prevents self-intersection. A receiver is shifted along its geometric normal, towards the visible side, by a few
-units in the last place of its coordinates. The amount is derived from the float32 error of the position and of its
-triangle's corners; there is no scene constant. The shift doubles until the receiver lies strictly on the visible side of its
-triangle's plane, in exact arithmetic. Then its own triangle cannot meet a segment to a light sample above the plane. A
-sample on or below the plane is occluded by the surface itself.
+The shift prevents self-intersection. A receiver is shifted along its geometric normal, towards the visible side, by a
+few units in the last place of its coordinates. The amount is derived from the float32 error of the position and of its
+triangle's corners; there is no scene constant. The shift doubles until the receiver lies strictly on the visible side
+of its triangle's plane, in exact arithmetic. Then its own triangle cannot meet a segment to a light sample above the
+plane. A sample on or below the plane is occluded by the surface itself.
 """
 
 import numpy as np

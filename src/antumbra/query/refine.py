@@ -101,9 +101,9 @@ def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray
     colour : (n, 3) float32, linear base colour of each face
 
     The paper finds silhouettes during traversal, as edges whose two triangles face the viewer differently. Visible
-    silhouettes are discontinuities of the G-buffer; so are creases and intersections, which the paper's test misses. The
-    G-buffer test needs no adjacency of triangles, and does not mark hidden silhouettes. It misses objects narrower than
-    a pixel that pass between all pixel centres.
+    silhouettes are discontinuities of the G-buffer; so are creases and intersections, which the paper's test misses.
+    The G-buffer test needs no adjacency of triangles, and does not mark hidden silhouettes. It misses objects narrower
+    than a pixel that pass between all pixel centres.
     """
     out = np.empty(seen.face.shape, np.bool_)
     run(_edge_rows, thread_count(threads), new_ticket(len(out), 8), seen, colour, out)

@@ -66,7 +66,7 @@ def tangents64(nx, ny, nz):
 
 @kernel
 def tangent_disk(cx, cy, cz, radius, x, y, z):
-    """The `Patch` of a sphere: the disk bounded by the circle where the tangent cone from (x, y, z) touches it; float64."""
+    """The `Patch` of a sphere: the disk inside the circle where the tangent cone from (x, y, z) touches it; float64."""
     nx, ny, nz = x - cx, y - cy, z - cz
     distance = np.sqrt(nx * nx + ny * ny + nz * nz)
     if distance > 0.0:

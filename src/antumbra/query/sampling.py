@@ -26,7 +26,7 @@ def hammersley(n: int) -> np.ndarray:
 
 
 def larcher_pillichshammer(n: int) -> np.ndarray:
-    """(n, 2) float64: (i + 1/2) / n and the Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n a power of two."""
+    """(n, 2) float64: (i + 1/2) / n, Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n a power of two."""
     # Eq. (2) of docs/design/sampling.md
     i = np.arange(n, dtype=np.uint64)
     rows = [0]
@@ -64,8 +64,8 @@ def _split_net(points: np.ndarray) -> np.ndarray:
     """Split a (16 m, 2) net into sets (16, m, 2), each with one point per elementary cell, in Z order of the m cells.
 
     The net has 16 points in each cell. Set k takes the point with rank k by x, after a permutation of ranks. The
-    permutation changes the rank's high bits, which decide x, from row to row. It changes the low bits, which decide y in
-    a digital net, from column to column. So the projections of each set on the axes are well distributed too.
+    permutation changes the rank's high bits, which decide x, from row to row. It changes the low bits, which decide y
+    in a digital net, from column to column. So the projections of each set on the axes are well distributed too.
     """
     m = len(points) // N_SETS
     bits = m.bit_length() - 1
@@ -179,7 +179,7 @@ def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer
 
 
 def domain_sets(n: int, sampler: str, domain: str) -> np.ndarray:
-    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors: as of `sample_sets`."""
+    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors are as in `sample_sets`."""
     square = sample_sets(n, sampler)
     if domain == "hemisphere" and sampler in ROTATIONS:
         return _rotated_halton(n, ROTATIONS[sampler])
@@ -189,8 +189,8 @@ def domain_sets(n: int, sampler: str, domain: str) -> np.ndarray:
 def to_domain(square: np.ndarray, domain: str) -> np.ndarray:
     """Map samples (..., 2) of the unit square to points (..., 3) of a light's domain.
 
-    "square": (a, b, 0) as they are; "disk": of radius 1, uniform in area; "point": (0, 0, 0); "hemisphere": the points
-    above those of the disk on the unit sphere, whose density is the cosine to the axis [Malley's method].
+    "square": (a, b, 0), unchanged; "disk": radius 1, uniform in area; "point": (0, 0, 0); "hemisphere": the points of
+    the disk, projected up to the unit sphere, with cosine density around the axis [Malley's method].
     """
     a, b = _concentric(square) if domain in ("disk", "hemisphere") else (square[..., 0], square[..., 1])
     if domain == "point":
@@ -200,7 +200,7 @@ def to_domain(square: np.ndarray, domain: str) -> np.ndarray:
 
 
 def _concentric(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The unit square onto the unit disk; Shirley and Chiu's map keeps cells compact."""
+    """Map the unit square to the unit disk; Shirley and Chiu's map keeps cells compact."""
     x, y = 2.0 * square[..., 0] - 1.0, 2.0 * square[..., 1] - 1.0
     wide = np.abs(x) > np.abs(y)
     r = np.where(wide, x, y)

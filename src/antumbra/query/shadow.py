@@ -25,13 +25,13 @@ class ShadowQuery(NamedTuple):
 
     origins: np.ndarray  # (h, w, 3) float32, receivers moved off their surface, recentred frame
     faces: np.ndarray  # (h, w) int32, the receiver's own triangle in `corners`, -1 if it has none
-    sides: np.ndarray  # (h, w) int8: +-1: visible side of the receiver's surface; FREE: no surface; NOTHING: no receiver
+    sides: np.ndarray  # (h, w) int8: +-1: visible side of the surface; FREE: no surface; NOTHING: no receiver
     normals: np.ndarray  # (h, w, 3) float64 unit, to the visible side; (0, 0, 3) if no face is -1 and no light AMBIENT
     corners: np.ndarray  # (n, 9) float32, the triangles that `faces` indexes
     light: LightPatch
     samples: np.ndarray  # (16, spp, 3) float64, (a, b, c) in the light's domain
     cull_faces: int  # a value of CULL_FACES
-    ids: np.ndarray  # (h, w) int32: the own triangles' indices in trees; equal to `faces` if `corners` has all triangles
+    ids: np.ndarray  # (h, w) int32: own triangles' indices in trees; equal to `faces` if `corners` has all triangles
 
 
 class Horizon(NamedTuple):
@@ -132,7 +132,7 @@ def set_bit(query, bits, i, s):
 
 @inlined
 def is_above(horizon, lx, ly, lz, corners):
-    """True if the float32 light sample lies strictly on the receiver's side of its surface; exact if `face` is known."""
+    """True if the float32 light sample lies strictly on the receiver's side of its surface; exact if `face` >= 0."""
     if horizon.side == FREE:
         return True
     a = (np.float64(lx) - horizon.px, np.float64(ly) - horizon.py, np.float64(lz) - horizon.pz)

@@ -1,8 +1,8 @@
 """Sub-pixels: sixteen points in each selected pixel, arranged as a separate picture.
 
 Pixel e becomes a block of 4 x 4 pixels of that picture. So its sub-pixels use sixteen different sample sets, and
-neighbours stay neighbours. Tracers get the coherent input they need: in multi-frusta tracing, a block is one group of 16
-frusta [Benthin and Wald 2009, Sec. 6.1].
+neighbours stay neighbours. Tracers get the coherent input they need: in multi-frusta tracing, a block is one group of
+16 frusta [Benthin and Wald 2009, Sec. 6.1].
 """
 
 import math
@@ -24,8 +24,8 @@ BLOCK = 4
 def _offsets() -> np.ndarray:
     """(4, 4, 2) float64: x and y in (0, 1) of the sub-pixel in each row and column of a block.
 
-    The points form a digital net: one in each cell of 4 x 4, no two at the same x or y. So an edge of any direction, also
-    a vertical one, moves over them one by one.
+    The points form a digital net: one in each cell of 4 x 4, no two at the same x or y. So an edge of any direction,
+    also a vertical one, moves over them one by one.
     """
     points = larcher_pillichshammer(BLOCK * BLOCK) + (0.0, 0.5 / BLOCK**2)
     column, row = (points * BLOCK).astype(int).T
@@ -58,9 +58,9 @@ def subpixel_gbuffer(triangles, rays: CameraRays, wanted: np.ndarray, threads=No
     wanted : (H, W) bool, with E true entries; row by row they become the blocks of a roughly square picture of
         (4 R, 4 C) pixels, whose last blocks are background if E < R C
 
-    The rasteriser finds the surface of each sub-pixel: it shifts the camera's window to put the sub-pixel at the centre of
-    its pixel. Rasterising the whole picture sixteen times takes about as long as tracing rays through a few per cent of
-    its pixels. It also needs no tree of all visible triangles.
+    The rasteriser finds the surface of each sub-pixel: it shifts the camera's window to put the sub-pixel at the centre
+    of its pixel. Rasterising the whole picture sixteen times takes about as long as tracing rays through a few per cent
+    of its pixels. It also needs no tree of all visible triangles.
     """
     threads = thread_count(threads)
     pixels = np.ascontiguousarray(np.argwhere(wanted))

@@ -1,4 +1,4 @@
-"""Which receivers ask anything of a beam: all with a sample above their own surface."""
+"""Selection of a beam's active receivers: those with a sample above their own surface."""
 
 from typing import NamedTuple
 

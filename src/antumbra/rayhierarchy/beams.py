@@ -1,9 +1,9 @@
 """Beams: segments of a query that share one cone hierarchy and one traversal of the triangles.
 
 All segments of a point light meet in it, so it is the common apex of their cones [Olsson and Assarsson 2011, Sec. 4.3].
-What is not a point has an apex that is blurred: the samples of a quad lie in a ball, the directions to the sun in a
-cone, the ends of ambient segments in a ball around each receiver. The triangle's planes are tilted, or moved, by as
-much (`planes`), so that one traversal serves all samples; or each sample is a point light with a beam of its own.
+Other lights have a blurred apex. The samples of a quad lie in a ball, the directions to the sun in a cone, and the ends
+of ambient segments in a ball around each receiver. The triangle's planes are tilted or moved by the same amount
+(`planes`), so one traversal serves all samples. Alternatively each sample is a point light with its own beam.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ _WIDE = 1e5  # tangent of an angle at whose directions rounding of the samples l
 
 
 class Beam(NamedTuple):
-    """Which samples, of which receivers, and from where they are lit.
+    """The samples and receivers of a beam, and its apex or direction.
 
     A beam has a frame of its own, in which no receiver is farther than 1 away (and most not much nearer), so that its
     numbers fit into float32 whatever the scene's unit is.

@@ -1,4 +1,4 @@
-"""Nodes as boxes in the beam's projection: our own, tighter and cheaper than cones.
+"""Nodes as boxes in the beam's projection: tighter and cheaper than the paper's cones.
 
 On a face of the cube around the apex, a ray is a point (u, v), and q = 1 / depth its end. Planes stay planes there:
 with n . x + m = depth (n_u u + n_v v + n_w + m q), a plane is tested against a box at the corner that is farthest along

@@ -1,9 +1,9 @@
 """Clusters of triangles through a hierarchy of `shafts`, down to single rays.
 
-Where rays go all ways, a leaf's shaft meets many triangles that no ray of it comes near. So 256 triangles go down
-together, by the box around them. At a leaf its 16 rays are tested against that box. Each that meets it is tested
-against the boxes of 16 clusters, and against the 16 triangles of each that it meets. Triangles come in Morton order, so
-these boxes are small.
+If rays diverge, a leaf's shaft meets many triangles that none of its rays comes near. So 256 triangles descend
+together, represented by their bounding box. At a leaf, its 16 rays are tested against that box. Each ray that meets it
+is tested against the boxes of 16 clusters, and against the 16 triangles of each cluster that it meets. Triangles are in
+Morton order, so these boxes are small.
 """
 
 from typing import NamedTuple

@@ -40,7 +40,7 @@ def _span(leaves, ends, origins):
 
 @kernel
 def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
-    """Mark the segments of a leaf that the triangle in `slot` blocks as dead; are all of them dead now?
+    """Mark the segments of a leaf that the triangle in `slot` blocks as dead; True if all of them are dead now.
 
     triangle : what `triangle_in` says of it; prim: which it is, which does not block the receivers on it
     """

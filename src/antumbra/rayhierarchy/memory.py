@@ -1,7 +1,7 @@
-"""Memory that lives no longer than a call, and is handed out again to the next one.
+"""Scratch memory that is reused from call to call.
 
-A page that is new to a process is cleared by the system first, which takes longer than most kernels work on it; and
-memory that is given back between frames is new each time.
+The system clears every new page of a process, which takes longer than most kernels work on the page. Memory released
+between frames would be cleared again in every frame.
 """
 
 import threading
@@ -22,7 +22,7 @@ Empty = Callable[[int, Any], np.ndarray]
 
 
 def _take(size: int) -> np.ndarray:
-    """A buffer of at least so many bytes, the smallest spare one that is not far too large."""
+    """A buffer of at least the given number of bytes: the smallest spare one that is not far too large."""
     with _lock:
         fit = [i for i, spare in enumerate(_spare) if size <= len(spare) <= 2 * size]
         if fit:
@@ -43,7 +43,7 @@ def _give_back(buffers: list[np.ndarray]) -> None:
 
 @contextmanager
 def borrowed() -> Iterator[Empty]:
-    """A function that makes arrays as ``numpy.empty`` does, which nobody may use after the ``with``."""
+    """Yield a function like ``numpy.empty``; its arrays must not be used after the ``with`` block."""
     taken: list[np.ndarray] = []
 
     def empty(n: int, dtype: Any) -> np.ndarray:

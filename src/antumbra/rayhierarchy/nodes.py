@@ -1,6 +1,6 @@
-"""What `boxes`, `cones` and `shafts` have in common: the functions that go by the class of a hierarchy's nodes.
+"""The common interface of `boxes`, `cones` and `shafts`: functions that dispatch on the class of the nodes.
 
-A class has one field, `rows`: how many float32 a node is.
+A class has one field, `rows`: the number of float32 per node.
 """
 
 from ..kernels.jit import overloaded

@@ -1,7 +1,7 @@
-"""Which triangles are traced first in a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4].
+"""Selection of the first triangles of a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4].
 
-The report leaves open what makes a good occluder. Rules were measured (docs/design/rayhierarchy.md); what counts is
-how much of the light's directions a triangle hides.
+The report does not define a good occluder. Several rules were measured (docs/design/rayhierarchy.md). The deciding
+quantity is the share of the light's directions that a triangle hides.
 """
 
 import numpy as np

@@ -1,7 +1,8 @@
-"""The rays of a beam: the leaves of its hierarchy, side by side in memory as they are tested side by side.
+"""The rays of a beam: the leaves of its hierarchy, stored side by side for SIMD tests.
 
-Receivers are in *blocks* of as many as a leaf has. A leaf has some lanes of a block: the others are another leaf's, or
-nobody's. Ends of segments are the same for all receivers, or lie as the receivers do.
+Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block; the others
+belong to another leaf, or are empty. Ends of segments are the same for all receivers, or stored in the receivers'
+layout.
 """
 
 from typing import NamedTuple
@@ -216,7 +217,7 @@ def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, t
 
 
 def finished(rays: LeafRays) -> float:
-    """The share of the segments of which nothing is asked any more."""
+    """The share of dead segments."""
     asked = int(np.bitwise_count(rays.lanes).sum()) * rays.count
     return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(asked, 1)
 

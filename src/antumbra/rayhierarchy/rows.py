@@ -1,6 +1,6 @@
-"""What the tests of nodes want to know of triangles: 16 side by side, a row of 16 numbers for each thing.
+"""The triangle data of node tests: 16 triangles side by side, with one row of 16 numbers per quantity.
 
-A triangle's numbers are 16 apart, so that 16 triangles can be written at once, and each of them read for itself.
+The numbers of a triangle are 16 apart. So 16 triangles can be written at once, and each one read separately.
 """
 
 import numpy as np

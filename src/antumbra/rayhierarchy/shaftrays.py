@@ -1,8 +1,8 @@
 """The rays of a light that is too wide for one apex, as leaves of `shafts`.
 
-Pixels beside each other ask different samples, sixteen sets of them. So a leaf has receivers near each other of one
-set, and one sample: from there, all segments go to nearly the same point. Leaves lie in the order of a space-filling
-curve over receivers and samples both, so that a node's shaft is as narrow at one end as at the other.
+Adjacent pixels use different sample sets, sixteen in all. So a leaf has nearby receivers of one set, and one sample:
+all its segments end at nearly the same point. Leaves follow a space-filling curve over receivers and samples, so a
+node's shaft is equally narrow at both ends.
 """
 
 import numpy as np

@@ -1,10 +1,11 @@
 """Nodes as shafts [Haines and Wallace 1991]: a box around receivers, and one around the ends of their segments.
 
-Where a light is as large as what it lights, no apex bounds the segments well. A shaft does, as its two ends are boxes
-of their own: the segments of a few receivers to a small part of the light are in the hull of two small boxes.
+If a light is as large as the lit surfaces, a cone with one apex bounds the segments poorly. A shaft bounds them well:
+the segments of a few receivers to a small part of the light lie in the hull of two small boxes.
 
-The hull is all (1 - t) R + t L for t in [0, 1]. A box meets it if some t has the boxes overlap along all axes. Each
-axis gives two conditions that are linear in t, so what is left is an interval, and it is empty or not.
+The hull is the set of all (1 - t) R + t L for t in [0, 1], Eq. (4) of docs/design/rayhierarchy.md. A box meets the hull
+if the boxes overlap along all axes for some t. Each axis gives two conditions that are linear in t. They leave an
+interval of t, and the box misses the hull if it is empty.
 """
 
 from typing import NamedTuple

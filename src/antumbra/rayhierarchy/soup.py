@@ -1,4 +1,4 @@
-"""What is traced without a hierarchy over the scene: the triangles as they are."""
+"""The input of tracers without a BVH: the triangles, unsorted."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ class Soup(NamedTuple):
 
 
 def soup_of(triangles: Triangles, culled: Culled | None = None) -> Soup:
-    """All triangles of a scene, or those that culling left; nothing is copied."""
+    """All triangles of a scene, or the triangles left by culling; without copies."""
     if culled is not None:
         return Soup(culled.vertices.reshape(-1, 9), culled.kept)
     return Soup(triangles.vertices.reshape(-1, 9), np.arange(len(triangles.vertices), dtype=np.int32))

@@ -1,7 +1,7 @@
 """A shadow query through hierarchies of its rays [Olsson and Assarsson 2011, Sec. 3.1].
 
-Receivers and lights make beams (`beams`), a beam's receivers are put in an order (`order`) and become leaves (`rays`)
-of a hierarchy (`tree`), which the triangles traverse (`traverse`). What they block comes back as bits.
+Receivers and lights form beams (`beams`). The receivers of a beam are sorted (`order`), and become leaves (`rays`) of a
+hierarchy (`tree`). The triangles traverse the hierarchy (`traverse`), and blocked segments are returned as bits.
 """
 
 import numpy as np
@@ -93,7 +93,7 @@ def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, opti
 
 
 def _picks(soup: Soup, threads: int, options: Options) -> np.ndarray:
-    """All triangles, in the order in which they are traced."""
+    """All triangles, in traversal order."""
     if options.clustered and len(soup.corners):
         return by_codes(soup.corners, 10, threads)[1]
     return np.arange(len(soup.corners), dtype=np.int32)

@@ -1,9 +1,9 @@
 """Triangles through a hierarchy of rays: breadth first as long as there is room, in bounded memory.
 
 Each level of the hierarchy has a queue of pairs, a triangle and a group of nodes that it may block [Olsson and
-Assarsson 2011, Sec. 3.1]. A queue is worked off before the one below it, so that many pairs are there to be tested one
-after the other; but when the queue below has no room left, that one is worked off first (Sec. 4.2). So memory is a
-fixed number of pairs a level and thread, whatever the triangles are.
+Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so many pairs are tested in sequence. If the
+queue below is full, it is processed first (Sec. 4.2). Memory is therefore a fixed number of pairs per level and thread,
+whatever the triangles are.
 """
 
 from typing import NamedTuple
@@ -98,7 +98,7 @@ def row_at(rows, row):
 
 @inlined
 def _kill_below(tree, part, level, node, leaves):
-    """Nothing is asked any more of the rays under a node."""
+    """Mark a node as finished: all rays under it are decided."""
     low, high, k = node, node + 1, level
     while k > 0:
         k -= 1

@@ -1,4 +1,4 @@
-"""Where a beam sees points: in the directions of a cube's six faces, or side by side from far away."""
+"""Projection of points by a beam: onto the six faces of a cube around the apex, or parallel for distant lights."""
 
 from typing import NamedTuple
 

@@ -1,9 +1,9 @@
-"""Lights as large as what they light: would one traversal for all samples be slow, and what is done then?
+"""Wide lights, as large as the lit surfaces: estimate the cost of one traversal for all samples, or use shafts.
 
-A hierarchy around one apex holds nothing back where the light is wide, so every triangle would be tested against every
-ray. A few of the triangles are traced, and counted. If all of them would cost too much, then some more go through
-`shafts`, whose leaves have one sample each, as `clusters`. The others go where it costs less. Counts decide, and no
-triangle is traced twice.
+A hierarchy around one apex culls nothing if the light is wide: every triangle would be tested against every ray. So a
+few triangles are traced first, and their tests counted. If the estimate for all triangles is too high, a second sample
+goes through `shafts` as `clusters`; the leaves of shafts have one sample each. The remaining triangles take the cheaper
+way. Only counts decide, and no triangle is traced twice.
 """
 
 from collections.abc import Callable
@@ -88,7 +88,7 @@ def _unit(tree: RayTree) -> np.float32:
 
 
 def may_be_wide(traced: Traced, triangles: int) -> bool:
-    """Could other leaves pay?"""
+    """True if leaves of shafts could pay off."""
     return traced.beam.radius > 0.0 and triangles >= LEAST
 
 

@@ -84,7 +84,9 @@ class AnyScene(ABC):
         cull_faces=None,
         threads=None,
     ) -> np.ndarray:
-        """Whether anything blocks each ray strictly between tmin and tmax. It is exact (docs/design/exactness.md).
+        """Any-hit query: True for each ray that a triangle blocks strictly between tmin and tmax.
+
+        The answer is exact (docs/design/exactness.md).
 
         Parameters
         ----------
@@ -95,11 +97,11 @@ class AnyScene(ABC):
         tmin, tmax : float or (...) float
             In lengths of the direction, with 0 <= tmin. A hit at exactly tmin or tmax does not count.
         skip_face : int or (...) int, optional
-            A face that does not count, for rays that start on a known face; -1 for none.
+            A face that is not tested, for rays that start on a known face; -1: none.
         time : float
             Seconds. The BVH of the last query's time is kept.
         cull_faces : None, "front" or "back"
-            Faces that show this side to the ray do not block it.
+            Faces whose given side faces the ray's origin do not block it.
         threads : int, optional
             None: all cores.
 
@@ -110,8 +112,8 @@ class AnyScene(ABC):
         Raises
         ------
         InputError
-            On shapes that do not broadcast, NaN or infinite origins or directions, a zero direction, a negative or
-            infinite tmin, or NaN in tmax.
+            If shapes do not broadcast, origins or directions are NaN or infinite, a direction is zero, tmin is negative
+            or infinite, or tmax is NaN.
         """
         return engine.ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
 

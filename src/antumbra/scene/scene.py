@@ -27,9 +27,9 @@ class Scene(AnyScene):
     ----------
     name : str
     up : "y" or "z"
-        Which axis points up; `default_camera` and `default_light` follow it, coordinates stay as they are.
+        The axis that points up; `default_camera` and `default_light` use it, coordinates are not changed.
     duration : float
-        Length of the animation in seconds; 0.0 where nothing moves.
+        Length of the animation in seconds; 0.0 for a static scene.
     n_triangles : int
     bounds : (2, 3) float64, world
         Lowest and highest corner at time 0.
@@ -40,9 +40,9 @@ class Scene(AnyScene):
     meshes : list of MeshInfo
         Name, triangles and instances of each mesh.
     notes : tuple of str
-        What the loader left out, or took differently from what the file may have meant.
+        Features of the file that the loader omitted or approximated.
     source : Source
-        What the triangles, cameras and lights come from.
+        Supplies the triangles, cameras and lights.
     """
 
     def __init__(self, source: Source, *, name: str = "scene", up: str = "y", notes: tuple[str, ...] = ()):
@@ -68,7 +68,8 @@ class Scene(AnyScene):
         Raises
         ------
         InputError
-            On wrong shapes or dtypes, NaN or infinite vertices, indices out of range, or no triangles.
+            If shapes or dtypes are wrong, vertices are NaN or infinite, indices are out of range, or there are no
+            triangles.
         """
         positions, indices = _as_positions(vertices, name), None
         if faces is not None:
@@ -93,9 +94,9 @@ class Scene(AnyScene):
         Raises
         ------
         InputError
-            When the time is not a number, or the animation moves vertices to infinity.
+            If the time is not a number, or the animation moves vertices to infinity.
         """
-        from ..kernels.parallel import thread_count  # Numba: not to be waited for by who only looks into a file
+        from ..kernels.parallel import thread_count  # imports Numba, which file inspection does not need
         from .gather import gather
 
         time, threads = self.clamped(time), thread_count(threads)

@@ -1,4 +1,4 @@
-"""The scene of a store, of which only what is looked at comes into memory."""
+"""The scene of a store; only the chunks in use are in memory."""
 
 from pathlib import Path
 
@@ -13,10 +13,10 @@ from .read import Store, open_store
 
 
 class PagedScene(AnyScene):
-    """A scene whose triangles are in a store: what `antumbra.load` gives for a file ``*.antumbra``.
+    """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
 
-    Nothing moves. Name, up axis, bounds, origin, cameras and lights are those of a `Scene` of the same sources; which
-    mesh a triangle came from is not known. Whatever wants all triangles at once raises InputError.
+    The scene is static. Name, up axis, bounds, origin, cameras and lights equal those of a `Scene` of the same sources.
+    The store does not record the mesh of a triangle. Methods that need all triangles at once raise InputError.
 
     Attributes
     ----------
@@ -37,15 +37,15 @@ class PagedScene(AnyScene):
 
     @property
     def colours(self) -> np.ndarray:
-        """InputError: they are in the chunks of the store."""
+        """Always raises InputError: the colours are in the chunks of the store."""
         raise self.refusal()
 
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
-        """InputError: they are not to be had all at once."""
+        """Always raises InputError: the triangles are never all in memory."""
         raise self.refusal()
 
     def refusal(self) -> InputError:
-        """The error of whatever wants all triangles."""
+        """The error raised by methods that need all triangles."""
         return InputError(
             f"{self.store.path.name}: is paged, and its {self.n_triangles} triangles are not read at once; "
             "render it by a plan that ends in chcrt"
@@ -62,5 +62,5 @@ class PagedScene(AnyScene):
 
 
 def load_store(path: Path) -> PagedScene:
-    """The scene of a store."""
+    """Open the scene of a store."""
     return PagedScene(open_store(path))

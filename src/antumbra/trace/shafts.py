@@ -23,7 +23,7 @@ from .lighttable import ALL_GROUPS
 
 _F = np.float32
 _ROUNDING = _F(24 * 2.0**-24)
-_TINY = _F(1e-37)  # above what underflow can cost a sum of products
+_TINY = _F(1e-37)  # more than the error of a sum of products by underflow
 N = ALL_GROUPS  # a row's length
 D, HALF, TWIST, SPAN, LEVER, NEAR, FAR, CAP_ERROR, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N, 10 * N, 11 * N, 12 * N
 PLANE = 5 * N  # rows of a plane: w (3), b, error for each unit of a corner's largest coordinate

@@ -101,7 +101,7 @@ def load_receivers(chunk, y0, x0, tile):
 
 @inlined
 def bound_receivers(tile, valid):
-    """Fill `info` from the `valid` lanes, of which there is at least one. The other lanes then repeat one of them."""
+    """Fill `info` from the `valid` lanes, at least one. The other lanes then repeat one of them."""
     there, any_lane = mask_from_bits16(valid), lowest_bit(valid)
     for k in range(3):
         o = select(there, load16(tile.origins, 16 * k), broadcast16(tile.origins, 16 * k + any_lane))

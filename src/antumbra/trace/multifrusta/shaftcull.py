@@ -22,8 +22,8 @@ So signs that are sure along the axis hold for all segments of the shaft:
 This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for shafts whose segments share no origin. For a beam x is
 zero, and the slack is exactly ry . |N|. The shafts belong to a tile's groups or strata, or to 16 tiles.
 
-Rounding: E = 64 u s (span wide + |rx| |D|) bounds the errors of e0, e1 and e2, along the axis and along any ray of the
-shaft, and the errors of their slack. It follows from the bound 60 u |d| s max(|a|, s) for each e in
+Rounding: let E = 64 u s (span wide + |rx| |D|). E bounds the errors of e0, e1 and e2, along the axis and along any ray
+of the shaft. It also bounds the errors of their slack. It follows from the bound 60 u |d| s max(|a|, s) for each e in
 `predicate.filters`, because span >= |d| and wide >= |a| for all rays. In the same way 64 u s^2 (|a| + span) bounds the
 errors of T and F, and of their slack.
 """
@@ -177,7 +177,7 @@ def _strata_outside(shafts, work, i):
 
 
 class Verdict(NamedTuple):
-    """What is certain of 16 shafts and a triangle: bits of the lanes."""
+    """The certain results for 16 shafts and a triangle: bits of the lanes."""
 
     miss: int  # no segment meets the triangle
     cover: int  # all segments are blocked

@@ -5,7 +5,7 @@ node for all 16 rays, a mask of active rays, and no bounds of packets. A packet 
 receivers, or a receiver's samples (`packet16:samples`). Triangles are tested by edge functions. The paper uses Moeller
 and Trumbore's test.
 
-For `incoherent` samples, the same packets go through a tree of blocks.
+For incoherent samples (`incoherent`), the same packets go through a tree of blocks.
 """
 
 from functools import partial

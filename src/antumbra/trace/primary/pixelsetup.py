@@ -11,8 +11,8 @@ So they are set up once for a block and a tile, with 16 triangles as lanes. `pix
 Errors. Let u = 2**-24. Let n and m be the largest sums of magnitudes in the rows (x, y) and z of the matrix to pixel
 coordinates.
 
-- The entries of the matrix, a, p and q are rounded once, and products are summed by fma. If no component of a vector
-  exceeds r, its x and y are wrong by at most 6 u n r, and its z by at most 6 u m r.
+- The entries of the matrix, a, p and q are rounded once, and products are summed by fma. Let no component of a vector
+  exceed r. Then its x and y are wrong by at most 6 u n r, and its z by at most 6 u m r.
 - Let A be the largest |x| or |y| of a plus 32 times its |z|, and dA the error of A. Let P and dP be the same for p and
   q. The errors of the coefficients change e1 and e2 by at most 2 (A dP + P dA). The later roundings, up to the value at
   a pixel, add 12 u A P.
@@ -140,7 +140,7 @@ def _range(a, b, c):
 
 @inlined
 def _pixel_range(low, high, pad, clear, size, work, at):
-    """Write the first and last pixel along one axis whose centre a triangle may cover. mask16: there is such a pixel."""
+    """Write the first and last pixel along one axis whose centre a triangle may cover. mask16: such a pixel exists."""
     low = select(clear, minimum(maximum(low - pad, _ZERO), splat16(_F(size))), splat16(_ZERO))
     high = select(clear, minimum(high + pad, _F(size - 1)), splat16(_F(size - 1)))
     first = to_f32(to_i32(low))

@@ -64,7 +64,7 @@ class _Scratch(NamedTuple):
 
 @kernel
 def _walk(forest, k, alive, picture, tile, scratch):
-    """Trace the frusta in `alive` (bits) through tree k. A block is tested when the next one is found, and prefetched."""
+    """Trace the frusta in `alive` (bits) through tree k. A block is prefetched, and tested after the next is found."""
     tree, hits, pixels, scale = tree_in(forest, k), picture.hits, scratch.pixels, picture.scale
     at, last = Near(root_in(forest, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
     while True:

@@ -1,4 +1,4 @@
-"""Which of two children an any-hit ray visits first: the traversal orders of [Feltman et al. 2012, Sec. 3.1].
+"""Traversal orders: the child that an any-hit ray visits first [Feltman et al. 2012, Sec. 3.1].
 
 An any-hit ray ends at its first hit, so the order of children decides how many nodes it visits. An order is a number.
 The any-hit walk (`traverse.walk`) passes it to `left_comes_first` at each node whose two boxes the ray enters. An order
