@@ -1,4 +1,4 @@
-"""The arguments of ``antumbra render``, and the options they stand for."""
+"""The command-line arguments of ``antumbra render``, and their conversion to options."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,7 +126,7 @@ class RenderArguments:
     quiet: Quiet = False
 
     def check(self) -> None:
-        """Raise an InputError if options do not go together."""
+        """Raise an InputError if options exclude each other."""
         for name, instead in (("--vpl", self.vpl), ("--bounce", self.bounce)):
             if self.ao is not None and instead is not None:
                 raise InputError(f"--ao dims the ambient light that {name} replaces; leave one of them out")

@@ -1,4 +1,4 @@
-"""What ``antumbra render`` was asked for, checked: all that its pictures depend on but the moment."""
+"""The checked options of ``antumbra render``: everything that determines its pictures, except the time."""
 
 import hashlib
 from pathlib import Path
@@ -26,14 +26,14 @@ class RenderOptions(NamedTuple):
     camera: int | CameraSpec | None
     lights: list  # lights, and indices of the scene's own
     ambient: list  # ambient occlusion, or nothing
-    vpl: int | None  # photons
-    bounce: int | None  # diffuse rays a pixel
+    vpl: int | None  # number of photons
+    bounce: int | None  # diffuse rays per pixel
     spp: int
     sampler: str
     filter: bool
     adaptive: int | None
-    plan: str | None  # None: the one that suits the scene
-    srdh_rays: "SrdhRays | None"  # that the plan's builder is shown
+    plan: str | None  # None: the default for the kind of scene
+    srdh_rays: "SrdhRays | None"  # rays that the plan's builder is shown
     gbuffer: str
     threads: int | None
     max_memory: int | None  # bytes, for a scene in a store
@@ -43,7 +43,7 @@ class RenderOptions(NamedTuple):
     quiet: bool
 
     def check(self) -> None:
-        """InputError on what can be found wrong before a scene is read."""
+        """Raise InputError for errors that can be detected before a scene is read."""
         from ..image.save import checked_exposure
         from ..plan import DEFAULT_PLAN, parse_plan
         from ..query.sampling import sample_sets
@@ -56,7 +56,7 @@ class RenderOptions(NamedTuple):
         sample_sets(self.spp, self.sampler)
 
     def about(self, scene: "AnyScene") -> "RenderOptions":
-        """The same, with the plan that suits the scene if none was named."""
+        """These options, with the default plan for the kind of scene if none was named."""
         from ..rendering.renderer import source_kind
 
         return self if self.plan is not None else self._replace(plan=source_kind(scene).default_plan)
@@ -71,11 +71,11 @@ class RenderOptions(NamedTuple):
         return arguments.make_camera(self.camera, scene, time, self.size)
 
     def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
-        """The lights at a time, but for those that photons become."""
+        """The lights at a time, without the virtual point lights made from photons."""
         return arguments.make_lights(self.lights, scene, time) + self.ambient
 
     def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress) -> "Shot":
-        """A frame at a time; ``progress(text, runs)`` gives the function that hears of so many tracings."""
+        """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
         from .. import virtual_point_lights
 
         camera, lights = self.view(scene, time), self.direct_lights(scene, time)
@@ -125,7 +125,7 @@ class RenderOptions(NamedTuple):
 
 
 class Shot(NamedTuple):
-    """A frame and what went into it."""
+    """A frame and its inputs."""
 
     time: float  # seconds, clamped to the animation
     camera: "Camera"

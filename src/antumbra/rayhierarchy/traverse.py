@@ -98,7 +98,7 @@ def row_at(rows, row):
 
 @inlined
 def _kill_below(tree, part, level, node, leaves):
-    """Mark a node as finished: all rays under it are decided."""
+    """Mark everything below a node as finished: its rays need no more tests."""
     low, high, k = node, node + 1, level
     while k > 0:
         k -= 1
@@ -115,7 +115,7 @@ def _kill_below(tree, part, level, node, leaves):
 
 @kernel
 def _kill(tree, part, level, node, leaves):
-    """Mark a node as finished, and those above it that have no other left [Olsson and Assarsson 2011, Sec. 3.3]."""
+    """Mark a node as finished, and its ancestors without other live children [Olsson and Assarsson 2011, Sec. 3.3]."""
     if level >= 0:
         _kill_below(tree, part, level, node, leaves)
     while level < get(tree.heights, part):

@@ -28,7 +28,8 @@ class RayTree(NamedTuple):
     ways: int
     shift: int  # ways = 1 << shift
     nodes: Any  # Boxes, Shafts or Cones: the class says what the numbers mean
-    numbers: np.ndarray  # float32, groups of `nodes.rows` x ways
+    step: int  # numbers of a group: `nodes.rows` x ways
+    numbers: np.ndarray  # float32, groups of them
     alive: np.ndarray  # (groups + PAD,) int32: bits of the children that anything is still asked about
     heights: np.ndarray  # (k,) int64: levels
     sizes: np.ndarray  # (k, LEVELS) int64: nodes of each level
@@ -41,8 +42,8 @@ class RayTree(NamedTuple):
 def tree_pointers(tree):
     """The same `RayTree` with pointers instead of arrays: each array that is passed on costs a reference count."""
     return RayTree(
-        tree.ways, tree.shift, tree.nodes, ptr(tree.numbers), ptr(tree.alive), ptr(tree.heights), ptr(tree.sizes),
-        ptr(tree.groups), ptr(tree.leaves), ptr(tree.faces),
+        tree.ways, tree.shift, tree.nodes, tree.step, ptr(tree.numbers), ptr(tree.alive), ptr(tree.heights),
+        ptr(tree.sizes), ptr(tree.groups), ptr(tree.leaves), ptr(tree.faces),
     )  # fmt: skip
 
 
@@ -61,7 +62,7 @@ def groups_of(tree, part, level):
 @inlined
 def group_at(tree, group):
     """Pointer to the numbers of a group."""
-    return ptr_at(tree.numbers, group * tree.nodes.rows * tree.ways)
+    return ptr_at(tree.numbers, group * tree.step)
 
 
 @kernel
@@ -93,6 +94,7 @@ def _bound(ticket, arrays, beam, rays, part, level):
 def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:
     """The `RayTree` over a beam's rays; ``kind``: `Boxes`, `Shafts` or `Cones`."""
     nodes, ways, k = kind(), rays.ways, len(rays.faces)
+    step = nodes.rows * ways
     shift = ways.bit_length() - 1
     heights, sizes, groups = np.zeros(k, np.int64), np.zeros((k, LEVELS), np.int64), np.zeros((k, LEVELS), np.int64)
     total = 0
@@ -105,10 +107,20 @@ def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.emp
             heights[part] += 1
             if n <= 1:
                 break
-    numbers = empty(total * nodes.rows * ways + PAD, np.float32)
+    numbers = empty(total * step + PAD, np.float32)
     numbers[:] = 0
     tree = RayTree(
-        ways, shift, nodes, numbers, np.zeros(total + PAD, np.int32), heights, sizes, groups, rays.starts, rays.faces
+        ways,
+        shift,
+        nodes,
+        step,
+        numbers,
+        np.zeros(total + PAD, np.int32),
+        heights,
+        sizes,
+        groups,
+        rays.starts,
+        rays.faces,
     )
     for part in range(k):
         for level in range(int(heights[part])):

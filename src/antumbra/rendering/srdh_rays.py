@@ -48,7 +48,7 @@ class SrdhRays:
     Raises
     ------
     InputError
-        If a value is out of range, a coordinate exceeds the limit for triangles, or `origins` and `ends` differ in
+        If a value is out of range, a coordinate is not below the limit for triangles, or `origins` and `ends` differ in
         shape.
     """
 

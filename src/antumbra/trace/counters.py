@@ -22,7 +22,7 @@ COUNTERS = (
     "candidates",
     "covered",
     "shrinks",
-    "sheaf_tiles",
+    "group_tiles",
 )
 """Names, in the order of the array:
 

@@ -39,7 +39,7 @@ def _traced(triangles, query):
 def test_the_bits_of_single_rays(name, n, size):
     triangles, query = _query(_scene(n, size), LIGHTS[name], 16)
     bits, counts = _traced(triangles, query)
-    assert counts["sheaf_tiles"] >= 12 and bits.any() and not bits.all()
+    assert counts["group_tiles"] >= 12 and bits.any() and not bits.all()
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
 
 
@@ -48,7 +48,7 @@ def test_culled_faces(cull_faces):
     triangles, query = _query(_scene(60, 0.6), LIGHTS["quad"], 16)
     query = query._replace(cull_faces=cull_faces)
     bits, counts = _traced(triangles, query)
-    assert counts["sheaf_tiles"] >= 12 and bits.any()
+    assert counts["group_tiles"] >= 12 and bits.any()
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
 
 
@@ -57,7 +57,7 @@ def test_the_oracle(spp):
     triangles, query = _query(_scene(60, 0.6), LIGHTS["quad"], spp)
     bits, counts = _traced(triangles, query)
     truth, asked = true_occlusion(triangles, query)
-    assert counts["sheaf_tiles"] >= 12 and truth.any() and not truth[asked].all()
+    assert counts["group_tiles"] >= 12 and truth.any() and not truth[asked].all()
     np.testing.assert_array_equal(bits, truth)
 
 
@@ -69,12 +69,12 @@ def test_more_undecided_rays_than_there_is_memory_for():
     scene = at.Scene.from_arrays(np.concatenate([floor, vertices]), np.arange(606).reshape(-1, 3))
     triangles, query = _query(scene, LIGHTS["quad"], 16)
     bits, counts = _traced(triangles, query)
-    assert counts["sheaf_tiles"] >= 12
+    assert counts["group_tiles"] >= 12
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
 
 
 def test_a_huge_light_goes_to_packets():
     triangles, query = _query(_scene(40, 0.8), at.QuadLight((-40, 7, -40), (80, 0, 0), (0, 0, 80)), 16)
     bits, counts = _traced(triangles, query)
-    assert counts["sheaf_tiles"] == counts["covered"] == 0 and bits.any() and not bits.all()
+    assert counts["group_tiles"] == counts["covered"] == 0 and bits.any() and not bits.all()
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))

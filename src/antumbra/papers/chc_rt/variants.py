@@ -7,7 +7,7 @@ from ...chcrt.options import Options
 from ...methods import Tracer, by_culling
 
 THRESHOLDS = 0, 20, 100, 200
-"""The most rays of a tile for which a subtree is left out; 0: none is left out, as in `chcrt`."""
+"""Thresholds: a subtree is neglected if at most so many rays of a tile may meet it; 0: exact, as in `chcrt`."""
 
 
 def tracer_name(threshold: int) -> str:
@@ -16,7 +16,7 @@ def tracer_name(threshold: int) -> str:
 
 
 def find_aggressive(text: str) -> tuple[str, Tracer] | None:
-    """(name, tracer) of an aggressive tracer's name; None if it is no such name."""
+    """(name, tracer) of an aggressive tracer; None if the name is not one."""
     for n in THRESHOLDS[1:]:
         if text == tracer_name(n):
             about = f"as chcrt, but subtrees that at most {n} rays of a tile may meet are left out: not exact"
