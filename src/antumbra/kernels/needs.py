@@ -35,9 +35,14 @@ def add(file: Path) -> None:
 @cache
 def recorded() -> Needs:
     """The contents of all files. A missing file counts as empty."""
+    return read(*_files)
+
+
+def read(*files: Path) -> Needs:
+    """The needs that some files hold. Missing files hold none."""
     kernels: list[Wanted] = []
     jobs: dict[str, list[int]] = {}
-    for file in _files:
+    for file in files:
         try:
             said = json.loads(file.read_text())
         except OSError:
