@@ -5,23 +5,26 @@ from threading import get_ident
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..plan import DEFAULT_PLAN
+from ..plan import DEFAULT_PLAN, Plan
 from ..query.bounds import reach_of
 from ..query.rays import Arguments, HitArrays, as_array, cull_value, ray_arguments
 from ..query.receivers import FREE, point_receivers
 from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery, fraction_lit
+from ..scene.any_scene import AnyScene
 from ..scene.hit import Hit
-from ..scene.lights import check_lights
+from ..scene.lights import Light, check_lights
 from ..scene.point_lights import PointLights
 from ..trace.rays.batch import trace_batch
 from .accelerate import Accelerated
 from .ready import Job, fixed_job, make_ready, small_scene
 from .render_jobs import warm_up
 from .renderer import Renderer, source_kind
+from .srdh_rays import SrdhRays
 
 
 class Visibility(NamedTuple):
@@ -93,8 +96,10 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
 
 
 def visibility(
-    scene, points, light, normals=None, *, spp=16, plan=None, time=0.0, threads=None,
-    sampler="larcher-pillichshammer", cull_faces=None, srdh_rays=None, max_memory=None,
+    scene: AnyScene, points: ArrayLike, light: Light, normals: ArrayLike | None = None, *, spp: int = 16,
+    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
+    sampler: str = "larcher-pillichshammer", cull_faces: str | None = None, srdh_rays: SrdhRays | None = None,
+    max_memory: int | None = None,
 ) -> Visibility:  # fmt: skip
     """Find which samples of a light are visible from arbitrary points, such as mesh vertices or sensors.
 

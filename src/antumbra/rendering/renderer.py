@@ -1,17 +1,19 @@
 """Render one frame, or a sequence of frames with state kept between them, of one scene by one plan."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..plan import parse_plan
+from ..plan import Plan, parse_plan
 from ..query.diffuse import diffuse_passes
 from ..query.gbuffer import GBuffer
 from ..query.rays import cull_value
 from ..query.refine import finer_samples
 from ..query.sampling import light_samples
+from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
-from ..scene.lights import check_lights
+from ..scene.lights import Light, check_lights
 from ..scene.scene import Scene
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator
@@ -24,6 +26,10 @@ from .state import Request
 
 if TYPE_CHECKING:
     from .paged import Paged
+
+
+Progress = Callable[[int, int], object]
+"""Hears (rays done, rays), or whatever a tracer counts, about ten times a second."""
 
 
 def source_kind(scene) -> "type[InMemory] | type[Paged]":
@@ -60,18 +66,26 @@ class Renderer:
     """
 
     def __init__(
-        self, scene, plan=None, threads=None, gbuffer="raster", srdh_rays: SrdhRays | None = None, max_memory=None
+        self,
+        scene: AnyScene,
+        plan: str | Plan | None = None,
+        threads: int | None = None,
+        gbuffer: str = "raster",
+        srdh_rays: SrdhRays | None = None,
+        max_memory: int | None = None,
     ):
         if gbuffer not in ("raster", "rays"):
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
-        kind = source_kind(scene)
+        kind: Any = source_kind(scene)
         self.plan, self.threads = parse_plan(kind.default_plan if plan is None else plan), thread_count(threads)
         self.accelerator = Accelerator(self.plan, self.threads, srdh_rays)
         self.scene, self.source = scene, kind(scene, self.accelerator, gbuffer, max_memory)
 
     def render(
-        self, camera, lights, *, spp=16, time=0.0, counters=False, sampler="larcher-pillichshammer", cull_faces=None,
-        filter=False, adaptive=None, progress=None, bounce=None,
+        self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
+        counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
+        filter: bool = False, adaptive: int | None = None, progress: Progress | None = None,
+        bounce: int | None = None,
     ) -> Frame:  # fmt: skip
         """Render one frame; `antumbra.render` documents the parameters."""
         lights = check_lights(lights)
@@ -108,9 +122,12 @@ class Renderer:
 
 
 def render(
-    scene, camera=None, lights=None, *, spp=16, plan=None, time=0.0, threads=None, counters=False,
-    gbuffer="raster", sampler="larcher-pillichshammer", cull_faces=None, filter=False,
-    adaptive=None, progress=None, srdh_rays=None, bounce=None, max_memory=None,
+    scene: AnyScene, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
+    spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
+    counters: bool = False, gbuffer: str = "raster", sampler: str = "larcher-pillichshammer",
+    cull_faces: str | None = None, filter: bool = False, adaptive: int | None = None,
+    progress: Progress | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
+    max_memory: int | None = None,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 

@@ -5,6 +5,7 @@ import numpy as np
 from ..checks import whole_number
 from ..errors import InputError
 from ..query.receivers import surface_receivers
+from ..scene.any_scene import AnyScene
 from ..scene.lights import (
     DirectionalLight,
     DiskLight,
@@ -18,7 +19,10 @@ from ..scene.lights import (
 from ..scene.point_lights import PointLights
 
 
-def virtual_point_lights(scene, light, n=256, seed=0, time=0.0, *, interleave=True, threads=None) -> PointLights:
+def virtual_point_lights(
+    scene: AnyScene, light: Light, n: int = 256, seed: int = 0, time: float = 0.0, *, interleave: bool = True,
+    threads: int | None = None,
+) -> PointLights:  # fmt: skip
     """Approximate light that has bounced once by point lights: instant radiosity [Keller 1997].
 
     The light emits n photons, distributed by a Sobol sequence. Area lights emit with cosine density, a sphere over its

@@ -10,6 +10,7 @@ from .camera import Camera
 from .hit import Hit
 from .lights import Light
 from .mesh import MeshInfo
+from .triangles import Triangles
 
 
 class AnyScene(ABC):
@@ -28,6 +29,10 @@ class AnyScene(ABC):
     @property
     @abstractmethod
     def n_triangles(self) -> int: ...
+
+    @abstractmethod
+    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
+        """The triangles at `time`. A store raises InputError."""
 
     @abstractmethod
     def _cameras_at(self, time: float) -> list[Camera]:
