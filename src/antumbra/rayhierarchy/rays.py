@@ -1,8 +1,8 @@
 """The rays of a beam: the leaves of its hierarchy, stored side by side for SIMD tests.
 
-Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block; the others
-belong to another leaf, or are empty. Ends of segments are the same for all receivers, or stored in the receivers'
-layout.
+Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block. The other lanes
+belong to other leaves or are empty. The segment ends are the same for all receivers, or are stored in the layout of the
+receivers.
 """
 
 from typing import NamedTuple
@@ -19,30 +19,30 @@ from .asking import asking_of
 from .beams import Beam
 from .memory import Empty
 
-PAD = 16  # numbers after the last: 16 are read where there are fewer
+PAD = 16  # padding at the end of an array, because kernels always read 16 numbers
 
 
 class LeafRays(NamedTuple):
     """Receivers in leaves of `ways`, with the ends of their segments.
 
-    A leaf's dead segments are those that nothing has to be asked about: its receiver or sample does not exist, or is
-    blocked. Lanes from `ways` on are not in `dead`.
+    A dead segment needs no test: it is blocked, or its receiver or sample does not exist. Lanes from `ways` on have no
+    bits in `dead`.
     """
 
-    ways: int  # rays to a leaf, nodes to a node: 4 or 16
+    ways: int  # rays per leaf and children per node: 4 or 16
     origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane
-    ids: np.ndarray  # (blocks ways + PAD,) int32: which receiver; -1: none
-    own: np.ndarray  # like ids: each receiver's own triangle; -1: none
+    ids: np.ndarray  # (blocks ways + PAD,) int32: index of the receiver; -1: none
+    own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none
     ends: np.ndarray  # (3 count ways [blocks] + PAD,) float32: [block,] sample, axis, lane
-    end_step: int  # float32 from a block's ends to the next one's; 0: all have the same
+    end_step: int  # float32 numbers from one block's ends to the next; 0: all blocks share their ends
     blocks: np.ndarray  # (leaves,) int32: the block of each leaf
-    lanes: np.ndarray  # (leaves,) int32: bits of those of its lanes that the leaf has
-    dead: np.ndarray  # (leaves, count) int32: bits of lanes
-    first: int  # sample
-    count: int  # samples
-    starts: np.ndarray  # (k + 1,) int64: where the leaves of each face begin
-    faces: np.ndarray  # (k,) int64: which these are
-    placed: bool  # leaves keep their places, whatever is dead
+    lanes: np.ndarray  # (leaves,) int32: bits of the block's lanes that the leaf owns
+    dead: np.ndarray  # (leaves, count) int32: bits of the lanes whose segment is dead
+    first: int  # the first sample
+    count: int  # number of samples
+    starts: np.ndarray  # (k + 1,) int64: the first leaf of each face, and the end
+    faces: np.ndarray  # (k,) int64: the faces
+    placed: bool  # leaves keep their places even if all their segments are dead
     samples: np.ndarray  # (leaves,) int32: the first sample of each leaf, counted from `first`
 
 
@@ -50,23 +50,23 @@ class Blocks(NamedTuple):
     """Receivers, `ways` side by side, as in `LeafRays`."""
 
     ways: int
-    origins: np.ndarray
-    ids: np.ndarray
-    own: np.ndarray
+    origins: np.ndarray  # (3 blocks ways + PAD,) float32
+    ids: np.ndarray  # (blocks ways + PAD,) int32
+    own: np.ndarray  # (blocks ways + PAD,) int32
 
 
 class LeafCut(NamedTuple):
-    """What leaves are made of blocks, as in `LeafRays`."""
+    """Assignment of the lanes of blocks to leaves, as in `LeafRays`."""
 
-    blocks: np.ndarray
-    lanes: np.ndarray
-    starts: np.ndarray
-    faces: np.ndarray
+    blocks: np.ndarray  # (leaves,) int32
+    lanes: np.ndarray  # (leaves,) int32
+    starts: np.ndarray  # (k + 1,) int64
+    faces: np.ndarray  # (k,) int64
     placed: bool
 
 
 class Leaves(NamedTuple):
-    """`LeafRays` in kernels: pointers instead of arrays."""
+    """`LeafRays` in kernels, with pointers instead of arrays; the fields have the same meaning."""
 
     ways: int
     origins: object
@@ -99,19 +99,19 @@ def block_of(leaves, leaf):
 
 @inlined
 def ends_in(leaves, leaf, block):
-    """Pointer to the ends of a leaf's segments; block: its block."""
+    """Pointer to the ends of a leaf's segments; block: the leaf's block."""
     return ptr_at(leaves.ends, block * leaves.end_step + 3 * leaves.ways * np.int64(get(leaves.samples, leaf)))
 
 
 @inlined
 def origins_in(leaves, block):
-    """`Vec`: where the receivers of a block are."""
+    """The positions of a block's receivers, a `Vec`."""
     return rows(leaves.origins, 3 * block * leaves.ways, leaves.ways)
 
 
 @inlined
 def fetch_leaf(leaves, leaf):
-    """Have a leaf's receivers brought to where they can be read at once."""
+    """Prefetch a leaf's receivers into the cache."""
     block = block_of(leaves, leaf)
     for k in range(3):
         prefetch(leaves.origins, (3 * block + k) * leaves.ways)
@@ -120,7 +120,7 @@ def fetch_leaf(leaves, leaf):
 
 @kernel
 def _fill_ends(ticket, query, bits, rays):
-    """Worker: the ends of the segments of each block's receivers; lanes without one repeat others."""
+    """Worker: write the segment ends of each block's receivers. Empty lanes repeat the ends of another lane."""
     asking, leaves, ways = asking_of(query, bits), leaves_of(rays), np.int64(rays.ways)
     first = take(ticket)
     while first >= 0:
@@ -173,7 +173,7 @@ def _fill_leaf(asking, leaves, leaf):
 
 @kernel
 def _fill_dead(ticket, query, bits, rays):
-    """Worker: which segments of the leaves are dead before anything is traced."""
+    """Worker: mark the segments that are dead before the traversal."""
     asking, leaves = asking_of(query, bits), leaves_of(rays)
     first = take(ticket)
     while first >= 0:
@@ -183,7 +183,7 @@ def _fill_dead(ticket, query, bits, rays):
 
 
 def new_blocks(n: int, ways: int, empty: Empty) -> Blocks:
-    """Memory for n blocks."""
+    """Allocate n blocks."""
     numbers = [empty(n * ways + PAD, np.int32) for _ in range(2)]
     blocks = Blocks(ways, empty(3 * n * ways + PAD, np.float32), numbers[0], numbers[1])
     for padded in blocks[1:]:
@@ -198,7 +198,7 @@ def block_pointers(blocks):
 
 
 def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
-    """The `LeafRays` of the receivers in blocks, cut into leaves."""
+    """Make the `LeafRays` of the receivers in blocks; `cut` assigns their lanes to leaves."""
     n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.count
     step = 0 if beam.common else 3 * count * blocks.ways
     ends = empty((n * step if step else 3 * count * blocks.ways) + PAD, np.float32)
@@ -224,7 +224,7 @@ def finished(rays: LeafRays) -> float:
 
 @kernel
 def _write_bits(ticket, rays, bits):
-    """Worker: set the bits of the segments that have been found blocked."""
+    """Worker: set the bits of the blocked segments."""
     leaves, out, words = leaves_of(rays), ptr(bits), bits.shape[2]
     first = take(ticket)
     while first >= 0:

@@ -1,9 +1,9 @@
-"""Triangles through a hierarchy of rays: breadth first as long as there is room, in bounded memory.
+"""Traversal of a ray hierarchy by triangles: breadth first while the queues have room, in bounded memory.
 
-Each level of the hierarchy has a queue of pairs, a triangle and a group of nodes that it may block [Olsson and
-Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so many pairs are tested in sequence. If the
-queue below is full, it is processed first (Sec. 4.2). Memory is therefore a fixed number of pairs per level and thread,
-whatever the triangles are.
+Each level of the hierarchy has a queue of pairs. A pair is a triangle and a group of nodes that it may block [Olsson
+and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so many pairs are tested in sequence. If
+the queue below is full, it is processed first (Sec. 4.2). Each thread therefore stores a fixed number of pairs per
+level, independent of the triangles.
 """
 
 from typing import NamedTuple
@@ -42,47 +42,50 @@ from .tree import LEVELS, group_at, groups_of, size_of, tree_pointers
 from .view import relative, view_of
 
 BATCH = 128
-"""Triangles that are traversed together; a multiple of 16."""
+"""Triangles per batch; a multiple of 16. A batch is traversed together."""
 
 BLOCKS = BATCH // LANES
 
 PAIRS = 2048
-"""Pairs a queue holds, at most; at least BATCH and 16."""
+"""Maximum number of pairs in a queue; at least BATCH and at least 16."""
 
 _QUEUES = LEVELS + 1
-_AHEAD = 4  # leaves that are fetched in advance
+_AHEAD = 4  # leaves to prefetch ahead of the tested leaf
 
 
 class How(NamedTuple):
     """Options of a traversal."""
 
-    spheres: bool  # test spheres around triangles, not these
-    early_accept: bool  # mark nodes that a triangle covers
-    facing: int  # triangles with this sign of d . n do not block, a value of CULL_FACES
-    backface: bool  # and are dropped before they are traversed
-    pairs: int  # that a queue holds
+    spheres: bool  # test bounding spheres instead of the triangles
+    early_accept: bool  # finish nodes that one triangle covers
+    facing: int  # value of CULL_FACES: triangles with this sign of d . n do not block
+    backface: bool  # drop these triangles before the traversal
+    pairs: int  # capacity of a queue
 
 
 class _Queues(NamedTuple):
-    """A thread's pairs: pointers to int32. Queue 0 is of triangles and leaves, queue k + 1 of them and level k."""
+    """A thread's pairs, as pointers to int32.
 
-    rows: object  # which row of the batch, _QUEUES x (pairs + 16)
-    groups: object  # or leaves
-    counts: object  # _QUEUES
-    step: int
-    union: object  # 6 float32, scratch memory
+    Queue 0 pairs triangles with leaves. Queue k + 1 pairs triangles with groups of level k.
+    """
+
+    rows: object  # (_QUEUES, pairs + 16): the triangle's row in the batch
+    groups: object  # (_QUEUES, pairs + 16): the group, or the leaf in queue 0
+    counts: object  # (_QUEUES,): pairs in each queue
+    step: int  # pairs + 16
+    union: object  # (6,) float32: scratch memory
 
 
 class Memory(NamedTuple):
-    """A thread's own, for `trace_triangles`."""
+    """A thread's scratch memory for `trace_triangles`."""
 
-    rows: np.ndarray  # float32: those of a batch for each face
-    marks: np.ndarray  # int32, zeros: how many pairs each queue has; what is found of each block for each face; slots
+    rows: np.ndarray  # float32: the triangle rows of a batch for each face
+    marks: np.ndarray  # int32, zeros: pairs in each queue; found bits of each block and face; slots
     pairs: np.ndarray  # int32: the queues
 
 
 def memory_for(parts: int, how: How) -> Memory:
-    """Memory for a traversal of the hierarchies of so many faces."""
+    """Allocate the memory for a traversal of the hierarchies of `parts` faces."""
     return Memory(
         np.empty(parts * BATCH * NUMBERS, np.float32),
         np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32),
@@ -92,7 +95,7 @@ def memory_for(parts: int, how: How) -> Memory:
 
 @inlined
 def row_at(rows, row):
-    """Pointer to the numbers of a batch's triangle."""
+    """Pointer to the numbers of one triangle in a batch."""
     return ptr_at(rows, (row >> 4) * BLOCK + (row & 15))
 
 
@@ -128,13 +131,13 @@ def _kill(tree, part, level, node, leaves):
 
 @kernel
 def finish(tree, leaf, leaves):
-    """Mark a leaf of a hierarchy with one part, nothing of which is asked any more."""
+    """Mark a leaf as finished: its rays need no more tests. The hierarchy must have one part."""
     _kill(tree, np.int64(0), np.int64(0), leaf, leaves)
 
 
 @kernel
 def _kill_all(tree, part, level, first, full, leaves, counters):
-    """Mark the nodes, from the first on, that a triangle covers as finished."""
+    """Mark the nodes that a triangle covers as finished. Bit i of `full` is node `first` + i."""
     count(counters, COVERED, popcount(full))
     while full != 0:
         _kill(tree, part, level, first + lowest_bit(full), leaves)
@@ -143,9 +146,9 @@ def _kill_all(tree, part, level, first, full, leaves, counters):
 
 @inlined
 def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
-    """Bits of the nodes of a group, the first of which is number `first`, that a triangle may block but does not cover.
+    """Bits of the nodes of a group that a triangle may block but does not cover.
 
-    Those that it covers are finished.
+    Covered nodes are marked as finished. The group starts at node `first`.
     """
     alive = np.int64(get(tree.alive, group))
     count(counters, NODES, popcount(alive))
@@ -160,9 +163,9 @@ def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
 
 @kernel
 def _work_off(tree, part, level, leaves, rows, queues, how, counters):
-    """Test a level's pairs, the last first, until there are none, or no room is left for those of the next queue.
+    """Test a level's pairs, the last first, until the queue is empty or the next queue is full.
 
-    How many there are is kept in registers, so that one pair need not wait for the other.
+    Registers hold the counts of both queues, so a pair does not wait for the pair before it.
     """
     n, below = np.int64(get(queues.counts, level + 1)), np.int64(get(queues.counts, level))
     to_rows, to_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
@@ -182,7 +185,7 @@ def _work_off(tree, part, level, leaves, rows, queues, how, counters):
 
 @kernel
 def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
-    """Test the rays of the leaves that are queued; those of later ones are on their way meanwhile."""
+    """Test the rays of the queued leaves; later leaves are prefetched meanwhile."""
     first, slot, triangle = get(tree.leaves, part), np.int64(-1), triangle_in(soup.corners, 0)
     for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
         fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
@@ -199,7 +202,7 @@ def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
 
 @kernel
 def _traverse(tree, part, leaves, soup, rows, queues, how, counters):
-    """The triangles that are queued for the hierarchy of one face, down to its rays."""
+    """Traverse the hierarchy of one face with the queued triangles, down to its rays."""
     queue, last = np.int64(0), get(tree.heights, part)
     while queue <= last:
         if queue > 0:
@@ -217,7 +220,7 @@ def _corner(view, corners, at):
 
 @kernel
 def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
-    """The row of one triangle for each face, if it may block something there: then bit `lane` of `found` is set."""
+    """Write the row of one triangle for each face where it may block a ray, and set bit `lane` of `found` there."""
     corners = ptr_at(soup.corners, 9 * slot)
     shape = shape_of(view, _corner(view, corners, 0), _corner(view, corners, 3), _corner(view, corners, 6))
     if how.backface and how.facing != 0 and shape.facing == how.facing:
@@ -233,7 +236,7 @@ def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
 
 @kernel
 def write_rows(tree, parts, view, soup, slots, n, how, rows, found):
-    """The rows of n <= 16 triangles for each face; `found`: bits of those that may block something there."""
+    """Write the rows of n <= 16 triangles for each face; `found`: per face, bits of the triangles that may block a ray."""
     if view.kind == PERSPECTIVE and view.radius == 0.0 and writes_sixteen(tree.nodes):
         lanes = (np.int64(1) << n) - 1
         step = BATCH * NUMBERS
@@ -248,7 +251,10 @@ def write_rows(tree, parts, view, soup, slots, n, how, rows, found):
 
 @kernel
 def _start(tree, part, block, found, union):
-    """(level, group) from which triangles of a block go down: below, they meet more than one node; group -1: none."""
+    """(level, group) where the traversal of a block of triangles starts: the deepest group that holds all nodes they meet.
+
+    group is -1 if they meet no node.
+    """
     level, g = get(tree.heights, part) - 1, np.int64(0)
     if not union_of(tree.nodes, block, found, union):
         return level, g
@@ -264,7 +270,7 @@ def _start(tree, part, block, found, union):
 
 @inlined
 def _queue_block(tree, part, block, rows, found, queues):
-    """Queue those of a block of triangles that a face's hierarchy may be blocked by; they lie near each other."""
+    """Queue the triangles of a block that may block rays of a face. They lie near each other, so they start together."""
     if found == 0:
         return
     level, g = _start(tree, part, ptr_at(rows, block * BLOCK), found, queues.union)
@@ -279,7 +285,7 @@ def _queue_block(tree, part, block, rows, found, queues):
 
 @kernel
 def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters, memory):
-    """Worker: batches of the picked triangles through the hierarchies of all faces."""
+    """Worker: traverse the hierarchies of all faces with batches of the picked triangles."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), how.pairs + LANES
     mine = cleared(stack_i64(N_COUNTERS))

@@ -1,9 +1,9 @@
 """The implicit hierarchy over a beam's rays: left-balanced, a fixed number of children, no links.
 
-Node i of a level has the nodes ``ways i`` to ``ways i + ways - 1`` of the level below, and at level 0 a leaf of as many
-rays; so a node's leaves are a range too [Olsson and Assarsson 2011, Sec. 3.5]. Sixteen children fill a register; four
-are the paper's. Children of one node, a *group*, lie together and are tested together. Each face of the cube around an
-apex has a hierarchy of its own.
+The children of node i of a level are the nodes ``ways i`` to ``ways i + ways - 1`` of the level below. A node of level 0
+is a leaf of `ways` rays. A node's leaves are therefore a range too [Olsson and Assarsson 2011, Sec. 3.5]. Sixteen
+children fill a register; the paper uses four. The children of one node form a *group*: they are stored and tested
+together. Each face of the cube around an apex has its own hierarchy.
 """
 
 from typing import Any, NamedTuple
@@ -19,28 +19,28 @@ from .rays import PAD, LeafRays, leaves_of
 from .view import view_of
 
 LEVELS = 16
-"""No hierarchy has more: 2^32 rays in fours."""
+"""Maximum number of levels: enough for 2^32 rays with four children per node."""
 
 
 class RayTree(NamedTuple):
-    """Hierarchies over the rays of a beam, one for each face; k of them."""
+    """Hierarchies over the rays of a beam, one for each of k faces."""
 
-    ways: int
+    ways: int  # children per node: 4 or 16
     shift: int  # ways = 1 << shift
-    nodes: Any  # Boxes, Shafts or Cones: the class says what the numbers mean
-    step: int  # numbers of a group: `nodes.rows` x ways
-    numbers: np.ndarray  # float32, groups of them
-    alive: np.ndarray  # (groups + PAD,) int32: bits of the children that anything is still asked about
-    heights: np.ndarray  # (k,) int64: levels
+    nodes: Any  # Boxes, ShaftNodes or Cones: the class defines what the numbers mean
+    step: int  # numbers per group: `nodes.rows` x ways
+    numbers: np.ndarray  # (groups step + PAD,) float32
+    alive: np.ndarray  # (groups + PAD,) int32: bits of the children with unfinished rays
+    heights: np.ndarray  # (k,) int64: number of levels
     sizes: np.ndarray  # (k, LEVELS) int64: nodes of each level
     groups: np.ndarray  # (k, LEVELS) int64: the first group of each level
-    leaves: np.ndarray  # (k,) int64: the first leaf
-    faces: np.ndarray  # (k,) int64
+    leaves: np.ndarray  # (k + 1,) int64: the first leaf of each face, and the end
+    faces: np.ndarray  # (k,) int64: the face of each hierarchy
 
 
 @inlined
 def tree_pointers(tree):
-    """The same `RayTree` with pointers instead of arrays: each array that is passed on costs a reference count."""
+    """The same `RayTree` with pointers instead of arrays: passing an array on costs a reference count."""
     return RayTree(
         tree.ways, tree.shift, tree.nodes, tree.step, ptr(tree.numbers), ptr(tree.alive), ptr(tree.heights),
         ptr(tree.sizes), ptr(tree.groups), ptr(tree.leaves), ptr(tree.faces),
@@ -49,7 +49,7 @@ def tree_pointers(tree):
 
 @inlined
 def size_of(tree, part, level):
-    """Nodes of a level."""
+    """Number of nodes of a level."""
     return get(tree.sizes, part * LEVELS + level)
 
 
@@ -67,7 +67,7 @@ def group_at(tree, group):
 
 @kernel
 def _bound(ticket, arrays, beam, rays, part, level):
-    """Worker: groups of nodes of one level, from the rays or from the nodes below."""
+    """Worker: bound the nodes of one level by their rays, or by the nodes below."""
     tree, leaves, view = tree_pointers(arrays), leaves_of(rays), view_of(beam)
     n, start, ways = size_of(tree, part, level), groups_of(tree, part, level), np.int64(tree.ways)
     below = groups_of(tree, part, max(level - 1, 0))
@@ -92,7 +92,7 @@ def _bound(ticket, arrays, beam, rays, part, level):
 
 
 def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:
-    """The `RayTree` over a beam's rays; ``kind``: `Boxes`, `Shafts` or `Cones`."""
+    """Build the `RayTree` over a beam's rays; ``kind``: `Boxes`, `ShaftNodes` or `Cones`."""
     nodes, ways, k = kind(), rays.ways, len(rays.faces)
     step = nodes.rows * ways
     shift = ways.bit_length() - 1
