@@ -36,35 +36,35 @@ from ..query.shadow import (
 from ..trace.counters import BELOW_HORIZON, RAYS, count
 from .beams import AROUND, PERSPECTIVE
 
-_SLANT = np.float64(2.0**-16)  # sine of the angle at which all of a distant light must be above a plane
-_SHALLOW = np.float64(2.0**-18)  # in units of its distance: no receiver near a plane is farther from it
+_SLANT = np.float64(2.0**-16)  # sine of an angle: a distant light must be this far above a plane as a whole
+_SHALLOW = np.float64(2.0**-18)  # relative to the light's distance: receivers near a plane are no farther from it
 _MORE = np.float64(1.000001)
 
 
 class ConeSamples(NamedTuple):
-    """Those of a `Beam`."""
+    """The samples of a `Beam`."""
 
-    first: int
-    count: int
-    set: int
+    first: int  # the first sample
+    count: int  # number of samples
+    set: int  # sample set; -1: all sets
 
 
 class Asking(NamedTuple):
-    """A query, and where its answer is."""
+    """A query and its answer bits."""
 
     query: QueryPointers
-    bits: object  # uint64
+    bits: object  # pointer to uint64
 
 
 @inlined
 def asking_of(query, bits):
-    """The `Asking` of a ShadowQuery, and the array of its answer."""
+    """The `Asking` of a ShadowQuery and the array of its answer bits."""
     return Asking(query_pointers(query), ptr(bits))
 
 
 @kernel
 def _light_side(asking, view, face):
-    """The side of a triangle's plane on which all ends of segments from receivers near it are; 0: not known."""
+    """The side of a triangle's plane that holds all segment ends of the receivers near it; 0: unknown."""
     z = np.float64(0.0)
     if view.kind == AROUND:
         return np.int64(0)
@@ -74,7 +74,7 @@ def _light_side(asking, view, face):
     if view.kind == PERSPECTIVE:
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
         h, slack = dot(n, to), view.radius / view.unit * length + error * widest(to)
-    elif view.scale > 64.0 * view.unit * _distance(asking):  # so that rounding of ends matters
+    elif view.scale > 64.0 * view.unit * _distance(asking):  # the rounding of ends matters
         return np.int64(0)
     else:
         h, slack = dot(n, view.w), (view.radius + _SLANT) * length + error
@@ -85,7 +85,7 @@ def _light_side(asking, view, face):
 
 @inlined
 def _light_side_again(asking, view, face, last):
-    """`_light_side`, which is kept with its triangle in `last`: pixels beside each other mostly see the same one."""
+    """`_light_side`, cached with its triangle in `last`: adjacent pixels mostly see the same triangle."""
     if get(last, 0) != face:
         put(last, 0, face)
         put(last, 1, _light_side(asking, view, face))
@@ -94,15 +94,15 @@ def _light_side_again(asking, view, face, last):
 
 @inlined
 def _distance(asking):
-    """Of a distant light."""
+    """The distance of a distant light."""
     base = asking.query.light.base
     return np.sqrt(dot(base, base))
 
 
 @kernel
 def _is_near(asking, view, i):
-    """Is a receiver so near to its triangle's plane that, beyond it, it has no end of a segment on its own side?"""
-    if view.kind == PERSPECTIVE:  # they all have the same ends
+    """Is a receiver near its triangle's plane? If the plane then parts it from the light, all samples are below."""
+    if view.kind == PERSPECTIVE:  # all receivers have the same ends
         return True
     z = np.float64(0.0)
     p, n, error = plane(asking.query.corners, np.int64(get(asking.query.faces, i)), z, z, z)
@@ -113,7 +113,7 @@ def _is_near(asking, view, i):
 
 @kernel
 def _asks(asking, samples, i, counters):
-    """Does a sample of a beam lie above the receiver's own surface? Sets the bits of those that do not."""
+    """Does a sample of a beam lie above the receiver's own surface? Sets the bits of the samples below it."""
     patch, horizon, asks = patch_of(asking.query, i), horizon_of(asking.query, i), False
     for s in range(samples.first, samples.first + samples.count):
         l = sample_of(asking.query, patch, i, s)
@@ -138,7 +138,7 @@ def _below(asking, samples, ids, lanes, counters):
 
 @kernel
 def _sides_of(asking, samples, ids, lanes, sides):
-    """Write the sides of 16 receivers, NOTHING for those that are not in `lanes` or have another sample set."""
+    """Write the sides of 16 receivers, NOTHING for receivers outside `lanes` or of another sample set."""
     for lane in range(16):
         i = np.int64(get(ids, lane))
         others = samples.set >= 0 and set_of(asking.query, i) != samples.set
@@ -148,7 +148,7 @@ def _sides_of(asking, samples, ids, lanes, sides):
 
 @kernel
 def _some_ask(asking, view, samples, ids, lanes, counters):
-    """`who_asks` of receivers below their triangle's plane, as far as is known from one point of it; one by one."""
+    """`who_asks` for receivers that their triangle's plane parts from the light, tested one by one."""
     asks, below = np.int64(0), np.int64(0)
     while lanes != 0:
         lane, i = lanes & -lanes, np.int64(get(ids, lowest_bit(lanes)))
@@ -163,10 +163,13 @@ def _some_ask(asking, view, samples, ids, lanes, counters):
 
 @kernel
 def who_asks(asking, view, samples, ids, lanes, last, counters):
-    """Bits of those of 16 receivers that have a sample of a beam above their surface; others' bits are set.
+    """Bits of the active receivers among 16: a sample of the beam lies above their surface.
 
-    ids : pointer to 16 int32, which receivers; lanes: bits of those that there are
-    last : pointer to 2 int64, which belong to this function; -1 at first
+    The answer bits of samples below a receiver's surface are set.
+
+    ids : pointer to 16 int32, indices of the receivers
+    lanes : bits of the lanes that have a receiver
+    last : pointer to 2 int64, a cache of this function; initialize the first with -1
     """
     scratch = stack_i32(16)
     _sides_of(asking, samples, ids, lanes, scratch)
@@ -175,7 +178,7 @@ def who_asks(asking, view, samples, ids, lanes, last, counters):
     count(counters, RAYS, samples.count * popcount(valid))
     faces = gather(asking.query.faces, load16(ids, 0))
     store(scratch, 0, faces)
-    while valid != 0:  # those on one triangle together
+    while valid != 0:  # receivers on one triangle together
         face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, np.int64(0)
         if face >= 0:
             known = _light_side_again(asking, view, face, last)
@@ -194,6 +197,6 @@ def who_asks(asking, view, samples, ids, lanes, last, counters):
 
 @inlined
 def origins_of(asking, ids):
-    """`Vec` of f32x16: where 16 receivers are."""
+    """The positions of 16 receivers, a `Vec` of f32x16."""
     at, p = ids * 3, asking.query.origins
     return Vec(gather(p, at), gather(p, at + 1), gather(p, at + 2))

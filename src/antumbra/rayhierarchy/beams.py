@@ -15,46 +15,46 @@ from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, tangents
 from ..scene.point_lights import N_SETS
 
 PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
-"""Kinds of `Beam`: from a point, or a ball; from far away; from all around each receiver."""
+"""Kinds of `Beam`: ends in a point or ball; ends far away; ends all around each receiver."""
 
-_MORE = 1.0 + 2.0**-18  # covers what the rounding of samples to float32, and of planes, can cost
-_WIDE = 1e5  # tangent of an angle at whose directions rounding of the samples leaves nothing of the distant disk
+_MORE = 1.0 + 2.0**-18  # exceeds the rounding error of float32 samples and of planes
+_WIDE = 1e5  # tangent of an angle: for a wider disk, rounding of the samples loses its distance
 
 
 class Beam(NamedTuple):
     """The samples and receivers of a beam, and its apex or direction.
 
-    A beam has a frame of its own, in which no receiver is farther than 1 away (and most not much nearer), so that its
-    numbers fit into float32 whatever the scene's unit is.
+    A beam has its own frame. No receiver is farther than 1 away in it, and most are not much nearer. So its numbers fit
+    into float32 for every unit of the scene.
     """
 
     kind: int  # PERSPECTIVE, PARALLEL or AROUND
-    first: int  # sample
-    count: int  # samples
-    set: int  # sample set whose receivers ask; -1: all sets
+    first: int  # the first sample
+    count: int  # number of samples
+    set: int  # the sample set of the beam's receivers; -1: all sets
     common: bool  # all these receivers have the same ends
     apex: np.ndarray  # (3,) float64, recentred frame; PERSPECTIVE: the middle of all ends, a float32 point
     axes: np.ndarray  # (3, 3) float64: rows u, v and, PARALLEL, towards the light
-    unit: float  # a power of two: lengths in the beam's frame are those of the scene times this
+    unit: float  # a power of two: scale factor from the scene to the beam's frame
     # In the beam's frame:
-    radius: float  # PERSPECTIVE: no end is farther from the apex; PARALLEL: sine of the angle of all directions to the
-    # third axis; AROUND: no end is farther from its receiver
-    lower: np.ndarray  # (3,) float64: of the receivers, along the axes, where the beam is not PERSPECTIVE
-    upper: np.ndarray
-    scale: float  # no coordinate of them is larger
+    radius: float  # PERSPECTIVE: largest distance of an end from the apex; PARALLEL: sine of the largest angle of a
+    # direction to the third axis; AROUND: largest distance of an end from its receiver
+    lower: np.ndarray  # (3,) float64: bounds of the receivers along the axes; unused by PERSPECTIVE
+    upper: np.ndarray  # (3,) float64
+    scale: float  # largest absolute coordinate of the receivers; unused by PERSPECTIVE
 
 
 def fixed_points(query) -> np.ndarray:
-    """(16, n, 3) float32: the ends of a light that does not move with the receiver, as `sample_point` makes them."""
+    """(16, n, 3) float32: the ends of a light that does not move with the receiver, computed as in `sample_point`."""
     light, a = query.light, query.samples
     ends = ((light.base + a[..., :1] * light.u) + a[..., 1:2] * light.v) + a[..., 2:] * light.w
     return ends.astype(np.float32)
 
 
 def beams_of(query, apart: bool = False, threads: int | None = None) -> list[Beam]:
-    """The beams of a ShadowQuery; ``apart``: each sample of a light that does not move has one of its own.
+    """The beams of a ShadowQuery; ``apart``: one beam for each sample of a light that does not move.
 
-    So have the lights of a list always: they may be far from each other.
+    The lights of a list always have one beam each, because they may be far apart.
     """
     light, n = query.light, query.samples.shape[1]
     if not query.sides.size:
@@ -91,7 +91,7 @@ def _around(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarra
 def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
     """The beam of ends in a ball, and of receivers in the box from `low` to `high`, (3,) float64 each.
 
-    Its apex is a float32 point, so that differences to it are rounded once.
+    Its apex is a float32 point, so differences to it are rounded once.
     """
     apex, none = centre.astype(np.float32).astype(np.float64), np.zeros(3)
     radius = (radius + float(np.linalg.norm(centre - apex))) * _MORE + 2.0**-22 * float(np.abs(apex).max() + radius)
@@ -100,7 +100,7 @@ def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float,
 
 
 def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:
-    """The beam of such receivers that has no apex."""
+    """The beam without an apex for receivers in the box from `low` to `high`."""
     corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, high, low) @ axes.T
     unit = _unit(np.abs(corners).max() * _MORE)
     corners *= unit
@@ -111,7 +111,7 @@ def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, 
 
 
 def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
-    """The directions to the samples of a distant disk; rounding makes some of a light without extent, too."""
+    """The beam of a distant disk. Rounding spreads the directions even of a light without extent."""
     distance = float(np.linalg.norm(light.base))
     towards = light.base / distance
     length = float(max(np.linalg.norm(light.u), np.linalg.norm(light.v)))
@@ -122,5 +122,5 @@ def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
 
 
 def _unit(distance: float) -> float:
-    """The power of two, of those that leave float32 room, that takes this distance to between 1 / 2 and 1."""
+    """The power of two that scales a distance to between 1 / 2 and 1, limited to exponents that float32 can hold."""
     return 2.0 ** -min(max(int(np.frexp(distance)[1]), -100), 100)

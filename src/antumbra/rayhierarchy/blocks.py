@@ -1,9 +1,9 @@
-"""Blocks of 4 x 4 pixels as leaves: sorted block by block, cut where their rays are far from each other.
+"""Blocks of 4 x 4 pixels as leaves: sorted block by block, and cut where their rays are far apart.
 
-Neighbours on the screen nearly always are neighbours on a surface, so most blocks make leaves as tight as sorting each
-ray does, and only a sixteenth of the keys is left to sort. Blocks that see several surfaces are cut into groups: by the
-face of the cube around the apex, then where the rays, by u or v, leave a gap of more than half of their extent; those
-from a flat surface leave a third. A leaf is a group, so some of its lanes are empty.
+Neighbours on the screen are nearly always neighbours on a surface. So most blocks make leaves as tight as sorting each
+ray does, with a sixteenth of the keys to sort. Blocks that see several surfaces are cut into groups: first by face of
+the cube around the apex, then at gaps. A gap is wider than half of the rays' extent in u or v; a flat surface leaves
+gaps of a third. Each group is a leaf, so some of its lanes are empty.
 """
 
 from typing import NamedTuple
@@ -43,31 +43,31 @@ from .order import at_apex, places_on, scale_of, sort_cells
 from .rays import PAD, LeafCut, LeafRays, block_pointers, new_blocks, rays_in
 from .view import relative16, view_of
 
-GROUPS = 8  # of a block, at most; there are six faces
-_PART = 256  # blocks
+GROUPS = 8  # groups per block, at most; there are six faces
+_PART = 256  # blocks per work item
 _ROOM = _PART * GROUPS + PAD
 _INF = np.float32(np.inf)
 _HALF = np.float32(0.5)
 
 
 class FoundBlocks(NamedTuple):
-    """Groups of lanes, (parts _ROOM,) int32: those of each part of the blocks from a multiple of _ROOM on."""
+    """Groups of lanes. The groups of part i begin at i _ROOM."""
 
-    cells: np.ndarray  # where each is
-    lanes: np.ndarray  # its bits
-    blocks: np.ndarray  # whose lanes these are
+    cells: np.ndarray  # (parts _ROOM,) int32: the cell of each group
+    lanes: np.ndarray  # (parts _ROOM,) int32: bits of its lanes
+    blocks: np.ndarray  # (parts _ROOM,) int32: its block
 
 
 @inlined
 def _extent(x, lanes):
-    """(lowest, highest) of some lanes."""
+    """(lowest, highest) value of some lanes (bits)."""
     mask = mask_from_bits16(lanes)
     return reduce_min(select(mask, x, _INF)), reduce_max(select(mask, x, -_INF))
 
 
 @inlined
 def _beyond_gap(x, lanes, extent):
-    """Bits of the lanes beyond a gap of more than half of their extent, which must be around its middle; 0: none."""
+    """Bits of the lanes beyond a gap wider than half of the extent; 0: no gap. Such a gap holds the extent's middle."""
     beyond = bits_of(x > (extent[0] + extent[1]) * _HALF) & lanes
     gap = _extent(x, beyond)[0] - _extent(x, lanes & ~beyond)[1]
     return beyond if gap > (extent[1] - extent[0]) * _HALF else np.int64(0)
@@ -75,9 +75,9 @@ def _beyond_gap(x, lanes, extent):
 
 @kernel
 def _cut(face, places, lanes, full, centre):
-    """Bits of the lanes that should part from the others of a group; 0: none, and then its centre (u, v) is written.
+    """Bits of the lanes to cut off a group. If there are none, write the group's centre (u, v) and return 0.
 
-    full : only faces may part them
+    full : cut by face only
     """
     others = lanes & ~bits_of(load16(face, 0) == np.int32(get(face, lowest_bit(lanes))))
     if others != 0:
@@ -94,7 +94,7 @@ def _cut(face, places, lanes, full, centre):
 
 @kernel
 def _groups(face, places, lanes, groups, centres):
-    """Write bits of each group of a block's lanes, its face, and u and v of its centre; how many there are.
+    """Cut a block's lanes into groups. Write each group's bits, face and centre (u, v); return the number of groups.
 
     face : pointer to 16 int32; places: to 32 float32, u and v; groups: to 32 int32, bits and faces
     """
@@ -115,7 +115,7 @@ def _groups(face, places, lanes, groups, centres):
 
 @inlined
 def _block_ids(block, w, h, ids):
-    """Write which receivers a block has; bits of those within the picture."""
+    """Write the ids of a block's receivers; return bits of the receivers inside the image."""
     columns = (w + 3) >> 2
     y, x = (block // columns * 4) + (iota16() >> 2), (block % columns * 4) + (iota16() & 3)
     store(ids, 0, minimum(y, np.int32(h - 1)) * np.int32(w) + minimum(x, np.int32(w - 1)))
@@ -124,7 +124,7 @@ def _block_ids(block, w, h, ids):
 
 @inlined
 def _keep(asking, blocks, block, ids, o, asks):
-    """Write those of a block's receivers that ask; their places are given to the others too."""
+    """Write a block's active receivers. The other lanes repeat the position of one of them."""
     there, one, of = mask_from_bits16(asks), lowest_bit(asks) & 15, load16(ids, 0)
     store(blocks.ids, 16 * block, select(there, of, np.int32(-1)))
     store(blocks.own, 16 * block, gather(asking.query.faces, of))
@@ -136,13 +136,13 @@ def _keep(asking, blocks, block, ids, o, asks):
 
 @kernel
 def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally):
-    """Worker: each block, and what is `FoundBlocks` in it."""
+    """Worker: write each block's receivers and its groups (`FoundBlocks`)."""
     asking, view, samples = asking_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
     h, w = query.sides.shape
     ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
     last, blocks = stack_i64(2), block_pointers(arrays)
     out, mine = FoundBlocks(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), cleared(stack_i64(N_COUNTERS))
-    for k in range(0, 32, 16):  # lanes without a group are computed with as well: denormal numbers there are slow
+    for k in range(0, 32, 16):  # unused lanes are computed too; denormal numbers in them would be slow
         store(centres, k, splat16(_HALF))
     put(last, 0, -1)
     first = take(ticket)
@@ -170,7 +170,7 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally
 
 
 def rays_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=None, empty: Empty = np.empty) -> LeafRays:
-    """The `LeafRays` of those of a picture's receivers that ask a beam, as `order_of` says it."""
+    """Make the `LeafRays` of an image's active receivers, selected as by `order_of`."""
     h, w = query.sides.shape
     n = -(-h // 4) * -(-w // 4)
     blocks = new_blocks(n, 16, empty)

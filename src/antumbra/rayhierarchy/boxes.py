@@ -1,9 +1,9 @@
 """Nodes as boxes in the beam's projection: tighter and cheaper than the paper's cones.
 
-On a face of the cube around the apex, a ray is a point (u, v), and q = 1 / depth its end. Planes stay planes there:
-with n . x + m = depth (n_u u + n_v v + n_w + m q), a plane is tested against a box at the corner that is farthest along
-its normal, with three products. The box in (u, v) is a pyramid with the apex, the paper's cone with a square section;
-where the light is far away it is a box along the light's direction.
+On a face of the cube around the apex, a ray is a point (u, v), and q = 1 / depth gives its end. Planes stay planes:
+n . x + m = depth (n_u u + n_v v + n_w + m q). A plane is tested at the box corner farthest along its normal, with three
+products. The box in (u, v) is a pyramid from the apex: the paper's cone with a square section. For a distant light, it
+is a box along the light's direction.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from .rays import block_of, origins_in
 from .rows import COVERS, INNER, LANES, OUTER, number, number16, whole
 from .view import projected16
 
-ROWS = 6  # of a node: u, v, q, each lowest and highest
+ROWS = 6  # numbers per node: the lowest and highest u, v and q
 _F = np.float32
 _HUGE = np.float32(1e30)
 
@@ -27,12 +27,12 @@ _HUGE = np.float32(1e30)
 class Boxes(NamedTuple):
     """Nodes of a hierarchy; see `nodes`."""
 
-    rows: int = ROWS
+    rows: int = ROWS  # float32 per node
 
 
 @kernel
 def _union_of_boxes(block, lanes, union):
-    """Write the box around those of some of 16 triangles."""
+    """Write the box around the shadow boxes of some of 16 triangles."""
     mask, inf = mask_from_bits16(lanes), _F(np.inf)
     for k in range(0, 6, 2):
         put(union, k, reduce_min(select(mask, load16(block, LANES * (BOX + k)), inf)))
@@ -71,7 +71,7 @@ def _put_box(group, ways, lane, low, high):
 
 @kernel
 def _box_of_leaf(view, face, leaves, leaf, group, lane):
-    """The box around the receivers of a leaf; the lanes without one repeat others."""
+    """Write the box around the receivers of a leaf; empty lanes are ignored."""
     ways, lanes = leaves.ways, np.int64(get(leaves.lanes, leaf))
     if lanes == 0:
         return False
@@ -79,7 +79,7 @@ def _box_of_leaf(view, face, leaves, leaf, group, lane):
     u, v, q = projected16(view, origins_in(leaves, block_of(leaves, leaf)), face)
     everywhere = mask_from_bits16(0)
     if view.kind == PERSPECTIVE:
-        everywhere = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex, where nothing is known
+        everywhere = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex: unbounded
     _put_range(group, 0, ways, lane, there, u, everywhere)
     _put_range(group, 2, ways, lane, there, v, everywhere)
     _put_range(group, 4, ways, lane, there, q, everywhere)
@@ -88,7 +88,10 @@ def _box_of_leaf(view, face, leaves, leaf, group, lane):
 
 @inlined
 def _put_range(group, k, ways, lane, there, x, everywhere):
-    """Write the least and the largest of some lanes as numbers k and k + 1 of a node."""
+    """Write the lowest and highest x of some lanes as numbers k and k + 1 of a node.
+
+    The range is unbounded if `everywhere` has a lane.
+    """
     inf = _F(np.inf)
     put(group, k * ways + lane, reduce_min(select(everywhere, -inf, select(there, x, inf))))
     put(group, (k + 1) * ways + lane, reduce_max(select(everywhere, inf, select(there, x, -inf))))
@@ -96,7 +99,7 @@ def _put_range(group, k, ways, lane, there, x, everywhere):
 
 @kernel
 def _box_of_nodes(children, alive, ways, group, lane):
-    """The box around a group."""
+    """Write the box around a group."""
     inf = _F(np.inf)
     low, high = (inf, inf, inf), (-inf, -inf, -inf)
     for i in range(ways):
@@ -120,7 +123,7 @@ def _bound_node(nodes, children, alive, ways, group, lane):
 
 @inlined
 def _height(row, at, u, v, q):
-    """f32x16: the plane at a place of a row, at the points (u, v, q)."""
+    """f32x16: the value of the plane at position `at` of a row for the points (u, v, q)."""
     f = fma(u, number16(row, at), number16(row, at + 2))
     return fma(q, number16(row, at + 3), fma(v, number16(row, at + 1), f))
 
@@ -165,7 +168,7 @@ def _inside(group, row, at, ways):
 def _covered_boxes(group, row, ways, among):
     u = (load16(group, 0) >= number16(row, BOX)) & (load16(group, ways) <= number16(row, BOX + 1))
     v = (load16(group, 2 * ways) >= number16(row, BOX + 2)) & (load16(group, 3 * ways) <= number16(row, BOX + 3))
-    if bits(u & v) & among == 0 or whole(row, COVERS) == 0:  # few nodes lie in a triangle's box
+    if bits(u & v) & among == 0 or whole(row, COVERS) == 0:  # early exit: few nodes lie in a triangle's box
         return np.int64(0)
     found = _inside(group, row, INNER, ways) & _inside(group, row, INNER + 4, ways)
     return bits(found & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways)) & among

@@ -1,4 +1,4 @@
-"""The rows of triangles that `boxes` are tested against, one triangle at a time, in float64: for every kind of beam."""
+"""Triangle rows for the tests of `boxes`, one triangle at a time, in float64, for every kind of beam."""
 
 import numpy as np
 
@@ -9,14 +9,13 @@ from .rows import COVERS, INNER, OUTER, number, put_number, put_whole
 from .view import turned
 
 BOX, CORNERS = 32, 38
-"""Where a triangle has the box of its shadow, and which rows of a node the farthest corners of its outer planes are in.
-"""
+"""Positions in a row: the box of the triangle's shadow, and the farthest box corners along its outer planes."""
 
-_E = np.float64(2.0**-19)  # above the rounding of a plane's numbers, a box's, and of their products, for sums up to 1
-_FAR = np.float64(2.0**-12)  # times _E: above the rounding of planes far from their corners, in units of these
-_TINY = np.float64(1e-30)  # above the rounding of numbers that float32 hardly holds
+_E = np.float64(2.0**-19)  # exceeds the rounding error of planes, boxes and their products, for sums up to 1
+_FAR = np.float64(2.0**-12)  # _FAR _E exceeds the relative rounding error of planes far from their corners
+_TINY = np.float64(1e-30)  # exceeds the rounding error near the smallest float32 numbers
 _INFINITE = np.float64(np.inf)
-_SLANT = np.float64(1e-6)  # more than a receiver on a face can be beyond its edges, in units of its distance
+_SLANT = np.float64(1e-6)  # exceeds how far a receiver can lie beyond its face's edges, relative to its distance
 
 
 @inlined
@@ -37,7 +36,7 @@ def lower(a, b):
 
 @inlined
 def upper(a, b):
-    """The higher."""
+    """The higher of two points on each axis."""
     return _most(a[0], b[0]), _most(a[1], b[1]), _most(a[2], b[2])
 
 
@@ -62,7 +61,7 @@ def _put_plane(row, at, plane, view, face, scale, sign):
 
 @inlined
 def _corner(row, at, plane, ways):
-    """Which rows of a node the corner is in that is farthest along a plane's normal."""
+    """Write which numbers of a node are the box corner farthest along a plane's normal."""
     put_whole(row, at, (1 if number(row, plane) > 0 else 0) * ways)
     put_whole(row, at + 1, (3 if number(row, plane + 1) > 0 else 2) * ways)
     put_whole(row, at + 2, (5 if number(row, plane + 3) > 0 else 4) * ways)
@@ -70,7 +69,7 @@ def _corner(row, at, plane, ways):
 
 @inlined
 def _shadow(x, z, r, low, high):
-    """Lowest and highest place of what a corner's shadow can meet: of (x - k y) / (z - k w), |y|, |w| <= r, k <= 1."""
+    """Extend (low, high) by a corner's shadow: by all (x - k y) / (z - k w) with |y|, |w| <= r and k <= 1."""
     near, far = 1.0 / (z - r), 1.0 / (z + r)
     low = _least(low, (x - r) * (near if x - r < 0.0 else far))
     return low, _most(high, (x + r) * (near if x + r > 0.0 else far))
@@ -78,7 +77,7 @@ def _shadow(x, z, r, low, high):
 
 @inlined
 def _misses_face(corners, r):
-    """Is a triangle, in a face's (u, v, depth), beyond one of the planes that bound the face, or behind the apex?"""
+    """Is a triangle beyond one of the planes that bound a face, or behind the apex? Corners are (u, v, depth)."""
     a, b, c, d, behind = True, True, True, True, True
     for u, v, z in corners:
         far = -_SLANT * (abs(u) + abs(v) + abs(z)) - 2.001 * r
@@ -89,7 +88,7 @@ def _misses_face(corners, r):
 
 @inlined
 def _perspective_box(view, face, corners):
-    """((u, v, q) lower, upper, is there anything?) of where the triangle's shadow is on a face."""
+    """(lower, upper, exists): the box in (u, v, q) of the triangle's shadow on a face, if there is one."""
     inf, r = _INFINITE, view.radius
     corners = turned(corners[0], face), turned(corners[1], face), turned(corners[2], face)
     if _misses_face(corners, r):
@@ -106,7 +105,7 @@ def _perspective_box(view, face, corners):
 
 @inlined
 def _parallel_box(view, low, high):
-    """The same for a light that is far away, or all around, from the box of what blocks it."""
+    """(lower, upper): the box of the shadow for PARALLEL and AROUND beams, from the blocker's box."""
     if view.kind == AROUND:
         r = view.radius
         return (low[0] - r, low[1] - r, low[2] - r), (high[0] + r, high[1] + r, high[2] + r)
@@ -130,9 +129,9 @@ def _put_bounds(row, low, high, scale):
 
 @kernel
 def write_box_row(view, face, ways, shape, spheres, row):
-    """Write the row of a triangle's `Shape` for a face; False if its shadow is not there."""
+    """Write the row of a triangle's `Shape` for a face; False if its shadow misses the face."""
     low, high = lower(lower(shape.a, shape.b), shape.c), upper(upper(shape.a, shape.b), shape.c)
-    if spheres:  # the box of the sphere, and no planes
+    if spheres:  # only the sphere's box, no planes
         centre, r = sphere_of(shape)
         low, high = (centre[0] - r, centre[1] - r, centre[2] - r), (centre[0] + r, centre[1] + r, centre[2] + r)
     scale = np.float64(1.0)

@@ -1,6 +1,6 @@
-"""Clusters of triangles through a hierarchy of `shafts`, down to single rays.
+"""Traversal of a hierarchy of `shafts` by clusters of triangles, down to single rays.
 
-If rays diverge, a leaf's shaft meets many triangles that none of its rays comes near. So 256 triangles descend
+If rays diverge, a leaf's shaft meets many triangles far from all its rays. So 256 triangles descend
 together, represented by their bounding box. At a leaf, its 16 rays are tested against that box. Each ray that meets it
 is tested against the boxes of 16 clusters, and against the 16 triangles of each cluster that it meets. Triangles are in
 Morton order, so these boxes are small.
@@ -47,12 +47,12 @@ from .traverse import finish
 from .tree import LEVELS, group_at, groups_of, tree_pointers
 
 BATCH = LANES * LANES
-"""Triangles that go down together."""
+"""Triangles that descend together."""
 
 _F = np.float32
-_E = _F(2.0**-20)  # above what rounding does to a ray's place, in units of its coordinates
-_TINY, _LEAST = _F(1e-37), _F(1e-42)  # above what underflows in a product, in a length
-_NUMBERS = 9 * LANES  # of a cluster: the first corners of its triangles, and the edges from there
+_E = _F(2.0**-20)  # exceeds the rounding error of a ray's position, relative to its coordinates
+_TINY, _LEAST = _F(1e-37), _F(1e-42)  # exceed the underflow of a product and of a length
+_NUMBERS = 9 * LANES  # per cluster: the first corners of its triangles, and the two edges from each
 _ALL_NUMBERS = LANES * _NUMBERS
 _BOXES = 6 * LANES
 _WAITING = 2 * (15 * LEVELS + 1)
@@ -60,13 +60,13 @@ _HALF = _F(0.5)
 
 
 class Clusters(NamedTuple):
-    """16 clusters of 16 triangles, the last triangle repeated where there are fewer; pointers."""
+    """16 clusters of 16 triangles, as pointers. The last triangle is repeated if there are fewer."""
 
-    numbers: object  # float32, of each cluster: first corners, then the edges to the second ones and to the third ones
-    boxes: object  # float32: x, y, z of the 16 clusters, each lowest and highest
-    box: object  # 6 float32: the same around them all
-    slots: object  # int32: where the triangles are in the soup
-    prims: object  # int32: which they are
+    numbers: object  # float32: for each cluster the first corners, the edges to the second corners, then to the third
+    boxes: object  # (6, 16) float32: lowest and highest x, y and z of the 16 clusters
+    box: object  # (6,) float32: the box around all clusters
+    slots: object  # (256,) int32: indices of the triangles in the soup
+    prims: object  # (256,) int32: ids of the triangles in the scene
 
 
 @kernel
@@ -97,7 +97,7 @@ def _write_clusters(soup, picked, first, last, clusters):
 
 @inlined
 def _axis(o, d, low, high):
-    """(middle of segments, seen from that of boxes; half the boxes, rounding included; are they passed by?)"""
+    """On one axis: (segment middle relative to box middle, half size of the box with margin, mask: they are apart)."""
     low, high, along = low * _HALF, high * _HALF, d * _HALF
     middle = low + high
     at = (o - middle) + along
@@ -107,15 +107,17 @@ def _axis(o, d, low, high):
 
 @inlined
 def _beside(c, d, h, e, g, k):
-    """mask16 of the rays that pass a box by in the plane of two axes: middles c and e, halves h and k."""
+    """mask16 of the rays that miss a box in the plane of two axes, with middles c and e and half sizes h and k."""
     return absolute(c * g - e * d) > h * absolute(g) + k * absolute(d) + _TINY
 
 
 @inlined
 def _near(o, d, low, high, unit):
-    """Bits of the segments from o along d that may meet boxes: no axis parts them, nor one across both; f32x16.
+    """Bits of the segments from o to o + d that may meet boxes: a separating axis test in f32x16.
 
-    unit : a power of two that makes the largest d no more than 1, so that nothing overflows
+    The axes are the coordinate axes and their cross products with d.
+
+    unit : a power of two that scales the largest d to at most 1, so no product overflows
     """
     x, half_x, gone_x = _axis(o.x, d.x, low.x, high.x)
     y, half_y, gone_y = _axis(o.y, d.y, low.y, high.y)
@@ -127,7 +129,7 @@ def _near(o, d, low, high, unit):
 
 @kernel
 def _settled(o, ends, ways, lane, soup, clusters, first, facing, unsure, counters):
-    """Does one of the triangles block the segment of a lane that float32 could not decide (bits, from `first` on)?"""
+    """Does an `unsure` triangle block the segment of a lane? Exact test; bit i of `unsure` is triangle `first` + i."""
     ray = segment(
         get(o, lane), get(o, ways + lane), get(o, 2 * ways + lane),
         get(ends, lane), get(ends, ways + lane), get(ends, 2 * ways + lane),
@@ -165,7 +167,7 @@ def _is_blocked(origins, ends, ways, own, lane, soup, clusters, facing, unit, co
 
 @kernel
 def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
-    """Mark the segments of a leaf, one a lane, that the clusters block as dead; are all of them dead now?"""
+    """Mark the segments of a leaf that the clusters block as dead; True if all are dead now. A lane has one segment."""
     ways = leaves.ways
     asks = ~np.int64(get(leaves.dead, leaf)) & (np.int64(1) << ways) - 1
     if asks == 0:
@@ -189,7 +191,7 @@ def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
 
 @kernel
 def _descend(tree, leaves, soup, clusters, facing, unit, waiting, counters):
-    """Clusters, from the root to the leaves that they may block."""
+    """Traverse the hierarchy with clusters, from the root to the leaves that they may block."""
     put(waiting, 0, 0)
     put(waiting, 1, get(tree.heights, 0) - 1)
     n = 1
@@ -213,10 +215,10 @@ def _descend(tree, leaves, soup, clusters, facing, unit, waiting, counters):
 
 @kernel
 def trace_clusters(ticket, triangles, picks, arrays, rays, facing, unit, counters):
-    """Worker: the picked triangles, BATCH of them together, through a hierarchy of shafts with one part.
+    """Worker: traverse a hierarchy of shafts with batches of the picked triangles. The hierarchy has one part.
 
-    facing : triangles with this sign of d . n do not block; unit: a power of two, by which no segment is longer than 1
-    along an axis
+    facing : triangles with this sign of d . n do not block
+    unit : a power of two that scales every segment to at most 1 along each axis
     """
     tree, leaves = tree_pointers(arrays), leaves_of(rays)
     soup, picked = Soup(ptr(triangles.corners), ptr(triangles.ids)), ptr(picks)

@@ -1,7 +1,7 @@
-"""Sorting keys of rays: the face of the cube, and the place on a Hilbert curve over it, 16 receivers side by side.
+"""Sorting keys of rays: the face of the cube and the place on a Hilbert curve over it, for 16 receivers at once.
 
-The number of a place on the discrete Hilbert curve has two bits for each level of quarters [Olsson and Assarsson 2011,
-Sec. 3.5]. Float32 does: a ray that lands on the wrong side of a face's edge is as good there.
+An index on the discrete Hilbert curve has two bits for each level of subdivision [Olsson and Assarsson 2011, Sec. 3.5].
+Float32 is precise enough: a ray that rounding moves across a face's edge sorts equally well there.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from ..kernels.jit import inlined
 from ..kernels.simd import absolute, fma, maximum, minimum, select, splat16, to_i32
 
-BITS = 14  # of each coordinate: with three for the face they fill an int32 that is not negative
+BITS = 14  # per coordinate; two coordinates and three bits for the face fill a non-negative int32
 KEY_BITS = 2 * BITS + 3
 _SIDE = np.float32(1 << BITS)
 _LAST = np.int32((1 << BITS) - 1)
@@ -18,14 +18,14 @@ _F = np.float32
 
 @inlined
 def hilbert(x, y):
-    """i32x16: places on the curve of the cells (x, y), i32x16 of BITS bits each."""
+    """i32x16: indices on the curve of the cells (x, y), i32x16 of BITS bits each."""
     key = splat16(np.int32(0))
     for i in range(BITS - 1, -1, -1):
         a, b = (x >> i) & 1, (y >> i) & 1
         key = (key << 2) | ((a + a + a) ^ b)
-        flip = -(a & (b ^ 1))  # all bits where the quarter is turned the other way round
+        flip = -(a & (b ^ 1))  # all bits set where the quadrant is flipped
         x, y = x ^ flip, y ^ flip
-        swap = (x ^ y) & (b - 1)  # and its axes change places
+        swap = (x ^ y) & (b - 1)  # the quadrant's axes swap
         x, y = x ^ swap, y ^ swap
     return key
 
@@ -38,7 +38,7 @@ def _cells(u):
 
 @inlined
 def on_cube(d):
-    """(face, u, v) of directions from an apex, a `Vec`, none of them zero: i32x16, and f32x16 from 0 to 1."""
+    """(face, u, v) of directions from an apex, a `Vec` without zeros: i32x16, and twice f32x16 from 0 to 1."""
     x, y, z = absolute(d.x), absolute(d.y), absolute(d.z)
     by_x = (x >= y) & (x >= z)
     by_y = ~by_x & (y >= z)
@@ -53,17 +53,17 @@ def on_cube(d):
 
 @inlined
 def cells_of(face, u, v):
-    """i32x16: the cell of places on a face, u and v from 0 to 1, as one number."""
+    """i32x16: face and cell of (u, v), packed into one number; u and v are from 0 to 1."""
     return (((face << BITS) | _cells(u)) << BITS) | _cells(v)
 
 
 @inlined
 def keys_of(cells):
-    """The keys of cells."""
+    """The sorting keys of packed cells: the face stays, a Hilbert index replaces the cell."""
     return (cells >> (2 * BITS) << (2 * BITS)) | hilbert((cells >> BITS) & _LAST, cells & _LAST)
 
 
 @inlined
 def on_ground(d, scale):
-    """The same for places beside each other; scale maps them to 0 to 1."""
+    """(face, u, v) of points for a beam that is not PERSPECTIVE: the face is 0, and scale maps u and v to [0, 1]."""
     return splat16(np.int32(0)), (d.x - scale.u) * scale.factor, (d.y - scale.v) * scale.factor

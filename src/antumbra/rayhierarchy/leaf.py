@@ -1,4 +1,4 @@
-"""A triangle against the rays of a leaf, 16 side by side: float32 decides beyond its error bounds, else exact code."""
+"""Test of a triangle against the rays of a leaf, 16 at once: in float32, or exactly within its error bounds."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from .rays import block_of, ends_in, origins_in
 
 @kernel
 def _settled(leaves, block, ends, corners, slot, facing, unsure, counters):
-    """Bits of those lanes that the triangle blocks, of those that float32 could not decide."""
+    """Bits of the `unsure` lanes that the triangle blocks. Float32 could not decide these, so the test is exact."""
     blocked, o = np.int64(0), ptr_at(leaves.origins, 3 * block * leaves.ways)
     while unsure != 0:
         lane = lowest_bit(unsure)
@@ -31,7 +31,7 @@ def _settled(leaves, block, ends, corners, slot, facing, unsure, counters):
 
 @inlined
 def _span(leaves, ends, origins):
-    """At least the sum of the components of each lane's segments."""
+    """Upper bound of the 1-norm of each lane's segments."""
     span = length1(minus(rows(ends, 0, leaves.ways), origins))
     for s in range(1, leaves.count):
         span = maximum(span, length1(minus(rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
@@ -42,7 +42,8 @@ def _span(leaves, ends, origins):
 def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
     """Mark the segments of a leaf that the triangle in `slot` blocks as dead; True if all of them are dead now.
 
-    triangle : what `triangle_in` says of it; prim: which it is, which does not block the receivers on it
+    triangle : the result of `triangle_in`
+    prim : the triangle's id; it does not block receivers that lie on it
     """
     ways, block, everyone = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
     marks, first = ptr_at(leaves.dead, leaf * leaves.count), np.int64(0)

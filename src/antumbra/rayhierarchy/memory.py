@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 KEPT = 64 << 20
-"""Bytes that are kept for later calls, at most."""
+"""Maximum number of bytes kept for later calls."""
 
-_spare: list[np.ndarray] = []  # the last used first
+_spare: list[np.ndarray] = []  # most recently used first
 _lock = threading.Lock()
 
 Empty = Callable[[int, Any], np.ndarray]

@@ -8,7 +8,7 @@ from ..kernels.jit import overloaded
 
 @overloaded("boxes", "shafts")
 def bound_leaf(nodes, view, face, leaves, leaf, group, lane):
-    """In kernels: write the node of a leaf to a lane of its group; is there a ray in it?"""
+    """In kernels: write the node of a leaf to a lane of its group; False if the leaf has no ray."""
 
 
 @overloaded("boxes", "shafts")
@@ -18,29 +18,29 @@ def bound_node(nodes, children, alive, ways, group, lane):
 
 @overloaded("boxes", "shafts")
 def write_row(nodes, view, face, ways, shape, spheres, row):
-    """In kernels: write what the tests want to know of a triangle's `Shape`; False if it blocks nothing there."""
+    """In kernels: write the row of a triangle's `Shape` for the node tests; False if it blocks nothing on the face."""
 
 
 @overloaded("boxes", "shafts")
 def writes_sixteen(nodes):
-    """In kernels: are rows as `pointrows` writes them?"""
+    """In kernels: True if `pointrows` can write the rows of this class."""
 
 
 @overloaded("boxes", "shafts")
 def union_of(nodes, block, lanes, union):
-    """In kernels: write what holds the shadows of some of 16 triangles, 6 float32; False: the class knows none."""
+    """In kernels: write the bounds of the shadows of some of 16 triangles, 6 float32; False if unsupported."""
 
 
 @overloaded("boxes", "shafts")
 def meet_union(nodes, group, union, ways):
-    """In kernels: bits of the nodes of a group that a union meets."""
+    """In kernels: bits of the nodes of a group that the bounds from `union_of` meet."""
 
 
 @overloaded("boxes", "shafts")
 def possible(nodes, group, row, ways, alive, spheres):
-    """In kernels: those of the `alive` nodes of a group (bits) with rays that the triangle may block."""
+    """In kernels: bits of the `alive` nodes of a group with rays that the triangle may block."""
 
 
 @overloaded("boxes", "shafts")
 def covered(nodes, group, row, ways, among):
-    """In kernels: those `among` the nodes of a group (bits) whose rays the triangle blocks, all of them."""
+    """In kernels: bits of the nodes in `among` (bits) of a group whose rays are all blocked by the triangle."""

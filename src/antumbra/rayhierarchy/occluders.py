@@ -13,18 +13,18 @@ from .beams import PERSPECTIVE, Beam
 from .soup import Soup
 
 AREA, SOLID_ANGLE, NEAREST = 0, 1, 2
-"""Rules: the largest triangles; those that hide most as seen from the light; those next to it."""
+"""Rules: largest area; largest solid angle as seen from the light; smallest distance to the light."""
 
 SHARE = 1.0 / 64.0
-"""Of the triangles: how many go first."""
+"""Share of the triangles that go first."""
 
 FINISHED = 1.0 / 16.0
-"""Of the rays: so many must have ended before the hierarchy is made anew."""
+"""Share of the rays that must be finished for the hierarchy to be rebuilt."""
 
 
 @kernel
 def _write_scores(ticket, soup, beam, rule, scores):
-    """Worker: how good an occluder each triangle is."""
+    """Worker: score each triangle as an occluder by a rule."""
     c, apex, w, seen = ptr(soup.corners), beam.apex, beam.axes[2], beam.kind == PERSPECTIVE
     first = take(ticket)
     while first >= 0:

@@ -1,8 +1,8 @@
-"""Which receivers ask a beam, and in which order they become the leaves of its hierarchy.
+"""Selection of a beam's active receivers, and their order in the leaves of its hierarchy.
 
-*Sorted* [Olsson and Assarsson 2011, Sec. 3.5]: receivers that the light cannot reach are left out, the others sorted by
-the face of the cube around the apex in which they are seen, and their place on a Hilbert curve over it. *On the
-screen*: in the order of a mip-map, four pixels to a node and four nodes to the next.
+*Sorted* [Olsson and Assarsson 2011, Sec. 3.5]: receivers that the light cannot reach are dropped. The others are sorted
+by face of the cube around the apex, then along a Hilbert curve over the face. *Screen order*: the order of a mip-map,
+with four pixels per node and four nodes per parent.
 """
 
 from typing import NamedTuple
@@ -34,21 +34,21 @@ from .keys import BITS, KEY_BITS, cells_of, keys_of, on_cube, on_ground
 from .rays import PAD
 from .view import FACES, relative16, view_of
 
-_PART = 8192  # receivers, a multiple of 16
-_TILE = 64  # pixels a side: within, Z order; a power of two
+_PART = 8192  # receivers per work item, a multiple of 16
+_TILE = 64  # side of a tile in pixels, a power of two; pixels of a tile are in Z order
 
 
 class Order(NamedTuple):
     """The receivers of a beam, leaf after leaf."""
 
-    ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: none
-    starts: np.ndarray  # (k + 1,) int64: where each face's begin; two if all are taken together
-    faces: np.ndarray  # (k,) int64: which these are
-    placed: bool  # receivers have places, some of which are empty
+    ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: an empty place
+    starts: np.ndarray  # (k + 1,) int64: the first receiver of each face, and the end; k is 1 for all faces together
+    faces: np.ndarray  # (k,) int64: the faces
+    placed: bool  # receivers have fixed places, and some places are empty
 
 
 class Scale(NamedTuple):
-    """From (u, v) to [0, 1]."""
+    """Map from (u, v) to [0, 1]: subtract, then multiply by `factor`."""
 
     u: float
     v: float
@@ -57,7 +57,7 @@ class Scale(NamedTuple):
 
 @inlined
 def at_apex(view, d):
-    """Bits of the lanes whose receivers are where all segments end, so that nothing is between."""
+    """Bits of the lanes whose receivers lie exactly at the apex. Their segments are points, so nothing blocks them."""
     zero = np.float32(0.0)
     exact = view.kind == PERSPECTIVE and view.radius == 0.0
     return bits_of((d.x == zero) & (d.y == zero) & (d.z == zero)) if exact else np.int64(0)
@@ -65,7 +65,7 @@ def at_apex(view, d):
 
 @inlined
 def places_on(view, scale, d):
-    """(face, u, v) of 16 receivers, u and v from 0 to 1."""
+    """(face, u, v) of 16 receivers, with u and v from 0 to 1."""
     if view.kind == PERSPECTIVE:
         return on_cube(d)
     return on_ground(d, scale)
@@ -73,7 +73,7 @@ def places_on(view, scale, d):
 
 @kernel
 def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
-    """Worker: each receiver's cell, -1 if it asks nothing; how many of a part ask."""
+    """Worker: write each receiver's cell, or -1 if it is inactive; count the active receivers of each part."""
     asking, view, samples = asking_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
     ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
     put(last, 0, -1)
@@ -95,7 +95,7 @@ def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
 
 @kernel
 def _pack(ticket, keys, starts, to_keys, to_ids):
-    """Worker: the keys of receivers that ask, and these, without gaps; starts: where those of each part belong."""
+    """Worker: write the keys and ids of the active receivers without gaps; starts: output position of each part."""
     k, out_keys, out_ids = ptr(keys), ptr(to_keys), ptr(to_ids)
     first = take(ticket)
     while first >= 0:
@@ -110,7 +110,7 @@ def _pack(ticket, keys, starts, to_keys, to_ids):
 
 @kernel
 def _on_screen(ticket, keys, w, h, ids):
-    """Worker: the receivers in tiles, one a piece of work; within a tile in Z order."""
+    """Worker: write the receivers tile by tile, in Z order within a tile; each tile is a work item."""
     columns = (w + _TILE - 1) // _TILE
     tile = take(ticket)
     while tile >= 0:
@@ -128,14 +128,14 @@ def _on_screen(ticket, keys, w, h, ids):
 
 @kernel
 def _to_keys(cells):
-    """Turn cells, a multiple of 16, into keys."""
+    """Turn cells into keys, in place; their number is a multiple of 16."""
     p = ptr(cells)
     for i in range(0, len(cells), 16):
         store(p, i, keys_of(load16(p, i)))
 
 
 def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
-    """The `Order` of ids by the keys of their cells; both are overwritten. There are more cells, up to PAD."""
+    """Sort ids by the keys of their cells into an `Order`. Both arrays are overwritten; `cells` is padded by PAD."""
     _to_keys(cells[: -(-len(ids) // 16) * 16])
     packed, ids = radix_sort(cells[: len(ids)], ids, KEY_BITS, threads)
     starts = np.searchsorted(packed, np.arange(FACES + 1) << 2 * BITS).astype(np.int64)
@@ -144,10 +144,10 @@ def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
 
 
 def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tally=None) -> Order:
-    """The `Order` of the receivers that ask a beam.
+    """The `Order` of a beam's active receivers.
 
-    bits : as tracers get them; those of samples that are not above the receiver's own surface are set
-    sort : whether receivers are sorted, or in the order of the screen
+    bits : answer bits; the bits of samples below the receiver's own surface are set
+    sort : sort the receivers, or keep them in screen order
     tally : counters, or None
     """
     h, w = query.sides.shape
@@ -171,6 +171,6 @@ def _together(ids: np.ndarray, placed: bool) -> Order:
 
 
 def scale_of(beam: Beam) -> Scale:
-    """What maps the receivers' (u, v) to [0, 1], where the beam is not PERSPECTIVE."""
+    """The `Scale` that maps the receivers' (u, v) to [0, 1]; unused by PERSPECTIVE beams."""
     extent = float((beam.upper - beam.lower)[:2].max())
     return Scale(beam.lower[0], beam.lower[1], 1.0 / extent if extent > 0.0 else 0.0)

@@ -1,4 +1,4 @@
-"""Leaves of receivers in any order, each a block of its own, and what is left of leaves after a traversal."""
+"""Leaves of receivers in any order, each with its own block, and removal of finished receivers after a traversal."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from .rays import LeafCut, LeafRays, block_pointers, new_blocks, rays_in
 
 @inlined
 def _put_lanes(p, at, ways, v, scratch):
-    """Write as many lanes as a block has."""
+    """Write the lanes of a block: 4 or 16."""
     if ways == 16:
         store(p, at, v)
         return
@@ -38,7 +38,7 @@ def _put_lanes(p, at, ways, v, scratch):
 
 @kernel
 def _fill_block(asking, ids, lanes, blocks, block):
-    """A block's receivers, of which some `lanes` (bits) exist; the other lanes repeat one of them."""
+    """Write a block's receivers. The set bits of `lanes` are receivers; the other lanes repeat one of them."""
     ways, at = blocks.ways, block * blocks.ways
     whole, floats = stack_i32(16), stack_f32(16)
     mask, anyone = mask_from_bits16(lanes), np.int32(get(ids, lowest_bit(lanes)) if lanes != 0 else 0)
@@ -53,7 +53,7 @@ def _fill_block(asking, ids, lanes, blocks, block):
 
 @kernel
 def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
-    """Worker: blocks with the receivers that their places in the order say; starts: each face's first block."""
+    """Worker: fill blocks with consecutive receivers of the order; starts: each face's first block."""
     asking, part, places = asking_of(query, bits), np.int64(0), stack_i32(16)
     blocks, ways = block_pointers(arrays), np.int64(arrays.ways)
     first = take(ticket)
@@ -64,7 +64,7 @@ def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
                 part += 1
             at = order.starts[part] + (block - starts[part]) * ways
             n, ids = min(ways, order.starts[part + 1] - at), ptr_at(order.ids, at)
-            if at + 16 > len(order.ids):  # no more is read than there is
+            if at + 16 > len(order.ids):  # a load of 16 would read beyond the end
                 for lane in range(n):
                     put(places, lane, get(ids, lane))
                 ids = places
@@ -77,7 +77,7 @@ def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
 def rays_of(
     query, beam: Beam, order: Order, ways: int, bits: np.ndarray, threads: int, empty: Empty = np.empty
 ) -> LeafRays:
-    """The `LeafRays` of the receivers in an order; no leaf has receivers of two faces."""
+    """Make the `LeafRays` of the receivers in an order; no leaf has receivers of two faces."""
     starts = np.append(0, np.cumsum(-(-np.diff(order.starts) // ways)))
     n = int(starts[-1])
     blocks = new_blocks(n, ways, empty)
@@ -88,9 +88,9 @@ def rays_of(
 
 
 def left_of(query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: int, empty: Empty = np.empty) -> LeafRays:
-    """The rays of which something is still asked after a traversal [Olsson and Assarsson 2011, Sec. 3.4].
+    """Make the `LeafRays` of the unfinished receivers after a traversal [Olsson and Assarsson 2011, Sec. 3.4].
 
-    Where leaves are `placed` those that ask nothing are left empty, else the others close up.
+    If leaves are `placed`, finished leaves become empty. Otherwise the unfinished receivers are packed without gaps.
     """
     lanes = rays.lanes & ~np.bitwise_and.reduce(rays.dead, 1)
     if rays.placed:

@@ -1,18 +1,19 @@
-"""What a triangle blocks of a beam, as planes that nodes of rays are tested against.
+"""A triangle's shadow in a beam, as planes that nodes of rays are tested against.
 
-A triangle blocks the segment from a receiver O to an end L if the two are on different sides of its plane and on the
-same side as the triangle of the three planes through its edges and L. A node has many receivers, and a beam may have
-many ends, so there are two sets of planes f(x) = n . x + m, each with three through the edges and the triangle's own:
+A triangle blocks the segment from a receiver O to an end L under two conditions. O and L are on different sides of its
+plane, and O is on the triangle's side of the three planes through L and an edge. A node has many receivers, and a beam
+may have many ends. So there are two sets of planes f(x) = n . x + m. Each has three edge planes and the triangle's own:
 
 *outer*
-    no end is where f > 0, and the triangle is not where f < 0. Segments from where f < 0 do not meet the triangle.
+    No end has f > 0, and no point of the triangle has f < 0. A segment from a receiver with f < 0 misses the triangle.
 *inner*
-    no end is where f < 0 (for the triangle's own plane: where f > 0). Segments from where all f > 0 meet the triangle.
+    No end has f < 0 (for the triangle's own plane: f > 0). A segment from a receiver with all f > 0 meets the triangle.
 
-For a point both are the planes of Sec. 3.2 [Olsson and Assarsson 2011], which hold the apex; its cones' distances from
-the edges are f there. For a ball they are tangent to it, for directions in a cone tilted by its angle: if the edge's
-plane through the apex has the normal b, that through the edge P + s t has n = (r / h) p +- sqrt(1 - r^2 / h^2) b, with
-h the distance of the edge's line from the apex, p the unit vector to its nearest point and r the ball's radius.
+For a point light, both sets are the planes of Sec. 3.2 [Olsson and Assarsson 2011], which contain the apex. The paper's
+distances of cones from the edges are values of f. For a ball, the planes are tangent to it. For directions in a cone,
+they are tilted by its angle. Let b be the normal of the plane through the apex and the edge P + s t. The tangent plane
+through the edge has the normal n = (r / h) p +- sqrt(1 - r^2 / h^2) b. Here h is the distance of the edge's line from
+the apex, p the unit vector to its nearest point and r the ball's radius.
 """
 
 from typing import NamedTuple
@@ -24,13 +25,13 @@ from ..kernels.predicate.filters import cross, dot
 from .beams import AROUND, PERSPECTIVE
 
 _MORE = np.float64(1.0 + 2.0**-20)
-_U = np.float64(2.0**-28)  # what is less, in units of the products that it sums, says nothing: rounding turns its plane
-_THIN = np.float64(2.0**-22)  # of a triangle in units of its length: no side of a plane at h = _U has less for sure
-_COORDINATES = np.float64(2.0**-22)  # 2^-50 / _U: above the rounding of coordinates, in units of them
+_U = np.float64(2.0**-28)  # relative to the summed products: a smaller side is unknown, as rounding turns its plane
+_THIN = np.float64(2.0**-22)  # relative to a triangle's length: no plane at h = _U has a certain side below it
+_COORDINATES = np.float64(2.0**-22)  # 2^-50 / _U: exceeds the relative rounding error of coordinates
 
 
 class ShadowPlane(NamedTuple):
-    """n . x + m in the beam's frame, float64; n = 0: says nothing, as m is 0 then."""
+    """n . x + m in the beam's frame, float64; n = 0 and m = 0: the plane is unknown."""
 
     x: float
     y: float
@@ -45,14 +46,14 @@ class Shape(NamedTuple):
     b: tuple
     c: tuple
     outer: tuple  # four planes: of the edges ab, bc, ca and of the triangle
-    inner: tuple
-    covers: bool  # do the inner planes hold?
-    facing: int  # 1 or -1: sign of d . n of the segments that meet it; 0: not known
+    inner: tuple  # four planes, in the same order
+    covers: bool  # are all inner planes known?
+    facing: int  # 1 or -1: sign of d . n of the segments that meet it; 0: unknown
 
 
 @inlined
 def nothing():
-    """The plane that says nothing."""
+    """The unknown plane: no test can use it."""
     z = np.float64(0.0)
     return ShadowPlane(z, z, z, z)
 
@@ -70,8 +71,7 @@ def _plane_at(n, p):
 
 @inlined
 def _through_apex(t, w, r):
-    """The plane through an edge along t with the point w and the apex, with the point r where it is positive:
-    (plane, known)."""
+    """(plane, known): the plane through the apex and an edge along t with the point w; positive at the point r."""
     n = cross(t, w)
     side = dot(n, r)
     size = abs(t[0]) + abs(t[1]) + abs(t[2])
@@ -84,8 +84,10 @@ def _through_apex(t, w, r):
 
 @kernel
 def _tangent(t, w, p, r, radius):
-    """The plane through the edge p + s t, with n . (foot of w) = radius and the point r where it is positive:
-    (plane, known). radius > 0: an outer plane, < 0: an inner one."""
+    """(plane, known): the plane through the edge p + s t with n . (foot of w) = radius; it is positive at the point r.
+
+    radius > 0: an outer plane; radius < 0: an inner plane.
+    """
     zero = np.float64(0.0)
     length = np.sqrt(dot(t, t))
     if not length > zero:
@@ -111,7 +113,7 @@ def _tangent(t, w, p, r, radius):
 
 @inlined
 def _own_plane(view, a, b, c):
-    """(plane, facing): the triangle's own, negative where the light is; facing 0: it is not known where that is."""
+    """(plane, facing): the triangle's own plane, negative on the light's side; facing 0: that side is unknown."""
     n = cross(minus(b, a), minus(c, a))
     p = abs(b[0] - a[0]) + abs(b[1] - a[1]) + abs(b[2] - a[2])
     q = abs(c[0] - a[0]) + abs(c[1] - a[1]) + abs(c[2] - a[2])
@@ -130,11 +132,11 @@ def _own_plane(view, a, b, c):
 
 @inlined
 def _edge(view, p, q, r):
-    """(outer plane, inner plane, are both known?) of the edge from p to q; r is the third corner."""
-    if dot(q, q) < dot(p, p):  # what rounding costs grows with the distance of the end that the plane is drawn from
+    """(outer plane, inner plane, both known) of the edge from p to q; r is the third corner."""
+    if dot(q, q) < dot(p, p):  # start at the nearer end: the rounding error grows with its distance
         p, q = q, p
     t, w = minus(q, p), p
-    if view.radius == 0.0:  # of a point; other beams have some
+    if view.radius == 0.0:  # a point light; all other beams have a radius
         plane, known = _through_apex(t, p, r)
         return plane, plane, known
     if view.kind != PERSPECTIVE:
@@ -147,7 +149,7 @@ def _edge(view, p, q, r):
 @inlined
 def shape_of(view, a, b, c):
     """The `Shape` of the triangle with these corners, float64, in the beam's frame."""
-    if view.kind == AROUND:  # segments go everywhere, so planes tell nothing
+    if view.kind == AROUND:  # segments have all directions, so no plane is known
         none = nothing(), nothing(), nothing(), nothing()
         return Shape(a, b, c, none, none, False, np.int64(0))
     own, facing = _own_plane(view, a, b, c)
@@ -166,7 +168,7 @@ def _distance(a, b):
 
 @inlined
 def sphere_of(shape):
-    """(centre, radius) of a sphere around the triangle: at the middle of its longest edge."""
+    """(centre, radius) of a sphere around the triangle, centred at the middle of its longest edge."""
     a, b, c = shape.a, shape.b, shape.c
     ab, bc, ca = _distance(a, b), _distance(b, c), _distance(c, a)
     p, q, r = (a, b, c) if ab >= bc and ab >= ca else ((b, c, a) if bc >= ca else (c, a, b))

@@ -1,11 +1,12 @@
-"""The rows of 16 triangles at once that `boxes` are tested against, for beams that end in one point.
+"""Triangle rows for the tests of `boxes`, 16 triangles at once, for beams that end in one point.
 
-These are the planes of `planes` in float32, with margins for what that rounds. With u = 2^-24, the apex A exact and
-a = v0 - A, b, c, each component is one rounded difference, as are the edges'. A normal n = a x e has errors of at most
-8 u |a| |e| (largest components) in each component, so n_u u + n_v v + n_w, with |u|, |v| up to 1 and themselves within
-3 u, is off by at most 54 u |a| |e|: 64 u is added, with the largest edge and corner. The volume d = N . a is off by
-less than 100 u |e1| |e2| |a|, and tells on which side the light is only where it is larger than 128 u of that. Where a
-product could overflow, or has underflowed, no plane says anything.
+The planes are those of `planes` in float32, with margins for the rounding error. Let u = 2^-24 and let the apex A be
+exact. Each component of a = v0 - A, b, c and of the edges is one rounded difference. A normal n = a x e has errors of
+at most 8 u |a| |e| (largest components) in each component. Evaluate n_u u + n_v v + n_w with |u|, |v| up to 1, each off
+by at most 3 u. The sum is off by at most 54 u |a| |e|. The margin is 64 u, with the largest edge and corner.
+
+The volume d = N . a is off by less than 100 u |e1| |e2| |a|. It decides the light's side only if it exceeds 128 u of
+this product. If a product could overflow or may have underflowed, all planes are unknown.
 """
 
 import numpy as np
@@ -37,14 +38,14 @@ _SIDE = _F(128 * 2.0**-24)
 _E = _F(2.0**-20)
 _SLANT = _F(1e-6)
 _INF = _F(np.inf)
-_FLOOR = _F(1e-30)  # volumes below it may have underflowed
-_HUGE = _F(1e37)  # what is less has not overflowed
-_LARGE = _F(2.0**40)  # lengths below it cannot overflow in a product of three
+_FLOOR = _F(1e-30)  # smaller volumes may have underflowed
+_HUGE = _F(1e37)  # smaller numbers have not overflowed
+_LARGE = _F(2.0**40)  # products of three smaller lengths cannot overflow
 
 
 @inlined
 def _corner(corners, at, k, view):
-    """(corner k of 16 triangles, the same seen from the apex); at: i32x16, their first numbers."""
+    """(corner k of 16 triangles, the same relative to the apex); at: i32x16, positions of their first numbers."""
     at = at + np.int32(3 * k)
     v = Vec(gather(corners, at), gather(corners, at + 1), gather(corners, at + 2))
     return v, relative16(view, v)
@@ -66,7 +67,7 @@ def _put_plane(rows, k, n, c, d):
 
 @inlined
 def _put_planes(rows, k, normal, face, margin, d, more, ways):
-    """Write outer plane k with d, the inner one with d + more, and where the farthest corners are."""
+    """Write outer plane k with d, inner plane k with d + more, and the positions of the farthest corners."""
     n = turned((normal.x, normal.y, normal.z), face)
     _put_plane(rows, OUTER + 4 * k, n, n[2] + margin, d)
     _put_plane(rows, INNER + 4 * k, n, n[2] - margin, d + more)
@@ -78,7 +79,7 @@ def _put_planes(rows, k, normal, face, margin, d, more, ways):
 
 @inlined
 def _beyond(z, x, far):
-    """mask16: are all corners beyond the plane depth = x? z, x, far: of the three; far: how much tells."""
+    """mask16: are all three corners beyond the plane depth = x? z, x, far: one per corner; far: the error margin."""
     return (z[0] - x[0] < far[0]) & (z[1] - x[1] < far[1]) & (z[2] - x[2] < far[2])
 
 
@@ -89,13 +90,13 @@ def _minus(x):
 
 @inlined
 def _far(v):
-    """What a corner must be beyond a plane through the apex, whatever was rounded; f32x16."""
+    """f32x16: the error margin by which a corner must lie beyond a plane through the apex."""
     return (absolute(v.x) + absolute(v.y) + absolute(v.z)) * -_SLANT
 
 
 @inlined
 def _range(x, s, near):
-    """(lowest, highest) of the corners' coordinates times s, one over their depths; anything unless `near`."""
+    """(lowest, highest) of the corners' coordinates times s, their inverse depths; unbounded where not `near`."""
     a, b, c = x[0] * s[0], x[1] * s[1], x[2] * s[2]
     low, high = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
     low, high = low - (absolute(low) + _F(1.0)) * _E, high + (absolute(high) + _F(1.0)) * _E
@@ -104,7 +105,7 @@ def _range(x, s, near):
 
 @inlined
 def _put_box(rows, u, v, z, reach):
-    """Write the boxes of the shadows of 16 triangles, from the coordinates of their corners, none above `reach`."""
+    """Write the boxes of the shadows of 16 triangles from their corners' coordinates, none larger than `reach`."""
     near, one = (minimum(minimum(z[0], z[1]), z[2]) > _FLOOR) & (reach < _HUGE), _F(1.0)
     s = one / select(near, z[0], one), one / select(near, z[1], one), one / select(near, z[2], one)
     u, v, q = _range(u, s, near), _range(v, s, near), maximum(maximum(s[0], s[1]), s[2])
@@ -123,11 +124,12 @@ def _turned(a, face):
 
 @kernel
 def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows, step, found):
-    """Write the rows of 16 triangles for each face; to `found`, bits of those whose shadow may be there.
+    """Write the rows of 16 triangles for each face; write bits of the triangles whose shadow may meet it to `found`.
 
-    faces : pointer to int64, the faces; rows : pointer to the first one's, the next one's are `step` numbers on
-    slots : pointer to int32, where the triangles are in `corners`, pointer to float32
-    lanes : bits of those that there are
+    faces : pointer to int64, the faces
+    rows : pointer to the rows of the first face; the rows of the next face follow `step` numbers later
+    slots : pointer to int32, indices of the triangles in `corners`, a pointer to float32
+    lanes : bits of the lanes that have a triangle
     """
     at, one = load16(slots, 0), _F(1.0)
     (v0, a), (v1, b) = _corner(corners, at * 9, 0, view), _corner(corners, at * 9, 1, view)
@@ -140,7 +142,7 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
     slack = square * reach * _SIDE + _FLOOR
     known = (absolute(volume) > slack) & (size < _LARGE) & (reach < _LARGE)
     sign = select(known, select(volume > _F(0.0), splat16(one), splat16(-one)), _F(0.0))
-    facing = -sign  # of d . n
+    facing = -sign  # the sign of d . n
     covers = known
     if how.facing != 0:
         covers = known & (facing == _F(-how.facing))

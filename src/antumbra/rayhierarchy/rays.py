@@ -146,7 +146,7 @@ def _fill_lane(asking, i, leaves, block, lane):
 
 @kernel
 def _fill_common(query, leaf, bits, rays):
-    """The ends that all receivers have, taken from one of a leaf."""
+    """Write the ends that all receivers share, computed for one receiver of a leaf."""
     asking, leaves = asking_of(query, bits), leaves_of(rays)
     lane = lowest_bit(np.int64(get(leaves.lanes, leaf)) | 1 << 15) & leaves.ways - 1
     i = max(np.int64(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane)), np.int64(0))
@@ -156,10 +156,10 @@ def _fill_common(query, leaf, bits, rays):
 
 @inlined
 def _fill_leaf(asking, leaves, leaf):
-    """Write which segments of a leaf are dead before anything is traced."""
+    """Mark the segments of a leaf that are dead before the traversal."""
     lanes = np.int64(get(leaves.lanes, leaf))
     others = ~lanes & (np.int64(1) << leaves.ways) - 1
-    if leaves.count == 1:  # a receiver with one sample asks about it
+    if leaves.count == 1:  # a leaf has only receivers that ask, so its only sample is live
         put(leaves.dead, leaf, others)
         return
     ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))

@@ -10,11 +10,12 @@ from ..kernels.simd import as_i32, broadcast16, get, put
 
 LANES = 16
 NUMBERS = 56
-"""Of a triangle; the first four planes of four numbers each are those that tests reject by."""
+"""Numbers per triangle. The first 16 are the four outer planes, by which tests reject nodes."""
 
 OUTER, INNER, TRIANGLE, COVERS = 0, 16, 54, 55
-"""Outer planes and inner ones (see `planes`), the triangle's place in the soup, and whether the inner planes hold.
-The others are named in `boxes` and `cones`."""
+"""Positions of the outer planes, inner planes (see `planes`), soup index, and whether all inner planes are known.
+
+`boxrows` and the experiment `cones` name the other positions."""
 
 BLOCK = NUMBERS * LANES
 """Numbers of 16 triangles."""
@@ -22,7 +23,7 @@ BLOCK = NUMBERS * LANES
 
 @inlined
 def number(row, k):
-    """Number k of a triangle; row: pointer to its first."""
+    """Number k of a triangle; row: pointer to its first number."""
     return get(row, LANES * k)
 
 
@@ -40,11 +41,11 @@ def put_number(row, k, x):
 
 @inlined
 def whole(row, k):
-    """Number k of a triangle, an int32."""
+    """Number k of a triangle, read as an int32."""
     return np.int64(get(as_i32(row), LANES * k))
 
 
 @inlined
 def put_whole(row, k, x):
-    """Write number k of a triangle, an int32."""
+    """Write number k of a triangle as an int32."""
     put(as_i32(row), LANES * k, x)

@@ -13,11 +13,11 @@ from .order import Order
 from .packed import rays_of
 from .rays import LeafRays
 
-_BITS = 10  # of each coordinate in the order of receivers
+_BITS = 10  # per coordinate of the receivers' Morton codes
 
 
 def receivers_of(query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
-    """The receivers of which something is still asked, sixteen of one sample set together that are near each other."""
+    """Make the `LeafRays` of the unfinished receivers: each leaf has sixteen nearby receivers of one sample set."""
     w = query.sides.shape[1]
     left = (rays.lanes & ~np.bitwise_and.reduce(rays.dead, 1))[:, None] >> np.arange(rays.ways) & 1
     places = rays.blocks[:, None] * rays.ways + np.arange(rays.ways)
@@ -56,7 +56,7 @@ def _first_lane(lanes: np.ndarray) -> np.ndarray:
 
 
 def _width(beam: Beam, size: float) -> float:
-    """How wide a light is where the receivers are, which are `size` apart."""
+    """The width of the light at the receivers, which have the extent `size`."""
     if beam.kind == PERSPECTIVE:
         return 2.0 * beam.radius / beam.unit
     if beam.kind == PARALLEL:
@@ -65,7 +65,7 @@ def _width(beam: Beam, size: float) -> float:
 
 
 def _morton(points: np.ndarray, bits: int) -> np.ndarray:
-    """(n,) int64: the bits of the coordinates of (n, d) points, taken in turn; cells are cubes."""
+    """(n,) int64: Morton codes of (n, d) points, with interleaved bits of the coordinates; cells are cubes."""
     points = points.astype(np.float64)
     low = points.min(0, initial=np.inf)
     side = max(float((points - low).max(initial=0.0)), 1e-300)
@@ -78,16 +78,17 @@ def _morton(points: np.ndarray, bits: int) -> np.ndarray:
 
 
 def _rank(codes: np.ndarray) -> np.ndarray:
-    """The place of each code in their order."""
+    """The rank of each code."""
     rank = np.empty(len(codes), np.int64)
     rank[np.argsort(codes, kind="stable")] = np.arange(len(codes))
     return rank
 
 
 def _woven(a: np.ndarray, b: np.ndarray, n: int, m: int, size: float, width: float) -> np.ndarray:
-    """Keys of the bits of a < n and b < m, the highest first: of receivers as long as these are wider apart.
+    """Sorting keys that interleave the bits of receivers a < n and samples b < m, the highest first.
 
-    A bit halves an area, so two of them halve a width.
+    Each bit comes from the wider of the two: receivers of extent `size`, or the light of extent `width`. A bit halves
+    an area, so two bits halve a width.
     """
     key, left, right = np.zeros(len(a), np.int64), max(n - 1, 0).bit_length(), int(m - 1).bit_length()
     while left or right:

@@ -1,4 +1,4 @@
-"""Nodes as shafts [Haines and Wallace 1991]: a box around receivers, and one around the ends of their segments.
+"""Nodes as shafts [Haines and Wallace 1991]: a box around receivers, and a box around the ends of their segments.
 
 If a light is as large as the lit surfaces, a cone with one apex bounds the segments poorly. A shaft bounds them well:
 the segments of a few receivers to a small part of the light lie in the hull of two small boxes.
@@ -30,16 +30,16 @@ from ..kernels.simd import (
 from . import nodes as names
 from .rays import block_of, ends_in, origins_in
 
-ROWS = 12  # of a node: x, y, z of the receivers, each lowest and highest, then of the ends
+ROWS = 12  # numbers per node: lowest and highest x, y and z of the receivers, then of the ends
 _ENDS = 6
 _F = np.float32
-_E = _F(2.0**-20)  # above what rounding does to t
+_E = _F(2.0**-20)  # exceeds the rounding error of t
 
 
 class ShaftNodes(NamedTuple):
     """Nodes of a hierarchy; see `nodes`."""
 
-    rows: int = ROWS
+    rows: int = ROWS  # float32 per node
 
 
 @inlined
@@ -51,7 +51,7 @@ def _put_range(group, k, ways, lane, there, x):
 
 @kernel
 def _shaft_of_leaf(leaves, leaf, group, lane):
-    """The shaft around the segments of a leaf."""
+    """Write the shaft around the segments of a leaf; False if it has no ray."""
     ways, lanes = leaves.ways, np.int64(get(leaves.lanes, leaf))
     if lanes == 0:
         return False
@@ -73,7 +73,7 @@ def _shaft_of_leaf(leaves, leaf, group, lane):
 
 @kernel
 def _shaft_of_nodes(children, alive, ways, group, lane):
-    """The shaft around a group."""
+    """Write the shaft around a group."""
     there = mask_from_bits16(alive)
     for k in range(0, ROWS, 2):
         low, high = load16(children, k * ways), load16(children, (k + 1) * ways)
@@ -95,18 +95,18 @@ def _bound_node(nodes, children, alive, ways, group, lane):
 
 @inlined
 def _clip(t, a, b):
-    """The interval t where (1 - t) a + t b <= 0 as well, a little larger; empty ones have first > last."""
+    """Clip the interval t to (1 - t) a + t b <= 0, slightly enlarged. An empty interval has first > last."""
     first, last = t
     zero = _F(0.0)
     before, after = a > zero, b > zero
-    at = a / (a - b)  # where neither or both are, it is not looked at
+    at = a / (a - b)  # unused where `before` equals `after`
     first = select(before, select(after, splat16(_F(2.0)), maximum(first, select(after, zero, at) - _E)), first)
     return first, select(after & ~before, minimum(last, select(before, _F(1.0), at) + _E), last)
 
 
 @kernel
 def meet_shafts(group, box, ways):
-    """Bits of the nodes of a group that a box may meet; it is a pointer to x, y, z, each lowest and highest."""
+    """Bits of the nodes of a group that a box may meet; box: pointer to the lowest and highest x, y and z."""
     t = splat16(_F(0.0)), splat16(_F(1.0))
     ends = ptr_at(group, _ENDS * ways)
     for k in range(0, 6, 2):

@@ -1,4 +1,4 @@
-"""The input of tracers without a BVH: the triangles, unsorted."""
+"""The input of tracers without a BVH: the unsorted triangles."""
 
 from typing import NamedTuple
 
@@ -9,14 +9,14 @@ from ..scene.triangles import Triangles
 
 
 class Soup(NamedTuple):
-    """Triangles in the order of the scene; perhaps only some of them."""
+    """All or some triangles of a scene, in scene order."""
 
     corners: np.ndarray  # (n, 9) float32, recentred frame, C-contiguous
-    ids: np.ndarray  # (n,) int32, ascending: which of the scene's triangles each is
+    ids: np.ndarray  # (n,) int32, ascending: index of each triangle in the scene
 
 
 def soup_of(triangles: Triangles, culled: Culled | None = None) -> Soup:
-    """All triangles of a scene, or the triangles left by culling; without copies."""
+    """The `Soup` of all triangles of a scene, or of the triangles left by culling, without copies."""
     if culled is not None:
         return Soup(culled.vertices.reshape(-1, 9), culled.kept)
     return Soup(triangles.vertices.reshape(-1, 9), np.arange(len(triangles.vertices), dtype=np.int32))

@@ -1,4 +1,4 @@
-"""A shadow query through hierarchies of its rays [Olsson and Assarsson 2011, Sec. 3.1].
+"""Shadow queries by hierarchies of their rays [Olsson and Assarsson 2011, Sec. 3.1].
 
 Receivers and lights form beams (`beams`). The receivers of a beam are sorted (`order`), and become leaves (`rays`) of a
 hierarchy (`tree`). The triangles traverse the hierarchy (`traverse`), and blocked segments are returned as bits.
@@ -25,7 +25,7 @@ from .tree import tree_of
 from .wide import Traced, may_be_wide, trace_wide, traverse
 
 SEGMENTS = 1 << 22
-"""So many segments, with ends of their own, are in memory at once."""
+"""Maximum number of segments with their own ends in memory at once."""
 
 
 def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: Options) -> None:
@@ -33,7 +33,7 @@ def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: 
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
-    progress : function of (triangles handed out, triangles), or None; the last part of a query counts only
+    progress : function of (triangles handed out, triangles), or None; only the last part of a query counts
     """
     threads = thread_count(threads)
     counters = new_counters() if counters is None else counters
@@ -44,13 +44,13 @@ def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: 
 
 
 def _parts(query, bits):
-    """The query cut into rows of receivers, or a single row into pieces, whose segments fit in memory."""
+    """Cut a query into parts whose segments fit in memory: bands of rows, or pieces of a single row."""
     (h, w), spp = query.sides.shape, query.samples.shape[1]
     most = max(SEGMENTS // spp, 1)
     if (query.light.kind in (FIXED, LIST) and spp == 1) or h * w <= most:
         return [(query, bits)]
     if h == 1:
-        step = -(-most // 4) * 4  # the sample sets of a row take turns by four
+        step = -(-most // 4) * 4  # sample sets repeat every four pixels of a row
         cuts = [(slice(None), slice(i, i + step)) for i in range(0, w, step)]
     else:
         step = max(most // (4 * w), 1) * 4
@@ -66,7 +66,7 @@ def _part(query, cut):
 
 def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, options: Options, empty: Empty) -> None:
     """Trace the segments of one beam."""
-    # Boxes have a hierarchy for each face. Receivers that ask all around are near those beside them on the screen.
+    # Boxes have a hierarchy for each face. AROUND receivers keep screen order: screen neighbours are near each other.
     coherent = beam.kind != AROUND
     sort = ((options.sorted or options.blocks) and coherent) or (options.nodes is None and beam.kind == PERSPECTIVE)
     if options.blocks and coherent and query.sides.shape[0] > 1:

@@ -220,7 +220,7 @@ def _corner(view, corners, at):
 
 @kernel
 def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
-    """Write the row of one triangle for each face where it may block a ray, and set bit `lane` of `found` there."""
+    """Write the row of one triangle for each face where it may block a ray; set bit `lane` of `found`."""
     corners = ptr_at(soup.corners, 9 * slot)
     shape = shape_of(view, _corner(view, corners, 0), _corner(view, corners, 3), _corner(view, corners, 6))
     if how.backface and how.facing != 0 and shape.facing == how.facing:
@@ -236,7 +236,7 @@ def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
 
 @kernel
 def write_rows(tree, parts, view, soup, slots, n, how, rows, found):
-    """Write the rows of n <= 16 triangles for each face; `found`: per face, bits of the triangles that may block a ray."""
+    """Write the rows of n <= 16 triangles for each face; `found`: bits of those that may block a ray."""
     if view.kind == PERSPECTIVE and view.radius == 0.0 and writes_sixteen(tree.nodes):
         lanes = (np.int64(1) << n) - 1
         step = BATCH * NUMBERS
@@ -251,9 +251,9 @@ def write_rows(tree, parts, view, soup, slots, n, how, rows, found):
 
 @kernel
 def _start(tree, part, block, found, union):
-    """(level, group) where the traversal of a block of triangles starts: the deepest group that holds all nodes they meet.
+    """(level, group) where the traversal of a block of triangles starts.
 
-    group is -1 if they meet no node.
+    It is the deepest group that holds all nodes that the triangles meet; -1 if they meet no node.
     """
     level, g = get(tree.heights, part) - 1, np.int64(0)
     if not union_of(tree.nodes, block, found, union):
@@ -270,7 +270,7 @@ def _start(tree, part, block, found, union):
 
 @inlined
 def _queue_block(tree, part, block, rows, found, queues):
-    """Queue the triangles of a block that may block rays of a face. They lie near each other, so they start together."""
+    """Queue the triangles of a block that may block rays of a face. They lie close together and start at one group."""
     if found == 0:
         return
     level, g = _start(tree, part, ptr_at(rows, block * BLOCK), found, queues.union)

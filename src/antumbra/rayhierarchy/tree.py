@@ -1,7 +1,7 @@
 """The implicit hierarchy over a beam's rays: left-balanced, a fixed number of children, no links.
 
-The children of node i of a level are the nodes ``ways i`` to ``ways i + ways - 1`` of the level below. A node of level 0
-is a leaf of `ways` rays. A node's leaves are therefore a range too [Olsson and Assarsson 2011, Sec. 3.5]. Sixteen
+The children of node i of a level are the nodes ``ways i`` to ``ways i + ways - 1`` of the level below. A node of level
+0 is a leaf of `ways` rays. A node's leaves are therefore a range too [Olsson and Assarsson 2011, Sec. 3.5]. Sixteen
 children fill a register; the paper uses four. The children of one node form a *group*: they are stored and tested
 together. Each face of the cube around an apex has its own hierarchy.
 """

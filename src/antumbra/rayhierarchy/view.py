@@ -14,19 +14,19 @@ FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
 
 
 class BeamView(NamedTuple):
-    """A `Beam` in kernels; float64 scalars but the kind."""
+    """A `Beam` in kernels; all scalars except `kind` are float64."""
 
     kind: int
-    unit: float  # by which lengths are multiplied
+    unit: float  # scale factor from the scene to the beam's frame
     x: float  # the apex
     y: float
     z: float
-    u: tuple  # three axes, where the beam is not PERSPECTIVE
+    u: tuple  # three axes of the beam's frame; unused by PERSPECTIVE
     v: tuple
     w: tuple
-    radius: float
-    scale: float  # no coordinate of a receiver is larger in the beam's frame, where it is not PERSPECTIVE
-    lowest: float  # nor smaller its last one
+    radius: float  # as in `Beam`
+    scale: float  # largest absolute coordinate of a receiver in the beam's frame; unused by PERSPECTIVE
+    lowest: float  # lowest last coordinate of a receiver
 
 
 @inlined
@@ -39,7 +39,7 @@ def view_of(beam):
 
 @inlined
 def relative(view, p):
-    """A point, float64, in the beam's frame: seen from its apex, or along its axes."""
+    """A float64 point in the beam's frame: relative to the apex, or along the axes."""
     s = view.unit
     if view.kind == PERSPECTIVE:
         return (p[0] - view.x) * s, (p[1] - view.y) * s, (p[2] - view.z) * s
@@ -48,7 +48,7 @@ def relative(view, p):
 
 @inlined
 def turned(d, face):
-    """(u, v, depth) of a direction, so that depth counts along the face's axis; linear, so planes turn alike."""
+    """(u, v, depth) of a direction, with depth along the face's axis. The map is linear and also applies to normals."""
     if face < 2:
         return d[1], d[2], (d[0] if face == 0 else -d[0])
     if face < 4:
@@ -58,7 +58,7 @@ def turned(d, face):
 
 @inlined
 def relative16(view, o):
-    """16 points, a `Vec` of f32x16, in the beam's frame; off by no more than its rounding, as apexes are float32."""
+    """16 points in the beam's frame, a `Vec` of f32x16. Apexes are float32, so a difference is rounded only once."""
     s = np.float32(view.unit)
     if view.kind == PERSPECTIVE:
         return times(Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
@@ -74,9 +74,9 @@ def _along(o, axis):
 
 @inlined
 def projected16(view, o, face):
-    """(u, v, q) of 16 points: planes are linear in them.
+    """(u, v, q) of 16 points; planes are linear in these coordinates.
 
-    PERSPECTIVE: their places on the face, which their depths divide, and q = 1 / depth. Else the frame's axes.
+    PERSPECTIVE: u and v are divided by the depth, and q = 1 / depth. Otherwise: coordinates along the frame's axes.
     """
     d = relative16(view, o)
     if view.kind == PERSPECTIVE:

@@ -1,9 +1,9 @@
-"""Wide lights, as large as the lit surfaces: estimate the cost of one traversal for all samples, or use shafts.
+"""Wide lights, as large as the lit surfaces: choose between one traversal for all samples and shafts.
 
 A hierarchy around one apex culls nothing if the light is wide: every triangle would be tested against every ray. So a
-few triangles are traced first, and their tests counted. If the estimate for all triangles is too high, a second sample
-goes through `shafts` as `clusters`; the leaves of shafts have one sample each. The remaining triangles take the cheaper
-way. Only counts decide, and no triangle is traced twice.
+few triangles are traced first, and their tests are counted. If the estimate for all triangles is too high, a second
+set of triangles is traced through `shafts` as `clusters`. Leaves of shafts have one light sample each. The remaining
+triangles take the cheaper way. Only counts decide, and no triangle is traced twice.
 """
 
 from collections.abc import Callable
@@ -25,32 +25,32 @@ from .traverse import BATCH, How, memory_for, trace_triangles
 from .tree import RayTree, tree_of
 
 PROBE = 128
-"""Triangles that are traced to tell what the others cost."""
+"""Number of triangles traced to estimate the cost of the others."""
 
 LEAST = 16 * PROBE
-"""No fewer triangles are probed: they cost little in any case."""
+"""Minimum number of triangles for an estimate; fewer cost little in any case."""
 
 TEST, NODE, BOX = 70.0, 5.0, 30.0
-"""Nanoseconds of one thread, by which counts are compared; measured on AVX-512, and only proportions matter."""
+"""Cost of a triangle test, node test and box test, in ns of one thread with AVX-512; only the ratios matter."""
 
 ROW, CLUSTERED = 400.0, 150.0
-"""What a triangle costs besides: its row, or its share of the clusters and of their order."""
+"""Extra cost of a triangle in ns: its row, or its share of making and sorting clusters."""
 
 CHEAP = 2000.0
-"""A triangle that costs less stays: its place in the clusters' order is not worth it."""
+"""Cost in ns below which triangles do not use shafts: sorting them into clusters would not pay off."""
 
 LEAF, WORTH = 1000.0, 32.0
-"""What making a leaf of 16 rays costs; shafts are made if all triangles cost so many times as much."""
+"""Cost of making a leaf of 16 rays in ns; shafts are made if all triangles cost WORTH times as much."""
 
 SHARE = 16
-"""One in so many triangles tells what shafts cost, and at least 4 batches."""
+"""One in SHARE triangles, and at least 4 batches, estimate the cost of shafts."""
 
 
 _NONE = np.float32(0.0)
 
 
 class Traced(NamedTuple):
-    """What is traced, and how."""
+    """The inputs of a traversal, and its options."""
 
     soup: Soup
     query: object
@@ -62,7 +62,7 @@ class Traced(NamedTuple):
 
 
 def traverse(traced: Traced, tree: RayTree, rays: LeafRays, picks: np.ndarray, unit: np.float32 = _NONE) -> float:
-    """Trace the picked triangles through a hierarchy, of shafts if there is a unit; what one of them cost."""
+    """Trace the picked triangles through a hierarchy, of shafts if `unit` is not 0; return the cost per triangle."""
     mine, soup, progress = np.zeros(N_COUNTERS, np.int64), traced.soup, traced.progress
     ticket = new_ticket(len(picks), BATCH)
     if unit:
@@ -78,7 +78,7 @@ def traverse(traced: Traced, tree: RayTree, rays: LeafRays, picks: np.ndarray, u
 
 
 def _unit(tree: RayTree) -> np.float32:
-    """A power of two by which no segment of a new hierarchy of shafts is longer than 1 along an axis."""
+    """A power of two that scales all segments of a new hierarchy of shafts to at most 1 along each axis."""
     top = int(tree.groups[0, tree.heights[0] - 1])
     there = tree.alive[top] >> np.arange(tree.ways) & 1 != 0
     numbers = tree.numbers[top * ROWS * tree.ways :][: ROWS * tree.ways].reshape(2, 3, 2, tree.ways)
@@ -95,7 +95,7 @@ def may_be_wide(traced: Traced, triangles: int) -> bool:
 def trace_wide(
     traced: Traced, rays: LeafRays, tree: RayTree, picks: np.ndarray, bits: np.ndarray, empty: Empty
 ) -> np.ndarray:
-    """Trace a few triangles, or all if that is better done by shafts; those that are left."""
+    """Trace a few triangles, or all triangles if shafts are cheaper; return the remaining triangles."""
     quiet, (few, picks) = traced._replace(progress=None), _some(picks, 16, PROBE // 16)
     cost = traverse(quiet, tree, rays, few) + ROW
     write_bits(rays, bits, traced.threads)
@@ -128,7 +128,7 @@ def _near_each_other(traced: Traced, picks: np.ndarray) -> np.ndarray:
 
 
 def _some(picks: np.ndarray, run: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(n runs of that length, evenly spread; the others)."""
+    """(n evenly spread runs of `run` triangles, all others)."""
     runs = -(-len(picks) // run)
     few = np.zeros(runs, bool)
     few[np.linspace(0, runs - 1, min(n, runs)).astype(np.int64)] = True
