@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32x4
 from ..kernels.jit import kernel, overload
 from ..kernels.simd import (
     as_i32,
@@ -44,8 +45,8 @@ class Bins(NamedTuple):
 class Mapping(NamedTuple):
     """Maps twice a centroid to its bin on each axis: truncate((c - origin) * factor)."""
 
-    origin: object  # f32x4
-    factor: object  # f32x4; 0 on an axis along which all centroids are (nearly) the same
+    origin: F32x4  # f32x4
+    factor: F32x4  # f32x4; 0 on an axis along which all centroids are (nearly) the same
     n_bins: object  # int64
 
 

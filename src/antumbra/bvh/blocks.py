@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
@@ -40,13 +41,13 @@ class BlockTree(NamedTuple):
 class BlockPointers(NamedTuple):
     """Pointers to the arrays of a `BlockTree`, which must outlive them."""
 
-    nodes: object  # float32 *, 16 a node
-    links: object  # int32 *, the same memory
-    blocks: object  # float32 *, 144 a block
-    bounds: object  # float32 *, 8 a block
-    slots: object  # int32 *, 16 a block
-    prim_ids: object  # int32 *
-    corners: object  # float32 *, 9 a slot
+    nodes: F32Ptr  # float32 *, 16 a node
+    links: I32Ptr  # int32 *, the same memory
+    blocks: F32Ptr  # float32 *, 144 a block
+    bounds: F32Ptr  # float32 *, 8 a block
+    slots: I32Ptr  # int32 *, 16 a block
+    prim_ids: I32Ptr  # int32 *
+    corners: F32Ptr  # float32 *, 9 a slot
 
 
 @inlined

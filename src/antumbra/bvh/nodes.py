@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import ptr, stack_array
 
@@ -42,10 +43,10 @@ class Bvh(NamedTuple):
 class Tree(NamedTuple):
     """Pointers to the arrays of a `Bvh`, for hot kernels: passing arrays costs reference counts."""
 
-    nodes: object  # float32 *, 16 a node
-    links: object  # int32 *, the same memory
-    prim_ids: object  # int32 *
-    corners: object  # float32 *, 9 a slot
+    nodes: F32Ptr  # float32 *, 16 a node
+    links: I32Ptr  # int32 *, the same memory
+    prim_ids: I32Ptr  # int32 *
+    corners: F32Ptr  # float32 *, 9 a slot
 
 
 @inlined

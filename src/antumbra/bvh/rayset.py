@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import as_i32, extract, get, load4, load8, ptr, ptr_at, put, store
 from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
@@ -39,9 +40,9 @@ class RaySet(NamedTuple):
 class RaySetPointers(NamedTuple):
     """Pointers to the arrays of a `RaySet`, from some ray and some hit on."""
 
-    rays: object  # float32 *
-    words: object  # int32 *, the same memory
-    hits: object  # float32 *
+    rays: F32Ptr  # float32 *
+    words: I32Ptr  # int32 *, the same memory
+    hits: F32Ptr  # float32 *
 
 
 class Side(NamedTuple):

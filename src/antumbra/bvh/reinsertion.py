@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import (
@@ -61,12 +62,12 @@ class Loose(NamedTuple):
 class LooseTree(NamedTuple):
     """Pointers to the arrays of a `Loose`, for hot kernels."""
 
-    parents: object  # int32 *
-    children: object  # int32 *, 2 a node
-    heights: object  # int32 *
-    boxes: object  # float32 *, 8 an item
-    n_nodes: object  # int64
-    scale: object  # float32
+    parents: I32Ptr  # int32 *
+    children: I32Ptr  # int32 *, 2 a node
+    heights: I32Ptr  # int32 *
+    boxes: F32Ptr  # float32 *, 8 an item
+    n_nodes: I64Ptr  # int64
+    scale: F32Ptr  # float32
 
 
 @inlined

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import (
     bits,
@@ -73,15 +74,15 @@ class HeuristicSettings(NamedTuple):
 class Sides(NamedTuple):
     """Both sides of all planes. Side s (0: left) on axis a has number 2 a + s. The bins below k are left of plane k."""
 
-    boxes: object  # float32 *, _BOX words a side; empty boxes have lower = +inf, upper = -inf
-    counts: object  # float32 *, BINS a side: triangles
+    boxes: F32Ptr  # float32 *, _BOX words a side; empty boxes have lower = +inf, upper = -inf
+    counts: F32Ptr  # float32 *, BINS a side: triangles
 
 
 class Counts(NamedTuple):
     """Counts of rays at planes."""
 
-    places: object  # int32 *, 4 rows of _ROW an axis: histograms
-    visits: object  # float32 *, 4 rows of BINS an axis: rays at each plane
+    places: I32Ptr  # int32 *, 4 rows of _ROW an axis: histograms
+    visits: F32Ptr  # float32 *, 4 rows of BINS an axis: rays at each plane
 
 
 # rows of `Counts.places`: first plane (left) or last plane (right) at which a ray enters a side's box, or comes to it

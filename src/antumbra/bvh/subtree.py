@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import kernel, overload, overloaded
 from ..kernels.simd import get, load8, prefetch, put, stack_f32, stack_i32, store
 from .bounds import half_area, range_bounds, record_id, write_boxes
@@ -27,8 +28,8 @@ class Settings(NamedTuple):
 class Ranges(NamedTuple):
     """A stack of ranges to build."""
 
-    numbers: object  # int32 *, 4 a range: first, last, depth, word of `links`
-    boxes: object  # float32 *, 16 a range: box, centroid box
+    numbers: I32Ptr  # int32 *, 4 a range: first, last, depth, word of `links`
+    boxes: F32Ptr  # float32 *, 16 a range: box, centroid box
 
 
 @kernel

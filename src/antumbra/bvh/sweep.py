@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr
 from ..kernels.jit import inlined, kernel, overload
 from ..kernels.simd import as_i32, get, load8, minimum, ptr, put, splat8, store
 from .bounds import INF, half_area, width
@@ -27,10 +28,10 @@ class Swept(NamedTuple):
 class SweptSource(NamedTuple):
     """Pointers of `Swept`."""
 
-    records: object  # float32 *, in the order of x
-    y: object  # float32 *
-    z: object  # float32 *
-    scratch: object  # float32 *, 8 for each record of a range
+    records: F32Ptr  # float32 *, in the order of x
+    y: F32Ptr  # float32 *
+    z: F32Ptr  # float32 *
+    scratch: F32Ptr  # float32 *, 8 for each record of a range
 
 
 @inlined

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import (
     as_f32,
@@ -67,13 +68,13 @@ _MINUS_ONE = np.float32(-1.0).view(np.int32)
 class Part(NamedTuple):
     """A subtree: pointers to arrays that the index of a node indexes."""
 
-    nodes: object  # float32 *, 16 a node
-    links: object  # int32 *, the same memory
-    facts: object  # int32 *, 4 a node, of its subtree: COST, COUNT, KEPT, HEIGHT
+    nodes: F32Ptr  # float32 *, 16 a node
+    links: I32Ptr  # int32 *, the same memory
+    facts: I32Ptr  # int32 *, 4 a node, of its subtree: COST, COUNT, KEPT, HEIGHT
     is_leaf: object  # bool *: whether one leaf is cheaper than the subtree
-    rooms: object  # int32 *: most inner nodes that a path down may have
-    parents: object  # int32 *: the node's parent in this round; -1 for the root
-    pending: object  # int32 *: children still to be treated before the node in this round
+    rooms: I32Ptr  # int32 *: most inner nodes that a path down may have
+    parents: I32Ptr  # int32 *: the node's parent in this round; -1 for the root
+    pending: I32Ptr  # int32 *: children still to be treated before the node in this round
 
 
 COST = 0  # SAH cost, times half the area of the tree's root: a float32
@@ -85,17 +86,17 @@ HEIGHT = 3  # inner nodes on the longest path down, the node's own included
 class Batch(NamedTuple):
     """Sixteen treelets, one a lane. The bits of a subset's index are its leaves."""
 
-    pairs: object  # float32 *, [lane][node][side]: boxes as eight words: lower x, y, z, -, upper x, y, z, -
-    links: object  # int32 *, [lane][node][side]
-    inner: object  # int32 *, [lane][node]: the opened nodes, the root first
-    places: object  # int32 *, [lane][leaf]: 2 * node + side
-    areas: object  # float32 *, [lane][leaf]: half the area of the box; _CLOSED for a triangle
-    facts: object  # int32 *, [lane][leaf]: as in `Part`; the cost of a single triangle is negative: not yet known
-    boxes: object  # float32 *: [leaf][lower and upper x, y, z][lane]
-    costs: object  # float32 *, [subset][lane]: half the area, then the least cost of a tree
-    counts: object  # float32 *, [subset][lane]: triangles
-    lefts: object  # int32 *, [subset][lane]: subset of the left child, plus _LEAF if a leaf is cheaper
-    unions: object  # float32 *: boxes of all subsets of the first three leaves, then of the last four
+    pairs: F32Ptr  # float32 *, [lane][node][side]: boxes as eight words: lower x, y, z, -, upper x, y, z, -
+    links: I32Ptr  # int32 *, [lane][node][side]
+    inner: I32Ptr  # int32 *, [lane][node]: the opened nodes, the root first
+    places: I32Ptr  # int32 *, [lane][leaf]: 2 * node + side
+    areas: F32Ptr  # float32 *, [lane][leaf]: half the area of the box; _CLOSED for a triangle
+    facts: I32Ptr  # int32 *, [lane][leaf]: as in `Part`; the cost of a single triangle is negative: not yet known
+    boxes: F32Ptr  # float32 *: [leaf][lower and upper x, y, z][lane]
+    costs: F32Ptr  # float32 *, [subset][lane]: half the area, then the least cost of a tree
+    counts: F32Ptr  # float32 *, [subset][lane]: triangles
+    lefts: I32Ptr  # int32 *, [subset][lane]: subset of the left child, plus _LEAF if a leaf is cheaper
+    unions: F32Ptr  # float32 *: boxes of all subsets of the first three leaves, then of the last four
 
 
 @inlined

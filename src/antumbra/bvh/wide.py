@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import ptr
 from .nodes import Bvh, tree_of
@@ -51,13 +52,13 @@ class WideBvh(NamedTuple):
 class WideTree(NamedTuple):
     """Pointers to the arrays of a `WideBvh`, for hot kernels."""
 
-    nodes: object  # float32 *, 64 a node
-    links: object  # int32 *, the same memory
-    groups: object  # float32 *, 80 a group
-    slots: object  # int32 *, 8 a group
-    prim_ids: object  # int32 *, slot -> triangle index
-    corners: object  # float32 *, 9 a slot
-    reach: object  # float32
+    nodes: F32Ptr  # float32 *, 64 a node
+    links: I32Ptr  # int32 *, the same memory
+    groups: F32Ptr  # float32 *, 80 a group
+    slots: I32Ptr  # int32 *, 8 a group
+    prim_ids: I32Ptr  # int32 *, slot -> triangle index
+    corners: F32Ptr  # float32 *, 9 a slot
+    reach: F32Ptr  # float32
     binary: object  # the `Tree` of the binary BVH
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import ROWS as BLOCK_ROWS
+from ..kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
@@ -82,13 +83,13 @@ class Looks(NamedTuple):
 class Cell(NamedTuple):
     """The 16 rays of a cell: pointers to scratch memory."""
 
-    rays: object  # float32: rows ox oy oz, and the whole length of the rays along x, y and z
-    limits: object  # float32
-    t: object  # float64
-    face: object  # int32
-    part: object  # int32
-    slot: object  # int32
-    own: object  # int32: the triangle that does not count, -1 for none
+    rays: F32Ptr  # float32: rows ox oy oz, and the whole length of the rays along x, y and z
+    limits: F32Ptr  # float32
+    t: F64Ptr  # float64
+    face: I32Ptr  # int32
+    part: I32Ptr  # int32
+    slot: I32Ptr  # int32
+    own: I32Ptr  # int32: the triangle that does not count, -1 for none
 
 
 @kernel

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I64Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import extract, get, load4, maximum, minimum, ptr, to_i32
 
@@ -26,9 +27,9 @@ class Grid(NamedTuple):
 class GridPointers(NamedTuple):
     """Pointers to the arrays of a `Grid`. The arrays must outlive them. Kernels take either type."""
 
-    bounds: object  # float32 *
-    scale: object  # float32 *
-    n: object  # int64
+    bounds: F32Ptr  # float32 *
+    scale: F32Ptr  # float32 *
+    n: I64Ptr  # int64
 
 
 @inlined

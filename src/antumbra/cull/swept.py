@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F64Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take
 from ..kernels.simd import get, ptr, put
@@ -52,10 +53,10 @@ def hulls_between(sources: np.ndarray, targets, grid) -> Hulls:
 class _Bounds(NamedTuple):
     """Pointers to the arrays of `Hulls`. The arrays must outlive them. Arrays would cost reference counts."""
 
-    lower: object  # float64 *, 3 for each pair, as are the others
-    upper: object  # float64 *
-    grow: object  # float64 *
-    swell: object  # float64 *
+    lower: F64Ptr  # float64 *, 3 for each pair, as are the others
+    upper: F64Ptr  # float64 *
+    grow: F64Ptr  # float64 *
+    swell: F64Ptr  # float64 *
 
 
 @inlined

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import get, ptr, ptr_at, put
@@ -43,13 +44,13 @@ def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray
 class _Rows(NamedTuple):
     """The images that `shade` adds up, as pointers, and their numbers."""
 
-    tints: object  # float32 *, (n, 3): colour times intensity of each light
-    irradiances: object  # float32 *, (n, H, W): unoccluded irradiance of each light
-    visibility: object  # float32 *, (n, H, W): visible fraction of each light
+    tints: F32Ptr  # float32 *, (n, 3): colour times intensity of each light
+    irradiances: F32Ptr  # float32 *, (n, H, W): unoccluded irradiance of each light
+    visibility: F32Ptr  # float32 *, (n, H, W): visible fraction of each light
     n: int  # number of lights
-    skies: object  # float32 *, (n_skies, H, W): visible fraction of each ambient occlusion
+    skies: F32Ptr  # float32 *, (n_skies, H, W): visible fraction of each ambient occlusion
     n_skies: int
-    more: object  # float32 *, (n_more, H, W, 3): irradiance of each list of lights, and indirect irradiance
+    more: F32Ptr  # float32 *, (n_more, H, W, 3): irradiance of each list of lights, and indirect irradiance
     n_more: int
     step: int  # H W, the number of pixels
 

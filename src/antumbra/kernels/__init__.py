@@ -3,7 +3,7 @@
 Building blocks of kernels:
 
 - jit: the decorators `kernel`, `inlined`, `overload`
-- simd/: vectors as values inside kernels; vec: three coordinates at once
+- simd/: vectors as values inside kernels; vec: three coordinates at once; fields: types for readers
 - predicate/: the exact test of a ray and a triangle
 - parallel: threads that share the work of one kernel
 

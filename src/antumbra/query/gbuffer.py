@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I8Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import get, ptr, put
@@ -26,9 +27,9 @@ class GBuffer(NamedTuple):
 class Surface(NamedTuple):
     """Pointers to the arrays that `fill_pixel` writes."""
 
-    position: object  # float32 *, 3 a pixel
-    normal: object  # float32 *, 3 a pixel
-    side: object  # int8 *
+    position: F32Ptr  # float32 *, 3 a pixel
+    normal: F32Ptr  # float32 *, 3 a pixel
+    side: I8Ptr  # int8 *
 
 
 @inlined

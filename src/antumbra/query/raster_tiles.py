@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import take
 from ..kernels.predicate.filters import meets, plane_side
@@ -58,11 +59,11 @@ _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # above
 class RasterTile(NamedTuple):
     """Pointers to the state of a tile: pixel (x, y) of it is element y * STRIDE + x."""
 
-    low: object  # float32: least possible depth key of the face; -inf: no face
-    high: object  # float32: largest possible depth key of the face; undefined without a face
-    face: object  # int32; -1: no face
-    unsure: object  # int32: uncertain pixels of the last triangle, times 2, plus 1 if it surely covers them
-    ranges: object  # (16,) int32: first pixel to draw in each of eight rows, then one past the last of each
+    low: F32Ptr  # float32: least possible depth key of the face; -inf: no face
+    high: F32Ptr  # float32: largest possible depth key of the face; undefined without a face
+    face: I32Ptr  # int32; -1: no face
+    unsure: I32Ptr  # int32: uncertain pixels of the last triangle, times 2, plus 1 if it surely covers them
+    ranges: I32Ptr  # (16,) int32: first pixel to draw in each of eight rows, then one past the last of each
 
 
 @inlined

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, F64Ptr, I8Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.predicate.exact import exact_plane_side
@@ -51,13 +52,13 @@ class Horizon(NamedTuple):
 class QueryPointers(NamedTuple):
     """Pointers to a `ShadowQuery` for hot kernels, free of reference counts; receivers are numbered row by row."""
 
-    origins: object  # float32
-    faces: object  # int32
-    ids: object  # int32
-    sides: object  # int8
-    normals: object  # float64
-    corners: object  # float32
-    samples: object  # float64
+    origins: F32Ptr  # float32
+    faces: I32Ptr  # int32
+    ids: I32Ptr  # int32
+    sides: I8Ptr  # int8
+    normals: F64Ptr  # float64
+    corners: F32Ptr  # float32
+    samples: F64Ptr  # float64
     light: LightPatch  # with tuples of three numbers
     facing: int  # a value of CULL_FACES
     h: int

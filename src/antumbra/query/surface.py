@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I8Ptr, I32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import get, ptr
 from .receivers import NOTHING
@@ -35,11 +36,11 @@ def seen_by(gbuffer, rays) -> PictureSurfaces:
 class Points(NamedTuple):
     """Pointers to the arrays of a `PictureSurfaces`, for hot kernels; pixel (y, x) is element y w + x."""
 
-    position: object  # float32 *, 3 a pixel
-    normal: object  # float32 *, 3 a pixel
-    face: object  # int32 *
-    depth: object  # float32 *
-    side: object  # int8 *
+    position: F32Ptr  # float32 *, 3 a pixel
+    normal: F32Ptr  # float32 *, 3 a pixel
+    face: I32Ptr  # int32 *
+    depth: F32Ptr  # float32 *
+    side: I8Ptr  # int8 *
     h: int
     w: int
     pixel: float

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, take
 from ..kernels.predicate.exact import segment
@@ -62,11 +63,11 @@ _HALF = _F(0.5)
 class Clusters(NamedTuple):
     """16 clusters of 16 triangles, as pointers. The last triangle is repeated if there are fewer."""
 
-    numbers: object  # float32: for each cluster the first corners, the edges to the second corners, then to the third
+    numbers: F32Ptr  # float32: for each cluster the first corners, the edges to the second corners, then to the third
     boxes: object  # (6, 16) float32: lowest and highest x, y and z of the 16 clusters
-    box: object  # (6,) float32: the box around all clusters
-    slots: object  # (256,) int32: indices of the triangles in the soup
-    prims: object  # (256,) int32: ids of the triangles in the scene
+    box: F32Ptr  # (6,) float32: the box around all clusters
+    slots: I32Ptr  # (256,) int32: indices of the triangles in the soup
+    prims: I32Ptr  # (256,) int32: ids of the triangles in the scene
 
 
 @kernel

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, take
 from ..kernels.simd import (
@@ -73,7 +74,7 @@ class _Queues(NamedTuple):
     groups: object  # (_QUEUES, pairs + 16): the group, or the leaf in queue 0
     counts: object  # (_QUEUES,): pairs in each queue
     step: int  # pairs + 16
-    union: object  # (6,) float32: scratch memory
+    union: F32Ptr  # (6,) float32: scratch memory
 
 
 class Memory(NamedTuple):

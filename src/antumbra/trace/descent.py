@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import MAX_DEPTH
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import bits, get, load16, popcount, put, store
 from .blocktest import fetch
@@ -189,8 +190,8 @@ class Near(NamedTuple):
 class Waiting(NamedTuple):
     """Pointers to the stack of a closest-hit walk."""
 
-    links: object  # int32, WAITING_INTS: link and mask, alternating
-    entries: object  # float32, WAITING_FLOATS: entry t of each lane
+    links: I32Ptr  # int32, WAITING_INTS: link and mask, alternating
+    entries: F32Ptr  # float32, WAITING_FLOATS: entry t of each lane
 
 
 @inlined

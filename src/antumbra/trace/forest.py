@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import BlockPointers, BlockTree
+from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import f32_at, get, i32_at, ptr, put
 from .descent import NOWHERE, At, children, save, saved
@@ -36,13 +37,13 @@ class Forest(NamedTuple):
 class ForestPointers(NamedTuple):
     """Pointers to the arrays of a `Forest`."""
 
-    trees: object  # int64 *
-    heads: object  # float32 *
+    trees: I64Ptr  # int64 *
+    heads: F32Ptr  # float32 *
     tile: int
     across: int
     sets: int
-    starts: object  # int32 *
-    items: object  # int32 *
+    starts: I32Ptr  # int32 *
+    items: I32Ptr  # int32 *
     fresh: bool
 
 

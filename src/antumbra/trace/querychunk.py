@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import get, ptr, ptr_at
 from ..query.shadow import QueryPointers, query_pointers
@@ -39,10 +40,10 @@ class QueryChunk(NamedTuple):
     """A query's chunk for hot kernels."""
 
     query: QueryPointers
-    points: object  # float32 * into the chunk's light table, like the next three; unused if the light moves
-    groups: object  # float32 *
-    targets: object  # float32 *
-    by_lane: object  # float32 *
+    points: F32Ptr  # float32 * into the chunk's light table, like the next three; unused if the light moves
+    groups: F32Ptr  # float32 *
+    targets: F32Ptr  # float32 *
+    by_lane: F32Ptr  # float32 *
     fixed: bool  # the light does not move with the receiver
     shape: TileShape
     first: int  # first sample

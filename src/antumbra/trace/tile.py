@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import middle_and_half
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import (
     as_i32,
@@ -45,16 +46,16 @@ class Tile(NamedTuple):
     """Pointers to a tile's numbers in float32 scratch memory, or in the light table."""
 
     number: int  # in its bundle
-    origins: object  # float32: x, y, z of 16 receivers; lanes without a receiver repeat another one
-    info: object  # float32: the receivers' box: 0..2 centre, 3..5 half extents, 6..8 lower corner, 9..11 upper corner
-    faces: object  # int32: the receivers' own triangles, by the trees' indices
-    dead: object  # int32, one a stratum: bits of the receivers whose segment is blocked; all bits if it has no sample
-    shafts: object  # float32, see `shafts`
-    beams: object  # float32, see `beams`
-    points: object  # float32, see `lighttable`, like the next three
-    groups: object  # float32
-    targets: object  # float32
-    by_lane: object  # float32
+    origins: F32Ptr  # float32: x, y, z of 16 receivers; lanes without a receiver repeat another one
+    info: F32Ptr  # float32: the receivers' box: 0..2 centre, 3..5 half extents, 6..8 lower corner, 9..11 upper corner
+    faces: I32Ptr  # int32: the receivers' own triangles, by the trees' indices
+    dead: I32Ptr  # int32, one a stratum: bits of the receivers whose segment is blocked; all bits if it has no sample
+    shafts: F32Ptr  # float32, see `shafts`
+    beams: F32Ptr  # float32, see `beams`
+    points: F32Ptr  # float32, see `lighttable`, like the next three
+    groups: F32Ptr  # float32
+    targets: F32Ptr  # float32
+    by_lane: F32Ptr  # float32
 
 
 @inlined

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.fields import F32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import (
     absolute,
@@ -51,8 +52,8 @@ FRUSTA_FLOATS = 33 * 16
 class Frusta(NamedTuple):
     """16 frusta, as pointers to float32."""
 
-    own: object  # float32 *, rows of 16 lanes: patch, rectangle, corner rays (x, y, z of each), their lengths, box
-    parameters: object  # float32 *, rows of 16 samples: a and b of each receiver's samples
+    own: F32Ptr  # float32 *, rows of 16 lanes: patch, rectangle, corner rays (x, y, z of each), their lengths, box
+    parameters: F32Ptr  # float32 *, rows of 16 samples: a and b of each receiver's samples
 
 
 @kernel

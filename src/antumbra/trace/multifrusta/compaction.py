@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined
 from ...kernels.simd import (
     as_i32,
@@ -37,10 +38,10 @@ COMPACTED_FLOATS = 8 * _ROW
 class Compacted(NamedTuple):
     """Pointers to the rows of gathered rays in memory."""
 
-    origins: object  # float32, three rows
-    points: object  # float32, three rows: where the rays end
-    places: object  # int32, as in `deferred`
-    faces: object  # int32: their receivers' own triangles
+    origins: F32Ptr  # float32, three rows
+    points: F32Ptr  # float32, three rows: where the rays end
+    places: I32Ptr  # int32, as in `deferred`
+    faces: I32Ptr  # int32: their receivers' own triangles
 
 
 @inlined

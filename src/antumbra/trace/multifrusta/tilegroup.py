@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import middle_and_half
+from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import (
     as_i32,
@@ -52,12 +53,12 @@ _MANY_RAYS = 48  # from this many rays on, triangles that cover whole tiles are 
 class TileGroup(NamedTuple):
     """Pointers to a tile group's numbers in scratch memory. Its tiles are lanes."""
 
-    tiles: object  # float32, as `tile.tile_at` reads them
-    valid: object  # int32: bits of each tile's receivers
+    tiles: F32Ptr  # float32, as `tile.tile_at` reads them
+    valid: I32Ptr  # int32: bits of each tile's receivers
     whole: Tile  # all tiles as one: the box of their receivers, and its shafts
-    boxes: object  # float32: boxes of the tiles' receivers
-    targets: object  # float32: of each stratum, boxes of its samples for the tiles
-    open: object  # int32, one a stratum: bits of the tiles that have segments to it left
+    boxes: F32Ptr  # float32: boxes of the tiles' receivers
+    targets: F32Ptr  # float32: of each stratum, boxes of its samples for the tiles
+    open: I32Ptr  # int32, one a stratum: bits of the tiles that have segments to it left
     rays: object  # `Compacted`
     first: int  # number of one of its tiles
 

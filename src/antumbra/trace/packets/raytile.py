@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import MAX_DEPTH
+from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, ptr_at, put, store
@@ -72,11 +73,11 @@ class TileRays(NamedTuple):
     """The rays of a tile: pointers."""
 
     tile: object  # Tile
-    pixel: object  # int32: y and x of its first pixel
-    origins: object  # float32 x, y, z of 16 lanes; row r at r * stride
+    pixel: I32Ptr  # int32: y and x of its first pixel
+    origins: F32Ptr  # float32 x, y, z of 16 lanes; row r at r * stride
     stride: int  # float32 between the origins of two rows
-    points: object  # float32 x, y, z of 16 lanes; row r at r * 48
-    dead: object  # int32, one a row: bits of the blocked rays
+    points: F32Ptr  # float32 x, y, z of 16 lanes; row r at r * 48
+    dead: I32Ptr  # int32, one a row: bits of the blocked rays
     rows: int  # bits of the rows that hold rays
     lanes: int  # bits of the lanes that hold rays
     row_place: int  # step of `deferred.defer`'s place from row to row

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import (
     bits,
@@ -40,14 +41,14 @@ DEFERRED = 2 + 2 * 16 * PIXELS  # int32: a block leaves at most 16 triangles for
 class Pixels(NamedTuple):
     """Pointers to the state of a tile's pixels, see `pixelstate`: cell c has elements 16 c to 16 c + 15."""
 
-    low: object  # float32: lower bound of the visible triangle's depth key; -inf if none, inf beyond the picture
-    high: object  # float32: upper bound of the depth key; -inf if there is no triangle
-    slot: object  # int32: the triangle's slot in the current tree; NOTHING, or KNOWN
-    least: object  # (CELLS,) float32: the least `low` of each cell
-    far: object  # (16,) float32: t beyond which nothing is visible in each frustum
-    part: object  # int32: for KNOWN, the number of the triangle's tree; -1: see the picture
-    kept: object  # int32: for KNOWN, the triangle's slot in that tree
-    deferred: object  # int32: number of deferred pixels, an unused word; then slot, 2 * pixel + (1 if surely covered)
+    low: F32Ptr  # float32: lower bound of the visible triangle's depth key; -inf if none, inf beyond the picture
+    high: F32Ptr  # float32: upper bound of the depth key; -inf if there is no triangle
+    slot: I32Ptr  # int32: the triangle's slot in the current tree; NOTHING, or KNOWN
+    least: F32Ptr  # (CELLS,) float32: the least `low` of each cell
+    far: F32Ptr  # (16,) float32: t beyond which nothing is visible in each frustum
+    part: I32Ptr  # int32: for KNOWN, the number of the triangle's tree; -1: see the picture
+    kept: I32Ptr  # int32: for KNOWN, the triangle's slot in that tree
+    deferred: I32Ptr  # int32: number of deferred pixels, an unused word; then slot, 2 * pixel + (1 if surely covered)
 
 
 @inlined

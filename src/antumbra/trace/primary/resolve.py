@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.fields import F64Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.filters import hit_t
 from ...kernels.simd import as_f32, bits, get, load4, load8, load16, ptr, ptr_at, put, splat16, store
@@ -30,11 +31,11 @@ MARK_WORDS = 3 * _MARKS
 class ResolveScratch(NamedTuple):
     """Pointers to scratch memory."""
 
-    planes: object  # float64, PLANE_FLOATS: for each cell five rows of 16 pixels for their planes, one row for t
-    face: object  # int32, PIXELS: in the order of cells, like all of `Pixels`
-    known: object  # float64, KNOWN_FLOATS: five numbers for each plane; plane 0 stands for no plane
-    ids: object  # int32, KNOWN_PLANES: faces of these planes
-    marks: object  # int32, MARK_WORDS: hash table by the last bits of a slot: slots, parts, numbers of planes
+    planes: F64Ptr  # float64, PLANE_FLOATS: for each cell five rows of 16 pixels for their planes, one row for t
+    face: I32Ptr  # int32, PIXELS: in the order of cells, like all of `Pixels`
+    known: F64Ptr  # float64, KNOWN_FLOATS: five numbers for each plane; plane 0 stands for no plane
+    ids: I32Ptr  # int32, KNOWN_PLANES: faces of these planes
+    marks: I32Ptr  # int32, MARK_WORDS: hash table by the last bits of a slot: slots, parts, numbers of planes
 
 
 @inlined

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...bvh.blocks import BlockTree, block_tree
 from ...bvh.nodes import boxes_of
+from ...kernels.fields import F32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.simd import get, load16, ptr, stack_f32, stack_f64, stack_i32
@@ -57,8 +58,8 @@ class _Scratch(NamedTuple):
 
     pixels: Pixels
     seen: ResolveScratch
-    directions: object  # float32, FLOATS: see `frusta`
-    work: object  # float32, WORK: for a block
+    directions: F32Ptr  # float32, FLOATS: see `frusta`
+    work: F32Ptr  # float32, WORK: for a block
     waiting: Waiting
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ...kernels.jit import inlined
 from ...kernels.predicate.exact import Ray, ray_along
 from ...kernels.predicate.vector_filters import FilterRays, error_unit
@@ -31,9 +32,9 @@ _INF = np.float32(np.inf)
 class RayBlock(NamedTuple):
     """A block of rays: pointers to scratch memory."""
 
-    rows: object  # float32 *, BLOCK_WORDS
-    precise: object  # float64 *, rows of 16: direction (x, y, z), its remainder; None: the float32 direction is exact
-    skip: object  # int32 *, 16: a triangle index that does not count, or -1
+    rows: F32Ptr  # float32 *, BLOCK_WORDS
+    precise: F64Ptr  # float64 *, rows of 16: direction (x, y, z), its remainder; None: the float32 direction is exact
+    skip: I32Ptr  # int32 *, 16: a triangle index that does not count, or -1
 
 
 @inlined

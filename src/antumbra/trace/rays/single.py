@@ -10,6 +10,7 @@ import numpy as np
 
 from ...bvh.nodes import Tree, tree_of
 from ...bvh.wide import WideBvh, wide_tree_of
+from ...kernels.fields import F32Ptr, I32Ptr, I64Ptr
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.predicate.exact import segment
@@ -34,9 +35,9 @@ class OrderedTree(NamedTuple):
     """Pointers to the arrays of an `Ordered`'s BVH, and its order."""
 
     tree: Tree
-    prim_ids: object  # int32 *
-    corners: object  # float32 *, 9 a triangle
-    order: object  # int64
+    prim_ids: I32Ptr  # int32 *
+    corners: F32Ptr  # float32 *, 9 a triangle
+    order: I64Ptr  # int64
 
 
 def pointers(prepared):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import EMPTY, MAX_DEPTH
+from ...kernels.fields import F32x4, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.exact import exact_meets
 from ...kernels.predicate.filters import UNSURE, hit_t, verdict, volumes32, volumes64, widest
@@ -42,7 +43,7 @@ _FAR = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and th
 class BoxRay(NamedTuple):
     """A ray prepared for slab tests: (plane - from) * inverse, `from` per lane (L.lower R.lower L.upper R.upper)."""
 
-    x: object  # f32x4
+    x: F32x4  # f32x4
     y: object
     z: object
     ix: object
@@ -142,8 +143,8 @@ def _enter(nodes, node, box, limit):
 class HitList(NamedTuple):
     """Where `walk` writes all triangles that a ray meets."""
 
-    prims: object  # int32 *: indices of triangles
-    count: object  # int32 *, one: number of triangles
+    prims: I32Ptr  # int32 *: indices of triangles
+    count: I32Ptr  # int32 *, one: number of triangles
     room: object  # int64: most triangles; others are left out
 
 

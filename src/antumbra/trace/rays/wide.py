@@ -6,6 +6,7 @@ import numpy as np
 
 from ...bvh.nodes import MAX_DEPTH
 from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
+from ...kernels.fields import F64Ptr, I32Ptr, I64Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.filters import hit_t
 from ...kernels.predicate.vector_filters import FilterTriangles, meet
@@ -33,10 +34,10 @@ class Query(NamedTuple):
 class WideHit(NamedTuple):
     """Pointers to the hit of each ray of a block, and to the tests that are settled after the walk."""
 
-    lane: object  # int64 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
-    prim: object  # int64 *: index of the triangle; only for the nearest hit
-    t: object  # float64 *: t of the hit; only for the nearest hit
-    deferred: object  # int32 *, DEFERRED_WORDS: number of tests; bits of rays that lost tests; each test's ray and lane
+    lane: I64Ptr  # int64 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
+    prim: I64Ptr  # int64 *: index of the triangle; only for the nearest hit
+    t: F64Ptr  # float64 *: t of the hit; only for the nearest hit
+    deferred: I32Ptr  # int32 *, DEFERRED_WORDS: number of tests; bits of rays that lost tests; each test's ray and lane
 
 
 @inlined
