@@ -4,29 +4,26 @@ Its commands are functions under the entry point ``antumbra.bench``. `antumbra.p
 can do the same. The program looks for them when the command is used.
 """
 
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-
 import typer
 from typer.core import TyperGroup
 
+from ..plugins import announced
 
-@cache
-def _points() -> dict[str, EntryPoint]:
-    return {point.name: point for point in sorted(entry_points(group="antumbra.bench"))}
+_GROUP = "antumbra.bench"
 
 
 class _Announced(TyperGroup):
     """A group that finds its commands when it is asked for them."""
 
     def list_commands(self, ctx) -> list[str]:
-        return list(_points())
+        return list(announced(_GROUP))
 
     def get_command(self, ctx, cmd_name: str):
-        if cmd_name not in _points():
+        point = announced(_GROUP).get(cmd_name)
+        if point is None:
             return None
         alone = typer.Typer(rich_markup_mode=None, add_completion=False)
-        alone.command(cmd_name)(_points()[cmd_name].load())
+        alone.command(cmd_name)(point.load())
         return typer.main.get_command(alone)
 
 
