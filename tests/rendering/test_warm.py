@@ -43,6 +43,12 @@ PARTS = [OWN[i::3] for i in range(3)]
 PARTS += [pytest.param([name for name in NAMES if name not in OWN], marks=pytest.mark.papers)]
 
 
+def test_packs_hold_the_kernels_of_all_methods_once():
+    packed = [(each.kernel, each.key) for each in needs.of_package().kernels]
+    assert set(packed) == {(each.kernel, each.key) for each in needs.recorded().kernels}
+    assert len(set(packed)) == len(packed) > len(needs.read(needs.FILE).kernels)
+
+
 @pytest.mark.parametrize("names", PARTS)
 def test_jobs_call_what_is_recorded(names):
     done = subprocess.run([sys.executable, "-c", CALLED, *names], capture_output=True, text=True)

@@ -52,6 +52,12 @@ def read(*files: Path) -> Needs:
     return Needs(kernels, jobs)
 
 
+def of_package() -> Needs:
+    """The contents of all such files in this package, also of parts that nobody has added; each kernel once."""
+    found = read(*sorted(FILE.parents[1].rglob(FILE.name)))
+    return Needs(list({(each.kernel, each.key): each for each in found.kernels}.values()), {})
+
+
 def of_job(name: str) -> set[Wanted] | None:
     """The kernels that a job calls; None if the job is not recorded."""
     needs = recorded()

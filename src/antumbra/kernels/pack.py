@@ -12,7 +12,7 @@ from .arguments import named
 from .cache import PACKS, Folder, cache_folder, write_pack
 from .closure import kernel_digest
 from .crew import compile_all
-from .needs import recorded
+from .needs import of_package
 from .processor import LEVELS, level, usable
 from .progress import told
 
@@ -25,7 +25,7 @@ def make_packs(out: Path, levels: list[str]) -> list[Path]:
     RuntimeError
         If a kernel cannot be compiled. Nothing is written then.
     """
-    wanted = recorded().kernels
+    wanted = of_package().kernels
     digests = [kernel_digest(named(each.kernel), each.key) for each in wanted]
     with told(f"compiling {len(wanted)} kernels for {', '.join(levels)}") as progress:
         wrong = compile_all(wanted, progress, levels=levels)
