@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import (
@@ -66,8 +66,8 @@ class LooseTree(NamedTuple):
     children: I32Ptr  # int32 *, 2 a node
     heights: I32Ptr  # int32 *
     boxes: F32Ptr  # float32 *, 8 an item
-    n_nodes: I64Ptr  # int64
-    scale: F32Ptr  # float32
+    n_nodes: int
+    scale: np.float32
 
 
 @inlined

@@ -58,7 +58,7 @@ class WideTree(NamedTuple):
     slots: I32Ptr  # int32 *, 8 a group
     prim_ids: I32Ptr  # int32 *, slot -> triangle index
     corners: F32Ptr  # float32 *, 9 a slot
-    reach: F32Ptr  # float32
+    reach: np.float32
     binary: object  # the `Tree` of the binary BVH
 
 

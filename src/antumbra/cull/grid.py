@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I64Ptr
+from ..kernels.fields import F32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import extract, get, load4, maximum, minimum, ptr, to_i32
 
@@ -29,7 +29,7 @@ class GridPointers(NamedTuple):
 
     bounds: F32Ptr  # float32 *
     scale: F32Ptr  # float32 *
-    n: I64Ptr  # int64
+    n: int
 
 
 @inlined

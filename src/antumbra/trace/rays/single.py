@@ -10,7 +10,7 @@ import numpy as np
 
 from ...bvh.nodes import Tree, tree_of
 from ...bvh.wide import WideBvh, wide_tree_of
-from ...kernels.fields import F32Ptr, I32Ptr, I64Ptr
+from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.predicate.exact import segment
@@ -37,7 +37,7 @@ class OrderedTree(NamedTuple):
     tree: Tree
     prim_ids: I32Ptr  # int32 *
     corners: F32Ptr  # float32 *, 9 a triangle
-    order: I64Ptr  # int64
+    order: int
 
 
 def pointers(prepared):
