@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32x4
+from ..kernels.fields import F32Ptr, F32x4, I32Ptr
 from ..kernels.jit import kernel, overload
 from ..kernels.simd import (
     as_i32,
@@ -38,8 +38,8 @@ _BELOW_ONE = np.float32(1.0 - 2.0**-20)  # keeps the largest centroid in the las
 class Bins(NamedTuple):
     """Memory for the bins of a range: pointers to 3 x BINS boxes (8 float32 each) and 3 x BINS counts."""
 
-    boxes: object
-    counts: object
+    boxes: F32Ptr
+    counts: I32Ptr
 
 
 class Mapping(NamedTuple):
@@ -47,7 +47,7 @@ class Mapping(NamedTuple):
 
     origin: F32x4  # f32x4
     factor: F32x4  # f32x4; 0 on an axis along which all centroids are (nearly) the same
-    n_bins: object  # int64
+    n_bins: int
 
 
 class Binned(NamedTuple):
@@ -69,7 +69,7 @@ def binned(n: int) -> Binned:
 class BinnedSource(NamedTuple):
     """Pointers of `Binned`."""
 
-    records: object
+    records: F32Ptr
     bins: Bins
 
 

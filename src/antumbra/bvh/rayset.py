@@ -55,12 +55,12 @@ class Side(NamedTuple):
 class ShownRay(NamedTuple):
     """A ray for slab tests: origin and reciprocal direction, float32 scalars."""
 
-    ox: object
-    oy: object
-    oz: object
-    ix: object
-    iy: object
-    iz: object
+    ox: np.float32
+    oy: np.float32
+    oz: np.float32
+    ix: np.float32
+    iy: np.float32
+    iz: np.float32
 
 
 def check_intersections(found: Intersections, n: int) -> None:

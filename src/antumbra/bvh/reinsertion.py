@@ -135,8 +135,8 @@ def _loosen(bvh, loose):
 class Found(NamedTuple):
     """The best place found for an item."""
 
-    gain: object  # float32: decrease of the tree's SAH cost, times half the area of its root
-    place: object  # int64: its new sibling; -1: it stays
+    gain: np.float32  # decrease of the tree's SAH cost, times half the area of its root
+    place: int  # its new sibling; -1: it stays
 
 
 @kernel

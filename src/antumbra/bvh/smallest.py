@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import kernel
 from ..kernels.simd import get, load8, lowest_bit, minimum, popcount, put, stack_f32, stack_i32, store
 from .bounds import INF, half_area, record_id, write_boxes
@@ -22,9 +23,9 @@ _TODO = 2 * SMALLEST
 class Plans(NamedTuple):
     """The best tree over each subset of the records. The bits of a subset's index are its records."""
 
-    boxes: object  # pointer, 16 x 8 float32
-    cost: object  # pointer, 16 float32
-    left: object  # pointer, 16 int32: the subset that becomes the left child; 0 for a leaf
+    boxes: F32Ptr  # (16, 8) float32
+    cost: F32Ptr  # (16,) float32
+    left: I32Ptr  # (16,) int32: the subset that becomes the left child; 0 for a leaf
 
 
 @kernel

@@ -16,9 +16,9 @@ from .nodes import MAX_DEPTH
 class Split(NamedTuple):
     """The split of a range. A range without a split of finite cost is halved: `axis` is -1."""
 
-    axis: object  # int64
-    place: object  # int64: the first right bin (`bins`) or the first right record (`sweep`)
-    cost: object  # float32: sum over both sides of half the area times the number of records
+    axis: int
+    place: int  # the first right bin (`bins`) or the first right record (`sweep`)
+    cost: np.float32  # sum over both sides of half the area times the number of records
 
 
 @kernel

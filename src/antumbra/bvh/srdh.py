@@ -51,11 +51,11 @@ _MOST = 1 << 25  # rays of waiting ranges: a GiB
 class RaySettings(NamedTuple):
     """The settings and rays of all ranges below the top."""
 
-    max_leaf: object  # int64
-    scale: object  # float32; this and the next three as in `srdh_cost.HeuristicSettings`
-    kernels: object  # int64
-    prior: object  # float64
-    linear: object  # bool
+    max_leaf: int
+    scale: np.float32  # this and the next three as in `srdh_cost.HeuristicSettings`
+    kernels: int
+    prior: np.float64
+    linear: bool
     rays: np.ndarray  # (m, RAY) float32: the `RaySet`s of all ranges that threads build alone, joined
     hits: np.ndarray  # (h, HIT) float32: their hits, joined
     spans: np.ndarray  # (s, 4) int64: first ray, number of rays, first hit, number of hits of each such range

@@ -65,10 +65,10 @@ _ONE = np.float32(1.0)
 class HeuristicSettings(NamedTuple):
     """Settings of the heuristic for all ranges."""
 
-    scale: object  # float32, a power of two: scales the largest coordinate to about 1, so no area overflows
-    kernels: object  # int64: CONSTANT, DISTANCE, or both
-    prior: object  # float64: evenly spread rays, as the SAH assumes, that are added to the counted rays
-    linear: object  # bool: whether a subtree of n triangles costs n, as published; else n to the power of 3/4
+    scale: np.float32  # a power of two: scales the largest coordinate to about 1, so no area overflows
+    kernels: int  # CONSTANT, DISTANCE, or both
+    prior: np.float64  # evenly spread rays, as the SAH assumes, that are added to the counted rays
+    linear: bool  # whether a subtree of n triangles costs n, as published; else n to the power of 3/4
 
 
 class Sides(NamedTuple):
@@ -95,9 +95,9 @@ class RaySplit(NamedTuple):
     """A split with the order of its children."""
 
     split: Split
-    order: object  # int64, as in `nodes`
-    swapped: object  # bool: whether the right child comes first in a constant order
-    cost: object  # float32: the heuristic, with the prior
+    order: int  # as in `nodes`
+    swapped: bool  # whether the right child comes first in a constant order
+    cost: np.float32  # the heuristic, with the prior
 
 
 @kernel

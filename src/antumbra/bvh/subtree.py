@@ -21,8 +21,8 @@ _AHEAD = 8  # slots whose corners are fetched in advance
 class Settings(NamedTuple):
     """Settings for all ranges of a scene."""
 
-    max_leaf: object  # int64
-    scale: object  # float32, a power of two: scales the largest coordinate to about 1, so no area overflows
+    max_leaf: int
+    scale: np.float32  # a power of two: scales the largest coordinate to about 1, so no area overflows
 
 
 class Ranges(NamedTuple):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr
+from ..kernels.fields import BoolPtr, F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import (
     as_f32,
@@ -71,7 +71,7 @@ class Part(NamedTuple):
     nodes: F32Ptr  # float32 *, 16 a node
     links: I32Ptr  # int32 *, the same memory
     facts: I32Ptr  # int32 *, 4 a node, of its subtree: COST, COUNT, KEPT, HEIGHT
-    is_leaf: object  # bool *: whether one leaf is cheaper than the subtree
+    is_leaf: BoolPtr  # bool *: whether one leaf is cheaper than the subtree
     rooms: I32Ptr  # int32 *: most inner nodes that a path down may have
     parents: I32Ptr  # int32 *: the node's parent in this round; -1 for the root
     pending: I32Ptr  # int32 *: children still to be treated before the node in this round
@@ -116,9 +116,9 @@ def batch_at(memory):
 class Rules(NamedTuple):
     """Settings for all treelets of a tree."""
 
-    max_leaf: object  # int64: most triangles of a leaf
-    scale: object  # float32, a power of two: scales the largest coordinate to about 1, so no area overflows
-    rounds: object  # int64; they treat nodes with at least 7, 14, 28, ... triangles
+    max_leaf: int  # most triangles of a leaf
+    scale: np.float32  # a power of two: scales the largest coordinate to about 1, so no area overflows
+    rounds: int  # they treat nodes with at least 7, 14, 28, ... triangles
 
 
 @inlined

@@ -10,7 +10,7 @@ import numpy as np
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import ptr
-from .nodes import Bvh, tree_of
+from .nodes import Bvh, Tree, tree_of
 
 WIDTH = 8
 NODE_WORDS = 8 * WIDTH
@@ -59,7 +59,7 @@ class WideTree(NamedTuple):
     prim_ids: I32Ptr  # int32 *, slot -> triangle index
     corners: F32Ptr  # float32 *, 9 a slot
     reach: np.float32
-    binary: object  # the `Tree` of the binary BVH
+    binary: Tree  # of the binary BVH
 
 
 @inlined

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 F32Ptr: TypeAlias = Any
 F64Ptr: TypeAlias = Any
+BoolPtr: TypeAlias = Any
 I8Ptr: TypeAlias = Any
 I32Ptr: TypeAlias = Any
 I64Ptr: TypeAlias = Any
