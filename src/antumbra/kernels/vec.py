@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .fields import F32OrLanes
 from .jit import inlined
 from .simd import absolute, broadcast16, fma, get, load16, maximum, splat16, store
 
@@ -13,9 +14,9 @@ _HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-18)
 class Vec(NamedTuple):
     """Three coordinates: float32 or f32x16."""
 
-    x: object
-    y: object
-    z: object
+    x: F32OrLanes
+    y: F32OrLanes
+    z: F32OrLanes
 
 
 @inlined

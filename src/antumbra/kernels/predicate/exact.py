@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..fields import F64Ptr
 from ..jit import inlined, kernel
 from ..simd import get, put, stack_f64
 from .expansion import CAPACITY, PRODUCT, add_determinant, sign_of, two_diff, value_of
@@ -63,9 +64,9 @@ def segment(ox, oy, oz, lx, ly, lz):
 class _Work(NamedTuple):
     """Scratch memory for exact arithmetic."""
 
-    sum_: object  # an expansion of up to CAPACITY components
-    rows: object  # three vectors, each of three sums hi + lo
-    product: object  # PRODUCT numbers
+    sum_: F64Ptr  # an expansion of up to CAPACITY components
+    rows: F64Ptr  # three vectors, each of three sums hi + lo
+    product: F64Ptr  # PRODUCT numbers
 
 
 # Kinds of determinants for `_add`; row k belongs to corner (kind + k) % 3. These constants and the length of an empty

@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..fields import F32Lanes
 from ..jit import inlined
 from ..simd import absolute, any_lane, bits, flip_sign, fma, maximum, minimum, select
 
@@ -35,31 +36,31 @@ _TINY = np.float32(1e-37)  # larger than any error from underflow, for each unit
 class FilterRays(NamedTuple):
     """Rays for `meet`, one a lane. All fields are float32 vectors."""
 
-    ox: object
-    oy: object
-    oz: object
-    dx: object
-    dy: object
-    dz: object
-    tmin: object
-    tmax: object  # may be inf
-    unit: object  # 20 u, or inf where a product could overflow
-    floor: object  # largest error from underflow
+    ox: F32Lanes
+    oy: F32Lanes
+    oz: F32Lanes
+    dx: F32Lanes
+    dy: F32Lanes
+    dz: F32Lanes
+    tmin: F32Lanes
+    tmax: F32Lanes  # may be inf
+    unit: F32Lanes  # 20 u, or inf where a product could overflow
+    floor: F32Lanes  # largest error from underflow
 
 
 class FilterTriangles(NamedTuple):
     """Triangles, one a lane. All fields are float32 vectors. The edges are rounded differences of the corners."""
 
-    x: object  # v0
-    y: object
-    z: object
-    px: object  # v1 - v0
-    py: object
-    pz: object
-    qx: object  # v2 - v0
-    qy: object
-    qz: object
-    s: object  # largest magnitude of the edges' components
+    x: F32Lanes  # v0
+    y: F32Lanes
+    z: F32Lanes
+    px: F32Lanes  # v1 - v0
+    py: F32Lanes
+    pz: F32Lanes
+    qx: F32Lanes  # v2 - v0
+    qy: F32Lanes
+    qz: F32Lanes
+    s: F32Lanes  # largest magnitude of the edges' components
 
 
 @inlined
