@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import U64Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.predicate.filters import dot, plane, widest
 from ..kernels.simd import (
@@ -53,7 +54,7 @@ class Asking(NamedTuple):
     """A query and its answer bits."""
 
     query: QueryPointers
-    bits: object  # pointer to uint64
+    bits: U64Ptr  # uint64 *
 
 
 @inlined

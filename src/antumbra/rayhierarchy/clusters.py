@@ -64,7 +64,7 @@ class Clusters(NamedTuple):
     """16 clusters of 16 triangles, as pointers. The last triangle is repeated if there are fewer."""
 
     numbers: F32Ptr  # float32: for each cluster the first corners, the edges to the second corners, then to the third
-    boxes: object  # (6, 16) float32: lowest and highest x, y and z of the 16 clusters
+    boxes: F32Ptr  # (6, 16) float32: lowest and highest x, y and z of the 16 clusters
     box: F32Ptr  # (6,) float32: the box around all clusters
     slots: I32Ptr  # (256,) int32: indices of the triangles in the soup
     prims: I32Ptr  # (256,) int32: ids of the triangles in the scene

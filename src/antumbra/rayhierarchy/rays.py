@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import as_i32, gather, get, load16, lowest_bit, maximum, prefetch, ptr, ptr_at, put
@@ -69,17 +70,17 @@ class Leaves(NamedTuple):
     """`LeafRays` in kernels, with pointers instead of arrays; the fields have the same meaning."""
 
     ways: int
-    origins: object
-    ids: object
-    own: object
-    ends: object
+    origins: F32Ptr
+    ids: I32Ptr
+    own: I32Ptr
+    ends: F32Ptr
     end_step: int
-    blocks: object
-    lanes: object
-    dead: object
+    blocks: I32Ptr
+    lanes: I32Ptr
+    dead: I32Ptr
     first: int
     count: int
-    samples: object
+    samples: I32Ptr
 
 
 @inlined

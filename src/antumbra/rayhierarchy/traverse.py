@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, take
 from ..kernels.simd import (
@@ -70,9 +70,9 @@ class _Queues(NamedTuple):
     Queue 0 pairs triangles with leaves. Queue k + 1 pairs triangles with groups of level k.
     """
 
-    rows: object  # (_QUEUES, pairs + 16): the triangle's row in the batch
-    groups: object  # (_QUEUES, pairs + 16): the group, or the leaf in queue 0
-    counts: object  # (_QUEUES,): pairs in each queue
+    rows: I32Ptr  # (_QUEUES, pairs + 16): the triangle's row in the batch
+    groups: I32Ptr  # (_QUEUES, pairs + 16): the group, or the leaf in queue 0
+    counts: I32Ptr  # (_QUEUES,): pairs in each queue
     step: int  # pairs + 16
     union: F32Ptr  # (6,) float32: scratch memory
 

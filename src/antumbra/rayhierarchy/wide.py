@@ -13,6 +13,7 @@ import numpy as np
 
 from ..bvh.lbvh import by_codes
 from ..kernels.parallel import new_ticket, run
+from ..query.shadow import ShadowQuery
 from ..trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS
 from . import clusters
 from .beams import Beam
@@ -53,7 +54,7 @@ class Traced(NamedTuple):
     """The inputs of a traversal, and its options."""
 
     soup: Soup
-    query: object
+    query: ShadowQuery
     beam: Beam
     how: How
     threads: int
