@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import ROWS
+from ..bvh.blocks import ROWS, BlockPointers
+from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import get, prefetch, ptr_at
 from .counters import TRIANGLE_TESTS, count
@@ -15,13 +16,13 @@ from .raytest import ray_meets
 class Block(NamedTuple):
     """A block, and everything else that its tests against a tile's segments need."""
 
-    tree: object  # BlockPointers
+    tree: BlockPointers
     number: int
     present: int  # bits of its triangles
     valid: int  # bits of the tile's receivers
     facing: int  # a value of CULL_FACES
-    work: object  # float32 scratch memory
-    deferred: object  # see `deferred`
+    work: F32Ptr | None  # float32 scratch memory; None: no test needs it
+    deferred: I32Ptr  # int32, see `deferred`
 
 
 @inlined

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32x16
 from ..kernels.jit import inlined
 from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, splat16, store
 from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
@@ -35,9 +36,9 @@ class Lanes(NamedTuple):
     cp: Vec  # a x p, where a = v0 - origin
     cq: Vec  # a x q
     n: Vec
-    t: object  # a . n
-    e: object  # error bound of the three edge functions
-    te: object  # error bound of t, and of the distance of the ray's end from the plane
+    t: F32x16  # a . n
+    e: F32x16  # error bound of the three edge functions
+    te: F32x16  # error bound of t, and of the distance of the ray's end from the plane
 
 
 @inlined

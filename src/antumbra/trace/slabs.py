@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32x16
 from ..kernels.jit import inlined
 from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, select, splat16
 
@@ -41,25 +42,25 @@ _ZERO, _ONE, _INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 class Shafts(NamedTuple):
     """Bounds of 16 shafts; all fields f32x16."""
 
-    ox_low: object
-    oy_low: object
-    oz_low: object
-    ox_high: object
-    oy_high: object
-    oz_high: object
-    dx_low: object
-    dy_low: object
-    dz_low: object
-    dx_high: object
-    dy_high: object
-    dz_high: object
+    ox_low: F32x16
+    oy_low: F32x16
+    oz_low: F32x16
+    ox_high: F32x16
+    oy_high: F32x16
+    oz_high: F32x16
+    dx_low: F32x16
+    dy_low: F32x16
+    dz_low: F32x16
+    dx_high: F32x16
+    dy_high: F32x16
+    dz_high: F32x16
 
 
 class Bound(NamedTuple):
     """The line b r + k in the coordinate b of a plane; both f32x16."""
 
-    r: object
-    k: object
+    r: F32x16
+    k: F32x16
 
 
 class Uniform(NamedTuple):

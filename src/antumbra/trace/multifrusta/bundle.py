@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import MAX_DEPTH
+from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import get, load16, lowest_bit, put
 from ..deferred import deferred_ints
@@ -36,18 +37,18 @@ class Bundle(NamedTuple):
 class Scratch(NamedTuple):
     """A thread's memory."""
 
-    tiles: object  # float32: the tiles of a region, or one part of each
-    lanes: object  # float32, rows of `Shafts`
-    work: object  # float32, for `shaftleaf`
-    tile_group: object  # float32, see `tilegroup`
-    stack: object  # int32: links and masks
-    slots: object  # int32: the bundle's tiles
-    valid: object  # int32: bits of each tile's receivers
-    left: object  # int32: of each tile of the region, bits of the receivers not traced yet
-    places: object  # int32: y and x of each tile's first pixel
-    planes: object  # float32, for `horizon`
-    at: object  # int32: a walk as `descent.save` writes it; at TREE the tree's number; at WAITING a leaf and its lanes
-    deferred: object  # int32, see `deferred`
+    tiles: F32Ptr  # float32: the tiles of a region, or one part of each
+    lanes: F32Ptr  # float32, rows of `Shafts`
+    work: F32Ptr  # float32, for `shaftleaf`
+    tile_group: F32Ptr  # float32, see `tilegroup`
+    stack: I32Ptr  # int32: links and masks
+    slots: I32Ptr  # int32: the bundle's tiles
+    valid: I32Ptr  # int32: bits of each tile's receivers
+    left: I32Ptr  # int32: of each tile of the region, bits of the receivers not traced yet
+    places: I32Ptr  # int32: y and x of each tile's first pixel
+    planes: F32Ptr  # float32, for `horizon`
+    at: I32Ptr  # int32: a walk as `descent.save` writes it; at TREE the tree's number; at WAITING a leaf and its lanes
+    deferred: I32Ptr  # int32, see `deferred`
 
 
 @inlined

@@ -38,7 +38,7 @@ from ..counters import CANDIDATES, COVERED, TRIANGLES, count
 from ..lighttable import ALL_GROUPS, STRATA
 from ..shafts import HALF, D, N, make_shafts
 from ..tile import Tile, finished_strata, tile_at
-from .compaction import COMPACTED_FLOATS, compacted_at, gather, test_one_by_one, test_together
+from .compaction import COMPACTED_FLOATS, Compacted, compacted_at, gather, test_one_by_one, test_together
 from .shaftbox import rays_in_box, shafts_in_box
 from .shaftcull import cull_block, cull_tiles
 
@@ -59,7 +59,7 @@ class TileGroup(NamedTuple):
     boxes: F32Ptr  # float32: boxes of the tiles' receivers
     targets: F32Ptr  # float32: of each stratum, boxes of its samples for the tiles
     open: I32Ptr  # int32, one a stratum: bits of the tiles that have segments to it left
-    rays: object  # `Compacted`
+    rays: Compacted
     first: int  # number of one of its tiles
 
 

@@ -18,10 +18,11 @@ from ..counters import new_counters
 from ..deferred import deferred_ints, settle_deferred
 from ..forest import TREE
 from ..horizon import PLANES, apply_horizon
-from ..lighttable import POINTS, STRATA, light_table, turn_points
-from ..querychunk import query_chunk_of, sets_of, tile_shape
+from ..lighttable import POINTS, STRATA, LightTable, light_table, turn_points
+from ..querychunk import TileShape, query_chunk_of, sets_of, tile_shape
 from ..tile import (
     TILE_FLOATS,
+    Tile,
     bound_receivers,
     first_pixel,
     load_receivers,
@@ -42,14 +43,14 @@ SCRATCH_INTS = _STACK_AT + STACK + deferred_ints(1)
 class SampleRows(NamedTuple):
     """The light samples of a query for tiles."""
 
-    table: object  # LightTable
+    table: LightTable
     parameters: np.ndarray  # (chunks, 16 receivers, 2, 16 samples) float32: (a, b) on the light's patch
 
 
 class RayTileJob(NamedTuple):
     """The data that all tiles of a run share."""
 
-    shape: object  # TileShape
+    shape: TileShape
     chunk: int  # number of the chunk
     count: int  # samples of the chunk
     by_sample: bool  # whether a row's lanes are one receiver's samples, not 16 receivers
@@ -59,20 +60,20 @@ class RayTileJob(NamedTuple):
 class RayTileScratch(NamedTuple):
     """A thread's memory."""
 
-    tile: object  # float32, one `Tile`
-    pixel: object  # int32, its first pixel: see `tile.first_pixel`
-    origins: object  # float32, each receiver's origin in all 16 lanes
-    planes: object  # float32, for `horizon`
-    stack: object  # int32
-    at: object  # int32, see `descent.save`; then the number of the tree
-    dead: object  # int32, one a receiver: bits of its blocked samples
-    deferred: object  # int32, see `deferred`
+    tile: F32Ptr  # float32, one `Tile`
+    pixel: I32Ptr  # int32, its first pixel: see `tile.first_pixel`
+    origins: F32Ptr  # float32, each receiver's origin in all 16 lanes
+    planes: F32Ptr  # float32, for `horizon`
+    stack: I32Ptr  # int32
+    at: I32Ptr  # int32, see `descent.save`; then the number of the tree
+    dead: I32Ptr  # int32, one a receiver: bits of its blocked samples
+    deferred: I32Ptr  # int32, see `deferred`
 
 
 class TileRays(NamedTuple):
     """The rays of a tile: pointers."""
 
-    tile: object  # Tile
+    tile: Tile
     pixel: I32Ptr  # int32: y and x of its first pixel
     origins: F32Ptr  # float32 x, y, z of 16 lanes; row r at r * stride
     stride: int  # float32 between the origins of two rows
