@@ -30,6 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import ROWS
+from ...kernels.fields import F32x16
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.filters import plane_side
 from ...kernels.simd import (
@@ -109,10 +110,10 @@ def frame_of(view, x0, y0, scale):
 class Sizes(NamedTuple):
     """Bounds of the pixel coordinates of vectors, and of their errors; f32x16."""
 
-    xy: object  # |x|, |y|
-    z: object
-    xy_error: object
-    z_error: object
+    xy: F32x16  # |x|, |y|
+    z: F32x16
+    xy_error: F32x16
+    z_error: F32x16
 
 
 @inlined

@@ -20,12 +20,13 @@ from ...kernels.fields import F32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.simd import get, load16, ptr, stack_f32, stack_f64, stack_i32
-from ...query.raster_setup import direction_error, make_view
+from ...query.raster_setup import RasterView, direction_error, make_view
+from ...scene.camera import CameraRays
 from ..descent import WAITING_FLOATS, WAITING_INTS, Near, Slabs, Waiting, entry, next_block, visited
 from ..forest import Forest, Hits, forest_pointers, item, list_of, root_in, tree_in, whole
 from .frusta import FLOATS, bound_directions, slabs_from
 from .pixelblock import CELLS, DEFERRED, PIXELS, Pixels, trace_block
-from .pixelsetup import HEIGHT, WIDTH, WORK, frame_of
+from .pixelsetup import HEIGHT, WIDTH, WORK, Frame, frame_of
 from .pixelstate import keep, resume, settle, shorten, start
 from .resolve import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, ResolveScratch, finish
 
@@ -36,10 +37,10 @@ _SUPER = 4  # tiles along the side of a square that is traced in Morton order
 class PictureSeen(NamedTuple):
     """A camera's picture: its rays, and their hits so far."""
 
-    rays: object  # CameraRays
+    rays: CameraRays
     hits: Hits
-    camera: object  # View
-    error: object  # (3,) float64: error bound of directions
+    camera: RasterView
+    error: np.ndarray  # (3,) float64: error bound of directions
     scale: float  # see `_scale`
 
 
@@ -48,7 +49,7 @@ class _Tile(NamedTuple):
 
     x0: int  # first pixel
     y0: int
-    frame: object
+    frame: Frame
     alive: int  # bits of the frusta that have pixels
     slabs: Slabs
 
