@@ -38,20 +38,20 @@ _FINITE = np.float32(3.4028235e38)
 class Operand(NamedTuple):
     """The memory of an argument, as scalars: see `query.rays.RayList`."""
 
-    address: object
-    row: object
-    column: object
-    double: object
+    address: int
+    row: int
+    column: int
+    double: int  # 1 for float64, 0 for float32 or int32
 
 
 class Operands(NamedTuple):
     """All arguments of a ray list."""
 
-    origins: object
-    directions: object
-    tmin: object
-    tmax: object
-    skip: object
+    origins: Operand
+    directions: Operand
+    tmin: Operand
+    tmax: Operand
+    skip: Operand
 
 
 @inlined

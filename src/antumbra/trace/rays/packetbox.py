@@ -33,12 +33,12 @@ _PAD = np.float32(2.0**-19)  # moves planes outwards as `rayblock.prepare` does,
 class PacketAxis(NamedTuple):
     """A packet's intervals along one axis; scalars."""
 
-    origin: object  # float32: origin of the first ray
-    low: object  # float32: least inverse; 0 if the inverses differ in sign, and then the axis does not restrict t
-    high: object  # float32: greatest inverse; 0 in the same case
-    near: object  # float32: least offset of a plane through which rays enter
-    far: object  # float32: greatest offset of a plane through which rays leave
-    word: object  # int64: word in a node of the planes through which rays enter
+    origin: np.float32  # origin of the first ray
+    low: np.float32  # least inverse; 0 if the inverses differ in sign, and then the axis does not restrict t
+    high: np.float32  # greatest inverse; 0 in the same case
+    near: np.float32  # least offset of a plane through which rays enter
+    far: np.float32  # greatest offset of a plane through which rays leave
+    word: int  # word in a node of the planes through which rays enter
 
 
 class Packet(NamedTuple):

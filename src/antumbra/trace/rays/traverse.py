@@ -43,13 +43,13 @@ _FAR = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and th
 class BoxRay(NamedTuple):
     """A ray prepared for slab tests: (plane - from) * inverse, `from` per lane (L.lower R.lower L.upper R.upper)."""
 
-    x: F32x4  # f32x4
-    y: object
-    z: object
-    ix: object
-    iy: object
-    iz: object
-    tmin: object
+    x: F32x4
+    y: F32x4
+    z: F32x4
+    ix: F32x4
+    iy: F32x4
+    iz: F32x4
+    tmin: F32x4
 
 
 @inlined
@@ -145,7 +145,7 @@ class HitList(NamedTuple):
 
     prims: I32Ptr  # int32 *: indices of triangles
     count: I32Ptr  # int32 *, one: number of triangles
-    room: object  # int64: most triangles; others are left out
+    room: int  # most triangles; others are left out
 
 
 @kernel

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...bvh.nodes import MAX_DEPTH
 from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
-from ...kernels.fields import F64Ptr, I32Ptr, I64Ptr
+from ...kernels.fields import F32x8, F64Ptr, I32Ptr, I64Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.filters import hit_t
 from ...kernels.predicate.vector_filters import FilterTriangles, meet
@@ -27,8 +27,8 @@ _BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and
 class Query(NamedTuple):
     """The kind of a query."""
 
-    cull_faces: object  # a value of CULL_FACES
-    any_hit: object  # bool: any hit, not the nearest
+    cull_faces: int  # a value of CULL_FACES
+    any_hit: bool  # any hit, not the nearest
 
 
 class WideHit(NamedTuple):
@@ -183,19 +183,19 @@ def fetch(tree, link):
 class WideSlabs(NamedTuple):
     """A ray prepared for eight boxes: broadcast rows of its block, and the words of the planes where it enters."""
 
-    ix: object
-    iy: object
-    iz: object
-    near_x: object
-    near_y: object
-    near_z: object
-    far_x: object
-    far_y: object
-    far_z: object
-    tmin: object
-    x: object
-    y: object
-    z: object
+    ix: F32x8
+    iy: F32x8
+    iz: F32x8
+    near_x: F32x8
+    near_y: F32x8
+    near_z: F32x8
+    far_x: F32x8
+    far_y: F32x8
+    far_z: F32x8
+    tmin: F32x8
+    x: int
+    y: int
+    z: int
 
 
 @inlined
