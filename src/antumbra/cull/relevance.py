@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.bounds import corners_of
-from ..kernels.fields import I32Ptr
+from ..kernels.fields import I32Ptr, U8Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
@@ -63,7 +63,7 @@ def marks_of(cells: np.ndarray, threads: int) -> Marks:
 class _Table(NamedTuple):
     """Pointers to the arrays of `Marks` and of the grid. The arrays must outlive them."""
 
-    cells: object  # uint8 *
+    cells: U8Ptr  # uint8 *
     sums: I32Ptr  # int32 *
     grid: GridPointers
 

@@ -10,6 +10,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from antumbra.kernels import simd
+from antumbra.kernels.fields import F32x8
 from antumbra.kernels.jit import kernel as compiled
 from antumbra.kernels.simd import (
     as_f32,
@@ -288,8 +289,8 @@ def test_atomic_or_and_and_lose_nothing_between_threads():
 
 
 class Interval(NamedTuple):
-    lower: object
-    upper: object
+    lower: F32x8
+    upper: F32x8
 
 
 def test_vectors_travel_in_tuples_between_kernels():
