@@ -5,7 +5,7 @@ The traversal of query pairs ends at parts. `Options` limits their triangles and
 """
 
 from collections.abc import Callable, Generator
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from ..trace.forest import addresses, head
 from .options import Options
 
 _WAITING = MAX_DEPTH + 2
+
+Owner: TypeAlias = object
+"""A `BlockTree`, or a store: whatever owns the memory behind addresses. It only has to live as long as they do."""
 
 
 class PartMemory(Protocol):
@@ -42,7 +45,7 @@ class Parts(NamedTuple):
     heads: np.ndarray  # (k, 16) float32, see `trace.forest`
     extents: np.ndarray  # (3,) float32 of the scene
     memory: PartMemory | None  # None: everything is in memory
-    keeps: object  # the owner of the memory behind the addresses
+    keeps: Owner  # of the memory behind the addresses
 
     @property
     def boxes(self) -> np.ndarray:
