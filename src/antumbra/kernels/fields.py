@@ -17,6 +17,5 @@ U64Ptr: TypeAlias = Any
 F32x4: TypeAlias = Any
 F32x8: TypeAlias = Any
 F32x16: TypeAlias = Any
-I32x16: TypeAlias = Any
 F32Lanes: TypeAlias = Any  # F32x8 or F32x16: the same functions take both
 F32OrLanes: TypeAlias = Any  # np.float32 or F32x16: the same functions take both
