@@ -1,8 +1,11 @@
-"""What a picture or a set of points asks: surfaces, receivers and light samples become shadow queries.
+"""Shadow queries of pictures and of points: surfaces become receivers, and lights become samples.
 
-- raster*, gbuffer, surface, subpixels: what a camera sees, by rasterisation; pixels of one surface
-- receivers, bounds: points that ask, moved off their surface; the distances in a scene
-- sampling, samples: sets of light samples, and where a sample lies for a receiver
-- shadow, picture: `ShadowQuery`, of points and of pixels; rays: arrays of rays
-- refine, diffuse: samples of refined pixels; passes of diffuse rays
+- raster: the surfaces that a camera sees, by rasterisation; gbuffer: the form in which a picture keeps them
+- raster_cull, raster_setup, raster_bins, raster_tiles, raster_depth: the steps of the rasteriser
+- pixels: the ray of a pixel, for rasteriser and tracers; rays: checked arrays of rays
+- receivers: points of surfaces, moved off their surface; bounds: the extent of triangles and points
+- sampling: sets of light samples; samples: the point of a sample, for a receiver, in kernels
+- shadow: `ShadowQuery`; picture: the queries of a picture
+- surface: whether two pixels see the same surface; refine: pixels that get more rays; subpixels: points inside a pixel
+- diffuse: passes of diffuse rays
 """

@@ -3,7 +3,14 @@
 Numba leaves vectorisation to LLVM, and LLVM does not vectorise a traversal, which is all branches. This
 module makes vectors explicit: an ``f32x8`` is eight float32 in one register, and ``a + b`` of two of them is
 one instruction. A kernel holds vectors in local variables and tuples, and passes them to other kernels.
-Python sees only arrays. ::
+Python sees only arrays.
+
+- vectors: the types, and the conversion of arguments to vectors
+- operators: Python's operators on vectors; lanes: operations on the lanes of vectors
+- memory: loads, stores, pointers, and memory on the stack
+- scalars: operations on the bits of an int64
+
+An example::
 
     import numpy as np
     from antumbra.kernels.jit import kernel

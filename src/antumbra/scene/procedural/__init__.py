@@ -1,17 +1,17 @@
-"""Procedural scenes of any size, without a file: atrium, city, forest, and scenes that other packages add."""
+"""Procedural scenes of any size, without a file: atrium, city, forest, and scenes that other packages add.
 
-from collections.abc import Callable
-from typing import NamedTuple
+- recipes: the registry of scenes, and `generate`; request: the checks of its arguments
+- atrium, courtyard: a court with arcades; city, buildings: streets and houses
+- forest, trees, plants: a path through trees
+- architecture, props: parts of buildings, and things that stand in them
+- parts: copies of meshes, counted and assembled; shapes: small closed meshes; palette: the materials
+- stream: the city as a stream of blocks, by several processes
+"""
 
-import numpy as np
-
-from ... import plugins
-from ...errors import InputError
-from .atrium import atrium
-from .city import city, city_blocks, city_view
-from .forest import forest
+from .city import city_blocks, city_view
 from .palette import PALETTE
-from .request import LEAST, MOST, checked
+from .recipes import PROCEDURAL, ProceduralScene, Recipe, add_scenes, find_scene, generate, register
+from .request import LEAST, MOST
 
 __all__ = [
     "LEAST",
@@ -27,86 +27,3 @@ __all__ = [
     "generate",
     "register",
 ]
-
-
-class ProceduralScene(NamedTuple):
-    """A generated scene: metres, +Y up, right-handed."""
-
-    vertices: np.ndarray  # (v, 3) float32
-    faces: np.ndarray  # (f, 3) int32, counter-clockwise seen from outside
-    colour: np.ndarray  # (f,) uint8, rows of the palette
-    palette: np.ndarray  # (256, 3) float32, linear
-    camera: dict  # position, target, up: (3,) tuples of float; vfov: degrees
-    light: dict  # a quad: corner, u, v: (3,) tuples of float
-
-
-class Recipe(NamedTuple):
-    """The function that makes a scene, with its description and default size."""
-
-    function: Callable  # (triangles, seed) -> mesh, camera, light
-    description: str
-    default_triangles: int
-
-
-PROCEDURAL = {
-    "atrium": Recipe(atrium, "a two-storey arcaded courtyard with a fountain, plants and banners", 100_000),
-    "city": Recipe(city, "streets and blocks of houses and towers around a park", 500_000),
-    "forest": Recipe(forest, "a path through trees, ferns and grass", 300_000),
-}
-"""All scenes by name."""
-
-
-def register(name: str, recipe: Recipe) -> None:
-    """Add a scene."""
-    PROCEDURAL[name] = recipe
-
-
-def add_scenes() -> None:
-    """Add the scenes of all packages with an entry point ``antumbra.scenes``."""
-    plugins.add("antumbra.scenes")
-
-
-def find_scene(name: str) -> Recipe:
-    """The recipe of a scene, also of a scene that another package adds.
-
-    Raises
-    ------
-    InputError
-        On an unknown name.
-    """
-    if name not in PROCEDURAL:
-        add_scenes()
-    if name not in PROCEDURAL:
-        raise InputError(f"there is no procedural scene {name!r}; choose one of {', '.join(PROCEDURAL)}")
-    return PROCEDURAL[name]
-
-
-def generate(name: str, triangles: int | None = None, seed: int = 0) -> ProceduralScene:
-    """Make the scene `name`. Equal arguments give the same scene.
-
-    Parameters
-    ----------
-    name : str
-        A key of `PROCEDURAL`, or of a package's scenes.
-    triangles : int, optional
-        `LEAST` to `MOST`, met within 10 % from 10 000 on. Below that, a scene may have more, since it has a coarsest
-        version. The default is the recipe's.
-    seed : int
-        0 or more. Another seed places and shapes things differently.
-
-    Raises
-    ------
-    InputError
-        On an unknown name, a number of triangles out of range, or a negative seed.
-    """
-    recipe = find_scene(name)
-    triangles, seed = checked(name, recipe.default_triangles if triangles is None else triangles, seed)
-    mesh, camera, light = recipe.function(triangles, seed)
-    camera = {key: _plain(value) for key, value in camera.items()}
-    light = {key: _plain(value) for key, value in light.items()}
-    return ProceduralScene(mesh.vertices, mesh.faces, mesh.colour, PALETTE, camera, light)
-
-
-def _plain(value):
-    """A vector as a tuple of Python floats, a number as a float."""
-    return tuple(float(x) for x in value) if np.ndim(value) else float(value)
