@@ -1,8 +1,7 @@
 """The registries: every method that a plan can name, above all techniques.
 
 This module holds the library's own methods. Other packages add methods with `register`. Such a package announces a
-function under the entry point ``antumbra.methods``; the first lookup of an unknown name calls it. `antumbra.papers` is
-an example.
+function under the entry point ``antumbra.methods``; the first lookup of an unknown name calls it.
 """
 
 from collections.abc import Callable

@@ -4,7 +4,7 @@ Records are split top-down with the bins of `bsah`. The heuristic of `srdh_cost`
 to a range. `bsah` takes over where none do. Traversal kernels choose the child that comes first. Constant kernels are
 free: the first child is stored as the left one.
 
-Departures from the paper, which `srdh:paper` does not have:
+Departures from the paper:
 
 - Leaves have more than one triangle.
 - The cost of a subtree grows less than linearly with its triangles (`linear`).

@@ -1,6 +1,6 @@
-"""The common interface of `boxes`, `cones` and `shafts`: functions that dispatch on the class of the nodes.
+"""The common interface of classes of nodes, such as `boxes` and `shafts`: functions that dispatch on the class.
 
-A class has one field, `rows`: the number of float32 per node.
+A class has one field, `rows`: the number of float32 per node. Other packages may add classes.
 """
 
 from ..kernels.jit import overloaded

@@ -15,7 +15,7 @@ NUMBERS = 56
 OUTER, INNER, TRIANGLE, COVERS = 0, 16, 54, 55
 """Positions of the outer planes, inner planes (see `planes`), soup index, and whether all inner planes are known.
 
-`boxrows` and the experiment `cones` name the other positions."""
+The modules that write rows name the other positions."""
 
 BLOCK = NUMBERS * LANES
 """Numbers of 16 triangles."""

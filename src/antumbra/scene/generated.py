@@ -30,7 +30,7 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
 
     Parameters
     ----------
-    name : "atrium", "city", "forest"; or "cellar", "museum", "blinds", the scenes of the papers
+    name : "atrium", "city", "forest", or the name of a scene that a package adds (``antumbra scenes`` lists all)
     triangles : int, optional
         Number of triangles, met within 10 %. Each scene has its own default.
     seed : int

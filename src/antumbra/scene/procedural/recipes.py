@@ -74,8 +74,8 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
     name : str
         A key of `PROCEDURAL`, or of a package's scenes.
     triangles : int, optional
-        `request.LEAST` to `request.MOST`, met within 10 % from 10 000 on. Below that, a scene may have more, since it has a coarsest
-        version. The default is the recipe's.
+        `request.LEAST` to `request.MOST`, met within 10 % from 10 000 on. Below that, a scene may have more, since
+        it has a coarsest version. The default is the recipe's.
     seed : int
         0 or more. Another seed places and shapes things differently.
 

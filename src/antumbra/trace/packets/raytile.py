@@ -1,4 +1,4 @@
-"""A tile's rays as 16 rows of 16, shared by the packet tracers and the paper's multi-frusta tracing.
+"""A tile's rays as 16 rows of 16, for all tracers whose lanes are rays.
 
 In packets over pixels, a row is a stratum, and its lanes are the receivers. In packets and frusta with a common origin,
 a row is a receiver, and its lanes are the receiver's samples.
