@@ -101,7 +101,7 @@ def test_many_at_once(tmp_path):
 
 def test_removed_before_it_is_locked(tmp_path, monkeypatch):
     """Another writer removes a new lock before it is locked. Then the maker takes another name."""
-    lock, seen = temporary._lock, []
+    lock, seen = temporary.lock, []
 
     def late(descriptor):
         if not seen:
@@ -112,7 +112,7 @@ def test_removed_before_it_is_locked(tmp_path, monkeypatch):
         lock(descriptor)
 
     with monkeypatch.context() as patched:
-        patched.setattr(temporary, "_lock", late)
+        patched.setattr(temporary, "lock", late)
         remove_abandoned(str(tmp_path))  # so that `temporary_name` does not
         with temporary_name(tmp_path) as path:
             assert len(seen) == 1 and files(tmp_path) == [path.with_suffix(".lock").name] != seen
@@ -121,7 +121,7 @@ def test_removed_before_it_is_locked(tmp_path, monkeypatch):
 
 def test_seen_to_while_it_is_not_yet_locked(tmp_path, monkeypatch):
     """Another writer has locked the new lock and will remove it. Then the maker takes another name."""
-    lock, held = temporary._lock, []
+    lock, held = temporary.lock, []
 
     def late(descriptor):
         if not held:
@@ -129,7 +129,7 @@ def test_seen_to_while_it_is_not_yet_locked(tmp_path, monkeypatch):
             fcntl.flock(held[0], fcntl.LOCK_EX)
         lock(descriptor)
 
-    monkeypatch.setattr(temporary, "_lock", late)
+    monkeypatch.setattr(temporary, "lock", late)
     with temporary_name(tmp_path) as path:
         assert held and path.suffix == ".tmp" and files(tmp_path) == [path.with_suffix(".lock").name]
     os.close(held[0])

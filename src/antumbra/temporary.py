@@ -15,10 +15,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-try:
-    import fcntl
-except ImportError:  # Windows, where an open file cannot be removed
-    fcntl = None
+from .kernels.locks import lock
 
 _OURS = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
 _TRIES = 3  # attempts to lock a name before a file is created without a lock
@@ -36,14 +33,14 @@ def temporary_name(folder: str | Path) -> Iterator[Path]:
         If no file can be created in `folder`.
     """
     remove_abandoned(os.path.realpath(folder))
-    path, lock = _reserved(Path(folder))
+    path, held = _reserved(Path(folder))
     try:
         yield path
     finally:
         with suppress(OSError):
             path.unlink()
-        if lock is not None:
-            os.close(lock)  # first, for Windows
+        if held is not None:
+            os.close(held)  # first, for Windows
             with suppress(OSError):
                 path.with_suffix(".lock").unlink()
 
@@ -62,15 +59,15 @@ def _reserved(folder: Path) -> tuple[Path, int | None]:
     """A new name and the descriptor that holds its lock; None: the file system has no locks."""
     for _ in range(_TRIES):
         path = folder / f".antumbra-{secrets.token_hex(6)}.tmp"
-        lock = path.with_suffix(".lock")
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        file = path.with_suffix(".lock")
+        descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         with suppress(OSError):
-            _lock(descriptor)
+            lock(descriptor)
             if os.fstat(descriptor).st_nlink:  # 0: another process removed it as abandoned before it was locked
                 return path, descriptor
         os.close(descriptor)
         with suppress(OSError):
-            lock.unlink()
+            file.unlink()
     return path.with_suffix(".part"), None  # without a lock, no process ever removes it
 
 
@@ -86,24 +83,18 @@ def _remove_if_abandoned(stem: str) -> None:
             os.close(descriptor)
 
 
-def _claimed(lock: str) -> int | None:
+def _claimed(file: str) -> int | None:
     """Lock an abandoned lock file: its descriptor; None: the file is gone, since its owner removed it last."""
     try:
-        if fcntl is None:
-            os.unlink(lock)  # fails while its owner has it open
+        if os.name == "nt":
+            os.unlink(file)  # fails while its owner has it open
             return None
-        descriptor = os.open(lock, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+        descriptor = os.open(file, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     except FileNotFoundError:
         return None
     try:
-        _lock(descriptor)
+        lock(descriptor)
     except OSError:
         os.close(descriptor)
         raise
     return descriptor
-
-
-def _lock(descriptor: int) -> None:
-    """Lock a file; OSError if another process holds the lock, or the file system has no locks."""
-    if fcntl is not None:  # on Windows an open file counts as locked
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

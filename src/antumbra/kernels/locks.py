@@ -1,4 +1,4 @@
-"""A lock between processes: a file that one process holds until it releases it or ends."""
+"""Locks between processes: files that one process holds until it releases them or ends."""
 
 import os
 import time
@@ -8,25 +8,31 @@ from pathlib import Path
 
 _POLL_SECONDS = 0.05
 
-if os.name == "nt":
+try:
+    import fcntl
+except ImportError:  # Windows
     import msvcrt
 
-    def _try_lock(handle: int) -> bool:
-        try:
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-        except OSError:
-            return False
-        return True
+    fcntl = None  # type: ignore[assignment]
 
-else:
-    import fcntl
 
-    def _try_lock(handle: int) -> bool:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
+def lock(descriptor: int) -> None:
+    """Lock an open file until it is closed, without waiting.
+
+    Raises
+    ------
+    BlockingIOError
+        If another process holds the lock.
+    OSError
+        If the file system has no locks.
+    """
+    if fcntl is not None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return
+    try:
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+    except OSError as error:  # Windows does not tell why
+        raise BlockingIOError(*error.args) from error
 
 
 @contextmanager
@@ -38,8 +44,12 @@ def held(path: Path) -> Iterator[None]:
     """
     handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        while not _try_lock(handle):
-            time.sleep(_POLL_SECONDS)
+        while True:
+            try:
+                lock(handle)
+                break
+            except BlockingIOError:
+                time.sleep(_POLL_SECONDS)
         yield
     finally:
         if os.name != "nt":
