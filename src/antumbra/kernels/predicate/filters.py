@@ -27,6 +27,7 @@ from .exact import exact_meets, exact_plane_side, exact_t
 MISS, UNSURE = 0, 2  # a hit is the sign of d . n: 1 or -1
 
 _FACTOR = 20.0
+BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and a rounding to float32
 _T_ACCURACY = np.float64(2.0**-30)  # relative accuracy of `hit_t`'s numerator and denominator
 
 
@@ -184,6 +185,12 @@ def hit_t(ray, corners, i):
     if w.t_error <= _T_ACCURACY * abs(w.t) and w.d_error <= _T_ACCURACY * abs(w.d):
         return w.t / w.d
     return exact_t(ray, corners, i)
+
+
+@inlined
+def is_nearer(t, prim, other_t, other_prim):
+    """Is a ray's hit nearer than another one? Of two hits at the same t, the lower index of a triangle is."""
+    return t < other_t or (t == other_t and prim < other_prim)
 
 
 @inlined

@@ -8,7 +8,7 @@ picture.
 import numpy as np
 
 from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import meets
+from ...kernels.predicate.filters import is_nearer, meets
 from ...kernels.simd import bits, get, iota16, load16, lowest_bit, minimum, put, reduce_min, select, splat16, store
 from ...query.pixels import pixel_ray
 from ...query.raster_depth import NO_PLANE, eye_plane, plane_t
@@ -143,7 +143,7 @@ def settle(pixels, forest, part, rays, x0, y0, scale, face, t):
         if get(pixels.slot, at) != NOTHING:
             pixel = y * rays.width + x
             other, best_t, best = _best_of(pixels, at, forest, other, part, ray, o, pixel, face, t)
-            if best_t < new_t or (best_t == new_t and best < get(tree.prim_ids, slot)):
+            if is_nearer(best_t, best, new_t, get(tree.prim_ids, slot)):
                 continue
         _see(pixels, at, slot, new_t, scale)
         touched |= np.int64(1) << (at >> 4)

@@ -13,7 +13,7 @@ from ...bvh.nodes import EMPTY, MAX_DEPTH
 from ...kernels.fields import F32x4, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.exact import exact_meets
-from ...kernels.predicate.filters import UNSURE, hit_t, verdict, volumes32, volumes64, widest
+from ...kernels.predicate.filters import BEYOND, UNSURE, hit_t, is_nearer, verdict, volumes32, volumes64, widest
 from ...kernels.simd import (
     bits,
     extract,
@@ -37,7 +37,6 @@ _TINY = np.float32(1e-20)  # a direction's component below this share of the lar
 _SHORT = np.float32(1e-15)  # directions shorter than this visit every node (their reciprocals could overflow)
 _GROW = np.float32(1.0 + 2.0**-20)  # more than the 8 roundings between the two ends of a slab interval
 _PAD = np.float32(2.0**-21)  # share of the largest coordinate, see `_slab`
-_FAR = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
 
 
 class BoxRay(NamedTuple):
@@ -179,7 +178,7 @@ def walk(tree, ray, skip, cull_faces, order, hits, counters):
     o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
     d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
     best, best_id, best_t = np.int64(-1), np.int64(-1), ray.tmax
-    limit = np.float32(best_t * _FAR)
+    limit = np.float32(best_t * BEYOND)
     one_by_one = order != CLOSEST and counters is not None
     height = 0
     link = np.int64(0)
@@ -213,9 +212,9 @@ def walk(tree, ray, skip, cull_faces, order, hits, counters):
                     if order != CLOSEST:
                         return slot, best_t
                     t = hit_t(ray, tree.corners, slot)
-                    if best < 0 or t < best_t or (t == best_t and prim < best_id):
+                    if best < 0 or is_nearer(t, prim, best_t, best_id):
                         best, best_id, best_t = slot, prim, t
-                        limit = np.float32(best_t * _FAR)
+                        limit = np.float32(best_t * BEYOND)
         while order == CLOSEST and height > 0 and get(entry, height - 1) > limit:
             height -= 1
         if height == 0:

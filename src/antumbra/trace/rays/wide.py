@@ -8,7 +8,7 @@ from ...bvh.nodes import MAX_DEPTH
 from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
 from ...kernels.fields import F32x8, F64Ptr, I32Ptr, I64Ptr
 from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import hit_t
+from ...kernels.predicate.filters import BEYOND, hit_t, is_nearer
 from ...kernels.predicate.vector_filters import FilterTriangles, meet
 from ...kernels.simd import broadcast8, fma, get, load8, lowest_bit, maximum, minimum, prefetch, ptr_at, put
 from ..counters import TRIANGLE_TESTS, count
@@ -21,7 +21,6 @@ DEFERRED = 128  # most tests that can be deferred for a block of rays
 DEFERRED_WORDS = 2 + 2 * DEFERRED
 NONE = -1
 _LINE = 16  # float32 of a cache line
-_BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
 
 
 class Query(NamedTuple):
@@ -87,12 +86,11 @@ def keep(tree, rays, i, at, query, found):
         put(found.lane, i, at)
         return True
     t = hit_t(ray_of(rays, i), tree.corners, slot)
-    best = get(found.t, i)
-    if get(found.lane, i) < 0 or t < best or (t == best and prim < get(found.prim, i)):
+    if get(found.lane, i) < 0 or is_nearer(t, prim, get(found.t, i), get(found.prim, i)):
         put(found.lane, i, at)
         put(found.prim, i, prim)
         put(found.t, i, t)
-        limit = np.float32(t * _BEYOND)
+        limit = np.float32(t * BEYOND)
         if limit < get(rays.rows, LIMIT + i):
             put(rays.rows, LIMIT + i, limit)
     return False
