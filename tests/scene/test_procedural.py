@@ -24,7 +24,7 @@ from antumbra.scene.procedural import (
 from antumbra.scene.procedural import architecture as build
 from antumbra.scene.procedural import buildings as houses
 from antumbra.scene.procedural.parts import assemble, count, fitted, put
-from antumbra.scene.procedural.shapes import Mesh
+from antumbra.scene.procedural.shapes import PaletteMesh
 
 NAMES = list(PROCEDURAL)
 SIZE = 20_000
@@ -234,7 +234,7 @@ def test_parts_are_counted_placed_and_shaded():
 def test_fitted_finds_the_detail_or_takes_the_coarsest():
     def build_some(detail):
         n = 2 * max(5, round(100 * detail**2))
-        return [put(Mesh(np.zeros((3, 3), np.float32), np.zeros((n, 3), np.int32), np.zeros(n, np.uint8)))]
+        return [put(PaletteMesh(np.zeros((3, 3), np.float32), np.zeros((n, 3), np.int32), np.zeros(n, np.uint8)))]
 
     for wanted in (60, 500, 12_345, 1_000_000):
         assert 0.93 * wanted <= count(fitted(build_some, wanted, 1.0)) <= wanted

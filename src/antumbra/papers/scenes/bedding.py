@@ -5,7 +5,7 @@ import numpy as np
 from ...scene.procedural import palette as p
 from ...scene.procedural.parts import assemble, put
 from ...scene.procedural.props import SINK
-from ...scene.procedural.shapes import Mesh, box, boxes, merge, revolve, shell, steps
+from ...scene.procedural.shapes import PaletteMesh, box, boxes, merge, revolve, shell, steps
 from .furniture import SKETCH
 
 
@@ -20,7 +20,7 @@ def creases(rng, x, z, waves: int = 9) -> np.ndarray:
     return total / (0.2 * waves)
 
 
-def cushion(size, n: int, rng, edge: float, wrinkle: float, colour: int) -> Mesh:
+def cushion(size, n: int, rng, edge: float, wrinkle: float, colour: int) -> PaletteMesh:
     """A stuffed cushion of `size` (3,), with n cells along its longer side. It lies on y = 0.
 
     edge : sharpness of the edge where its faces meet: 2 for a pillow, 8 for upholstery
@@ -49,7 +49,7 @@ def _over(s, half: float, r: float):
     return np.sign(s) * out, r * (1.0 - np.cos(angle)) + rest
 
 
-def cover(size, drop: float, n: int, rng, rise: float, colours) -> Mesh:
+def cover(size, drop: float, n: int, rng, rise: float, colours) -> PaletteMesh:
     """A quilted cover over a mattress of `size` ((2,): x, z). The mattress has its top at y = 0 and its head at z = 0.
 
     The cover hangs `drop` metres over the sides and the foot. Its creases are `rise` high. It has n cells across.
@@ -76,7 +76,7 @@ def cover(size, drop: float, n: int, rng, rise: float, colours) -> Mesh:
     return shell(front, front - 0.022 * normal, colour)
 
 
-def headboard(width: float, height: float, n: int, colour: int) -> Mesh:
+def headboard(width: float, height: float, n: int, colour: int) -> PaletteMesh:
     """An upholstered board with buttons in a diamond pattern. Its back lies in the plane z = 0."""
     m = max(2, round(n * height / width))
     x = np.linspace(-width / 2, width / 2, n + 1)[:, None]
@@ -89,7 +89,7 @@ def headboard(width: float, height: float, n: int, colour: int) -> Mesh:
     return shell(front, front * [1.0, 1.0, 0.0], colour)
 
 
-def bed(width: float, length: float, d: float, rng) -> Mesh:
+def bed(width: float, length: float, d: float, rng) -> PaletteMesh:
     """A bed with its head at z = 0: frame, mattress, cover, turned sheet, pillows and a throw at the foot."""
     top, bevel = 0.52, 0.01 if d > SKETCH else 0.0
     foot = box((width + 0.1, 0.5, 0.06), (0, 0.25, length + 0.2), p.DARK_WOOD, bevel)
@@ -130,7 +130,7 @@ def bed(width: float, length: float, d: float, rng) -> Mesh:
     )
 
 
-def armchair(d: float, rng) -> Mesh:
+def armchair(d: float, rng) -> PaletteMesh:
     """An armchair: an upholstered seat, back and arms, a small cushion, turned feet."""
     n = steps(30, d, 4)
     seat = cushion((0.62, 0.2, 0.64), n, rng, 8.0, 0.02, p.TERRACOTTA)

@@ -7,7 +7,7 @@ from ...scene.procedural.architecture import EMBED, tiles
 from ...scene.procedural.parts import ScenePart, assemble, count, fitted, moved, put
 from ...scene.procedural.plants import UP, agave, blades, shrub, sphere_directions, unit
 from ...scene.procedural.props import pot
-from ...scene.procedural.shapes import Mesh, block, box, frame_ring, merge, raised, steps
+from ...scene.procedural.shapes import PaletteMesh, block, box, frame_ring, merge, raised, steps
 from ...scene.procedural.trees import palm
 from .bedding import armchair, bed
 from .furniture import SKETCH, bookcase, chandelier, door, drawers, table_lamp
@@ -23,7 +23,7 @@ WEAVE = ((0.45, 90), (0.32, 64))  # for x and z: (cells of the rug's ground per 
 CAMERA = {"position": (2.3, 1.62, 2.5), "target": (-0.72, 0.76, -1.7), "up": (0.0, 1.0, 0.0), "vfov": 66.0}
 
 
-def blinds(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
+def blinds(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     """Mesh, camera and light of the bedroom, with about `triangles` triangles."""
 
     def build(d):

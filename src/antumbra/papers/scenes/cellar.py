@@ -8,7 +8,7 @@ from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED, column, doorway, stairs, tiles, vault, voussoirs
 from ...scene.procedural.parts import ScenePart, assemble, count, fitted, put
 from ...scene.procedural.props import barrel, bottle, crate, shelf, vase
-from ...scene.procedural.shapes import Mesh, box, boxes, merge, shell, steps
+from ...scene.procedural.shapes import PaletteMesh, box, boxes, merge, shell, steps
 
 ROOM, WALL, HEIGHT = 6.0, 0.5, 3.5  # metres from room to room; thickness and height of the walls
 LEVEL = 4.2  # metres from floor to floor
@@ -53,7 +53,7 @@ def _maze(n: int, rng) -> _Maze:
     return _Maze(np.stack([level, i, j], axis=1), east, south, grid.ravel(), (levels, nx, nz))
 
 
-def cellar(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
+def cellar(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     """Mesh, camera and light of the cellar, with about `triangles` triangles."""
     maze = _maze(max(4, round(triangles / FULL_ROOM)), np.random.default_rng([seed, 0]))
     each = triangles / len(maze.rooms) / FULL_ROOM
@@ -130,7 +130,7 @@ def _view_room(maze: _Maze) -> np.ndarray:
     return (maze.rooms == [levels // 2, (nx - 1) // 2, nz // 2]).all(axis=1)
 
 
-def _wall(rng, d: float) -> Mesh:
+def _wall(rng, d: float) -> PaletteMesh:
     """A closed wall between two piers along x, in courses of stone on both sides."""
     w, n, m = ROOM - 0.7, steps(6, d, 1), steps(7, d, 1)
     x = np.linspace(-w / 2, w / 2, 2 * n + 1)
@@ -189,7 +189,7 @@ def _things(maze: _Maze, d: float, share: float, rng) -> list[ScenePart]:
     return parts
 
 
-def _rack(d: float) -> Mesh:
+def _rack(d: float) -> PaletteMesh:
     """A shelf with bottles."""
     boards, w, h = 4, 0.78, 1.9
     if d < 0.3:
@@ -201,7 +201,7 @@ def _rack(d: float) -> Mesh:
     return merge(shelf(w, h, 0.36, boards), assemble([glass]))
 
 
-def _vases(d: float) -> list[Mesh]:
+def _vases(d: float) -> list[PaletteMesh]:
     """Two vases side by side."""
     pair = vase(0.85, 0.8 * d), vase(0.6, 0.8 * d, p.CLAY, 0.36, 0.14)
     return [

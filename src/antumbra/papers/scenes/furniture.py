@@ -6,14 +6,14 @@ from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED
 from ...scene.procedural.parts import ScenePart, assemble, moved, put
 from ...scene.procedural.props import SINK, shelf, vase
-from ...scene.procedural.shapes import Mesh, arc, box, frame_ring, loft, merge, revolve, shell, steps, tubes
+from ...scene.procedural.shapes import PaletteMesh, arc, box, frame_ring, loft, merge, revolve, shell, steps, tubes
 
 SKETCH = 0.12  # up to this detail, shapes are as plain as possible
 
 SPINES = (p.RED, p.BLUE, p.OCHRE, p.PINE, p.SLATE, p.CLAY, p.TEAL, p.LIMESTONE)
 
 
-def drawers(width: float, height: float, depth: float, rows: int, columns: int, d: float, colour=p.OAK) -> Mesh:
+def drawers(width: float, height: float, depth: float, rows: int, columns: int, d: float, colour=p.OAK) -> PaletteMesh:
     """A chest of drawers on tapered legs."""
     leg, bevel = 0.14, 0.006 if d > SKETCH else 0.0
     body = height - leg - 0.02
@@ -39,7 +39,7 @@ def drawers(width: float, height: float, depth: float, rows: int, columns: int, 
     return merge(*meshes, assemble(parts))
 
 
-def table_lamp(height: float, d: float, colour=p.TEAL) -> Mesh:
+def table_lamp(height: float, d: float, colour=p.TEAL) -> PaletteMesh:
     """A lamp with a turned foot and a pleated shade. The shade is open at the top and at the bottom."""
     h = height
     foot = np.concatenate(
@@ -59,7 +59,7 @@ def table_lamp(height: float, d: float, colour=p.TEAL) -> Mesh:
     return merge(revolve(foot, steps(24, d, 6), colour), shade)
 
 
-def book(d: float, colour: int) -> Mesh:
+def book(d: float, colour: int) -> PaletteMesh:
     """A book of size 1 x 1 x 1. It stands on y = 0, and its rounded spine faces +z. Above `SKETCH` it has pages."""
     if d <= SKETCH:
         return box((1, 1, 1), (0, 0.5, 0), colour)
@@ -139,7 +139,7 @@ def chandelier(drop: float, d: float) -> list[ScenePart]:
     return [*moved(parts, low), put(revolve(rose, steps(20, d, 6), p.PLASTER))]
 
 
-def _beads(ends, turn, d: float) -> Mesh:
+def _beads(ends, turn, d: float) -> PaletteMesh:
     """Strings of glass beads from arm to arm and from the arms up to the body."""
     n = 9
     t = (np.arange(n) + 0.5)[None, :, None] / n
@@ -154,7 +154,7 @@ def _beads(ends, turn, d: float) -> Mesh:
     return assemble([put(revolve(ball, steps(8, d, 4), p.GLASS), np.concatenate([swags, rising]).reshape(-1, 3))])
 
 
-def door(width: float, height: float, d: float) -> Mesh:
+def door(width: float, height: float, d: float) -> PaletteMesh:
     """A door with four panels, in its frame, in front of the wall at z = 0."""
     bevel = 0.008 if d > SKETCH else 0.0
     ring = frame_ring(

@@ -6,7 +6,7 @@ from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED, doorway, tiles
 from ...scene.procedural.parts import ScenePart, assemble, count, fitted, put
 from ...scene.procedural.props import bench, vase
-from ...scene.procedural.shapes import Mesh, box, boxes, frame_ring, merge, raised, revolve, steps
+from ...scene.procedural.shapes import PaletteMesh, box, boxes, frame_ring, merge, raised, revolve, steps
 from .sculptures import ammonite, blob, knot, painting, rain, ribbon, twist, vortex
 
 WIDTH, DEPTH, HEIGHT = 14.0, 17.0, 6.4  # size of a hall, from wall to wall
@@ -15,7 +15,7 @@ SKY_X, SKY_Z = 3.2, 4.2  # half the size of the skylight
 FULL_HALL = 110_000  # triangles of a hall; a larger budget makes more halls
 
 
-def museum(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
+def museum(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     """Mesh, camera and light of the museum, with about `triangles` triangles."""
     halls = max(1, round(triangles / FULL_HALL))
     nx = max(1, round(np.sqrt(halls / 2.0)))
@@ -99,14 +99,14 @@ def _fittings(at, d, rng) -> list[ScenePart]:
     return parts
 
 
-def _plinth(width: float, height: float, colour=p.PLASTER) -> Mesh:
+def _plinth(width: float, height: float, colour=p.PLASTER) -> PaletteMesh:
     return merge(
         box((width, height, width), (0, height / 2 - EMBED, 0), colour, 0.012),
         box((width + 0.12, 0.1, width + 0.12), (0, 0.04 - EMBED, 0), colour, 0.012),
     )
 
 
-def _case(treasure: Mesh) -> Mesh:
+def _case(treasure: PaletteMesh) -> PaletteMesh:
     """A display case without its glass: base, slender frame, and an exhibit inside."""
     h, w = 0.85, 0.8
     posts = [(s * w / 2, h + 0.35, t * w / 2) for s in (-1, 1) for t in (-1, 1)]

@@ -5,7 +5,7 @@ import numpy as np
 from ...scene.procedural import palette as p
 from ...scene.procedural.parts import ScenePart, assemble, put, tilted, turned
 from ...scene.procedural.plants import unit
-from ...scene.procedural.shapes import Mesh, block, box, boxes, capped, frame_ring, loft, merge, revolve
+from ...scene.procedural.shapes import PaletteMesh, block, box, boxes, capped, frame_ring, loft, merge, revolve
 
 
 def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, int]:
@@ -14,7 +14,7 @@ def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, i
     return max(3 * least, round(triangles / 2.0 / around)), around
 
 
-def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRONZE) -> Mesh:
+def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRONZE) -> PaletteMesh:
     """A closed torus knot, 3 `size` wide, of a bar with ribs that wind around it."""
     n, k = _resolution(triangles, 10.0)
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
@@ -34,7 +34,7 @@ def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRON
     return loft(points - [0.0, low, 0.0], colour, closed=True)
 
 
-def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> Mesh:
+def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> PaletteMesh:
     """A smooth lumpy body; `size` is its mean radius."""
     n, k = _resolution(triangles, 0.5)
     n, k = max(4, k), max(6, n)
@@ -53,7 +53,7 @@ def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> Mesh:
     return capped(points[1:-1], points[0, 0], points[-1, 0], colour)
 
 
-def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> Mesh:
+def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> PaletteMesh:
     """A column with a star-shaped section that turns and shrinks towards the top."""
     n, k = _resolution(triangles, 2.0)
     k = max(12, k)
@@ -65,7 +65,7 @@ def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> Mesh:
     return capped(points, points[0].mean(axis=0), points[-1].mean(axis=0), colour)
 
 
-def ammonite(triangles: float, size=1.0, colour=p.CLAY) -> Mesh:
+def ammonite(triangles: float, size=1.0, colour=p.CLAY) -> PaletteMesh:
     """A ribbed spiral shell that stands on its rim."""
     n, k = _resolution(triangles, 8.0)
     t = np.linspace(0.0, 1.0, n + 1)
@@ -78,7 +78,7 @@ def ammonite(triangles: float, size=1.0, colour=p.CLAY) -> Mesh:
     return loft(points - [0.0, points[..., 1].min() + 0.03 * size, 0.0], colour)
 
 
-def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> Mesh:
+def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> PaletteMesh:
     """A band that twists once on its way around a ring."""
     n = max(12, round(triangles / 8.0))
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)[:, None]
@@ -132,7 +132,7 @@ def vortex(triangles: float, height=4.6) -> list[ScenePart]:
     return [whirl, put(revolve([(0.09, -0.1), (0.05, height)], 10, p.IRON))]
 
 
-def painting(width: float, height: float, n: int, rng) -> Mesh:
+def painting(width: float, height: float, n: int, rng) -> PaletteMesh:
     """An abstract picture in a gilded frame. Its centre is the origin; it lies in the x-y plane and faces +z."""
     x, z = np.linspace(-width / 2, width / 2, n + 1), np.linspace(-height / 2, height / 2, n + 1)
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / width, (z[1:] + z[:-1]) / height, indexing="ij"), axis=-1)

@@ -5,13 +5,13 @@ import numpy as np
 from ...scene.procedural import palette as p
 from ...scene.procedural.parts import assemble, put
 from ...scene.procedural.props import SINK
-from ...scene.procedural.shapes import Mesh, arc, box, merge, raised, revolve, steps
+from ...scene.procedural.shapes import PaletteMesh, arc, box, merge, raised, revolve, steps
 from .furniture import SKETCH
 
 COLOURS = (p.RED, p.YELLOW, p.BLUE, p.LIME, p.TEAL, p.OCHRE)
 
 
-def _ball(radius, segments: int, colour: int) -> Mesh:
+def _ball(radius, segments: int, colour: int) -> PaletteMesh:
     """An ellipsoid of `radius` (3,) around zero."""
     n = max(3, segments // 2)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
@@ -21,7 +21,7 @@ def _ball(radius, segments: int, colour: int) -> Mesh:
     return round_._replace(vertices=round_.vertices * np.asarray(radius, np.float32))
 
 
-def bear(height: float, d: float) -> Mesh:
+def bear(height: float, d: float) -> PaletteMesh:
     """A teddy bear that sits and faces +z."""
     k = steps(22, d, 6)
     fur, pale = p.CLAY, p.LIMESTONE
@@ -45,7 +45,7 @@ def bear(height: float, d: float) -> Mesh:
     return made._replace(vertices=(made.vertices * height / 0.87).astype(np.float32))
 
 
-def beach_ball(radius: float, d: float) -> Mesh:
+def beach_ball(radius: float, d: float) -> PaletteMesh:
     """A ball in six colours."""
     k = steps(30, d, 6) // 6 * 6
     made = _ball((radius,) * 3, k, 0)
@@ -54,7 +54,7 @@ def beach_ball(radius: float, d: float) -> Mesh:
     return raised(made._replace(colour=np.array(COLOURS, np.uint8)[wedge]), radius - SINK / 4)
 
 
-def blocks(d: float) -> Mesh:
+def blocks(d: float) -> PaletteMesh:
     """Seven wooden blocks: a stack of three, and four on the floor."""
     cube = box((0.07, 0.07, 0.07), (0, 0.034, 0), 0, 0.005 if d > SKETCH else 0.0)
     at = [
@@ -69,7 +69,7 @@ def blocks(d: float) -> Mesh:
     return assemble([put(cube, at, [0.1, 0.4, -0.2, 0.9, 0.3, 1.3, 0.6], shade=[COLOURS[k % 6] for k in range(7)])])
 
 
-def rings(d: float) -> Mesh:
+def rings(d: float) -> PaletteMesh:
     """Rings on a rod, with the largest at the bottom."""
     m, k = steps(8, d, 2), steps(22, d, 6)
     meshes = [revolve([(0.012, -SINK / 4), (0.012, 0.24), (0.02, 0.25), (0.012, 0.28), (0.0, 0.285)], k, p.WHITE)]
@@ -80,7 +80,7 @@ def rings(d: float) -> Mesh:
     return merge(*meshes)
 
 
-def train(d: float) -> Mesh:
+def train(d: float) -> PaletteMesh:
     """A wooden engine with two wagons, along x."""
     bevel = 0.004 if d > SKETCH else 0.0
     wheel = revolve(

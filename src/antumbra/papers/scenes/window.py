@@ -6,7 +6,7 @@ from ...scene.procedural import palette as p
 from ...scene.procedural.architecture import EMBED
 from ...scene.procedural.parts import ScenePart, moved, put
 from ...scene.procedural.props import cloth
-from ...scene.procedural.shapes import Mesh, arc, box, boxes, loft, merge, revolve, shell, steps, tubes
+from ...scene.procedural.shapes import PaletteMesh, arc, box, boxes, loft, merge, revolve, shell, steps, tubes
 from .furniture import SKETCH
 
 WALL = 0.32  # thickness in metres
@@ -18,7 +18,7 @@ SLATS = 56  # slats of a panel at full detail
 COARSE = 0.3  # up to this detail, slats have no rungs below them
 
 
-def pierced(low, high, thickness: float, colour=p.PLASTER) -> Mesh:
+def pierced(low, high, thickness: float, colour=p.PLASTER) -> PaletteMesh:
     """A wall from `low` to `high` ((2,): x, y) with the opening of the window."""
     hole = np.array([(-WIDTH / 2, SILL), (WIDTH / 2, SILL), (WIDTH / 2, LINTEL), (-WIDTH / 2, LINTEL)])
     edge = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
@@ -45,7 +45,7 @@ def frame(d: float) -> list[ScenePart]:
     ]
 
 
-def slat(length: float, width: float, d: float, ladders) -> Mesh:
+def slat(length: float, width: float, d: float, ladders) -> PaletteMesh:
     """A curved slat along x, centred at the origin, hollow side down, with a rung of every ladder (at x) below it."""
     n, m = steps(12, d), steps(4, d, 2)
     t = np.sin(np.linspace(-0.5, 0.5, n + 1) * np.pi)[:, None]  # denser at the rounded ends

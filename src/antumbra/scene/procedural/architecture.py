@@ -5,12 +5,12 @@ import numpy as np
 from . import palette as p
 from .parts import assemble, put
 from .plants import blades
-from .shapes import Mesh, arc, block, box, grid, heightfield, lofts, merge, prism, revolve, steps
+from .shapes import PaletteMesh, arc, block, box, grid, heightfield, lofts, merge, prism, revolve, steps
 
 EMBED = 0.02  # metres that parts reach into their neighbours, against gaps and coplanar faces
 
 
-def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p.LIMESTONE) -> Mesh:
+def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p.LIMESTONE) -> PaletteMesh:
     """A column with plinth, attic base, tapered shaft, bell capital with `leaves` around it, and abacus.
 
     `n` sets the facets of the mouldings. A flute has `n` facets for `n` >= 3, and three for `n` = 2. The shaft is plain
@@ -52,7 +52,7 @@ def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p
     return merge(*meshes)
 
 
-def _acanthus(r: float, y: float, leaves: int, segments: int, colour) -> Mesh:
+def _acanthus(r: float, y: float, leaves: int, segments: int, colour) -> PaletteMesh:
     """Two rows of leaves that curl away from a capital's bell."""
     rows = []
     for row, length, phase in ((0.0, 0.75 * r, 0.0), (0.45 * r, 0.95 * r, 0.5)):
@@ -75,7 +75,7 @@ def _acanthus(r: float, y: float, leaves: int, segments: int, colour) -> Mesh:
     return merge(*rows)
 
 
-def baluster(height: float, detail: float, colour=p.LIMESTONE) -> Mesh:
+def baluster(height: float, detail: float, colour=p.LIMESTONE) -> PaletteMesh:
     """A turned baluster."""
     h, n = height, steps(2, detail)
     profile = np.concatenate(
@@ -89,7 +89,7 @@ def baluster(height: float, detail: float, colour=p.LIMESTONE) -> Mesh:
     return revolve(profile, steps(6, detail, 4), colour)
 
 
-def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) -> Mesh:
+def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) -> PaletteMesh:
     """The wall along x above a round arch of `radius`, from its springing at y = 0 to y = `top`, `depth` thick in z."""
     curve = arc((0, 0), radius, 180, 0, n)
     end = np.array([[radius + EMBED, 0.0]])
@@ -97,7 +97,9 @@ def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) ->
     return prism(lower, np.stack([lower[:, 0], np.full(len(lower), top)], axis=1), depth, colour)
 
 
-def doorway(width: float, half: float, spring: float, height: float, depth: float, n: int, colour=p.SANDSTONE) -> Mesh:
+def doorway(
+    width: float, half: float, spring: float, height: float, depth: float, n: int, colour=p.SANDSTONE
+) -> PaletteMesh:
     """A wall along x, `width` by `height`, with a doorway 2 `half` wide under a round arch that springs at `spring`."""
     curve = arc((0.0, spring), half, 180, 0, n)
     sill = np.array([(width / 2, -EMBED), (half, -EMBED)])
@@ -107,7 +109,7 @@ def doorway(width: float, half: float, spring: float, height: float, depth: floa
     return prism(lower, np.stack([x, np.full(len(x), height)], axis=1), depth, colour)
 
 
-def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, colour=p.LIMESTONE) -> Mesh:
+def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, colour=p.LIMESTONE) -> PaletteMesh:
     """The stones of a round arch that springs at y = 0, light and dark in turn, with open joints."""
     joint = 0.012 / radius
     edges = np.linspace(np.pi, 0.0, stones + 1)
@@ -120,7 +122,7 @@ def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, co
     return lofts(sections[:, :, ::-1], colour + np.array([0, 1] * stones)[:stones])
 
 
-def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> Mesh:
+def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> PaletteMesh:
     """A groin vault over a square bay of half width `half`, `crown` high in the middle, solid up to y = `top`."""
     radius = 1.2 * half  # less than half circles, so the corners stay blunt
     x = half * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * n + 1))
@@ -133,7 +135,7 @@ def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> Me
     return mesh
 
 
-def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0.03, relief=0.008) -> Mesh:
+def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0.03, relief=0.008) -> PaletteMesh:
     """A floor of nx x nz tiles with tops within `relief` / 2 of y = 0, bevelled into the joints."""
     lines = []
     for a, b, n in ((x0, x1, nx), (z0, z1, nz)):
@@ -153,7 +155,7 @@ def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0
     return heightfield(lines[0], lines[1], height, np.repeat(np.repeat(shade, 3, axis=0), 3, axis=1))
 
 
-def ashlar(width: float, height: float, depth: float, course: float, rng, colour=p.SANDSTONE) -> Mesh:
+def ashlar(width: float, height: float, depth: float, course: float, rng, colour=p.SANDSTONE) -> PaletteMesh:
     """A wall along x in running bond, shown by shades. Its face at z = 0 looks to +z, and its back is at -depth."""
     nx, ny = max(2, round(width / course)), max(1, round(height / course))
     i, j = np.indices((nx, ny))
@@ -165,7 +167,7 @@ def ashlar(width: float, height: float, depth: float, course: float, rng, colour
     return assemble([put(lying, tilt=np.pi / 2)])
 
 
-def stairs(n: int, width: float, rise: float, run: float, colour=p.SANDSTONE) -> Mesh:
+def stairs(n: int, width: float, rise: float, run: float, colour=p.SANDSTONE) -> PaletteMesh:
     """A flight of n steps that rises along +x from the origin, `width` wide in z, with a sloping underside."""
     i = np.arange(2 * n + 1)
     upper = np.stack([i // 2 * run, (i + 1) // 2 * rise], axis=1)

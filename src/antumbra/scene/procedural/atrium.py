@@ -7,14 +7,14 @@ from .courtyard import BAY, COARSE, HALF_X, HALF_Z, LEVEL, RADIUS, SKETCH, SPRIN
 from .parts import ScenePart, assemble, count, fitted, put
 from .plants import agave, bush, ivy, shrub
 from .props import SINK, bench, cloth, crate, pot, vase
-from .shapes import Mesh, arc, loft, merge, raised, revolve, steps
+from .shapes import PaletteMesh, arc, loft, merge, raised, revolve, steps
 from .trees import palm
 
 CAMERA = {"position": (2.6, 1.7, 11.2), "target": (-0.7, 3.0, -2.0), "up": (0.0, 1.0, 0.0), "vfov": 56.0}
 LIGHT = {"corner": (-3.2, 7.6, 7.6), "u": (2.2, 0.0, 0.0), "v": (0.0, 1.5, -1.7)}
 
 
-def atrium(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
+def atrium(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     """Mesh, camera and light of the atrium with about `triangles` triangles."""
 
     def build(detail):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import palette as p
-from .shapes import Mesh, arc, box, boxes, capped, merge, prism, revolve, shell, steps, tubes
+from .shapes import PaletteMesh, arc, box, boxes, capped, merge, prism, revolve, shell, steps, tubes
 
 FLOOR = 3.4  # metres between floors
 _RECESS, _REVEAL = 0.28, 0.07  # depth of windows in the wall, and slant of their sides
@@ -75,7 +75,9 @@ def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, np.ndarray
     return Lines(y, inset, pane > 0), out
 
 
-def tower(width: float, depth: float, floors: int, style: Style, rng, base=0.0, roof=p.CONCRETE, parapet=1.0) -> Mesh:
+def tower(
+    width: float, depth: float, floors: int, style: Style, rng, base=0.0, roof=p.CONCRETE, parapet=1.0
+) -> PaletteMesh:
     """A rectangular building with windows all around, ledges, and a parapet around a flat roof."""
     x, z = _side(width, style), _side(depth, style)
     hx, hz = width / 2, depth / 2
@@ -103,7 +105,7 @@ def tower(width: float, depth: float, floors: int, style: Style, rng, base=0.0, 
     return capped(points, (0, points[0, 0, 1], 0), (0, points[-1, 0, 1], 0), colour)
 
 
-def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -> Mesh:
+def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -> PaletteMesh:
     """A round tower with a ledge at every floor and a roof in the form of a flat cone."""
     y = (np.arange(floors)[:, None] * FLOOR + [0.3, FLOOR - 0.5, FLOOR - 0.45, FLOOR - 0.02]).ravel()
     r = radius + np.tile([0.0, 0.0, 0.45, 0.45], floors)
@@ -124,7 +126,7 @@ def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -
     return mesh
 
 
-def house(width: float, depth: float, floors: int, style: Style, rng, roof=p.TERRACOTTA) -> Mesh:
+def house(width: float, depth: float, floors: int, style: Style, rng, roof=p.TERRACOTTA) -> PaletteMesh:
     """A house with a gabled roof along x, eaves, and a chimney."""
     body = tower(width, depth, floors, style, rng, parapet=0.3)
     top, rise = floors * FLOOR + 0.45, 0.42 * depth
@@ -150,7 +152,7 @@ def house(width: float, depth: float, floors: int, style: Style, rng, roof=p.TER
     return merge(body, shell(upper, lower, roof), gable, stack)
 
 
-def car(colour: int, detail: float) -> Mesh:
+def car(colour: int, detail: float) -> PaletteMesh:
     """A car along +x, 4.3 m long."""
     n = steps(2, detail)
     lower = [(-2.1, 0.35), (-1.6, 0.22), (0.0, 0.22), (1.6, 0.22), (2.15, 0.35)]
@@ -170,7 +172,7 @@ def car(colour: int, detail: float) -> Mesh:
     return merge(*meshes)
 
 
-def lamp(detail: float) -> Mesh:
+def lamp(detail: float) -> PaletteMesh:
     """A street lamp that reaches out along +x."""
     bend = arc((0.9, 5.2), 0.9, 180, 90, steps(3, detail))
     path = np.concatenate([[(0.0, -0.1), (0.0, 2.5)], bend, [(1.5, 6.1)]])
@@ -180,7 +182,7 @@ def lamp(detail: float) -> Mesh:
     return merge(pole, box((0.7, 0.12, 0.28), (1.7, 6.06, 0), p.IRON))
 
 
-def tank(detail: float) -> Mesh:
+def tank(detail: float) -> PaletteMesh:
     """A water tank on legs for a roof."""
     k = steps(10, detail, 6)
     drum = revolve([(1.25, 1.5), (1.3, 3.6), (1.4, 3.65), (0.0, 4.6)], k, p.OAK)
@@ -188,12 +190,12 @@ def tank(detail: float) -> Mesh:
     return merge(drum, legs)
 
 
-def cooler() -> Mesh:
+def cooler() -> PaletteMesh:
     """An air conditioner for a roof."""
     return merge(box((1.6, 1.3, 1.1), (0, 0.6, 0), p.CONCRETE + 3), box((1.0, 0.3, 0.8), (0.1, 1.35, 0), p.IRON))
 
 
-def antenna() -> Mesh:
+def antenna() -> PaletteMesh:
     """A mast with cross bars for a roof."""
     bars = boxes(
         [(0.12, 8.2, 0.12), (1.8, 0.08, 0.08), (0.08, 0.08, 1.4)], [(0, 3.9, 0), (0, 6.6, 0), (0, 5.6, 0)], p.IRON
@@ -201,7 +203,7 @@ def antenna() -> Mesh:
     return merge(bars, box((1.2, 0.6, 1.2), (0, 0.12, 0), p.CONCRETE))
 
 
-def billboard() -> Mesh:
+def billboard() -> PaletteMesh:
     """A board on two posts for a roof."""
     posts = boxes((0.2, 2.6, 0.2), [(-2.2, 1.1, 0), (2.2, 1.1, 0)], p.IRON)
     return merge(posts, box((6.0, 3.0, 0.25), (0, 3.2, 0), p.OCHRE))

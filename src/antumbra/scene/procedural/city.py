@@ -11,7 +11,7 @@ from .buildings import FLOOR, Style, antenna, billboard, car, cooler, house, lam
 from .parts import ScenePart, assemble, count, put
 from .plants import bush
 from .request import checked
-from .shapes import Mesh, arc, box, boxes, grid, merge, revolve, steps
+from .shapes import PaletteMesh, arc, box, boxes, grid, merge, revolve, steps
 from .trees import BareTree, bare_tree, tree
 
 PITCH, STREET = 70.0, 15.0  # metres between blocks; width of the streets
@@ -28,7 +28,7 @@ class _Plan(NamedTuple):
     n: int  # blocks along each side
     budget: int  # triangles for each block
     detail: float  # of props and plants, at most 1
-    props: list[Mesh]  # cars, then lamp, tank, cooler, antenna, billboard
+    props: list[PaletteMesh]  # cars, then lamp, tank, cooler, antenna, billboard
     trees: list[BareTree]
 
 
@@ -83,7 +83,7 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
     return _pieces(*checked("city", triangles, seed))
 
 
-def city_groups(triangles: int, seed: int, first: int = 0, step: int = 1) -> Iterator[Iterator[Mesh]]:
+def city_groups(triangles: int, seed: int, first: int = 0, step: int = 1) -> Iterator[Iterator[PaletteMesh]]:
     """The pieces of every `step`-th group of blocks, from group `first` on.
 
     Groups do not depend on each other, so several processes can make a city. The arguments have been checked.
@@ -93,11 +93,11 @@ def city_groups(triangles: int, seed: int, first: int = 0, step: int = 1) -> Ite
         yield _group(plan, triangles, seed, range(k, min(k + GROUP, plan.n**2)))
 
 
-def _pieces(triangles: int, seed: int) -> Iterator[Mesh]:
+def _pieces(triangles: int, seed: int) -> Iterator[PaletteMesh]:
     return chain.from_iterable(city_groups(triangles, seed))
 
 
-def _group(plan: _Plan, triangles: int, seed: int, blocks: range) -> Iterator[Mesh]:
+def _group(plan: _Plan, triangles: int, seed: int, blocks: range) -> Iterator[PaletteMesh]:
     done = round(triangles * blocks[0] / plan.n**2)
     for k in blocks:
         i, j = divmod(k, plan.n)
@@ -107,12 +107,12 @@ def _group(plan: _Plan, triangles: int, seed: int, blocks: range) -> Iterator[Me
         yield mesh
 
 
-def city(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
+def city(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     """Mesh, camera and light of the city with about `triangles` triangles."""
     return merge(*_pieces(triangles, seed)), *city_view(triangles)
 
 
-def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> Mesh:
+def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> PaletteMesh:
     """A block in its place, with the streets on two of its sides, of about `budget` triangles."""
     middle = (np.array([i, j]) - (plan.n - 1) / 2.0) * PITCH
     central = np.exp(-((np.linalg.norm(middle) / (0.45 * plan.n * PITCH)) ** 2))

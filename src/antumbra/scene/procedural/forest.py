@@ -5,7 +5,7 @@ import numpy as np
 from . import palette as p
 from .parts import ScenePart, assemble, count, put
 from .plants import fern, grass
-from .shapes import Mesh, grid, merge, revolve, steps, tubes
+from .shapes import PaletteMesh, grid, merge, revolve, steps, tubes
 from .trees import bare_tree, conifer, tree
 
 SPACING = 4.6  # metres between trees
@@ -45,7 +45,7 @@ class _Ground:
         return np.stack([xz[:, 0], self.height(xz[:, 0], xz[:, 1]) - sink, xz[:, 1]], axis=1)
 
 
-def forest(triangles: int, seed: int) -> tuple[Mesh, dict, dict]:
+def forest(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     """Mesh, camera and light of the forest with about `triangles` triangles."""
     n_trees = max(9, round(90 * np.sqrt(triangles / 300_000)))
     half = SPACING * np.sqrt(n_trees) / 2.0 + 3.0
@@ -72,7 +72,7 @@ def _sun(half: float) -> dict:
     return {"corner": tuple(middle - (u + v) / 2.0), "u": tuple(u), "v": tuple(v)}
 
 
-def _terrain(ground: _Ground, budget: float, rng) -> Mesh:
+def _terrain(ground: _Ground, budget: float, rng) -> PaletteMesh:
     """The ground as a grid whose middle columns follow the path."""
     n = max(8, round(np.sqrt(budget / 2)))
     line = np.linspace(-1.0, 1.0, n + 1)
@@ -115,7 +115,7 @@ def _trees(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]:
     return parts
 
 
-def _kind_of_tree(kind: int, each: float, detail: float, rng) -> Mesh:
+def _kind_of_tree(kind: int, each: float, detail: float, rng) -> PaletteMesh:
     if kind == 2:
         leaves = max(12, int(each / 4) - 10)
         return conifer(rng, 11.0, leaves, detail)

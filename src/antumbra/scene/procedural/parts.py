@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .shapes import Mesh
+from .shapes import PaletteMesh
 
 
 class ScenePart(NamedTuple):
     """Copies of a mesh: vertices of copy i are ``matrix[i] @ vertex + offset[i]``."""
 
-    mesh: Mesh
+    mesh: PaletteMesh
     offset: np.ndarray  # (k, 3) float32
     matrix: np.ndarray  # (k, 3, 3) float32
     shade: np.ndarray  # (k,) uint8, added to the colour of every face
@@ -35,7 +35,7 @@ def tilted(angle) -> np.ndarray:
     return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(-1, 3, 3)
 
 
-def put(mesh: Mesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0) -> ScenePart:
+def put(mesh: PaletteMesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0) -> ScenePart:
     """Copies of a mesh at (k, 3) positions: scaled ((k,) or (k, 3)), tilted about X, then turned about Y (radians)."""
     offset = np.atleast_2d(np.asarray(at, np.float32))
     k = len(offset)
@@ -63,7 +63,7 @@ def count(parts: Iterable[ScenePart]) -> int:
     return sum(part.n_triangles for part in parts)
 
 
-def assemble(parts: Iterable[ScenePart]) -> Mesh:
+def assemble(parts: Iterable[ScenePart]) -> PaletteMesh:
     """All copies of all parts as one mesh."""
     parts = [part for part in parts if part.n_triangles]
     n_vertices = sum(len(part.offset) * len(part.mesh.vertices) for part in parts)
@@ -80,7 +80,7 @@ def assemble(parts: Iterable[ScenePart]) -> Mesh:
         np.add(part.mesh.faces, starts, out=faces[f : f + k * n].reshape(k, n, 3))
         np.add(part.mesh.colour, part.shade[:, None], out=colour[f : f + k * n].reshape(k, n))
         v, f = v + k * m, f + k * n
-    return Mesh(vertices, faces, colour)
+    return PaletteMesh(vertices, faces, colour)
 
 
 def fitted(build: Callable[[float], list[ScenePart]], triangles: int, detail: float, near=0.93) -> list[ScenePart]:

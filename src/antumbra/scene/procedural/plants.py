@@ -3,7 +3,7 @@
 import numpy as np
 
 from . import palette as p
-from .shapes import Mesh, cross, merge, revolve, steps, tubes
+from .shapes import PaletteMesh, cross, merge, revolve, steps, tubes
 
 UP = np.array([0.0, 1.0, 0.0])
 
@@ -20,7 +20,7 @@ def sphere_directions(rng, n: int, low=-1.0) -> np.ndarray:
     return np.stack([flat * np.cos(angle), y, flat * np.sin(angle)], axis=1)
 
 
-def blades(base, along, facing, length, width, droop, segments: int, ribs=2, colour=p.LEAF) -> Mesh:
+def blades(base, along, facing, length, width, droop, segments: int, ribs=2, colour=p.LEAF) -> PaletteMesh:
     """k leaves: pointed ribbons that start at `base` and grow `along`.
 
     base, along, facing : (k, 3)
@@ -52,7 +52,7 @@ def blades(base, along, facing, length, width, droop, segments: int, ribs=2, col
     faces = _blade_faces(segments, ribs)
     starts = np.arange(k, dtype=np.int32)[:, None, None] * vertices.shape[1]
     colour = np.broadcast_to(np.asarray(colour, np.uint8), k)
-    return Mesh(
+    return PaletteMesh(
         vertices.reshape(-1, 3).astype(np.float32),
         (faces + starts).reshape(-1, 3),
         np.repeat(colour, len(faces)),
@@ -71,7 +71,7 @@ def _blade_faces(segments: int, ribs: int) -> np.ndarray:
     return np.array(faces, np.int32)
 
 
-def agave(rng, leaves: int, length: float, segments: int, colour=p.MOSS) -> Mesh:
+def agave(rng, leaves: int, length: float, segments: int, colour=p.MOSS) -> PaletteMesh:
     """A rosette of long pointed leaves on the ground."""
     angle = np.arange(leaves) * 2.39996  # the golden angle
     rise = np.linspace(0.25, 1.4, leaves)
@@ -92,7 +92,7 @@ def agave(rng, leaves: int, length: float, segments: int, colour=p.MOSS) -> Mesh
     )
 
 
-def shrub(rng, leaves: int, radius: float, height: float, size: float, colour=p.LEAF) -> Mesh:
+def shrub(rng, leaves: int, radius: float, height: float, size: float, colour=p.LEAF) -> PaletteMesh:
     """A dense ball of leaves on stems; 4 triangles a leaf."""
     out = sphere_directions(rng, leaves, -0.5)
     reach = rng.uniform(0.55, 1.0, leaves)[:, None]
@@ -116,7 +116,7 @@ def shrub(rng, leaves: int, radius: float, height: float, size: float, colour=p.
     return merge(foliage, tubes(paths, np.array([0.025, 0.018, 0.008]) * max(1.0, radius), 4, p.BARK))
 
 
-def ivy(rng, start, fall, leaves: int, size: float) -> Mesh:
+def ivy(rng, start, fall, leaves: int, size: float) -> PaletteMesh:
     """Leaves along strings that hang from (k, 3) places by (k,) metres; 4 triangles a leaf."""
     which = rng.integers(0, len(start), leaves)
     down = rng.uniform(0.0, 1.0, leaves) ** 1.2
@@ -137,7 +137,7 @@ def ivy(rng, start, fall, leaves: int, size: float) -> Mesh:
     )
 
 
-def fern(rng, fronds: int, pairs: int, length: float) -> Mesh:
+def fern(rng, fronds: int, pairs: int, length: float) -> PaletteMesh:
     """Arching fronds with `pairs` pairs of pinnae of 2 triangles."""
     angle = np.arange(fronds) * 2.39996 + rng.uniform(-0.3, 0.3, fronds)
     flat = np.stack([np.cos(angle), np.zeros(fronds), np.sin(angle)], axis=1)
@@ -179,7 +179,7 @@ def fern(rng, fronds: int, pairs: int, length: float) -> Mesh:
     return merge(*meshes)
 
 
-def grass(rng, blades_: int, height: float, spread: float, segments: int) -> Mesh:
+def grass(rng, blades_: int, height: float, spread: float, segments: int) -> PaletteMesh:
     """A tuft of grass."""
     place = rng.normal(0.0, spread, (blades_, 2))
     base = np.stack([place[:, 0], np.full(blades_, -0.03), place[:, 1]], axis=1)
@@ -199,7 +199,7 @@ def grass(rng, blades_: int, height: float, spread: float, segments: int) -> Mes
     )
 
 
-def bush(rng, size: float, detail: float, colour=p.PINE) -> Mesh:
+def bush(rng, size: float, detail: float, colour=p.PINE) -> PaletteMesh:
     """A clipped ball: a lumpy solid."""
     n = steps(22, detail, 3)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)

@@ -3,12 +3,12 @@
 import numpy as np
 
 from . import palette as p
-from .shapes import Mesh, arc, box, boxes, lofts, merge, revolve, shell, steps, tubes
+from .shapes import PaletteMesh, arc, box, boxes, lofts, merge, revolve, shell, steps, tubes
 
 SINK = 0.015  # metres that props reach into the floor, against gaps and coplanar faces
 
 
-def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11) -> Mesh:
+def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11) -> PaletteMesh:
     """A hollow amphora with two handles."""
     h, n = height, steps(7, detail, 2)
     t = np.linspace(0.0, 1.0, n + 1)
@@ -41,7 +41,7 @@ def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11
     return merge(body, handles)
 
 
-def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> Mesh:
+def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> PaletteMesh:
     """A flower pot, filled with earth to just below its rim."""
     h, r = height, radius
     wall = [
@@ -59,7 +59,7 @@ def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> Mes
     return body
 
 
-def crate(size, planks: int, colour=p.OAK) -> Mesh:
+def crate(size, planks: int, colour=p.OAK) -> PaletteMesh:
     """A wooden box: a core with `planks` planks on every side but the bottom. Below 2 planks it is a plain box."""
     w, h, d = size
     if planks < 2:
@@ -79,7 +79,7 @@ def crate(size, planks: int, colour=p.OAK) -> Mesh:
     return merge(*meshes)
 
 
-def barrel(height: float, radius: float, detail: float) -> Mesh:
+def barrel(height: float, radius: float, detail: float) -> PaletteMesh:
     """A barrel of staves with three iron hoops."""
     n, segments = steps(6, detail, 2), steps(18, detail, 6)
     y = np.linspace(-1.0, 1.0, n + 1)
@@ -110,7 +110,7 @@ def barrel(height: float, radius: float, detail: float) -> Mesh:
     return merge(*meshes)
 
 
-def bench(length: float, colour=p.MARBLE, bevel=0.015) -> Mesh:
+def bench(length: float, colour=p.MARBLE, bevel=0.015) -> PaletteMesh:
     """A bench."""
     foot = box((0.14, 0.42, 0.36), (0, 0.21 - SINK / 2, 0), colour, bevel)
     shift = np.float32([0.36 * length, 0, 0])
@@ -118,7 +118,7 @@ def bench(length: float, colour=p.MARBLE, bevel=0.015) -> Mesh:
     return merge(*feet, box((length, 0.09, 0.46), (0, 0.45, 0), colour, bevel))
 
 
-def bottle(height: float, detail: float, colour=p.GLASS) -> Mesh:
+def bottle(height: float, detail: float, colour=p.GLASS) -> PaletteMesh:
     """A bottle."""
     h = height
     profile = [
@@ -133,7 +133,7 @@ def bottle(height: float, detail: float, colour=p.GLASS) -> Mesh:
     return revolve(profile, steps(10, detail, 5), colour)
 
 
-def shelf(width: float, height: float, depth: float, boards: int) -> Mesh:
+def shelf(width: float, height: float, depth: float, boards: int) -> PaletteMesh:
     """An open shelf with its back to -z; board tops at (i + 0.3) / boards of the height."""
     side = boxes((0.05, height, depth), [(s * (width / 2 - 0.025), height / 2 - SINK, 0) for s in (-1, 1)], p.DARK_WOOD)
     y = (np.arange(boards) + 0.3) / boards * height
@@ -153,7 +153,7 @@ def cloth(
     sway=0.0,
     colour=p.RED,
     trim=p.OCHRE,
-) -> Mesh:
+) -> PaletteMesh:
     """A hanging cloth 1 cm thick, with its top edge at y = 0 along x. `sway` gathers it to one side at half height."""
     u, v = np.linspace(-0.5, 0.5, nx + 1)[:, None], np.linspace(0.0, 1.0, ny + 1)[None]
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)

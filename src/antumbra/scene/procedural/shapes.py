@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Mesh(NamedTuple):
+class PaletteMesh(NamedTuple):
     """Indexed triangles."""
 
     vertices: np.ndarray  # (v, 3) float32, metres
@@ -25,22 +25,22 @@ def steps(number: float, detail: float, least: int = 1) -> int:
     return max(least, round(number * detail))
 
 
-def merge(*meshes: Mesh) -> Mesh:
+def merge(*meshes: PaletteMesh) -> PaletteMesh:
     """Several meshes as one."""
     starts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]], dtype=np.int32)
-    return Mesh(
+    return PaletteMesh(
         np.concatenate([m.vertices for m in meshes]),
         np.concatenate([m.faces + start for m, start in zip(meshes, starts)]),
         np.concatenate([m.colour for m in meshes]),
     )
 
 
-def raised(mesh: Mesh, y: float) -> Mesh:
+def raised(mesh: PaletteMesh, y: float) -> PaletteMesh:
     """The mesh, `y` metres higher."""
     return mesh._replace(vertices=mesh.vertices + np.float32([0.0, y, 0.0]))
 
 
-def outward(mesh: Mesh) -> Mesh:
+def outward(mesh: PaletteMesh) -> PaletteMesh:
     """A closed mesh with its faces turned outward: its volume is positive."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) - mesh.vertices[0] for i in range(3))
     if np.sum(np.cross(a, b) * c) < 0.0:
@@ -63,15 +63,15 @@ def _colours(colour, n: int) -> np.ndarray:
     return np.repeat(colour, n // len(colour))
 
 
-def grid(points, colour=0, flip=None) -> Mesh:
+def grid(points, colour=0, flip=None) -> PaletteMesh:
     """An open surface through (m, n, 3) points, facing (along n) x (along m); colour: one, or (m - 1, n - 1)."""
     points = np.asarray(points, np.float32)
     index = np.arange(points.shape[0] * points.shape[1], dtype=np.int32).reshape(points.shape[:2])
     faces = _split(index, flip)
-    return Mesh(points.reshape(-1, 3), faces, _colours(colour, len(faces)))
+    return PaletteMesh(points.reshape(-1, 3), faces, _colours(colour, len(faces)))
 
 
-def heightfield(x, z, height, colour=0) -> Mesh:
+def heightfield(x, z, height, colour=0) -> PaletteMesh:
     """An open surface (x[i], height[i, j], z[j]) that faces up."""
     points = np.empty((len(x), len(z), 3), np.float32)
     points[..., 0], points[..., 1], points[..., 2] = np.asarray(x)[:, None], height, z
@@ -85,7 +85,7 @@ def _rim(m: int, n: int) -> np.ndarray:
     return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
 
 
-def shell(front, back, colour=0, rim_colour=None) -> Mesh:
+def shell(front, back, colour=0, rim_colour=None) -> PaletteMesh:
     """The solid between two (m, n, 3) grids of points."""
     front, back = np.asarray(front, np.float32), np.asarray(back, np.float32)
     m, n = front.shape[:2]
@@ -96,10 +96,10 @@ def shell(front, back, colour=0, rim_colour=None) -> Mesh:
     cells = _colours(colour, len(near))
     edge = _colours(cells[0] if rim_colour is None else rim_colour, len(wall))
     vertices = np.concatenate([front.reshape(-1, 3), back.reshape(-1, 3)])
-    return outward(Mesh(vertices, faces, np.concatenate([cells, cells, edge])))
+    return outward(PaletteMesh(vertices, faces, np.concatenate([cells, cells, edge])))
 
 
-def block(points, level: float, colour=0) -> Mesh:
+def block(points, level: float, colour=0) -> PaletteMesh:
     """The solid between a surface of (m, n, 3) points and the horizontal plane at height `level`."""
     top = grid(points, colour)
     m, n = np.asarray(points).shape[:2]
@@ -109,7 +109,7 @@ def block(points, level: float, colour=0) -> Mesh:
     wall = _split(np.stack([np.append(under, under[0]), np.append(rim, rim[0])]))
     cap = np.stack([np.full_like(under, m * n + len(rim)), np.roll(under, -1), under], axis=1)
     return outward(
-        Mesh(
+        PaletteMesh(
             np.concatenate([top.vertices, foot, foot.mean(axis=0, keepdims=True)]),
             np.concatenate([top.faces, wall, cap]),
             np.concatenate([top.colour, _colours(top.colour[0], len(wall) + len(cap))]),
@@ -127,7 +127,7 @@ def _loft_faces(n: int, k: int, closed: bool) -> np.ndarray:
     return np.concatenate([_split(index), fan[:, ::-1], fan + (n - 1) * k]).astype(np.int32)
 
 
-def lofts(sections, colour=0, closed=False) -> Mesh:
+def lofts(sections, colour=0, closed=False) -> PaletteMesh:
     """Solids through (c, n, k, 3) sections: c bodies of n loops of k points, in one mesh.
 
     Seen from the last section, the loops are counter-clockwise. Fans cap the ends, so the end loops must be convex.
@@ -137,15 +137,15 @@ def lofts(sections, colour=0, closed=False) -> Mesh:
     c, n, k = sections.shape[:3]
     one = _loft_faces(n, k, closed)
     faces = (one + np.arange(0, c * n * k, n * k, dtype=np.int32)[:, None, None]).reshape(-1, 3)
-    return Mesh(sections.reshape(-1, 3), faces, _colours(colour, len(faces)))
+    return PaletteMesh(sections.reshape(-1, 3), faces, _colours(colour, len(faces)))
 
 
-def loft(sections, colour=0, closed=False) -> Mesh:
+def loft(sections, colour=0, closed=False) -> PaletteMesh:
     """The solid through (n, k, 3) sections, which may turn either way; see `lofts`."""
     return outward(lofts(np.asarray(sections)[None], colour, closed))
 
 
-def capped(rings, low, high, colour=0) -> Mesh:
+def capped(rings, low, high, colour=0) -> PaletteMesh:
     """The solid through (n, k, 3) loops, closed by fans around the points `low` and `high` ((3,)).
 
     Seen from `high`, the loops are counter-clockwise. colour: one, or (n - 1) k for the cells and 2 k for the fans.
@@ -164,10 +164,10 @@ def capped(rings, low, high, colour=0) -> Mesh:
     colour = np.asarray(colour, np.uint8)
     if colour.ndim:
         colour = np.concatenate([np.repeat(colour[: (n - 1) * k], 2), colour[(n - 1) * k :]])
-    return Mesh(vertices, np.concatenate([cells, *fans]), _colours(colour, len(cells) + 2 * k))
+    return PaletteMesh(vertices, np.concatenate([cells, *fans]), _colours(colour, len(cells) + 2 * k))
 
 
-def revolve(profile, segments: int, colour=0, scale=None) -> Mesh:
+def revolve(profile, segments: int, colour=0, scale=None) -> PaletteMesh:
     """A solid of revolution about +Y through (k, 2) points (radius, height). Its ends are closed on the axis.
 
     scale : (k, segments), optional
@@ -221,7 +221,7 @@ def _box_faces(bevelled: bool) -> np.ndarray:
 _BOX, _BEVELLED = _box_faces(False), _box_faces(True)
 
 
-def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> Mesh:
+def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> PaletteMesh:
     """A box of `size` (3,) around `centre`, bevelled by `bevel` metres: 12 triangles, or 44 with bevels."""
     half = np.asarray(size, np.float64) / 2.0
     if bevel > 0.0:
@@ -229,15 +229,15 @@ def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> Mesh:
         vertices, faces = (_SIGNS[:, None] * inset).reshape(-1, 3), _BEVELLED
     else:
         vertices, faces = _SIGNS * half, _BOX
-    return Mesh((vertices + centre).astype(np.float32), faces, _colours(colour, len(faces)))
+    return PaletteMesh((vertices + centre).astype(np.float32), faces, _colours(colour, len(faces)))
 
 
-def boxes(sizes, centres, colour=0) -> Mesh:
+def boxes(sizes, centres, colour=0) -> PaletteMesh:
     """Plain boxes of (k, 3) sizes around (k, 3) centres; one colour, or one for each."""
     sizes, centres = np.broadcast_arrays(np.asarray(sizes, np.float32), np.asarray(centres, np.float32))
     vertices = _SIGNS.astype(np.float32) * (sizes[:, None] / 2) + centres[:, None]
     faces = _BOX + np.arange(0, 8 * len(sizes), 8, dtype=np.int32)[:, None, None]
-    return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), _colours(colour, 12 * len(sizes)))
+    return PaletteMesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), _colours(colour, 12 * len(sizes)))
 
 
 def arc(centre, radius, start: float, end: float, n: int) -> np.ndarray:
@@ -246,14 +246,14 @@ def arc(centre, radius, start: float, end: float, n: int) -> np.ndarray:
     return np.asarray(centre) + np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
 
 
-def prism(lower, upper, depth: float, colour=0) -> Mesh:
+def prism(lower, upper, depth: float, colour=0) -> PaletteMesh:
     """The solid between two polylines (n, 2) in the x-y plane, `depth` thick in z around 0."""
     flat = np.stack([np.asarray(lower, np.float32), np.asarray(upper, np.float32)])
     z = np.full((*flat.shape[:2], 1), depth / 2, np.float32)
     return shell(np.concatenate([flat, z], axis=-1), np.concatenate([flat, -z], axis=-1), colour)
 
 
-def frame_ring(profile, half_x: float, half_z: float, colour=0) -> Mesh:
+def frame_ring(profile, half_x: float, half_z: float, colour=0) -> PaletteMesh:
     """A mitred moulding around a rectangle, with a closed (k, 2) profile of (outward offset, height)."""
     profile = np.asarray(profile, np.float32)
     sx, sz = np.array([1, 1, -1, -1])[:, None], np.array([1, -1, -1, 1])[:, None]
@@ -262,7 +262,7 @@ def frame_ring(profile, half_x: float, half_z: float, colour=0) -> Mesh:
     return loft(points, colour, closed=True)
 
 
-def tubes(paths, radii, sides: int, colour=0) -> Mesh:
+def tubes(paths, radii, sides: int, colour=0) -> PaletteMesh:
     """Closed round bars along (c, n, 3) paths with (c, n) or (n,) radii > 0."""
     paths = np.asarray(paths, np.float64)
     tangent = np.gradient(paths, axis=1)

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from .city import GROUP, city_groups
-from .shapes import Mesh
+from .shapes import PaletteMesh
 
 _PACKAGE = Path(__file__).parents[3]
 
 
-def streamed_blocks(triangles: int, seed: int, processes: int) -> Iterator[Mesh]:
+def streamed_blocks(triangles: int, seed: int, processes: int) -> Iterator[PaletteMesh]:
     """The blocks of `city_blocks`, made by `processes` processes. The arguments have been checked."""
     workers = [_started(triangles, seed, k, processes) for k in range(processes)]
     try:
@@ -47,13 +47,13 @@ def _started(triangles: int, seed: int, first: int, step: int) -> subprocess.Pop
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env, start_new_session=True)
 
 
-def _received(pipe) -> Mesh | None:
+def _received(pipe) -> PaletteMesh | None:
     """The next block, sent after its numbers of vertices and faces; None at the end."""
     sizes = np.zeros(2, np.int64)
     if pipe.readinto(sizes.view(np.uint8).data) == 0:
         return None
     v, f = sizes
-    block = Mesh(np.empty((v, 3), np.float32), np.empty((f, 3), np.int32), np.empty(f, np.uint8))
+    block = PaletteMesh(np.empty((v, 3), np.float32), np.empty((f, 3), np.int32), np.empty(f, np.uint8))
     for array in block:
         if pipe.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
             raise RuntimeError("a process that makes blocks of the city has ended too early")

@@ -6,10 +6,10 @@ import numpy as np
 
 from . import palette as p
 from .plants import UP, blades, sphere_directions, unit
-from .shapes import Mesh, cross, merge, steps, tubes
+from .shapes import PaletteMesh, cross, merge, steps, tubes
 
 
-def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: float) -> Mesh:
+def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: float) -> PaletteMesh:
     """A curved trunk with arching fronds of `leaflets` pairs of leaflets."""
     t = np.linspace(0.0, 1.0, steps(10, detail, 3) + 1)
     lean = rng.uniform(-0.08, 0.08, 2) * height
@@ -70,7 +70,7 @@ def branches(rng, base, along, length, number: int, n: int):
 class BareTree(NamedTuple):
     """A tree without its leaves."""
 
-    wood: Mesh
+    wood: PaletteMesh
     twigs: np.ndarray  # (k, 3, 3) paths of three points
     tips: np.ndarray  # (k, 3) directions of the twigs
     height: float
@@ -94,7 +94,7 @@ def bare_tree(rng, height: float, detail: float, bark=p.BARK) -> BareTree:
     return BareTree(wood, second, tips, height)
 
 
-def tree(rng, bare: BareTree, leaves: int, size: float, colour=p.LEAF) -> Mesh:
+def tree(rng, bare: BareTree, leaves: int, size: float, colour=p.LEAF) -> PaletteMesh:
     """A broadleaf tree: leaves of 4 triangles around the twigs, each twig in its own shade."""
     twigs = bare.twigs
     which = rng.integers(0, len(twigs), leaves)
@@ -107,7 +107,7 @@ def tree(rng, bare: BareTree, leaves: int, size: float, colour=p.LEAF) -> Mesh:
     return merge(bare.wood, foliage)
 
 
-def conifer(rng, height: float, leaves: int, detail: float) -> Mesh:
+def conifer(rng, height: float, leaves: int, detail: float) -> PaletteMesh:
     """A spruce: whorls of drooping boughs made of long blades, 4 triangles each."""
     t = np.linspace(0.0, 1.0, steps(4, detail, 2) + 1)
     trunk = np.stack([0.0 * t, height * t - 0.2, 0.0 * t], axis=1)
