@@ -9,7 +9,7 @@ import oracle
 from antumbra.bvh.bins import make_mapping
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED, aligned_empty
 from antumbra.bvh.prepare import make_records
-from antumbra.bvh.rayset import HIT, RAY, RaySet, Side, divide_rays, ray_set, rays_of
+from antumbra.bvh.rayset import HIT, RAY, ShownRays, Side, divide_rays, rays_of, shown_rays
 from antumbra.bvh.splits import Split
 from antumbra.bvh.srdh_cost import RaySplit
 from antumbra.kernels.jit import kernel
@@ -46,11 +46,11 @@ def divide(vertices, found, axis, place, order, swapped):
     boxes = np.zeros((2, 8), np.float32)
     for box, side in zip(boxes, (left, ~left)):
         box[:3], box[4:7] = vertices[side].min((0, 1)), -vertices[side].max((0, 1))
-    set_ = ray_set(found, flat)
-    out = [RaySet(np.full_like(set_.rays, np.nan), np.full_like(set_.hits, np.nan)) for _ in range(2)]
+    set_ = shown_rays(found, flat)
+    out = [ShownRays(np.full_like(set_.rays, np.nan), np.full_like(set_.hits, np.nan)) for _ in range(2)]
     split = Split(np.int64(axis), np.int64(place), f(0.0))
     counts = _divide(set_, len(vertices), centroids, split, np.int64(order), swapped, boxes, *out)
-    return left, *(RaySet(o.rays[: c.rays], o.hits[: c.hits]) for o, c in zip(out, counts))
+    return left, *(ShownRays(o.rays[: c.rays], o.hits[: c.hits]) for o, c in zip(out, counts))
 
 
 def listed(set_):
@@ -77,7 +77,7 @@ def test_rays_that_come_to_a_child_of_any_soup(vertices, seed, m, axis, place, o
     if left is None:
         return
     scene = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends))
-    every = listed(ray_set(found, vertices.reshape(-1, 9)))
+    every = listed(shown_rays(found, vertices.reshape(-1, 9)))
     slack, boxes = (
         1e-5 * max(abs(a).max() for a in (vertices, origins, ends)),
         [box_of(scene, s) for s in (left, ~left)],
@@ -108,7 +108,7 @@ def test_ray_sets_are_those_of_the_paper(order):
         origins, ends = origins[free], ends[free]
     found = met(vertices, origins, ends)
     scene, ids = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends)), np.arange(200)
-    every = ray_set(found, vertices.reshape(-1, 9))
+    every = shown_rays(found, vertices.reshape(-1, 9))
     sizes = []
     for axis in range(3):
         left, *sets = divide(vertices, found, axis, 8, *ORDERS[order])
@@ -126,7 +126,7 @@ def test_words_of_a_set():
     vertices = scattered(50)
     origins, ends = segments_in(vertices, 30, 1)
     found = met(vertices, origins, ends)
-    set_ = ray_set(found, vertices.reshape(-1, 9))
+    set_ = shown_rays(found, vertices.reshape(-1, 9))
     assert set_.rays.shape == (30, RAY) and set_.hits.shape == (len(found.prims), HIT)
     np.testing.assert_array_equal(set_.rays[:, :3], origins)
     np.testing.assert_allclose(set_.rays[:, 3:6], 1 / (ends - origins), rtol=1e-6)
@@ -138,4 +138,4 @@ def test_reciprocals_are_finite():
     origins = np.zeros((4, 3), np.float32)
     ends = np.float32([[0, 0, 0], [1e-30, 0, 0], [1, 0, -1e-30], [1e38, 1, 0]])
     found = met(np.zeros((0, 3, 3), np.float32), origins, ends)
-    assert np.isfinite(ray_set(found, np.zeros((0, 9), np.float32)).rays[:, 3:6]).all()
+    assert np.isfinite(shown_rays(found, np.zeros((0, 9), np.float32)).rays[:, 3:6]).all()

@@ -9,7 +9,7 @@ import oracle
 from antumbra.bvh.bins import BIN_BOXES, BIN_COUNTS, Bins, clear_bins, fill_bins, make_mapping
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED, aligned_empty
 from antumbra.bvh.prepare import make_records, power_of_two_for
-from antumbra.bvh.rayset import Side, ray_set, rays_of
+from antumbra.bvh.rayset import Side, rays_of, shown_rays
 from antumbra.bvh.srdh import KERNELS
 from antumbra.bvh.srdh_cost import HeuristicSettings, ray_split
 from antumbra.kernels.jit import kernel
@@ -42,7 +42,7 @@ def split(vertices, found, kernels, prior, linear):
     box, centroids = make_records(flat, records, 1)
     chosen = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
     axis, place, order, swapped, cost, n_bins = _split(
-        records, np.concatenate([box, centroids]), ray_set(found, flat), chosen
+        records, np.concatenate([box, centroids]), shown_rays(found, flat), chosen
     )
     if axis < 0:
         return None, order, swapped, cost

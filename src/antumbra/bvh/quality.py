@@ -27,7 +27,7 @@ _FAULTS = (
 _NO_NODE, _SHARED, _DEEP, _MISSING, _NOT_EMPTY, _BEYOND, _TWICE, _LEAF_BOX, _INNER_BOX = range(1, len(_FAULTS))
 
 
-class Statistics(NamedTuple):
+class TreeStatistics(NamedTuple):
     """The shape of a BVH."""
 
     nodes: int  # inner nodes
@@ -251,9 +251,9 @@ def _shape(links, sizes):
     return deepest
 
 
-def statistics(bvh: Bvh) -> Statistics:
+def statistics(bvh: Bvh) -> TreeStatistics:
     """Nodes, leaves, depth, leaf sizes and memory of a correct BVH (see `validate`)."""
     sizes = np.zeros(MAX_LEAF + 1, np.int64)
     depth = _shape(bvh.links, sizes)
     size = bvh.nodes.nbytes + bvh.prim_ids.nbytes + bvh.corners.nbytes
-    return Statistics(len(bvh.nodes), int(sizes.sum()), int(depth), sizes, size / max(1, len(bvh.prim_ids)))
+    return TreeStatistics(len(bvh.nodes), int(sizes.sum()), int(depth), sizes, size / max(1, len(bvh.prim_ids)))

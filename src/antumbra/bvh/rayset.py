@@ -30,15 +30,15 @@ class Intersections(NamedTuple):
     prims: np.ndarray  # (h,) int32, triangle indices
 
 
-class RaySet(NamedTuple):
+class ShownRays(NamedTuple):
     """Rays and their hits."""
 
     rays: np.ndarray  # (m, RAY) float32; its last two words are int32
     hits: np.ndarray  # (h, HIT) float32
 
 
-class RaySetPointers(NamedTuple):
-    """Pointers to the arrays of a `RaySet`, from some ray and some hit on."""
+class ShownRaysPointers(NamedTuple):
+    """Pointers to the arrays of a `ShownRays`, from some ray and some hit on."""
 
     rays: F32Ptr  # float32 *
     words: I32Ptr  # int32 *, the same memory
@@ -46,7 +46,7 @@ class RaySetPointers(NamedTuple):
 
 
 class Side(NamedTuple):
-    """A number of rays and a number of hits: the size of one side's set, or a position in a `RaySet`."""
+    """A number of rays and a number of hits: the size of one side's set, or a position in a `ShownRays`."""
 
     rays: int
     hits: int
@@ -70,7 +70,7 @@ def check_intersections(found: Intersections, n: int) -> None:
 
 
 def bounded_rays(found: Intersections) -> np.ndarray:
-    """(m, RAY) float32: the rays of a `RaySet` of all segments, ready for slab tests."""
+    """(m, RAY) float32: the rays of a `ShownRays` of all segments, ready for slab tests."""
     rays = np.zeros((len(found.origins), RAY), np.float32)
     direction = found.ends - found.origins
     limit = _TINY * np.abs(direction).max(axis=1, initial=np.float32(1e-15), keepdims=True)
@@ -81,19 +81,19 @@ def bounded_rays(found: Intersections) -> np.ndarray:
     return rays
 
 
-def ray_set(found: Intersections, flat: np.ndarray) -> RaySet:
+def shown_rays(found: Intersections, flat: np.ndarray) -> ShownRays:
     """The ray set of these intersections with the triangles `flat`, (n, 9) float32."""
     hits = np.zeros((len(found.prims), HIT), np.float32)
     corners = flat[found.prims].reshape(-1, 3, 3)
     hits[:, :3] = corners.min(axis=1) + corners.max(axis=1)
-    return RaySet(bounded_rays(found), hits)
+    return ShownRays(bounded_rays(found), hits)
 
 
 @inlined
 def rays_of(set_, start):
-    """Pointers to the arrays of a `RaySet`, which must outlive them, from the position `start` (a `Side`) on."""
+    """Pointers to the arrays of a `ShownRays`, which must outlive them, from the position `start` (a `Side`) on."""
     rays = ptr_at(ptr(set_.rays), start.rays * RAY)
-    return RaySetPointers(rays, as_i32(rays), ptr_at(ptr(set_.hits), start.hits * HIT))
+    return ShownRaysPointers(rays, as_i32(rays), ptr_at(ptr(set_.hits), start.hits * HIT))
 
 
 @inlined
@@ -138,8 +138,8 @@ def _left_first(order, left, right, ray):
 @inlined
 def _copy_ray(source, i, target, side, axis, origin, factor, limit, wanted):
     """Add ray i, with its hits on one side of a split, to a child's set, and return the set's new size, a `Side`."""
-    # In: source, `RaySetPointers`; side, size of the set; axis, origin, factor, limit, the split; wanted, True for left
-    # Out: target, the child's `RaySetPointers`
+    # In: source, `ShownRaysPointers`; side, size of the set; axis to limit, the split; wanted, True for left
+    # Out: target, the child's `ShownRaysPointers`
     at, hit, n = side.rays * RAY, side.hits, np.int64(0)
     store(target.rays, at, load8(source.rays, i * RAY))
     first = np.int64(get(source.words, i * RAY + 6))
@@ -158,9 +158,9 @@ def divide_rays(source, n, mapping, chosen, boxes, left, right):
 
     Left is the side of the lower centroids.
     """
-    # In: source, n `RaySetPointers`; mapping, as for `bins.partition`; chosen, `srdh_cost.RaySplit`
+    # In: source, n `ShownRaysPointers`; mapping, as for `bins.partition`; chosen, `srdh_cost.RaySplit`
     # In: boxes, pointer to the boxes of the left and the right side
-    # Out: left, right, `RaySetPointers`
+    # Out: left, right, `ShownRaysPointers`
     axis, limit, order = chosen.split.axis, np.float32(chosen.split.place), chosen.order
     origin, factor = extract(mapping.origin, axis), extract(mapping.factor, axis)
     low, high = boxes, ptr_at(boxes, 8)

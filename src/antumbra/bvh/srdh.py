@@ -30,7 +30,7 @@ from .bounds import range_bounds, write_boxes
 from .nodes import MAX_DEPTH, Bvh
 from .prepare import PAIR, checked, make_records, power_of_two_for
 from .rayorder import order_by_rays
-from .rayset import HIT, RAY, Intersections, RaySetPointers, Side, check_intersections, divide_rays, ray_set
+from .rayset import HIT, RAY, Intersections, ShownRaysPointers, Side, check_intersections, divide_rays, shown_rays
 from .splits import must_halve
 from .srdh_cost import CONSTANT, DISTANCE, HeuristicSettings, no_ray_split, ray_split
 from .srdh_top import RayLevels
@@ -56,7 +56,7 @@ class RaySettings(NamedTuple):
     kernels: int
     prior: np.float64
     linear: bool
-    rays: np.ndarray  # (m, RAY) float32: the `RaySet`s of all ranges that threads build alone, joined
+    rays: np.ndarray  # (m, RAY) float32: the `ShownRays` of all ranges that threads build alone, joined
     hits: np.ndarray  # (h, HIT) float32: their hits, joined
     spans: np.ndarray  # (s, 4) int64: first ray, number of rays, first hit, number of hits of each such range
     rooms: np.ndarray  # (s,) int64: capacity for rays below each such range (`_rooms_for`)
@@ -81,9 +81,9 @@ def _scratch_words(settings: RaySettings) -> int:
 
 @inlined
 def _from(waiting, start):
-    """The `RaySetPointers` from the position `start`, a `Side`, on."""
+    """The `ShownRaysPointers` from the position `start`, a `Side`, on."""
     rays = ptr_at(waiting.rays, start.rays * RAY)
-    return RaySetPointers(rays, as_i32(rays), ptr_at(waiting.hits, start.hits * HIT))
+    return ShownRaysPointers(rays, as_i32(rays), ptr_at(waiting.hits, start.hits * HIT))
 
 
 @kernel
@@ -120,14 +120,14 @@ def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
 
 @kernel
 def _first_set(settings, s, scratch):
-    """The stack of waiting ray sets as `RaySetPointers`: at first ray set s alone. The next set is on top."""
+    """The stack of waiting ray sets as `ShownRaysPointers`: at first ray set s alone. The next set is on top."""
     first_ray, n_rays, first_hit, n_hits = settings.spans[s]
     rays = ptr_at(scratch, 3 * n_hits * HIT)
     for i in range(n_rays):
         store(rays, i * RAY, load8(settings.rays, (first_ray + i) * RAY))
     for i in range(n_hits):
         store(scratch, i * HIT, load4(settings.hits, (first_hit + i) * HIT))
-    return RaySetPointers(rays, as_i32(rays), scratch)
+    return ShownRaysPointers(rays, as_i32(rays), scratch)
 
 
 @kernel
@@ -199,7 +199,7 @@ def _build_range(vertices, source, first, last, depth, box, centroids, settings,
 def _compile_top() -> None:
     """Load the kernels that only large scenes run, so that the first build of a process readies all later ones."""
     segment = np.float32([[-1.0, 0.0, 0.1]]), np.float32([[3.0, 3.0, 3.0]])
-    rays = ray_set(Intersections(*segment, np.array([0, 1]), np.zeros(1, np.int32)), PAIR)
+    rays = shown_rays(Intersections(*segment, np.array([0, 1]), np.zeros(1, np.int32)), PAIR)
     method = binned(2)
     bounds = make_records(PAIR, method.records, 1)
     settings = HeuristicSettings(np.float32(1.0), np.int64(CONSTANT), np.float64(PRIOR), False)
@@ -261,7 +261,7 @@ def build(
     method = binned(n)
     box, centroids = make_records(flat, method.records, threads)
     heuristic = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
-    levels = RayLevels(method, ray_set(rays, flat), heuristic, largest_subtree(n), threads)
+    levels = RayLevels(method, shown_rays(rays, flat), heuristic, largest_subtree(n), threads)
     top = levels.arranged(build_top(n, box, centroids, largest_subtree(n), levels.split))
     found = levels.sets()
     settings = RaySettings(np.int64(max_leaf), *heuristic, *found, _rooms_for(found[2][:, 1]))

@@ -9,12 +9,12 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take
 from ..kernels.simd import load8, ptr, stack_f32, stack_i32, store
 from .bins import BIN_BOXES, BIN_COUNTS, Binned, Bins, cheapest_split
-from .rayset import HIT, RAY, RaySet, Side, divide_rays, rays_of
+from .rayset import HIT, RAY, ShownRays, Side, divide_rays, rays_of
 from .splits import Split, must_halve
 from .srdh_cost import HeuristicSettings, RaySplit, no_ray_split, ray_split
 from .top import UpperLevels, blocks_of, join_bins, mapping_of_range, set_split, split_blocks
 
-FIRST_RAY, N_RAYS, FIRST_HIT, N_HITS = range(4)  # columns of spans: a range's rays and hits in a `RaySet`
+FIRST_RAY, N_RAYS, FIRST_HIT, N_HITS = range(4)  # columns of spans: a range's rays and hits in a `ShownRays`
 
 
 @inlined
@@ -26,7 +26,7 @@ def start_of(spans, r):
 @kernel
 def _choose_splits(ticket, level, depth, sets, spans, settings, orders):
     """Worker: choose the split of each range, and the order of its children."""
-    # In: level, a `Level`; depth; sets, the `RaySet` of all ranges; spans, (k, 4); settings, `HeuristicSettings`
+    # In: level, a `Level`; depth; sets, the `ShownRays` of all ranges; spans, (k, 4); settings, `HeuristicSettings`
     # Out: level.splits and level.places; orders, (k, 2) int32: order, 1 if the high side comes first
     total = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
     r = take(ticket)
@@ -50,7 +50,7 @@ def _choose_splits(ticket, level, depth, sets, spans, settings, orders):
 def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
     """Worker: write the ray sets of each range's children."""
     # In: level, sides of `split_blocks`; sets and spans of the ranges; orders of `_choose_splits`
-    # Out: out, the children's `RaySet`; children, (2 k, 4): their spans, with the starts already set
+    # Out: out, the children's `ShownRays`; children, (2 k, 4): their spans, with the starts already set
     boxes = stack_f32(16)
     r = take(ticket)
     while r >= 0:
@@ -72,12 +72,12 @@ def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
 class RayLevels:
     """Splits the ranges of the top, level by level, and keeps the ray set of each range."""
 
-    def __init__(self, method: Binned, rays: RaySet, settings: HeuristicSettings, largest: int, threads: int):
+    def __init__(self, method: Binned, rays: ShownRays, settings: HeuristicSettings, largest: int, threads: int):
         self.method, self.settings, self.largest, self.threads = method, settings, largest, threads
         # the ranges of the last level, in order: number of records, and their rays
         self.counts, self.rays = np.array([len(method.records)]), rays
         self.spans = np.array([[0, len(rays.rays), 0, len(rays.hits)]])
-        self.done: list[tuple[RaySet, np.ndarray]] = []  # ranges that one thread each builds, in order
+        self.done: list[tuple[ShownRays, np.ndarray]] = []  # ranges that one thread each builds, in order
         self.orders = [np.empty((0, 2), np.int32)]  # of each level, as `_choose_splits` writes them
 
     def split(self, ranges, boxes, depth):
@@ -95,7 +95,7 @@ class RayLevels:
         room = np.repeat(spans[:, [N_RAYS, N_HITS]], 2, axis=0)
         children = np.zeros((2 * len(ranges), 4), np.int64)
         children[:, [FIRST_RAY, FIRST_HIT]] = np.cumsum(room, axis=0) - room
-        out = RaySet(np.empty((room[:, 0].sum(), RAY), np.float32), np.empty((room[:, 1].sum(), HIT), np.float32))
+        out = ShownRays(np.empty((room[:, 0].sum(), RAY), np.float32), np.empty((room[:, 1].sum(), HIT), np.float32))
         ticket = new_ticket(len(ranges), 1)
         run(_divide_sets, self.threads, ticket, *found, sides, self.rays, spans, orders, out, children)
         self.counts = np.column_stack([middles - ranges[:, 0], ranges[:, 1] - middles]).ravel()

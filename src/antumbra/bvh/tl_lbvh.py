@@ -31,8 +31,8 @@ from .treelet import (
     KEPT,
     LANES,
     LEAVES,
-    Part,
     Rules,
+    TreePart,
     areas_of_children,
     batch_at,
     cost_of_best,
@@ -143,14 +143,14 @@ class Work(NamedTuple):
     """A tree under optimisation."""
 
     nodes: np.ndarray  # (n, 16) float32
-    facts: np.ndarray  # (n, 4) int32: see `Part`
+    facts: np.ndarray  # (n, 4) int32: see `TreePart`
     is_leaf: np.ndarray  # (n,) bool
 
 
 @inlined
 def _part_of(work, numbers, first):
-    """The `Part` of a tree's nodes from `first` on; `numbers` is scratch memory, 3 int32 a node."""
-    return Part(
+    """The `TreePart` of a tree's nodes from `first` on; `numbers` is scratch memory, 3 int32 a node."""
+    return TreePart(
         ptr(work.nodes), as_i32(ptr(work.nodes)), ptr(work.facts), ptr(work.is_leaf),
         ptr_at(numbers, -first), ptr_at(numbers, numbers.shape[1] - first),
         ptr_at(numbers, 2 * numbers.shape[1] - first),

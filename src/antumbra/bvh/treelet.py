@@ -65,7 +65,7 @@ _INF = np.float32(np.inf)
 _MINUS_ONE = np.float32(-1.0).view(np.int32)
 
 
-class Part(NamedTuple):
+class TreePart(NamedTuple):
     """A subtree: pointers to arrays that the index of a node indexes."""
 
     nodes: F32Ptr  # float32 *, 16 a node
@@ -91,7 +91,7 @@ class Batch(NamedTuple):
     inner: I32Ptr  # int32 *, [lane][node]: the opened nodes, the root first
     places: I32Ptr  # int32 *, [lane][leaf]: 2 * node + side
     areas: F32Ptr  # float32 *, [lane][leaf]: half the area of the box; _CLOSED for a triangle
-    facts: I32Ptr  # int32 *, [lane][leaf]: as in `Part`; the cost of a single triangle is negative: not yet known
+    facts: I32Ptr  # int32 *, [lane][leaf]: as in `TreePart`; the cost of a single triangle is negative: not yet known
     boxes: F32Ptr  # float32 *: [leaf][lower and upper x, y, z][lane]
     costs: F32Ptr  # float32 *, [subset][lane]: half the area, then the least cost of a tree
     counts: F32Ptr  # float32 *, [subset][lane]: triangles

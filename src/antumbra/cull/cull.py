@@ -14,7 +14,7 @@ import numpy as np
 
 from ..kernels.parallel import thread_count
 from ..query.bounds import bounds
-from .grid import Grid, grid_over
+from .grid import CellGrid, grid_over
 from .relevance import marks_of, relevant
 from .sources import FINEST, ReceiverTiles, bounds_of, sources_of, tiles_of
 from .swept import mark_hulls
@@ -29,7 +29,7 @@ class Culled(NamedTuple):
 
     kept: np.ndarray  # (m,) int32, ascending: indices of the triangles that are left
     vertices: np.ndarray  # (m, 3, 3) float32: their vertices
-    grid: Grid | None  # None: there is no segment, or no segment can meet a triangle
+    grid: CellGrid | None  # None: there is no segment, or no segment can meet a triangle
     marked: np.ndarray | None  # (n, n, n) uint8: 1 where segments can be
     sources: int  # number of boxes of receivers
     targets: int  # number of boxes of lights

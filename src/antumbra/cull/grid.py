@@ -11,7 +11,7 @@ from ..kernels.simd import extract, get, load4, maximum, minimum, ptr, to_i32
 PAD = 2.0**-20  # of the largest coordinate: far more than the errors of float32 samples and of float64 arithmetic
 
 
-class Grid(NamedTuple):
+class CellGrid(NamedTuple):
     """A box of n x n x n equal cells.
 
     One monotone function (`cells_at`) maps a float32 coordinate to its cell, for triangles and for rays alike. Suppose
@@ -25,7 +25,7 @@ class Grid(NamedTuple):
 
 
 class GridPointers(NamedTuple):
-    """Pointers to the arrays of a `Grid`. The arrays must outlive them. Kernels take either type."""
+    """Pointers to the arrays of a `CellGrid`. The arrays must outlive them. Kernels take either type."""
 
     bounds: F32Ptr  # float32 *
     scale: F32Ptr  # float32 *
@@ -34,18 +34,18 @@ class GridPointers(NamedTuple):
 
 @inlined
 def pointers_of(grid):
-    """The `GridPointers` of a `Grid`."""
+    """The `GridPointers` of a `CellGrid`."""
     return GridPointers(ptr(grid.bounds), ptr(grid.scale), np.int64(grid.n))
 
 
-def grid_over(lower, upper, n: int) -> Grid:
-    """The `Grid` over the box from `lower` to `upper`, (3,) float64 each, rounded outwards."""
+def grid_over(lower, upper, n: int) -> CellGrid:
+    """The `CellGrid` over the box from `lower` to `upper`, (3,) float64 each, rounded outwards."""
     bounds = np.zeros((2, 4), np.float32)
     bounds[0, :3] = np.nextafter(np.asarray(lower, np.float32), np.float32(-np.inf))
     bounds[1, :3] = np.nextafter(np.asarray(upper, np.float32), np.float32(np.inf))
     extent = bounds[1].astype(np.float64) - bounds[0]
     scale = np.divide(n, extent, out=np.zeros(4), where=extent > n * np.finfo(np.float32).tiny)
-    return Grid(bounds, scale.astype(np.float32), n)
+    return CellGrid(bounds, scale.astype(np.float32), n)
 
 
 @inlined

@@ -19,14 +19,14 @@ _INFINITY = 0x7F800000  # the bits of float32's infinity
 
 
 class Survivors(NamedTuple):
-    """The triangles left by culling. Only slots in `Bins.slot` are filled; other memory pages stay untouched."""
+    """The triangles left by culling. Only slots in `TileBins.slot` are filled; other memory pages stay untouched."""
 
     triangle: np.ndarray  # (n,) int32
     box: np.ndarray  # (n, 4) int16: first and last pixel, x0, y0, x1, y1
     nearest: np.ndarray  # (n,) float32: upper bound of the triangle's depth key 1 / t
 
 
-class Bins(NamedTuple):
+class TileBins(NamedTuple):
     """The candidate triangles of each tile. Tile k owns slot[first[k]:first[k + 1]], in ascending triangle order."""
 
     seen: Survivors
@@ -123,7 +123,7 @@ def _fill(ticket, size, columns, left, cursors, box, slots):
         chunk = take(ticket)
 
 
-def bin_triangles(corners, view: RasterView, threads: int) -> Bins:
+def bin_triangles(corners, view: RasterView, threads: int) -> TileBins:
     """Cull the triangles, (n, 9) float32, and list the remaining ones by tile."""
     n, columns = len(corners), tiles_across(view.width)
     tiles = columns * tiles_across(view.height)
@@ -136,7 +136,7 @@ def bin_triangles(corners, view: RasterView, threads: int) -> Bins:
     _prefix_sums(counts, first)
     slots = np.empty(first[-1], np.int32)
     run(_fill, threads, new_ticket(chunks, 1), size, columns, left, counts, seen.box, slots)
-    return Bins(seen, first, slots)
+    return TileBins(seen, first, slots)
 
 
 @inlined

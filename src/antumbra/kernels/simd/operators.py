@@ -16,7 +16,7 @@ from .vectors import Vector, as_vectors, common_vector
 def _binary(op, emit, *elements, inplace=None, compares=False):
     """Define `op` and its in-place form for vectors of `elements`; `emit(builder, vector, a, b)` makes the code."""
 
-    class Template(AbstractTemplate):
+    class Binary(AbstractTemplate):
         def generic(self, args, kws):
             vector = common_vector(args) if len(args) == 2 and not kws else None
             if vector is None or vector.element not in elements:
@@ -29,7 +29,7 @@ def _binary(op, emit, *elements, inplace=None, compares=False):
         return emit(builder, vector, *as_vectors(context, builder, vector, sig.args, values))
 
     for function in (op, inplace) if inplace else (op,):
-        infer_global(function)(type(f"Vector_{function.__name__}", (Template,), {}))
+        infer_global(function)(type(f"Vector_{function.__name__}", (Binary,), {}))
         lower_builtin(function, Vector, Vector)(lower)
         for scalar in (types.Number, types.Boolean):
             lower_builtin(function, Vector, scalar)(lower)
@@ -39,13 +39,13 @@ def _binary(op, emit, *elements, inplace=None, compares=False):
 def _unary(op, emit, *elements):
     """Define the unary `op` for vectors of `elements`."""
 
-    class Template(AbstractTemplate):
+    class Unary(AbstractTemplate):
         def generic(self, args, kws):
             if len(args) == 1 and isinstance(args[0], Vector) and args[0].element in elements:
                 return signature(args[0], args[0])
             return None
 
-    infer_global(op)(type(f"Vector_{op.__name__}", (Template,), {}))
+    infer_global(op)(type(f"Vector_{op.__name__}", (Unary,), {}))
 
     @lower_builtin(op, Vector)
     def lower(context, builder, sig, values):

@@ -64,7 +64,7 @@ EDGES, KEY, KEY_ERROR, TOPS, BOX, SIGN = 0, 9 * 16, 12 * 16, 13 * 16, 17 * 16, 2
 WORK = 22 * 16  # float32 of scratch memory
 
 
-class Frame(NamedTuple):
+class TileFrame(NamedTuple):
     """Pixel coordinates relative to a tile; float32 scalars but `turn`."""
 
     eye: Vec
@@ -85,7 +85,7 @@ def _row(x, y, z, scale):
 
 @inlined
 def frame_of(view, x0, y0, scale):
-    """The `Frame` of the tile at pixel (x0, y0); scale: a power of two, or 0: then nothing is sure."""
+    """The `TileFrame` of the tile at pixel (x0, y0); scale: a power of two, or 0: then nothing is sure."""
     fx, fy = _F64(x0), _F64(y0)
     x = _row(view.xx - fx * view.zx, view.xy - fx * view.zy, view.xz - fx * view.zz, scale)
     y = _row(view.yx - fy * view.zx, view.yy - fy * view.zy, view.yz - fy * view.zz, scale)
@@ -94,7 +94,7 @@ def frame_of(view, x0, y0, scale):
     n = _F64(nx if nx > ny else ny) + 2.0**-26 * scale * (view.norm_x + view.norm_y)
     m = _F64(abs(z.x) + abs(z.y) + abs(z.z))
     more = 1.001
-    return Frame(
+    return TileFrame(
         Vec(_F(view.eye_x), _F(view.eye_y), _F(view.eye_z)),
         x,
         y,

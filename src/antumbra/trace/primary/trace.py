@@ -26,7 +26,7 @@ from ..descent import WAITING_FLOATS, WAITING_INTS, Near, Slabs, Waiting, entry,
 from ..forest import Forest, Hits, forest_pointers, item, list_of, root_in, tree_in, whole
 from .frusta import FLOATS, bound_directions, slabs_from
 from .pixelblock import CELLS, DEFERRED, PIXELS, Pixels, trace_block
-from .pixelsetup import HEIGHT, WIDTH, WORK, Frame, frame_of
+from .pixelsetup import HEIGHT, WIDTH, WORK, TileFrame, frame_of
 from .pixelstate import keep, resume, settle, shorten, start
 from .resolve import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, ResolveScratch, finish
 
@@ -49,7 +49,7 @@ class _Tile(NamedTuple):
 
     x0: int  # first pixel
     y0: int
-    frame: Frame
+    frame: TileFrame
     alive: int  # bits of the frusta that have pixels
     slabs: Slabs
 
