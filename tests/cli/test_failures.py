@@ -131,9 +131,9 @@ def test_control_c(tmp_path):
     script = f"""
 import os, signal, sys
 from antumbra.cli import main
-from antumbra.cli.progress import Activity
+from antumbra.cli.progress import ProgressDisplay
 signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored where a shell started this in the background
-Activity.parts = lambda self, text, count: lambda done, total: os.kill(os.getpid(), {int(signal.SIGINT)})
+ProgressDisplay.parts = lambda self, text, count: lambda done, total: os.kill(os.getpid(), {int(signal.SIGINT)})
 sys.exit(main(["render", "procedural:atrium?triangles=2000", "--size", "32"]))
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path)

@@ -10,7 +10,7 @@ import antumbra as at
 from antumbra.cli import frames
 from antumbra.cli import renderoptions as asked
 from antumbra.cli.arguments import Sequence, parse_frames
-from antumbra.cli.progress import Activity
+from antumbra.cli.progress import ProgressDisplay
 from antumbra.image.save import note_of
 from antumbra.rendering.renderer import Renderer
 from scene.gltf_files import Gltf
@@ -195,14 +195,14 @@ def test_a_bug_in_one_frame_is_told_and_the_others_go_on(film, monkeypatch):
 
 
 def test_interrupting_leaves_finished_frames_and_says_so(film, monkeypatch, tmp_path):
-    parts = Activity.parts
+    parts = ProgressDisplay.parts
 
     def interrupt(self, text, count, index, of):
         if index < 2:
             return parts(self, text, count, index, of)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Activity, "parts", interrupt)
+    monkeypatch.setattr(ProgressDisplay, "parts", interrupt)
     done = film()
     assert (done.code, done.out) == (130, "")
     assert done.err.splitlines() == [

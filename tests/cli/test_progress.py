@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from antumbra.cli.progress import Activity
+from antumbra.cli.progress import ProgressDisplay
 
 
 class Terminal(io.StringIO):
@@ -25,18 +25,18 @@ def new_terminal(monkeypatch):
     return make
 
 
-def wait_for_bar(activity):
-    activity._timer.join()
-    assert activity._bar is not None
+def wait_for_bar(display):
+    display._timer.join()
+    assert display._bar is not None
 
 
 def test_a_person_who_waits_sees_what_is_being_done(new_terminal):
     terminal = new_terminal()
-    with Activity(delay=0.0) as activity:
-        activity.say("reading")
-        wait_for_bar(activity)
-        activity.say("tracing", 5, 10)
-        activity._bar.refresh()
+    with ProgressDisplay(delay=0.0) as display:
+        display.say("reading")
+        wait_for_bar(display)
+        display.say("tracing", 5, 10)
+        display._bar.refresh()
         print("a line", file=sys.stderr)
     shown = terminal.getvalue()
     assert "tracing" in shown and "a line\n" in shown
@@ -45,45 +45,45 @@ def test_a_person_who_waits_sees_what_is_being_done(new_terminal):
 
 def test_what_is_fast_shows_nothing(new_terminal):
     terminal = new_terminal()
-    with Activity(delay=60.0) as activity:
-        activity.say("reading")
-    activity._timer.join()
-    assert terminal.getvalue() == "" and activity._bar is None
+    with ProgressDisplay(delay=60.0) as display:
+        display.say("reading")
+    display._timer.join()
+    assert terminal.getvalue() == "" and display._bar is None
 
 
 def test_nobody_looking_means_nothing_shown(new_terminal, monkeypatch):
     terminal = new_terminal()
-    with Activity(quiet=True, delay=0.0) as activity:
-        activity.say("reading")
+    with ProgressDisplay(quiet=True, delay=0.0) as display:
+        display.say("reading")
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with Activity(delay=0.0) as other:
+    with ProgressDisplay(delay=0.0) as other:
         other.say("reading")
     assert terminal.getvalue() == "" == sys.stderr.getvalue()
-    assert activity._timer is None and other._timer is None
+    assert display._timer is None and other._timer is None
 
 
 def test_a_bar_is_put_away_after_an_error(new_terminal):
     new_terminal()
-    activity = Activity(delay=0.0)
-    with pytest.raises(ValueError), activity:
-        wait_for_bar(activity)
+    display = ProgressDisplay(delay=0.0)
+    with pytest.raises(ValueError), display:
+        wait_for_bar(display)
         raise ValueError
-    assert activity._bar.live.is_started is False
+    assert display._bar.live.is_started is False
 
 
 def test_runs_one_after_the_other_are_one_bar():
-    activity, seen = Activity(quiet=True), []
-    activity.say = lambda text, done, total: seen.append((text, done, total))
-    progress = activity.parts("tracing", 3)
+    display, seen = ProgressDisplay(quiet=True), []
+    display.say = lambda text, done, total: seen.append((text, done, total))
+    progress = display.parts("tracing", 3)
     for done in (2, 10, 0, 10, 10, 1, 10):
         progress(done, 10)
     assert seen == [("tracing", done, 30) for done in (2, 10, 10, 20, 20, 21, 30)]
 
 
 def test_a_piece_of_many_is_its_part_of_the_bar():
-    activity, seen = Activity(quiet=True), []
-    activity.say = lambda text, done, total: seen.append((done, total))
-    progress = activity.parts("frame 2", 2, index=2, of=4)
+    display, seen = ProgressDisplay(quiet=True), []
+    display.say = lambda text, done, total: seen.append((done, total))
+    progress = display.parts("frame 2", 2, index=2, of=4)
     for done in (5, 10, 0, 10):
         progress(done, 10)
     assert seen == [(45, 80), (50, 80), (50, 80), (60, 80)]

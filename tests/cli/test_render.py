@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli.progress import Activity
+from antumbra.cli.progress import ProgressDisplay
 
 
 def pixels(path):
@@ -315,7 +315,7 @@ def test_interrupting_leaves_one_line_and_no_file(render, monkeypatch, tmp_path)
     def interrupt(done, total):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Activity, "parts", lambda self, text, count: interrupt)
+    monkeypatch.setattr(ProgressDisplay, "parts", lambda self, text, count: interrupt)
     (tmp_path / "antumbra.png").write_bytes(b"older")
     assert render() == (130, "", "antumbra: interrupted\n")
     assert os.listdir(tmp_path) == ["antumbra.png"] and (tmp_path / "antumbra.png").read_bytes() == b"older"

@@ -18,7 +18,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals are differen
 SCRIPT = """
 import os, signal, sys
 from antumbra.cli import main
-from antumbra.cli.progress import Activity
+from antumbra.cli.progress import ProgressDisplay
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored where a shell started this in the background
 phase, name = sys.argv[1:3]
@@ -31,7 +31,7 @@ def say(self, text, done=0, total=0):
     if text == phase and seen == 2:
         os.kill(os.getpid(), getattr(signal, name))
 
-Activity.say = say
+ProgressDisplay.say = say
 sys.exit(main(sys.argv[3:]))
 """
 COMMAND = ["build", "procedural:city?triangles=150k", "-o", "a.antumbra", "--max-memory", "384M"]

@@ -9,7 +9,7 @@ import typer
 from . import arguments, report
 from .arguments import SceneSpec
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption
-from .progress import Activity
+from .progress import ProgressDisplay
 from .sceneinput import open_scene
 
 if TYPE_CHECKING:
@@ -46,10 +46,10 @@ def build(
     from ..rendering.building import build_store
     from ..store.resident import peak_resident
 
-    with Activity(quiet) as activity:
-        activity.say("reading")
+    with ProgressDisplay(quiet) as display:
+        display.say("reading")
         opened = _opened(specs, None if up is None else up.value, threads, quiet)
-        made = build_store(opened, output, max_memory=memory, threads=threads, progress=activity.say)
+        made = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
     peak = peak_resident()
     if json:
         report.print_json({**made._asdict(), "path": str(made.path), "max_memory": memory, "peak_resident": peak})

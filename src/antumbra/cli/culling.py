@@ -8,7 +8,7 @@ import typer
 from ..errors import InputError
 from . import arguments, report
 from .options import SCENE_HELP, CameraOption, Json, LightOption, Quiet, SppOption, Threads, TimeOption, UpOption
-from .progress import Activity
+from .progress import ProgressDisplay
 from .sceneinput import open_scene
 
 
@@ -54,14 +54,14 @@ def culling(
     path = checked_output(Path(f"{spec.stem}-culling.png") if output is None else output, (".png",))
     if find_method("cull", culler) is None:
         raise InputError(f"culler {culler!r} is unknown; choose one of {', '.join(CULLERS)}")
-    with Activity(quiet) as activity:
-        activity.say("reading the scene")
+    with ProgressDisplay(quiet) as display:
+        display.say("reading the scene")
         opened = open_scene(spec, None if up is None else up.value, quiet)
         view = arguments.make_camera(asked_camera, opened, time, width_height)
         lights = arguments.make_lights(asked_lights, opened, time)
-        activity.say("preparing")
+        display.say("preparing")
         shown = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
-        activity.say("writing the picture")
+        display.say("writing the picture")
         save_png(to_srgb8(shown.image, 1.0), path)
     share = shown.kept / max(1, opened.n_triangles)
     answer = {

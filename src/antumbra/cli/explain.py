@@ -21,7 +21,7 @@ from .options import (
     TimeOption,
     UpOption,
 )
-from .progress import Activity
+from .progress import ProgressDisplay
 from .sceneinput import open_scene
 
 if TYPE_CHECKING:
@@ -100,8 +100,8 @@ def explain(
     path = checked_output(Path(f"{spec.stem}-explain.png") if output is None else output, (".png",))
     plans = explained_plans(plan or _PLANS)
     check_srdh_rays(asked_rays, *plans)
-    with Activity(quiet) as activity:
-        activity.say("reading the scene")
+    with ProgressDisplay(quiet) as display:
+        display.say("reading the scene")
         opened = open_scene(spec, None if up is None else up.value, quiet)
 
         def moment(at: float) -> Moment:
@@ -109,13 +109,13 @@ def explain(
             return Moment(opened.clamped(at), view, arguments.make_lights(asked_lights, opened, at))
 
         moments = [moment(at) for at in ([time] if before is None else [time - before, time])]
-        activity.say("preparing")
-        told = explained(
+        display.say("preparing")
+        explanation = explained(
             opened, moments, plans, spp=spp, threads=threads, srdh_rays=asked_rays,
-            say=lambda plan, i: activity.say(f"walking by {plan}", i, len(plans)),
+            say=lambda plan, i: display.say(f"walking by {plan}", i, len(plans)),
         )  # fmt: skip
-        activity.say("writing the picture")
-        save_png(_picture(told), path)
+        display.say("writing the picture")
+        save_png(_picture(explanation), path)
     if json:
         asked = {
             "output": str(path), "scene": scene, "triangles": opened.n_triangles, "time": moments[-1].time,
@@ -123,25 +123,25 @@ def explain(
             "lights": [report.light_fields(light) for light in moments[-1].lights], "spp": spp,
             "srdh_rays": None if asked_rays is None else report.srdh_rays_fields(asked_rays), "threads": threads,
         }  # fmt: skip
-        report.print_json({**asked, **_answer(told)})
+        report.print_json({**asked, **_answer(explanation)})
     elif not quiet:
         report.print_fields(
-            [("picture", str(path)), ("scene", f"{scene}, {opened.n_triangles:,} triangles"), *_fields(told)]
+            [("picture", str(path)), ("scene", f"{scene}, {opened.n_triangles:,} triangles"), *_fields(explanation)]
         )
-        _print_tables(told)
+        _print_tables(explanation)
 
 
-def _picture(told: "Explanation"):
+def _picture(explanation: "Explanation"):
     """(H, W, 3) uint8: the panels of all plans."""
     from ..image.heatmap import heat_map
 
-    labels = [(str(one.plan), _label(told, one)) for one in told.plans]
-    return heat_map([one.boxes for one in told.plans], told.asks, labels, _CAPTION)
+    labels = [(str(one.plan), _label(explanation, one)) for one in explanation.plans]
+    return heat_map([one.boxes for one in explanation.plans], explanation.asks, labels, _CAPTION)
 
 
-def _label(told: "Explanation", one: "PlanSteps") -> str:
-    each = f"{_each(one.box_tests, told.rays)} box tests a ray"
-    return each if one is told.plans[0] else f"{each}, {_ratio(told, one)} times the first"
+def _label(explanation: "Explanation", one: "PlanSteps") -> str:
+    each = f"{_each(one.box_tests, explanation.rays)} box tests a ray"
+    return each if one is explanation.plans[0] else f"{each}, {_ratio(explanation, one)} times the first"
 
 
 def _each(n: float, rays: int) -> str:
@@ -149,16 +149,16 @@ def _each(n: float, rays: int) -> str:
     return f"{n / rays:.4g}" if rays else "-"
 
 
-def _ratio(told: "Explanation", one: "PlanSteps") -> str:
-    first = told.plans[0].box_tests
+def _ratio(explanation: "Explanation", one: "PlanSteps") -> str:
+    first = explanation.plans[0].box_tests
     return f"{one.box_tests / first:.3f}" if first else "-"
 
 
-def _answer(told: "Explanation") -> dict:
+def _answer(explanation: "Explanation") -> dict:
     """The steps for ``--json``. A value is null if there is no ray, or if the classes are unknown."""
     from ..trace.rays.steps import CLASSES
 
-    first, rays = told.plans[0].box_tests, told.rays or float("nan")
+    first, rays = explanation.plans[0].box_tests, explanation.rays or float("nan")
     plans = [
         {
             "plan": str(one.plan),
@@ -171,45 +171,47 @@ def _answer(told: "Explanation") -> dict:
             "triangle_tests_per_ray": one.triangle_tests / rays,
             "depths": one.depths._asdict(),
         }
-        for one in told.plans
+        for one in explanation.plans
     ]
-    frequent = {"triangles": len(told.frequent), "rays": told.frequent_rays}
-    return {"rays": told.rays, "blocked": told.blocked, "frequent": frequent, "plans": plans, "same_bits": True}
+    frequent = {"triangles": len(explanation.frequent), "rays": explanation.frequent_rays}
+    answer = {"rays": explanation.rays, "blocked": explanation.blocked, "frequent": frequent}
+    return {**answer, "plans": plans, "same_bits": True}
 
 
-def _fields(told: "Explanation") -> Iterator[tuple[str, str]]:
+def _fields(explanation: "Explanation") -> Iterator[tuple[str, str]]:
     """The fields that are the same for all plans."""
-    yield "rays", f"{told.rays:,}" + (f", {100 * told.blocked / told.rays:.3g} % of them blocked" if told.rays else "")
-    if told.blocked:
-        share = 100 * told.frequent_rays / told.blocked
-        yield "frequent", f"{len(told.frequent):,} triangles block {share:.0f} % of the blocked rays"
+    rays, blocked = explanation.rays, explanation.blocked
+    yield "rays", f"{rays:,}" + (f", {100 * blocked / rays:.3g} % of them blocked" if rays else "")
+    if blocked:
+        share = 100 * explanation.frequent_rays / blocked
+        yield "frequent", f"{len(explanation.frequent):,} triangles block {share:.0f} % of the blocked rays"
     yield "bits", "the same by all plans"
 
 
-def _print_tables(told: "Explanation") -> None:
+def _print_tables(explanation: "Explanation") -> None:
     """Print the figures that differ between plans."""
     from ..trace.rays.steps import CLASSES
 
     steps = [
         (
-            str(one.plan), _each(one.box_tests, told.rays), _ratio(told, one), *_classes(told, one),
-            _each(one.triangle_tests, told.rays),
+            str(one.plan), _each(one.box_tests, explanation.rays), _ratio(explanation, one),
+            *_classes(explanation, one), _each(one.triangle_tests, explanation.rays),
         )
-        for one in told.plans
+        for one in explanation.plans
     ]  # fmt: skip
     print("Steps for each ray")
     report.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
-    depths = [(str(one.plan), *(_depth(d) for d in one.depths[:4])) for one in told.plans]
+    depths = [(str(one.plan), *(_depth(d) for d in one.depths[:4])) for one in explanation.plans]
     print("Boxes from the root to a leaf")
     head = "plan", "frequent blockers", "where rays end: mean", "median", "deepest leaf"
     report.print_table(head, depths, range(1, 5), _WIDTH)
 
 
-def _classes(told: "Explanation", one: "PlanSteps") -> list[str]:
+def _classes(explanation: "Explanation", one: "PlanSteps") -> list[str]:
     """The box tests of each class for each ray, and their shares, as text."""
     if one.classes is None or not one.box_tests:
         return ["-"] * 3
-    return [f"{_each(n, told.rays)} ({100 * n / one.box_tests:.0f} %)" for n in one.classes.tolist()]
+    return [f"{_each(n, explanation.rays)} ({100 * n / one.box_tests:.0f} %)" for n in one.classes.tolist()]
 
 
 def _depth(value: float) -> str:

@@ -17,7 +17,7 @@ from ..errors import InputError
 from . import report, summary
 from .arguments import Sequence
 from .failures import BAD_INPUT, explained, say
-from .progress import Activity
+from .progress import ProgressDisplay
 from .renderoptions import RenderOptions, scene_digest
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def numbered(pattern: Path, number: int) -> Path:
     return pattern.with_name(_HASHES.sub(lambda hashes: f"{number:0{len(hashes[0])}d}", pattern.name))
 
 
-def render_frames(job: AnimationJob, sequence: Sequence, activity: Activity) -> "Animation":
+def render_frames(job: AnimationJob, sequence: Sequence, display: ProgressDisplay) -> "Animation":
     """Render all frames that are not finished."""
     job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
     job.asked.direct_lights(job.scene, 0.0)
@@ -68,7 +68,7 @@ def render_frames(job: AnimationJob, sequence: Sequence, activity: Activity) -> 
     animation = Animation(job, sequence)
     try:
         for i, number in enumerate(sequence.numbers):
-            answer = animation.add(number, activity, i)
+            answer = animation.add(number, display, i)
             if job.asked.json:
                 report.print_json(answer)
     except KeyboardInterrupt:
@@ -113,22 +113,22 @@ class Animation:
                 return found["exposed"]
         return None
 
-    def add(self, number: int, activity: Activity, index: int) -> dict:
+    def add(self, number: int, display: ProgressDisplay, index: int) -> dict:
         """Render a frame if it is not finished; return its fields for ``--json``. An error is printed, not raised."""
         path, time, count = numbered(self.job.pattern, number), self.sequence.time(number), len(self.sequence.numbers)
         text = f"frame {number}{self._forecast(count - index)}"
-        activity.say(text, index, count)
+        display.say(text, index, count)
         answer = {"frame": number, "output": str(path), "time": self.job.scene.clamped(time)}
         try:
-            told = self._picture(path, time, lambda _, runs: activity.parts(text, runs, index, count))
+            outcome = self._picture(path, time, lambda _, runs: display.parts(text, runs, index, count))
         except Exception as error:
             reason, code = explained(error)
             say(f"frame {number}: {reason}")
             if code != BAD_INPUT:
                 self.unforeseen = self.unforeseen or error
-            told = {"state": "failed", "reason": reason}
-        self.numbers[told["state"]].append(number)
-        return {**answer, **told}
+            outcome = {"state": "failed", "reason": reason}
+        self.numbers[outcome["state"]].append(number)
+        return {**answer, **outcome}
 
     def _picture(self, path: Path, time: float, progress) -> dict:
         from ..image.save import frame_exposure

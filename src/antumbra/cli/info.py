@@ -9,7 +9,7 @@ import typer
 from ..errors import InputError
 from . import arguments, report
 from .options import SCENE_HELP, Json, UpOption
-from .progress import Activity
+from .progress import ProgressDisplay
 from .sceneinput import open_scene
 
 if TYPE_CHECKING:
@@ -37,14 +37,14 @@ def info(
       antumbra info city.antumbra --check
     """
     spec = arguments.parse_scene(scene)
-    with Activity() as activity:
-        activity.say("reading the scene")
+    with ProgressDisplay() as display:
+        display.say("reading the scene")
         start = perf_counter()
         opened = open_scene(spec, None if up is None else up.value, quiet=True)
         seconds = perf_counter() - start
         store = getattr(opened, "store", None)
         if check:
-            _check(store, scene, activity)
+            _check(store, scene, display)
     if json:
         report.print_json(_answer(scene, opened, seconds) | ({} if store is None else _store_answer(store, check)))
         return
@@ -63,11 +63,11 @@ def info(
         print(f"... and {len(meshes) - len(shown)} smaller meshes (--json lists all)")
 
 
-def _check(store: "Store | None", source: str, activity: Activity) -> None:
+def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None:
     if store is None:
         raise InputError(f"{source}: --check is for stores (.antumbra); leave it out")
     for k in range(len(store)):
-        activity.say("checking", k, len(store))
+        display.say("checking", k, len(store))
         store.check(k)
         store.release(k)
 

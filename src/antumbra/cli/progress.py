@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 DELAY = 1.0
 
 
-class Activity:
+class ProgressDisplay:
     """A progress line on standard error while the block runs.
 
     There is none if standard error is no terminal, or if the block is fast. A timer starts the line, so it appears
@@ -29,7 +29,7 @@ class Activity:
         self._heard: AbstractContextManager[None] | None = None
         self._timer = None if self._closed else threading.Timer(delay, self._start)
 
-    def __enter__(self) -> "Activity":
+    def __enter__(self) -> "ProgressDisplay":
         if not self._closed:
             self._heard = heard_by(self.say)
             self._heard.__enter__()

@@ -5,7 +5,7 @@ from time import perf_counter
 from . import arguments, report, summary
 from .frames import AnimationJob, output_path, render_frames
 from .options import takes
-from .progress import Activity
+from .progress import ProgressDisplay
 from .renderarguments import RenderArguments
 from .sceneinput import open_scene
 
@@ -59,18 +59,18 @@ def render(given: RenderArguments) -> int:
     sequence = None if given.frames is None else arguments.parse_frames(given.frames, given.time, given.fps)
     path = output_path(given.output, asked.spec.stem, sequence)
     asked.check()
-    with Activity(asked.quiet) as activity:
-        activity.say("reading the scene")
+    with ProgressDisplay(asked.quiet) as display:
+        display.say("reading the scene")
         start = perf_counter()
         opened = open_scene(asked.spec, asked.up, asked.quiet)
         asked = asked.about(opened)
         load = perf_counter() - start
-        activity.say("preparing")
+        display.say("preparing")
         if sequence is not None:
-            animation = render_frames(AnimationJob(asked, opened, load, path, given.overwrite), sequence, activity)
+            animation = render_frames(AnimationJob(asked, opened, load, path, given.overwrite), sequence, display)
         else:
-            shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, activity.parts)
-            activity.say("writing the picture")
+            shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts)
+            display.say("writing the picture")
             saved = summary.save(shot.frame, path, asked.exposure)
     if sequence is not None:
         return animation.tell()

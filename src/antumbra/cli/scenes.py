@@ -8,7 +8,7 @@ import typer
 from ..errors import InputError
 from . import arguments, report
 from .options import Json
-from .progress import Activity
+from .progress import ProgressDisplay
 
 
 def scenes(
@@ -44,8 +44,8 @@ def scenes(
         from .export import check_output
 
         check_output(output)
-    with Activity() as activity:
-        activity.say("generating")
+    with ProgressDisplay() as display:
+        display.say("generating")
         answer = _make(name, count, number, output)
     if json:
         report.print_json(answer)

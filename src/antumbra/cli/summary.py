@@ -36,8 +36,7 @@ def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = 
 
 def picture_answer(asked: "RenderOptions", scene: "AnyScene", load: float, shot: "Shot", saved: Saved) -> dict:
     """The fields of ``--json`` for a single picture."""
-    told = shot_answer(shot, saved)
-    return {"scene": scene_answer(asked, scene), **asked.options(), "load": load, **told}
+    return {"scene": scene_answer(asked, scene), **asked.options(), "load": load, **shot_answer(shot, saved)}
 
 
 def scene_answer(asked: "RenderOptions", scene: "AnyScene") -> dict:
@@ -120,12 +119,12 @@ def shot_fields(asked: "RenderOptions", shot: "Shot") -> Iterator[tuple[str, str
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
     yield "plan", str(asked.plan)
     if frame.paging is not None:
-        told = frame.paging
+        paging = frame.paging
         yield (
             "chunks",
             (
-                f"{told['cached']:,} of {told['wanted']:,} were in memory when rays met them, "
-                f"{told['loaded']:,} were read ({told['bytes'] / 1e6:,.0f} MB)"
+                f"{paging['cached']:,} of {paging['wanted']:,} were in memory when rays met them, "
+                f"{paging['loaded']:,} were read ({paging['bytes'] / 1e6:,.0f} MB)"
             ),
         )
 

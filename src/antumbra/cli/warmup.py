@@ -7,7 +7,7 @@ import typer
 
 from . import report
 from .options import Json, Quiet
-from .progress import Activity
+from .progress import ProgressDisplay
 
 
 def warmup(
@@ -38,7 +38,7 @@ def warmup(
 
     wanted = jobs([parse_plan(text) for text in plan] if plan else None)
     start = perf_counter()
-    with Activity(quiet):
+    with ProgressDisplay(quiet):
         compiled = make_ready_all(wanted)
     seconds, folder = perf_counter() - start, str(user_cache().path)
     if json:

@@ -14,7 +14,7 @@ from .closure import kernel_digest
 from .crew import compile_all
 from .needs import of_package
 from .processor import LEVELS, level, usable
-from .progress import told
+from .progress import reported
 
 
 def make_packs(out: Path, levels: list[str]) -> list[Path]:
@@ -27,7 +27,7 @@ def make_packs(out: Path, levels: list[str]) -> list[Path]:
     """
     wanted = of_package().kernels
     digests = [kernel_digest(named(each.kernel), each.key) for each in wanted]
-    with told(f"compiling {len(wanted)} kernels for {', '.join(levels)}") as progress:
+    with reported(f"compiling {len(wanted)} kernels for {', '.join(levels)}") as progress:
         wrong = compile_all(wanted, progress, levels=levels)
     if wrong:
         raise RuntimeError("; ".join(wrong))

@@ -22,7 +22,7 @@ def heard_by(say: Say) -> Iterator[None]:
 
 
 @contextmanager
-def told(what: str) -> Iterator[Callable[[int, int], None]]:
+def reported(what: str) -> Iterator[Callable[[int, int], None]]:
     """Report the begin and the end of work. The context's value is a function that reports (done, total)."""
     if _listeners:
         say = _listeners[-1]

@@ -51,8 +51,8 @@ def fixed_points(query) -> np.ndarray:
     return ends.astype(np.float32)
 
 
-def beams_of(query, apart: bool = False, threads: int | None = None) -> list[Beam]:
-    """The beams of a ShadowQuery; ``apart``: one beam for each sample of a light that does not move.
+def beams_of(query, each_sample: bool = False, threads: int | None = None) -> list[Beam]:
+    """The beams of a ShadowQuery; ``each_sample``: one beam for each sample of a light that does not move.
 
     The lights of a list always have one beam each, because they may be far apart.
     """
@@ -67,7 +67,7 @@ def beams_of(query, apart: bool = False, threads: int | None = None) -> list[Bea
     if light.kind == AMBIENT:
         return [_along(AROUND, n, np.eye(3), light.radius * _MORE, low, high)]
     ends = fixed_points(query)
-    if light.kind == FIXED and not apart:
+    if light.kind == FIXED and not each_sample:
         return [_around(ends, 0, n, -1, low, high)]
     same = (ends == ends[:1]).all((0, 2))
     return [

@@ -17,7 +17,7 @@ from ..kernels import needs
 from ..kernels.arguments import named
 from ..kernels.crew import Wanted, compile_all
 from ..kernels.loading import events, is_kept, user_cache
-from ..kernels.progress import told
+from ..kernels.progress import reported
 from ..scene.camera import Camera
 from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
 from ..scene.point_lights import PointLights
@@ -70,7 +70,7 @@ def compile_missing(missing: set[Wanted]) -> None:
     """Compile kernels on all cores, and tell the user. Does nothing if the cache is read-only; `loading` warns then."""
     if not user_cache().is_writable():
         return
-    with told(f"compiling {len(missing)} kernels for this machine, once") as progress:
+    with reported(f"compiling {len(missing)} kernels for this machine, once") as progress:
         compile_all(missing, progress)
 
 

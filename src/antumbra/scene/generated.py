@@ -75,7 +75,7 @@ class StreamedCity:
         from .procedural.request import checked
 
         triangles = PROCEDURAL["city"].default_triangles if triangles is None else triangles
-        self._asked, self._processes = checked("city", triangles, seed), processes
+        self._arguments, self._processes = checked("city", triangles, seed), processes
         self.meshes: list[MeshInfo] = []
 
     @property
@@ -88,15 +88,15 @@ class StreamedCity:
         from .procedural.stream import streamed_blocks
 
         palette = np.asarray(PALETTE, np.float32)
-        for vertices, faces, colour in streamed_blocks(*self._asked, self._processes):
+        for vertices, faces, colour in streamed_blocks(*self._arguments, self._processes):
             yield Piece(vertices[None], faces, palette[colour], self.file)
 
     def cameras(self, time: float) -> list:
         from .procedural import city_view
 
-        return [Camera(**city_view(self._asked[0])[0])]
+        return [Camera(**city_view(self._arguments[0])[0])]
 
     def lights(self, time: float) -> list:
         from .procedural import city_view
 
-        return [QuadLight(**city_view(self._asked[0])[1])]
+        return [QuadLight(**city_view(self._arguments[0])[1])]

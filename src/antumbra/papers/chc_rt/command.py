@@ -7,7 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
-from ...cli.progress import Activity
+from ...cli.progress import ProgressDisplay
 from ...errors import InputError
 from ..views import open_view
 from .kinds import Table
@@ -104,7 +104,7 @@ def chc_rt(
     n_threads, pace = thread_count(threads), bench.Pace(frames, compared, limit)
     found: dict[Table, list[Turn]] = {}
     same: bool | None = True  # None: nothing is compared
-    with Activity(quiet) as activity:
+    with ProgressDisplay(quiet) as activity:
         activity.say("opening the scenes")
         names = dict.fromkeys([str(store)] if store else scene or chcrt_views.default_names(count))
         views = [open_view(name, width_height, chcrt_views.named_view) for name in names]

@@ -6,7 +6,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet
-from ...cli.progress import Activity
+from ...cli.progress import ProgressDisplay
 
 if TYPE_CHECKING:
     from .measure import Case
@@ -43,14 +43,14 @@ def multi_frusta(
     from ..views import open_view
     from . import measure as bench
 
-    with Activity(quiet) as activity:
-        activity.say("opening the scenes")
+    with ProgressDisplay(quiet) as display:
+        display.say("opening the scenes")
         names = dict.fromkeys(scene or bench.default_names())
         views = [open_view(name, width_height, bench.quad_view) for name in names]
         found = {}
         for view in views:
             case = bench.case_of(view)
-            found[view.name] = case, bench.tables(case, rounds, activity.say)
+            found[view.name] = case, bench.tables(case, rounds, display.say)
     if json:
         rows = {name: tables for name, (_, tables) in found.items()}
         report.print_json({"size": width_height, "rounds": rounds, "rows": rows, "same_bits": True})

@@ -7,7 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
-from ...cli.progress import Activity
+from ...cli.progress import ProgressDisplay
 from ...errors import InputError
 
 if TYPE_CHECKING:
@@ -63,11 +63,11 @@ def pre_bvh_culling(
     from .views import culling_views
 
     n_threads = thread_count(threads)
-    with Activity(quiet) as activity:
-        activity.say("making the scenes")
+    with ProgressDisplay(quiet) as display:
+        display.say("making the scenes")
         views = culling_views(sponza, width_height, triangles)
-        times = [t for v in views for t in bench.times_to_image(v, tracer, n_threads, rounds, activity.say)]
-        grids = [r for v in views for r in bench.grid_rows(v, tracer, n_threads, rounds, activity.say)]
+        times = [t for v in views for t in bench.times_to_image(v, tracer, n_threads, rounds, display.say)]
+        grids = [r for v in views for r in bench.grid_rows(v, tracer, n_threads, rounds, display.say)]
         if plot is not None:
             from .plot import write_plot
 

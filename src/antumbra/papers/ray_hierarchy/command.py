@@ -7,7 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
-from ...cli.progress import Activity
+from ...cli.progress import ProgressDisplay
 from ..views import open_view
 
 if TYPE_CHECKING:
@@ -65,12 +65,12 @@ def ray_hierarchy(
     n_threads = thread_count(threads)
     seen: list[PictureRays] = []
     costs: list[Cost] = []
-    with Activity(quiet) as activity:
-        activity.say("opening the scenes")
+    with ProgressDisplay(quiet) as display:
+        display.say("opening the scenes")
         named = dict.fromkeys(scene or views.default_names())
         opened = [views.with_point(open_view(name, width_height, views.named_view)) for name in named]
         for picture in (p for view in opened for p in views.pictures(view, frames)):
-            shown, found = bench.measure(picture, n_threads, rounds, limit, activity.say)
+            shown, found = bench.measure(picture, n_threads, rounds, limit, display.say)
             seen.append(shown)
             costs += found
         if plot is not None:
@@ -161,8 +161,8 @@ def _print_claims(seen: "list[PictureRays]", costs: "list[Cost]", spreads: "list
         times, picture, measured = bench.cut(costs, kind, f"{kind}Sorted")
         if picture:
             theirs = f"the report's {paper.cut(kind, f'{kind}Sorted'):,.0f}"
-            told = f"cuts nodes {'' if measured else 'about '}{times:,.1f} times in {picture} ({theirs})"
-            rows.append((f"sorting, {kind}", told))
+            text = f"cuts nodes {'' if measured else 'about '}{times:,.1f} times in {picture} ({theirs})"
+            rows.append((f"sorting, {kind}", text))
     for title, among in (
         ("of Figure 6", paper.MEASURED),
         ("of Table 1", paper.VARIANTS),

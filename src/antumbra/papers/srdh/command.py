@@ -7,7 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
-from ...cli.progress import Activity
+from ...cli.progress import ProgressDisplay
 from ..views import open_view
 
 if TYPE_CHECKING:
@@ -69,14 +69,14 @@ def srdh(
     rows: list[Counted] = []
     builds: list[BuildTimes] = []
     renders: list[RenderTimes] = []
-    with Activity(quiet) as activity:
-        activity.say("opening the scenes")
+    with ProgressDisplay(quiet) as display:
+        display.say("opening the scenes")
         names = dict.fromkeys(scene or srdh_views.default_names())
         for view in [open_view(name, width_height, srdh_views.named_view) for name in names]:
-            rows += counts.count_view(view, spp, n_threads, activity.say)
-            builds += srdh_times.build_times(view, spp, n_threads, rounds, activity.say)
+            rows += counts.count_view(view, spp, n_threads, display.say)
+            builds += srdh_times.build_times(view, spp, n_threads, rounds, display.say)
             smaller = view._replace(camera=view.camera.resized(*timed))
-            renders += srdh_times.render_times(smaller, n_threads, rounds, activity.say)
+            renders += srdh_times.render_times(smaller, n_threads, rounds, display.say)
         if plot is not None:
             from .plot import write_plot
 

@@ -234,13 +234,13 @@ def _trace_parts(forest, n, chunk, scratch, known, counters):
     for g in range(n):
         _start_tile(chunk, g, scratch, forest.fresh, known, counters)
     members = _tile_group_among((np.int64(1) << n) - 1, chunk, scratch)
-    apart = ((np.int64(1) << n) - 1) & ~members
-    while members | apart != 0:
+    separate = ((np.int64(1) << n) - 1) & ~members
+    while members | separate != 0:
         if members != 0:
             bundle, alive = _bundle_together(members, chunk, scratch, counters)
             members = np.int64(0)
         else:
-            bundle, alive, apart = _bundle_separate(apart, chunk, scratch)
+            bundle, alive, separate = _bundle_separate(separate, chunk, scratch)
         _trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters)
 
 

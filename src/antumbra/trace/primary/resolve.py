@@ -149,7 +149,7 @@ def _write_place(pixels, cell, part, slot, at, width, columns, rows):
 
 
 @kernel
-def finish(pixels, forest, rays, x0, y0, seen, hits):
+def resolve(pixels, forest, rays, x0, y0, seen, hits):
     """Write the hits of the tile at pixel (x0, y0) that this call has found. Write misses for pixels without any hit.
 
     seen : ResolveScratch

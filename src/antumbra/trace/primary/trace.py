@@ -4,7 +4,7 @@ A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Se
 together, front to back. Each frustum ends at the farthest hit of its pixels. Blocks are culled and tested by halves of
 frusta, *cells* of 4 x 4 pixels, one pixel to a lane. For each pixel the tile keeps the triangle in front and an
 interval of its depth key 1 / t. If float32 cannot decide a test, the test is deferred. The contract's own predicates
-settle it after the block. The float64 t of a visible triangle is computed once, after the tree (`resolve.finish`).
+settle it after the block. The float64 t of a visible triangle is computed once, after the tree (`resolve.resolve`).
 
 The tracer takes a forest (`trace.forest`). Each tile goes through the trees of its list, one after the other. Later it
 may go through another list, and starts from its hits so far.
@@ -28,7 +28,7 @@ from .frusta import FLOATS, bound_directions, slabs_from
 from .pixelblock import CELLS, DEFERRED, PIXELS, Pixels, trace_block
 from .pixelsetup import HEIGHT, WIDTH, WORK, TileFrame, frame_of
 from .pixelstate import keep, resume, settle, shorten, start
-from .resolve import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, ResolveScratch, finish
+from .resolve import KNOWN_FLOATS, KNOWN_PLANES, MARK_WORDS, PLANE_FLOATS, ResolveScratch, resolve
 
 _F = np.float32
 _SUPER = 4  # tiles along the side of a square that is traced in Morton order
@@ -115,7 +115,7 @@ def _trace_tile(forest, begin, end, picture, tile, scratch):
             _walk(forest, k, met, picture, tile, scratch)
             new |= keep(pixels, k)
     if new:
-        finish(pixels, forest, picture.rays, tile.x0, tile.y0, scratch.seen, picture.hits)
+        resolve(pixels, forest, picture.rays, tile.x0, tile.y0, scratch.seen, picture.hits)
 
 
 @kernel
