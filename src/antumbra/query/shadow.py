@@ -1,4 +1,4 @@
-"""The shadow query: which segments are asked. What every tracer gets, and all that it may depend on."""
+"""The shadow query: the segments between receivers and light samples. Every tracer's answer depends on it alone."""
 
 from typing import NamedTuple
 
@@ -159,7 +159,7 @@ def _segments_kernel(query, ends, above):
 
 
 def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
-    """All light samples of a query, for checks against other tools: (ends, above).
+    """All segments of a query, one for each receiver and sample: (ends, above).
 
     ends : (h, w, spp, 3) float32, ends of the segments that begin at ``query.origins``
     above : (h, w, spp) bool; False if the surface itself occludes the sample, or there is no receiver

@@ -23,7 +23,6 @@ from ...trace.raytest import LANES, decide, keep_lanes, kept_lane, seen_from, tr
 from .cornerrays import CORNERS, OFF, SPAN
 
 _F = np.float32
-_ZERO = _F(0.0)
 WORK = LANES  # float32 words of scratch memory
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from ...output import replacing
 from .measure import PLANS, Cost, PictureRays, of
 
-_WIDTH, _STYLES, _MARKERS = 7.0, ("-", "--", ":", "-."), "osD^vP*X"
+_WIDTH, _MARKERS = 7.0, "osD^vP*X"
 
 
 def write_plot(seen: list[PictureRays], costs: list[Cost], path: Path) -> None:
