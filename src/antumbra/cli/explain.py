@@ -41,7 +41,7 @@ def explain(
     plan: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"To be compared with the first; may be repeated.  [default: {' and '.join(_PLANS)}]",
+            help=f"A plan, compared with the first one; may be repeated.  [default: {' and '.join(_PLANS)}]",
             metavar="PLAN",
             show_default=False,
         ),

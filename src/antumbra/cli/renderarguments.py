@@ -102,12 +102,12 @@ class RenderArguments:
     plan: Annotated[
         str | None,
         typer.Option(
-            help="Which methods answer; see antumbra plans.  [default: bsah+multifrusta; of a store bsah+chcrt]",
+            help="The methods that answer; see antumbra plans.  [default: bsah+multifrusta; of a store bsah+chcrt]",
             show_default=False,
         ),
     ] = None
     srdh_rays: SrdhRaysOption = None
-    gbuffer: Annotated[GBufferBy, typer.Option(help="How it is found what pixels see.")] = GBufferBy.raster
+    gbuffer: Annotated[GBufferBy, typer.Option(help="The method that finds visible surfaces.")] = GBufferBy.raster
     threads: Threads = None
     max_memory: Annotated[
         str | None,

@@ -95,9 +95,9 @@ class RenderOptions(NamedTuple):
         return {**{name: getattr(self, name) for name in names}, "srdh_rays": rays}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
-        """All that the picture of a time depends on, as JSON has it: with the same settings it has the same bits.
+        """The settings that decide the bits of the picture of a time, in the types of JSON.
 
-        Not the plan if it is exact, its rays, the G-buffer's method and the threads, which change nothing; nor the
+        An exact plan, its rays, the method of the G-buffer and the threads change no bit, and are left out. So is the
         exposure.
         """
         from .. import __version__

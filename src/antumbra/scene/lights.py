@@ -233,7 +233,8 @@ class DirectionalLight(Light):
         object.__setattr__(self, "direction", _unit(self.direction, "DirectionalLight direction"))
         if not 0.0 <= self.angular_diameter < 180.0:
             raise InputError(
-                f"DirectionalLight angular_diameter is {self.angular_diameter!r}; 0 to 180 degrees, please"
+                f"DirectionalLight angular_diameter is {self.angular_diameter!r}; it must be at least 0 and below 180 "
+                "degrees"
             )
         self._check()
 

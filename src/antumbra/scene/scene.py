@@ -18,10 +18,10 @@ class Scene(AnyScene):
     Made by `antumbra.load`, `antumbra.procedural` or `Scene.from_arrays`. Coordinates are evaluated in
     float64, recentred, and only then rounded to float32: world position = vertex + `origin`.
 
-    The origin belongs to the scene and is the same at every time. On each axis it is
-    ``lower + round(((upper - lower) / 2) / g) * g`` in float64, with the bounds at time 0 and
-    ``g = 2**(floor(log2(widest extent)) - 20)``: about the middle, and such that moving the whole scene by an
-    offset that float64 adds exactly (a map grid's 5e6 m) leaves the float32 vertices the same bits.
+    The origin belongs to the scene and is the same at every time. It is about the middle of the scene. On each axis it
+    is ``lower + round(((upper - lower) / 2) / g) * g`` in float64. The bounds are those at time 0, and ``g`` is
+    ``2**(floor(log2(widest extent)) - 20)``. So a move of the whole scene leaves the bits of the float32 vertices the
+    same, if float64 adds its offset exactly (such as a map grid's 5e6 m).
 
     Attributes
     ----------

@@ -97,7 +97,7 @@ def tree_in(forest, k):
 
 @inlined
 def is_idle(forest, y, x):
-    """Have the receivers near pixel (y, x) nothing to trace: no trees, and their own surfaces already applied?"""
+    """Is the list of the receivers near pixel (y, x) empty, and are their own surfaces already applied?"""
     first = _tile_of(forest, y, x) * forest.sets
     return not forest.fresh and get(forest.starts, first) == get(forest.starts, first + forest.sets)
 

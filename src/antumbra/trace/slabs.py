@@ -22,7 +22,7 @@ The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d 
 - *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t| of
   an entry and 9u |t| of an exit.
 
-A |d| below a tiny limit is replaced by one of that size that bounds t from below. This is never tighter than the truth.
+A tiny |d| is replaced by a limit, with the sign that bounds t from below. The bound is never tighter than the truth.
 """
 
 from typing import NamedTuple

@@ -64,9 +64,9 @@ def _extents(rows, limit):
 def is_coherent(rows, tree_reach, any_hit):
     """Is it faster to trace the sixteen rays of a prepared block as a packet?
 
-    It is if they start close together, within a 32nd of the tree's reach, and run in about one direction. Then the
-    components of their directions differ by at most a quarter of the largest one. For any-hit segments it is enough
-    that they end close together.
+    A packet is faster for rays that start close together and run in about one direction. They start within a 32nd of
+    the tree's reach, and components of their directions differ by at most a quarter of the largest one. Any-hit
+    segments only need to end close together.
     """
     if not reduce_max(load16(rows, UNIT)) < np.float32(np.inf):
         return False
