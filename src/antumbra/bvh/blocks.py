@@ -13,7 +13,7 @@ from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
-from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first
+from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first, slots_below
 from .order import likelier_first, triangle_area
 
 BLOCK = 16  # triangles in a block, at most
@@ -116,29 +116,6 @@ def _collapse(source, source_links, below, block, nodes, links, roots):
 
 
 @inlined
-def _slots_below(root, links, found):
-    """Write the slots below a link to `found`, and return how many."""
-    waiting = stack_i32(64)
-    put(waiting, 0, root)
-    height, n = 1, 0
-    while height > 0:
-        height -= 1
-        link = np.int64(get(waiting, height))
-        if link == EMPTY:
-            continue
-        if link >= 0:
-            put(waiting, height, get(links, link * 16 + 13))
-            put(waiting, height + 1, get(links, link * 16 + 12))
-            height += 2
-            continue
-        code = ~link
-        for slot in range(code >> 3, (code >> 3) + (code & 7) + 1):
-            put(found, n, slot)
-            n += 1
-    return n
-
-
-@inlined
 def _bound_block(corners, found, n, bounds, at):
     """Write the centre and half extents, rounded outwards, of a block's box."""
     for k in range(3):
@@ -153,27 +130,19 @@ def _bound_block(corners, found, n, bounds, at):
         bounds[at, k], bounds[at, 4 + k] = middle_and_half(low, high)
 
 
-@inlined
-def _area(corners, found, n):
-    """Sum of the areas of a block's triangles."""
-    area = 0.0
-    for i in range(n):
-        area += triangle_area(corners, np.int64(get(found, i)))
-    return area
-
-
 @kernel
 def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, areas):
     """Worker: write the rows, the bounds and the triangles' total area of each block."""
     # In: source_links, corners, of the `Bvh`; roots, (b,) link of each block
-    # Out: blocks, bounds, slots, as in `BlockTree`; areas, (b,) float64
+    # Out: blocks, bounds, slots, as in `BlockTree`; areas, (b,) float64, zeros on entry
     links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
     b = take(ticket)
     while b >= 0:
         for at in range(b, min(b + ticket[CHUNK], ticket[N])):
-            n = _slots_below(roots[at], links, found)
+            n = slots_below(roots[at], links, found)
             _bound_block(values, found, n, bounds, at)
-            areas[at] = _area(values, found, n)
+            for i in range(n):
+                areas[at] += triangle_area(values, np.int64(get(found, i)))
             for lane in range(16):
                 there = lane < n
                 slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.simd import ptr, stack_array
+from ..kernels.simd import get, ptr, put, stack_array, stack_i32
 
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
@@ -83,6 +83,39 @@ def boxes_of(nodes: np.ndarray) -> np.ndarray:
     """(m, 2, 3) float32: lower and upper corners of boxes around both children of `nodes`, (m, 16)."""
     planes = nodes[:, :12].reshape(-1, 3, 2, 2)  # axis, bound, child
     return np.stack([planes[:, :, 0].min(2), planes[:, :, 1].max(2)], 1)
+
+
+@inlined
+def slots_below(link, links, found):
+    """Write the slots below a link to `found`, an int32 *, left before right, and return how many."""
+    waiting = stack_i32(_WAITING)
+    put(waiting, 0, link)
+    height, n = 1, 0
+    while height > 0:
+        height -= 1
+        link = np.int64(get(waiting, height))
+        if link == EMPTY:
+            continue
+        if link >= 0:
+            put(waiting, height, get(links, link * 16 + 13))
+            put(waiting, height + 1, get(links, link * 16 + 12))
+            height += 2
+            continue
+        code = ~link
+        for slot in range(code >> 3, (code >> 3) + (code & 7) + 1):
+            put(found, n, slot)
+            n += 1
+    return n
+
+
+@inlined
+def sides(nodes, at, other):
+    """The sides of the hull of two child boxes, whose lower x are the words `at` and `other` of `nodes`."""
+    return (
+        max(get(nodes, at + 2), get(nodes, other + 2)) - min(get(nodes, at), get(nodes, other)),
+        max(get(nodes, at + 6), get(nodes, other + 6)) - min(get(nodes, at + 4), get(nodes, other + 4)),
+        max(get(nodes, at + 10), get(nodes, other + 10)) - min(get(nodes, at + 8), get(nodes, other + 8)),
+    )
 
 
 @inlined

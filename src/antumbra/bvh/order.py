@@ -21,7 +21,7 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array
-from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, parents_first
+from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, parents_first, sides
 from .wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
 
 
@@ -47,9 +47,7 @@ def triangle_area(corners, slot):
 @inlined
 def surface(nodes, at, other):
     """Half the surface of the union of two boxes, whose lower x are the words `at` and `other`."""
-    x = max(get(nodes, at + 2), get(nodes, other + 2)) - min(get(nodes, at), get(nodes, other))
-    y = max(get(nodes, at + 6), get(nodes, other + 6)) - min(get(nodes, at + 4), get(nodes, other + 4))
-    z = max(get(nodes, at + 10), get(nodes, other + 10)) - min(get(nodes, at + 8), get(nodes, other + 8))
+    x, y, z = sides(nodes, at, other)
     return np.float64(x) * y + np.float64(y) * z + np.float64(z) * x
 
 

@@ -20,7 +20,7 @@ from ..kernels.simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack
 from . import cut as cutting
 from . import lbvh
 from .cut import PART, cut
-from .nodes import MAX_DEPTH, Bvh
+from .nodes import MAX_DEPTH, Bvh, sides
 from .prepare import checked, scale_of
 from .relayout import Choice, relayout
 from .treelet import (
@@ -51,10 +51,8 @@ _WAITING = 2 * MAX_DEPTH + 2
 @inlined
 def _area_of_node(nodes, node, scale):
     """Half the area of the box around both children."""
-    b = node * 16
-    x = (max(get(nodes, b + 2), get(nodes, b + 3)) - min(get(nodes, b), get(nodes, b + 1))) * scale
-    y = (max(get(nodes, b + 6), get(nodes, b + 7)) - min(get(nodes, b + 4), get(nodes, b + 5))) * scale
-    z = (max(get(nodes, b + 10), get(nodes, b + 11)) - min(get(nodes, b + 8), get(nodes, b + 9))) * scale
+    x, y, z = sides(nodes, node * 16, node * 16 + 1)
+    x, y, z = x * scale, y * scale, z * scale
     return x * (y + z) + y * z
 
 

@@ -8,22 +8,20 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..kernels.simd import get, ptr, stack_array
-from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first
+from ..kernels.simd import get, ptr, ptr_at, stack_array
+from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first, sides, slots_below
 from .order import soonest_last, triangle_area
 from .wide import GROUP_WORDS, LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh
 
-_PARTS, _WAITING, _NODES = WIDTH + 1, MAX_DEPTH + 2, MAX_DEPTH * WIDTH  # waiting at a time
+_PARTS, _NODES = WIDTH + 1, MAX_DEPTH * WIDTH  # waiting at a time
 _NOWHERE = np.float32(3e38)  # lower planes of a missing child's box; its upper planes are the negative
 
 
 @inlined
-def _area(nodes, child):
+def _area_of_child(nodes, child):
     """Half the area of the box of a child, 2 * node + side."""
     b = (child >> 1) * 16 + (child & 1)
-    x = get(nodes, b + 2) - get(nodes, b)
-    y = get(nodes, b + 6) - get(nodes, b + 4)
-    z = get(nodes, b + 10) - get(nodes, b + 8)
+    x, y, z = sides(nodes, b, b)
     return x * (y + z) + y * z
 
 
@@ -44,7 +42,7 @@ def _price(bvh, order, costs, counts):
     nodes = ptr(bvh.nodes)
     for i in range(len(order) - 1, -1, -1):
         for child in range(2 * order[i], 2 * order[i] + 2):
-            link, area = np.int64(bvh.links[child >> 1, 12 + (child & 1)]), _area(nodes, child)
+            link, area = np.int64(bvh.links[child >> 1, 12 + (child & 1)]), _area_of_child(nodes, child)
             if link < 0:
                 counts[child] = 0 if link == EMPTY else (~link & 7) + 1
                 costs[child, :] = np.float32(0.0) if link == EMPTY else area
@@ -81,25 +79,6 @@ def _children(bvh, costs, node, found):
 
 
 @kernel
-def _leaf(bvh, child, slots, lane):
-    """Write the slots below a child to slots[lane:], and return how many."""
-    waiting = stack_array(np.int64, _WAITING)
-    waiting[0] = bvh.links[child >> 1, 12 + (child & 1)]
-    height, n = 1, 0
-    while height > 0:
-        height -= 1
-        link = waiting[height]
-        if link >= 0:
-            waiting[height], waiting[height + 1] = bvh.links[link, 13], bvh.links[link, 12]
-            height += 2
-            continue
-        for slot in range(~link >> 3, (~link >> 3) + (~link & 7) + 1):
-            slots[lane + n] = slot
-            n += 1
-    return n
-
-
-@kernel
 def _fill_node(bvh, child, lane, words, at):
     """Copy the box of a child of the binary BVH to a lane of the wide node that starts at word `at`."""
     source = ptr(bvh.nodes)
@@ -126,16 +105,17 @@ def _collapse(bvh, costs, counts, words, links, slots):
                 words[at + 16 * axis + lane], words[at + 16 * axis + 8 + lane] = _NOWHERE, -_NOWHERE
         for lane in range(n):
             child = found[lane]
+            link = np.int64(bvh.links[child >> 1, 12 + (child & 1)])
             _fill_node(bvh, child, lane, words, at)
             if counts[child] <= WIDTH:
-                count = _leaf(bvh, child, slots, n_groups * WIDTH)
+                count = slots_below(link, ptr(bvh.links), ptr_at(ptr(slots), n_groups * WIDTH))
                 for k in range(count, WIDTH):
                     slots[n_groups * WIDTH + k] = -1
                 links[at + LINKS + lane] = ~(n_groups * 16 + count)
                 n_groups += 1
                 continue
             links[at + LINKS + lane] = n_nodes
-            waiting[height, 0], waiting[height, 1] = bvh.links[child >> 1, 12 + (child & 1)], n_nodes
+            waiting[height, 0], waiting[height, 1] = link, n_nodes
             height += 1
             n_nodes += 1
     return n_nodes, n_groups
