@@ -1,9 +1,10 @@
 """Records the kernels that each job calls, and their size, in src/antumbra/kernels/needs.json and papers/needs.json.
 
-python scripts/record_kernels.py [--check]
+python scripts/record_kernels.py [--check] [--only TEXT]
 
 Each job runs in its own process, so that it loads all kernels that it calls. --check writes nothing. It names the
-kernels that jobs call and the files lack, and ends with exit code 1 if there are any.
+kernels that jobs call and the files lack, and ends with exit code 1 if there are any. --only runs the jobs whose names
+contain TEXT and keeps what is recorded of the others.
 """
 
 import argparse
@@ -84,21 +85,35 @@ def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
     print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
 
 
+def kept(only: str) -> tuple[dict, dict]:
+    """What is recorded of jobs whose names do not contain `only`: (calls, sizes)."""
+    calls, sizes = {}, {}
+    for file in (FILE, PAPERS):
+        said = json.loads(file.read_text())
+        kernels = [(name, key) for name, key, _ in said["kernels"]]
+        sizes |= {(name, key): size for name, key, size in said["kernels"]}
+        calls |= {job: [kernels[i] for i in places] for job, places in said["jobs"].items() if only not in job}
+    return calls, sizes
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true")
+    parser.add_argument("--only", metavar="TEXT", default="")
     options = parser.parse_args()
     known = {(each.kernel, each.key) for each in recorded().kernels}
     own, names = [job.name for job in jobs()], [job.name for job in jobs(papers=True)]
     known |= {(each.kernel, each.key) for each in recorded().kernels}  # by now, kernels of the papers are added
+    calls, sizes = kept(options.only) if options.only else ({}, {})
+    wanted = [i for i, name in enumerate(names) if name not in calls]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        calls = dict(zip(names, pool.map(called, range(len(names)))))
+        calls |= dict(zip([names[i] for i in wanted], pool.map(called, wanted)))
     kernels = sorted({kernel for each in calls.values() for kernel in each})
     if options.check:
         new = [kernel for kernel in kernels if kernel not in known]
         print("\n".join(f"not recorded: {name} {key}" for name, key in new) or "all that jobs call is recorded")
         return bool(new)
-    sizes = measured(kernels)
+    sizes |= measured([kernel for kernel in kernels if kernel not in sizes])
     written(FILE, own, calls, sizes)
     written(PAPERS, [name for name in names if name not in own], calls, sizes)
     return 0

@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import boxes_of
 from antumbra.chcrt.fronts import INNER, INVISIBLE, VISIBLE, Fronts
+from antumbra.chcrt.lists import lists_of
 from antumbra.chcrt.options import Options
 from antumbra.chcrt.parts import _order, parts_of
 from antumbra.chcrt.queries import Answers
-from antumbra.chcrt.schedule import lists_of, trace_frame
+from antumbra.chcrt.schedule import trace_frame
 from antumbra.chcrt.tiles import tiles_of
 from antumbra.methods import BUILDERS
 from antumbra.trace.querychunk import TileShape
@@ -30,17 +31,19 @@ def _tiles(w=200, h=120, pixels=32):
 class _Guessing:
     """Rays that answer at random."""
 
-    front_to_back = True
-
     def __init__(self, seed):
         self.rng, self.traced = np.random.default_rng(seed), []
 
-    def ask(self, fronts, pairs, again):
-        counts = (self.rng.random(len(pairs)) < 0.8).astype(np.int32)
-        return Answers(counts, self.rng.random(len(pairs)).astype(np.float32), 1)
+    def ask(self, pairs, threshold, again):
+        counts = (self.rng.random(len(pairs.tile)) < 0.8).astype(np.int32)
+        return Answers(counts, self.rng.random(len(pairs.tile)).astype(np.float32), 1)
 
-    def trace(self, lists):
-        self.traced.append(lists)
+    def trace(self, pairs, keys):
+        self.traced.append((pairs, keys))
+
+
+def _lists(fronts, pairs, keys, front_to_back=True):
+    return lists_of(pairs, keys, fronts.parts, fronts.tiles.smallest, fronts.sets, front_to_back)
 
 
 def _covered(fronts):
@@ -81,12 +84,12 @@ def test_what_was_visible_is_traced_first_and_once_a_frame():
     trace_frame(fronts, _Guessing(3))
     shown = fronts.of(VISIBLE)
     assert len(shown) > 3
-    expected = lists_of(fronts, shown, True)
+    expected = fronts.pairs(shown)
     rays = _Guessing(4)
     trace_frame(fronts, rays)
-    np.testing.assert_array_equal(rays.traced[0].starts, expected.starts)
-    pairs = [np.repeat(np.arange(len(t.starts) - 1), np.diff(t.starts)) * 10_000 + t.items for t in rays.traced]
-    every = np.concatenate(pairs)
+    for got, wanted in zip(rays.traced[0][0], expected):
+        np.testing.assert_array_equal(got, wanted)
+    every = np.concatenate([pairs.tile.astype(np.int64) * 100_000 + pairs.row for pairs, _ in rays.traced])
     assert len(np.unique(every)) == len(every)
 
 
@@ -95,7 +98,7 @@ def test_lists_have_each_visible_part_once_in_their_order(front_to_back):
     fronts = Fronts(_tiles(), _parts()[0], 2, Options())
     trace_frame(fronts, _Guessing(3))
     shown, parts = fronts.of(VISIBLE), fronts.parts
-    lists = lists_of(fronts, shown, front_to_back)
+    lists = _lists(fronts, fronts.pairs(shown), fronts.key[shown], front_to_back)
     keys = {(t, s, r - parts.inner): k for t, s, r, k in zip(fronts.tile, fronts.set, fronts.row, fronts.key)}
     assert len(lists.items) == len(shown) and np.diff(lists.starts).max() > 2
     for number, (begin, end) in enumerate(zip(lists.starts[:-1], lists.starts[1:])):
@@ -112,9 +115,9 @@ def test_parts_come_in_the_order_of_the_tree():
 
 def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():
     class Counting(_Guessing):
-        def ask(self, fronts, pairs, again):
-            self.asked = [*getattr(self, "asked", []), (again, len(pairs))]
-            return Answers(np.full(len(pairs), 1, np.int32), np.zeros(len(pairs), np.float32), 1)
+        def ask(self, pairs, threshold, again):
+            self.asked = [*getattr(self, "asked", []), (again, len(pairs.tile))]
+            return Answers(np.full(len(pairs.tile), 1, np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
     fronts = Fronts(_tiles(), _parts()[0], 1, Options(every=3))
     trace_frame(fronts, Counting(0))
@@ -131,12 +134,12 @@ def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():
 
 def test_invisibility_is_pulled_up_one_level_a_frame():
     class Blind(_Guessing):
-        def ask(self, fronts, pairs, again):
-            return Answers(np.zeros(len(pairs), np.int32), np.zeros(len(pairs), np.float32), 1)
+        def ask(self, pairs, threshold, again):
+            return Answers(np.zeros(len(pairs.tile), np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
     class Seeing(_Guessing):
-        def ask(self, fronts, pairs, again):
-            return Answers(np.ones(len(pairs), np.int32), np.zeros(len(pairs), np.float32), 1)
+        def ask(self, pairs, threshold, again):
+            return Answers(np.ones(len(pairs.tile), np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
     fronts = Fronts(_tiles(), _parts()[0], 1, Options(every=1))
     trace_frame(fronts, Seeing(0))

@@ -61,7 +61,7 @@ def test_every_light_from_frame_to_frame(atrium, light, spp):
     for _ in range(4):
         scheduled.begin()
         np.testing.assert_array_equal(_ask(scheduled, query, query.samples.shape[1]), truth)
-    assert scheduled.told[0]["queries"] > 0
+    assert scheduled.statistics[0]["queries"] > 0
 
 
 def test_a_camera_that_moves(atrium):
@@ -80,7 +80,7 @@ def test_a_camera_that_moves(atrium):
         )
         np.testing.assert_array_equal(hits.face, face)
         np.testing.assert_array_equal(hits.t, t)
-        traced.append([told["traced pairs"] for told in scheduled.told])
+        traced.append([told["traced pairs"] for told in scheduled.statistics])
     assert len({tuple(n) for n in traced}) > 1
 
 
@@ -125,7 +125,7 @@ def test_passes_of_rays_that_point_anywhere():
     scheduled = _scheduled(triangles)
     for _ in range(2):
         scheduled.begin()
-        hits = nearest_hits(scheduled, rays, shape, 2)
+        (hits,) = nearest_hits(scheduled, [rays], shape, 2)
         np.testing.assert_array_equal(hits.face.reshape(-1), face)
         np.testing.assert_array_equal(hits.t.reshape(-1), t)
 

@@ -1,21 +1,74 @@
-"""The camera's rays as a ray set of CHC+RT: cells of 4 x 4 pixels, traced by multi-frusta (`trace.primary`).
+"""The camera's rays: their cells of 4 x 4 pixels and their bundles. Multi-frusta trace them (`trace.primary`).
 
 All rays are measured in one *length*. This multiple of a ray's direction takes every ray out of the scene.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import new_ticket, run, take
+from ..kernels.predicate.filters import BEYOND
 from ..kernels.simd import ptr, ptr_at, put
+from ..query.pixels import pixel_direction
 from ..query.raster_setup import direction_error
 from ..scene.camera import CameraRays
 from ..trace.forest import Hits
-from .cells import FAR, WORDS, Picture, first_receiver, new_cells, no_cell, put_cell, region_in, regions_in
+from .bundles import bundles_in, load_bundle
+from .cells import (
+    CELL,
+    FAR,
+    WORDS,
+    Picture,
+    first_receiver,
+    new_cells,
+    no_cell,
+    put_cell,
+    receiver_in,
+    region_in,
+    regions_in,
+)
 
 _F = np.float32
-BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and the rounding to float32
-CELL = 4  # pixels, both ways
+
+
+class CameraBundles(NamedTuple):
+    """The rays of a camera, and how far they look."""
+
+    rays: CameraRays
+    t: np.ndarray  # (h, w) float64: the nearest hits so far
+    length: float  # see `length_of`
+
+
+@overload(bundles_in)
+def _bundles_in(source):
+    if source.instance_class is CameraBundles:
+        return lambda source: 1
+
+
+@overload(load_bundle)
+def _load_bundle(source, picture, y0, x0, s, k, blind, bundle):
+    if source.instance_class is CameraBundles:
+        return lambda source, picture, y0, x0, s, k, blind, bundle: _load(source, picture, y0, x0, bundle)
+
+
+@kernel
+def _load(source, picture, y0, x0, bundle):
+    """`load_bundle` of a camera."""
+    rays, live = source.rays, np.int64(0)
+    for lane in range(16):
+        y, x, inside = receiver_in(picture, y0, x0, lane)
+        d = pixel_direction(rays, x, y)
+        for k in range(3):
+            put(bundle.rays, 16 * k + lane, rays.origin[k])
+        put(bundle.rays, 48 + lane, d[0] * _F(source.length))
+        put(bundle.rays, 64 + lane, d[1] * _F(source.length))
+        put(bundle.rays, 80 + lane, d[2] * _F(source.length))
+        far = source.t[y, x] / source.length * BEYOND if inside else -1.0
+        put(bundle.limits, lane, _F(min(far, 1.0)))
+        live |= np.int64(inside) << lane
+    return live
 
 
 def length_of(reach: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 
 from .options import Options
 from .parts import Parts
+from .queries import Pairs
 from .tiles import Tiles
 
 INNER, INVISIBLE, VISIBLE = range(3)
@@ -45,6 +46,10 @@ class Fronts:
 
     def __len__(self) -> int:
         return len(self.tile)
+
+    def pairs(self, chosen: np.ndarray) -> Pairs:
+        """Some of the pairs, by their indices."""
+        return Pairs(self.tile[chosen], self.set[chosen], self.row[chosen])
 
     def of(self, state: int) -> np.ndarray:
         """(k,) int64: the pairs in a state."""

@@ -3,22 +3,21 @@
 from collections.abc import Callable
 from contextlib import closing
 from time import perf_counter
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from .fronts import INVISIBLE, VISIBLE, Fronts
-from .queries import Answers
+from .lists import in_lists
+from .queries import Answers, Pairs
 
 _FIRST_BATCH = 4  # newly visible parts of a tile in the first batch; batches double up to `Options.batch`
 
 
 class RaySet(Protocol):
-    """The rays of a picture, as the schedule sees them."""
+    """The rays of a picture, as the schedule sees them: one ray set, or several."""
 
-    front_to_back: bool  # True: rays go through lists front to back; False: in the tree's order of parts
-
-    def ask(self, fronts: Fronts, pairs: np.ndarray, again: bool) -> Answers:
+    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         """Answer occlusion queries for pairs; `again`: the pairs have just been traced.
 
         A part that blocks a ray must stay visible for the next frame. So queries of traced pairs count blocked rays,
@@ -26,17 +25,9 @@ class RaySet(Protocol):
         """
         ...
 
-    def trace(self, lists: "Lists") -> None:
-        """Trace the rays of each tile and set through lists of parts, and update the cells of these tiles."""
+    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+        """Trace the rays of final pairs, and update what the queries know of them; `keys`: see `Answers`."""
         ...
-
-
-class Lists(NamedTuple):
-    """For each smallest tile and each set, the parts that its rays go through, in order."""
-
-    starts: np.ndarray  # (tiles * sets + 1,) int32: list number tile * sets + set
-    items: np.ndarray  # (n,) int32: parts
-    tiles: np.ndarray  # (k,) int32: the tiles whose lists are not empty
 
 
 Progress = Callable[[int, int], None]
@@ -70,54 +61,33 @@ class Statistics:
         }  # fmt: skip
 
 
-def _in_lists(fronts: Fronts, pairs: np.ndarray, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(the list of each pair, the order of the pairs by list, and by key within a list)."""
-    number = fronts.tile[pairs].astype(np.int64) * fronts.sets + fronts.set[pairs]
-    return number, np.lexsort((keys, number))
-
-
-def lists_of(fronts: Fronts, pairs: np.ndarray, front_to_back: bool) -> Lists:
-    """The lists of final pairs: front to back, or in the tree's order of parts.
-
-    Any-hit rays are fastest in the tree's order. A tile may begin inside the boxes of many parts, which are then all
-    equally near. There, front to back took 1.6 times as long in foliage (San Miguel).
-    """
-    parts = fronts.parts
-    keys = fronts.key[pairs] if front_to_back else parts.order[fronts.row[pairs] - parts.inner]
-    number, order = _in_lists(fronts, pairs, keys)
-    counts = np.bincount(number, minlength=fronts.tiles.smallest * fronts.sets)
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    items = (fronts.row[pairs][order] - fronts.parts.inner).astype(np.int32)
-    return Lists(starts, items, np.unique(fronts.tile[pairs]).astype(np.int32))
-
-
 def trace_frame(fronts: Fronts, rays: RaySet, progress: Progress | None = None) -> Statistics:
     """Trace the rays of a frame, and store the visible pairs in `fronts` for the next frame."""
-    told = Statistics(progress)
+    statistics = Statistics(progress)
     shown, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
-    _trace(fronts, rays, shown, told)
-    told.lap("phase 1")
+    _trace(fronts, rays, shown, statistics)
+    statistics.lap("phase 1")
     due = shown[fronts.due[shown] <= fronts.frame]
-    seen, still = _ask(fronts, rays, hidden, told), _ask(fronts, rays, due, told, True)
+    seen, still = _ask(fronts, rays, hidden, statistics), _ask(fronts, rays, due, statistics, True)
     fronts.due[due] += fronts.options.every
     fronts.state[due[~still]] = INVISIBLE
-    told.lap("phase 2")
-    _traverse(fronts, rays, hidden[seen], told)
+    statistics.lap("phase 2")
+    _traverse(fronts, rays, hidden[seen], statistics)
     fronts.end_frame()
-    told.lap("phase 3")
-    return told
+    statistics.lap("phase 3")
+    return statistics
 
 
-def _ask(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics, again: bool = False) -> np.ndarray:
+def _ask(fronts: Fronts, rays: RaySet, pairs: np.ndarray, statistics: Statistics, again: bool = False) -> np.ndarray:
     """Query pairs. Return (k,) bool: which pairs have more rays than the threshold."""
-    answers = rays.ask(fronts, pairs, again)
+    answers = rays.ask(fronts.pairs(pairs), fronts.options.threshold, again)
     fronts.key[pairs] = answers.keys
-    told.queries += len(pairs)
-    told.multi_queries += answers.groups
+    statistics.queries += len(pairs)
+    statistics.multi_queries += answers.groups
     return answers.counts > fronts.options.threshold
 
 
-def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) -> np.ndarray:
+def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, statistics: Statistics) -> np.ndarray:
     """Trace the rays of final pairs, parts in memory first (Sec. 5.4). Return the pairs that were traced.
 
     The other parts follow nearest first, each once for all its pairs. A pair is left out if all its rays find a hit
@@ -125,26 +95,27 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, told: Statistics) ->
     """
     memory = fronts.parts.memory
     if memory is None or not len(pairs):
-        told.traced += len(pairs)
-        rays.trace(lists_of(fronts, pairs, rays.front_to_back))
+        statistics.traced += len(pairs)
+        rays.trace(fronts.pairs(pairs), fronts.key[pairs])
         return pairs
     parts = fronts.row[pairs] - fronts.parts.inner
 
     def still(asked: np.ndarray) -> np.ndarray:
         """Which parts do unblocked rays still meet? Called before the parts are read."""
         those = pairs[np.isin(parts, asked)]
-        met = those[rays.ask(fronts, those, False).counts > fronts.options.threshold]
+        threshold = fronts.options.threshold
+        met = those[rays.ask(fronts.pairs(those), threshold, False).counts > threshold]
         return np.isin(asked, fronts.row[met] - fronts.parts.inner)
 
     wanted, done, traced = _nearest_first(parts, fronts.key[pairs]), 0, [pairs[:0]]
     with closing(memory.groups(wanted, still)) as groups:
         for group in groups:
             traced.append(pairs[np.isin(parts, group)])
-            told.traced += len(traced[-1])
-            rays.trace(lists_of(fronts, traced[-1], rays.front_to_back))
+            statistics.traced += len(traced[-1])
+            rays.trace(fronts.pairs(traced[-1]), fronts.key[traced[-1]])
             done += len(group)
-            if told.progress is not None:
-                told.progress(done, len(wanted))
+            if statistics.progress is not None:
+                statistics.progress(done, len(wanted))
     return np.concatenate(traced)
 
 
@@ -155,7 +126,7 @@ def _nearest_first(parts: np.ndarray, keys: np.ndarray) -> np.ndarray:
     return parts[order][np.sort(first)]
 
 
-def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) -> None:
+def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, statistics: Statistics) -> None:
     """Phase 3: split newly visible pairs down to final pairs, and trace the final pairs.
 
     In core this goes batch by batch. A batch has the nearest parts of each tile. The parts behind them are queried
@@ -166,22 +137,22 @@ def _traverse(fronts: Fronts, rays: RaySet, seen: np.ndarray, told: Statistics) 
         final = fronts.is_final(seen)
         waiting.append(seen[final])
         children = fronts.split(seen[~final])
-        seen = children[_ask(fronts, rays, children, told)]
+        seen = children[_ask(fronts, rays, children, statistics)]
     pairs, batch = np.concatenate(waiting), min(_FIRST_BATCH, fronts.options.batch)
     if fronts.parts.memory is not None:
-        fronts.show(_trace(fronts, rays, pairs, told))
+        fronts.show(_trace(fronts, rays, pairs, statistics))
         return
     while len(pairs):
         nearest = _rank(fronts, pairs) < batch
         now, pairs = pairs[nearest], pairs[~nearest]
         fronts.show(now)
-        _trace(fronts, rays, now, told)
-        pairs, batch = pairs[_ask(fronts, rays, pairs, told)], min(2 * batch, fronts.options.batch)
+        _trace(fronts, rays, now, statistics)
+        pairs, batch = pairs[_ask(fronts, rays, pairs, statistics)], min(2 * batch, fronts.options.batch)
 
 
 def _rank(fronts: Fronts, pairs: np.ndarray) -> np.ndarray:
     """(k,) int: the number of nearer pairs of the same tile and set."""
-    number, order = _in_lists(fronts, pairs, fronts.key[pairs])
+    number, order = in_lists(fronts.pairs(pairs), fronts.key[pairs], fronts.sets)
     ordered = number[order]
     starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]])) if len(order) else order
     rank = np.empty(len(pairs), np.int64)

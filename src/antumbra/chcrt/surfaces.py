@@ -17,6 +17,6 @@ def primary_hits(scheduled: Scheduled, rays: CameraRays, threads=None) -> tuple[
 
 def nearest_scheduled(rays: RayPass, shape, scheduled: Scheduled, triangles, threads=None) -> Surfaces:
     """The surfaces that the rays of a picture of this shape meet first; `triangles`: all triangles of the scene."""
-    hits = nearest_hits(scheduled, rays, shape, threads)
+    (hits,) = nearest_hits(scheduled, [rays], shape, threads)
     met = surfaces_met(rays, hits.face.reshape(-1), hits.t.reshape(-1), shape, triangles, threads)
     return surfaces_of(met, triangles)

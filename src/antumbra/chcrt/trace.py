@@ -1,74 +1,63 @@
 """CHC+RT as a tracer: its state between frames, and how it answers shadow queries and passes of rays."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from threading import Lock
-from typing import NamedTuple
 
 import numpy as np
 
 from ..bvh.blocks import block_tree
-from ..bvh.nodes import Bvh, boxes_of
+from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
 from ..query.bounds import bounds
 from ..query.diffuse import RayPass
 from ..query.shadow import ShadowQuery
 from ..scene.camera import CameraRays
-from ..scene.lights import AMBIENT, LIST
-from ..trace.forest import Forest, Hits, no_hits
-from ..trace.lighttable import STRATA
-from ..trace.multifrusta.trace import trace_forest
-from ..trace.packets.incoherent import is_far, is_huge, is_incoherent
-from ..trace.packets.packet16 import over_pixels, over_samples
-from ..trace.primary.trace import picture_seen, trace_hits
-from ..trace.querychunk import TileShape, tile_shape
-from .camera import CELL, bound_camera, length_of, shorten_camera
-from .cells import Picture, bound_cells, picture_of, shorten
+from ..trace.forest import Hits
 from .fronts import Fronts
-from .nearest import PictureRays, bound_rays, looks_of, trace_nearest
 from .options import Options
 from .parts import Parts, parts_of
-from .queries import Answers, ask
-from .schedule import Lists, trace_frame
-from .tiles import Tiles, tiles_of
+from .raysets import Pass, RaySets, Segments, Together, View, segments_of
+from .schedule import trace_frame
+
+_KEPT = 8  # frames that a state is kept without being needed
 
 
 class Scheduled:
     """A scene ready for CHC+RT, with the visibility states that the last frame left.
 
-    Each query of a frame has its own state. Query n starts from the state of query n of the last frame, if both have
-    the same numbers of receivers and rays. So frames are coherent if they ask their queries in the same order. The
-    answers never depend on this.
+    Each question of a frame has its own state. Question n starts from the state of question n of the last frame, if
+    both have the same numbers of receivers and ray sets. So frames are coherent if they ask their questions in the same
+    order. The answers never depend on this. A state that no question has needed for some frames is dropped.
 
     parts : Parts
     options : Options
-    told : list of dict
-        The statistics of each query of this frame: see `schedule.Statistics`.
+    room : int
+        Bytes of memory for the cells of ray sets that are asked together. 0: each is asked by itself.
+    statistics : list of dict
+        The statistics of each question of this frame: see `schedule.Statistics`.
     """
 
     def __init__(self, parts: Parts, options: Options):
-        self.parts, self.options = parts, options
-        self._fronts: dict[tuple, Fronts] = {}
-        self._lock = Lock()
+        self.parts, self.options, self.room = parts, options, 0
+        self._fronts: dict[tuple, tuple[int, Fronts]] = {}  # with the last frame that asked
+        self._frame, self._lock = 0, Lock()
         self.begin()
 
     def begin(self) -> None:
         """Begin a new frame."""
-        self._questions, self.told = 0, list[dict]()
+        self._frame += 1
+        self._fronts = {key: kept for key, kept in self._fronts.items() if kept[0] >= self._frame - _KEPT}
+        self._questions, self.statistics = 0, list[dict]()
 
-    def fronts(self, tiles: Tiles, shape: tuple, sets: int) -> Fronts:
-        """The state of the frame's next query."""
-        key = self._questions, shape, sets
-        self._questions += 1
-        if key not in self._fronts:
-            self._fronts[key] = Fronts(tiles, self.parts, sets, self.options)
-        return self._fronts[key]
-
-    def run(self, tiles: Tiles, shape: tuple, sets: int, rays, progress=None) -> None:
-        """Trace one ray set, or several together, from the state of the frame's next query."""
+    def run(self, rays: RaySets | Together, shape: tuple, progress=None) -> None:
+        """Trace ray sets as one question, from the state of the frame's next question."""
         with self._lock:
-            fronts = self.fronts(tiles, shape, sets)
-            statistics = trace_frame(fronts, rays, progress)
-            self.told.append(statistics.as_dict(fronts))
+            key = self._questions, shape, rays.sets
+            self._questions += 1
+            fronts = self._fronts[key][1] if key in self._fronts else None
+            fronts = fronts or Fronts(rays.tiles, self.parts, rays.sets, self.options)
+            self._fronts[key] = self._frame, fronts
+            self.statistics.append(trace_frame(fronts, rays, progress).as_dict(fronts))
 
 
 def prepare(bvh: Bvh, options: Options, threads=None) -> Scheduled:
@@ -76,131 +65,38 @@ def prepare(bvh: Bvh, options: Options, threads=None) -> Scheduled:
     return Scheduled(parts_of(block_tree(bvh, threads), options), options)
 
 
-class _Rays(NamedTuple):
-    """The data that all ray sets share."""
-
-    tiles: Tiles
-    picture: Picture
-    cells: np.ndarray  # (sets, regions, ROWS, 16) float32, see `cells.new_cells`
-    parts: Parts
-    threads: int
-
-    def ask(self, fronts: Fronts, pairs, blind: bool) -> Answers:
-        pair = fronts.tile[pairs], fronts.set[pairs], fronts.row[pairs]
-        return ask(self.tiles, self.cells, self.parts.lines, *pair, fronts.options.threshold, blind, self.threads)
-
-    def forest(self, lists: Lists, sets: int, fresh: bool) -> Forest:
-        p, t = self.parts, self.tiles
-        return Forest(p.trees, p.heads, t.pixels, t.across, sets, lists.starts, lists.items, fresh)
-
-
-class _Shadows:
-    """The segments of a query to some chunks of its samples, as ray sets: one for all, or one for each stratum."""
-
-    front_to_back = False
-
-    def __init__(self, scheduled: Scheduled, query: ShadowQuery, bits, chunks: range, trace, several: bool, options):
-        self.query, self.bits, self.chunks, self.trace_, self.options = query, bits, chunks, trace, options
-        self.first = chunks.start * STRATA
-        self.count = min(len(chunks) * STRATA, query.samples.shape[1] - self.first)
-        self.sets, threads = self.count if several else 1, options["threads"]
-        shape = tile_shape(query)
-        picture = picture_of(shape, *query.sides.shape)
-        cells = bound_cells(query, picture, self.first, self.count, self.sets, threads)
-        self.rays = _Rays(tiles_of(shape, scheduled.options.tile), picture, cells, scheduled.parts, threads)
-        self.fresh = True
-
-    def ask(self, fronts, pairs, again):
-        return self.rays.ask(fronts, pairs, again)
-
-    def trace(self, lists: Lists) -> None:
-        if not (self.fresh or len(lists.tiles)):
-            return
-        sets = STRATA if self.sets > 1 else 1
-        forest = self.rays.forest(_padded(lists, self.sets), sets, self.fresh)
-        self.trace_(forest, self.query, self.bits, chunks=self.chunks, **self.options)
-        tiles = np.arange(self.rays.tiles.smallest, dtype=np.int32) if self.fresh else lists.tiles
-        r = self.rays
-        shorten(r.cells, r.tiles.spans, tiles, self.query, r.picture, self.first, self.count, self.bits, r.threads)
-        self.fresh = False
-
-
-def _padded(lists: Lists, sets: int) -> Lists:
-    """The lists of a chunk with fewer than STRATA sets, padded with empty lists to STRATA sets."""
-    if sets in (1, STRATA):
-        return lists
-    counts = np.zeros((len(lists.starts) // sets, STRATA), np.int32)
-    counts[:, :sets] = np.diff(lists.starts).reshape(-1, sets)
-    return lists._replace(starts=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
-
-
 def trace_shadow(scheduled: Scheduled, query: ShadowQuery, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
-
-    Rays to a lamp or the sun share one visibility state, and multi-frusta tracing traces them. Each direction of the
-    hemisphere has its own state (Sec. 5.3), and packets trace its rays.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    chunks = range(-(-query.samples.shape[1] // STRATA))
-    inside = None if scheduled.parts.memory else progress  # out of core, reading parts takes longest: report that
-    options = {"threads": thread_count(threads), "counters": counters, "progress": inside}
-    kind, steps, trace = query.light.kind, [chunks], trace_forest
-    if is_incoherent(query):
-        steps, trace = [range(c, c + 1) for c in chunks], over_samples if kind == LIST else over_pixels
-    elif is_huge(query, scheduled.parts.extents) or is_far(query, boxes_of(scheduled.parts.lines[:1])):
-        trace = over_pixels
-    for step in steps:
-        rays = _Shadows(scheduled, query, bits, step, trace, kind == AMBIENT, options)
-        scheduled.run(rays.rays.tiles, query.sides.shape, rays.sets, rays, progress)
+    trace_shadows(scheduled, [query], [bits], threads, counters, progress)
 
 
-class _Nearest:
-    """Closest-hit rays, one a pixel. `bound` makes the cells of their `Picture`."""
+def trace_shadows(
+    scheduled: Scheduled, queries: Sequence[ShadowQuery], bits: Sequence[np.ndarray], threads=None, counters=None,
+    progress=None,
+) -> None:  # fmt: skip
+    """Answer several queries of receivers of the same shape, as `trace_shadow` does.
 
-    front_to_back = True
-
-    def __init__(self, scheduled: Scheduled, h: int, w: int, threads: int, bound: Callable[[Picture], np.ndarray]):
-        shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
-        picture, tiles = picture_of(shape, h, w), tiles_of(shape, scheduled.options.tile)
-        self.hits = no_hits((h, w))
-        self.rays = _Rays(tiles, picture, bound(picture), scheduled.parts, threads)
-
-    def ask(self, fronts, pairs, again):
-        return self.rays.ask(fronts, pairs, False)  # a ray enters the box of its nearest hit before the hit
-
-
-class _Pass(_Nearest):
-    """A pass of rays as a ray set."""
-
-    def __init__(self, scheduled: Scheduled, rays: PictureRays, reach: float, threads: int):
-        self.pass_, self.looks = rays, looks_of(rays, reach, threads)
-        super().__init__(
-            scheduled, *rays.skip.shape, threads, lambda picture: bound_rays(picture, rays, self.looks, threads)
-        )
-
-    def trace(self, lists: Lists) -> None:
-        r, forest = self.rays, self.rays.forest(lists, 1, False)
-        arrays = r.picture, self.pass_, self.hits, self.looks, r.cells[0], r.threads
-        trace_nearest(forest, r.tiles.spans, lists.tiles, *arrays)
+    They are asked together as far as `Scheduled.room` allows. So each part is read once for all of them.
+    """
+    parts, options, used, members = scheduled.parts, scheduled.options, 0, list[Segments]()
+    inside = None if parts.memory else progress  # out of core, reading parts takes longest: report that
+    how = {"threads": thread_count(threads), "counters": counters, "progress": inside}
+    steps = [(q, b, *step) for q, b in zip(queries, bits, strict=True) for step in segments_of(parts, q)]
+    for i, step in enumerate(steps):
+        members.append(Segments(parts, options, *step, **how))
+        used += members[-1].rays.cells.nbytes
+        if used >= scheduled.room or i == len(steps) - 1:
+            scheduled.run(together(members), queries[0].sides.shape, progress)
+            used, members = 0, []
 
 
-class _View(_Nearest):
-    """The rays of a camera as a ray set."""
-
-    def __init__(self, scheduled: Scheduled, camera: CameraRays, reach: float, threads: int):
-        self.length = length_of(reach)
-        super().__init__(
-            scheduled, camera.height, camera.width, threads,
-            lambda picture: bound_camera(picture, camera, self.length, threads),
-        )  # fmt: skip
-        self.seen = picture_seen(camera, scheduled.parts.boxes[0], self.hits)
-
-    def trace(self, lists: Lists) -> None:
-        r, forest = self.rays, self.rays.forest(lists, 1, False)
-        trace_hits(forest, self.seen, r.threads)
-        shorten_camera(r.cells[0], r.tiles.spans, lists.tiles, r.picture, self.hits, self.length, r.threads)
+def together(members: Sequence[RaySets]) -> RaySets | Together:
+    """Ray sets as one question."""
+    return members[0] if len(members) == 1 else Together(members)
 
 
 def _reach(scheduled: Scheduled, low, high) -> float:
@@ -209,12 +105,18 @@ def _reach(scheduled: Scheduled, low, high) -> float:
     return float(np.linalg.norm(np.maximum(boxes[1], high) - np.minimum(boxes[0], low))) + 1e-30
 
 
-def nearest_hits(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], threads=None, progress=None) -> Hits:
-    """The nearest hit of each ray of a pass over a picture of this shape. Every other method finds the same hits."""
-    picture, threads = PictureRays(*(a.reshape(*shape, *a.shape[1:]) for a in rays)), thread_count(threads)
-    made = _Pass(scheduled, picture, _reach(scheduled, *bounds(rays.origins, threads)), threads)
-    scheduled.run(made.rays.tiles, shape, 1, made, progress)
-    return made.hits
+def nearest_hits(
+    scheduled: Scheduled, passes: Sequence[RayPass], shape: tuple[int, int], threads=None, progress=None
+) -> list[Hits]:
+    """The nearest hit of each ray of some passes over pictures of this shape, all asked together.
+
+    Every other method finds the same hits.
+    """
+    threads = thread_count(threads)
+    reach = _reach(scheduled, *bounds(passes[0].origins, threads))
+    members = [Pass(scheduled.parts, scheduled.options, rays, *shape, reach, threads) for rays in passes]
+    scheduled.run(together(members), shape, progress)
+    return [member.hits for member in members]
 
 
 def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=None) -> Hits:
@@ -225,6 +127,7 @@ def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=N
     InputError
         If directions of neighbouring pixels are too close, as in `query.raster.rasterise`.
     """
-    view = _View(scheduled, rays, _reach(scheduled, rays.origin, rays.origin), thread_count(threads))
-    scheduled.run(view.rays.tiles, (rays.height, rays.width), 1, view, progress)
+    reach = _reach(scheduled, rays.origin, rays.origin)
+    view = View(scheduled.parts, scheduled.options, rays, reach, thread_count(threads))
+    scheduled.run(view, (rays.height, rays.width), progress)
     return view.hits

@@ -145,7 +145,7 @@ class Paged:
         shape : (H, W) of the picture
         by : another tracer of the same parts; None: the plan's tracer
         """
-        hits = nearest_hits(by or self.accelerated.prepared, rays, shape, self.threads)
+        (hits,) = nearest_hits(by or self.accelerated.prepared, [rays], shape, self.threads)
         return self._surfaces(hits, partial(self._met, rays, shape))
 
     def _met(self, rays, shape, face, t, triangles):

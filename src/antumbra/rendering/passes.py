@@ -37,7 +37,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
         divide(state, edge, image, ambient, indirect)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
-    scheduled = None if state.ready.scheduled is None else state.ready.scheduled.told
+    scheduled = None if state.ready.scheduled is None else state.ready.scheduled.statistics
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
         scheduled, source.paging(),

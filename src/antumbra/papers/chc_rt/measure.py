@@ -162,10 +162,10 @@ def told_by(method: Method) -> Callable[[], dict[str, float]]:
     """A function that sums the statistics of CHC+RT since this call. For other methods it returns an empty dict."""
     if not isinstance(method, Culling):
         return dict
-    scheduled, first = method.scheduled, len(method.scheduled.told)
+    scheduled, first = method.scheduled, len(method.scheduled.statistics)
 
     def told() -> dict[str, float]:
-        new = scheduled.told[first:]
+        new = scheduled.statistics[first:]
         return {name: sum(question[name] for question in new) for name in new[0]}
 
     return told

@@ -118,7 +118,7 @@ class Culling:
         if isinstance(question, CameraRays):
             hits = camera_hits(self.scheduled, question, self.threads)
         else:
-            hits = nearest_hits(self.scheduled, question, shape, self.threads)
+            (hits,) = nearest_hits(self.scheduled, [question], shape, self.threads)
         return hits.face.reshape(-1), hits.t.reshape(-1)
 
 

@@ -1,0 +1,130 @@
+"""Passes of one ray a pixel: their cells and their bundles.
+
+A ray's *length* is a power of two. This multiple of its direction takes the ray out of the scene.
+"""
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels.jit import inlined, kernel, overload
+from ..kernels.parallel import new_ticket, run, take
+from ..kernels.predicate.filters import BEYOND
+from ..kernels.simd import as_i32, get, load16, ptr, ptr_at, put, splat16, stack_f32, store
+from ..trace.forest import Hits
+from .bundles import BUNDLE_FLOATS, bundle_in, bundles_in, load_bundle
+from .cells import WORDS, Picture, first_receiver, new_cells, no_cell, nothing_yet, put_cell, receiver_in, wider
+
+_F = np.float32
+_SMALLEST = _F(2.0**-126)  # a length is not denormal
+_EXPONENT = 0x7F800000  # bits of a float32's exponent
+_ROWS = 8  # every so many rows of pixels are looked at
+
+
+class PassRays(NamedTuple):
+    """One ray a pixel, and its nearest hit so far."""
+
+    origins: np.ndarray  # (h, w, 3) float32
+    directions: np.ndarray  # (h, w, 3) float32; zero: there is no ray
+    skip: np.ndarray  # (h, w) int32: triangles that do not count, -1 for none
+    hits: Hits
+    reach: float  # no ray is longer inside the scene
+
+
+def is_spread(rays: PassRays) -> bool:
+    """Whether cells should be spread: directions of every fourth pixel are more alike than those of neighbours."""
+    if min(rays.skip.shape) <= 4:
+        return False
+    d = rays.directions[::_ROWS].astype(np.float64)
+    d /= np.maximum(np.linalg.norm(d, axis=2, keepdims=True), 1e-30)
+    return bool((d[:, :-4] * d[:, 4:]).sum() > (d[:, :-4] * d[:, 1:-3]).sum())
+
+
+@inlined
+def _load_ray(rays, picture, y0, x0, lane, bundle):
+    """Load the ray of a lane, with its direction and the length before rounding. Return whether there is one."""
+    y, x, inside = receiver_in(picture, y0, x0, lane)
+    y, x = (y, x) if inside else (y0, x0)
+    d = rays.directions[y, x]
+    size = max(abs(d[0]), max(abs(d[1]), abs(d[2])))
+    there = inside and size > _F(0.0)
+    put(bundle.lengths, lane, max(_F(4.0 * rays.reach / np.float64(size if there else _F(1.0))), _SMALLEST))
+    for k in range(3):
+        put(bundle.rays, 16 * k + lane, rays.origins[y, x, k])
+        put(bundle.rays, 48 + 16 * k + lane, d[k])
+    return there
+
+
+@kernel
+def load_rays(rays, picture, y0, x0, bundle):
+    """Fill the bundle of a cell. Return bits of its rays."""
+    live = np.int64(0)
+    for lane in range(16):
+        if _load_ray(rays, picture, y0, x0, lane, bundle):
+            live |= np.int64(1) << lane
+    store(as_i32(bundle.lengths), 0, load16(as_i32(bundle.lengths), 0) & splat16(np.int32(_EXPONENT)))
+    lengths = load16(bundle.lengths, 0)
+    for k in range(3):
+        store(bundle.rays, 48 + 16 * k, load16(bundle.rays, 48 + 16 * k) * lengths)
+    for lane in range(16):
+        y, x, _ = receiver_in(picture, y0, x0, lane)
+        limit = _F(-1.0)
+        if live >> lane & 1 != 0:
+            limit = limit_of(rays.hits.t[y, x], bundle, lane)
+        put(bundle.limits, lane, limit)
+    return live
+
+
+@inlined
+def limit_of(t, bundle, lane):
+    """How far a ray with a hit at t looks, as a share of its whole length."""
+    return _F(min(t / np.float64(get(bundle.lengths, lane)) * BEYOND, 1.0))
+
+
+@overload(bundles_in)
+def _bundles_in(source):
+    if source.instance_class is PassRays:
+        return lambda source: 1
+
+
+@overload(load_bundle)
+def _load_bundle(source, picture, y0, x0, s, k, blind, bundle):
+    if source.instance_class is PassRays:
+        return lambda source, picture, y0, x0, s, k, blind, bundle: load_rays(source, picture, y0, x0, bundle)
+
+
+@kernel
+def _bound(ticket, picture, rays, cells):
+    """Worker: write the cells of regions."""
+    bundle = bundle_in(stack_f32(BUNDLE_FLOATS))
+    region = take(ticket)
+    while region >= 0:
+        out = ptr_at(ptr(cells), region * WORDS)
+        for g in range(16):
+            y0, x0 = first_receiver(picture, region, g)
+            live = load_rays(rays, picture, y0, x0, bundle) if y0 < picture.h and x0 < picture.w else np.int64(0)
+            (low, high), (d_low, d_high), n = nothing_yet(), nothing_yet(), 0
+            for lane in range(16):
+                if live >> lane & 1 != 0:
+                    low, high = wider(low, high, _row(bundle.rays, lane))
+                    d_low, d_high = wider(d_low, d_high, _row(bundle.rays, 48 + lane))
+                    n += 1
+            if n == 0:
+                no_cell(out, g)
+            else:
+                put_cell(out, g, low, high, d_low, d_high, _F(1.0), _F(n))
+        region = take(ticket)
+
+
+@inlined
+def _row(rays, at):
+    return get(rays, at), get(rays, at + 16), get(rays, at + 32)
+
+
+def bound_rays(picture: Picture, rays: PassRays, threads: int) -> np.ndarray:
+    """The cells of a pass, (1, regions, ROWS, 16)."""
+    cells = new_cells(picture, 1)
+    run(_bound, threads, new_ticket(cells.shape[1], 1), picture, rays, cells)
+    return cells

@@ -1,0 +1,192 @@
+"""The ray sets of a picture: shadow segments, passes of one ray a pixel, a camera's rays, and several of them together.
+
+Each ray set answers occlusion queries by `queries.ask`. Each traces lists of parts by the tracer of its kind of rays.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..bvh.nodes import boxes_of
+from ..query.diffuse import RayPass
+from ..query.shadow import ShadowQuery
+from ..scene.camera import CameraRays
+from ..scene.lights import AMBIENT, LIST
+from ..trace.forest import Forest, no_hits
+from ..trace.lighttable import STRATA
+from ..trace.multifrusta.trace import trace_forest
+from ..trace.packets.incoherent import is_far, is_huge, is_incoherent
+from ..trace.packets.packet16 import over_pixels, over_samples
+from ..trace.primary.trace import picture_seen, trace_hits
+from ..trace.querychunk import tile_shape
+from .camera import CameraBundles, bound_camera, length_of, shorten_camera
+from .cells import picture_of, pixels_of
+from .lists import Lists, lists_of
+from .nearest import trace_nearest
+from .options import Options
+from .parts import Parts
+from .passes import PassRays, bound_rays, is_spread
+from .queries import Answers, Pairs, Rays, ask
+from .segments import SegmentBundles, bound_cells, shorten
+from .tiles import tiles_of
+
+
+class RaySets:
+    """The base of ray sets of one kind.
+
+    parts : Parts
+    rays : Rays
+    sets : int
+    front_to_back : bool
+        True: rays go through lists front to back; False: in the tree's order of parts.
+    """
+
+    front_to_back = True
+
+    def __init__(self, parts: Parts, rays: Rays, threads: int):
+        self.parts, self.rays, self.threads, self.sets = parts, rays, threads, len(rays.cells)
+
+    @property
+    def tiles(self):
+        return self.rays.tiles
+
+    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+        return ask(self.rays, self.parts.lines, pairs, threshold, again, self.threads)
+
+    def lists(self, pairs: Pairs, keys: np.ndarray) -> Lists:
+        return lists_of(pairs, keys, self.parts, self.tiles.smallest, self.sets, self.front_to_back)
+
+    def forest(self, lists: Lists, sets: int = 1, fresh: bool = False) -> Forest:
+        p, t = self.parts, self.tiles
+        return Forest(p.trees, p.heads, t.pixels, t.across, sets, lists.starts, lists.items, fresh)
+
+
+class Segments(RaySets):
+    """The segments of a query to some chunks of its samples: one set for all, or one for each stratum.
+
+    several : one set for each stratum
+    trace : the tracer of forests
+    """
+
+    front_to_back = False
+
+    def __init__(self, parts: Parts, options: Options, query: ShadowQuery, bits, chunks, trace, several, **how):
+        self.query, self.bits, self.chunks, self.trace_, self.how = query, bits, chunks, trace, how
+        first = chunks.start * STRATA
+        count = min(len(chunks) * STRATA, query.samples.shape[1] - first)
+        shape, sets = tile_shape(query), count if several else 1
+        picture, threads = picture_of(shape, *query.sides.shape), how["threads"]
+        self.segments = SegmentBundles(query, bits, first, count, sets)
+        cells = bound_cells(query, picture, first, count, sets, threads)
+        super().__init__(parts, Rays(self.segments, picture, tiles_of(shape, options.tile), cells), threads)
+        self.fresh = True
+
+    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+        lists = self.lists(pairs, keys)
+        if not (self.fresh or len(lists.tiles)):
+            return
+        forest = self.forest(_padded(lists, self.sets), STRATA if self.sets > 1 else 1, self.fresh)
+        self.trace_(forest, self.query, self.bits, chunks=self.chunks, **self.how)
+        tiles = np.arange(self.tiles.smallest, dtype=np.int32) if self.fresh else lists.tiles
+        shorten(self.rays.cells, self.tiles.spans, tiles, self.segments, self.rays.picture, self.threads)
+        self.fresh = False
+
+
+def _padded(lists: Lists, sets: int) -> Lists:
+    """The lists of a chunk with fewer than STRATA sets, padded with empty lists to STRATA sets."""
+    if sets in (1, STRATA):
+        return lists
+    counts = np.zeros((len(lists.starts) // sets, STRATA), np.int32)
+    counts[:, :sets] = np.diff(lists.starts).reshape(-1, sets)
+    return lists._replace(starts=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
+
+
+def segments_of(parts: Parts, query: ShadowQuery) -> list[tuple[range, Callable, bool]]:
+    """How a query's segments are traced: (chunks of samples, tracer of forests, one set for each stratum).
+
+    Rays to a lamp or the sun are one set, and multi-frusta tracing traces them. Each direction of the hemisphere is a
+    set of its own (Sec. 5.3), and packets trace its rays.
+    """
+    chunks, kind = range(-(-query.samples.shape[1] // STRATA)), query.light.kind
+    if is_incoherent(query):
+        trace = over_samples if kind == LIST else over_pixels
+        return [(range(c, c + 1), trace, kind == AMBIENT) for c in chunks]
+    wide = is_huge(query, parts.extents) or is_far(query, boxes_of(parts.lines[:1]))
+    return [(chunks, over_pixels if wide else trace_forest, kind == AMBIENT)]
+
+
+class Pass(RaySets):
+    """A pass of one ray a pixel: its nearest hits.
+
+    h, w : height and width of the picture
+    reach : no ray is longer inside the scene
+    """
+
+    def __init__(self, parts: Parts, options: Options, rays: RayPass, h: int, w: int, reach: float, threads: int):
+        self.pass_ = PassRays(*(a.reshape(h, w, *a.shape[1:]) for a in rays), no_hits((h, w)), reach)
+        picture = pixels_of(h, w, is_spread(self.pass_))
+        made = Rays(
+            self.pass_, picture, tiles_of(picture.shape, options.tile), bound_rays(picture, self.pass_, threads)
+        )
+        super().__init__(parts, made, threads)
+        self.hits = self.pass_.hits
+
+    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+        return super().ask(pairs, threshold, False)  # a ray enters the box of its nearest hit before the hit
+
+    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+        lists, rays = self.lists(pairs, keys), self.rays
+        if len(lists.tiles):
+            arrays = self.tiles.spans, lists.tiles, rays.picture, self.pass_, rays.cells[0], self.threads
+            trace_nearest(self.forest(lists), *arrays)
+
+
+class View(RaySets):
+    """The rays of a camera: their nearest hits."""
+
+    def __init__(self, parts: Parts, options: Options, camera: CameraRays, reach: float, threads: int):
+        self.length, self.hits = length_of(reach), no_hits((camera.height, camera.width))
+        picture, source = pixels_of(*self.hits.t.shape), CameraBundles(camera, self.hits.t, self.length)
+        cells, tiles = bound_camera(picture, camera, self.length, threads), tiles_of(picture.shape, options.tile)
+        super().__init__(parts, Rays(source, picture, tiles, cells), threads)
+        self.seen = picture_seen(camera, parts.boxes[0], self.hits)
+
+    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+        return super().ask(pairs, threshold, False)
+
+    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+        lists, rays = self.lists(pairs, keys), self.rays
+        if len(lists.tiles):
+            trace_hits(self.forest(lists), self.seen, self.threads)
+            shorten_camera(
+                rays.cells[0], self.tiles.spans, lists.tiles, rays.picture, self.hits, self.length, self.threads
+            )
+
+
+class Together:
+    """Ray sets of several kinds over one picture, as the sets of one question. A part is read once for all of them."""
+
+    def __init__(self, members: Sequence[RaySets]):
+        self.members = members
+        self.ends = np.cumsum([member.sets for member in members])
+        self.sets, self.tiles = int(self.ends[-1]), members[0].tiles
+
+    def _of_members(self, pairs: Pairs):
+        """Yield (member, its pairs with its own numbers of sets, their places) for all members."""
+        which = np.searchsorted(self.ends, pairs.set, side="right")
+        for i, member in enumerate(self.members):
+            mine = np.flatnonzero(which == i)
+            first = int(self.ends[i]) - member.sets
+            yield member, Pairs(pairs.tile[mine], pairs.set[mine] - np.int32(first), pairs.row[mine]), mine
+
+    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+        counts, keys, groups = np.zeros(len(pairs.tile), np.int32), np.ones(len(pairs.tile), np.float32), 0
+        for member, own, mine in self._of_members(pairs):
+            if len(mine):
+                answers = member.ask(own, threshold, again)
+                counts[mine], keys[mine], groups = answers.counts, answers.keys, groups + answers.groups
+        return Answers(counts, keys, groups)
+
+    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+        for member, own, mine in self._of_members(pairs):
+            member.trace(own, keys[mine])
