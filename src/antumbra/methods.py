@@ -74,7 +74,8 @@ class Tracer(NamedTuple):
 
     ``prepare(bvh, threads)`` converts a BVH to the tracer's own structure, once per tree.
     ``trace(prepared, query, bits, threads, counters, progress)`` sets the bits. A tracer without a BVH prepares a
-    `rayhierarchy.soup.Soup` instead.
+    `rayhierarchy.soup.Soup` instead. A tracer that gains by it may take several queries of receivers of the same shape:
+    ``trace_all(prepared, queries, bits, threads, counters, progress)``.
     """
 
     prepare: Callable
@@ -85,6 +86,7 @@ class Tracer(NamedTuple):
     keeps: bool = False  # True: the prepared structure remembers visibility, and has `begin()` to call in each frame
     exact: bool = True  # True: the tracer gives the same bits as all other exact tracers
     counts_apart: bool = False  # True: separate kernels count tests
+    trace_all: Callable | None = None
     culling: CullingOptions | None = None  # of tracers with occlusion queries, which can also trace stores
 
 
@@ -192,12 +194,16 @@ def by_culling(options: CullingOptions, description: str) -> Tracer:
 
         return prepare(bvh, options, threads)
 
+    def trace_all(prepared, queries, bits, threads, counters, progress):
+        from .chcrt.trace import trace_shadows
+
+        trace_shadows(prepared, queries, bits, threads, counters, progress)
+
     def trace(prepared, query, bits, threads, counters, progress):
-        from .chcrt.trace import trace_shadow
+        trace_all(prepared, [query], [bits], threads, counters, progress)
 
-        trace_shadow(prepared, query, bits, threads, counters, progress)
-
-    return Tracer(prepare, trace, description, MATTAUSCH, keeps=True, exact=options.threshold == 0, culling=options)
+    exact = options.threshold == 0
+    return Tracer(prepare, trace, description, MATTAUSCH, keeps=True, exact=exact, trace_all=trace_all, culling=options)
 
 
 TRACERS: dict[str, Tracer] = {

@@ -153,8 +153,8 @@ def test_what_cannot_be_asked_of_a_store(city):
             Renderer(paged, plan)
     with pytest.raises(at.InputError, match="adaptive sampling wants all triangles"):
         at.render(paged, camera, LIGHT, adaptive=4)
-    with pytest.raises(at.InputError, match=r"200M of memory is not enough .* give at least \d+M"):
-        at.render(paged, camera, LIGHT, max_memory=200 << 20)
+    with pytest.raises(at.InputError, match=r"100M of memory is not enough .* give at least \d+M"):
+        at.render(paged, camera, LIGHT, max_memory=100 << 20)
     with pytest.raises(at.InputError, match="max_memory is for scenes in a store"):
         at.render(scene, camera, LIGHT, max_memory=1 << 30)
     with pytest.raises(at.InputError, match="is in a store, whose trees are built"):

@@ -113,3 +113,24 @@ def test_no_file(tmp_path):
     assert "no such file" in found(tmp_path / "none.antumbra")
     (tmp_path / "folder.antumbra").mkdir()
     assert "not an ordinary file" in found(tmp_path / "folder.antumbra")
+
+
+def test_damage_after_the_store_was_opened(whole):
+    """Chunks are checked each time they are read, also if the file shrinks meanwhile."""
+    path, data = whole
+    path.write_bytes(data)
+    with open_store(path) as store:
+        last = len(store) - 1
+        place = int(store.chunks.offset[last])
+        store.check(last)
+        with path.open("r+b") as stream:
+            stream.seek(place + 90)
+            stream.write(bytes([data[place + 90] ^ 4]))
+        with pytest.raises(at.InputError, match=rf"chunk {last} of .* is damaged; copy the file again"):
+            store.check(last)
+        with path.open("r+b") as stream:
+            stream.truncate(place + 100)
+        with pytest.raises(at.InputError, match=rf"chunk {last} of .* is cut short; copy the file again"):
+            store.check(last)
+        store.check(0)
+    path.write_bytes(data)

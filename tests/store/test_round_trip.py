@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import tracemalloc
 import weakref
 
 import numpy as np
@@ -169,24 +168,20 @@ def test_palettes():
         assert len(palette) == rows and same_bits(palette[index], colours)
 
 
-def test_chunks_are_views_on_the_file(tmp_path):
+def test_chunks_are_read_into_memory_of_their_own(tmp_path):
     store = built(tmp_path, at.procedural("cellar", triangles=20_000), chunk=4096)
-    tracemalloc.start()
-    chunks = [store.chunk(k) for k in range(len(store))]
-    grown = tracemalloc.get_traced_memory()[0]
-    tracemalloc.stop()
-    assert grown < 64_000 < store.path.stat().st_size
+    memory, chunks = store.memory(), [store.chunk(k) for k in range(len(store))]
     assert all(c.bvh.nodes.ctypes.data % 64 == 0 and np.shares_memory(c.bvh.nodes, c.bvh.links) for c in chunks)
     assert all(a.flags.c_contiguous and a.flags.aligned and type(a) is np.ndarray for c in chunks for a in c.bvh)
+    for k, chunk in enumerate(chunks):  # the memory of the caller is used again
+        again = store.chunk(k, memory)
+        assert np.shares_memory(again.bvh.corners, memory) and same_bits(again.bvh.corners, chunk.bvh.corners)
     before = [c.bvh.corners.copy() for c in chunks]
-    for k in range(len(store)):
-        store.release(k)
-    assert all((c.bvh.corners == b).all() for c, b in zip(chunks, before))
+    store.path.write_bytes(b"")
     store.close()
-    assert all((c.bvh.corners == b).all() for c, b in zip(chunks, before))  # views outlive the store
+    assert all((c.bvh.corners == b).all() for c, b in zip(chunks, before))  # arrays outlive the store and the file
     with pytest.raises(at.InputError, match="is closed"):
         store.chunk(0)
-    store.release(0)
 
 
 def test_two_read_the_same_store(tmp_path):

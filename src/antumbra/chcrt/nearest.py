@@ -18,10 +18,11 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.filters import hit_t, is_nearer, meets
-from ..kernels.simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_f64, stack_i32
+from ..kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_f64, stack_i32
 from ..kernels.vec import broadcasts
-from ..trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, visited
+from ..trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, slabs_of, visited
 from ..trace.forest import forest_pointers, item, list_of, root_in, tree_in
+from ..trace.multifrusta.bundle import shafts_of
 from ..trace.raytest import ray_meets
 from .bundles import BUNDLE_FLOATS, Bundle, bundle_in, slabs_in
 from .cells import FAR, WORDS, Picture, first_receiver, receiver_in, region_in, regions_in
@@ -140,9 +141,38 @@ def _trace_cell(forest, begin, end, live, found, waiting):
             _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, found, waiting)
 
 
+@inlined
+def _cells_that_meet(forest, begin, end, cells):
+    """Bits of the cells of a region whose shafts enter a tree of a list, before their rays' hits so far."""
+    far, met = load16(cells, FAR * 16), np.int64(0)
+    live = bits(far >= _F(0.0))
+    slabs = slabs_of(shafts_of(cells), live)
+    for i in range(begin, end):
+        met |= entry(forest.heads, item(forest, i) * 16, slabs, far)[0] & live
+        if met == live:
+            break
+    return met
+
+
+@kernel
+def _trace_region(forest, picture, rays, region, cells, found, waiting):
+    """Trace the cells of a region, and update how far they look."""
+    # In: forest, picture, region. In and out: rays, cells. Scratch: found, waiting.
+    y0, x0 = first_receiver(picture, region, 0)
+    begin, end = list_of(forest, y0, x0, np.int64(0))
+    met = _cells_that_meet(forest, begin, end, cells)
+    while met != 0:
+        g = lowest_bit(met)
+        met &= met - 1
+        y, x = first_receiver(picture, region, g)
+        live = _load(picture, rays, y, x, found)
+        _trace_cell(forest, begin, end, live, found, waiting)
+        put(cells, FAR * 16 + g, _write(picture, rays.hits, y, x, live, found))
+
+
 @kernel
 def _trace(ticket, arrays, spans, tiles, columns, picture, rays, cells):
-    """Worker: trace all cells of some screen tiles, and update how far they look."""
+    """Worker: trace all cells of some screen tiles."""
     # In: arrays, spans, tiles, columns, picture. In and out: rays, cells.
     bundle = bundle_in(stack_f32(BUNDLE_FLOATS))
     found = Found(bundle, stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16))
@@ -151,20 +181,9 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, cells):
     t = take(ticket)
     while t >= 0:
         span = spans[tiles[t]]
-        for n in range(16 * regions_in(span)):
-            j, g = n >> 4, n & 15
-            if picture.spread:  # cells of the same directions, one after the other
-                j, g = n % regions_in(span), n // regions_in(span)
+        for j in range(regions_in(span)):
             region = region_in(span, j, columns)
-            y, x = first_receiver(picture, region, g)
-            if y >= picture.h or x >= picture.w:
-                continue
-            live = _load(picture, rays, y, x, found)
-            if live != 0:
-                begin, end = list_of(forest, y, x, np.int64(0))
-                _trace_cell(forest, begin, end, live, found, waiting)
-                far = _write(picture, rays.hits, y, x, live, found)
-                put(ptr_at(ptr(cells), region * WORDS), FAR * 16 + g, far)
+            _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), found, waiting)
         t = take(ticket)
 
 

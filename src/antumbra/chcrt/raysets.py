@@ -21,6 +21,7 @@ from ..trace.primary.trace import picture_seen, trace_hits
 from ..trace.querychunk import tile_shape
 from .camera import CameraBundles, bound_camera, length_of, shorten_camera
 from .cells import picture_of, pixels_of
+from .hits import mark_hits
 from .lists import Lists, lists_of
 from .nearest import trace_nearest
 from .options import Options
@@ -52,6 +53,9 @@ class RaySets:
 
     def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         return ask(self.rays, self.parts.lines, pairs, threshold, again, self.threads)
+
+    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
+        """Nothing: segments want no triangles."""
 
     def lists(self, pairs: Pairs, keys: np.ndarray) -> Lists:
         return lists_of(pairs, keys, self.parts, self.tiles.smallest, self.sets, self.front_to_back)
@@ -134,6 +138,9 @@ class Pass(RaySets):
     def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         return super().ask(pairs, threshold, False)  # a ray enters the box of its nearest hit before the hit
 
+    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
+        mark_hits(self.hits, first, marks, self.threads)
+
     def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
         lists, rays = self.lists(pairs, keys), self.rays
         if len(lists.tiles):
@@ -153,6 +160,9 @@ class View(RaySets):
 
     def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         return super().ask(pairs, threshold, False)
+
+    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
+        mark_hits(self.hits, first, marks, self.threads)
 
     def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
         lists, rays = self.lists(pairs, keys), self.rays
@@ -190,3 +200,7 @@ class Together:
     def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
         for member, own, mine in self._of_members(pairs):
             member.trace(own, keys[mine])
+
+    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
+        for member in self.members:
+            member.mark(first, marks)

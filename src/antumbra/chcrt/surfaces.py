@@ -1,5 +1,7 @@
 """The surfaces that rays see, found by CHC+RT: for the camera's rays, and for passes of diffuse rays."""
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from ..query.diffuse import RayPass
@@ -15,8 +17,11 @@ def primary_hits(scheduled: Scheduled, rays: CameraRays, threads=None) -> tuple[
     return hits.face, hits.t
 
 
-def nearest_scheduled(rays: RayPass, shape, scheduled: Scheduled, triangles, threads=None) -> Surfaces:
-    """The surfaces that the rays of a picture of this shape meet first; `triangles`: all triangles of the scene."""
-    (hits,) = nearest_hits(scheduled, [rays], shape, threads)
-    met = surfaces_met(rays, hits.face.reshape(-1), hits.t.reshape(-1), shape, triangles, threads)
-    return surfaces_of(met, triangles)
+def nearest_scheduled(
+    passes: Sequence[RayPass], shape, scheduled: Scheduled, triangles, threads=None
+) -> Iterator[Surfaces]:
+    """Yield the surfaces that passes of a picture of this shape meet first; `triangles`: all triangles of the scene."""
+    for rays in passes:
+        (hits,) = nearest_hits(scheduled, [rays], shape, threads)
+        met = surfaces_met(rays, hits.face.reshape(-1), hits.t.reshape(-1), shape, triangles, threads)
+        yield surfaces_of(met, triangles)

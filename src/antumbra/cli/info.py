@@ -66,10 +66,10 @@ def info(
 def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None:
     if store is None:
         raise InputError(f"{source}: --check is for stores (.antumbra); leave it out")
+    memory = store.memory()
     for k in range(len(store)):
         display.say("checking", k, len(store))
-        store.check(k)
-        store.release(k)
+        store.check(k, memory)
 
 
 def _store_answer(store: "Store", checked: bool) -> dict:

@@ -1,6 +1,6 @@
 """Acceleration by a plan: build, optimise or update a BVH, prepare it for the plan's tracer, and answer queries."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -133,6 +133,17 @@ class Accelerator:
 
     def answer(self, accelerated: Accelerated, query: ShadowQuery, tally=None, progress=None) -> np.ndarray:
         """Trace a query with this plan's tracer: (h, w, ceil(spp / 64)) uint64; bit s = sample s is occluded."""
-        bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
-        self.plan.tracer.trace(accelerated.prepared, query, bits, self.threads, tally, progress)
+        return self.answer_all(accelerated, [query], tally, progress)[0]
+
+    def answer_all(
+        self, accelerated: Accelerated, queries: Sequence[ShadowQuery], tally=None, progress=None
+    ) -> list[np.ndarray]:
+        """Trace several queries of receivers of the same shape: the bits of each, as from `answer`."""
+        bits = [np.zeros((*q.sides.shape, -(-q.samples.shape[1] // 64)), np.uint64) for q in queries]
+        tracer, prepared, rest = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
+        if tracer.trace_all is not None:
+            tracer.trace_all(prepared, queries, bits, *rest)
+        else:
+            for query, found in zip(queries, bits):
+                tracer.trace(prepared, query, found, *rest)
         return bits

@@ -18,6 +18,7 @@ from ..scene.triangles import Triangles
 from ..trace.primary.trace import trace_primary
 from ..trace.rays.bounce import Nearest, nearest_surfaces
 from .accelerate import Accelerated, Accelerator
+from .memory import FrameMemory
 
 
 class InMemory:
@@ -56,8 +57,11 @@ class InMemory:
     def check_adaptive(self) -> None:
         pass
 
-    def begin(self, pixels: int, words: int) -> None:
+    def begin(self, memory: FrameMemory) -> None:
         pass
+
+    def together(self, size: int) -> int:
+        return 1
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
         if self._last is None:

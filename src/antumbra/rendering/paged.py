@@ -1,36 +1,48 @@
 """Scenes in a store: chunks are read on demand when rays reach them, and evicted to stay within a memory budget."""
 
-from functools import partial
+from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 import numpy as np
 
-from ..bvh.radix_sort import radix_sort
+from ..chcrt.hits import mark_hits, number_hits
+from ..chcrt.options import Options
 from ..chcrt.parts import parts_of_chunks
-from ..chcrt.trace import Scheduled, camera_hits, nearest_hits
+from ..chcrt.trace import Scheduled, camera_hits, nearest_hits, prepare
 from ..checks import whole_number
 from ..errors import InputError
+from ..methods import BUILDERS
 from ..plan import Plan
 from ..query.diffuse import RayPass
 from ..query.gbuffer import from_hits
 from ..query.picture import Surfaces
 from ..scene.triangles import Triangles
-from ..store.residency import Residency
-from ..store.resident import resident
+from ..store.residency import Copies, Residency, marked
+from ..store.resident import release_freed, resident
 from ..store.scene import PagedScene
 from ..trace.forest import Hits
 from ..trace.rays.bounce import Nearest, surfaces_met
 from .accelerate import Accelerated, Accelerator
-from .ready import Job, fixed_job, make_ready
+from .memory import FrameMemory
+from .ready import Job, fixed_job, make_ready, small_scene
 
 MAX_MEMORY = 4 << 30
-_PIXEL_BYTES = 320  # bytes per pixel of a frame's arrays: rays, hits, surfaces, cells, the image and its inputs
+_CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
+_NONE = np.empty(0, np.int64)
 _SPARE = 48 << 20  # bytes reserved for small allocations
 
 
 def paged_job() -> Job:
     """The additional job of rendering a scene in a store, besides the job of its plan."""
-    work = lambda: radix_sort(np.zeros(2, np.int64), np.zeros(2, np.int32), 40, 2)
+
+    def work():
+        scheduled, (h, w) = prepare(BUILDERS["bsah"].build(small_scene().triangles().vertices, 2), Options(), 2), (8, 8)
+        rays = RayPass(np.zeros((h * w, 3), np.float32), np.ones((h * w, 3), np.float32), np.zeros(h * w, np.int32))
+        (hits,) = nearest_hits(scheduled, [rays], (h, w), 2)
+        first = np.zeros(len(scheduled.parts.trees), np.int64)
+        mark_hits(hits, first, np.zeros(1 << 20, np.uint8), 2)
+        number_hits(hits, first, np.zeros(1 << 20, np.int32), np.zeros((h, w), np.int32), 2)
+
     return fixed_job("scenes in a store", work)
 
 
@@ -77,10 +89,10 @@ class Paged:
         store = scene.store
         self.scene, self.threads, self.max_memory = scene, accelerator.threads, most
         self.store, self.residency = store, Residency(store, most)
-        self._before = self.residency.paging
+        self._before, self._room = self.residency.paging, 0
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
         scheduled = Scheduled(parts, plan.tracer.culling)
-        self.accelerated: Accelerated = Accelerated(self._triangles(np.empty((0, 2), np.int32)), None, scheduled)
+        self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
 
     def warm_up(self) -> None:
         make_ready(paged_job)
@@ -88,29 +100,36 @@ class Paged:
     def check_adaptive(self) -> None:
         raise InputError(f"{self.scene.name}: adaptive sampling wants all triangles at once; leave it out")
 
-    def begin(self, pixels: int, words: int) -> None:
-        """Begin a frame of `pixels` pixels with `words` words of bits each; the chunks get the remaining memory."""
-        self.residency.budget, self._before = self.budget(pixels, words), self.residency.paging
+    def begin(self, memory: FrameMemory) -> None:
+        """Begin a frame. Its rays that are asked together get up to half of the memory, and the chunks the rest."""
+        self.residency.begin_question()
+        release_freed()
+        free = self.budget(memory)
+        together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
+        self._room, self.accelerated.prepared.room = together, cells
+        self.residency.budget, self._before = free - together - cells, self.residency.paging
         self.residency.trim()
 
-    def budget(self, pixels: int, words: int) -> int:
-        """Bytes left for chunks in a frame of `pixels` pixels with `words` words of bits each.
+    def together(self, size: int) -> int:
+        return max(1, self._room // 2 // max(size, 1))
+
+    def budget(self, memory: FrameMemory) -> int:
+        """Bytes left for chunks, and for rays that are asked together, in a frame.
 
         Raises
         ------
         InputError
-            If the budget does not hold two chunks.
+            If the budget does not hold two chunks and the least of such rays.
         """
-        frame = pixels * (_PIXEL_BYTES + 8 * words) + _SPARE
-        budget = self.max_memory - frame - (resident() - self.residency.used)
-        least = self.residency.least_budget()
-        if budget < least:
-            need = -(-(self.max_memory - budget + least) >> 20)
+        free = self.max_memory - memory.fixed - _SPARE - (resident() - self.residency.held)
+        least = self.residency.least_budget() * 2
+        if free < least:
+            need = -(-(self.max_memory - free + least) >> 20)
             raise InputError(
                 f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for so many pixels or "
                 f"points; give at least {need}M, or ask for fewer"
             )
-        return budget
+        return free
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated]:
         return self.accelerated.triangles, self.accelerated
@@ -131,51 +150,59 @@ class Paged:
     def look(self, camera, triangles=None, whole=None, progress=None) -> Surfaces:
         """The surfaces that a camera sees; `triangles` and `whole` are not used."""
         rays = camera.rays(self.scene.origin)
-        return self._surfaces(
-            camera_hits(self.accelerated.prepared, rays, self.threads, progress),
-            lambda face, t, triangles: from_hits(face, t, triangles, rays, self.threads),
-        )
+        self.residency.begin_question()
+        hits = camera_hits(self.accelerated.prepared, rays, self.threads, progress)
+        triangles, (face,) = self.hit_triangles([hits])
+        gbuffer = from_hits(face, hits.t, triangles, rays, self.threads)
+        return Surfaces(gbuffer, triangles, hits.face, self.store.meta.box)
 
     def nearest_in(self, whole: Accelerated) -> Nearest:
         return self.nearest
 
-    def nearest(self, rays: RayPass, shape: tuple[int, int], by: Scheduled | None = None) -> Surfaces:
-        """The first surfaces that a pass of rays meets.
+    def nearest(
+        self, passes: Sequence[RayPass], shape: tuple[int, int], by: Scheduled | None = None
+    ) -> Iterator[Surfaces]:
+        """Yield the first surfaces that each of some passes of rays meets. Each chunk is read once for all of them.
 
         shape : (H, W) of the picture
         by : another tracer of the same parts; None: the plan's tracer
         """
-        (hits,) = nearest_hits(by or self.accelerated.prepared, [rays], shape, self.threads)
-        return self._surfaces(hits, partial(self._met, rays, shape))
+        self.residency.begin_question()
+        hits = nearest_hits(by or self.accelerated.prepared, passes, shape, self.threads)
+        triangles, faces = self.hit_triangles(hits)
+        for rays, met, face in zip(passes, hits, faces):
+            gbuffer = surfaces_met(rays, face.reshape(-1), met.t.reshape(-1), shape, triangles, self.threads)
+            yield Surfaces(gbuffer, triangles, met.face, self.store.meta.box)
 
-    def _met(self, rays, shape, face, t, triangles):
-        return surfaces_met(rays, face.reshape(-1), t.reshape(-1), shape, triangles, self.threads)
+    def hit_triangles(self, hits: Sequence[Hits]) -> tuple[Triangles, list[np.ndarray]]:
+        """Copies of the triangles that rays hit, each once; and for each of `hits` (h, w) int32 indices of them or -1.
 
-    def _surfaces(self, hits: Hits, gbuffer_of) -> Surfaces:
-        """Surfaces at the hits; only the hit triangles are copied from their chunks."""
-        seen = hits.part >= 0
-        where = hits.part[seen].astype(np.int64) << 32 | hits.slot[seen]
-        bits = 32 + len(self.store).bit_length()
-        where, order = radix_sort(where, np.arange(len(where), dtype=np.int32), bits, self.threads)
-        first = np.diff(where, prepend=-1) != 0
-        numbers = np.empty(len(where), np.int32)
-        numbers[order] = np.cumsum(first, dtype=np.int32) - 1
-        face = np.full(seen.shape, -1, np.int32)
-        face[seen] = numbers
-        triangles = self._triangles(np.stack([where[first] >> 32, where[first] & 0xFFFFFFFF], 1))
-        return Surfaces(gbuffer_of(face, hits.t, triangles), triangles, hits.face, self.store.meta.box)
+        `hits` are those of the question that has just ended.
+        """
+        parts = np.zeros(len(self.store), np.bool_)
+        for each in hits:
+            parts[np.unique(each.part[each.part >= 0])] = True
 
-    def _triangles(self, where: np.ndarray) -> Triangles:
-        """Copies of triangles; `where`: (n, 2) int64, chunk and slot of each, sorted by chunk."""
-        n = max(len(where), 1)  # never empty: kernels may read the first entry
-        vertices, colour, ids = np.zeros((n, 3, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.int32)
-        starts = np.flatnonzero(np.diff(where[:, 0], prepend=-1))
-        for first, end in zip(starts, np.append(starts[1:], len(where))):
-            k, slots = int(where[first, 0]), where[first:end, 1]
-            chunk = self.store.chunk(k)
-            vertices[first:end] = chunk.bvh.corners[slots].reshape(-1, 3, 3)
-            colour[first:end] = chunk.palette[chunk.index[slots]]
-            ids[first:end] = chunk.bvh.prim_ids[slots]
-            if k not in self.residency:
-                self.store.release(k)
+        def mark(first: np.ndarray, marks: np.ndarray) -> None:
+            for each in hits:
+                mark_hits(each, first, marks, self.threads)
+
+        faces, copies, n = [np.full(each.part.shape, -1, np.int32) for each in hits], list[Copies](), 0
+        chunks, sizes = np.flatnonzero(parts), self.store.chunks.triangles
+        for begin in range(0, len(chunks), _CHUNKS_AT_ONCE):
+            some = chunks[begin : begin + _CHUNKS_AT_ONCE]
+            first, numbers = np.full(len(self.store), -1, np.int64), np.zeros(int(sizes[some].sum()), np.int32)
+            first[some] = np.cumsum(sizes[some], dtype=np.int64) - sizes[some]
+            for k, slots in marked(some, sizes, len(self.store), mark):
+                numbers[first[k] + slots] = np.arange(n, n + len(slots), dtype=np.int32)
+                copies.append(self.residency.triangles(k, slots))
+                n += len(slots)
+            for each, face in zip(hits, faces):
+                number_hits(each, first, numbers, face, self.threads)
+        return self._triangles(copies), faces
+
+    def _triangles(self, copies: Sequence[Copies] = ()) -> Triangles:
+        """Copied triangles in one `Triangles`; never empty, since kernels may read the first entry."""
+        none = Copies(_NONE, np.zeros((1, 3, 3), np.float32), np.zeros((1, 3), np.float32), np.zeros(1, np.int32))
+        _, vertices, colour, ids = (np.concatenate(arrays) for arrays in zip(*(copies or [none])))
         return Triangles(vertices, self.scene.origin.copy(), ids, colour)

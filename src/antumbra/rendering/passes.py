@@ -15,9 +15,11 @@ from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerator
 from .frame import Frame
 from .indirect import indirect_light
+from .memory import frame_memory
+from .request import Request
 from .source import RenderSource
 from .srdh_rays import bounced_queries
-from .state import FrameState, Request, TracedLights, accelerate, arriving_at, ask, ask_all, picture, queries_of, shaded
+from .state import FrameState, TracedLights, accelerate, arriving_at, ask, ask_all, picture, queries_of, shaded
 
 
 def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Frame:
@@ -46,8 +48,8 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
 
 def evaluate(state: FrameState) -> None:
     """Evaluate the triangles at the frame's time; build their tree if primary visibility uses rays."""
-    source, camera, samples = state.source, state.request.camera, state.request.samples
-    source.begin(camera.width * camera.height, sum(-(-sets.shape[1] // 64) for sets in samples))
+    source = state.source
+    source.begin(frame_memory(state.request))
     state.triangles, state.whole = source.moment(state.request.time)
     state.clock.lap("evaluate")
     if source.gbuffer == "rays" and state.whole is None:

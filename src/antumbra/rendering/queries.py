@@ -21,6 +21,7 @@ from ..scene.lights import Light, check_lights
 from ..scene.point_lights import PointLights
 from ..trace.rays.batch import trace_batch
 from .accelerate import Accelerated
+from .memory import points_memory
 from .ready import Job, fixed_job, make_ready, small_scene
 from .render_jobs import warm_up
 from .renderer import Renderer, source_kind
@@ -148,7 +149,7 @@ def visibility(
     accelerator, source = renderer.accelerator, renderer.source
     warm_up(renderer.plan, source.gbuffer)
     source.warm_up()
-    source.begin(len(origins), -(-samples.shape[1] // 64))
+    source.begin(points_memory(len(origins), light, samples))
     triangles, ready = source.for_points(time)
     reach = reach_of(source.box(triangles), origins, threads) if len(origins) else 1.0
     no_faces = np.full((1, len(origins)), -1, np.int32)

@@ -13,8 +13,8 @@ from .accelerate import Accelerator
 from .in_memory import InMemory
 from .passes import draw
 from .ready import Job, fixed_job, make_ready, small_scene, small_view
+from .request import Request
 from .srdh_rays import SrdhRays
-from .state import Request
 
 
 def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:

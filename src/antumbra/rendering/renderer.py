@@ -21,8 +21,8 @@ from .frame import Frame
 from .in_memory import InMemory, see
 from .passes import draw
 from .render_jobs import warm_up, warm_up_bounce, warm_up_indirect, warm_up_quality
+from .request import Request
 from .srdh_rays import SrdhRays
-from .state import Request
 
 if TYPE_CHECKING:
     from .paged import Paged

@@ -9,6 +9,7 @@ from ..scene.any_scene import AnyScene
 from ..scene.triangles import Triangles
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated
+from .memory import FrameMemory
 
 
 class RenderSource(Protocol):
@@ -40,14 +41,18 @@ class RenderSource(Protocol):
     def check_adaptive(self) -> None:
         """Raise InputError if adaptive sampling is not supported."""
 
-    def begin(self, pixels: int, words: int) -> None:
-        """Begin a frame of `pixels` pixels or points, each with `words` 64-bit words of bits.
+    def begin(self, memory: FrameMemory) -> None:
+        """Begin a frame, or a query of points, that takes so much memory.
 
         Raises
         ------
         InputError
             If memory is too small for the frame.
         """
+
+    def together(self, size: int) -> int:
+        """How many passes, or pictures that they meet, are traced together; `size`: bytes of each."""
+        ...
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
         """The triangles at a time in seconds; and a tree of all of them, if an earlier frame kept one."""
@@ -68,7 +73,7 @@ class RenderSource(Protocol):
         ...
 
     def nearest_in(self, whole: Accelerated) -> Nearest:
-        """A closest-hit function: it finds the first surfaces that a pass of diffuse rays meets."""
+        """A closest-hit function: it finds the first surfaces that passes of diffuse rays meet."""
         ...
 
     def box(self, triangles: Triangles) -> np.ndarray:

@@ -1,38 +1,21 @@
 """The state of a frame during rendering, and the steps that several passes share: trace, accelerate, shade."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from ..image.shade import arriving, shade
-from ..query.diffuse import Passes
 from ..query.picture import Surfaces, surface_queries
 from ..query.receivers import NOTHING
-from ..query.refine import FinerSamples
 from ..query.shadow import ShadowQuery, fraction_lit
-from ..scene.camera import Camera, CameraRays
+from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
 from ..trace.counters import new_counters
 from .accelerate import Accelerated, Accelerator
 from .frame import Clock
+from .request import Request
 from .source import RenderSource
 from .srdh_rays import Shown
-
-
-class Request(NamedTuple):
-    """The checked arguments of a frame."""
-
-    camera: Camera
-    lights: list
-    samples: list[np.ndarray]  # per light (16, n, 3), from `light_samples`
-    facing: int = 0  # a value of CULL_FACES
-    time: float = 0.0  # seconds
-    counters: bool = False
-    progress: Callable | None = None
-    smooth: bool = False  # the argument `filter`
-    finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
-    passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
 
 
 class TracedLights(NamedTuple):
@@ -96,13 +79,15 @@ def accelerate(state: FrameState, queries, ready: Accelerated | None) -> None:
 
 def ask(state: FrameState, query: ShadowQuery) -> np.ndarray:
     """Trace a query: (h, w, ceil(n / 64)) uint64."""
-    state.rays += int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
-    return state.accelerator.answer(state.ready, query, state.tally, state.request.progress)
+    return ask_all(state, [query]).bits[0]
 
 
 def ask_all(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
-    """Trace several queries."""
-    return TracedLights(queries, [ask(state, query) for query in queries])
+    """Trace several queries of pictures of the same shape."""
+    state.rays += sum(int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1] for query in queries)
+    return TracedLights(
+        queries, state.accelerator.answer_all(state.ready, queries, state.tally, state.request.progress)
+    )
 
 
 def arriving_at(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:

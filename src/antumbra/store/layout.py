@@ -57,7 +57,7 @@ class Chunks(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """A chunk of a scene: read-only views of the file."""
+    """A chunk of a scene: views of the memory that it was read into."""
 
     bvh: Bvh  # BVH of the chunk's triangles; prim_ids are indices in the whole scene
     palette: np.ndarray  # (p, 3) float32: the base colours that occur, each once

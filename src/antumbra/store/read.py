@@ -1,30 +1,20 @@
-"""Opens a store. Chunks are views of the memory-mapped file; the system reads a page when it is first touched."""
+"""Opens a store, and reads its chunks into memory, checked each time."""
 
-import mmap
+import os
 import zlib
+from io import FileIO
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 
+from ..bvh.nodes import aligned_empty
 from ..errors import InputError
 from ..scene.files import checked_file
 from .directory import Directory, decode
 from .layout import COMPLETE, HEADER, HEADER_CRC, MAGIC, PAGE, STORE_SUFFIX, VERSION, Chunk, views
 
 _AGAIN = "copy the file again, or build it again"
-
-
-class _Mapping:
-    """A file's bytes as an array that keeps the mapping alive.
-
-    The array claims to be writable, though the pages are not. In Numba a read-only array has another type, so every
-    kernel would be compiled again for it.
-    """
-
-    def __init__(self, mapped: mmap.mmap):
-        self._export = memoryview(mapped)  # keeps the mapping from being closed
-        address = np.frombuffer(mapped, np.uint8).ctypes.data
-        self.__array_interface__ = {"version": 3, "shape": (len(mapped),), "typestr": "|u1", "data": (address, False)}
 
 
 class Store:
@@ -39,10 +29,9 @@ class Store:
         The tree over the chunks. It is in memory, like `chunks`.
     """
 
-    def __init__(self, path: Path, mapped: mmap.mmap, directory: Directory):
+    def __init__(self, path: Path, stream: FileIO, directory: Directory):
         self.path, (self.meta, self.chunks, self.top) = path, directory
-        self._mapped: mmap.mmap | None = mapped
-        self._data = np.asarray(_Mapping(mapped))
+        self._stream, self._lock = stream, Lock()
 
     @property
     def n_triangles(self) -> int:
@@ -52,33 +41,43 @@ class Store:
         """The number of chunks."""
         return len(self.chunks.offset)
 
-    def chunk(self, k: int) -> Chunk:
-        """Chunk `k` as views of the file. This reads and checks nothing. The views stay valid after `close`."""
+    def chunk(self, k: int, memory: np.ndarray | None = None) -> Chunk:
+        """Read chunk `k` and check it. The arrays are views of `memory`, and stay valid after `close`.
+
+        Parameters
+        ----------
+        memory : (n,) uint8 or None
+            At least as large as the chunk; None: new memory.
+
+        Raises
+        ------
+        InputError
+            If a byte has changed, the file ends too early, or it cannot be read. It names the file and the chunk.
+        """
         c = self.chunks
-        return views(self._bytes(k), int(c.triangles[k]), int(c.nodes[k]), int(c.colours[k]))
+        size = int(c.bytes[k])
+        data = aligned_empty((size,), "u1") if memory is None else memory[:size]
+        try:
+            got = self._read(data, int(c.offset[k]))
+        except OSError as error:
+            raise self._damaged(k, f"cannot be read ({error.strerror or error})") from None
+        if got < size:
+            raise self._damaged(k, "is cut short")
+        if zlib.crc32(data) != c.crc[k]:
+            raise self._damaged(k, "is damaged")
+        return views(data, int(c.triangles[k]), int(c.nodes[k]), int(c.colours[k]))
 
-    def check(self, k: int) -> None:
-        """Raise an InputError that names the file and chunk `k` if a byte has changed. Reads all pages of the chunk."""
-        if zlib.crc32(self._bytes(k)) != self.chunks.crc[k]:
-            first, end = int(self.chunks.offset[k]), int(self.chunks.offset[k] + self.chunks.bytes[k])
-            raise InputError(
-                f"{self.path.name}: chunk {k} of {len(self)} (bytes {first} to {end - 1}) is damaged; {_AGAIN}"
-            )
+    def check(self, k: int, memory: np.ndarray | None = None) -> None:
+        """Raise the InputError of `chunk` if chunk `k` is damaged."""
+        self.chunk(k, memory)
 
-    def release(self, k: int) -> None:
-        """Release the memory of chunk `k`'s pages. Its views stay valid; touching them reads the file again."""
-        if self._mapped is None or not hasattr(mmap, "MADV_DONTNEED"):
-            return
-        first = int(self.chunks.offset[k])
-        end = (first + int(self.chunks.bytes[k])) // mmap.PAGESIZE * mmap.PAGESIZE  # pages may be larger than PAGE
-        first = -(-first // mmap.PAGESIZE) * mmap.PAGESIZE
-        if first < end:
-            self._mapped.madvise(mmap.MADV_DONTNEED, first, end - first)
+    def memory(self) -> np.ndarray:
+        """(n,) uint8: memory for any chunk."""
+        return aligned_empty((int(self.chunks.bytes.max(initial=0)),), "u1")
 
     def close(self) -> None:
-        """Close the file. It stays mapped as long as there are views of chunks."""
-        self._mapped = None
-        self._data = np.empty(0, np.uint8)
+        """Close the file."""
+        self._stream.close()
 
     def __enter__(self) -> "Store":
         return self
@@ -89,14 +88,32 @@ class Store:
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}, {self.n_triangles} triangles in {len(self)} chunks)"
 
-    def _bytes(self, k: int) -> np.ndarray:
-        if self._mapped is None:
+    def _read(self, data: np.ndarray, offset: int) -> int:
+        """Fill `data` with the bytes of the file from `offset` on. Return how many there were."""
+        if self._stream.closed:
             raise InputError(f"{self.path.name}: is closed; open it again")
-        return self._data[self.chunks.offset[k] : self.chunks.offset[k] + self.chunks.bytes[k]]
+        view, done = memoryview(data), 0
+        while done < len(view):
+            got = self._read_some(view[done:], offset + done)
+            if not got:
+                break
+            done += got
+        return done
+
+    def _read_some(self, view: memoryview, offset: int) -> int:
+        if hasattr(os, "preadv"):
+            return os.preadv(self._stream.fileno(), [view], offset)
+        with self._lock:  # the file has one position
+            self._stream.seek(offset)
+            return self._stream.readinto(view) or 0
+
+    def _damaged(self, k: int, what: str) -> InputError:
+        first, end = int(self.chunks.offset[k]), int(self.chunks.offset[k] + self.chunks.bytes[k])
+        return InputError(f"{self.path.name}: chunk {k} of {len(self)} (bytes {first} to {end - 1}) {what}; {_AGAIN}")
 
 
 def open_store(path) -> Store:
-    """Open a store. This reads and checks its header and its directory, and touches no chunk.
+    """Open a store. This reads and checks its header and its directory, and reads no chunk.
 
     Raises
     ------
@@ -106,13 +123,17 @@ def open_store(path) -> Store:
     """
     path = Path(path)
     checked_file(path, path.name or str(path))
-    with path.open("rb") as stream:
-        place, size, crc = _read_header(stream.read(PAGE), path.stat().st_size, path.name)
-        mapped = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-    directory = mapped[place : place + size]
-    if zlib.crc32(directory) != crc:
-        raise InputError(f"{path.name}: the directory of its chunks is damaged; {_AGAIN}")
-    return Store(path, mapped, decode(directory))
+    stream = FileIO(path)
+    try:
+        place, size, crc = _read_header(stream.read(PAGE), os.fstat(stream.fileno()).st_size, path.name)
+        stream.seek(place)
+        directory = stream.read(size)
+        if zlib.crc32(directory) != crc:
+            raise InputError(f"{path.name}: the directory of its chunks is damaged; {_AGAIN}")
+        return Store(path, stream, decode(directory))
+    except BaseException:
+        stream.close()
+        raise
 
 
 def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:

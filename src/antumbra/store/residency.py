@@ -5,9 +5,9 @@ the least recently used chunk (or round robin, for comparison). While the cached
 others.
 """
 
-import mmap
+import threading
 from collections import OrderedDict, deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import NamedTuple
 
@@ -16,11 +16,14 @@ import numpy as np
 from ..bvh.blocks import ROWS, BlockTree, block_tree
 from ..errors import InputError
 from ..trace.forest import ADDRESSES, addresses
+from .layout import Chunk
+from .pool import Pool
 from .read import Store
 
 POLICIES = "lru", "round-robin"
 _READERS = 2  # reading threads; while nothing can be traced they have all cores
 _GROUP = 16  # chunks to wait for and trace together: rays that they block need no chunks behind them
+_SOON = 2 * _GROUP  # chunks of which it is asked, before they are read, whether rays still want them
 _IN_BLOCK = 6  # triangles in a block, a low estimate: every tree that was examined has more
 _BLOCK_BYTES = 4 * 16 * (ROWS + 2) + 64  # memory for a block: rows, bounds, slots, and a node
 
@@ -38,7 +41,30 @@ class Resident(NamedTuple):
     """A chunk in memory."""
 
     tree: BlockTree
-    bytes: int  # upper bound of the memory that the chunk takes
+    palette: np.ndarray  # (p, 3) float32, as in `Chunk`
+    index: np.ndarray  # (n,) uint8, uint16 or uint32
+    memory: np.ndarray  # (n,) uint8: the memory of all arrays
+
+    @property
+    def bytes(self) -> int:
+        return len(self.memory)
+
+
+class Copies(NamedTuple):
+    """Some triangles of a chunk."""
+
+    slots: np.ndarray  # (n,) int64, ascending
+    vertices: np.ndarray  # (n, 3, 3) float32
+    colour: np.ndarray  # (n, 3) float32
+    ids: np.ndarray  # (n,) int32, indices in the whole scene
+
+
+Mark = Callable[[np.ndarray, np.ndarray], None]
+"""``mark(first, marks)`` sets ``marks[first[k] + slot]`` for each hit in a slot of chunk k with first[k] >= 0."""
+
+
+def no_marks(first: np.ndarray, marks: np.ndarray) -> None:
+    """The `Mark` of rays that do not want the triangles that they hit."""
 
 
 class Residency:
@@ -60,7 +86,9 @@ class Residency:
         self._chunks: OrderedDict[int, Resident] = OrderedDict()  # the next chunk to evict comes first
         self._used = self._coming = 0
         self._pinned: set[int] = set()
-        self._checked = np.zeros(len(store), np.bool_)
+        self._copies: dict[int, Copies] = {}  # of chunks that left memory while rays still had hits in them
+        self._pool = Pool()
+        self._own = threading.local()  # each reading thread's memory
         self._reader = ThreadPoolExecutor(_READERS, "antumbra-paging")
 
     def __contains__(self, k: int) -> bool:
@@ -71,25 +99,33 @@ class Residency:
         """Bytes of the chunks in memory."""
         return self._used
 
-    def most_of(self, k: int) -> int:
-        """Upper bound, in bytes, of the memory for chunk `k`: its block tree and its pages."""
-        blocks = int(self.store.chunks.triangles[k]) // _IN_BLOCK + 1
-        return blocks * _BLOCK_BYTES + self._pages(k)
+    @property
+    def held(self) -> int:
+        """Bytes that this object holds: of the chunks in memory, and free ones for chunks that come."""
+        return self._used + self._pool.bytes
 
-    def _pages(self, k: int) -> int:
-        """Bytes of chunk `k`'s pages without its nodes, which are copied."""
-        return int(self.store.chunks.bytes[k]) - 64 * int(self.store.chunks.nodes[k])
+    def most_of(self, k: int) -> int:
+        """Upper bound, in bytes, of what chunk `k` needs: its block tree, its corners and its colours."""
+        blocks = int(self.store.chunks.triangles[k]) // _IN_BLOCK + 1
+        return blocks * _BLOCK_BYTES + int(self.store.chunks.bytes[k]) - 64 * int(self.store.chunks.nodes[k])
 
     def least_budget(self) -> int:
         """The smallest budget: two chunks, so that one is traced while another is read."""
         k = int(np.argmax(self.store.chunks.triangles))
         return 2 * self.most_of(k)
 
-    def groups(self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray]) -> Generator[np.ndarray, None, None]:
+    def begin_question(self) -> None:
+        """Forget the triangles that were copied for the question before."""
+        self._copies.clear()
+
+    def groups(
+        self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray], mark: Mark = no_marks
+    ) -> Generator[np.ndarray, None, None]:
         """Yield groups of the chunks `parts`. Chunks in memory come first.
 
         A group's trees stay in memory until the next group is taken. Before chunks are read, `still` returns a mask of
-        the chunks that are still needed. The others are left out.
+        the chunks that are still needed. The others are left out. Before a chunk leaves memory, the triangles that
+        `mark` marks are copied for `triangles`.
         """
         here = [k for k in parts.tolist() if k in self._chunks]
         missing = deque(k for k in parts.tolist() if k not in self._chunks)
@@ -97,7 +133,7 @@ class Residency:
         coming: deque[tuple[int, Future[Resident]]] = deque()
         self._pinned = set(here)
         try:
-            self._request(missing, coming)
+            self._request(missing, coming, mark)
             if here:
                 yield np.array(here)
                 self._used_now(here)
@@ -105,7 +141,7 @@ class Residency:
                 group = self._arrived(coming)
                 self._pinned = set(group)
                 missing = _still(missing, still)
-                self._request(missing, coming)
+                self._request(missing, coming, mark)
                 if group:
                     yield np.array(group)
                     self._used_now(group)
@@ -113,42 +149,58 @@ class Residency:
             self._pinned = set()
             self._abandon(coming)
 
+    def triangles(self, k: int, slots: np.ndarray) -> Copies:
+        """Triangles of chunk `k`, (n,) slots in ascending order. They are hits of the question that has just ended."""
+        if k in self._chunks:
+            return self._copied(k, slots)
+        kept = self._copies[k]
+        at = np.searchsorted(kept.slots, slots)
+        return Copies(slots, kept.vertices[at], kept.colour[at], kept.ids[at])
+
     def trim(self) -> None:
         """Evict chunks until the budget is kept."""
         while self._chunks and self._used > self.budget:
-            self._evict(next(iter(self._chunks)))
+            self._evict([next(iter(self._chunks))], no_marks)
+        if self.held > self.budget:
+            self._pool.clear()
 
     def close(self) -> None:
         """Evict all chunks and stop the reading threads."""
         self._reader.shutdown()
-        for k in list(self._chunks):
-            self._evict(k)
+        self._evict(list(self._chunks), no_marks)
+        self._pool.clear()
+        self._copies.clear()
 
-    def _request(self, missing: deque, coming: deque) -> None:
+    def _request(self, missing: deque, coming: deque, mark: Mark) -> None:
         """Start reading as many chunks as there is room for; at least one if none is in memory or being read."""
-        while missing and (self._make_room(self.most_of(missing[0])) or not (coming or self._pinned)):
+        self._make_room(missing, mark)
+        while missing and (self._free() >= self.most_of(missing[0]) or not (coming or self._pinned)):
             k = missing.popleft()
             self._coming += self.most_of(k)
             coming.append((k, self._reader.submit(self._read, k)))
 
-    def _make_room(self, size: int) -> bool:
-        free = self.budget - self._used - self._coming
-        for k in [k for k in self._chunks if k not in self._pinned] if free < size else []:
-            self._evict(k)
-            free = self.budget - self._used - self._coming
-            if free >= size:
+    def _free(self) -> int:
+        return self.budget - self._used - self._coming
+
+    def _make_room(self, missing: Iterable[int], mark: Mark) -> None:
+        """Evict as many chunks as make room for the missing ones, or all that are not being traced."""
+        short, leaving = -self._free(), []
+        idle = iter([k for k in self._chunks if k not in self._pinned])
+        for k in missing:
+            short += self.most_of(k)
+            while short > 0 and (old := next(idle, None)) is not None:
+                leaving.append(old)
+                short -= self._chunks[old].bytes
+            if short > 0:
                 break
-        return free >= size
+        self._evict(leaving, mark)
 
     def _read(self, k: int) -> Resident:
         """Make the tree of a chunk; runs in a reading thread."""
-        if not self._checked[k]:
-            self.store.check(k)
-            self._checked[k] = True
-        chunk = self.store.chunk(k)
-        tree, size = _apart(block_tree(chunk.bvh, 1))
-        self.store.release(k)  # tracing touches few of the remaining pages
-        return Resident(tree, size + self._pages(k))
+        if not hasattr(self._own, "memory"):
+            self._own.memory = self.store.memory()
+        chunk = self.store.chunk(k, self._own.memory)
+        return _resident(block_tree(chunk.bvh, 1), chunk, self._pool, self.most_of(k))
 
     def _arrived(self, coming: deque) -> list[int]:
         """Wait for the next `_GROUP` chunks; return them and all that follow and are read already."""
@@ -179,32 +231,57 @@ class Residency:
             for k in group:
                 self._chunks.move_to_end(k)
 
-    def _evict(self, k: int) -> None:
-        self._used -= self._chunks.pop(k).bytes
-        self.trees[k] = 0
-        self.store.release(k)
+    def _evict(self, leaving: list[int], mark: Mark) -> None:
+        if leaving and mark is not no_marks:
+            self._keep_hits(np.array(leaving), mark)
+        for k in leaving:
+            gone = self._chunks.pop(k)
+            self._used -= gone.bytes
+            self.trees[k] = 0
+            self._pool.give(gone.memory)
+
+    def _keep_hits(self, leaving: np.ndarray, mark: Mark) -> None:
+        """Copy the triangles of chunks that the rays hit."""
+        for k, slots in marked(leaving, self.store.chunks.triangles, len(self.store), mark):
+            self._copies[k] = self._copied(k, slots)
+
+    def _copied(self, k: int, slots: np.ndarray) -> Copies:
+        chunk = self._chunks[k]
+        vertices = chunk.tree.corners[slots].reshape(-1, 3, 3)
+        return Copies(slots, vertices, chunk.palette[chunk.index[slots]], chunk.tree.prim_ids[slots])
 
     def _note(self, **more: int) -> None:
         self.paging = self.paging._replace(**{name: getattr(self.paging, name) + n for name, n in more.items()})
 
 
 def _still(missing: deque, still: Callable[[np.ndarray], np.ndarray]) -> deque:
-    """The chunks of `missing` that are still needed."""
+    """The chunks of `missing`, without those among the next ones that are not needed any more."""
     chunks = np.array(missing, np.int64)
-    return deque(chunks[still(chunks)].tolist() if len(chunks) else [])
+    soon, later = chunks[:_SOON], chunks[_SOON:]
+    return deque([*soon[still(soon)].tolist(), *later.tolist()] if len(soon) else [])
 
 
-def _apart(tree: BlockTree) -> tuple[BlockTree, int]:
-    """Copy a tree to memory of its own; return the copy and the bytes of that memory.
+def marked(chunks: np.ndarray, triangles: np.ndarray, n: int, mark: Mark) -> Iterable[tuple[int, np.ndarray]]:
+    """For each of some of the n chunks in which rays have hits: its number, and the slots of the hits, ascending."""
+    ends = np.cumsum(triangles[chunks], dtype=np.int64)
+    first, marks = np.full(n, -1, np.int64), np.zeros(int(ends[-1]) if len(ends) else 0, np.uint8)
+    first[chunks] = ends - triangles[chunks]
+    mark(first, marks)
+    for k, end in zip(chunks.tolist(), ends.tolist()):
+        slots = np.flatnonzero(marks[first[k] : end])
+        if len(slots):
+            yield k, slots
 
-    The system gets this memory back when nothing refers to it. The process would keep memory that is freed in small
-    pieces, because the next chunk has another size.
-    """
-    made = {name: getattr(tree, name) for name in ("nodes", "blocks", "bounds", "slots")}
+
+def _resident(tree: BlockTree, chunk: Chunk, pool: Pool, most: int) -> Resident:
+    """Copy a chunk's tree and colours to memory of the pool."""
+    made = {name: getattr(tree, name) for name in tree._fields if name != "links"}
+    made |= {"palette": chunk.palette, "index": chunk.index}
     places = np.concatenate([[0], np.cumsum([-(-a.nbytes // 64) * 64 for a in made.values()])])
-    memory = np.frombuffer(mmap.mmap(-1, max(int(places[-1]), 1)), np.uint8)
+    memory = pool.take(int(places[-1]), most)
     kept = {}
     for (name, array), at in zip(made.items(), places):
         kept[name] = memory[at : at + array.nbytes].view(array.dtype).reshape(array.shape)
         kept[name][...] = array
-    return tree._replace(**kept, links=kept["nodes"].view(np.int32)), len(memory)
+    palette, index = kept.pop("palette"), kept.pop("index")
+    return Resident(BlockTree(links=kept["nodes"].view(np.int32), **kept), palette, index, memory)

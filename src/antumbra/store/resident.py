@@ -1,7 +1,9 @@
 """The memory of this process."""
 
+import ctypes
 import mmap
 import sys
+from contextlib import suppress
 
 
 def peak_resident() -> int | None:
@@ -21,3 +23,9 @@ def resident() -> int:
             return int(stream.read().split()[1]) * mmap.PAGESIZE
     except OSError:
         return peak_resident() or 0
+
+
+def release_freed() -> None:
+    """Give memory that was freed, but that the C library keeps, back to the system, where it can (glibc)."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -3,8 +3,9 @@
 Times are of tracing only. Rays are made before, and their hits are not shaded.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import islice
 from time import perf_counter
 from typing import NamedTuple
 
@@ -109,17 +110,19 @@ def _camera_pass(rays: CameraRays, threads: int) -> RayPass:
 class Culling:
     """CHC+RT, with its state from the frame before."""
 
-    def __init__(self, name: str, scheduled: Scheduled, threads: int):
+    def __init__(self, name: str, scheduled: Scheduled, threads: int, together: int = 1):
         self.name, self.scheduled, self.threads, self.kinds = name, scheduled, threads, KINDS
+        self.together = together  # passes of diffuse rays that are traced together
 
-    def answer(self, question: Question, shape: tuple[int, int]) -> Answer:
-        if isinstance(question, ShadowQuery):
-            return (_bits(question, partial(trace_shadow, self.scheduled), self.threads),)
-        if isinstance(question, CameraRays):
-            hits = camera_hits(self.scheduled, question, self.threads)
+    def answer(self, questions: Sequence[Question], shape: tuple[int, int]) -> list[Answer]:
+        first = questions[0]
+        if isinstance(first, ShadowQuery):
+            return [(_bits(first, partial(trace_shadow, self.scheduled), self.threads),)]
+        if isinstance(first, CameraRays):
+            hits = [camera_hits(self.scheduled, first, self.threads)]
         else:
-            (hits,) = nearest_hits(self.scheduled, [question], shape, self.threads)
-        return hits.face.reshape(-1), hits.t.reshape(-1)
+            hits = nearest_hits(self.scheduled, questions, shape, self.threads)
+        return [(each.face.reshape(-1), each.t.reshape(-1)) for each in hits]
 
 
 class Plain:
@@ -131,14 +134,17 @@ class Plain:
         self.blocks = plan.endswith("multifrusta")
         self.prepared = tree if self.blocks else self.tracer.prepare(bvh, threads)
 
-    def answer(self, question: Question, shape: tuple[int, int]) -> Answer:
+    together = 1
+
+    def answer(self, questions: Sequence[Question], shape: tuple[int, int]) -> list[Answer]:
+        (question,) = questions
         if isinstance(question, ShadowQuery):
-            return (_bits(question, partial(self.tracer.trace, self.prepared), self.threads),)
+            return [(_bits(question, partial(self.tracer.trace, self.prepared), self.threads),)]
         if self.blocks and isinstance(question, CameraRays):
             face, t = trace_primary(self.tree, question, self.threads)
-            return face.reshape(-1), t.reshape(-1)
+            return [(face.reshape(-1), t.reshape(-1))]
         rays = _camera_pass(question, self.threads) if isinstance(question, CameraRays) else question
-        return bounce.nearest_hits(self.bvh, *rays, self.threads)
+        return [bounce.nearest_hits(self.bvh, *rays, self.threads)]
 
 
 Method = Culling | Plain
@@ -152,10 +158,10 @@ def _bits(query: ShadowQuery, trace, threads: int) -> np.ndarray:
 
 def timed(method: Method, asked: FrameRays, kind: str) -> tuple[float, list[Answer]]:
     """(seconds to trace the rays of a kind, answers)."""
-    seconds, found = 0.0, []
-    for question in asked.questions(kind):
+    seconds, found, questions = 0.0, list[Answer](), asked.questions(kind)
+    while some := list(islice(questions, method.together)):
         start = perf_counter()
-        found.append(method.answer(question, asked.shape))
+        found += method.answer(some, asked.shape)
         seconds += perf_counter() - start
     return seconds, found
 

@@ -15,14 +15,20 @@ import numpy as np
 
 from ...chcrt.trace import Scheduled
 from ...errors import InputError
+from ...query.diffuse import diffuse_passes
+from ...query.sampling import light_samples
+from ...rendering.memory import PASS_BYTES, frame_memory
 from ...rendering.paged import Paged
 from ...rendering.render_jobs import warm_up, warm_up_indirect
 from ...rendering.renderer import Renderer
+from ...rendering.request import Request
+from ...scene.camera import Camera
+from ...scene.lights import AmbientOcclusion
 from ...store.residency import POLICIES
 from ...store.scene import PagedScene
 from ..answers import digest
 from .measure import CHCRT, Pace, Say, Turn, begin, bled, error_of, told_by
-from .rays import DIFFUSE, KINDS, SAMPLER, SPP, Culling, FrameRays, asked_of, timed
+from .rays import DIFFUSE, KINDS, PASSES, SAMPLER, SPP, Culling, FrameRays, asked_of, timed
 from .variants import THRESHOLDS, tracer_name
 from .views import Walk, WalkPlace
 
@@ -85,23 +91,34 @@ def _bleed_through(
     pace = pace._replace(limit=inf) if threshold else pace
     frames = pace.along(walk, f"{place.name}, {walk.name}, {name}", say)
     for frame, camera in islice(frames, len(pictures) if threshold else None):
-        paged.begin(camera.width * camera.height, 1)
+        paged.begin(frame_memory(_request(place, camera)))
         begin([seeing, method])
         surfaces = paged.look(camera)
         asked = asked_of(place, camera, surfaces, SAMPLER, threads)
+        by.room = exact.room
         before, told, seconds, met = paged.residency.paging, told_by(method), 0.0, []
-        for rays in asked.questions(DIFFUSE):
+        passes, each = list(asked.questions(DIFFUSE)), PASS_BYTES * camera.width * camera.height
+        for first in range(0, len(passes), n := paged.together(each)):
             began = perf_counter()
-            found = paged.nearest(rays, asked.shape, by)
-            seconds += perf_counter() - began
-            met.append((found.triangles.colour, found.gbuffer.face))
+            for found in paged.nearest(passes[first : first + n], asked.shape, by):
+                seconds += perf_counter() - began
+                met.append((found.triangles.colour, found.gbuffer.face))
+                began = perf_counter()
         moved = _moved(before, paged)
         picture = bled(surfaces, met)
         pictures += [] if threshold else [picture]
         error = error_of(pictures[frame], picture) if threshold else None
         where = place.name, walk.name, SAMPLER, DIFFUSE, name, frame
         turns.append(Turn(*where, asked.rays(DIFFUSE), seconds, {**told(), **moved}, 0, error))
+        del surfaces, asked, passes, met, found  # the next frame has their memory
     return turns
+
+
+def _request(place: WalkPlace, camera: Camera) -> Request:
+    """A frame with the rays of the benchmark."""
+    lights = [AmbientOcclusion(place.reach), place.light]
+    samples = [light_samples(lights[0], PASSES, SAMPLER), light_samples(lights[1], SPP)]
+    return Request(camera, lights, samples, passes=diffuse_passes([place.light], PASSES, SAMPLER))
 
 
 def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
@@ -117,7 +134,8 @@ def _walk_through(place: WalkPlace, walk: Walk, paged: Paged, pace: Pace, say: S
     turns: list[Turn] = []
     digests: list[tuple[str, bytes]] = []
     for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, {policy}", say):
-        paged.begin(camera.width * camera.height, -(-SPP // 64))
+        paged.begin(frame_memory(_request(place, camera)))
+        method.together = paged.together(PASS_BYTES * camera.width * camera.height)
         begin([method])
         asked: FrameRays | None = None
         for kind in KINDS:

@@ -1,6 +1,6 @@
 """One diffuse bounce: the surfaces that diffuse rays meet, starting from the surfaces that a camera sees."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -16,8 +16,8 @@ from ...query.receivers import NOTHING, surface_receivers
 from .orders import CLOSEST
 from .traverse import walk
 
-Nearest = Callable[[RayPass, tuple[int, int]], Surfaces]
-"""A function of a pass, and of its picture's height and width. It returns the surfaces that the rays meet first."""
+Nearest = Callable[[Sequence[RayPass], tuple[int, int]], Iterator[Surfaces]]
+"""A function of passes, and of their picture's height and width. It yields the surfaces that each pass meets first."""
 
 
 @kernel
@@ -81,9 +81,13 @@ def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None =
     return GBuffer(*(a.reshape(*shape, *a.shape[1:]) for a in out[:5]), triangles.origin)
 
 
-def nearest_surfaces(rays: RayPass, shape, bvh: Bvh, triangles, threads: int | None = None) -> Surfaces:
-    """The surfaces that the rays of a picture of this shape meet first in a BVH of all triangles."""
-    return surfaces_of(surfaces_met(rays, *nearest_hits(bvh, *rays, threads), shape, triangles, threads), triangles)
+def nearest_surfaces(
+    passes: Sequence[RayPass], shape, bvh: Bvh, triangles, threads: int | None = None
+) -> Iterator[Surfaces]:
+    """Yield the surfaces that passes of a picture of this shape meet first in a BVH of all triangles."""
+    for rays in passes:
+        found = nearest_hits(bvh, *rays, threads)
+        yield surfaces_of(surfaces_met(rays, *found, shape, triangles, threads), triangles)
 
 
 def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:

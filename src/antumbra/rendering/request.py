@@ -1,0 +1,25 @@
+"""The request of a frame: its checked arguments."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..query.diffuse import Passes
+from ..query.refine import FinerSamples
+from ..scene.camera import Camera
+
+
+class Request(NamedTuple):
+    """The checked arguments of a frame."""
+
+    camera: Camera
+    lights: list
+    samples: list[np.ndarray]  # per light (16, n, 3), from `light_samples`
+    facing: int = 0  # a value of CULL_FACES
+    time: float = 0.0  # seconds
+    counters: bool = False
+    progress: Callable | None = None
+    smooth: bool = False  # the argument `filter`
+    finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
+    passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
