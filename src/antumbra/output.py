@@ -42,8 +42,10 @@ def checked_output(path, suffixes: Sequence[str]) -> Path:
 
 
 @contextmanager
-def replacing(path) -> Iterator[Path]:
+def replacing(path, *, durable: bool = False) -> Iterator[Path]:
     """Yield a temporary name beside `path`; on exit without an exception the temporary file replaces `path`.
+
+    durable : wait until the disk has the new name, so that not even a power failure undoes it
 
     Raises
     ------
@@ -55,8 +57,19 @@ def replacing(path) -> Iterator[Path]:
         with temporary_name(target.parent) as temporary:
             yield temporary
             os.replace(temporary, target)
+            if durable:
+                _sync_folder(target.parent)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({_reason(error)}); choose another place") from error
+
+
+def _sync_folder(folder: Path) -> None:
+    if os.name == "posix":  # Windows opens no folders
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def _mode(path: Path) -> int | None:

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -90,6 +91,15 @@ def test_a_full_disk(tmp_path, room):
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, handler)
     assert "\n" not in str(caught.value) and os.listdir(tmp_path) == []
+
+
+def test_a_disk_without_room(tmp_path, monkeypatch):
+    """A build asks for free space before it begins."""
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=3_000_000))
+    with pytest.raises(at.InputError, match=r"a.antumbra: 50,000 triangles take .* has 0.0 GB left; free some"):
+        build_store([soup_scene(scattered(50_000))], tmp_path / "a.antumbra")
+    build_store([soup_scene(scattered(20_000))], tmp_path / "a.antumbra")
+    assert os.listdir(tmp_path) == ["a.antumbra"]
 
 
 def test_the_header_comes_last(tmp_path, monkeypatch):

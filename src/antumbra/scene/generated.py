@@ -79,6 +79,11 @@ class StreamedCity:
         self.meshes: list[MeshInfo] = []
 
     @property
+    def n_triangles(self) -> int:
+        """The number of triangles that was asked for; there are up to as many."""
+        return self._arguments[0]
+
+    @property
     def source(self) -> "StreamedCity":
         return self
 

@@ -19,6 +19,7 @@ from .columns import gathered
 from .meta import Meta
 from .scene import PagedScene
 from .sort import Sorting, grid_over, groups
+from .space import check_space
 from .spool import MOST, Spool
 from .top import top_tree
 from .write import Writer
@@ -46,7 +47,7 @@ class BuildReport(NamedTuple):
 
 def build_compiled(scenes, path: Path, max_memory=LEAST_MEMORY, threads=1, chunk=CHUNK, progress=None) -> BuildReport:
     """`rendering.building.build_store`, after the arguments are checked and the kernels are compiled."""
-    with replacing(path) as temporary:
+    with replacing(path, durable=True) as temporary:
         return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
 
 
@@ -81,6 +82,7 @@ class _Build:
                 raise scene.refusal()
             if not isinstance(scene, Scene | StreamedCity):
                 raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as antumbra.load gives")
+            check_space(self.folder, spool.survey.file, spool.survey.n_triangles + scene.n_triangles, spool.size)
             self._spool(scene.source, spool)
             names.append(scene.name)
             ups.add(scene.up)

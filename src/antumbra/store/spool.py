@@ -45,6 +45,11 @@ class Spool:
         self._stream = TemporaryFile(dir=folder)  # noqa: SIM115 - closed by `close`
         self._pieces: list[_Spooled] = []
 
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return self._stream.tell()
+
     def add(self, piece: Piece) -> None:
         """Write a piece; a large piece is split."""
         self.survey.add(piece)
