@@ -8,6 +8,7 @@ from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import boxes_of
 from antumbra.chcrt.options import Options
 from antumbra.chcrt.parts import parts_of
+from antumbra.chcrt.passes import pass_rays
 from antumbra.chcrt.queries import Pairs
 from antumbra.chcrt.raysets import Pass, Segments, Together, View, segments_of
 from antumbra.methods import BUILDERS
@@ -88,7 +89,7 @@ def test_passes(atrium, alike):
         ways = np.tile(rng.normal(size=(4, 4, 3)), (h // 4 + 1, w // 4 + 1, 1))[:h, :w]
     ways[rng.random((h, w)) < 0.1] = 0.0
     flat = RayPass(query.origins.reshape(-1, 3), ways.astype(np.float32).reshape(-1, 3), np.full(h * w, -1, np.int32))
-    rays = Pass(parts, OPTIONS, flat, h, w, 100.0, 2)
+    rays = Pass(parts, OPTIONS, pass_rays(flat, h, w, 100.0), 2)
     assert rays.rays.picture.spread == (alike == "every fourth")
     rays.hits.t[: h // 2] = 3.0 + rng.random((h // 2, w))  # how far rays look counts
     there = (flat.directions != 0).any(1)
@@ -121,7 +122,7 @@ def test_several_ray_sets_answer_as_each_by_itself(atrium):
         )
         for _ in range(3)
     ]
-    members = [Pass(parts, OPTIONS, rays, h, w, 100.0, 2) for rays in made]
+    members = [Pass(parts, OPTIONS, pass_rays(rays, h, w, 100.0), 2) for rays in made]
     both = Together(members)
     n = 4000
     tile, set_, row = (

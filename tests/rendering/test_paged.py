@@ -88,7 +88,7 @@ def test_points_see_lights_as_they_do_in_memory(city, light, normals):
     for _ in range(2):
         got = at.visibility(scene, points, light, normals, spp=20, threads=2)
         np.testing.assert_array_equal(got.bits, truth.bits)
-    paging = scene.__dict__["_renderer"][1].source.paging()
+    paging = scene.own.renderer.source.paging()
     assert paging["loaded"] == 0 and paging["cached"] > 0
 
 
@@ -106,6 +106,112 @@ def test_light_that_bounces(city):
     _same(frame, other)
     np.testing.assert_array_equal(frame.indirect, other.indirect)
     assert frame.indirect.any()
+
+
+def _rays(scene, n=4000):
+    """Rays of all kinds: with ends, with faces to skip, towards nothing."""
+    rng = np.random.default_rng(4)
+    low, high = scene.bounds
+    origins = rng.uniform(low, high, (n, 3))
+    directions = rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-2, 2, (n, 1))
+    span = np.linalg.norm(high - low) / np.linalg.norm(directions, axis=1)
+    tmin, tmax = rng.choice([0.0, 0.0, 0.02], n) * span, np.where(rng.random(n) < 0.5, np.inf, 0.1 * span)
+    return origins, directions, tmin, tmax, rng.integers(-1, scene.n_triangles, n)
+
+
+@pytest.mark.parametrize("facing", [None, "front", "back"])
+def test_rays_meet_what_they_meet_in_memory(city, facing):
+    inside, path = city
+    scene, rays = at.load(path), _rays(inside)
+    truth, blocked = (ask(*rays, cull_faces=facing) for ask in (inside.closest_hit, inside.occluded))
+    assert 0.2 < blocked.mean() < 0.9
+    for _ in range(2):
+        hit = scene.closest_hit(*rays, cull_faces=facing, threads=2)
+        for name in ("face", "t", "u", "v"):
+            np.testing.assert_array_equal(getattr(hit, name), getattr(truth, name))
+        np.testing.assert_array_equal(scene.occluded(*rays, cull_faces=facing, threads=2), blocked)
+
+
+def test_rays_in_batches_and_shapes(city, monkeypatch):
+    inside, path = city
+    scene, (origins, directions, *_) = at.load(path), _rays(inside, 1200)
+    monkeypatch.setattr("antumbra.rendering.paged.LEAST", 100)
+    monkeypatch.setattr("antumbra.rendering.paged.Paged.together", lambda self, size: 1)
+    truth = inside.closest_hit(origins, directions)
+    hit = scene.closest_hit(origins.reshape(30, 40, 3), directions.reshape(30, 40, 3))
+    np.testing.assert_array_equal(hit.face, truth.face.reshape(30, 40))
+    np.testing.assert_array_equal(hit.u, truth.u.reshape(30, 40))
+    assert scene.occluded(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
+    assert scene.occluded(origins[0], directions[0]) == inside.occluded(origins[0], directions[0])
+    with pytest.raises(at.InputError, match=r"direction of ray 3 is zero"):
+        scene.occluded(origins[:9], np.where(np.arange(9)[:, None] == 3, 0.0, directions[:9]))
+
+
+def test_adaptive_sampling(city):
+    scene, path = city
+    camera = _cameras(scene)[1]
+    frame, other = (at.render(s, camera, LIGHT, spp=4, adaptive=16, threads=2) for s in (at.load(path), scene))
+    _same(frame, other)
+    np.testing.assert_array_equal(frame.refined, other.refined)
+    assert 0.02 < frame.refined.mean() < 0.9
+
+
+def test_virtual_point_lights(city):
+    scene, path = city
+    light = at.DirectionalLight((0.4, -1, 0.3))
+    one, other = (at.virtual_point_lights(s, light, 200, threads=2) for s in (at.load(path), scene))
+    for name in ("positions", "colours", "normals"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert one.intensity == other.intensity and len(one.positions) > 50
+
+
+def test_threads_keep_their_own_chunks(city):
+    """Two threads that take turns read no chunk twice. What a thread kept goes with it."""
+    _, path = city
+    scene, found, turn = at.load(path), {}, threading.Barrier(2)
+    points = np.random.default_rng(3).uniform((-40, 0.2, -40), (40, 12, 40), (300, 3))
+
+    def work(k):
+        for _ in range(3):
+            turn.wait()
+            at.visibility(scene, points + k, LIGHT, spp=4, threads=1)
+            found.setdefault(k, []).append(scene.own.renderer.source.paging()["loaded"])
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(loaded[0] > 0 and not any(loaded[1:]) for loaded in found.values()) and len(found) == 2
+    assert not hasattr(scene.own, "renderer")
+
+
+def test_old_questions_are_forgotten(city):
+    _, path = city
+    scene, light = at.load(path), at.SphereLight((0, 30, 0), 1.0)
+    for n in range(10, 60):
+        at.visibility(scene, np.full((n, 3), 5.0), light, spp=1, threads=1)
+    assert len(scene.own.renderer.source.accelerated.prepared._fronts) < 12
+
+
+def test_damage_after_a_chunk_was_read(city, tmp_path):
+    """A chunk that is read again is checked again."""
+    scene, path = city
+    copy = tmp_path / "damaged.antumbra"
+    copy.write_bytes(path.read_bytes())
+    renderer, camera = _renderer(copy, 2), _cameras(scene)[0]
+    renderer.render(camera, LIGHT, spp=1)
+    chunks = renderer.source.store.chunks
+    with copy.open("r+b") as stream:
+        for offset in chunks.offset:
+            stream.seek(int(offset) + 700)
+            stream.write(b"\x55\x55\x55\x55")
+    with pytest.raises(at.InputError, match=r"damaged\.antumbra: chunk \d+ of \d+ .* is damaged"):
+        renderer.render(camera, LIGHT, spp=1)
+    with copy.open("r+b") as stream:
+        stream.truncate(5000)
+    with pytest.raises(at.InputError, match=r"chunk \d+ of \d+ .* is cut short"):
+        renderer.render(camera, LIGHT, spp=1)
 
 
 def test_a_camera_that_sees_nothing(city):
@@ -151,14 +257,10 @@ def test_what_cannot_be_asked_of_a_store(city):
     for plan in ("bsah+single", "lbvh+chcrt", "grid32+bsah+chcrt", "bsah+refit+chcrt", "cones"):
         with pytest.raises(at.InputError, match=r"is in a store, whose trees are built; use bsah\+chcrt"):
             Renderer(paged, plan)
-    with pytest.raises(at.InputError, match="adaptive sampling wants all triangles"):
-        at.render(paged, camera, LIGHT, adaptive=4)
     with pytest.raises(at.InputError, match=r"100M of memory is not enough .* give at least \d+M"):
         at.render(paged, camera, LIGHT, max_memory=100 << 20)
     with pytest.raises(at.InputError, match="max_memory is for scenes in a store"):
         at.render(scene, camera, LIGHT, max_memory=1 << 30)
-    with pytest.raises(at.InputError, match="is in a store, whose trees are built"):
-        paged.occluded((0, 0, 0), (0, 1, 0))
     with pytest.raises(at.InputError, match="eviction policy is 'mru'; choose lru or round-robin"):
         Residency(paged.store, 1 << 30, "mru")
 

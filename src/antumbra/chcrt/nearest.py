@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.blocks import ROWS as BLOCK_ROWS
-from ..kernels.fields import F64Ptr, I32Ptr
+from ..kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
@@ -26,7 +26,7 @@ from ..trace.multifrusta.bundle import shafts_of
 from ..trace.raytest import ray_meets
 from .bundles import BUNDLE_FLOATS, Bundle, bundle_in, slabs_in
 from .cells import FAR, WORDS, Picture, first_receiver, receiver_in, region_in, regions_in
-from .passes import PassRays, limit_of, load_rays
+from .passes import PassRays, limit_of, load_rays, span_of
 
 _F = np.float32
 
@@ -40,6 +40,9 @@ class Found(NamedTuple):
     part: I32Ptr  # int32
     slot: I32Ptr  # int32
     own: I32Ptr  # int32: the triangle that does not count, -1 for none
+    span: F32Ptr  # float32: tmin of 16 rays, then tmax
+    cull_faces: int  # a value of CULL_FACES
+    any_hit: bool
 
 
 @inlined
@@ -54,6 +57,9 @@ def _load(picture, rays, y0, x0, found):
             put(found.part, lane, rays.hits.part[y, x])
             put(found.slot, lane, rays.hits.slot[y, x])
             put(found.own, lane, rays.skip[y, x])
+            tmin, tmax = span_of(rays, y, x)
+            put(found.span, lane, tmin)
+            put(found.span, 16 + lane, tmax)
     return live
 
 
@@ -72,31 +78,33 @@ def _write(picture, hits, y0, x0, live, found):
 
 
 @kernel
-def _meets(bundle, lane, corners, slot):
-    """Whether a ray meets a triangle, exactly."""
-    return meets(_ray(bundle, lane), corners, slot) != 0
+def _meets(found, lane, corners, slot):
+    """Whether a ray meets a triangle that counts, exactly."""
+    side = meets(_ray(found, lane), corners, slot)
+    return side != 0 and (found.cull_faces == 0 or side != found.cull_faces)
 
 
 @inlined
-def _ray(bundle, lane):
+def _ray(found, lane):
     f = np.float64
-    c, s = bundle.rays, 1.0 / f(get(bundle.lengths, lane))
+    c, s = found.bundle.rays, 1.0 / f(get(found.bundle.lengths, lane))
     return ray_along(
         get(c, lane), get(c, 16 + lane), get(c, 32 + lane),
-        f(get(c, 48 + lane)) * s, f(get(c, 64 + lane)) * s, f(get(c, 80 + lane)) * s, 0.0, np.inf,
+        f(get(c, 48 + lane)) * s, f(get(c, 64 + lane)) * s, f(get(c, 80 + lane)) * s,
+        f(get(found.span, lane)), f(get(found.span, 16 + lane)),
     )  # fmt: skip
 
 
 @kernel
 def _keep(found, lane, tree, k, slot):
     """Keep a triangle that a ray meets, if it is the nearest so far."""
-    prim, t = get(tree.prim_ids, slot), hit_t(_ray(found.bundle, lane), tree.corners, slot)
+    prim, t = get(tree.prim_ids, slot), hit_t(_ray(found, lane), tree.corners, slot)
     if is_nearer(t, prim, get(found.t, lane), get(found.face, lane)):
         put(found.t, lane, t)
         put(found.face, lane, prim)
         put(found.part, lane, k)
         put(found.slot, lane, slot)
-        put(found.bundle.limits, lane, limit_of(t, found.bundle, lane))
+        put(found.bundle.limits, lane, _F(-1.0) if found.any_hit else limit_of(t, found.bundle, lane))
 
 
 @kernel
@@ -108,13 +116,15 @@ def _trace_block(tree, k, code, mask, found):
         lane = lowest_bit(mask)
         mask &= mask - 1
         o, d = broadcasts(found.bundle.rays, lane, 16), broadcasts(found.bundle.rays, 48 + lane, 16)
-        hit, unsure = ray_meets(o, d, numbers, np.int64(0), get(found.bundle.limits, lane))
+        hit, unsure = ray_meets(o, d, numbers, found.cull_faces, get(found.bundle.limits, lane))
         hit, unsure = hit & present, unsure & present
+        if get(found.span, lane) > _F(0.0) or get(found.span, 16 + lane) < _F(np.inf):
+            hit, unsure = np.int64(0), hit | unsure  # float32 decides nothing about the ends of a span
         while hit | unsure != 0:
             i = lowest_bit(hit | unsure)
             slot = np.int64(get(tree.slots, base + i))
             own = get(tree.prim_ids, slot) == get(found.own, lane)
-            if not own and (hit >> i & 1 != 0 or _meets(found.bundle, lane, tree.corners, slot)):
+            if not own and (hit >> i & 1 != 0 or _meets(found, lane, tree.corners, slot)):
                 _keep(found, lane, tree, k, slot)
             hit, unsure = hit & ~(np.int64(1) << i), unsure & ~(np.int64(1) << i)
 
@@ -175,7 +185,10 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, cells):
     """Worker: trace all cells of some screen tiles."""
     # In: arrays, spans, tiles, columns, picture. In and out: rays, cells.
     bundle = bundle_in(stack_f32(BUNDLE_FLOATS))
-    found = Found(bundle, stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16))
+    found = Found(
+        bundle, stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_f32(32),
+        np.int64(rays.cull_faces), rays.any_hit,
+    )  # fmt: skip
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     forest = forest_pointers(arrays)
     t = take(ticket)

@@ -13,7 +13,8 @@ from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import new_ticket, run, take
 from ..kernels.predicate.filters import BEYOND
 from ..kernels.simd import as_i32, get, load16, ptr, ptr_at, put, splat16, stack_f32, store
-from ..trace.forest import Hits
+from ..query.diffuse import RayPass
+from ..trace.forest import Hits, no_hits
 from .bundles import BUNDLE_FLOATS, bundle_in, bundles_in, load_bundle
 from .cells import WORDS, Picture, first_receiver, new_cells, no_cell, nothing_yet, put_cell, receiver_in, wider
 
@@ -24,13 +25,27 @@ _ROWS = 8  # every so many rows of pixels are looked at
 
 
 class PassRays(NamedTuple):
-    """One ray a pixel, and its nearest hit so far."""
+    """One ray a pixel, and its nearest hit so far. If any hit will do, a ray with a hit looks no further."""
 
     origins: np.ndarray  # (h, w, 3) float32
     directions: np.ndarray  # (h, w, 3) float32; zero: there is no ray
     skip: np.ndarray  # (h, w) int32: triangles that do not count, -1 for none
     hits: Hits
     reach: float  # no ray is longer inside the scene
+    spans: np.ndarray  # (h * w, 2) float32: tmin and tmax, in lengths of the direction; or (1, 2) for all rays
+    each: int  # 1: each ray has its own span; 0: all have the same
+    cull_faces: int  # a value of CULL_FACES
+    any_hit: bool
+
+
+EVERYWHERE = np.array([[0.0, np.inf]], np.float32)
+"""The span of rays without ends."""
+
+
+def pass_rays(rays: RayPass, h: int, w: int, reach: float) -> PassRays:
+    """`PassRays` of a pass over a picture."""
+    arrays = (a.reshape(h, w, *a.shape[1:]) for a in rays)
+    return PassRays(*arrays, no_hits((h, w)), reach, EVERYWHERE, 0, 0, False)
 
 
 def is_spread(rays: PassRays) -> bool:
@@ -72,9 +87,19 @@ def load_rays(rays, picture, y0, x0, bundle):
         y, x, _ = receiver_in(picture, y0, x0, lane)
         limit = _F(-1.0)
         if live >> lane & 1 != 0:
-            limit = limit_of(rays.hits.t[y, x], bundle, lane)
+            if rays.any_hit and rays.hits.face[y, x] >= 0:
+                live &= ~(np.int64(1) << lane)
+            else:
+                limit = limit_of(min(rays.hits.t[y, x], np.float64(span_of(rays, y, x)[1])), bundle, lane)
         put(bundle.limits, lane, limit)
     return live
+
+
+@inlined
+def span_of(rays, y, x):
+    """(tmin, tmax) of a ray, float32."""
+    i = (y * rays.skip.shape[1] + x) * rays.each
+    return rays.spans[i, 0], rays.spans[i, 1]
 
 
 @inlined

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..bvh.nodes import boxes_of
-from ..query.diffuse import RayPass
 from ..query.shadow import ShadowQuery
 from ..scene.camera import CameraRays
 from ..scene.lights import AMBIENT, LIST
@@ -18,7 +17,7 @@ from ..trace.multifrusta.trace import trace_forest
 from ..trace.packets.incoherent import is_far, is_huge, is_incoherent
 from ..trace.packets.packet16 import over_pixels, over_samples
 from ..trace.primary.trace import picture_seen, trace_hits
-from ..trace.querychunk import tile_shape
+from ..trace.querychunk import TileShape, tile_shape
 from .camera import CameraBundles, bound_camera, length_of, shorten_camera
 from .cells import picture_of, pixels_of
 from .hits import mark_hits
@@ -120,20 +119,17 @@ def segments_of(parts: Parts, query: ShadowQuery) -> list[tuple[range, Callable,
 
 
 class Pass(RaySets):
-    """A pass of one ray a pixel: its nearest hits.
+    """Rays that look for their nearest hits, or for any hit: one a pixel, or a row of rays."""
 
-    h, w : height and width of the picture
-    reach : no ray is longer inside the scene
-    """
-
-    def __init__(self, parts: Parts, options: Options, rays: RayPass, h: int, w: int, reach: float, threads: int):
-        self.pass_ = PassRays(*(a.reshape(h, w, *a.shape[1:]) for a in rays), no_hits((h, w)), reach)
-        picture = pixels_of(h, w, is_spread(self.pass_))
-        made = Rays(
-            self.pass_, picture, tiles_of(picture.shape, options.tile), bound_rays(picture, self.pass_, threads)
-        )
-        super().__init__(parts, made, threads)
-        self.hits = self.pass_.hits
+    def __init__(self, parts: Parts, options: Options, rays: PassRays, threads: int):
+        h, w = rays.skip.shape
+        if h == 1:
+            picture = picture_of(TileShape(16, 1, -(-w // 16), 1), 1, w)
+        else:
+            picture = pixels_of(h, w, is_spread(rays))
+        cells, tiles = bound_rays(picture, rays, threads), tiles_of(picture.shape, options.tile)
+        super().__init__(parts, Rays(rays, picture, tiles, cells), threads)
+        self.pass_, self.hits = rays, rays.hits
 
     def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         return super().ask(pairs, threshold, False)  # a ray enters the box of its nearest hit before the hit

@@ -12,10 +12,11 @@ from ..query.bounds import bounds
 from ..query.diffuse import RayPass
 from ..query.shadow import ShadowQuery
 from ..scene.camera import CameraRays
-from ..trace.forest import Hits
+from ..trace.forest import Hits, no_hits
 from .fronts import Fronts
 from .options import Options
 from .parts import Parts, parts_of
+from .passes import PassRays, pass_rays
 from .raysets import Pass, RaySets, Segments, Together, View, segments_of
 from .schedule import trace_frame
 
@@ -114,9 +115,28 @@ def nearest_hits(
     """
     threads = thread_count(threads)
     reach = _reach(scheduled, *bounds(passes[0].origins, threads))
-    members = [Pass(scheduled.parts, scheduled.options, rays, *shape, reach, threads) for rays in passes]
+    rays = [pass_rays(each, *shape, reach) for each in passes]
+    members = [Pass(scheduled.parts, scheduled.options, each, threads) for each in rays]
     scheduled.run(together(members), shape, progress)
     return [member.hits for member in members]
+
+
+def ray_hits(
+    scheduled: Scheduled, rays: RayPass, spans: np.ndarray, cull_faces: int, any_hit: bool, threads=None
+) -> Hits:
+    """The nearest hit, or any hit, of each of m rays: `Hits` of shape (1, m).
+
+    Rays that are near each other in the list should be alike.
+
+    spans : (m, 2) float32, tmin and tmax of each ray, in lengths of its direction
+    cull_faces : a value of CULL_FACES
+    """
+    threads, m = thread_count(threads), len(rays.origins)
+    arrays = (a.reshape(1, m, *a.shape[1:]) for a in rays)
+    reach = _reach(scheduled, *bounds(rays.origins, threads))
+    made = PassRays(*arrays, no_hits((1, m)), reach, spans, 1, cull_faces, any_hit)
+    scheduled.run(Pass(scheduled.parts, scheduled.options, made, threads), (1, m))
+    return made.hits
 
 
 def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=None) -> Hits:

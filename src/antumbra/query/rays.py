@@ -30,6 +30,14 @@ class HitArrays(NamedTuple):
     v: np.ndarray  # (m,) float32
 
 
+def hit_arrays(m: int, any_hit: bool) -> HitArrays:
+    """`HitArrays` for m rays."""
+    n = 0 if any_hit else m
+    return HitArrays(
+        np.empty(m - n, np.bool_), np.empty(n, np.int32), np.empty(n), np.empty(n, np.float32), np.empty(n, np.float32)
+    )
+
+
 def as_array(value, what: str) -> np.ndarray:
     """A numpy view (or copy) of numbers, or of any array in host memory that supports DLPack."""
     if not isinstance(value, np.ndarray) and hasattr(value, "__dlpack__"):

@@ -13,7 +13,9 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import ptr
 from ..scene.camera import CameraRays
+from .diffuse import RayPass
 from .gbuffer import GBuffer, fill_pixel, surface_of
+from .pixels import pixel_direction
 from .raster import rasterise
 from .receivers import NOTHING
 from .sampling import larcher_pillichshammer
@@ -64,17 +66,52 @@ def subpixel_gbuffer(triangles, rays: CameraRays, wanted: np.ndarray, threads=No
     """
     threads = thread_count(threads)
     pixels = np.ascontiguousarray(np.argwhere(wanted))
-    columns = max(1, math.isqrt(len(pixels)))
-    rows = -(-len(pixels) // columns)
-    out = _nothing_seen(BLOCK * rows, BLOCK * columns, triangles.origin)
+    shape = _shape(len(pixels))
+    out, columns = _nothing_seen(*shape, triangles.origin), shape[1] // BLOCK
     corners = triangles.vertices.reshape(-1, 9)
     for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
-        x, y = OFFSETS[row, column]
-        shifted = rays._replace(corner=rays.corner + (x - 0.5) * rays.dx + (y - 0.5) * rays.dy)
+        shifted = _shifted(rays, row, column)
         face, t = rasterise(corners, shifted, threads)
         ticket = new_ticket(len(pixels), 1024)
         run(_fill_subpixels, threads, ticket, pixels, columns, row, column, face, t, corners, shifted, out)
     return out
+
+
+@kernel
+def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
+    """Worker: write the directions of a sub-pixel of each pixel."""
+    first = take(ticket)
+    while first >= 0:
+        for e in range(first, min(first + ticket[CHUNK], ticket[N])):
+            v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
+            d = pixel_direction(rays, pixels[e, 1], pixels[e, 0])
+            directions[v, u, 0], directions[v, u, 1], directions[v, u, 2] = d
+        first = take(ticket)
+
+
+def subpixel_rays(rays: CameraRays, wanted: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
+    """The rays of the sub-pixels of selected pixels, and the shape of their picture: see `subpixel_gbuffer`."""
+    threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(wanted))
+    shape = _shape(len(pixels))
+    directions = np.zeros((*shape, 3), np.float32)
+    for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
+        shifted, ticket = _shifted(rays, row, column), new_ticket(len(pixels), 1024)
+        run(_subpixel_rays, threads, ticket, pixels, shape[1] // BLOCK, row, column, shifted, directions)
+    m = shape[0] * shape[1]
+    origins = np.broadcast_to(rays.origin.astype(np.float32), (m, 3)).copy()
+    return RayPass(origins, directions.reshape(m, 3), np.full(m, -1, np.int32)), shape
+
+
+def _shape(pixels: int) -> tuple[int, int]:
+    """The (4 R, 4 C) picture of the sub-pixels of so many pixels."""
+    columns = max(1, math.isqrt(pixels))
+    return BLOCK * -(-pixels // columns), BLOCK * columns
+
+
+def _shifted(rays: CameraRays, row: int, column: int) -> CameraRays:
+    """The camera's rays, moved so that a sub-pixel comes to the centre of its pixel."""
+    x, y = OFFSETS[row, column]
+    return rays._replace(corner=rays.corner + (x - 0.5) * rays.dx + (y - 0.5) * rays.dy)
 
 
 def _nothing_seen(h: int, w: int, origin) -> GBuffer:

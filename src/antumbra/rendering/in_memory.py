@@ -13,9 +13,13 @@ from ..query.bounds import bounds
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.picture import Surfaces, surfaces_of
 from ..query.raster import rasterise
+from ..query.rays import Arguments, HitArrays, hit_arrays
+from ..query.subpixels import subpixel_gbuffer
+from ..scene.camera import CameraRays
 from ..scene.scene import Scene
 from ..scene.triangles import Triangles
 from ..trace.primary.trace import trace_primary
+from ..trace.rays.batch import trace_batch
 from ..trace.rays.bounce import Nearest, nearest_surfaces
 from .accelerate import Accelerated, Accelerator
 from .memory import FrameMemory
@@ -52,9 +56,6 @@ class InMemory:
         self._last: Accelerated | None = None  # of earlier frames, if later frames can reuse it
 
     def warm_up(self) -> None:
-        pass
-
-    def check_adaptive(self) -> None:
         pass
 
     def begin(self, memory: FrameMemory) -> None:
@@ -108,6 +109,20 @@ class InMemory:
             return partial(nearest_scheduled, scheduled=whole.scheduled, triangles=triangles, threads=threads)
         assert whole.bvh is not None
         return partial(nearest_surfaces, bvh=whole.bvh, triangles=triangles, threads=threads)
+
+    def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
+        out = hit_arrays(len(arguments.origins), any_hit)
+        wide = self.accelerated(time).prepared
+        if not trace_batch(wide, arguments.ray_list(cull_faces), any_hit, out, self.threads):
+            arguments.check()
+        return out
+
+    def surfaces_hit(self, arguments: Arguments, time: float) -> tuple[np.ndarray, Triangles, np.ndarray]:
+        found = self.trace_rays(arguments, False, 0, time)
+        return found.t, self.accelerated(time).triangles, found.face
+
+    def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:
+        return surfaces_of(subpixel_gbuffer(triangles, view, edge, self.threads), triangles)
 
     def box(self, triangles: Triangles) -> np.ndarray:
         return np.stack(bounds(triangles.vertices, self.threads))

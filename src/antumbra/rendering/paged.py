@@ -8,7 +8,7 @@ import numpy as np
 from ..chcrt.hits import mark_hits, number_hits
 from ..chcrt.options import Options
 from ..chcrt.parts import parts_of_chunks
-from ..chcrt.trace import Scheduled, camera_hits, nearest_hits, prepare
+from ..chcrt.trace import Scheduled, camera_hits, nearest_hits, prepare, ray_hits
 from ..checks import whole_number
 from ..errors import InputError
 from ..methods import BUILDERS
@@ -16,7 +16,10 @@ from ..plan import Plan
 from ..query.diffuse import RayPass
 from ..query.gbuffer import from_hits
 from ..query.picture import Surfaces
-from ..scene.triangles import Triangles
+from ..query.rays import Arguments, HitArrays, hit_arrays
+from ..query.subpixels import subpixel_rays
+from ..scene.camera import CameraRays
+from ..scene.triangles import Triangles, joined
 from ..store.residency import Copies, Residency, marked
 from ..store.resident import release_freed, resident
 from ..store.scene import PagedScene
@@ -24,7 +27,8 @@ from ..trace.forest import Hits
 from ..trace.rays.bounce import Nearest, surfaces_met
 from .accelerate import Accelerated, Accelerator
 from .memory import FrameMemory
-from .ready import Job, fixed_job, make_ready, small_scene
+from .paged_rays import LEAST, RAY_BYTES, Batch, batches, weights
+from .ready import Job, fixed_job, make_ready, small_scene, small_view
 
 MAX_MEMORY = 4 << 30
 _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
@@ -36,12 +40,17 @@ def paged_job() -> Job:
     """The additional job of rendering a scene in a store, besides the job of its plan."""
 
     def work():
-        scheduled, (h, w) = prepare(BUILDERS["bsah"].build(small_scene().triangles().vertices, 2), Options(), 2), (8, 8)
-        rays = RayPass(np.zeros((h * w, 3), np.float32), np.ones((h * w, 3), np.float32), np.zeros(h * w, np.int32))
+        scene, (h, w) = small_scene(), (8, 8)
+        scheduled = prepare(BUILDERS["bsah"].build(scene.triangles().vertices, 2), Options(), 2)
+        first, view = np.zeros(len(scheduled.parts.trees), np.int64), small_view()[0].rays(scene.origin)
+        camera_hits(scheduled, view, 2)
+        rays, _ = subpixel_rays(view, np.ones((view.height // 4, view.width // 4), np.bool_), 2)
         (hits,) = nearest_hits(scheduled, [rays], (h, w), 2)
-        first = np.zeros(len(scheduled.parts.trees), np.int64)
         mark_hits(hits, first, np.zeros(1 << 20, np.uint8), 2)
-        number_hits(hits, first, np.zeros(1 << 20, np.int32), np.zeros((h, w), np.int32), 2)
+        faces = np.full((h, w), -1, np.int32)
+        number_hits(hits, first, np.zeros(1 << 20, np.int32), faces, 2)
+        ray_hits(scheduled, rays, np.tile(np.array([0.0, 1.0], np.float32), (h * w, 1)), 0, False, 2)
+        weights(Batch(np.arange(h * w), rays, hits, scene.triangles(), hits.face.reshape(-1)), 2)
 
     return fixed_job("scenes in a store", work)
 
@@ -85,6 +94,7 @@ class Paged:
             raise InputError(
                 f"plan {str(plan)!r}: {scene.name} is in a store, whose trees are built; use {self.default_plan}"
             )
+        max_memory = scene.max_memory if max_memory is None else max_memory
         most = MAX_MEMORY if max_memory is None else whole_number(max_memory, "max_memory", 1, 1 << 60)
         store = scene.store
         self.scene, self.threads, self.max_memory = scene, accelerator.threads, most
@@ -96,9 +106,6 @@ class Paged:
 
     def warm_up(self) -> None:
         make_ready(paged_job)
-
-    def check_adaptive(self) -> None:
-        raise InputError(f"{self.scene.name}: adaptive sampling wants all triangles at once; leave it out")
 
     def begin(self, memory: FrameMemory) -> None:
         """Begin a frame. Its rays that are asked together get up to half of the memory, and the chunks the rest."""
@@ -173,6 +180,39 @@ class Paged:
         for rays, met, face in zip(passes, hits, faces):
             gbuffer = surfaces_met(rays, face.reshape(-1), met.t.reshape(-1), shape, triangles, self.threads)
             yield Surfaces(gbuffer, triangles, met.face, self.store.meta.box)
+
+    def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
+        arguments.check()
+        out = hit_arrays(len(arguments.origins), any_hit)
+        for batch in self._batches(arguments, any_hit, cull_faces):
+            at, hits = batch.places, batch.hits
+            if any_hit:
+                out.blocked[at] = hits.face[0] >= 0
+            else:
+                out.face[at], out.t[at] = hits.face[0], hits.t[0]
+                out.u[at], out.v[at] = weights(batch, self.threads)
+        return out
+
+    def surfaces_hit(self, arguments: Arguments, time: float) -> tuple[np.ndarray, Triangles, np.ndarray]:
+        arguments.check()
+        t, faces, found, n = np.full(len(arguments.origins), np.inf), np.full(len(arguments.origins), -1), [], 0
+        for batch in self._batches(arguments, False, 0):
+            t[batch.places] = batch.hits.t[0]
+            faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
+            found.append(batch.triangles)
+            n += len(batch.triangles.vertices)
+        return t, joined(found or [self.accelerated.triangles]), faces
+
+    def _batches(self, arguments: Arguments, any_hit: bool, cull_faces: int) -> Iterator[Batch]:
+        m = len(arguments.origins)
+        self.begin(FrameMemory(0, 0, 2 * m * RAY_BYTES))
+        self.accelerated.begin()
+        return batches(self, arguments, any_hit, cull_faces, max(self.together(RAY_BYTES), LEAST))
+
+    def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:
+        """`triangles` are not used: rays find the surfaces."""
+        rays, shape = subpixel_rays(view, edge, self.threads)
+        return next(iter(self.nearest([rays], shape)))
 
     def hit_triangles(self, hits: Sequence[Hits]) -> tuple[Triangles, list[np.ndarray]]:
         """Copies of the triangles that rays hit, each once; and for each of `hits` (h, w) int32 indices of them or -1.

@@ -5,10 +5,10 @@ import numpy as np
 from ..image.filter import smoothed
 from ..image.fraction import as_needed, fraction, refine_penumbra
 from ..image.shade import ambient_light
-from ..query.picture import Surfaces, surfaces_of
+from ..query.picture import Surfaces
 from ..query.receivers import NOTHING
 from ..query.refine import edges
-from ..query.subpixels import block_copies, block_means, subpixel_gbuffer
+from ..query.subpixels import block_copies, block_means
 from ..query.surface import PictureSurfaces, seen_by
 from ..trace.counters import as_dict
 from ..trace.rays.bounce import Nearest
@@ -150,9 +150,9 @@ def shade(
 
 def divide(state: FrameState, edge: np.ndarray, image: np.ndarray, ambient: np.ndarray, indirect) -> None:
     """Shade sixteen sub-pixels of each edge pixel, and write their mean to the image."""
-    triangles, finer = state.triangles, state.request.finer
+    finer = state.request.finer
     assert finer is not None
-    pixels = surfaces_of(subpixel_gbuffer(triangles, state.view, edge, state.threads), triangles)
+    pixels = state.source.subpixels(state.triangles, state.view, edge)
     state.clock.lap("gbuffer")
     queries = [as_needed(query) for query in queries_of(state, pixels, finer.edges)]
     state.clock.lap("trace")

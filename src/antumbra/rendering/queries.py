@@ -1,7 +1,6 @@
 """Queries without a camera: arrays of rays, and the visibility of lights from points."""
 
 from dataclasses import replace
-from threading import get_ident
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from ..scene.any_scene import AnyScene
 from ..scene.hit import Hit
 from ..scene.lights import Light, check_lights
 from ..scene.point_lights import PointLights
-from ..trace.rays.batch import trace_batch
+from ..scene.triangles import Triangles
 from .accelerate import Accelerated
 from .memory import points_memory
 from .ready import Job, fixed_job, make_ready, small_scene
@@ -54,15 +53,20 @@ def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated
 
 def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time, threads) -> HitArrays:
     """Trace rays through a scene; InputError if a ray holds an invalid number."""
-    m = len(arguments.origins)
-    n = 0 if any_hit else m
-    out = HitArrays(
-        np.empty(m - n, np.bool_), np.empty(n, np.int32), np.empty(n), np.empty(n, np.float32), np.empty(n, np.float32)
-    )
-    wide = accelerated(scene, time, threads, "bsah+wide").prepared
-    if not trace_batch(wide, arguments.ray_list(cull_faces), any_hit, out, threads):
-        arguments.check()
-    return out
+    return _ray_renderer(scene, threads).source.trace_rays(arguments, any_hit, cull_faces, time)
+
+
+def surfaces_hit(scene, origins, directions, time, threads) -> tuple[np.ndarray, Triangles, np.ndarray]:
+    """The nearest hits of rays in world coordinates: (t, triangles, index of each ray's triangle in them or -1)."""
+    arguments = ray_arguments(origins, directions, 0.0, np.inf, None, None, scene.origin)[0]
+    source = _ray_renderer(scene, threads).source
+    warm_up_rays()
+    source.warm_up()
+    return source.surfaces_hit(arguments, time)
+
+
+def _ray_renderer(scene, threads) -> Renderer:
+    return _renderer(scene, None if source_kind(scene).keeps_read else "bsah+wide", threads, None, None)
 
 
 def warm_up_rays() -> None:
@@ -90,6 +94,7 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
     arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin)
     thread_count(threads)
     warm_up_rays()
+    _ray_renderer(scene, threads).source.warm_up()
     out = trace_list(scene, arguments, any_hit, facing, time, threads)
     if any_hit:
         return out.blocked.reshape(shape)
@@ -177,10 +182,11 @@ def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
     """A renderer of this scene; for a store, the renderer of this thread's previous query if the options agree."""
     if not source_kind(scene).keeps_read:
         return Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
-    asked, kept = (plan, threads, max_memory, get_ident()), scene.__dict__.get("_renderer")
-    if kept is None or kept[0] != asked:
-        kept = scene.__dict__["_renderer"] = asked, Renderer(scene, plan, threads, max_memory=max_memory)
-    return kept[1]
+    wanted, own = (plan, threads, max_memory, srdh_rays), scene.own  # each Python thread keeps its chunks
+    if getattr(own, "wanted", None) != wanted:
+        own.renderer = Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
+        own.wanted = wanted
+    return own.renderer
 
 
 def _receivers(scene, points, normals) -> tuple[np.ndarray, np.ndarray]:

@@ -92,8 +92,6 @@ class Renderer:
         if not isinstance(camera, Camera):
             raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
         samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
-        if adaptive is not None:
-            self.source.check_adaptive()
         finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
         passes = None if bounce is None else diffuse_passes(lights, bounce, sampler)
         request = Request(camera, lights, samples, facing, time, counters, progress, bool(filter), finer, passes)

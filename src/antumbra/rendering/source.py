@@ -5,7 +5,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from ..query.picture import Surfaces
+from ..query.rays import Arguments, HitArrays
 from ..scene.any_scene import AnyScene
+from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated
@@ -37,9 +39,6 @@ class RenderSource(Protocol):
 
     def warm_up(self) -> None:
         """Compile the kernels that only this kind of source calls."""
-
-    def check_adaptive(self) -> None:
-        """Raise InputError if adaptive sampling is not supported."""
 
     def begin(self, memory: FrameMemory) -> None:
         """Begin a frame, or a query of points, that takes so much memory.
@@ -74,6 +73,24 @@ class RenderSource(Protocol):
 
     def nearest_in(self, whole: Accelerated) -> Nearest:
         """A closest-hit function: it finds the first surfaces that passes of diffuse rays meet."""
+        ...
+
+    def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:
+        """The surfaces of the sub-pixels of selected pixels: see `query.subpixels`."""
+        ...
+
+    def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
+        """Trace a list of rays at a time in seconds. In memory, the plan's tracer must be `wide`.
+
+        Raises
+        ------
+        InputError
+            If a ray holds an invalid number.
+        """
+        ...
+
+    def surfaces_hit(self, arguments: Arguments, time: float) -> tuple[np.ndarray, Triangles, np.ndarray]:
+        """The nearest hits of a list of rays: (t, triangles, index of each ray's triangle in them or -1)."""
         ...
 
     def box(self, triangles: Triangles) -> np.ndarray:

@@ -17,6 +17,7 @@ from ..scene.lights import (
     tangents,
 )
 from ..scene.point_lights import PointLights
+from .queries import surfaces_hit
 
 
 def virtual_point_lights(
@@ -36,7 +37,7 @@ def virtual_point_lights(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or PagedScene
     light : a light
         Any light except ambient occlusion and `PointLights`.
     n : int
@@ -64,13 +65,12 @@ def virtual_point_lights(
     n = whole_number(n, "n", 1, 16384 if interleave else 1024)
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
     origins, directions, power = _emitted(light, _sobol(n, seed), centre, radius)
-    hit = scene.closest_hit(origins, directions, time=time, threads=threads)
-    met = hit.face >= 0
+    t, triangles, face = surfaces_hit(scene, origins, directions, scene.clamped(time), threads)
+    met = face >= 0
     if not met.any():
         what = f"none of the {n} photons of the {type(light).__name__} meets {scene.name}"
         raise InputError(f"{what}; move the light nearer, or take more")
-    triangles, face = scene.triangles(time, threads), hit.face[met]
-    points = origins[met] + hit.t[met, None] * directions[met]
+    face, points = face[met], origins[met] + t[met, None] * directions[met]
     positions, normals = _off_surface(points, directions[met], face, triangles, threads)
     return PointLights(
         positions,

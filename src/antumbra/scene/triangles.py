@@ -1,5 +1,6 @@
 """Triangles: a scene at one moment, ready for kernels."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,3 +13,13 @@ class Triangles(NamedTuple):
     origin: np.ndarray  # (3,) float64, world position of the frame's zero
     face_id: np.ndarray  # (n,) int32, index of the face in the scene; the same at every time
     colour: np.ndarray  # (n, 3) float32, linear base colour in [0, 1]
+
+
+def joined(several: Sequence[Triangles]) -> Triangles:
+    """Several soups of the same frame as one."""
+    if len(several) == 1:
+        return several[0]
+    vertices, ids, colour = (
+        np.concatenate([getattr(each, name) for each in several]) for name in ("vertices", "face_id", "colour")
+    )
+    return Triangles(vertices, several[0].origin, ids, colour)

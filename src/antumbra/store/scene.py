@@ -1,5 +1,6 @@
 """The scene of a store; only the chunks in use are in memory."""
 
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,18 @@ from .read import Store, open_store
 class PagedScene(AnyScene):
     """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
 
-    The scene is static. Name, up axis, bounds, origin, cameras and lights equal those of a `Scene` of the same sources.
-    The store does not record the mesh of a triangle. Methods that need all triangles at once raise InputError.
+    The scene is static. Name, up axis, bounds, origin, cameras and lights equal those of a `Scene` of the same sources,
+    and so do the answers to all questions. The store does not record the mesh of a triangle. What needs all triangles
+    at once raises InputError.
 
     Attributes
     ----------
     store : Store
         The open file.
+    max_memory : int or None
+        Limit in bytes on the memory of the process, for questions that do not give their own; None: 4 GiB.
+    own : threading.local
+        What each Python thread keeps between its questions.
     """
 
     def __init__(self, store: Store):
@@ -30,6 +36,8 @@ class PagedScene(AnyScene):
         self.meshes: list[MeshInfo] = []
         self.bounds, self.origin = meta.bounds, meta.origin
         self._cameras, self._lights = list(meta.cameras), list(meta.lights)
+        self.max_memory: int | None = None
+        self.own = threading.local()
 
     @property
     def n_triangles(self) -> int:

@@ -1,0 +1,89 @@
+"""Ray lists through a store: batches of rays in an order in which neighbours are alike, each batch one question."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..chcrt.trace import ray_hits
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.predicate.exact import ray_along
+from ..kernels.predicate.filters import volumes64
+from ..query.diffuse import RayPass
+from ..query.rays import Arguments
+from ..scene.triangles import Triangles
+from ..trace.forest import Hits
+
+RAY_BYTES = 160
+"""Memory of a ray while it is traced."""
+
+LEAST = 1 << 16
+"""Rays of a batch, if there are so many: with fewer, each chunk would be read for few rays."""
+
+
+class Batch(NamedTuple):
+    """Some rays of a list, and their hits."""
+
+    places: np.ndarray  # (n,) int64: index of each ray in the list
+    rays: RayPass
+    hits: Hits  # (1, n)
+    triangles: Triangles  # the triangles that they hit; empty for any-hit
+    faces: np.ndarray  # (n,) int32: index of each hit's triangle in `triangles`, or -1
+
+
+def batches(paged, arguments: Arguments, any_hit: bool, cull_faces: int, most: int) -> Iterator[Batch]:
+    """Trace the rays of a list, at most `most` at a time."""
+    order = _alike(arguments)
+    for begin in range(0, len(order), most):
+        places = order[begin : begin + most]
+        origins, directions, tmin, tmax, skip = (np.ascontiguousarray(a[places]) for a in arguments[:5])
+        origins = (origins.astype(np.float64) - arguments.frame).astype(np.float32)
+        rays = RayPass(origins, directions.astype(np.float32), np.ascontiguousarray(skip[:, 0]))
+        spans = np.concatenate([tmin, tmax], 1).astype(np.float32)
+        paged.residency.begin_question()
+        hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads)
+        if any_hit:
+            yield Batch(places, rays, hits, paged.accelerated.triangles, hits.face[0])
+        else:
+            triangles, (faces,) = paged.hit_triangles([hits])
+            yield Batch(places, rays, hits, triangles, faces[0])
+
+
+def _alike(arguments: Arguments) -> np.ndarray:
+    """The order of rays by the cells of their origins, then of their directions, both in Morton order."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        directions = arguments.directions.astype(np.float32)
+        directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-30)
+        return np.lexsort((_codes(directions), _codes(arguments.origins)))
+
+
+def _codes(points: np.ndarray) -> np.ndarray:
+    """(n,) int64: Morton codes of 10 bits an axis, over the box of the points."""
+    low = points.min(0, initial=np.inf)
+    size = max(float((points.max(0, initial=-np.inf) - low).max()), 1e-30)
+    cells = np.clip((points - low) * (1023.0 / size), 0, 1023).astype(np.int64)
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        cells = (cells | cells << shift) & mask
+    return cells[:, 0] << 2 | cells[:, 1] << 1 | cells[:, 2]
+
+
+@kernel
+def _write_weights(ticket, rays, faces, corners, u, v):
+    """Worker: write the weights of the second and the third corner at each hit."""
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            if faces[i] >= 0:
+                o, d = rays.origins[i], rays.directions[i]
+                w = volumes64(ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf), corners, np.int64(faces[i]))
+                u[i], v[i] = w.e1 / w.d, w.e2 / w.d
+        first = take(ticket)
+
+
+def weights(batch: Batch, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """(u, v) of a batch's hits, (n,) float32 each; 0 on a miss."""
+    u, v = np.zeros(len(batch.places), np.float32), np.zeros(len(batch.places), np.float32)
+    corners = batch.triangles.vertices.reshape(-1, 9)
+    run(_write_weights, threads, new_ticket(len(u), 4096), batch.rays, batch.faces, corners, u, v)
+    return u, v
