@@ -11,6 +11,7 @@ import pytest
 
 import antumbra as at
 from antumbra.rendering.building import build_store
+from antumbra.rendering.explanation import Moment, explain
 from antumbra.rendering.renderer import Renderer
 from antumbra.store.residency import POLICIES, Residency
 
@@ -163,6 +164,25 @@ def test_virtual_point_lights(city):
     for name in ("positions", "colours", "normals"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     assert one.intensity == other.intensity and len(one.positions) > 50
+
+
+def test_an_explanation_is_of_the_stores_own_tree(city):
+    scene, path = city
+    moments = [Moment(0.0, _cameras(scene)[1], [LIGHT, at.AmbientOcclusion(3.0)])]
+    one, other = (explain(s, moments, ["bsah+chcrt"], spp=4, threads=2) for s in (at.load(path), scene))
+    for name in ("rays", "blocked"):
+        assert getattr(one, name) == getattr(other, name) > 0
+    np.testing.assert_array_equal(one.asks, other.asks)
+    a, b = one.plans[0], other.plans[0]
+    assert 0.2 < a.box_tests / b.box_tests < 5 and 0 < a.depths.deepest < 40
+    assert a.depths.histogram.sum() == b.depths.histogram.sum() == one.blocked
+    assert 0 < len(one.frequent) < 2 * len(other.frequent) and one.frequent.max() > 5000
+    with pytest.raises(at.InputError, match=r"is in a store, whose trees are built; use bsah\+chcrt"):
+        explain(at.load(path), moments, ["bsah+single"])
+    small = at.load(path)
+    small.max_memory = 1 << 20
+    with pytest.raises(at.InputError, match=r"1M of memory is not enough"):
+        explain(small, moments, ["bsah+chcrt"])
 
 
 def test_threads_keep_their_own_chunks(city):

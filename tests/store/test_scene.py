@@ -41,7 +41,7 @@ def test_it_is_like_the_scene(both):
 )
 def test_all_triangles_are_not_to_be_had(both, monkeypatch, ask):
     monkeypatch.setattr("antumbra.rendering.queries.warm_up_rays", lambda: None)
-    with pytest.raises(at.InputError, match=r"(is paged|is in a store).*chcrt"):
+    with pytest.raises(at.InputError, match=r"is a store, and its .* never all in memory|is in a store.*chcrt"):
         ask(both[1])
 
 

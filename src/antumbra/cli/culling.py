@@ -9,7 +9,7 @@ from ..errors import InputError
 from . import arguments, report
 from .options import SCENE_HELP, CameraOption, Json, LightOption, Quiet, SppOption, Threads, TimeOption, UpOption
 from .progress import ProgressDisplay
-from .sceneinput import open_scene
+from .sceneinput import in_memory, open_scene
 
 
 def culling(
@@ -56,7 +56,7 @@ def culling(
         raise InputError(f"culler {culler!r} is unknown; choose one of {', '.join(CULLERS)}")
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if up is None else up.value, quiet)
+        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet))
         view = arguments.make_camera(asked_camera, opened, time, width_height)
         lights = arguments.make_lights(asked_lights, opened, time)
         display.say("preparing")

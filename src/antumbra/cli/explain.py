@@ -22,12 +22,13 @@ from .options import (
     UpOption,
 )
 from .progress import ProgressDisplay
-from .sceneinput import open_scene
+from .sceneinput import limit_memory, open_scene
 
 if TYPE_CHECKING:
     from ..rendering.explanation import Explanation, PlanSteps
 
 _PLANS = "bsah+single:random", "srdh+single"
+_STORE_PLANS = ("bsah+chcrt",)
 _WIDTH = 120  # width of the tables, in characters
 _CAPTION = "box tests of each pixel's rays; black: no rays"
 
@@ -41,7 +42,8 @@ def explain(
     plan: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"A plan, compared with the first one; may be repeated.  [default: {' and '.join(_PLANS)}]",
+            help=f"A plan, compared with the first one; may be repeated.  [default: {' and '.join(_PLANS)}; for a "
+            "store bsah+chcrt]",
             metavar="PLAN",
             show_default=False,
         ),
@@ -61,6 +63,14 @@ def explain(
     up: UpOption = None,
     spp: SppOption = 16,
     srdh_rays: SrdhRaysOption = None,
+    max_memory: Annotated[
+        str | None,
+        typer.Option(
+            help="Memory for a scene in a store, in bytes, or with M or G: 512M.  [default: 4G]",
+            metavar="SIZE",
+            show_default=False,
+        ),
+    ] = None,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
@@ -73,7 +83,7 @@ def explain(
 
     Plans with the tracers single and single:... trace rays one by one. Others test boxes for bundles of rays. Their
     panels show the tests in windows of 16x16 pixels, shared among the pixels, and the classes are unknown. Plans
-    without a builder have no tree and no steps.
+    without a builder have no tree and no steps. A store is explained by its own tree, with the plan bsah+chcrt.
 
     \b
     Examples
@@ -95,14 +105,20 @@ def explain(
     from ..output import checked_output
     from ..rendering.explanation import Moment, explained_plans
     from ..rendering.explanation import explain as explained
+    from ..rendering.renderer import source_kind
     from ..rendering.srdh_rays import check_srdh_rays
 
     path = checked_output(Path(f"{spec.stem}-explain.png") if output is None else output, (".png",))
-    plans = explained_plans(plan or _PLANS)
-    check_srdh_rays(asked_rays, *plans)
+    plans = explained_plans(plan or [])
+    check_srdh_rays(asked_rays, *(plans or explained_plans(_PLANS)))
+    memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if up is None else up.value, quiet)
+        of_store = source_kind(opened).keeps_read
+        limit_memory(opened, memory)
+        plans = plans or explained_plans(_STORE_PLANS if of_store else _PLANS)
+        check_srdh_rays(asked_rays, *plans)
 
         def moment(at: float) -> Moment:
             view = arguments.make_camera(asked_camera, opened, at, width_height)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from . import arguments, report
 from .arguments import CameraSpec, SceneSpec
+from .sceneinput import limit_memory
 
 if TYPE_CHECKING:
     from ..rendering.frame import Frame
@@ -64,7 +65,8 @@ class RenderOptions(NamedTuple):
     def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer
 
-        return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays, self.max_memory)
+        limit_memory(scene, self.max_memory)
+        return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays)
 
     def view(self, scene: "AnyScene", time: float) -> "Camera":
         """The camera at a time."""

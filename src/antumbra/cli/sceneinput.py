@@ -35,3 +35,22 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
         if len(scene.notes) > _MOST_NOTES:
             say(f"note: and {len(scene.notes) - _MOST_NOTES} more; antumbra info shows all of them")
     return scene
+
+
+def limit_memory(scene: "AnyScene", max_memory: int | None) -> None:
+    """Limit the memory of all questions to a scene in a store; InputError if the scene is in memory."""
+    from ..store.scene import PagedScene
+
+    if isinstance(scene, PagedScene):
+        scene.max_memory = max_memory
+    elif max_memory is not None:
+        raise InputError(f"--max-memory is for scenes in a store, and {scene.name} is in memory; leave it out")
+
+
+def in_memory(scene: "AnyScene") -> "AnyScene":
+    """The scene; InputError if it is in a store."""
+    from ..store.scene import PagedScene
+
+    if isinstance(scene, PagedScene):
+        raise scene.refusal()
+    return scene

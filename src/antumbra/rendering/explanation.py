@@ -7,7 +7,7 @@ one ray at a time, finds the leaf in which each ray ends.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan
 from ..query.gbuffer import GBuffer
-from ..query.picture import shadow_queries
+from ..query.picture import shadow_queries, surface_queries
 from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery
 from ..scene.camera import Camera
@@ -26,8 +26,11 @@ from ..trace.rays.orders import BUILT, Ordered
 from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
 from .accelerate import Accelerated, Accelerator
 from .in_memory import see
+from .memory import frame_memory
 from .ready import Job, fixed_job, make_ready, small_scene, small_view
 from .render_jobs import warm_up, warm_up_bounce
+from .renderer import Renderer, source_kind
+from .request import Request
 from .srdh_rays import bounced_queries, check_srdh_rays
 
 WINDOW = 16  # pixels; no ray bundle crosses the border of a window
@@ -76,6 +79,7 @@ class Explanation(NamedTuple):
 class _Picture(NamedTuple):
     """The surfaces and shadow queries of a moment."""
 
+    source: Any  # a `RenderSource` of a store; None: the scene is in memory
     triangles: Triangles
     gbuffer: GBuffer
     lights: list
@@ -91,6 +95,7 @@ class _Walked(NamedTuple):
     steps: Steps  # counted one ray at a time
     bits: list[np.ndarray]
     bundles: np.ndarray | None  # (rows, columns, 2) int64: box and triangle tests of each window; None: one by one
+    ids: np.ndarray | None = None  # indices in the scene of the triangles that `steps` counts; None: all triangles
 
 
 def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=None) -> Explanation:
@@ -98,7 +103,8 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or PagedScene
+        A store is explained by its own tree, with the plan ``"bsah+chcrt"``.
     moments : list of Moment
         The last moment is explained. Earlier ones stand for the preceding frames of an animation. They supply the
         trees kept from frame to frame and the rays of the last frame.
@@ -120,9 +126,14 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     """
     plans = explained_plans(plans)
     check_srdh_rays(srdh_rays, *plans)
+    kind = source_kind(scene)
+    for plan in plans if kind.keeps_read else ():
+        Renderer(scene, plan, threads)  # a store has its own tree
     moments = [moment._replace(lights=check_lights(moment.lights)) for moment in moments]
     for plan in plans:
-        warm_up(plan, "raster")
+        warm_up(plan, "rays" if kind.keeps_read else "raster")
+    if kind.keeps_read:
+        Renderer(scene, None, threads).source.warm_up()
     make_ready(steps_job)
     if srdh_rays is not None and srdh_rays.bounce:
         warm_up_bounce()
@@ -161,21 +172,33 @@ def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=No
         told.append(_plan_steps(walked, first.steps.hits, frequent))
     steps = first.steps
     asks, rays, blocked = steps.rays > 0, int(steps.rays.sum()), int(steps.blocked.sum())
-    return Explanation(asks, rays, blocked, frequent, int(steps.hits[frequent].sum()), told)
+    named = frequent if first.ids is None else first.ids[frequent]
+    return Explanation(asks, rays, blocked, named, int(steps.hits[frequent].sum()), told)
 
 
 def _picture(scene, moment: Moment, spp: int, threads: int) -> _Picture:
     """The surfaces and queries of a moment; they are the same for every plan."""
+    if source_kind(scene).keeps_read:
+        return _picture_of_store(scene, moment, spp, threads)
     triangles = scene.triangles(moment.time, threads)
     gbuffer = see(triangles, moment.camera, None, threads)
     samples = [light_samples(light, spp) for light in moment.lights]
     queries = shadow_queries(triangles, gbuffer, moment.lights, samples, threads=threads)
-    return _Picture(triangles, gbuffer, moment.lights, samples, queries)
+    return _Picture(None, triangles, gbuffer, moment.lights, samples, queries)
+
+
+def _picture_of_store(scene, moment: Moment, spp: int, threads: int) -> _Picture:
+    source = Renderer(scene, None, threads).source
+    samples = [light_samples(light, spp) for light in moment.lights]
+    source.begin(frame_memory(Request(moment.camera, moment.lights, samples)))
+    surfaces = source.look(moment.camera, *source.moment(0.0))
+    queries = surface_queries(surfaces, moment.lights, samples, threads=threads)
+    return _Picture(source, surfaces.triangles, surfaces.gbuffer, moment.lights, samples, queries)
 
 
 def _build(accelerator: Accelerator, picture: _Picture) -> Accelerated:
     """Build a plan's tree for a picture, as a frame does."""
-    triangles, gbuffer, lights, samples, queries = picture
+    _, triangles, gbuffer, lights, samples, queries = picture
     bounce = bounced_queries(accelerator.showing, triangles, gbuffer, lights, samples)
     shown = accelerator.show(triangles, queries, bounce=bounce)
     return accelerator.build(triangles, accelerator.culled(triangles, queries), shown)
@@ -183,6 +206,8 @@ def _build(accelerator: Accelerator, picture: _Picture) -> Accelerated:
 
 def _walk(accelerator: Accelerator, pictures: list[_Picture]) -> _Walked:
     """Build for every picture in turn, then trace the last one and count its steps."""
+    if pictures[-1].source is not None:
+        return _walk_store(accelerator, pictures[-1])
     for picture in pictures:
         ready = _build(accelerator, picture)
     queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), accelerator.threads
@@ -193,6 +218,23 @@ def _walk(accelerator: Accelerator, pictures: list[_Picture]) -> _Walked:
         return _Walked(accelerator.plan, ready, steps, [accelerator.answer(ready, query) for query in queries], None)
     bits, tests = zip(*(trace_windows(accelerator, ready, query) for query in queries))
     return _Walked(accelerator.plan, ready, steps, list(bits), np.sum(tests, axis=0))
+
+
+def _walk_store(accelerator: Accelerator, picture: _Picture) -> _Walked:
+    """Trace a picture of a store, and count the steps of its rays through the store's tree.
+
+    The triangles of `_Walked` are those of the chunks that rays may enter, by their indices in the whole scene.
+    """
+    from .paged_tree import tree_for
+
+    bvh, ids = tree_for(picture.source, picture.queries)
+    whole = picture.source.accelerated
+    bits, tests = zip(*(trace_windows(accelerator, whole, query) for query in picture.queries))
+    places = np.searchsorted(ids, picture.queries[0].ids).clip(max=max(len(ids) - 1, 0))
+    own = np.where(ids[places] == picture.queries[0].ids, places, -1).astype(np.int32) if len(ids) else places * 0 - 1
+    ordered, n, threads = Ordered(bvh, BUILT), len(ids), accelerator.threads
+    steps = add_steps([count_steps(ordered, q._replace(ids=own.astype(np.int32)), n, threads) for q in picture.queries])
+    return _Walked(accelerator.plan, whole._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
 
 
 def trace_windows(

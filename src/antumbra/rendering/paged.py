@@ -201,6 +201,8 @@ class Paged:
             faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
             found.append(batch.triangles)
             n += len(batch.triangles.vertices)
+        self.residency.budget = 0  # such questions are rare: leave the memory to others
+        self.residency.trim()
         return t, joined(found or [self.accelerated.triangles]), faces
 
     def _batches(self, arguments: Arguments, any_hit: bool, cull_faces: int) -> Iterator[Batch]:

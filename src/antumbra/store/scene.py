@@ -55,8 +55,8 @@ class PagedScene(AnyScene):
     def refusal(self) -> InputError:
         """The error raised by methods that need all triangles."""
         return InputError(
-            f"{self.store.path.name}: is paged, and its {self.n_triangles} triangles are not read at once; "
-            "render it by a plan that ends in chcrt"
+            f"{self.store.path.name}: is a store, and its {self.n_triangles:,} triangles are never all in memory; "
+            "ask a scene in memory for this"
         )
 
     def _cameras_at(self, time: float) -> list[Camera]:
