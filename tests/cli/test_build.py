@@ -64,7 +64,7 @@ def test_info_finds_damage(cli, tmp_path):
         (("procedural:city?triangles=3", "-o", "a.antumbra"), ["triangles is 3"]),
         ((SCENE,), ["--output"]),
         (("-o", "a.antumbra"), ["SCENE"]),
-        (("old.antumbra", "-o", "a.antumbra"), ["old.antumbra", "paged"]),
+        (("old.antumbra", "-o", "a.antumbra"), ["old.antumbra", "store"]),
     ],
 )
 def test_bad_input(cli, tmp_path, given, words):

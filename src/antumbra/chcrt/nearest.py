@@ -18,7 +18,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.filters import hit_t, is_nearer, meets
-from ..kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_f64, stack_i32
+from ..kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, reduce_max, stack_f32, stack_f64, stack_i32
 from ..kernels.vec import broadcasts
 from ..trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, slabs_of, visited
 from ..trace.forest import forest_pointers, item, list_of, root_in, tree_in
@@ -37,7 +37,7 @@ class Found(NamedTuple):
     bundle: Bundle
     t: F64Ptr  # float64
     face: I32Ptr  # int32
-    part: I32Ptr  # int32
+    part: I32Ptr  # int32: -1 if there is no new hit
     slot: I32Ptr  # int32
     own: I32Ptr  # int32: the triangle that does not count, -1 for none
     span: F32Ptr  # float32: tmin of 16 rays, then tmax
@@ -54,27 +54,30 @@ def _load(picture, rays, y0, x0, found):
             y, x, _ = receiver_in(picture, y0, x0, lane)
             put(found.t, lane, rays.hits.t[y, x])
             put(found.face, lane, rays.hits.face[y, x])
-            put(found.part, lane, rays.hits.part[y, x])
-            put(found.slot, lane, rays.hits.slot[y, x])
             put(found.own, lane, rays.skip[y, x])
-            tmin, tmax = span_of(rays, y, x)
-            put(found.span, lane, tmin)
-            put(found.span, 16 + lane, tmax)
+            put(found.part, lane, -1)
+            if rays.each != 0:
+                _put_span(found, lane, span_of(rays, y, x))
     return live
 
 
 @inlined
+def _put_span(found, lane, span):
+    put(found.span, lane, span[0])
+    put(found.span, 16 + lane, span[1])
+
+
+@inlined
 def _write(picture, hits, y0, x0, live, found):
-    """Write the hits of a cell. Return how far its rays look."""
-    far = _F(-1.0)
+    """Write the new hits of a cell. Return how far its rays look."""
     while live != 0:
         lane = lowest_bit(live)
         live &= live - 1
-        y, x, _ = receiver_in(picture, y0, x0, lane)
-        hits.t[y, x], hits.face[y, x] = get(found.t, lane), get(found.face, lane)
-        hits.part[y, x], hits.slot[y, x] = get(found.part, lane), get(found.slot, lane)
-        far = max(far, get(found.bundle.limits, lane))
-    return far
+        if get(found.part, lane) >= 0:
+            y, x, _ = receiver_in(picture, y0, x0, lane)
+            hits.t[y, x], hits.face[y, x] = get(found.t, lane), get(found.face, lane)
+            hits.part[y, x], hits.slot[y, x] = get(found.part, lane), get(found.slot, lane)
+    return reduce_max(load16(found.bundle.limits, 0))
 
 
 @kernel
@@ -189,6 +192,8 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, cells):
         bundle, stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_f32(32),
         np.int64(rays.cull_faces), rays.any_hit,
     )  # fmt: skip
+    for lane in range(16):
+        _put_span(found, lane, (rays.spans[0, 0], rays.spans[0, 1]))
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     forest = forest_pointers(arrays)
     t = take(ticket)

@@ -12,11 +12,30 @@ import numpy as np
 from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import new_ticket, run, take
 from ..kernels.predicate.filters import BEYOND
-from ..kernels.simd import as_i32, get, load16, ptr, ptr_at, put, splat16, stack_f32, store
+from ..kernels.simd import (
+    as_i32,
+    bits,
+    get,
+    load16,
+    mask_from_bits16,
+    maximum,
+    minimum,
+    popcount,
+    ptr,
+    ptr_at,
+    put,
+    reduce_max,
+    reduce_min,
+    select,
+    splat16,
+    stack_f32,
+    store,
+)
+from ..kernels.vec import Vec, keep, largest, rows
 from ..query.diffuse import RayPass
 from ..trace.forest import Hits, no_hits
 from .bundles import BUNDLE_FLOATS, bundle_in, bundles_in, load_bundle
-from .cells import WORDS, Picture, first_receiver, new_cells, no_cell, nothing_yet, put_cell, receiver_in, wider
+from .cells import WORDS, Picture, first_receiver, new_cells, no_cell, put_cell, receiver_in
 
 _F = np.float32
 _SMALLEST = _F(2.0**-126)  # a length is not denormal
@@ -59,39 +78,34 @@ def is_spread(rays: PassRays) -> bool:
 
 @inlined
 def _load_ray(rays, picture, y0, x0, lane, bundle):
-    """Load the ray of a lane, with its direction and the length before rounding. Return whether there is one."""
+    """Load the ray of a lane, and how far it looks in lengths of its direction. Return whether it looks."""
     y, x, inside = receiver_in(picture, y0, x0, lane)
     y, x = (y, x) if inside else (y0, x0)
-    d = rays.directions[y, x]
-    size = max(abs(d[0]), max(abs(d[1]), abs(d[2])))
-    there = inside and size > _F(0.0)
-    put(bundle.lengths, lane, max(_F(4.0 * rays.reach / np.float64(size if there else _F(1.0))), _SMALLEST))
+    d, far = rays.directions[y, x], _F(rays.hits.t[y, x])
     for k in range(3):
         put(bundle.rays, 16 * k + lane, rays.origins[y, x, k])
         put(bundle.rays, 48 + 16 * k + lane, d[k])
-    return there
+    put(bundle.limits, lane, min(far, rays.spans[0, 1]) if rays.each == 0 else min(far, span_of(rays, y, x)[1]))
+    return inside and not (rays.any_hit and rays.hits.face[y, x] >= 0)
 
 
 @kernel
 def load_rays(rays, picture, y0, x0, bundle):
-    """Fill the bundle of a cell. Return bits of its rays."""
+    """Fill the bundle of a cell. Return bits of its rays that look."""
     live = np.int64(0)
     for lane in range(16):
-        if _load_ray(rays, picture, y0, x0, lane, bundle):
-            live |= np.int64(1) << lane
+        live |= np.int64(_load_ray(rays, picture, y0, x0, lane, bundle)) << lane
+    d = rows(bundle.rays, 48, 16)
+    size = largest(d)
+    live &= bits(size > _F(0.0))
+    lanes = mask_from_bits16(live)
+    whole = splat16(_F(rays.reach)) / select(lanes, size, splat16(_F(1.0))) * _F(4.0)
+    store(bundle.lengths, 0, maximum(whole, splat16(_SMALLEST)))
     store(as_i32(bundle.lengths), 0, load16(as_i32(bundle.lengths), 0) & splat16(np.int32(_EXPONENT)))
     lengths = load16(bundle.lengths, 0)
-    for k in range(3):
-        store(bundle.rays, 48 + 16 * k, load16(bundle.rays, 48 + 16 * k) * lengths)
-    for lane in range(16):
-        y, x, _ = receiver_in(picture, y0, x0, lane)
-        limit = _F(-1.0)
-        if live >> lane & 1 != 0:
-            if rays.any_hit and rays.hits.face[y, x] >= 0:
-                live &= ~(np.int64(1) << lane)
-            else:
-                limit = limit_of(min(rays.hits.t[y, x], np.float64(span_of(rays, y, x)[1])), bundle, lane)
-        put(bundle.limits, lane, limit)
+    keep(bundle.rays, 48, 16, Vec(d.x * lengths, d.y * lengths, d.z * lengths))
+    limits = minimum(load16(bundle.limits, 0) / lengths * _F(BEYOND), splat16(_F(1.0)))
+    store(bundle.limits, 0, select(lanes, limits, splat16(_F(-1.0))))
     return live
 
 
@@ -120,6 +134,18 @@ def _load_bundle(source, picture, y0, x0, s, k, blind, bundle):
         return lambda source, picture, y0, x0, s, k, blind, bundle: load_rays(source, picture, y0, x0, bundle)
 
 
+@inlined
+def _box(vectors, live):
+    """The corners of the box of the vectors in three rows, in the lanes of `live`."""
+    lanes, v, inf = mask_from_bits16(live), rows(vectors, 0, 16), splat16(_F(np.inf))
+    low = Vec(select(lanes, v.x, inf), select(lanes, v.y, inf), select(lanes, v.z, inf))
+    high = Vec(select(lanes, v.x, -inf), select(lanes, v.y, -inf), select(lanes, v.z, -inf))
+    return (
+        (reduce_min(low.x), reduce_min(low.y), reduce_min(low.z)),
+        (reduce_max(high.x), reduce_max(high.y), reduce_max(high.z)),
+    )
+
+
 @kernel
 def _bound(ticket, picture, rays, cells):
     """Worker: write the cells of regions."""
@@ -130,22 +156,12 @@ def _bound(ticket, picture, rays, cells):
         for g in range(16):
             y0, x0 = first_receiver(picture, region, g)
             live = load_rays(rays, picture, y0, x0, bundle) if y0 < picture.h and x0 < picture.w else np.int64(0)
-            (low, high), (d_low, d_high), n = nothing_yet(), nothing_yet(), 0
-            for lane in range(16):
-                if live >> lane & 1 != 0:
-                    low, high = wider(low, high, _row(bundle.rays, lane))
-                    d_low, d_high = wider(d_low, d_high, _row(bundle.rays, 48 + lane))
-                    n += 1
-            if n == 0:
+            if live == 0:
                 no_cell(out, g)
             else:
-                put_cell(out, g, low, high, d_low, d_high, _F(1.0), _F(n))
+                (low, high), (d_low, d_high) = _box(bundle.rays, live), _box(ptr_at(bundle.rays, 48), live)
+                put_cell(out, g, low, high, d_low, d_high, _F(1.0), _F(popcount(live)))
         region = take(ticket)
-
-
-@inlined
-def _row(rays, at):
-    return get(rays, at), get(rays, at + 16), get(rays, at + 32)
 
 
 def bound_rays(picture: Picture, rays: PassRays, threads: int) -> np.ndarray:
