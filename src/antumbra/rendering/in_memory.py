@@ -1,5 +1,6 @@
 """Scenes in memory: all triangles are resident, and any plan can trace them."""
 
+import sys
 from functools import partial
 from typing import ClassVar
 
@@ -63,6 +64,9 @@ class InMemory:
 
     def together(self, size: int) -> int:
         return 1
+
+    def at_once(self, size: int) -> int:
+        return sys.maxsize
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
         if self._last is None:

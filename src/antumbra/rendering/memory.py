@@ -7,8 +7,10 @@ from .request import Request
 PASS_BYTES = 48  # of a pass of diffuse rays, for each pixel: directions, hits, cells, numbers of triangles
 SURFACE_BYTES = 48  # of the surfaces that a pass meets, for each pixel
 LIGHT_BYTES = 40  # of a shadow query with one word of bits, for each pixel
+SUBPIXELS = 16
+_EDGES = 4  # every so manieth pixel is divided, as a guess
 _CELL_BYTES = 4  # of the cells of a ray set, for each pixel
-_PICTURE_BYTES = 112  # of rays, hits, surfaces, receivers, the triangles that pixels see, the image and its inputs
+_PICTURE_BYTES = 60  # of rays, hits, surfaces, receivers, the triangles that pixels see, the image and its inputs
 _SMOOTH_BYTES = 64
 _FINER_BYTES = 96  # of the pixels whose penumbrae are refined
 _BOUNCE_BYTES = 80
@@ -19,7 +21,7 @@ class FrameMemory(NamedTuple):
 
     fixed: int  # what the frame takes in any case
     cells: int  # cells of all shadow rays, if all are asked together
-    passes: int  # all diffuse passes, if all are traced together
+    passes: int  # all diffuse passes, if all are traced together; or the sub-pixels of all edges
 
 
 def frame_memory(request: Request) -> FrameMemory:
@@ -27,15 +29,21 @@ def frame_memory(request: Request) -> FrameMemory:
     pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES
     bytes_ += sum(LIGHT_BYTES + 8 * (-(-samples.shape[1] // 64)) for samples in request.samples)
     bytes_ += _SMOOTH_BYTES * request.smooth
-    if request.finer is not None:
-        bytes_ += _FINER_BYTES * len(request.samples)
     cells = sum(_CELL_BYTES * _sets(light, samples) for light, samples in zip(request.lights, request.samples))
     passes = 0
+    if request.finer is not None:
+        bytes_ += _FINER_BYTES * len(request.samples)
+        passes = edge_bytes(len(request.lights)) // _EDGES
     if request.passes is not None:
         bytes_ += _BOUNCE_BYTES
         each = PASS_BYTES + SURFACE_BYTES + LIGHT_BYTES * len(request.lights)
-        passes = each * len(request.passes.directions)
+        passes = max(passes, each * len(request.passes.directions))
     return FrameMemory(bytes_ * pixels, cells * pixels, passes * pixels)
+
+
+def edge_bytes(lights: int) -> int:
+    """The memory of the sub-pixels of a pixel."""
+    return SUBPIXELS * (PASS_BYTES + SURFACE_BYTES + _PICTURE_BYTES // 2 + LIGHT_BYTES * lights)
 
 
 def points_memory(points: int, light, samples) -> FrameMemory:

@@ -118,6 +118,9 @@ class Paged:
         self.residency.trim()
 
     def together(self, size: int) -> int:
+        return self.at_once(size)
+
+    def at_once(self, size: int) -> int:
         return max(1, self._room // 2 // max(size, 1))
 
     def budget(self, memory: FrameMemory) -> int:

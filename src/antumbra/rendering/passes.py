@@ -15,7 +15,7 @@ from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerator
 from .frame import Frame
 from .indirect import indirect_light
-from .memory import frame_memory
+from .memory import edge_bytes, frame_memory
 from .request import Request
 from .source import RenderSource
 from .srdh_rays import bounced_queries
@@ -150,6 +150,15 @@ def shade(
 
 def divide(state: FrameState, edge: np.ndarray, image: np.ndarray, ambient: np.ndarray, indirect) -> None:
     """Shade sixteen sub-pixels of each edge pixel, and write their mean to the image."""
+    rows, columns = np.nonzero(edge)
+    most = state.source.at_once(edge_bytes(len(state.request.lights)))
+    for first in range(0, len(rows), most):
+        some = np.zeros_like(edge)
+        some[rows[first : first + most], columns[first : first + most]] = True
+        _divide(state, some, image, ambient, indirect)
+
+
+def _divide(state: FrameState, edge: np.ndarray, image: np.ndarray, ambient: np.ndarray, indirect) -> None:
     finer = state.request.finer
     assert finer is not None
     pixels = state.source.subpixels(state.triangles, state.view, edge)

@@ -53,6 +53,10 @@ class RenderSource(Protocol):
         """How many passes, or pictures that they meet, are traced together; `size`: bytes of each."""
         ...
 
+    def at_once(self, size: int) -> int:
+        """How many things that take `size` bytes each may be in memory at once."""
+        ...
+
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
         """The triangles at a time in seconds; and a tree of all of them, if an earlier frame kept one."""
         ...
