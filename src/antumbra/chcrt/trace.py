@@ -1,6 +1,6 @@
 """CHC+RT as a tracer: its state between frames, and how it answers shadow queries and passes of rays."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from threading import Lock
 
 import numpy as np
@@ -59,6 +59,12 @@ class Scheduled:
             fronts = fronts or Fronts(rays.tiles, self.parts, rays.sets, self.options)
             self._fronts[key] = self._frame, fronts
             self.statistics.append(trace_frame(fronts, rays, progress).as_dict(fronts))
+
+    def states(self) -> Iterator[tuple[int, Fronts]]:
+        """Yield (number of a question, its state) for the questions of this frame, in order."""
+        with self._lock:
+            kept = [(key[0], fronts) for key, (frame, fronts) in self._fronts.items() if frame == self._frame]
+        yield from sorted(kept, key=lambda state: state[0])
 
 
 def prepare(bvh: Bvh, options: Options, threads=None) -> Scheduled:
