@@ -110,15 +110,15 @@ def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
     return size
 
 
-def check_plot(path: Path) -> None:
-    """Raise an InputError unless ``--plot`` can be drawn and written to this file."""
+def check_plot(path: Path, option: str = "--plot") -> None:
+    """Raise an InputError unless the plot of an option can be drawn and written to this file."""
     from ..output import checked_output
 
     checked_output(path, (".png",))
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        raise InputError("--plot needs matplotlib: pip install 'antumbra[plot]'") from None
+        raise InputError(f"{option} needs matplotlib: pip install 'antumbra[plot]'") from None
 
 
 def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> Sequence:
