@@ -54,6 +54,10 @@ def chc_rt(
     plot: Annotated[
         Path | None, typer.Option(help="Write bars and curves to a .png file.", metavar="FILE", show_default=False)
     ] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(help="Write pictures of culling to a folder.", metavar="FOLDER", show_default=False),
+    ] = None,
     triangles: Annotated[str, typer.Option(help="Size of the city.", metavar="N")] = "10M",
     size: Annotated[str, typer.Option(help="Size of the pictures.", metavar="WxH")] = "640x360",
     frames: Annotated[int, typer.Option(help="Frames of a walkthrough.", min=1, max=10_000)] = 60,
@@ -77,10 +81,14 @@ def chc_rt(
     bytes moved (Table 3), randomised directions (Table 5) and aggressive mode (Table 4). With a store, they show its
     hit rate, two ways to make room, and aggressive mode.
 
+    Pictures are of two frames of the near walkthrough: queries and triangles of each tile (Figure 4), subtrees (Figure
+    5), the matrix of rays and triangles (Figure 6), and the error of aggressive mode (Figure 9).
+
     \b
     Examples
       antumbra bench chc-rt --triangles 1M --frames 20
       antumbra bench chc-rt --scene sanmiguel_lite --table times --table phases --plot chcrt.png
+      antumbra bench chc-rt --scene atrium --table queries --frames 2 --pictures .
       antumbra bench chc-rt --store city.antumbra --max-memory 1G
     """
     width_height = arguments.parse_size(size)
@@ -101,6 +109,10 @@ def chc_rt(
         if not _WALKED & {*tables}:
             raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
         arguments.check_plot(plot)
+    if pictures is not None:
+        if store is not None:
+            raise InputError("--pictures shows scenes in memory; leave --store out")
+        arguments.check_plot(pictures / "figure-4.png", "--pictures")
     n_threads, pace = thread_count(threads), bench.Pace(frames, compared, limit)
     found: dict[Table, list[Turn]] = {}
     same: bool | None = True  # None: nothing is compared
@@ -121,6 +133,10 @@ def chc_rt(
                 break
             activity.say(f"{place.name}, building")
             core = bench.InCore(place, n_threads)
+            if pictures is not None:
+                from .pictures import write_pictures
+
+                write_pictures(core, pictures, activity.say)
             if _WALKED & {*tables}:
                 new = bench.times(core, pace, Table.times in tables, activity.say)
                 found.setdefault(Table.times, []).extend(new)
