@@ -35,14 +35,14 @@ _MANY, _MUCH = 2_000_000, 1 / 6  # triangles of an opaque tile of Fig. 4; at mos
 
 
 class Seen(NamedTuple):
-    """A question of the last frame: what its rays hit, and the state that it left."""
+    """A question of the last frame: the hits of its rays, and the state that it left."""
 
     hits: Hits
     fronts: Fronts
 
 
 class Culled(NamedTuple):
-    """What the pictures show of a place."""
+    """The data behind the pictures of a place."""
 
     name: str
     parts: Parts
