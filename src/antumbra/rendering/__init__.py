@@ -1,9 +1,10 @@
 """From a scene, a camera and lights to a frame, and from points to what they see.
 
 - renderer, frame: `render` and `Renderer`; queries: `visibility`, `Scene.occluded`
-- passes, state: one frame, pass by pass; indirect, virtual_lights: light that bounces
+- request, passes, state: one frame, pass by pass; indirect, virtual_lights: light that bounces
 - source: the protocol by which a frame reads a scene; in_memory: triangles in memory; paged: a scene in a store
+- memory: what a frame takes; paged_rays, paged_tree: ray lists through a store, and its tree
 - accelerate: builds and prepares the structure that a plan's tracer takes; srdh_rays: the rays shown to builders
-- building: `build_store`; explanation, culling_picture: pictures of the work of a plan
+- building: `build_store`; explanation, windows, culling_picture: pictures of the work of a plan
 - ready: compiles kernels before anything is timed; render_jobs: the jobs of frames; warm: the list of all jobs
 """

@@ -6,7 +6,6 @@ counters. The tests of a window are divided among its pixels with shadow rays; t
 one ray at a time, finds the leaf in which each ray ends.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ from ..query.shadow import ShadowQuery
 from ..scene.camera import Camera
 from ..scene.lights import check_lights
 from ..scene.triangles import Triangles
-from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
 from ..trace.rays.orders import BUILT, Ordered
 from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
 from .accelerate import Accelerated, Accelerator
@@ -32,8 +30,7 @@ from .render_jobs import warm_up, warm_up_bounce
 from .renderer import Renderer, source_kind
 from .request import Request
 from .srdh_rays import bounced_queries, check_srdh_rays
-
-WINDOW = 16  # pixels; no ray bundle crosses the border of a window
+from .windows import WINDOW, trace_windows
 
 
 class Moment(NamedTuple):
@@ -235,37 +232,6 @@ def _walk_store(accelerator: Accelerator, picture: _Picture) -> _Walked:
     ordered, n, threads = Ordered(bvh, BUILT), len(ids), accelerator.threads
     steps = add_steps([count_steps(ordered, q._replace(ids=own.astype(np.int32)), n, threads) for q in picture.queries])
     return _Walked(accelerator.plan, whole._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
-
-
-def trace_windows(
-    accelerator: Accelerator, accelerated: Accelerated, query: ShadowQuery
-) -> tuple[np.ndarray, np.ndarray]:
-    """Trace a query window by window: (bits, tests); tests: (rows, columns, 2) int64, box and triangle tests.
-
-    Windows begin at multiples of 16 pixels, so they contain whole 4 x 4 blocks of interleaved samples. The bits
-    therefore equal the bits of the query traced as a whole.
-    """
-    h, w = query.sides.shape
-    rows, columns = -(-h // WINDOW), -(-w // WINDOW)
-    bits = np.zeros((h, w, -(-query.samples.shape[1] // 64)), np.uint64)
-    tests, alone = np.zeros((rows, columns, 2), np.int64), Accelerator(accelerator.plan, 1)
-
-    def trace(window):
-        y, x = divmod(window, columns)
-        part = slice(y * WINDOW, (y + 1) * WINDOW), slice(x * WINDOW, (x + 1) * WINDOW)
-        tally = new_counters()
-        bits[part] = alone.answer(accelerated, _part(query, part), tally)
-        tests[y, x] = tally[[BOX_TESTS, TRIANGLE_TESTS]]
-
-    with ThreadPoolExecutor(accelerator.threads) as pool:
-        list(pool.map(trace, range(rows * columns)))
-    return bits, tests
-
-
-def _part(query: ShadowQuery, part: tuple[slice, slice]) -> ShadowQuery:
-    """The query restricted to a window of its receivers."""
-    fields = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
-    return query._replace(**{name: np.ascontiguousarray(getattr(query, name)[part]) for name in fields})
 
 
 def _check_bits(first: _Walked, other: _Walked) -> None:

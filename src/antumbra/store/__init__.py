@@ -2,6 +2,6 @@
 
 - layout, meta, directory: the format of the file
 - read, write: reading and writing the file, with checksums
-- build, columns, spool, sort, chunks, top, palette: building a file from scenes of any size
-- scene, residency, resident: a scene whose chunks are loaded and evicted within a memory budget
+- build, space, columns, spool, sort, chunks, top, palette: building a file from scenes of any size
+- scene, residency, pool, resident: a scene whose chunks are loaded and evicted within a memory budget
 """
