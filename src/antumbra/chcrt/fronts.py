@@ -36,7 +36,12 @@ class Fronts:
         self.tiles, self.parts, self.sets, self.options = tiles, parts, sets, options
         self.frame = 0
         self._random = np.random.default_rng(0)
-        self.tile = np.full(sets, len(tiles.spans) - 1, np.int32)
+        self._restart()
+
+    def _restart(self) -> None:
+        """Forget all pairs but the first of each set: the whole screen and the whole scene."""
+        sets = self.sets
+        self.tile = np.full(sets, len(self.tiles.spans) - 1, np.int32)
         self.set = np.arange(sets, dtype=np.int32)
         self.row = np.zeros(sets, np.int32)
         self.parent = np.full(sets, -1, np.int32)
@@ -46,6 +51,11 @@ class Fronts:
 
     def __len__(self) -> int:
         return len(self.tile)
+
+    def begin_frame(self) -> None:
+        """Keep the pairs of the frame before, if the options say so (Sec. 4.5)."""
+        if not self.options.keep:
+            self._restart()
 
     def pairs(self, chosen: np.ndarray) -> Pairs:
         """Some of the pairs, by their indices."""
@@ -93,12 +103,16 @@ class Fronts:
 
     def end_frame(self) -> None:
         """Pull invisibility up by at most one level (Sec. 5.1). Forget the children of pairs that became invisible."""
+        self.frame += 1
+        if self.options.pull_up:
+            self._pull_up()
+
+    def _pull_up(self) -> None:
         n = len(self)
         has_parent = self.parent >= 0
         children = np.bincount(self.parent[has_parent], minlength=n)
         hidden = np.bincount(self.parent[has_parent & (self.state == INVISIBLE)], minlength=n)
         pulled = (children > 0) & (children == hidden)
-        self.frame += 1
         if not pulled.any():
             return
         self.state[pulled] = INVISIBLE

@@ -2,6 +2,9 @@
 
 from typing import NamedTuple
 
+WHOLE = 1 << 16
+"""A tile as large as any screen: without a hierarchy over the screen."""
+
 
 class Options(NamedTuple):
     """The parameters of [Mattausch et al. 2015], adapted to a processor's cores and caches."""
@@ -13,3 +16,5 @@ class Options(NamedTuple):
     every: int = 3  # frames between two queries of a visible pair (Sec. 5.1: n)
     batch: int = 24  # newly visible parts of a tile that are traced together (Sec. 5.2)
     threshold: int = 0  # a pair with at most this many rays is skipped; 0: conservative (Sec. 7: 20, 100 and 200)
+    keep: bool = True  # False: each frame forgets the fronts of the frame before (Sec. 4.5)
+    pull_up: bool = True  # False: pairs that were split are never merged (Sec. 5.1)

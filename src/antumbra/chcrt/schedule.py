@@ -67,6 +67,7 @@ class Statistics:
 
 def trace_frame(fronts: Fronts, rays: RaySet, progress: Progress | None = None) -> Statistics:
     """Trace the rays of a frame, and store the visible pairs in `fronts` for the next frame."""
+    fronts.begin_frame()
     statistics = Statistics(progress)
     shown, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
     _trace(fronts, rays, shown, statistics)
