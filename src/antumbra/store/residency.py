@@ -27,6 +27,8 @@ _SOON = 2 * _GROUP  # chunks of which it is asked, before they are read, whether
 _IN_BLOCK = 6  # triangles in a block, a low estimate: every tree that was examined has more
 _BLOCK_BYTES = 4 * 16 * (ROWS + 2) + 64  # memory for a block: rows, bounds, slots, and a node
 
+_NODE_BYTES = 64  # bytes of a node in a chunk of the file: see `layout.places`
+
 
 class Paging(NamedTuple):
     """Counts of chunks that were requested and read."""
@@ -35,6 +37,7 @@ class Paging(NamedTuple):
     cached: int  # requests for chunks that were in memory
     loaded: int  # chunks read
     bytes: int  # bytes of the file read
+    bvh_bytes: int  # bytes of nodes among them; the others are corners, numbers, colours, and zeros up to whole pages
 
 
 class Resident(NamedTuple):
@@ -82,7 +85,7 @@ class Residency:
             raise InputError(f"eviction policy is {policy!r}; choose {' or '.join(POLICIES)}")
         self.store, self.budget, self.policy = store, budget, policy
         self.trees = np.zeros((len(store), ADDRESSES), np.int64)
-        self.paging = Paging(0, 0, 0, 0)
+        self.paging = Paging(0, 0, 0, 0, 0)
         self._chunks: OrderedDict[int, Resident] = OrderedDict()  # the next chunk to evict comes first
         self._used = self._coming = 0
         self._pinned: set[int] = set()
@@ -107,7 +110,7 @@ class Residency:
     def most_of(self, k: int) -> int:
         """Upper bound, in bytes, of what chunk `k` needs: its block tree, its corners and its colours."""
         blocks = int(self.store.chunks.triangles[k]) // _IN_BLOCK + 1
-        return blocks * _BLOCK_BYTES + int(self.store.chunks.bytes[k]) - 64 * int(self.store.chunks.nodes[k])
+        return blocks * _BLOCK_BYTES + int(self.store.chunks.bytes[k]) - _NODE_BYTES * int(self.store.chunks.nodes[k])
 
     def least_budget(self) -> int:
         """The smallest budget: two chunks, so that one is traced while another is read."""
@@ -217,7 +220,8 @@ class Residency:
         self._chunks[k] = resident
         self._used += resident.bytes
         self.trees[k] = addresses(resident.tree)
-        self._note(loaded=1, bytes=int(self.store.chunks.bytes[k]))
+        chunks = self.store.chunks
+        self._note(loaded=1, bytes=int(chunks.bytes[k]), bvh_bytes=_NODE_BYTES * int(chunks.nodes[k]))
 
     def _abandon(self, coming: deque) -> None:
         """After an error or an interruption, wait for chunks that are being read, and cancel the others."""
