@@ -170,7 +170,7 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "chc-rt", "--max-memory", "1G").refused("--max-memory", "--store")
     cli("bench", "chc-rt", "--store", "a.antumbra", "--scene", "city").refused("--store", "--scene")
     cli("bench", "chc-rt", "--table", "store").refused("--table store", "--store")
-    cli("bench", "chc-rt", "--store", "a.antumbra", "--table", "times").refused("--table times", "--store")
+    cli("bench", "chc-rt", "--store", "a.antumbra", "--table", "randomisation").refused("randomisation", "--store")
     cli("bench", "chc-rt", "--table", "aggressive", "--plot", "a.png").refused("--plot", "times")
     assert list(tmp_path.iterdir()) == []
 

@@ -89,7 +89,7 @@ def test_pictures_of_neglected_rays_of_a_store_are_compared(core, tmp_path):
     path = tmp_path / "city.antumbra"
     build_store([core.place.scene], path, chunk=1 << 9)
     place, pace = core.place._replace(scene=load(path)), Pace(2, 1, 60.0)
-    turns = chcrt_store.aggressive(place, None, 2, pace, lambda text: None)
+    turns = [t for turns in chcrt_store.aggressive(place, None, 2, pace, lambda text: None) for t in turns]
     for walk in place.walks:
         exact, *others = ([t for t in turns if (t.view, t.method) == (walk.name, name)] for name in AGGRESSIVE)
         assert [t.frame for t in exact] == [0, 1] and all(t.error is None and t.told["wanted"] > 0 for t in exact)

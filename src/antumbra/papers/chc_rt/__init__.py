@@ -2,7 +2,7 @@
 
 - variants: the tracers of its aggressive mode
 - rays, views: the rays and the walkthroughs that are measured
-- measure, stores: the measurements, in memory and out of core
+- measure, stores, sizes, ablation: the measurements, in memory and out of core
 - culled, coverage, pictures: the pictures of its figures
-- kinds, tables, plot, published, command: ``antumbra bench chc-rt``
+- kinds, session, tables, plot, published, command: ``antumbra bench chc-rt``
 """

@@ -1,7 +1,7 @@
 """``antumbra bench chc-rt``: cost and gain of occlusion culling for rays, in memory and out of core."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -10,15 +10,7 @@ from ...cli.options import Json, Quiet, Threads
 from ...cli.progress import ProgressDisplay
 from ...errors import InputError
 from ..views import open_view
-from .kinds import Table
-
-if TYPE_CHECKING:
-    from .measure import Turn
-
-
-_PAGED = Table.phases, Table.queries, Table.aggressive, Table.store
-_WALKED = {Table.times, Table.phases, Table.queries, Table.store}
-_IN_CORE = tuple(table for table in Table if table != Table.store)
+from .kinds import IN_CORE, PAGED, WALKED, Table
 
 
 def chc_rt(
@@ -77,9 +69,11 @@ def chc_rt(
     There is a near and a far walkthrough, and CHC+RT keeps its state from frame to frame. Each pixel has primary rays,
     20 rays of ambient occlusion, 20 diffuse rays, and 16 shadow rays to an area light.
 
-    Times are medians over the frames after the first. The tables show times (Table 2), phases (Figure 8), queries and
-    bytes moved (Table 3), randomised directions (Table 5) and aggressive mode (Table 4). With a store, they show its
-    hit rate, two ways to make room, and aggressive mode.
+    Times are medians over the frames after the first. The tables show sizes (Table 1), times (Table 2), phases
+    (Figure 8), queries and bytes moved (Table 3), randomised directions (Table 5), aggressive mode (Table 4), and
+    CHC+RT without its parts. A store also has its hit rate and two ways to make room, but no randomised directions.
+
+    Lines on standard error show each walkthrough as soon as it has ended.
 
     Pictures are of two frames of the near walkthrough: queries and triangles of each tile (Figure 4), subtrees (Figure
     5), the matrix of rays and triangles (Figure 6), and the error of aggressive mode (Figure 9).
@@ -99,23 +93,21 @@ def chc_rt(
     from ...kernels.parallel import thread_count
     from ...scene.procedural.request import checked
     from ...store.resident import peak_resident
-    from ..answers import agree
-    from . import measure as bench
-    from . import stores as chcrt_store
+    from . import session
     from . import views as chcrt_views
+    from .measure import Pace
 
     checked("city", count, 0)
     if plot is not None:
-        if not _WALKED & {*tables}:
+        if not WALKED.intersection(tables):
             raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
         arguments.check_plot(plot)
     if pictures is not None:
         if store is not None:
             raise InputError("--pictures shows scenes in memory; leave --store out")
         arguments.check_plot(pictures / "figure-4.png", "--pictures")
-    n_threads, pace = thread_count(threads), bench.Pace(frames, compared, limit)
-    found: dict[Table, list[Turn]] = {}
-    same: bool | None = True  # None: nothing is compared
+    n_threads, pace = thread_count(threads), Pace(frames, compared, limit)
+    show = (lambda turns: None) if json or quiet else session.show_medians
     with ProgressDisplay(quiet) as activity:
         activity.say("opening the scenes")
         names = dict.fromkeys([str(store)] if store else scene or chcrt_views.default_names(count))
@@ -123,38 +115,20 @@ def chc_rt(
         if store is None:
             for view in views:
                 chcrt_views.check_in_memory(view)
-        for place in map(chcrt_views.place_of, views):
-            if store is not None:
-                if _WALKED & {*tables}:
-                    found[Table.store], digests = chcrt_store.out_of_core(place, memory, n_threads, pace, activity.say)
-                    same = agree(digests)
-                if Table.aggressive in tables:
-                    found[Table.aggressive] = chcrt_store.aggressive(place, memory, n_threads, pace, activity.say)
-                break
-            activity.say(f"{place.name}, building")
-            core = bench.InCore(place, n_threads)
-            if pictures is not None:
-                from .pictures import write_pictures
-
-                write_pictures(core, pictures, activity.say)
-            if _WALKED & {*tables}:
-                new = bench.times(core, pace, Table.times in tables, activity.say)
-                found.setdefault(Table.times, []).extend(new)
-            if Table.randomisation in tables:
-                found.setdefault(Table.randomisation, []).extend(bench.randomisation(core, pace, activity.say))
-            if Table.aggressive in tables:
-                found.setdefault(Table.aggressive, []).extend(bench.aggressive(core, pace, activity.say))
+        places = [chcrt_views.place_of(view) for view in views]
+        if store is None:
+            found, same = session.in_memory(places, tables, n_threads, pace, activity.say, show, pictures)
+        else:
+            found, same = session.out_of_core(places[0], tables, memory, n_threads, pace, activity.say, show)
         if plot is not None:
             from .plot import write_plot
 
             write_plot(found.get(Table.store) or found.get(Table.times) or [], plot)
-    differs = sum(t.differs for turns in found.values() for t in turns if t.error is None)
-    compares = store is None or Table.store in found
-    same, peak = (same and not differs) if compares else None, peak_resident()
+    differs, peak = session.differing(found), peak_resident()
     if json:
         asked = {"size": width_height, "frames": frames, "compared": compared, "limit": limit, "threads": n_threads}
-        rows = {name.value: [t._asdict() for t in turns] for name, turns in found.items()}
-        report.print_json({**asked, **rows, "differs": differs, "same_answers": same, "peak_resident": peak})
+        measured = {name.value: [t._asdict() for t in rows] for name, rows in found.items()}
+        report.print_json({**asked, **measured, "differs": differs, "same_answers": same, "peak_resident": peak})
         return
     if quiet:
         return
@@ -178,7 +152,7 @@ def _checked_tables(tables, scene, store, max_memory) -> tuple[Table, ...]:
         raise InputError("--max-memory is for --store; leave it out")
     if store is not None and scene:
         raise InputError("--store is measured by itself; leave --scene out")
-    possible = _IN_CORE if store is None else _PAGED
+    possible = IN_CORE if store is None else PAGED
     wrong = [name.value for name in tables or () if name not in possible]
     if wrong:
         cure = "name a --store" if store is None else "leave --store out"

@@ -56,6 +56,7 @@ class Pace(NamedTuple):
     frames: int  # number of frames
     compared: int  # number of frames in which the methods without state take part
     limit: float  # seconds after which no further frame begins, except the second
+    most: int = 10_000  # frames after which the walkthrough ends, however many there are
 
     def takes_part(self, method: Method, frame: int) -> bool:
         """Whether a method takes part in a frame.
@@ -69,7 +70,7 @@ class Pace(NamedTuple):
     def along(self, walk: Walk, what: str, say: Say) -> Iterator[tuple[int, Camera]]:
         """Yield (frame, camera) until the time limit, and report each frame to `say`."""
         start = perf_counter()
-        for frame in range(self.frames):
+        for frame in range(min(self.frames, self.most)):
             if frame > 1 and perf_counter() - start > self.limit:
                 return
             say(f"{what}, frame {frame + 1} of {self.frames}")
@@ -87,7 +88,7 @@ class Turn(NamedTuple):
     frame: int
     rays: int
     seconds: float
-    told: dict[str, float]  # statistics of CHC+RT: seconds of PHASES, queries, pairs; with a store, chunks and bytes
+    told: dict[str, float]  # statistics of CHC+RT: seconds of PHASES, queries, pairs; with a store, counts of Paging
     differs: int  # rays whose answer differs from the first method's
     error: float | None = (
         None  # mean absolute difference from the exact picture, 0 to 255; None unless the method is aggressive
@@ -112,8 +113,20 @@ class InCore:
 
     def culling(self, threshold: int = 0) -> Culling:
         """CHC+RT without state from earlier frames."""
-        scheduled = Scheduled(self._parts, self._options._replace(threshold=threshold))
-        return Culling(tracer_name(threshold), scheduled, self.threads)
+        return self.culling_by(tracer_name(threshold), {"threshold": threshold})
+
+    def culling_by(self, name: str, changed: dict) -> Culling:
+        """CHC+RT with some options changed, under a name of its own."""
+        options = self._options._replace(**changed)
+        cut = {"triangles", "height"} & changed.keys()
+        parts = parts_of(self._tree, options) if cut else self._parts
+        return Culling(name, Scheduled(parts, options), self.threads)
+
+    def bytes(self) -> tuple[int, int]:
+        """Bytes of (the nodes of the BVH, the triangles) that CHC+RT traces."""
+        tree = self._tree
+        geometry = tree.blocks, tree.bounds, tree.slots, tree.prim_ids, tree.corners, self.triangles.colour
+        return tree.nodes.nbytes, sum(array.nbytes for array in geometry)
 
     def plain(self) -> list[Plain]:
         """The plans that keep no state."""
@@ -199,33 +212,27 @@ def bled(surfaces: Surfaces, met: Sequence[tuple[np.ndarray, np.ndarray]]) -> np
     return to_srgb8(light, 1.0)
 
 
-def times(core: InCore, pace: Pace, plain: bool, say: Say) -> list[Turn]:
-    """Measure Table 2, Table 3 and Fig. 8: rays of all kinds, near and far.
+def times(core: InCore, pace: Pace, plain: bool, say: Say) -> Iterator[list[Turn]]:
+    """Measure Table 2, Table 3 and Fig. 8: rays of all kinds, near and far. Yield the turns of each walkthrough.
 
     `plain` : whether the plans without state are measured too
     """
-    turns = []
     for walk in core.place.walks:
         methods = [core.culling(), *(core.plain() if plain else [])]
-        turns += walk_through(core, walk, methods, KINDS, SAMPLER, pace, say)
-    return turns
+        yield walk_through(core, walk, methods, KINDS, SAMPLER, pace, say)
 
 
-def randomisation(core: InCore, pace: Pace, say: Say) -> list[Turn]:
+def randomisation(core: InCore, pace: Pace, say: Say) -> Iterator[list[Turn]]:
     """Measure Table 5: AO and diffuse rays in the near walk, with growing rotations from pixel to pixel."""
-    near, turns = core.place.walks[0], []
     for sampler in SAMPLERS:
-        turns += walk_through(core, near, [core.culling()], (AO, DIFFUSE), sampler, pace, say)
-    return turns
+        yield walk_through(core, core.place.walks[0], [core.culling()], (AO, DIFFUSE), sampler, pace, say)
 
 
-def aggressive(core: InCore, pace: Pace, say: Say) -> list[Turn]:
+def aggressive(core: InCore, pace: Pace, say: Say) -> Iterator[list[Turn]]:
     """Measure Table 4: diffuse rays in aggressive mode."""
-    turns = []
     for walk in core.place.walks:
         methods = [core.culling(threshold) for threshold in THRESHOLDS]
-        turns += walk_through(core, walk, methods, (DIFFUSE,), SAMPLER, pace, say)
-    return turns
+        yield walk_through(core, walk, methods, (DIFFUSE,), SAMPLER, pace, say)
 
 
 def of(turns: Iterable[Turn], **fields) -> list[Turn]:
@@ -251,15 +258,18 @@ def later(turns: list[Turn]) -> list[Turn]:
 def typical(turns: list[Turn], name: str = "seconds") -> float:
     """The median over the frames after the first of a value.
 
-    `name` is "seconds", a statistic of CHC+RT (0 if there is none), or "before". "before" is the time outside all
-    phases, which includes making cells.
+    `name` is "seconds", a statistic of CHC+RT (0 if there is none), "before" or "geometry_bytes". "before" is the time
+    outside all phases, which includes making cells. "geometry_bytes" are the bytes read besides those of nodes.
     """
-    return median(_value(turn, name) for turn in later(turns))
+    return median(value_of(turn, name) for turn in later(turns))
 
 
-def _value(turn: Turn, name: str) -> float:
+def value_of(turn: Turn, name: str) -> float:
+    """A value of a turn, by the names of `typical`."""
     if name == "before":
         return turn.seconds - sum(turn.told[phase] for phase in PHASES)
+    if name == "geometry_bytes":
+        return turn.told.get("bytes", 0) - turn.told.get("bvh_bytes", 0)
     return turn.seconds if name == "seconds" else turn.told.get(name, 0)
 
 

@@ -4,7 +4,7 @@ They are those of [Mattausch et al. 2015, Sec. 5.4, Tables 3 and 4]. The evictio
 because each may fill the memory. The system may still cache pages that the second one reads.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from math import inf
@@ -24,7 +24,6 @@ from ...rendering.renderer import Renderer
 from ...rendering.request import Request
 from ...scene.camera import Camera
 from ...scene.lights import AmbientOcclusion
-from ...store.residency import POLICIES
 from ...store.scene import PagedScene
 from ..answers import digest
 from .measure import CHCRT, Pace, Say, Turn, begin, bled, error_of, told_by
@@ -32,24 +31,24 @@ from .rays import DIFFUSE, KINDS, PASSES, SAMPLER, SPP, Culling, FrameRays, aske
 from .variants import THRESHOLDS, tracer_name
 from .views import Walk, WalkPlace
 
+Digests = list[tuple[str, bytes]]
+"""(question, digest) of all answers, for `papers.answers.agree`."""
+
 
 def out_of_core(
-    place: WalkPlace, max_memory: int | None, threads: int, pace: Pace, say: Say
-) -> tuple[list[Turn], list[tuple[str, bytes]]]:
-    """(the turns of both eviction policies, (frame, digest) of all answers). The method of a turn is its policy."""
-    turns, digests = [], []
+    place: WalkPlace, max_memory: int | None, threads: int, pace: Pace, policies: Sequence[str], say: Say
+) -> Iterator[tuple[list[Turn], Digests]]:
+    """Yield (turns, digests) of each walkthrough by each eviction policy. The method of a turn is its policy."""
     for walk in place.walks:
-        for policy in POLICIES:
-            with _opened(place, max_memory, threads) as paged:
+        for policy in policies:
+            with opened(place, max_memory, threads) as paged:
                 paged.residency.policy = policy
-                found = _walk_through(place, walk, paged, pace, say)
-            turns += found[0]
-            digests += found[1]
-    return turns, digests
+                found = walk_through(place, walk, paged, policy, pace, say)
+            yield found
 
 
 @contextmanager
-def _opened(place: WalkPlace, max_memory: int | None, threads: int) -> Iterator[Paged]:
+def opened(place: WalkPlace, max_memory: int | None, threads: int) -> Iterator[Paged]:
     """The store of a place, with no chunk in memory."""
     if not isinstance(place.scene, PagedScene):
         raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
@@ -64,15 +63,14 @@ def _opened(place: WalkPlace, max_memory: int | None, threads: int) -> Iterator[
         paged.residency.close()
 
 
-def aggressive(place: WalkPlace, max_memory: int | None, threads: int, pace: Pace, say: Say) -> list[Turn]:
+def aggressive(place: WalkPlace, max_memory: int | None, threads: int, pace: Pace, say: Say) -> Iterator[list[Turn]]:
     """Measure Table 4 out of core, where it matters most: diffuse rays in aggressive mode. Camera rays stay exact."""
-    turns = []
     for walk in place.walks:
         pictures: list[np.ndarray] = []
         for threshold in THRESHOLDS:
-            with _opened(place, max_memory, threads) as paged:
-                turns += _bleed_through(place, walk, paged, threshold, pictures, pace, say)
-    return turns
+            with opened(place, max_memory, threads) as paged:
+                found = _bleed_through(place, walk, paged, threshold, pictures, pace, say)
+            yield found
 
 
 def _bleed_through(
@@ -127,13 +125,15 @@ def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
     return {name: b - a for name, a, b in zip(after._fields, before, after)}
 
 
-def _walk_through(place: WalkPlace, walk: Walk, paged: Paged, pace: Pace, say: Say):
-    """(the turns of one policy, digests of its answers)."""
-    policy, threads = paged.residency.policy, paged.threads
-    method = Culling(policy, paged.accelerated.prepared, threads)
+def walk_through(
+    place: WalkPlace, walk: Walk, paged: Paged, name: str, pace: Pace, say: Say
+) -> tuple[list[Turn], Digests]:
+    """(turns of all kinds of rays, digests of their answers) of a walkthrough; `name`: the method of the turns."""
+    threads = paged.threads
+    method = Culling(name, paged.accelerated.prepared, threads)
     turns: list[Turn] = []
-    digests: list[tuple[str, bytes]] = []
-    for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, {policy}", say):
+    digests: Digests = []
+    for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, {name}", say):
         paged.begin(frame_memory(_request(place, camera)))
         method.together = paged.together(PASS_BYTES * camera.width * camera.height)
         begin([method])
@@ -151,7 +151,7 @@ def _walk_through(place: WalkPlace, walk: Walk, paged: Paged, pace: Pace, say: S
                 arrays = [a for answer in found for a in answer]
             moved = _moved(before, paged)
             digests.append((f"{walk.name}, {frame}, {kind}", digest(arrays)))
-            where = place.name, walk.name, SAMPLER, kind, policy, frame
+            where = place.name, walk.name, SAMPLER, kind, name, frame
             turns.append(Turn(*where, asked.rays(kind), seconds, {**told(), **moved}, 0))
     return turns, digests
 

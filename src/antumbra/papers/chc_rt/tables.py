@@ -1,13 +1,15 @@
 """Prints the tables of ``antumbra bench chc-rt``, beside the paper's."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from ...cli import report
 from . import measure as bench
 from . import published as paper
+from .ablation import AS_IT_IS
 from .kinds import Table
 from .measure import Turn
 from .rays import PLANS
+from .sizes import SceneSize
 from .stores import hit_rate
 
 _WIDTH = 170  # width of the tables, in characters
@@ -26,8 +28,42 @@ def _paper(scene: str, *cells: str) -> tuple[str, ...]:
     return (f"(paper: {scene})", *cells)
 
 
+def _is_paged(turns: list[Turn]) -> bool:
+    return any("bytes" in t.told for t in turns)
+
+
+def _print_scenes(sizes: list[SceneSize]) -> None:
+    """Print Table 1."""
+    table = []
+    for s in sizes:
+        megabytes = (f"{n / 1e6:,.1f}" for n in (s.total, s.bvh, s.geometry))
+        table.append((s.scene, f"{s.triangles:,}", *megabytes, f"{100 * s.share:.0f}"))
+    for name, (triangles, total, bvh, geometry, share) in paper.MODELS.items():
+        table.append(_paper(name, f"{triangles:,.0f}", f"{total:,}", f"{bvh:,}", f"{geometry:,}", f"{share}"))
+    print("Sizes of what CHC+RT traces, in memory or in the file of a store, and the memory it may use (Table 1)")
+    head = "scene", "triangles", "MB", "MB of the BVH", "MB of geometry", "memory, % of MB"
+    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
+
+
 def _print_times(turns: list[Turn]) -> None:
     """Print Table 2."""
+    (_print_paged_times if _is_paged(turns) else _print_times_in_core)(turns)
+
+
+def _print_paged_times(turns: list[Turn]) -> None:
+    table = []
+    for row, mine in _told(turns):
+        table.append((*row, f"{mine[-1].rays:,}", _ms(bench.first(mine)), _ms(bench.typical(mine)), f"{len(mine)}"))
+    for name, times in paper.PAGED_TIMES.items():
+        for v, view in enumerate(("near", "far")):
+            for kind, ms in zip(paper.KINDS, times[v]):
+                table.append(_paper(name, view, kind, "", "", "", f"{ms:,}", ""))
+    head = (*_ROW, "makes room by", "rays", "first frame", "chcrt", "frames")
+    print("Milliseconds a frame out of core (Table 2)")
+    report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
+
+
+def _print_times_in_core(turns: list[Turn]) -> None:
     table, best = [], 0.0
     for row in bench.rows_of(turns, *_ROW):
         ours = bench.of(turns, **row, method=bench.CHCRT)
@@ -79,13 +115,18 @@ def _print_queries(turns: list[Turn]) -> None:
     for row, mine in _told(turns):
         counts = [f"{bench.typical(mine, name):,.0f}" for name in names]
         rate = mine[-1].rays / bench.typical(mine) / 1e6
-        table.append((*row, f"{rate:.2f}", *counts, f"{bench.typical(mine, 'bytes') / 1e6:,.2f}"))
-    for name, (rates, queries, moved) in paper.STATISTICS.items():
+        moved = (bench.typical(mine, name) / 1e6 for name in ("bytes", "bvh_bytes", "geometry_bytes"))
+        table.append((*row, f"{rate:.2f}", *counts, *(f"{mb:,.2f}" for mb in moved)))
+    for name, (rates, queries, megabytes) in paper.STATISTICS.items():
+        split = megabytes, *paper.MOVED[name]
         for v, view in enumerate(("near", "far")):
             for k, kind in enumerate(paper.KINDS):
-                cells = f"{rates[v][k]:.2f}", f"{queries[v][k]:,.0f}", *[""] * 4, f"{moved[v][k]:,.2f}"
+                cells = f"{rates[v][k]:.2f}", f"{queries[v][k]:,.0f}", *[""] * 4, *(f"{mb[v][k]:,.2f}" for mb in split)
                 table.append(_paper(name, view, kind, "", *cells))
-    head = (*_ROW, "method", "M rays/s", "queries", "multi-queries", "traced pairs", "visible", "invisible", "MB moved")
+    head = (
+        *_ROW, "method", "M rays/s", "queries", "multi-queries", "traced pairs", "visible", "invisible", "MB moved",
+        "BVH", "geometry",
+    )  # fmt: skip
     print("A frame: rays, queries, pairs, and what was read of a store (Table 3)")
     report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
 
@@ -128,6 +169,26 @@ def _print_aggressive(turns: list[Turn]) -> None:
     print()
 
 
+def _print_ablation(turns: list[Turn]) -> None:
+    """Print what the parts of CHC+RT are worth."""
+    table, paged = [], _is_paged(turns)
+    for row, mine in _told(turns):
+        base = bench.of(turns, **dict(zip(_ROW, row)), method=AS_IT_IS)
+        ratio = bench.typical(mine) / bench.typical(base)
+        counts = [f"{bench.typical(mine, name):,.0f}" for name in ("queries", "traced pairs", "visible")]
+        read = [f"{sum(t.told['bytes'] for t in mine) / 1e6:,.1f}"] if paged else []
+        table.append(
+            (*row, _ms(bench.first(mine)), _ms(bench.typical(mine)), f"{ratio:.2f}", *counts, *read, f"{len(mine)}")
+        )
+    read = ["MB read in all"] if paged else []
+    head = (*_ROW, "CHC+RT", "ms first", "ms", "ratio", "queries", "traced pairs", "visible pairs", *read, "frames")
+    print("CHC+RT without its parts and with other parameters: a frame, and how many times as long it takes")
+    report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
+    told = f"Powerplant takes {paper.SCREEN_HIERARCHY} times as long without the screen hierarchy (Section 6)"
+    report.print_fields([("in the paper", told)])
+    print()
+
+
 def _print_store(turns: list[Turn]) -> None:
     """Print the chunks and bytes that both eviction policies read."""
     table = []
@@ -145,11 +206,13 @@ def _print_store(turns: list[Turn]) -> None:
     report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
 
 
-PRINT = {
+PRINT: dict[Table, Callable[[list], None]] = {
+    Table.scenes: _print_scenes,
     Table.times: _print_times,
     Table.phases: _print_phases,
     Table.queries: _print_queries,
     Table.randomisation: _print_randomisation,
     Table.aggressive: _print_aggressive,
+    Table.ablation: _print_ablation,
     Table.store: _print_store,
 }
