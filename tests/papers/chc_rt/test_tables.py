@@ -1,0 +1,193 @@
+"""The tables of sizes, of stores and of the ablation: their figures, and the command that prints them."""
+
+import pytest
+
+from antumbra.chcrt.options import WHOLE, Options
+from antumbra.errors import InputError
+from antumbra.loading import load
+from antumbra.papers.chc_rt import ablation, measure, published, session, sizes
+from antumbra.papers.chc_rt.kinds import Table
+from antumbra.papers.chc_rt.measure import InCore, Pace
+from antumbra.papers.chc_rt.plot import shares
+from antumbra.papers.chc_rt.rays import AO, DIFFUSE, KINDS, PRIMARY, SOFT
+from antumbra.papers.chc_rt.views import place_of
+from antumbra.papers.views import own_view
+from antumbra.rendering.building import build_store
+from antumbra.scene.generated import procedural
+
+SIZE = 24
+PACE = Pace(3, 1, 60.0)
+WALK = "--size", "24", "--frames", "2", "--compared", "1"
+WITHOUT_PARTS = [name for name, changed in ablation.VARIANTS.items() if "triangles" not in changed]
+
+
+def quiet(text):
+    """Hears progress."""
+
+
+@pytest.fixture(scope="module")
+def core():
+    view = own_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
+    return InCore(place_of(view), 2, Options(triangles=1 << 12))
+
+
+@pytest.fixture(scope="module")
+def place(core, tmp_path_factory):
+    """The same city in a store of small chunks."""
+    path = tmp_path_factory.mktemp("store") / "city.antumbra"
+    build_store([core.place.scene], path, chunk=1 << 9)
+    return core.place._replace(scene=load(path))
+
+
+def one_walk(walks):
+    """The turns of the only walkthrough."""
+    (turns,) = walks
+    return turns
+
+
+def test_sizes_in_memory_are_of_what_is_traced(core):
+    size = sizes.size_in_memory(core)
+    assert (size.scene, size.triangles, size.share) == ("city", core.place.scene.n_triangles, 1.0)
+    assert size.total == size.bvh + size.geometry and size.geometry >= 52 * size.triangles
+    assert 0 < size.bvh < size.geometry
+
+
+def test_sizes_of_a_store_are_of_its_file(place, core):
+    size = sizes.size_of_store(place, None)
+    store = place.scene.store
+    assert size.triangles == core.place.scene.n_triangles and size.share == 1.0
+    assert size.bvh == 64 * (int(store.chunks.nodes.sum()) + len(store.top.nodes))
+    assert 41 * size.triangles <= size.geometry < 53 * size.triangles
+    assert size.bvh + size.geometry < size.total == store.path.stat().st_size
+    assert sizes.size_of_store(place, size.total // 4).share == pytest.approx(0.25, abs=1e-6)
+    with pytest.raises(InputError, match="--scene instead"):
+        sizes.size_of_store(core.place, None)
+
+
+def test_variants_change_what_they_say(core):
+    whole = core.culling_by("whole", ablation.VARIANTS["no screen hierarchy"]).scheduled
+    assert whole.options == Options(triangles=1 << 12)._replace(tile=WHOLE)
+    assert whole.parts is core.culling().scheduled.parts
+    larger = core.culling_by("larger", ablation.VARIANTS["parts of 4 M triangles"]).scheduled
+    assert 0 < len(larger.parts.trees) < len(whole.parts.trees)
+    assert ablation.VARIANTS[ablation.AS_IT_IS] == {} and len(WITHOUT_PARTS) == len(ablation.VARIANTS) - 2
+
+
+def told(core, walk, changed, name, frames):
+    """A statistic of primary rays in each frame of a walk, with some options changed."""
+    methods, pace = [core.culling_by("some", changed)], PACE._replace(frames=frames)
+    turns = measure.walk_through(core, walk, methods, (PRIMARY,), "halton:36", pace, quiet)
+    return [t.told[name] for t in turns]
+
+
+def test_without_state_each_frame_is_as_the_first(core):
+    near = core.place.walks[0]
+    still = near._replace(last=near.first)
+    first, *others = told(core, still, {"keep": False}, "queries", 3)
+    assert others == [first, first]
+    first, *others = told(core, still, {}, "queries", 3)
+    assert max(others) < first
+
+
+def test_without_pull_up_pairs_are_never_forgotten(core):
+    near, far = core.place.walks
+    away = far._replace(last=near.last)
+    kept, pulled = (told(core, away, {"pull_up": pull_up}, "pairs", 6) for pull_up in (False, True))
+    assert kept == sorted(kept) and pulled != sorted(pulled)
+
+
+def test_ablation_in_memory(core):
+    turns = one_walk(ablation.in_memory(core, PACE, quiet))
+    assert {(t.kind, t.method, t.frame) for t in turns} == {
+        (kind, name, frame) for kind in (AO, DIFFUSE, SOFT) for name in ablation.VARIANTS for frame in range(3)
+    }
+    assert all(t.differs == 0 and t.view == "near" for t in turns)
+
+    def of(name, value):
+        return sum(measure.typical(measure.of(turns, method=name, kind=kind), value) for kind in (AO, DIFFUSE, SOFT))
+
+    assert of("no state from frame to frame", "queries") > of(ablation.AS_IT_IS, "queries") > 0
+    assert of("no pull-up", "pairs") >= of(ablation.AS_IT_IS, "pairs") > 0
+    assert of("parts of 4 M triangles", "visible") < of(ablation.AS_IT_IS, "visible")
+
+
+def test_ablation_of_a_store(place):
+    walks = list(ablation.out_of_core(place, None, 2, PACE._replace(frames=2), quiet))
+    assert [turns[0].method for turns, _ in walks] == WITHOUT_PARTS
+    assert all({t.kind for t in turns} == {*KINDS} and {t.frame for t in turns} == {0, 1} for turns, _ in walks)
+    assert len({tuple(digests) for _, digests in walks}) == 1
+    assert all(sum(t.told["bytes"] for t in turns) > 0 for turns, _ in walks)
+
+
+def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch):
+    some = {name: ablation.VARIANTS[name] for name in WITHOUT_PARTS[:2]}
+    monkeypatch.setattr(ablation, "VARIANTS", some)
+    walks = list(ablation.out_of_core(place, None, 2, PACE._replace(limit=0.0), quiet))
+    assert all({t.frame for t in turns} == {0, 1} for turns, _ in walks)
+
+
+def test_bytes_read_are_of_nodes_and_of_geometry(place):
+    found, same = session.out_of_core(place, [Table.times, Table.queries], None, 2, PACE, quiet, quiet)
+    turns = found[Table.store]
+    assert {t.method for t in turns} == {"lru"} and same is None
+    begun = measure.of(turns, kind="primary", frame=0)
+    assert all(0 < t.told["bvh_bytes"] < t.told["bytes"] for t in begun)
+    for t in turns:
+        assert measure.value_of(t, "geometry_bytes") == t.told["bytes"] - t.told["bvh_bytes"] >= 0
+    assert sum(shares(begun).values()) == pytest.approx(1.0)
+
+
+def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
+    shown = []
+    tables = [Table.scenes, Table.phases, Table.randomisation]
+    found, same = session.in_memory([core.place], tables, 2, PACE._replace(frames=2), quiet, shown.append)
+    assert same and [t for turns in shown for t in turns] == found[Table.times] + found[Table.randomisation]
+    assert len(shown) == 2 + len(measure.SAMPLERS) and found[Table.scenes][0].triangles > 0
+    session.show_medians(shown[0])
+    told = capsys.readouterr()
+    assert told.out == "" and [line.split(":")[0] for line in told.err.splitlines()] == [
+        f"city, near, {kind}, chcrt" for kind in KINDS
+    ]
+    assert session.in_memory([core.place], [Table.scenes], 2, PACE, quiet, quiet)[1] is None
+
+
+def test_published_bytes_add_up_or_are_noted():
+    for name, (_, _, moved) in published.STATISTICS.items():
+        for v in range(2):
+            for k in range(3):
+                parts = sum(split[v][k] for split in published.MOVED[name])
+                assert parts == pytest.approx(moved[v][k], rel=0.01, abs=0.02) or (name, v) == ("City-200", 1)
+    for *_, total, bvh, geometry, _ in published.MODELS.values():
+        assert bvh + geometry == pytest.approx(total, rel=0.05)
+
+
+def test_the_command_prints_the_tables(cli):
+    scene = "procedural:cellar?triangles=2k"
+    cli("build", scene, "-o", "small.antumbra", "--quiet")
+    done = cli("bench", "chc-rt", "--scene", scene, *WALK, "--table", "scenes", "--table", "ablation")
+    for part in ("Table 1", "(paper: Powerplant x 16)", "no pull-up", "parts of 4 M triangles", "Section 6"):
+        assert part in done.out, (part, done.out)
+    assert "MB read" not in done.out and "the same by all methods" in done.out and "Table 2" not in done.out
+    assert "near, AO, no screen hierarchy: " in done.err
+    names = ("scenes", "times", "queries", "ablation")
+    stored = "--store", "small.antumbra", *WALK, *(word for name in names for word in ("--table", name))
+    done = cli("bench", "chc-rt", *stored)
+    for part in ("Table 1", "25,975", "MB moved", "BVH", "geometry", "MB read in all", "tiles of 64 pixels"):
+        assert part in done.out, (part, done.out)
+    assert "parts of" not in done.out and "round-robin" not in done.out and "the same by all" in done.out
+    told = cli("bench", "chc-rt", *stored, "--json")
+    assert "ms a frame" not in told.err and told.json()["same_answers"]
+    assert {*told.json()} >= {"scenes", "store", "ablation"} and "times" not in told.json()
+    (size,) = told.json()["scenes"]
+    assert (
+        size["triangles"] == procedural("cellar", triangles=2000).n_triangles
+        and 0 < size["bvh"] < size["total"]
+        and size["share"] == 1.0
+    )
+
+
+def test_the_plot_of_a_store(cli, tmp_path):
+    pytest.importorskip("matplotlib")
+    cli("build", "procedural:cellar?triangles=2k", "-o", "small.antumbra", "--quiet")
+    done = cli("bench", "chc-rt", "--store", "small.antumbra", *WALK, "--table", "phases", "--plot", "store.png")
+    assert done.code == 0 and (tmp_path / "store.png").stat().st_size > 10_000
