@@ -15,7 +15,7 @@ import numpy as np
 from ..bvh.blocks import ROWS as BLOCK_ROWS
 from ..kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.filters import hit_t, is_nearer, meets
 from ..kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, reduce_max, stack_f32, stack_f64, stack_i32
@@ -25,7 +25,7 @@ from ..trace.forest import forest_pointers, item, list_of, root_in, tree_in
 from ..trace.multifrusta.bundle import shafts_of
 from ..trace.raytest import ray_meets
 from .bundles import BUNDLE_FLOATS, Bundle, bundle_in, slabs_in
-from .cells import FAR, WORDS, Picture, first_receiver, receiver_in, region_in, regions_in
+from .cells import FAR, WORDS, Picture, first_receiver, receiver_in
 from .passes import PassRays, limit_of, load_rays, span_of
 
 _F = np.float32
@@ -173,7 +173,7 @@ def _trace_region(forest, picture, rays, region, cells, found, waiting):
     # In: forest, picture, region. In and out: rays, cells. Scratch: found, waiting.
     y0, x0 = first_receiver(picture, region, 0)
     begin, end = list_of(forest, y0, x0, np.int64(0))
-    met = _cells_that_meet(forest, begin, end, cells)
+    met = _cells_that_meet(forest, begin, end, cells) if begin < end else np.int64(0)
     while met != 0:
         g = lowest_bit(met)
         met &= met - 1
@@ -184,9 +184,9 @@ def _trace_region(forest, picture, rays, region, cells, found, waiting):
 
 
 @kernel
-def _trace(ticket, arrays, spans, tiles, columns, picture, rays, cells):
-    """Worker: trace all cells of some screen tiles."""
-    # In: arrays, spans, tiles, columns, picture. In and out: rays, cells.
+def _trace(ticket, arrays, picture, rays, cells):
+    """Worker: trace regions."""
+    # In: arrays, picture. In and out: rays, cells.
     bundle = bundle_in(stack_f32(BUNDLE_FLOATS))
     found = Found(
         bundle, stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_f32(32),
@@ -195,17 +195,13 @@ def _trace(ticket, arrays, spans, tiles, columns, picture, rays, cells):
     for lane in range(16):
         _put_span(found, lane, (rays.spans[0, 0], rays.spans[0, 1]))
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
-    forest = forest_pointers(arrays)
-    t = take(ticket)
-    while t >= 0:
-        span = spans[tiles[t]]
-        for j in range(regions_in(span)):
-            region = region_in(span, j, columns)
+    forest, first = forest_pointers(arrays), take(ticket)
+    while first >= 0:
+        for region in range(first, min(first + ticket[CHUNK], ticket[N])):
             _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), found, waiting)
-        t = take(ticket)
+        first = take(ticket)
 
 
-def trace_nearest(forest, spans, tiles, picture: Picture, rays: PassRays, cells, threads) -> None:
-    """Trace the rays of some tiles through their lists, and update their hits and cells."""
-    ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
-    run(_trace, threads, ticket, forest, spans, tiles, columns, picture, rays, cells)
+def trace_nearest(forest, picture: Picture, rays: PassRays, cells, threads) -> None:
+    """Trace the rays of a picture through the lists of its tiles, and update their hits and cells."""
+    run(_trace, threads, new_ticket(len(cells), 8), forest, picture, rays, cells)

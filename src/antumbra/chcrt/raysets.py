@@ -140,8 +140,7 @@ class Pass(RaySets):
     def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
         lists, rays = self.lists(pairs, keys), self.rays
         if len(lists.tiles):
-            arrays = self.tiles.spans, lists.tiles, rays.picture, self.pass_, rays.cells[0], self.threads
-            trace_nearest(self.forest(lists), *arrays)
+            trace_nearest(self.forest(lists), rays.picture, self.pass_, rays.cells[0], self.threads)
 
 
 class View(RaySets):
