@@ -100,6 +100,7 @@ class Paged:
         self.scene, self.threads, self.max_memory = scene, accelerator.threads, most
         self.store, self.residency = store, Residency(store, most)
         self._before, self._room = self.residency.paging, 0
+        self._together: dict[int, int] = {}  # size -> how many were traced together
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
         scheduled = Scheduled(parts, plan.tracer.culling)
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
@@ -118,7 +119,11 @@ class Paged:
         self.residency.trim()
 
     def together(self, size: int) -> int:
-        return self.at_once(size)
+        n, kept = self.at_once(size), self._together.get(size, 0)
+        if 3 * n <= 4 * kept <= 5 * n:  # as in the frame before: its states are of the same questions
+            return kept
+        self._together[size] = n
+        return n
 
     def at_once(self, size: int) -> int:
         return max(1, self._room // 2 // max(size, 1))
