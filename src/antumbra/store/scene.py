@@ -17,8 +17,8 @@ class PagedScene(AnyScene):
     """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
 
     The scene is static. Name, up axis, bounds, origin, cameras and lights equal those of a `Scene` of the same sources,
-    and so do the answers to all questions. The store does not record the mesh of a triangle. What needs all triangles
-    at once raises InputError.
+    and so do the answers to all questions. The store does not record the mesh of a triangle. Methods that need all
+    triangles at once raise InputError.
 
     Attributes
     ----------
