@@ -7,7 +7,7 @@ import antumbra as at
 from antumbra.methods import TRACERS
 from antumbra.plan import parse_plan
 from antumbra.query.shadow import segments
-from antumbra.rendering import explanation
+from antumbra.rendering import windows
 from antumbra.rendering.accelerate import Accelerator
 from antumbra.rendering.explanation import Moment, explain
 from antumbra.rendering.windows import WINDOW, trace_windows
@@ -92,7 +92,7 @@ def test_steps_are_those_that_the_tracer_counts(scene, moment):
     steps = count_steps(Ordered(ready.bvh, BUILT), query, scene.n_triangles)
     counted = np.zeros((6, 8, len(COUNTERS)), np.int64)
     for y, x in np.ndindex(6, 8):
-        one = explanation._part(query, (slice(y, y + 1), slice(x, x + 1)))
+        one = windows._part(query, (slice(y, y + 1), slice(x, x + 1)))
         own = query.samples[(x & 3) + 4 * (y & 3)]
         for s in range(2):
             ray = one._replace(samples=np.ascontiguousarray(np.broadcast_to(own[s : s + 1], (16, 1, 3))))
