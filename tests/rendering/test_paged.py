@@ -206,6 +206,14 @@ def test_threads_keep_their_own_chunks(city):
     assert not hasattr(scene.own, "renderer")
 
 
+def test_a_limit_on_memory_counts_from_the_next_question_on(city):
+    scene = at.load(city[1])
+    assert scene.occluded((0, 500, 0), (0, -1, 0))
+    scene.max_memory = 1 << 20
+    with pytest.raises(at.InputError, match="1M of memory is not enough"):
+        scene.occluded((0, 500, 0), (0, -1, 0))
+
+
 def test_old_questions_are_forgotten(city):
     _, path = city
     scene, light = at.load(path), at.SphereLight((0, 30, 0), 1.0)

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..kernels.parallel import thread_count
 from ..plan import DEFAULT_PLAN, Plan
 from ..query.bounds import reach_of
-from ..query.rays import Arguments, HitArrays, as_array, cull_value, ray_arguments
+from ..query.rays import as_array, cull_value, ray_arguments
 from ..query.receivers import FREE, point_receivers
 from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery, fraction_lit
@@ -24,7 +23,10 @@ from .memory import points_memory
 from .ready import Job, fixed_job, make_ready, small_scene
 from .render_jobs import warm_up
 from .renderer import Renderer, source_kind
+from .source import RenderSource
 from .srdh_rays import SrdhRays
+
+_RAYS = "bsah+wide"  # the plan of ray lists in memory
 
 
 class Visibility(NamedTuple):
@@ -51,22 +53,21 @@ def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated
     return ready
 
 
-def trace_list(scene, arguments: Arguments, any_hit: bool, cull_faces: int, time, threads) -> HitArrays:
-    """Trace rays through a scene; InputError if a ray holds an invalid number."""
-    return _ray_renderer(scene, threads).source.trace_rays(arguments, any_hit, cull_faces, time)
-
-
 def surfaces_hit(scene, origins, directions, time, threads) -> tuple[np.ndarray, Triangles, np.ndarray]:
     """The nearest hits of rays in world coordinates: (t, triangles, index of each ray's triangle in them or -1)."""
     arguments = ray_arguments(origins, directions, 0.0, np.inf, None, None, scene.origin)[0]
-    source = _ray_renderer(scene, threads).source
+    return _ray_source(scene, threads).surfaces_hit(arguments, time)
+
+
+def _ray_source(scene, threads) -> RenderSource:
+    """The source that traces the rays of a scene. Its kernels are compiled."""
+    if source_kind(scene).keeps_read:
+        source = _renderer(scene, None, threads, None, None).source
+        source.warm_up()
+        return source
+    source = Renderer(scene, _RAYS, threads).source
     warm_up_rays()
-    source.warm_up()
-    return source.surfaces_hit(arguments, time)
-
-
-def _ray_renderer(scene, threads) -> Renderer:
-    return _renderer(scene, None if source_kind(scene).keeps_read else "bsah+wide", threads, None, None)
+    return source
 
 
 def warm_up_rays() -> None:
@@ -79,9 +80,9 @@ def rays_job() -> Job:
 
     def work():
         arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0]
-        scene = small_scene()
+        source = Renderer(small_scene(), _RAYS, 1).source
         for any_hit in True, False:
-            trace_list(scene, arguments, any_hit, 0, 0.0, 1)
+            source.trace_rays(arguments, any_hit, 0, 0.0)
 
     return fixed_job("ray queries", work)
 
@@ -92,10 +93,7 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
     rays : the first five arguments of `Scene.occluded`
     """
     arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin)
-    thread_count(threads)
-    warm_up_rays()
-    _ray_renderer(scene, threads).source.warm_up()
-    out = trace_list(scene, arguments, any_hit, facing, time, threads)
+    out = _ray_source(scene, threads).trace_rays(arguments, any_hit, facing, time)
     if any_hit:
         return out.blocked.reshape(shape)
     return Hit(out.t.reshape(shape), out.face.reshape(shape), out.u.reshape(shape), out.v.reshape(shape))
@@ -182,9 +180,10 @@ def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
     """A renderer of this scene; for a store, the renderer of this thread's previous query if the options agree."""
     if not source_kind(scene).keeps_read:
         return Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
-    wanted, own = (plan, threads, max_memory, srdh_rays), scene.own  # each Python thread keeps its chunks
+    most = scene.max_memory if max_memory is None else max_memory
+    wanted, own = (plan, threads, most, srdh_rays), scene.own  # each Python thread keeps its chunks
     if getattr(own, "wanted", None) != wanted:
-        own.renderer = Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
+        own.renderer = Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=most)
         own.wanted = wanted
     return own.renderer
 
