@@ -14,6 +14,7 @@ from .options import (
     CameraOption,
     Json,
     LightOption,
+    MaxMemoryOption,
     Quiet,
     SppOption,
     SrdhRaysOption,
@@ -63,14 +64,7 @@ def explain(
     up: UpOption = None,
     spp: SppOption = 16,
     srdh_rays: SrdhRaysOption = None,
-    max_memory: Annotated[
-        str | None,
-        typer.Option(
-            help="Memory for a scene in a store, in bytes, or with M or G: 512M.  [default: 4G]",
-            metavar="SIZE",
-            show_default=False,
-        ),
-    ] = None,
+    max_memory: MaxMemoryOption = None,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,

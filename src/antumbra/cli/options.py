@@ -48,6 +48,15 @@ SrdhRaysOption = Annotated[
     ),
 ]
 
+MaxMemoryOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Memory for a scene in a store, in bytes, or with M or G: 512M.  [default: 4G]",
+        metavar="SIZE",
+        show_default=False,
+    ),
+]
+
 SCENE_HELP = "A .glb, .gltf, .obj, .ply or .stl file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N."
 
 

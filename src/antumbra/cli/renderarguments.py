@@ -8,7 +8,18 @@ import typer
 
 from ..errors import InputError
 from . import arguments
-from .options import SCENE_HELP, CameraOption, GBufferBy, Json, Quiet, SppOption, SrdhRaysOption, Threads, UpOption
+from .options import (
+    SCENE_HELP,
+    CameraOption,
+    GBufferBy,
+    Json,
+    MaxMemoryOption,
+    Quiet,
+    SppOption,
+    SrdhRaysOption,
+    Threads,
+    UpOption,
+)
 from .renderoptions import RenderOptions
 
 
@@ -109,14 +120,7 @@ class RenderArguments:
     srdh_rays: SrdhRaysOption = None
     gbuffer: Annotated[GBufferBy, typer.Option(help="The method that finds visible surfaces.")] = GBufferBy.raster
     threads: Threads = None
-    max_memory: Annotated[
-        str | None,
-        typer.Option(
-            help="Memory to render a store with, in bytes, or with M or G: 512M.  [default: 4G]",
-            metavar="SIZE",
-            show_default=False,
-        ),
-    ] = None
+    max_memory: MaxMemoryOption = None
     exposure: Annotated[
         float | None,
         typer.Option(help="Factor on the light of a .png.  [default: automatic]", show_default=False),

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ...cli import arguments, report
-from ...cli.options import Json, Quiet, Threads
+from ...cli.options import Json, MaxMemoryOption, Quiet, Threads
 from ...cli.progress import ProgressDisplay
 from ...errors import InputError
 from ..views import open_view
@@ -31,14 +31,7 @@ def chc_rt(
             show_default=False,
         ),
     ] = None,
-    max_memory: Annotated[
-        str | None,
-        typer.Option(
-            help="Memory for the store, in bytes, or with M or G: 512M.  [default: 4G]",
-            metavar="SIZE",
-            show_default=False,
-        ),
-    ] = None,
+    max_memory: MaxMemoryOption = None,
     table: Annotated[
         list[Table] | None,
         typer.Option(help="Measure only this; may be repeated.  [default: all]", show_default=False),
