@@ -25,13 +25,17 @@ Owner: TypeAlias = object
 class PartMemory(Protocol):
     """The memory of the parts' trees, if it does not hold all of them at once."""
 
+    def begin_question(self) -> None:
+        """Forget what was kept for the question before."""
+        ...
+
     def groups(
-        self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray], mark: Callable
+        self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray], mark: Callable | None
     ) -> Generator[np.ndarray, None, None]:
         """Yield these parts in groups, parts in memory first. A group's trees stay until the next group is requested.
 
         still : tells which of some parts are still wanted. It is called before they are read; other parts are left out.
-        mark : marks the hits so far: see `store.residency.Mark`
+        mark : marks the hits so far: see `store.residency.Mark`; None: their triangles are not wanted
         """
         ...
 

@@ -85,7 +85,7 @@ def _load_ray(rays, picture, y0, x0, lane, bundle):
     for k in range(3):
         put(bundle.rays, 16 * k + lane, rays.origins[y, x, k])
         put(bundle.rays, 48 + 16 * k + lane, d[k])
-    put(bundle.limits, lane, min(far, rays.spans[0, 1]) if rays.each == 0 else min(far, span_of(rays, y, x)[1]))
+    put(bundle.limits, lane, min(far, span_of(rays, y, x)[1]))
     return inside and not (rays.any_hit and rays.hits.face[y, x] >= 0)
 
 

@@ -4,6 +4,7 @@ Each ray set answers occlusion queries by `queries.ask`. Each traces lists of pa
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from ..bvh.nodes import boxes_of
 from ..query.shadow import ShadowQuery
 from ..scene.camera import CameraRays
 from ..scene.lights import AMBIENT, LIST
-from ..trace.forest import Forest, no_hits
+from ..trace.forest import Forest, Hits, no_hits
 from ..trace.lighttable import STRATA
 from ..trace.multifrusta.trace import trace_forest
 from ..trace.packets.incoherent import is_far, is_huge, is_incoherent
@@ -53,8 +54,8 @@ class RaySets:
     def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         return ask(self.rays, self.parts.lines, pairs, threshold, again, self.threads)
 
-    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
-        """Nothing: segments want no triangles."""
+    def marker(self) -> Callable | None:
+        return None
 
     def lists(self, pairs: Pairs, keys: np.ndarray) -> Lists:
         return lists_of(pairs, keys, self.parts, self.tiles.smallest, self.sets, self.front_to_back)
@@ -118,7 +119,19 @@ def segments_of(parts: Parts, query: ShadowQuery) -> list[tuple[range, Callable,
     return [(chunks, over_pixels if wide else trace_forest, kind == AMBIENT)]
 
 
-class Pass(RaySets):
+class HitRays(RaySets):
+    """The base of rays that look for hits, `hits` so far."""
+
+    hits: Hits
+
+    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+        return super().ask(pairs, threshold, False)  # a ray enters the box of its nearest hit before the hit
+
+    def marker(self) -> Callable | None:
+        return partial(mark_hits, self.hits, threads=self.threads)
+
+
+class Pass(HitRays):
     """Rays that look for their nearest hits, or for any hit: one a pixel, or a row of rays."""
 
     def __init__(self, parts: Parts, options: Options, rays: PassRays, threads: int):
@@ -131,11 +144,8 @@ class Pass(RaySets):
         super().__init__(parts, Rays(rays, picture, tiles, cells), threads)
         self.pass_, self.hits = rays, rays.hits
 
-    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
-        return super().ask(pairs, threshold, False)  # a ray enters the box of its nearest hit before the hit
-
-    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
-        mark_hits(self.hits, first, marks, self.threads)
+    def marker(self) -> Callable | None:
+        return None if self.pass_.any_hit else super().marker()
 
     def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
         lists, rays = self.lists(pairs, keys), self.rays
@@ -143,7 +153,7 @@ class Pass(RaySets):
             trace_nearest(self.forest(lists), rays.picture, self.pass_, rays.cells[0], self.threads)
 
 
-class View(RaySets):
+class View(HitRays):
     """The rays of a camera: their nearest hits."""
 
     def __init__(self, parts: Parts, options: Options, camera: CameraRays, reach: float, threads: int):
@@ -152,12 +162,6 @@ class View(RaySets):
         cells, tiles = bound_camera(picture, camera, self.length, threads), tiles_of(picture.shape, options.tile)
         super().__init__(parts, Rays(source, picture, tiles, cells), threads)
         self.seen = picture_seen(camera, parts.boxes[0], self.hits)
-
-    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
-        return super().ask(pairs, threshold, False)
-
-    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
-        mark_hits(self.hits, first, marks, self.threads)
 
     def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
         lists, rays = self.lists(pairs, keys), self.rays
@@ -196,6 +200,11 @@ class Together:
         for member, own, mine in self._of_members(pairs):
             member.trace(own, keys[mine])
 
-    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
-        for member in self.members:
-            member.mark(first, marks)
+    def marker(self) -> Callable | None:
+        markers = [mark for member in self.members if (mark := member.marker()) is not None]
+
+        def mark(first: np.ndarray, marks: np.ndarray) -> None:
+            for each in markers:
+                each(first, marks)
+
+        return mark if markers else None

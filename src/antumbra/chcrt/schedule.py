@@ -29,8 +29,8 @@ class RaySet(Protocol):
         """Trace the rays of final pairs, and update what the queries know of them; `keys`: see `Answers`."""
         ...
 
-    def mark(self, first: np.ndarray, marks: np.ndarray) -> None:
-        """Mark the hits so far, if their triangles will be wanted: see `store.residency.Mark`."""
+    def marker(self) -> Callable | None:
+        """The function that marks the hits so far: see `store.residency.Mark`. None: their triangles are not wanted."""
         ...
 
 
@@ -113,7 +113,7 @@ def _trace(fronts: Fronts, rays: RaySet, pairs: np.ndarray, statistics: Statisti
         return np.isin(asked, fronts.row[met] - fronts.parts.inner)
 
     wanted, done, traced = _nearest_first(parts, fronts.key[pairs]), 0, [pairs[:0]]
-    with closing(memory.groups(wanted, still, rays.mark)) as groups:
+    with closing(memory.groups(wanted, still, rays.marker())) as groups:
         for group in groups:
             traced.append(pairs[np.isin(parts, group)])
             statistics.traced += len(traced[-1])

@@ -56,6 +56,8 @@ class Scheduled:
             key = self._questions, shape, rays.sets
             self._questions += 1
             fronts = self._fronts[key][1] if key in self._fronts else None
+            if self.parts.memory is not None:
+                self.parts.memory.begin_question()
             fronts = fronts or Fronts(rays.tiles, self.parts, rays.sets, self.options)
             self._fronts[key] = self._frame, fronts
             self.statistics.append(trace_frame(fronts, rays, progress).as_dict(fronts))

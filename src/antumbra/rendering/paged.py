@@ -20,7 +20,7 @@ from ..query.rays import Arguments, HitArrays, hit_arrays
 from ..query.subpixels import subpixel_rays
 from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles, joined
-from ..store.residency import Copies, Residency, marked
+from ..store.residency import Copies, Residency, marked, places
 from ..store.resident import release_freed, resident
 from ..store.scene import PagedScene
 from ..trace.forest import Hits
@@ -110,7 +110,7 @@ class Paged:
 
     def begin(self, memory: FrameMemory) -> None:
         """Begin a frame. Its rays that are asked together get up to half of the memory, and the chunks the rest."""
-        self.residency.begin_question()
+        self.residency.begin_question()  # before memory is measured
         release_freed()
         free = self.budget(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
@@ -165,7 +165,6 @@ class Paged:
     def look(self, camera, triangles=None, whole=None, progress=None) -> Surfaces:
         """The surfaces that a camera sees; `triangles` and `whole` are not used."""
         rays = camera.rays(self.scene.origin)
-        self.residency.begin_question()
         hits = camera_hits(self.accelerated.prepared, rays, self.threads, progress)
         triangles, (face,) = self.hit_triangles([hits])
         gbuffer = from_hits(face, hits.t, triangles, rays, self.threads)
@@ -182,7 +181,6 @@ class Paged:
         shape : (H, W) of the picture
         by : another tracer of the same parts; None: the plan's tracer
         """
-        self.residency.begin_question()
         hits = nearest_hits(by or self.accelerated.prepared, passes, shape, self.threads)
         triangles, faces = self.hit_triangles(hits)
         for rays, met, face in zip(passes, hits, faces):
@@ -222,7 +220,7 @@ class Paged:
     def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:
         """`triangles` are not used: rays find the surfaces."""
         rays, shape = subpixel_rays(view, edge, self.threads)
-        return next(iter(self.nearest([rays], shape)))
+        return next(self.nearest([rays], shape))
 
     def hit_triangles(self, hits: Sequence[Hits]) -> tuple[Triangles, list[np.ndarray]]:
         """Copies of the triangles that rays hit, each once; and for each of `hits` (h, w) int32 indices of them or -1.
@@ -241,9 +239,8 @@ class Paged:
         chunks, sizes = np.flatnonzero(parts), self.store.chunks.triangles
         for begin in range(0, len(chunks), _CHUNKS_AT_ONCE):
             some = chunks[begin : begin + _CHUNKS_AT_ONCE]
-            first, numbers = np.full(len(self.store), -1, np.int64), np.zeros(int(sizes[some].sum()), np.int32)
-            first[some] = np.cumsum(sizes[some], dtype=np.int64) - sizes[some]
-            for k, slots in marked(some, sizes, len(self.store), mark):
+            first, numbers = places(some, sizes), np.zeros(int(sizes[some].sum()), np.int32)
+            for k, slots in marked(some, sizes, mark):
                 numbers[first[k] + slots] = np.arange(n, n + len(slots), dtype=np.int32)
                 copies.append(self.residency.triangles(k, slots))
                 n += len(slots)

@@ -41,7 +41,6 @@ def batches(paged, arguments: Arguments, any_hit: bool, cull_faces: int, most: i
         origins = (origins.astype(np.float64) - arguments.frame).astype(np.float32)
         rays = RayPass(origins, directions.astype(np.float32), np.ascontiguousarray(skip[:, 0]))
         spans = np.concatenate([tmin, tmax], 1).astype(np.float32)
-        paged.residency.begin_question()
         hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads)
         if any_hit:
             yield Batch(places, rays, hits, paged.accelerated.triangles, hits.face[0])

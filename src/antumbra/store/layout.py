@@ -19,6 +19,7 @@ from ..bvh.nodes import Bvh
 
 STORE_SUFFIX = ".antumbra"
 PAGE = 4096
+NODE_BYTES = 64  # of a node in a chunk
 MAGIC = b"ANTUMBRA"
 VERSION = 1
 COMPLETE = 1
@@ -87,7 +88,7 @@ def index_dtype(colours: int) -> np.dtype:
 
 def places(triangles: int, nodes: int, colours: int) -> ChunkPlace:
     """The offsets of a chunk's arrays."""
-    corners = 64 * nodes
+    corners = NODE_BYTES * nodes
     prim_ids = corners + 36 * triangles
     palette = prim_ids + 4 * triangles
     index = palette + 12 * colours

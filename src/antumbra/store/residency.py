@@ -16,7 +16,7 @@ import numpy as np
 from ..bvh.blocks import ROWS, BlockTree, block_tree
 from ..errors import InputError
 from ..trace.forest import ADDRESSES, addresses
-from .layout import Chunk
+from .layout import NODE_BYTES, Chunk
 from .pool import Pool
 from .read import Store
 
@@ -25,9 +25,7 @@ _READERS = 2  # reading threads; while nothing can be traced they have all cores
 _GROUP = 16  # chunks to wait for and trace together: rays that they block need no chunks behind them
 _SOON = 2 * _GROUP  # chunks of which it is asked, before they are read, whether rays still want them
 _IN_BLOCK = 6  # triangles in a block, a low estimate: every tree that was examined has more
-_BLOCK_BYTES = 4 * 16 * (ROWS + 2) + 64  # memory for a block: rows, bounds, slots, and a node
-
-_NODE_BYTES = 64  # bytes of a node in a chunk of the file: see `layout.places`
+_BLOCK_BYTES = 4 * 16 * (ROWS + 2) + NODE_BYTES  # memory for a block: rows, bounds, slots, and a node
 
 
 class Paging(NamedTuple):
@@ -64,10 +62,6 @@ class Copies(NamedTuple):
 
 Mark = Callable[[np.ndarray, np.ndarray], None]
 """``mark(first, marks)`` sets ``marks[first[k] + slot]`` for each hit in a slot of chunk k with first[k] >= 0."""
-
-
-def no_marks(first: np.ndarray, marks: np.ndarray) -> None:
-    """The `Mark` of rays that do not want the triangles that they hit."""
 
 
 class Residency:
@@ -110,7 +104,7 @@ class Residency:
     def most_of(self, k: int) -> int:
         """Upper bound, in bytes, of what chunk `k` needs: its block tree, its corners and its colours."""
         blocks = int(self.store.chunks.triangles[k]) // _IN_BLOCK + 1
-        return blocks * _BLOCK_BYTES + int(self.store.chunks.bytes[k]) - _NODE_BYTES * int(self.store.chunks.nodes[k])
+        return blocks * _BLOCK_BYTES + int(self.store.chunks.bytes[k]) - NODE_BYTES * int(self.store.chunks.nodes[k])
 
     def least_budget(self) -> int:
         """The smallest budget: two chunks, so that one is traced while another is read."""
@@ -122,13 +116,13 @@ class Residency:
         self._copies.clear()
 
     def groups(
-        self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray], mark: Mark = no_marks
+        self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray], mark: Mark | None = None
     ) -> Generator[np.ndarray, None, None]:
         """Yield groups of the chunks `parts`. Chunks in memory come first.
 
         A group's trees stay in memory until the next group is taken. Before chunks are read, `still` returns a mask of
         the chunks that are still needed. The others are left out. Before a chunk leaves memory, the triangles that
-        `mark` marks are copied for `triangles`.
+        `mark` marks are copied for `triangles`; None: no triangles are wanted.
         """
         here = [k for k in parts.tolist() if k in self._chunks]
         missing = deque(k for k in parts.tolist() if k not in self._chunks)
@@ -163,18 +157,18 @@ class Residency:
     def trim(self) -> None:
         """Evict chunks until the budget is kept."""
         while self._chunks and self._used > self.budget:
-            self._evict([next(iter(self._chunks))], no_marks)
+            self._evict([next(iter(self._chunks))])
         if self.held > self.budget:
             self._pool.clear()
 
     def close(self) -> None:
         """Evict all chunks and stop the reading threads."""
         self._reader.shutdown()
-        self._evict(list(self._chunks), no_marks)
+        self._evict(list(self._chunks))
         self._pool.clear()
         self._copies.clear()
 
-    def _request(self, missing: deque, coming: deque, mark: Mark) -> None:
+    def _request(self, missing: deque, coming: deque, mark: Mark | None) -> None:
         """Start reading as many chunks as there is room for; at least one if none is in memory or being read."""
         self._make_room(missing, mark)
         while missing and (self._free() >= self.most_of(missing[0]) or not (coming or self._pinned)):
@@ -185,7 +179,7 @@ class Residency:
     def _free(self) -> int:
         return self.budget - self._used - self._coming
 
-    def _make_room(self, missing: Iterable[int], mark: Mark) -> None:
+    def _make_room(self, missing: Iterable[int], mark: Mark | None) -> None:
         """Evict as many chunks as make room for the missing ones, or all that are not being traced."""
         short, leaving = -self._free(), []
         idle = iter([k for k in self._chunks if k not in self._pinned])
@@ -221,7 +215,7 @@ class Residency:
         self._used += resident.bytes
         self.trees[k] = addresses(resident.tree)
         chunks = self.store.chunks
-        self._note(loaded=1, bytes=int(chunks.bytes[k]), bvh_bytes=_NODE_BYTES * int(chunks.nodes[k]))
+        self._note(loaded=1, bytes=int(chunks.bytes[k]), bvh_bytes=NODE_BYTES * int(chunks.nodes[k]))
 
     def _abandon(self, coming: deque) -> None:
         """After an error or an interruption, wait for chunks that are being read, and cancel the others."""
@@ -235,8 +229,8 @@ class Residency:
             for k in group:
                 self._chunks.move_to_end(k)
 
-    def _evict(self, leaving: list[int], mark: Mark) -> None:
-        if leaving and mark is not no_marks:
+    def _evict(self, leaving: list[int], mark: Mark | None = None) -> None:
+        if leaving and mark is not None:
             self._keep_hits(np.array(leaving), mark)
         for k in leaving:
             gone = self._chunks.pop(k)
@@ -246,7 +240,7 @@ class Residency:
 
     def _keep_hits(self, leaving: np.ndarray, mark: Mark) -> None:
         """Copy the triangles of chunks that the rays hit."""
-        for k, slots in marked(leaving, self.store.chunks.triangles, len(self.store), mark):
+        for k, slots in marked(leaving, self.store.chunks.triangles, mark):
             self._copies[k] = self._copied(k, slots)
 
     def _copied(self, k: int, slots: np.ndarray) -> Copies:
@@ -265,14 +259,22 @@ def _still(missing: deque, still: Callable[[np.ndarray], np.ndarray]) -> deque:
     return deque([*soon[still(soon)].tolist(), *later.tolist()] if len(soon) else [])
 
 
-def marked(chunks: np.ndarray, triangles: np.ndarray, n: int, mark: Mark) -> Iterable[tuple[int, np.ndarray]]:
-    """For each of some of the n chunks in which rays have hits: its number, and the slots of the hits, ascending."""
-    ends = np.cumsum(triangles[chunks], dtype=np.int64)
-    first, marks = np.full(n, -1, np.int64), np.zeros(int(ends[-1]) if len(ends) else 0, np.uint8)
-    first[chunks] = ends - triangles[chunks]
+def places(chunks: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(k,) int64: where the slots of each chunk begin if those of some `chunks` follow one another; -1 for the others.
+
+    triangles : (k,) int64, triangles of all chunks
+    """
+    first = np.full(len(triangles), -1, np.int64)
+    first[chunks] = np.cumsum(triangles[chunks], dtype=np.int64) - triangles[chunks]
+    return first
+
+
+def marked(chunks: np.ndarray, triangles: np.ndarray, mark: Mark) -> Iterable[tuple[int, np.ndarray]]:
+    """For each of some chunks in which rays have hits: its number, and the slots of the hits, ascending."""
+    first, marks = places(chunks, triangles), np.zeros(int(triangles[chunks].sum()), np.uint8)
     mark(first, marks)
-    for k, end in zip(chunks.tolist(), ends.tolist()):
-        slots = np.flatnonzero(marks[first[k] : end])
+    for k in chunks.tolist():
+        slots = np.flatnonzero(marks[first[k] : first[k] + triangles[k]])
         if len(slots):
             yield k, slots
 
