@@ -227,10 +227,12 @@ def _walk_store(accelerator: Accelerator, picture: _Picture) -> _Walked:
     bvh, ids = tree_for(picture.source, picture.queries)
     whole = picture.source.accelerated
     bits, tests = zip(*(trace_windows(accelerator, whole, query) for query in picture.queries))
-    places = np.searchsorted(ids, picture.queries[0].ids).clip(max=max(len(ids) - 1, 0))
-    own = np.where(ids[places] == picture.queries[0].ids, places, -1).astype(np.int32) if len(ids) else places * 0 - 1
+    faces = picture.queries[0].ids
+    places = np.searchsorted(ids, faces)
+    known = (faces >= 0) & (np.append(ids, -1)[places] == faces)
+    own = np.where(known, places, -1).astype(np.int32)
     ordered, n, threads = Ordered(bvh, BUILT), len(ids), accelerator.threads
-    steps = add_steps([count_steps(ordered, q._replace(ids=own.astype(np.int32)), n, threads) for q in picture.queries])
+    steps = add_steps([count_steps(ordered, q._replace(ids=own), n, threads) for q in picture.queries])
     return _Walked(accelerator.plan, whole._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
 
 
