@@ -154,9 +154,11 @@ def test_a_crew_compiles_and_tells_what_went_wrong(package, tmp_path):
 def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
     folder = tmp_path / "cache"
     env = sample.environment(package, folder)
+    waits = CREW + "import time; time.sleep(600)"  # on a busy machine all kernels may be done before the signal
     process = subprocess.Popen(
-        [sys.executable, "-c", CREW, json.dumps(GOOD), "1"],  # one process: most kernels are left after the first
+        [sys.executable, "-c", waits, json.dumps(GOOD), "1"],  # one process: most kernels are left after the first
         env=env,
+        stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
