@@ -1,6 +1,7 @@
 """Draws Figures 4, 5, 6 and 9 of the CHC+RT paper, for a place in memory after two frames of its near walk."""
 
 import re
+from colorsys import hsv_to_rgb
 from pathlib import Path
 
 import numpy as np
@@ -50,13 +51,11 @@ def shaded(shown: Culled) -> np.ndarray:
 
 def subtrees(shown: Culled) -> np.ndarray:
     """(h, w, 3) float64: a colour for each part, where the camera's rays hit it."""
-    from matplotlib.colors import hsv_to_rgb
-
     part = shown.camera.hits.part
-    _, number = np.unique(part, return_inverse=True)
-    number = number.reshape(part.shape)
-    tone = np.stack([number * _GOLDEN % 1.0, 0.9 - 0.25 * (number % 3), 1.0 - 0.2 * (number % 2)], 2)
-    return np.where((part >= 0)[..., None], hsv_to_rgb(tone) * (0.3 + 0.7 * shaded(shown)[..., None]), 0.06)
+    met, number = np.unique(part, return_inverse=True)
+    tones = [hsv_to_rgb(n * _GOLDEN % 1.0, 0.9 - 0.25 * (n % 3), 1.0 - 0.2 * (n % 2)) for n in range(len(met))]
+    lit = np.array(tones)[number.reshape(part.shape)] * (0.3 + 0.7 * shaded(shown)[..., None])
+    return np.where((part >= 0)[..., None], lit, 0.06)
 
 
 def apart(shown: Culled) -> tuple[np.ndarray, int]:
