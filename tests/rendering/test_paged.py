@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.rendering.bands import Bands
 from antumbra.rendering.building import build_store
 from antumbra.rendering.explanation import Moment, explain
 from antumbra.rendering.renderer import Renderer
@@ -72,6 +73,32 @@ def test_pictures_are_those_in_memory(city, chunks, policy):
         if chunks is not None:
             assert renderer.source.residency.used <= renderer.source.residency.budget
     assert (loaded > 2 * len(renderer.source.store)) == (chunks is not None)
+
+
+def test_bands_of_a_picture_too_large_for_memory(city, monkeypatch):
+    """The bands are different in each frame. Their pictures are not."""
+    scene, path = city
+    lights = [LIGHT, at.DirectionalLight((0.4, -1, 0.3))]
+    camera, options = scene.cameras[0].resized(40, 300), {"spp": 4, "adaptive": 16, "bounce": 1, "filter": True}
+    inside = Renderer(scene, "bsah+single", 2).render(camera, lights, **options)
+    renderer, cuts = _renderer(path, 12), []
+    of_frame = Bands.of_frame
+
+    def noted(self, height, needed):
+        cuts.append([])
+        for rows in of_frame(self, height, needed):
+            cuts[-1].append(rows)
+            yield rows
+
+    monkeypatch.setattr(Bands, "of_frame", noted)
+    monkeypatch.setattr("antumbra.rendering.paged._MANY", 0)
+    for _ in range(3):
+        frame = renderer.render(camera, lights, **options)
+        _same(frame, inside)
+        assert frame.rays == inside.rays
+        np.testing.assert_array_equal(frame.indirect, inside.indirect)
+    assert all(len(rows) > 1 and rows[-1].stop == 300 for rows in cuts)
+    renderer.source.residency.close()
 
 
 @pytest.mark.parametrize("normals", [None, (0.0, 1.0, 0.0)])

@@ -19,6 +19,7 @@ from .bundles import bundles_in, load_bundle
 from .cells import (
     CELL,
     FAR,
+    NONE,
     WORDS,
     Picture,
     first_receiver,
@@ -31,6 +32,7 @@ from .cells import (
 )
 
 _F = np.float32
+_REGION = 4 * CELL  # pixels of a region, both ways
 
 
 class CameraBundles(NamedTuple):
@@ -107,10 +109,12 @@ def _bound(ticket, picture, rays, error, length, cells):
         region = take(ticket)
 
 
-def bound_camera(picture: Picture, rays: CameraRays, length: float, threads: int) -> np.ndarray:
-    """The cells of a camera's rays, (1, regions, ROWS, 16)."""
-    cells = new_cells(picture, 1)
+def bound_camera(picture: Picture, rays: CameraRays, rows: slice, length: float, threads: int) -> np.ndarray:
+    """The cells of a camera's rays through some rows of pixels, (1, regions, ROWS, 16). Other cells have no rays."""
+    cells, columns = new_cells(picture, 1), picture.layout.columns
     run(_bound, threads, new_ticket(cells.shape[1], 1), picture, rays, direction_error(rays), length, cells)
+    first, end = rows.start // _REGION * columns, -(-rows.stop // _REGION) * columns
+    cells[0, :first, FAR], cells[0, end:, FAR] = NONE, NONE
     return cells
 
 

@@ -20,7 +20,7 @@ from ..trace.packets.packet16 import over_pixels, over_samples
 from ..trace.primary.trace import picture_seen, trace_hits
 from ..trace.querychunk import TileShape, tile_shape
 from .camera import CameraBundles, bound_camera, length_of, shorten_camera
-from .cells import picture_of, pixels_of
+from .cells import NONE, picture_of, pixels_of
 from .hits import mark_hits
 from .lists import Lists, lists_of
 from .nearest import trace_nearest
@@ -154,12 +154,17 @@ class Pass(HitRays):
 
 
 class View(HitRays):
-    """The rays of a camera: their nearest hits."""
+    """The rays of a camera through some rows of pixels: their nearest hits.
 
-    def __init__(self, parts: Parts, options: Options, camera: CameraRays, reach: float, threads: int):
+    rows : slice
+        Of the picture, from a multiple of 16. The others have hits in front of everything, so their rays do not look.
+    """
+
+    def __init__(self, parts: Parts, options: Options, camera: CameraRays, rows: slice, reach: float, threads: int):
         self.length, self.hits = length_of(reach), no_hits((camera.height, camera.width))
+        self.hits.t[: rows.start], self.hits.t[rows.stop :] = NONE, NONE
         picture, source = pixels_of(*self.hits.t.shape), CameraBundles(camera, self.hits.t, self.length)
-        cells, tiles = bound_camera(picture, camera, self.length, threads), tiles_of(picture.shape, options.tile)
+        cells, tiles = bound_camera(picture, camera, rows, self.length, threads), tiles_of(picture.shape, options.tile)
         super().__init__(parts, Rays(source, picture, tiles, cells), threads)
         self.seen = picture_seen(camera, parts.boxes[0], self.hits)
 

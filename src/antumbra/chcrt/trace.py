@@ -147,8 +147,11 @@ def ray_hits(
     return made.hits
 
 
-def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=None) -> Hits:
+def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=None, rows: slice | None = None) -> Hits:
     """The nearest hits of a camera's rays.
+
+    rows : slice or None
+        Of the picture, from a multiple of 16; None: all. The hits are those of these rows.
 
     Raises
     ------
@@ -156,6 +159,7 @@ def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=N
         If directions of neighbouring pixels are too close, as in `query.raster.rasterise`.
     """
     reach = _reach(scheduled, rays.origin, rays.origin)
-    view = View(scheduled.parts, scheduled.options, rays, reach, thread_count(threads))
+    rows = rows or slice(0, rays.height)
+    view = View(scheduled.parts, scheduled.options, rays, rows, reach, thread_count(threads))
     scheduled.run(view, (rays.height, rays.width), progress)
-    return view.hits
+    return Hits(*(of_all[rows] for of_all in view.hits))

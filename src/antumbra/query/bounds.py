@@ -49,8 +49,14 @@ def reach(triangles, points: np.ndarray, threads: int | None = None) -> float:
     return reach_of(np.stack(bounds(triangles.vertices, threads)), points, threads)
 
 
-def reach_of(box: np.ndarray, points: np.ndarray, threads: int | None = None) -> float:
-    """As `reach`, from the exact bounds of the triangles: `box` (2, 3) float32."""
-    (lower, upper), (low, high) = box, bounds(points, threads)
-    extent = np.maximum(upper, high).astype(np.float64) - np.minimum(lower, low)
-    return float(2.0 * np.linalg.norm(extent) + np.finfo(np.float32).tiny)
+def reach_of(box: np.ndarray, points: np.ndarray | None = None, threads: int | None = None) -> float:
+    """As `reach`, from the exact bounds of the triangles.
+
+    box : (2, 3) float32
+    points : (..., 3) float32 or None; None: they lie on the triangles
+    """
+    lower, upper = box
+    if points is not None:
+        low, high = bounds(points, threads)
+        lower, upper = np.minimum(lower, low), np.maximum(upper, high)
+    return float(2.0 * np.linalg.norm(upper.astype(np.float64) - lower) + np.finfo(np.float32).tiny)

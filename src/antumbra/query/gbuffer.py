@@ -72,7 +72,7 @@ def fill_point(o, d, i, t, corners, out, at):
 
 
 @kernel
-def _fill(ticket, t, corners, rays, gbuffer):
+def _fill(ticket, t, corners, rays, row, gbuffer):
     zero, out = np.float32(0.0), surface_of(gbuffer)
     faces, ts, depths, triangles = ptr(gbuffer.face), ptr(t), ptr(gbuffer.depth), ptr(corners)
     y0 = take(ticket)
@@ -83,7 +83,7 @@ def _fill(ticket, t, corners, rays, gbuffer):
                 i, far = np.int64(get(faces, at)), get(ts, at)
                 put(depths, at, far)
                 if i >= 0:
-                    fill_pixel(y, x, i, far, triangles, rays, out, at)
+                    fill_pixel(row + y, x, i, far, triangles, rays, out, at)
                 else:
                     put(out.side, at, NOTHING)
                     _put3(out.position, at, (zero, zero, zero))
@@ -91,12 +91,15 @@ def _fill(ticket, t, corners, rays, gbuffer):
         y0 = take(ticket)
 
 
-def from_hits(face, t, triangles, rays: CameraRays, threads=None) -> GBuffer:
-    """The G-buffer of known primary hits: face (H, W) int32 triangle indices or -1, t (H, W) float64."""
+def from_hits(face, t, triangles, rays: CameraRays, threads=None, row: int = 0) -> GBuffer:
+    """The G-buffer of known primary hits: face (H, W) int32 triangle indices or -1, t (H, W) float64.
+
+    row : the first of these rows of the picture
+    """
     shape = face.shape
     position, normal = np.empty((*shape, 3), np.float32), np.empty((*shape, 3), np.float32)
     depth, side = np.empty(shape, np.float32), np.empty(shape, np.int8)
     gbuffer = GBuffer(position, normal, face, depth, side, triangles.origin)
     ticket = new_ticket(shape[0], 8)
-    run(_fill, thread_count(threads), ticket, t, triangles.vertices.reshape(-1, 9), rays, gbuffer)
+    run(_fill, thread_count(threads), ticket, t, triangles.vertices.reshape(-1, 9), rays, row, gbuffer)
     return gbuffer

@@ -1,12 +1,13 @@
 """The shadow queries of a picture, at the surfaces that its pixels see."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ..scene.lights import AMBIENT
 from ..scene.triangles import Triangles
-from .bounds import reach, reach_of
+from .bounds import bounds, reach_of
 from .gbuffer import GBuffer
 from .receivers import surface_receivers
 from .shadow import ShadowQuery
@@ -24,6 +25,18 @@ class Surfaces(NamedTuple):
 def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
     """`Surfaces` of a G-buffer whose faces index all triangles of the scene."""
     return Surfaces(gbuffer, triangles, gbuffer.face)
+
+
+def stacked(bands: Sequence[Surfaces]) -> Surfaces:
+    """The surfaces of bands of a picture, which follow one another from top to bottom. Each triangle is kept once."""
+    seen = [band.triangles for band in bands if (band.ids >= 0).any()] or [bands[0].triangles]
+    ids, first = np.unique(np.concatenate([triangles.face_id for triangles in seen]), return_index=True)
+    vertices, colour = (np.concatenate([getattr(t, name) for t in seen])[first] for name in ("vertices", "colour"))
+    faces = [np.where(b.ids >= 0, np.searchsorted(ids, b.ids), -1).astype(np.int32) for b in bands]
+    of_all = {f: np.concatenate([getattr(b.gbuffer, f) for b in bands]) for f in ("position", "normal", "depth", "side")}
+    gbuffer = bands[0].gbuffer._replace(**of_all, face=np.concatenate(faces))
+    triangles = Triangles(vertices, seen[0].origin, ids, colour)
+    return Surfaces(gbuffer, triangles, np.concatenate([band.ids for band in bands]), bands[0].box)
 
 
 def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
@@ -45,8 +58,7 @@ def surface_queries(surfaces: Surfaces, lights, samples, cull_faces=0, threads=N
     origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
     far = 1.0
     if triangles.vertices.size:
-        points = gbuffer.position
-        far = reach(triangles, points, threads) if box is None else reach_of(box, points, threads)
+        far = reach_of(np.stack(bounds(triangles.vertices, threads)) if box is None else box)
     patches = [light.patch(triangles.origin, far) for light in lights]
     ambient = any(p.kind == AMBIENT for p in patches)
     normals = gbuffer.normal.astype(np.float64) if ambient else np.empty((0, 0, 3))

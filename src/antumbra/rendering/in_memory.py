@@ -1,6 +1,7 @@
 """Scenes in memory: all triangles are resident, and any plan can trace them."""
 
 import sys
+from collections.abc import Iterator
 from functools import partial
 from typing import ClassVar
 
@@ -104,7 +105,10 @@ class InMemory:
         if plan.tracer.keeps and not (self.scene.animated or plan.cull or plan.wants_rays):
             self._last = accelerated
 
-    def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None) -> Surfaces:
+    def bands(self, height: int) -> Iterator[slice]:
+        yield slice(0, height)
+
+    def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None, rows=None) -> Surfaces:
         return surfaces_of(see(triangles, camera, whole if self.gbuffer == "rays" else None, self.threads), triangles)
 
     def nearest_in(self, whole: Accelerated) -> Nearest:

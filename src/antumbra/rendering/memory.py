@@ -11,6 +11,7 @@ SUBPIXELS = 16
 _EDGES = 4  # every so manieth pixel is divided, as a guess
 _CELL_BYTES = 4  # of the cells of a ray set, for each pixel
 _PICTURE_BYTES = 60  # of rays, hits, surfaces, receivers, the triangles that pixels see, the image and its inputs
+_BAND_BYTES = 40  # of surfaces in bands, while they are put together
 _SMOOTH_BYTES = 64
 _FINER_BYTES = 96  # of the pixels whose penumbrae are refined
 _BOUNCE_BYTES = 80
@@ -26,8 +27,8 @@ class FrameMemory(NamedTuple):
 
 def frame_memory(request: Request) -> FrameMemory:
     """The memory of a frame."""
-    pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES
-    bytes_ += sum(LIGHT_BYTES + 8 * (-(-samples.shape[1] // 64)) for samples in request.samples)
+    pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES + _BAND_BYTES
+    bytes_ += sum(LIGHT_BYTES + 16 * (-(-samples.shape[1] // 64)) for samples in request.samples)
     bytes_ += _SMOOTH_BYTES * request.smooth
     cells = sum(_CELL_BYTES * _sets(light, samples) for light, samples in zip(request.lights, request.samples))
     passes = 0

@@ -20,12 +20,13 @@ from ..query.rays import Arguments, HitArrays, hit_arrays
 from ..query.subpixels import subpixel_rays
 from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles, joined
-from ..store.residency import Copies, Residency, marked, places
+from ..store.residency import Copies, Paging, Residency, marked, places
 from ..store.resident import release_freed, resident
 from ..store.scene import PagedScene
 from ..trace.forest import Hits
 from ..trace.rays.bounce import Nearest, surfaces_met
 from .accelerate import Accelerated, Accelerator
+from .bands import Bands
 from .memory import FrameMemory
 from .paged_rays import LEAST, RAY_BYTES, Batch, batches, weights
 from .ready import Job, fixed_job, make_ready, small_scene, small_view
@@ -33,6 +34,7 @@ from .ready import Job, fixed_job, make_ready, small_scene, small_view
 MAX_MEMORY = 4 << 30
 _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
 _NONE = np.empty(0, np.int64)
+_MANY = 4  # neighbouring bands read some chunks twice: they pay where a frame reads so many times the memory
 _SPARE = 48 << 20  # bytes reserved for small allocations
 
 
@@ -99,8 +101,11 @@ class Paged:
         store = scene.store
         self.scene, self.threads, self.max_memory = scene, accelerator.threads, most
         self.store, self.residency = store, Residency(store, most)
-        self._before, self._room = self.residency.paging, 0
+        self._before: Paging | None = None  # when the frame began
+        self._room = 0
         self._together: dict[int, int] = {}  # size -> how many were traced together
+        self._bands, self._looked = Bands(), 0  # bytes read when the last camera rays had been traced
+        self._reads = int(store.chunks.bytes.sum())  # bytes that the last frame read; at first those of the store
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
         scheduled = Scheduled(parts, plan.tracer.culling)
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
@@ -115,6 +120,8 @@ class Paged:
         free = self.budget(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
         self._room, self.accelerated.prepared.room = together, cells
+        if self._before is not None:
+            self._reads = self.residency.paging.bytes - self._before.bytes
         self.residency.budget, self._before = free - together - cells, self.residency.paging
         self.residency.trim()
 
@@ -160,14 +167,23 @@ class Paged:
     def paging(self) -> dict[str, int]:
         """Counts of chunks read and evicted in this frame."""
         now, before = self.residency.paging, self._before
+        assert before is not None
         return {name: a - b for name, a, b in zip(now._fields, now, before)}
 
-    def look(self, camera, triangles=None, whole=None, progress=None) -> Surfaces:
+    def bands(self, height: int) -> Iterator[slice]:
+        budget = self.residency.budget
+        for rows in self._bands.of_frame(height, self._reads > _MANY * budget):
+            before = self.residency.paging.bytes
+            yield rows
+            self._bands.read(self._looked - before, self.residency.paging.bytes - self._looked, budget)
+
+    def look(self, camera, triangles=None, whole=None, progress=None, rows: slice | None = None) -> Surfaces:
         """The surfaces that a camera sees; `triangles` and `whole` are not used."""
         rays = camera.rays(self.scene.origin)
-        hits = camera_hits(self.accelerated.prepared, rays, self.threads, progress)
+        hits = camera_hits(self.accelerated.prepared, rays, self.threads, progress, rows)
         triangles, (face,) = self.hit_triangles([hits])
-        gbuffer = from_hits(face, hits.t, triangles, rays, self.threads)
+        gbuffer = from_hits(face, hits.t, triangles, rays, self.threads, rows.start if rows else 0)
+        self._looked = self.residency.paging.bytes
         return Surfaces(gbuffer, triangles, hits.face, self.store.meta.box)
 
     def nearest_in(self, whole: Accelerated) -> Nearest:

@@ -5,7 +5,7 @@ import numpy as np
 from ..image.filter import smoothed
 from ..image.fraction import as_needed, fraction, refine_penumbra
 from ..image.shade import ambient_light
-from ..query.picture import Surfaces
+from ..query.picture import Surfaces, stacked
 from ..query.receivers import NOTHING
 from ..query.refine import edges
 from ..query.subpixels import block_copies, block_means
@@ -26,8 +26,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
     """Render a frame. Its kernels should be compiled already, or compilation counts in the timings."""
     state = FrameState(source, accelerator, request)
     evaluate(state)
-    surfaces = look(state)
-    traced = trace(state, surfaces)
+    surfaces, traced = look_and_trace(state)
     seen, visibility = lit(state, surfaces, traced)
     edge = refined = indirect = None
     if request.finer is not None:
@@ -57,11 +56,28 @@ def evaluate(state: FrameState) -> None:
         state.clock.lap("build")
 
 
-def look(state: FrameState) -> Surfaces:
-    """Find the surfaces that the camera sees."""
+def look_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
+    """Find the surfaces that the camera sees, and trace their shadow rays, band by band of the picture."""
     if state.whole is not None:
         state.whole.begin()
-    surfaces = state.source.look(state.request.camera, state.triangles, state.whole, state.request.progress)
+    bands, bits = list[Surfaces](), list[list[np.ndarray]]()
+    for rows in state.source.bands(state.request.camera.height):
+        surfaces = look(state, rows)
+        traced = trace(state, surfaces)
+        bands.append(surfaces)
+        bits.append(traced.bits)
+    if len(bands) == 1:
+        return surfaces, traced
+    surfaces = stacked(bands)
+    state.triangles = surfaces.triangles
+    queries = queries_of(state, surfaces, state.request.samples)
+    return surfaces, TracedLights(queries, [np.concatenate(of_light) for of_light in zip(*bits)])
+
+
+def look(state: FrameState, rows: slice) -> Surfaces:
+    """Find the surfaces that the camera sees in some rows."""
+    request = state.request
+    surfaces = state.source.look(request.camera, state.triangles, state.whole, request.progress, rows)
     state.triangles = surfaces.triangles
     state.view = state.request.camera.rays(surfaces.triangles.origin)
     state.clock.lap("gbuffer")
@@ -69,7 +85,7 @@ def look(state: FrameState) -> Surfaces:
 
 
 def trace(state: FrameState, surfaces: Surfaces) -> TracedLights:
-    """Trace the shadow rays of all pixels. The tree also serves the later rays of refined penumbrae."""
+    """Trace the shadow rays of a band's pixels. The tree also serves the later rays of refined penumbrae."""
     request, maker, whole = state.request, state.accelerator, state.whole
     queries = queries_of(state, surfaces, request.samples)
     state.clock.lap("trace")

@@ -1,5 +1,6 @@
 """The protocol of a render source: it supplies triangles and trees, primary visibility and closest hits."""
 
+from collections.abc import Iterator
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -68,10 +69,17 @@ class RenderSource(Protocol):
     def keep(self, accelerated: Accelerated) -> None:
         """Offer the tree of a frame's shadow rays for reuse in later frames."""
 
-    def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None) -> Surfaces:
+    def bands(self, height: int) -> Iterator[slice]:
+        """Yield the rows of a picture band by band. The caller traces the camera and shadow rays of each in turn."""
+        ...
+
+    def look(
+        self, camera, triangles: Triangles, whole: Accelerated | None, progress=None, rows: slice | None = None
+    ) -> Surfaces:
         """The surfaces that a camera sees.
 
         whole : a tree of all triangles; None only where `gbuffer` is "raster"
+        rows : a band of the picture; None: all
         """
         ...
 
