@@ -33,7 +33,8 @@ def stacked(bands: Sequence[Surfaces]) -> Surfaces:
     ids, first = np.unique(np.concatenate([triangles.face_id for triangles in seen]), return_index=True)
     vertices, colour = (np.concatenate([getattr(t, name) for t in seen])[first] for name in ("vertices", "colour"))
     faces = [np.where(b.ids >= 0, np.searchsorted(ids, b.ids), -1).astype(np.int32) for b in bands]
-    of_all = {f: np.concatenate([getattr(b.gbuffer, f) for b in bands]) for f in ("position", "normal", "depth", "side")}
+    names = "position", "normal", "depth", "side"
+    of_all = {name: np.concatenate([getattr(b.gbuffer, name) for b in bands]) for name in names}
     gbuffer = bands[0].gbuffer._replace(**of_all, face=np.concatenate(faces))
     triangles = Triangles(vertices, seen[0].origin, ids, colour)
     return Surfaces(gbuffer, triangles, np.concatenate([band.ids for band in bands]), bands[0].box)
