@@ -7,7 +7,7 @@ from antumbra.plan import parse_plan
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
-from antumbra.rendering.accelerate import Accelerator
+from antumbra.rendering.choosing import accelerator_of
 from antumbra.rendering.in_memory import see
 
 
@@ -36,6 +36,6 @@ def true_occlusion(triangles, query):
 
 def answer(plan, triangles, query, threads=2, counters=None):
     """(h, w, spp) bool: a plan's answer to a query."""
-    make = Accelerator(parse_plan(plan), threads)
+    make = accelerator_of(parse_plan(plan), threads)
     ready = make.build(triangles, make.culled(triangles, [query]), make.show(triangles, [query]))
     return unpack(make.answer(ready, query, counters), query.samples.shape[1])

@@ -5,12 +5,12 @@ import pytest
 from antumbra.errors import InputError
 from antumbra.methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, own_methods, register
 from antumbra.papers.srdh.variants import ORDERS
-from antumbra.plan import TREE, Plan, all_plans, covering_plans, parse_plan
+from antumbra.plan import DEFAULT_PLAN, TREE, Plan, all_plans, covering_plans, parse_plan
 
 
 def test_the_instrument_has_few_methods():
     counts = {field: len(own_methods(field)) for field in KINDS}
-    assert counts["trace"] <= 12 and counts["build"] <= 6 and len(all_plans()) < len(all_plans(papers=True)) / 4
+    assert counts["trace"] <= 12 and counts["build"] <= 6 and len(all_plans()) < len(all_plans(papers=True)) / 3
 
 
 def test_a_taken_name_is_refused():
@@ -28,6 +28,16 @@ def test_every_plan_reads_as_it_is_written(papers):
         assert parse_plan(str(plan)) == plan == parse_plan(plan)
 
 
+def test_auto_chooses_the_rest_of_its_plan_or_has_a_builder():
+    auto = parse_plan("auto")
+    assert auto.chooses and auto.build is None and str(auto) == DEFAULT_PLAN == "auto" and parse_plan(auto) == auto
+    assert not parse_plan("lbvh+auto").chooses and parse_plan("auto+lbvh") == Plan(build="lbvh", trace="auto")
+    assert parse_plan("auto").tree != parse_plan("cones").tree
+    for plan in ("grid32+auto", "auto+refit", "auto+reinsert"):
+        with pytest.raises(InputError, match="'auto' chooses the rest of the plan"):
+            parse_plan(plan)
+
+
 def test_order_does_not_matter():
     assert parse_plan("single+bsah") == Plan(None, "bsah", "single")
     assert parse_plan("cones+grid32") == Plan(cull="grid32", trace="cones")
@@ -39,7 +49,7 @@ def test_a_builder_is_there_unless_the_tracer_walks_no_bvh():
     plans = all_plans(papers=True)
     assert {plan.tracer.builds for plan in plans} == {True, False}
     for plan in plans:
-        assert (plan.build is not None) == plan.tracer.builds == TRACERS[plan.trace].builds
+        assert (plan.build is not None or plan.chooses) == plan.tracer.builds == TRACERS[plan.trace].builds
         assert plan.tracer.builds or plan.optimise is plan.update is None
 
 
@@ -84,8 +94,8 @@ def test_a_tree_is_not_kept_of_triangles_that_change():
 
 @pytest.mark.parametrize(
     "text",
-    ["", "+", "bsah+", "bsah+singel", "bsah", "single", "bsah+single+single", "auto", "grid32", "cones+cones", "cones:",
-     "cones:magic", "cones:sorted:sorted", "cones+single", "spheres"],
+    ["", "+", "bsah+", "bsah+singel", "bsah", "single", "bsah+single+single", "autos", "grid32", "cones+cones",
+     "cones:", "cones:magic", "cones:sorted:sorted", "cones+single", "spheres"],
 )  # fmt: skip
 def test_what_is_not_a_plan_is_refused_with_the_valid_names(text):
     with pytest.raises(InputError, match=r"builders: .*bsah.*tracers: .*single"):

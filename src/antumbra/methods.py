@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from . import plugins
+from .auto import trace as auto
 from .bvh import binned_sah, lbvh, rayorder, refit, reinsertion, srdh, sweep_sah, tl_lbvh
 from .bvh.blocks import block_tree
 from .bvh.widen import widen
@@ -83,7 +84,8 @@ class Tracer(NamedTuple):
     description: str
     paper: str
     builds: bool = True  # True: the tracer walks a BVH
-    keeps: bool = False  # True: the prepared structure remembers visibility, and has `begin()` to call in each frame
+    chooses: bool = False  # True: a plan of this tracer alone chooses the builder, too
+    keeps: bool = False  # True: the prepared structure remembers earlier frames, and has `begin()` to call in each
     exact: bool = True  # True: the tracer gives the same bits as all other exact tracers
     counts_apart: bool = False  # True: separate kernels count tests
     trace_all: Callable | None = None
@@ -207,6 +209,14 @@ def by_culling(options: CullingOptions, description: str) -> Tracer:
 
 
 TRACERS: dict[str, Tracer] = {
+    "auto": Tracer(
+        auto.Auto,
+        auto.trace_shadow,
+        "the tracer that should be fastest for each query, and without a builder the builder for its rays",
+        "docs/design/auto.md",
+        chooses=True,
+        keeps=True,
+    ),
     "single": Tracer(
         single.as_built,
         single.trace_shadow,

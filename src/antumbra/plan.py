@@ -14,14 +14,14 @@ TREE = ("build", "optimise", "update")
 class Plan:
     """The names of the methods that answer a query, written ``cull+build+optimise+update+trace``.
 
-    Only ``build+trace`` is required, or ``trace`` alone if the tracer walks no BVH.
+    Only ``build+trace`` is required, or ``trace`` alone if the tracer walks no BVH or chooses it (``"auto"``).
 
     Parameters
     ----------
     cull : str or None
         Culler that drops triangles before the build; None: no culling.
     build : str or None
-        Builder of the BVH; None: ``"bsah"``. If the tracer walks no BVH, ``build`` stays None.
+        Builder of the BVH; None: ``"bsah"``. If the tracer walks no BVH or chooses it, ``build`` stays None.
     trace : str
         Tracer of the rays.
     optimise : str or None
@@ -38,7 +38,8 @@ class Plan:
 
     def __post_init__(self):
         found = find_method("trace", self.trace)
-        if self.build is None and (found is None or found[1].builds):  # `parse_plan` refuses unknown names
+        tracer = None if found is None else found[1]  # `parse_plan` refuses unknown names
+        if self.build is None and (tracer is None or (tracer.builds and not tracer.chooses)):
             object.__setattr__(self, "build", "bsah")
 
     def __str__(self) -> str:
@@ -52,9 +53,14 @@ class Plan:
         return found[1]
 
     @property
+    def chooses(self) -> bool:
+        """True if the plan is ``"auto"``, which chooses the builder for each frame."""
+        return self.build is None and self.tracer.chooses
+
+    @property
     def tree(self) -> tuple[str | None, ...]:
         """The fields that determine the BVH; plans with equal fields can share a BVH."""
-        return self.cull, self.build, self.optimise, self.update
+        return self.cull, self.trace if self.chooses else self.build, self.optimise, self.update
 
     @property
     def wants_rays(self) -> bool:
@@ -64,7 +70,7 @@ class Plan:
         )
 
 
-DEFAULT_PLAN = str(Plan())
+DEFAULT_PLAN = str(Plan(trace="auto"))
 
 
 def parse_plan(plan: "str | Plan") -> Plan:
@@ -92,7 +98,7 @@ def parse_plan(plan: "str | Plan") -> Plan:
     if "trace" not in found:
         raise InputError(f"plan {str(plan)!r} names no tracer; {_valid()}")
     made = Plan(**found)
-    _check_tree(str(plan), found, made.tracer.builds)
+    _check_tree(str(plan), found, made)
     if "cull" in found and "update" in found:
         raise InputError(
             f"plan {str(plan)!r}: {found['update']!r} keeps a tree of the same triangles, of which {found['cull']!r} "
@@ -106,9 +112,13 @@ def _method(part: str) -> tuple[str, str] | None:
     return next(((field, found[0]) for field in KINDS if (found := find_method(field, part))), None)
 
 
-def _check_tree(plan: str, found: dict[str, str], builds: bool) -> None:
-    """Raise InputError unless the plan has a builder exactly if `builds`, and its tree methods are compatible."""
-    if not builds:
+def _check_tree(plan: str, found: dict[str, str], made: Plan) -> None:
+    """Raise InputError unless the plan has a builder exactly if it needs one, and its tree methods are compatible."""
+    if made.chooses and len(found) > 1:
+        raise InputError(f"plan {plan!r}: {found['trace']!r} chooses the rest of the plan; name a builder, or it alone")
+    if made.chooses:
+        return
+    if not made.tracer.builds:
         for field in TREE:
             if field in found:
                 kind, name = KINDS[field][0], found[field]
@@ -131,7 +141,8 @@ def all_plans(papers: bool = False) -> list[Plan]:
         for b, o, u in product(names["build"], (None, *names["optimise"]), (None, *names["update"]))
         if not (o and BUILDERS[b].wants_rays)
     ]
-    return [
+    choosing = [Plan(trace=t) for t in names["trace"] if TRACERS[t].chooses]
+    return choosing + [
         Plan(c, b, t, o, u)
         for c, t in product((None, *names["cull"]), names["trace"])
         for b, o, u in (trees if TRACERS[t].builds else [(None, None, None)])
@@ -158,5 +169,5 @@ def names_of(papers: bool) -> dict[str, list[str]]:
 
 def _valid() -> str:
     names = "; ".join(f"{kind}s: {', '.join(own_methods(field))}" for field, (kind, _) in KINDS.items())
-    alone = [name for name in own_methods("trace") if not TRACERS[name].builds]
+    alone = [name for name in own_methods("trace") if TRACERS[name].chooses or not TRACERS[name].builds]
     return f"write builder+tracer, without a builder for {' and '.join(alone)}, or more ({names})"

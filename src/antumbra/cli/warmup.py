@@ -22,9 +22,10 @@ def warmup(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compile all kernels now and keep them on disk.
+    """Compile all kernels now and keep them on disk, and measure this machine.
 
-    Otherwise each kernel is compiled when it is first used, once for each machine and version.
+    Otherwise each kernel is compiled when it is first used, once for each machine and version. The plan auto predicts
+    times by what is measured here; otherwise by figures of another machine.
 
     \b
     Examples
@@ -32,18 +33,23 @@ def warmup(
       antumbra warmup --plan bsah+single
     """
     from ..kernels.loading import user_cache
-    from ..plan import parse_plan
+    from ..plan import covering_plans, parse_plan
+    from ..rendering.calibration import calibrate
     from ..rendering.ready import make_ready_all
     from ..rendering.warm import jobs
 
-    wanted = jobs([parse_plan(text) for text in plan] if plan else None)
+    plans = [parse_plan(text) for text in plan] if plan else covering_plans()
+    wanted = jobs(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
         compiled = make_ready_all(wanted)
+        measured = calibrate()._asdict() if any(plan.tracer.chooses for plan in plans) else None
     seconds, folder = perf_counter() - start, str(user_cache().path)
     if json:
         names = [job.name for job in wanted]
-        report.print_json({"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds})
+        report.print_json(
+            {"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds, "machine": measured}
+        )
     elif not quiet:
         print(
             f"kernels of {len(wanted)} jobs are ready, {compiled} of them new, in {folder} ({report.duration(seconds)})"

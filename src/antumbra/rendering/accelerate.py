@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..auto.trace import Auto
 from ..bvh.blocks import block_tree
 from ..bvh.nodes import Bvh
 from ..chcrt.trace import Scheduled
@@ -30,10 +31,15 @@ class Accelerated(NamedTuple):
         """The state of a tracer that remembers earlier frames; None for other tracers."""
         return self.prepared if isinstance(self.prepared, Scheduled) else None
 
+    @property
+    def chosen(self) -> Auto | None:
+        """The state of the tracer `auto`; None for other tracers."""
+        return self.prepared if isinstance(self.prepared, Auto) else None
+
     def begin(self) -> None:
         """Tell the tracer that a new frame, or a new query of points, begins."""
-        if self.scheduled is not None:
-            self.scheduled.begin()
+        if isinstance(self.prepared, (Scheduled, Auto)):
+            self.prepared.begin()
 
 
 class Accelerator:
@@ -51,9 +57,27 @@ class Accelerator:
         check_srdh_rays(srdh_rays, plan)
         self.plan, self.threads = plan, threads
         self.showing = Showing(srdh_rays or SrdhRays(), threads) if plan.wants_rays else None
-        self.one_tree = plan.build is not None and self.showing is None  # one BVH for shadow rays and camera rays
+        self.one_tree = plan.tracer.builds and self.showing is None  # one BVH for shadow rays and camera rays
         self._kept = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
         self._rays: Callable | None = None  # (vertices, their BVH) -> Intersections; set while a builder runs
+
+    def begin(self, rays: int) -> None:
+        """Begin a frame, or a query of points, of about so many rays."""
+
+    @property
+    def builder(self) -> str:
+        """The name of the builder of the next tree."""
+        assert self.plan.build is not None
+        return self.plan.build
+
+    @property
+    def ran(self) -> Plan:
+        """The plan with the methods that the last frame used."""
+        return self.plan
+
+    def outgrown(self, accelerated: Accelerated) -> bool:
+        """Should a tree that was kept be built again, by a better builder?"""
+        return False
 
     def culled(self, triangles: Triangles, queries) -> Culled | None:
         """The triangles that segments of these queries can meet; None if the plan has no culler."""
@@ -80,7 +104,7 @@ class Accelerator:
         InputError
             If the builder is ray-guided and `shown` is None.
         """
-        if self.plan.build is None:
+        if not self.plan.tracer.builds:
             return self.prepare(triangles, None, culled)
         if self.showing is not None:
             if shown is None:
@@ -103,8 +127,7 @@ class Accelerator:
         return self._new_tree(vertices, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
-        assert self.plan.build is not None
-        builder, name = BUILDERS[self.plan.build], self.plan.optimise
+        builder, name = BUILDERS[self.builder], self.plan.optimise
         bvh = builder.build(vertices, threads, **self._shown_to(builder, vertices))
         if name is None:
             return bvh

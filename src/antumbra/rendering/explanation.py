@@ -23,6 +23,7 @@ from ..scene.triangles import Triangles
 from ..trace.rays.orders import BUILT, Ordered
 from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
 from .accelerate import Accelerated, Accelerator
+from .choosing import accelerator_of
 from .in_memory import see
 from .memory import frame_memory
 from .ready import Job, fixed_job, make_ready, small_scene, small_view
@@ -162,7 +163,7 @@ def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=No
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)
-        walked = _walk(Accelerator(plan, threads, srdh_rays if plan.wants_rays else None), pictures)
+        walked = _walk(accelerator_of(plan, threads, srdh_rays if plan.wants_rays else None), pictures)
         if i == 0:
             first, frequent = walked, _frequent(walked.steps.hits)
         _check_bits(first, walked)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..auto.choose import Choice
 from ..query.gbuffer import GBuffer
 
 PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
@@ -24,6 +25,8 @@ class Frame(NamedTuple):
     indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
     scheduled: list[dict] | None = None  # CHC+RT only: cost of each query, see `chcrt.schedule.Statistics`
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.residency.Paging`
+    plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
+    choices: list[Choice] | None = None  # the plan "auto" only: how each query was answered, and why
 
     def save(self, path, exposure: float | None = None) -> None:
         """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear; image, visibility, depth, normal).

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..auto.ways import WAYS
 from ..bvh.blocks import BlockTree
 from ..chcrt.surfaces import nearest_scheduled, primary_hits
 from ..errors import InputError
@@ -70,7 +71,8 @@ class InMemory:
         return sys.maxsize
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
-        if self._last is None:
+        if self._last is None or self._accelerator.outgrown(self._last):
+            self._last = None
             return self.scene.triangles(time, self.threads), None
         return self._last.triangles, self._last
 
@@ -91,8 +93,8 @@ class InMemory:
         if kept is None or kept[0] != time:
             kept = self.scene.__dict__["_accelerated"] = (time, {})
         plan, plans = make.plan, kept[1]
-        if plan not in plans:
-            built = next((made for other, made in list(plans.items()) if other.tree == plan.tree), None)
+        if plan not in plans or make.outgrown(plans[plan]):
+            built = None if plan.chooses else next((p for o, p in list(plans.items()) if o.tree == plan.tree), None)
             if built is None:
                 plans[plan] = make.build(self.scene.triangles(time, self.threads))
             else:
@@ -147,6 +149,7 @@ def see(triangles: Triangles, camera, whole: Accelerated | None = None, threads:
     elif whole.scheduled is not None:
         face, t = primary_hits(whole.scheduled, rays, threads)
     else:
-        tree = whole.prepared if isinstance(whole.prepared, BlockTree) else whole.bvh
+        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(WAYS["multifrusta"])
+        tree = blocks if isinstance(blocks, BlockTree) else whole.bvh
         face, t = trace_primary(tree, rays, threads)
     return from_hits(face, t, triangles, rays, threads)

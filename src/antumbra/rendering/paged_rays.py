@@ -11,6 +11,7 @@ from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.filters import volumes64
 from ..query.diffuse import RayPass
+from ..query.order import morton_codes
 from ..query.rays import Arguments
 from ..scene.triangles import Triangles
 from ..trace.forest import Hits
@@ -54,17 +55,7 @@ def _alike(arguments: Arguments) -> np.ndarray:
     with np.errstate(invalid="ignore", over="ignore"):
         directions = arguments.directions.astype(np.float32)
         directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-30)
-        return np.lexsort((_codes(directions), _codes(arguments.origins)))
-
-
-def _codes(points: np.ndarray) -> np.ndarray:
-    """(n,) int64: Morton codes of 10 bits an axis, over the box of the points."""
-    low = points.min(0, initial=np.inf)
-    size = max(float((points.max(0, initial=-np.inf) - low).max()), 1e-30)
-    cells = np.clip((points - low) * (1023.0 / size), 0, 1023).astype(np.int64)
-    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
-        cells = (cells | cells << shift) & mask
-    return cells[:, 0] << 2 | cells[:, 1] << 1 | cells[:, 2]
+        return np.lexsort((morton_codes(directions), morton_codes(arguments.origins)))
 
 
 @kernel

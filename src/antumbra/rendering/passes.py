@@ -38,10 +38,10 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
         divide(state, edge, image, ambient, indirect)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
-    scheduled = None if state.ready.scheduled is None else state.ready.scheduled.statistics
+    chosen, scheduled = state.ready.chosen, None if state.ready.scheduled is None else state.ready.scheduled.statistics
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
-        scheduled, source.paging(),
+        scheduled, source.paging(), str(accelerator.ran), None if chosen is None else chosen.choices,
     )  # fmt: skip
 
 
@@ -49,6 +49,8 @@ def evaluate(state: FrameState) -> None:
     """Evaluate the triangles at the frame's time; build their tree if primary visibility uses rays."""
     source = state.source
     source.begin(frame_memory(state.request))
+    camera, spp = state.request.camera, sum(samples.shape[1] for samples in state.request.samples)
+    state.accelerator.begin(camera.width * camera.height * spp)
     state.triangles, state.whole = source.moment(state.request.time)
     state.clock.lap("evaluate")
     if source.gbuffer == "rays" and state.whole is None:

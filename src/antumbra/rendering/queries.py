@@ -153,6 +153,7 @@ def visibility(
     warm_up(renderer.plan, source.gbuffer)
     source.warm_up()
     source.begin(points_memory(len(origins), light, samples))
+    accelerator.begin(len(origins) * samples.shape[1])
     triangles, ready = source.for_points(time)
     reach = reach_of(source.box(triangles), origins, threads) if len(origins) else 1.0
     no_faces = np.full((1, len(origins)), -1, np.int32)

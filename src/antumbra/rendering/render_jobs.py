@@ -2,15 +2,20 @@
 
 import numpy as np
 
+from ..auto.rates import GOOD, QUICK
+from ..auto.ways import WAYS, Forms, answer
 from ..kernels import needs
+from ..methods import BUILDERS, UPDATERS
 from ..plan import Plan, parse_plan
 from ..query.diffuse import diffuse_passes
+from ..query.picture import shadow_queries
 from ..query.refine import finer_samples
 from ..query.sampling import light_samples
 from ..scene.camera import Camera
 from ..scene.lights import QuadLight
-from .accelerate import Accelerator
-from .in_memory import InMemory
+from ..trace.counters import new_counters
+from .choosing import accelerator_of
+from .in_memory import InMemory, see
 from .passes import draw
 from .ready import Job, fixed_job, make_ready, small_scene, small_view
 from .request import Request
@@ -59,7 +64,12 @@ def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -
                 tracing = (tracing - (usual - with_it)) | (with_it - usual)
         return tracing
 
-    return Job(name(plan), lambda: _render_small(plan, gbuffer, counters=counters), kernels)
+    def work():
+        if plan.tracer.chooses:
+            _trace_small_all_ways(counters)
+        _render_small(plan, gbuffer, counters=counters)
+
+    return Job(name(plan), work, kernels)
 
 
 def quality_job() -> Job:
@@ -91,7 +101,7 @@ def indirect_job(gbuffer: str = "raster") -> Job:
 
 def _render_small(plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1):
     """Render a frame of the small scene; `passes`: number of diffuse rays, `view`: (camera, lights)."""
-    scene, accelerator = small_scene(), Accelerator(plan, 2, srdh_rays)
+    scene, accelerator = small_scene(), accelerator_of(plan, 2, srdh_rays)
     camera, lights = view or small_view(quality, sky=not passes)
     request = Request(
         camera,
@@ -105,3 +115,15 @@ def _render_small(plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passe
     if accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
         accelerator.build(scene.triangles(0.0, 2))
     draw(InMemory(scene, accelerator, gbuffer), accelerator, request)
+
+
+def _trace_small_all_ways(counters: bool) -> None:
+    """Trace the lights of the small scene in each way that `auto` may choose, over the trees that it may build."""
+    triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
+    queries = shadow_queries(triangles, see(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights])
+    for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
+        forms = Forms(build(triangles.vertices, 2), 2)
+        for name, way in WAYS.items():
+            for query in queries:
+                if way.suits(query, forms.box):
+                    answer(name, forms, query, 2, new_counters() if counters else None)

@@ -16,7 +16,8 @@ from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
 from ..scene.scene import Scene
 from ..scene.triangles import Triangles
-from .accelerate import Accelerated, Accelerator
+from .accelerate import Accelerated
+from .choosing import accelerator_of
 from .frame import Frame
 from .in_memory import InMemory, see
 from .passes import draw
@@ -49,7 +50,7 @@ class Renderer:
     scene : Scene or PagedScene
         A scene in memory or in a store.
     plan : str, Plan or None
-        None: ``"bsah+multifrusta"``; for a scene in a store ``"bsah+chcrt"``.
+        None: ``"auto"``; for a scene in a store ``"bsah+chcrt"``.
     threads : int or None
         None: all cores.
     gbuffer : "raster" or "rays"
@@ -78,7 +79,7 @@ class Renderer:
             raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
         kind: Any = source_kind(scene)
         self.plan, self.threads = parse_plan(kind.default_plan if plan is None else plan), thread_count(threads)
-        self.accelerator = Accelerator(self.plan, self.threads, srdh_rays)
+        self.accelerator = accelerator_of(self.plan, self.threads, srdh_rays)
         self.scene, self.source = scene, kind(scene, self.accelerator, gbuffer, max_memory)
 
     def render(
@@ -143,8 +144,8 @@ def render(
         Shadow rays per pixel and light, 1 to 1024. `PointLights`, and `AmbientOcclusion` with its own spp, ignore it.
     plan : str, Plan or None
         The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan never changes the bits, unless it
-        neglects geometry that few rays see (``"bsah+chcrt:20"``). None: ``"bsah+multifrusta"``; for a store
-        ``"bsah+chcrt"``.
+        neglects geometry that few rays see (``"bsah+chcrt:20"``). None: ``"auto"``, which chooses the methods; for a
+        store ``"bsah+chcrt"``.
     time : float
         Seconds, clamped to [0, scene.duration].
     threads : int or None

@@ -1,0 +1,133 @@
+"""Chooses a way for a query: predicted costs say which ways may be best, and a sample of the rays decides among them.
+
+Small queries are not worth a sample. In later frames, the rates that the same question of the last frame had decide.
+"""
+
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ..query.shadow import ShadowQuery
+from .facts import Facts, facts_of, if_sorted, size_of
+from .rates import form_seconds, lost_share, rate
+from .sample import sample_of
+from .ways import WAYS, Forms, answer
+
+_SMALL = 0.03  # seconds of a query that is not worth a sample
+_LIKELY = 2.2  # times the least predicted cost: slower ways are not tried
+_SHARE = 0.005  # of the receivers are in the sample
+_WINDOWS = 4  # of the sample, at least
+_WINDOW = 256  # receivers of a window
+_FEW = 256  # receivers that are not worth sorting
+_SORT = 1.5e-7  # seconds for a receiver
+_AGAIN = 64  # frames after which ways are tried again
+_CHANGE = 1.6  # times the rate of the last frame: ways are tried again
+
+
+class Choice(NamedTuple):
+    """The way that answered a query, and the reason."""
+
+    way: str
+    rays: int
+    predicted: float  # seconds, by `rates` or by the sample
+    tried: dict[str, float]  # way -> nanoseconds a ray of the sample; empty if the prediction or the last frame decided
+    sorted: bool = False  # the receivers were put in order first
+    seconds: float = 0.0  # measured
+
+
+class Memory:
+    """The rates of the questions of the last frames: question n of a frame has those of question n before.
+
+    lost : float
+        Seconds that all queries so far would have been faster in a tree of GOOD.
+    """
+
+    def __init__(self):
+        self._rates: dict[tuple, tuple[int, dict[str, float]]] = {}  # with the frame in which they were tried
+        self._frame = self._question = 0
+        self.choices: list[Choice] = []
+        self.lost = 0.0
+
+    def begin(self) -> None:
+        """Begin a frame."""
+        self._frame += 1
+        self._question = 0
+        self.choices = []
+
+    def key(self, facts: Facts) -> tuple:
+        """The key of the frame's next question."""
+        self._question += 1
+        return self._question, facts.kind, facts.samples, facts.receivers.bit_length(), round(2 * np.log2(facts.tile))
+
+    def rates(self, key: tuple) -> dict[str, float]:
+        """Way -> nanoseconds a ray, from earlier frames."""
+        tried, rates = self._rates.get(key, (-_AGAIN, {}))
+        return rates if self._frame - tried < _AGAIN else {}
+
+    def learn(self, key: tuple, choice: Choice) -> None:
+        """Keep what a question has measured; forget its rates if the way took much longer than before."""
+        self.choices.append(choice)
+        self.lost += choice.seconds * lost_share(choice.way)
+        if not choice.rays:
+            return
+        now, before = 1e9 * choice.seconds / choice.rays, self.rates(key)
+        if choice.tried:
+            self._rates[key] = self._frame, {**choice.tried, choice.way: now}
+        elif before and now > _CHANGE * before[choice.way]:
+            self._rates.pop(key, None)
+
+
+def choose(query: ShadowQuery, forms: Forms, threads: int, known: dict[str, float]) -> Choice:
+    """Choose the way for a query.
+
+    known : way -> nanoseconds a ray, from earlier frames; empty: not known
+    """
+    facts, suited = facts_of(query, forms.triangles, forms.box), suited_ways(query, forms.box)
+    made = {name: form_seconds(name, facts.triangles) * forms.missing(WAYS[name]) for name in suited}
+    if known:
+        cost = {name: 1e-9 * known[name] * facts.rays + made[name] for name in suited if name in known}
+        way = min(cost, key=cost.__getitem__)
+        return Choice(way, facts.rays, cost[way], {})
+    cost = {name: rate(name, facts) * facts.rays / threads + made[name] for name in suited}
+    way = min(cost, key=cost.__getitem__)
+    likely = sorted((name for name in suited if cost[name] < _LIKELY * cost[way]), key=cost.__getitem__)
+    if cost[way] < _SMALL or len(likely) == 1:
+        return Choice(way, facts.rays, cost[way], {})
+    tried = try_ways(query, forms, likely, facts, threads)
+    cost = {name: 1e-9 * of_ray * facts.rays + made[name] for name, of_ray in tried.items()}
+    way = min(cost, key=cost.__getitem__)
+    return Choice(way, facts.rays, cost[way], tried)
+
+
+def sorting_pays(query: ShadowQuery, forms: Forms, facts: Facts, threads: int) -> bool:
+    """Will the rays of scattered receivers gain what it costs to sort them in space?"""
+    if query.sides.shape[0] > 1 or facts.receivers < _FEW:
+        return False
+    ways, near = suited_ways(query, forms.box), if_sorted(query, facts, size_of(forms.box))
+    cost, sorted_cost = (min(rate(way, each) for way in ways) * facts.rays / threads for each in (facts, near))
+    return sorted_cost + _SORT * facts.receivers < cost
+
+
+def suited_ways(query: ShadowQuery, box: np.ndarray) -> list[str]:
+    """The names of the ways that can answer a query; `box`: around the triangles."""
+    return [name for name, way in WAYS.items() if way.suits(query, box)]
+
+
+def try_ways(query, forms: Forms, ways: list[str], facts: Facts, threads: int) -> dict[str, float]:
+    """Way -> nanoseconds a ray, on a sample of the query. A way that is slow in one window is not tried further."""
+    windows = max(_WINDOWS, round(_SHARE * facts.receivers / _WINDOW))
+    first, all_ = sample_of(query, 1), sample_of(query, windows)
+    found: dict[str, float] = {}
+    for name in ways:
+        forms.of(WAYS[name])
+        if _rate_of(name, forms, first, threads) > 2 * _LIKELY * min(found.values(), default=1e30):
+            continue
+        found[name] = _rate_of(name, forms, all_, threads)
+    return found
+
+
+def _rate_of(way: str, forms: Forms, query: ShadowQuery, threads: int) -> float:
+    start = perf_counter()
+    answer(way, forms, query, threads)
+    return 1e9 * (perf_counter() - start) / max(facts_of(query, forms.triangles, forms.box).rays, 1)

@@ -1,0 +1,114 @@
+"""Predicted costs: nanoseconds of one thread for a ray, by each way.
+
+The logarithm of a rate is a sum of terms of the `Facts`. Its weights were fitted to measurements
+(docs/design/auto.md). The measured rates of a case scatter around it by a factor of 1.6, so it only says which ways are
+worth a try, and decides alone for queries that are done at once.
+"""
+
+import json
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels.loading import user_cache
+from ..output import replacing
+from ..scene.lights import AMBIENT, DIRECTIONAL, LIST
+from .facts import Facts
+
+QUICK, GOOD = "lbvh", "bsah"
+"""Builders: of the tree that is built soonest, and of the tree in which rays are fastest for their build."""
+
+_STRATA = 16
+_LOST = {"multifrusta": 0.2}  # way -> see `lost_share`
+_OTHERS_LOSE = 0.4
+
+
+def terms(facts: Facts) -> np.ndarray:
+    """(k,) float64: the terms of Eq. (1) in docs/design/auto.md."""
+    n, m, log = np.log(facts.triangles), np.log(max(facts.receivers, 1)), np.log
+    few, many = log(min(facts.samples, _STRATA)), log(max(facts.samples, _STRATA))
+    tile, narrow, wide = log(facts.tile), log(facts.tile / 2 + facts.stratum), log(facts.tile / 2 + facts.chunk)
+    ambient, listed, distant = (float(facts.kind == kind) for kind in (AMBIENT, LIST, DIRECTIONAL))
+    return np.array([
+        1.0, ambient, listed, distant, n, m, few, many, tile, narrow, wide, few * tile, few * narrow, tile * tile,
+        narrow * narrow, narrow * n, tile * n, ambient * tile, ambient * narrow, listed * tile, wide * wide, few * few,
+    ])  # fmt: skip
+
+
+@cache
+def _shipped() -> dict:
+    return json.loads(files(__package__).joinpath("rates.json").read_text())
+
+
+@cache
+def weights() -> dict[str, np.ndarray]:
+    """Way -> the weights of `terms`."""
+    return {way: np.array(values) for way, values in _shipped()["weights"].items()}
+
+
+def reference() -> dict[str, float]:
+    """Way -> nanoseconds a ray of `rendering.calibration.ray_times`, on the machine of the fit."""
+    return _shipped()["reference"]
+
+
+class Machine(NamedTuple):
+    """How fast this machine is."""
+
+    slower: dict[str, float]  # way -> its measured rates relative to the fitted ones
+    forms: dict[str, float]  # way -> nanoseconds a triangle to make the form that it walks
+    builds: dict[str, float]  # builder -> nanoseconds a triangle
+
+
+SHIPPED = Machine({}, {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0}, {QUICK: 45.0, GOOD: 270.0})
+"""Of two cores; used where `antumbra warmup` has not measured."""
+
+
+def machine_file() -> Path:
+    """Where the measured `Machine` is kept, beside the kernels."""
+    return user_cache().path / "rates.json"
+
+
+@cache
+def machine() -> Machine:
+    """What was measured on this machine, or `SHIPPED`."""
+    try:
+        return Machine(**json.loads(machine_file().read_text()))
+    except (OSError, ValueError, TypeError):  # never measured, or by another version
+        return SHIPPED
+
+
+def keep_machine(measured: Machine) -> None:
+    """Keep what was measured, for this process and later ones."""
+    path = machine_file()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(measured._asdict()))
+    machine.cache_clear()
+
+
+def rate(way: str, facts: Facts) -> float:
+    """Predicted seconds of one thread for a ray."""
+    return 1e-9 * float(np.exp(terms(facts) @ weights()[way])) * machine().slower.get(way, 1.0)
+
+
+def form_seconds(way: str, triangles: int) -> float:
+    """Predicted seconds to make the form that a way walks."""
+    return 1e-9 * machine().forms.get(way, 0.0) * triangles
+
+
+def build_seconds(builder: str, triangles: int) -> float:
+    """Predicted seconds to build a tree."""
+    return 1e-9 * machine().builds[builder] * triangles
+
+
+def lost_share(way: str) -> float:
+    """The share of the time to trace that a tree of QUICK costs more than one of GOOD."""
+    return _LOST.get(way, _OTHERS_LOSE)
+
+
+def good_pays(lost: float, triangles: int) -> bool:
+    """Is a tree of GOOD built sooner than its rays are slower in a tree of QUICK? `lost`: seconds."""
+    return lost > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)

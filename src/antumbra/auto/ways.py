@@ -1,0 +1,76 @@
+"""The ways to trace a query: a tracer over a form of the tree."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.nodes import Bvh, boxes_of
+from ..bvh.widen import widen
+from ..query.shadow import ShadowQuery
+from ..trace.forest import whole
+from ..trace.multifrusta.trace import trace_forest
+from ..trace.packets.incoherent import is_far, is_incoherent
+from ..trace.packets.packet16 import over_pixels, over_samples
+from ..trace.rays import single
+
+
+class Way(NamedTuple):
+    """A tracer, and the form of the tree that it walks."""
+
+    form: Callable[[Bvh, int], Any] | None  # makes it; None: the builder's own tree
+    trace: Callable  # trace(form, query, bits, threads, counters, progress)
+    suits: Callable[[ShadowQuery, np.ndarray], bool] = lambda query, box: True  # box: around the triangles
+
+
+def _trace_shafts(tree: BlockTree, query, bits, threads, counters, progress) -> None:
+    trace_forest(whole(tree), query, bits, threads, counters, progress)
+
+
+def _shafts_suit(query: ShadowQuery, box: np.ndarray) -> bool:
+    return not (is_incoherent(query) or is_far(query, box))
+
+
+WAYS: dict[str, Way] = {
+    "multifrusta": Way(block_tree, _trace_shafts, _shafts_suit),
+    "packet16:blocks": Way(block_tree, over_pixels),
+    "packet16": Way(None, over_pixels),
+    "packet16:samples": Way(None, over_samples),
+    "wide": Way(widen, single.trace_shadow),
+}
+"""Name -> way. `packet16:blocks` are the packets that `multifrusta` takes for hemispheres."""
+
+
+class Forms:
+    """A tree in all forms that ways have asked for.
+
+    bvh : Bvh
+    threads : int
+    triangles : int
+    box : (2, 3) float32, around them
+    """
+
+    def __init__(self, bvh: Bvh, threads: int):
+        self.bvh, self.threads = bvh, threads
+        self.triangles, self.box = len(bvh.prim_ids), boxes_of(bvh.nodes[:1])[0]
+        self._made: dict[Callable, Any] = {}
+
+    def of(self, way: Way) -> Any:
+        """The form that a way walks."""
+        if way.form is None:
+            return self.bvh
+        if way.form not in self._made:
+            self._made[way.form] = way.form(self.bvh, self.threads)
+        return self._made[way.form]
+
+    def missing(self, way: Way) -> bool:
+        """Must the way's form still be made?"""
+        return way.form is not None and way.form not in self._made
+
+
+def answer(way: str, forms: Forms, query: ShadowQuery, threads: int, counters=None, progress=None) -> np.ndarray:
+    """(h, w, ceil(spp / 64)) uint64: the bits of a query."""
+    bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+    WAYS[way].trace(forms.of(WAYS[way]), query, bits, threads, counters, progress)
+    return bits

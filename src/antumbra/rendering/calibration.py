@@ -1,0 +1,78 @@
+"""Measures this machine for the plan `auto`: seconds of work, once, by ``antumbra warmup``."""
+
+from collections.abc import Callable
+from functools import partial
+from statistics import geometric_mean
+from time import perf_counter, thread_time
+
+import numpy as np
+
+from ..auto.rates import GOOD, QUICK, Machine, keep_machine, reference
+from ..auto.ways import WAYS, Forms, answer
+from ..bvh.nodes import Bvh
+from ..kernels.parallel import thread_count
+from ..methods import BUILDERS
+from ..query.picture import shadow_queries
+from ..query.sampling import light_samples
+from ..query.shadow import ShadowQuery
+from ..scene.generated import procedural
+from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
+from ..scene.triangles import Triangles
+from .in_memory import see
+
+_TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (256, 192), 16, 3
+
+
+def calibrate() -> Machine:
+    """Measure the rates of all ways, and the times to build trees; keep them beside the kernels."""
+    scene, threads = procedural("atrium", triangles=_TRIANGLES), thread_count(None)
+    triangles = scene.triangles(0.0, threads)
+    n = len(triangles.vertices)
+    builds = {
+        name: 1e9 * _seconds(lambda name=name: BUILDERS[name].build(triangles.vertices, threads)) / n
+        for name in (QUICK, GOOD)
+    }
+    bvh = BUILDERS[QUICK].build(triangles.vertices, threads)
+    forms = {name: 1e9 * _form_seconds(name, bvh, threads) / n for name, way in WAYS.items() if way.form is not None}
+    queries = _queries(triangles, scene.cameras[0].resized(*_SIZE), threads)
+    made = Forms(bvh, threads)
+    slower = {name: of_ray / reference()[name] for name, of_ray in ray_times(made, queries).items()}
+    measured = Machine(slower, forms, builds)
+    keep_machine(measured)
+    return measured
+
+
+def ray_times(forms: Forms, queries: list[ShadowQuery]) -> dict[str, float]:
+    """Way -> nanoseconds of one thread for a ray, on average over the queries that it can answer."""
+    found = {}
+    for name, way in WAYS.items():
+        suited = [query for query in queries if way.suits(query, forms.box)]
+        rays = [np.count_nonzero(query.sides) * query.samples.shape[1] for query in suited]
+        times = [_seconds(partial(answer, name, forms, query, 1), thread_time) for query in suited]
+        found[name] = geometric_mean(1e9 * seconds / n for seconds, n in zip(times, rays))
+    return found
+
+
+def _queries(triangles: Triangles, camera, threads: int) -> list[ShadowQuery]:
+    """Queries of one scene by several kinds of light."""
+    over = np.array([0.0, 7.0, 0.0])
+    lights = [
+        QuadLight(over, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])), DirectionalLight(np.array([0.3, -1.0, 0.2])),
+        PointLight(over), AmbientOcclusion(),
+    ]  # fmt: skip
+    gbuffer = see(triangles, camera, None, threads)
+    return shadow_queries(triangles, gbuffer, lights, [light_samples(light, _SPP) for light in lights], 0, threads)
+
+
+def _form_seconds(name: str, bvh: Bvh, threads: int) -> float:
+    return _seconds(lambda: Forms(bvh, threads).of(WAYS[name]))
+
+
+def _seconds(work: Callable[[], object], clock: Callable[[], float] = perf_counter) -> float:
+    """The least seconds of some times."""
+    found = []
+    for _ in range(_TIMES):
+        start = clock()
+        work()
+        found.append(clock() - start)
+    return min(found)

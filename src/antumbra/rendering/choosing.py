@@ -1,0 +1,81 @@
+"""The plan `auto`: it chooses the builder of each frame's tree, and its tracer chooses the way of each query."""
+
+import numpy as np
+
+from ..auto.choose import Memory, suited_ways
+from ..auto.facts import facts_of
+from ..auto.rates import GOOD, QUICK, good_pays, lost_share, rate
+from ..auto.trace import Auto
+from ..bvh.nodes import Bvh
+from ..cull.cull import Culled
+from ..methods import UPDATERS
+from ..plan import Plan
+from ..query.bounds import bounds
+from ..scene.triangles import Triangles
+from .accelerate import Accelerated, Accelerator
+from .srdh_rays import SrdhRays
+
+_RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
+
+
+class Choosing(Accelerator):
+    """An `Accelerator` that builds the tree that its rays need.
+
+    A tree of GOOD takes five times as long to build as one of QUICK, and rays take less time. It is built at once if
+    the predicted rays make up for it. It replaces a tree that was kept as soon as the rays so far would have. So at
+    most twice the necessary time is lost, however many rays follow. Trees of animated scenes are refitted from then on.
+    """
+
+    def __init__(self, plan: Plan, threads: int, srdh_rays: SrdhRays | None = None):
+        super().__init__(plan, threads, srdh_rays)
+        self.memory = Memory()
+        self._builder, self._rays_soon = QUICK, 0  # rays of which only the number is known
+
+    def begin(self, rays: int) -> None:
+        self.memory.begin()
+        self._rays_soon = rays
+
+    @property
+    def builder(self) -> str:
+        return self._builder
+
+    @property
+    def ran(self) -> Plan:
+        ways = {choice.way.partition(":")[0] for choice in self.memory.choices}
+        return Plan(build=self._builder, trace=ways.pop() if len(ways) == 1 else self.plan.trace)
+
+    def culled(self, triangles: Triangles, queries) -> None:
+        """Choose the builder for these queries. Nothing is culled: a quick build costs no more than culling."""
+        box, lost = np.stack(bounds(triangles.vertices, self.threads)), self.memory.lost
+        for query in queries:
+            facts = facts_of(query, len(triangles.vertices), box)
+            cost, way = min((rate(way, facts), way) for way in suited_ways(query, box))
+            lost += cost * facts.rays / self.threads * lost_share(way)
+        self._choose(lost, len(triangles.vertices))
+        self._rays_soon = 0
+
+    def outgrown(self, accelerated: Accelerated) -> bool:
+        chosen = accelerated.chosen
+        if chosen is None or chosen.builder == GOOD or not good_pays(chosen.memory.lost, chosen.forms.triangles):
+            return False
+        self._builder = GOOD
+        return True
+
+    def _choose(self, lost: float, triangles: int) -> None:
+        if self._builder == QUICK and good_pays(lost, triangles):
+            self._builder = GOOD
+
+    def _tree(self, vertices) -> Bvh:
+        self._choose(self._rays_soon * _RAY / self.threads * lost_share(""), len(vertices))
+        if self._builder == GOOD and self._kept is None and good_pays(self.memory.lost, len(vertices)):
+            self._kept = UPDATERS["refit"].keep(self._new_tree)
+        return super()._tree(vertices)
+
+    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
+        assert bvh is not None
+        return Accelerated(triangles, bvh, Auto(bvh, self.threads, self.memory, self._builder))
+
+
+def accelerator_of(plan: Plan, threads: int, srdh_rays: SrdhRays | None = None) -> Accelerator:
+    """The accelerator of a plan."""
+    return (Choosing if plan.chooses else Accelerator)(plan, threads, srdh_rays)

@@ -1,0 +1,67 @@
+"""Facts of queries: sizes as shares of the scene, and samples of queries."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.auto.facts import facts_of, if_sorted, size_of, tile_size
+from antumbra.auto.rates import rate, terms, weights
+from antumbra.auto.sample import sample_of
+from antumbra.auto.ways import WAYS
+from antumbra.query.bounds import bounds
+from asking import query_of
+
+LIGHTS = (
+    at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2)), at.PointLight((0, 7, 0)), at.SphereLight((0, 7, 0), 0.5),
+    at.DirectionalLight((0.3, -1, 0.2)), at.AmbientOcclusion(), at.PointLights(np.eye(3) * 5.0),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return at.procedural("atrium", triangles=3000)
+
+
+def _facts(scene, light, size=(64, 48), spp=16):
+    triangles, query = query_of(scene, scene.cameras[0].resized(*size), light, spp)
+    return query, facts_of(query, len(triangles.vertices), np.stack(bounds(triangles.vertices)))
+
+
+@pytest.mark.parametrize("light", LIGHTS, ids=lambda light: type(light).__name__)
+def test_every_light_has_facts_and_rates(scene, light):
+    query, facts = _facts(scene, light)
+    assert facts.rays == np.count_nonzero(query.sides) * query.samples.shape[1] > 0
+    assert 0.0 < facts.tile < 1.0 and 0.0 < facts.stratum <= facts.chunk < 4.0
+    assert np.isfinite(terms(facts)).all() and set(weights()) == set(WAYS)
+    for way in WAYS:
+        assert len(weights()[way]) == len(terms(facts))
+        assert 1e-10 < rate(way, facts) < 1e-3
+
+
+def test_larger_pictures_have_smaller_tiles_and_larger_lights_larger_strata(scene):
+    lamp = LIGHTS[0]
+    assert _facts(scene, lamp, (256, 192))[1].tile < 0.5 * _facts(scene, lamp)[1].tile
+    twice = at.QuadLight((-2, 7, -2), (4, 0, 0), (0, 0, 4))
+    assert _facts(scene, twice)[1].chunk == pytest.approx(2 * _facts(scene, lamp)[1].chunk)
+
+
+def test_sorted_rows_are_predicted_to_be_nearer(scene):
+    rng = np.random.default_rng(1)
+    query, facts = _facts(scene, LIGHTS[0])
+    row = query._replace(origins=rng.permutation(query.origins.reshape(-1, 3))[None], sides=query.sides.reshape(1, -1))
+    facts = facts._replace(tile=tile_size(row) / size_of(np.stack(bounds(row.corners.reshape(-1, 3, 3)))))
+    assert if_sorted(row, facts, 50.0).tile < facts.tile
+
+
+@pytest.mark.parametrize("size", [(5, 3), (64, 16), (200, 150), (1000, 1)])
+@pytest.mark.parametrize("windows", [1, 2, 7])
+def test_samples_are_windows_of_their_query(scene, size, windows):
+    query, _ = _facts(scene, LIGHTS[0], size if size[1] > 1 else (100, 10))
+    if size[1] == 1:
+        query = query._replace(**{name: getattr(query, name).reshape(1, -1, *getattr(query, name).shape[2:])
+                                  for name in ("origins", "faces", "sides", "ids")})  # fmt: skip
+    sample = sample_of(query, windows)
+    assert 0 < sample.sides.size <= query.sides.size and np.count_nonzero(sample.sides)
+    every = {tuple(o) for o in query.origins.reshape(-1, 3).tolist()}
+    assert all(tuple(o) in every for o in sample.origins.reshape(-1, 3).tolist())
+    assert (sample.sides.shape[0] == 1) == (query.sides.shape[0] == 1)

@@ -1,0 +1,110 @@
+"""The tracer `auto` gives the bits of brute force in every way, and says which way it took."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.auto import choose, trace
+from antumbra.auto.ways import WAYS
+from antumbra.methods import BUILDERS
+from antumbra.plan import parse_plan
+from antumbra.rendering.renderer import Renderer
+from antumbra.trace.counters import as_dict, new_counters
+from asking import answer, query_of, true_occlusion, unpack
+
+LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
+LIGHTS = (
+    LAMP, at.PointLight((0, 7, 0)), at.SphereLight((0, 7, 0), 0.5), at.DirectionalLight((0.3, -1, 0.2)),
+    at.AmbientOcclusion(2.0), at.PointLights(np.random.default_rng(0).normal((0, 5, 0), 2, (20, 3)), interleave=True),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return at.procedural("atrium", triangles=3000)
+
+
+def _forced(monkeypatch, way):
+    """Make a way look far faster than the others."""
+    monkeypatch.setattr(choose, "rate", lambda name, facts: 1e-12 if name == way else 1.0)
+    monkeypatch.setattr(choose, "_SMALL", 1e9)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("light", LIGHTS, ids=lambda light: type(light).__name__)
+def test_every_way_gives_the_bits_of_brute_force(scene, monkeypatch, way, light):
+    _forced(monkeypatch, way)
+    triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), light, 4)
+    truth, asked = true_occlusion(triangles, query)
+    auto = trace.Auto(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    bits, counters = np.zeros((16, 20, -(-query.samples.shape[1] // 64)), np.uint64), new_counters()
+    trace.trace_shadow(auto, query, bits, 2, counters)
+    np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[asked], truth[asked])
+    (choice,) = auto.choices
+    assert choice.way == (way if WAYS[way].suits(query, auto.forms.box) else choice.way)
+    assert choice.seconds > 0.0 and not choice.tried and as_dict(counters)["rays"] == truth[asked].size
+
+
+@pytest.mark.parametrize("spp", [1, 70])
+def test_scattered_points_are_sorted_and_get_their_own_bits(scene, monkeypatch, spp):
+    rng = np.random.default_rng(2)
+    points = rng.uniform((-6, 0.1, -4), (6, 5, 4), (3001, 3))
+    plain = at.visibility(scene, points, LAMP, spp=spp, plan="bsah+single")
+    monkeypatch.setattr(choose, "_SORT", -1.0)
+    seen = at.visibility(scene, points, LAMP, spp=spp, plan="auto")
+    np.testing.assert_array_equal(seen.bits, plain.bits)
+    chosen = scene.__dict__["_accelerated"][1][parse_plan("auto")].chosen
+    assert [c.sorted for c in chosen.choices] == [True] and 0.1 < plain.fraction.mean() < 0.99
+
+
+def test_a_sample_decides_among_likely_ways_and_the_next_frame_remembers(scene, monkeypatch):
+    monkeypatch.setattr(choose, "_SMALL", 0.0)
+    monkeypatch.setattr(choose, "rate", lambda name, facts: 1e-7)
+    renderer, camera = Renderer(scene), scene.cameras[0].resized(160, 120)
+    first = renderer.render(camera, [LAMP], spp=16)
+    (choice,) = first.choices
+    assert choice.tried and set(choice.tried) <= set(WAYS) and choice.way in choice.tried
+    second = renderer.render(camera, [LAMP], spp=16)
+    assert not second.choices[0].tried
+    named = at.render(scene, camera, [LAMP], spp=16, plan="bsah+single")
+    for frame in first, second:
+        np.testing.assert_array_equal(frame.bits[0], named.bits[0])
+        np.testing.assert_array_equal(frame.image, named.image)
+
+
+def test_an_unlikely_way_is_not_tried(scene, monkeypatch):
+    monkeypatch.setattr(choose, "_SMALL", 0.0)
+    monkeypatch.setattr(choose, "rate", lambda name, facts: {"wide": 1e-7, "packet16": 2e-7}.get(name, 1e-6))
+    frame = at.render(scene, scene.cameras[0].resized(64, 48), [LAMP], spp=4)
+    assert set(frame.choices[0].tried) <= {"wide", "packet16"}
+
+
+def test_rates_are_forgotten_when_the_rays_change():
+    memory, key = choose.Memory(), (1,)
+    measured = choose.Choice("wide", 1000, 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
+    memory.learn(key, measured)
+    assert memory.rates(key) == {"wide": pytest.approx(100.0), "packet16": 200.0}
+    memory.learn(key, measured._replace(tried={}, seconds=1.5e-4))
+    assert memory.rates(key)
+    memory.learn(key, measured._replace(tried={}, seconds=1e-3))
+    assert not memory.rates(key)
+    memory.learn(key, measured)
+    for _ in range(100):
+        memory.begin()
+    assert not memory.rates(key)
+
+
+def test_no_receivers_and_one_triangle():
+    scene = at.Scene.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1.0]]), np.array([[0, 1, 2]]))
+    away = at.Camera((0, 1, 0), (0, 2, 0), (1, 0, 0), width=20, height=12)
+    frame = at.render(scene, away, [LAMP], spp=4)
+    assert not frame.bits[0].any() and frame.rays == 0
+    assert at.visibility(scene, np.empty((0, 3)), LAMP).fraction.shape == (0,)
+    below = at.visibility(scene, [[0.2, -1.0, 0.2]], at.PointLight((0.2, 1, 0.2)))
+    assert below.fraction.tolist() == [0.0]
+
+
+def test_the_oracle_agrees_over_all_of_the_plan(scene):
+    triangles, query = query_of(scene, scene.cameras[0].resized(24, 20), LAMP, 8)
+    truth, asked = true_occlusion(triangles, query)
+    np.testing.assert_array_equal(answer("auto", triangles, query)[asked], truth[asked])
