@@ -9,7 +9,8 @@ from antumbra.plan import parse_plan
 from antumbra.query.shadow import segments
 from antumbra.rendering import windows
 from antumbra.rendering.accelerate import Accelerator
-from antumbra.rendering.explanation import Moment, explain
+from antumbra.rendering.explanation import explain
+from antumbra.rendering.moments import Moment
 from antumbra.rendering.windows import WINDOW, trace_windows
 from antumbra.trace.counters import BOX_TESTS, COUNTERS, TRIANGLE_TESTS, new_counters
 from antumbra.trace.rays.orders import BUILT, Ordered

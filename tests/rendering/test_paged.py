@@ -12,7 +12,8 @@ import pytest
 import antumbra as at
 from antumbra.rendering.bands import Bands
 from antumbra.rendering.building import build_store
-from antumbra.rendering.explanation import Moment, explain
+from antumbra.rendering.explanation import explain
+from antumbra.rendering.moments import Moment
 from antumbra.rendering.renderer import Renderer
 from antumbra.store.residency import POLICIES, Residency
 

@@ -97,8 +97,9 @@ def explain(
 
     from ..image.save import save_png
     from ..output import checked_output
-    from ..rendering.explanation import Moment, explained_plans
     from ..rendering.explanation import explain as explained
+    from ..rendering.explanation import explained_plans
+    from ..rendering.moments import Moment
     from ..rendering.renderer import source_kind
     from ..rendering.srdh_rays import check_srdh_rays
 

@@ -6,40 +6,24 @@ counters. The tests of a window are divided among its pixels with shadow rays; t
 one ray at a time, finds the leaf in which each ray ends.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan
-from ..query.gbuffer import GBuffer
-from ..query.picture import shadow_queries, surface_queries
-from ..query.sampling import light_samples
-from ..query.shadow import ShadowQuery
-from ..scene.camera import Camera
 from ..scene.lights import check_lights
-from ..scene.triangles import Triangles
 from ..trace.rays.orders import BUILT, Ordered
 from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
 from .accelerate import Accelerated, Accelerator
 from .choosing import accelerator_of
-from .in_memory import see
-from .memory import frame_memory
+from .moments import Moment, Picture, build_for, picture_of
 from .ready import Job, fixed_job, make_ready, small_scene, small_view
 from .render_jobs import warm_up, warm_up_bounce
 from .renderer import Renderer, source_kind
-from .request import Request
-from .srdh_rays import bounced_queries, check_srdh_rays
+from .srdh_rays import check_srdh_rays
 from .windows import WINDOW, trace_windows
-
-
-class Moment(NamedTuple):
-    """Camera and lights at one time."""
-
-    time: float  # seconds into the animation
-    camera: Camera
-    lights: list
 
 
 class Depths(NamedTuple):
@@ -72,17 +56,6 @@ class Explanation(NamedTuple):
     frequent: np.ndarray  # (k,) int64: frequent blockers, the fewest triangles that block half of the blocked rays
     frequent_rays: int  # rays that the frequent blockers block in the first plan
     plans: list[PlanSteps]
-
-
-class _Picture(NamedTuple):
-    """The surfaces and shadow queries of a moment."""
-
-    source: Any  # a `RenderSource` of a store; None: the scene is in memory
-    triangles: Triangles
-    gbuffer: GBuffer
-    lights: list
-    samples: list[np.ndarray]
-    queries: list[ShadowQuery]
 
 
 class _Walked(NamedTuple):
@@ -159,7 +132,7 @@ def explained_plans(plans) -> list[Plan]:
 
 def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=None) -> Explanation:
     """`explain` with checked arguments and compiled kernels."""
-    pictures, told = [_picture(scene, moment, spp, threads) for moment in moments], []
+    pictures, told = [picture_of(scene, moment, spp, threads) for moment in moments], []
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)
@@ -174,40 +147,12 @@ def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=No
     return Explanation(asks, rays, blocked, named, int(steps.hits[frequent].sum()), told)
 
 
-def _picture(scene, moment: Moment, spp: int, threads: int) -> _Picture:
-    """The surfaces and queries of a moment; they are the same for every plan."""
-    if source_kind(scene).keeps_read:
-        return _picture_of_store(scene, moment, spp, threads)
-    triangles = scene.triangles(moment.time, threads)
-    gbuffer = see(triangles, moment.camera, None, threads)
-    samples = [light_samples(light, spp) for light in moment.lights]
-    queries = shadow_queries(triangles, gbuffer, moment.lights, samples, threads=threads)
-    return _Picture(None, triangles, gbuffer, moment.lights, samples, queries)
-
-
-def _picture_of_store(scene, moment: Moment, spp: int, threads: int) -> _Picture:
-    source = Renderer(scene, None, threads).source
-    samples = [light_samples(light, spp) for light in moment.lights]
-    source.begin(frame_memory(Request(moment.camera, moment.lights, samples)))
-    surfaces = source.look(moment.camera, *source.moment(0.0))
-    queries = surface_queries(surfaces, moment.lights, samples, threads=threads)
-    return _Picture(source, surfaces.triangles, surfaces.gbuffer, moment.lights, samples, queries)
-
-
-def _build(accelerator: Accelerator, picture: _Picture) -> Accelerated:
-    """Build a plan's tree for a picture, as a frame does."""
-    _, triangles, gbuffer, lights, samples, queries = picture
-    bounce = bounced_queries(accelerator.showing, triangles, gbuffer, lights, samples)
-    shown = accelerator.show(triangles, queries, bounce=bounce)
-    return accelerator.build(triangles, accelerator.culled(triangles, queries), shown)
-
-
-def _walk(accelerator: Accelerator, pictures: list[_Picture]) -> _Walked:
+def _walk(accelerator: Accelerator, pictures: list[Picture]) -> _Walked:
     """Build for every picture in turn, then trace the last one and count its steps."""
     if pictures[-1].source is not None:
         return _walk_store(accelerator, pictures[-1])
     for picture in pictures:
-        ready = _build(accelerator, picture)
+        ready = build_for(accelerator, picture)
     queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), accelerator.threads
     one_by_one = isinstance(ready.prepared, Ordered)
     ordered = ready.prepared if one_by_one else Ordered(ready.bvh, BUILT)
@@ -218,7 +163,7 @@ def _walk(accelerator: Accelerator, pictures: list[_Picture]) -> _Walked:
     return _Walked(accelerator.plan, ready, steps, list(bits), np.sum(tests, axis=0))
 
 
-def _walk_store(accelerator: Accelerator, picture: _Picture) -> _Walked:
+def _walk_store(accelerator: Accelerator, picture: Picture) -> _Walked:
     """Trace a picture of a store, and count the steps of its rays through the store's tree.
 
     The triangles of `_Walked` are those of the chunks that rays may enter, by their indices in the whole scene.

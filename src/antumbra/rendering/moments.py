@@ -1,0 +1,70 @@
+"""The surfaces and shadow queries of a picture at one moment, and the tree of a plan for them."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..plan import Plan
+from ..query.gbuffer import GBuffer
+from ..query.picture import shadow_queries, surface_queries
+from ..query.sampling import light_samples
+from ..query.shadow import ShadowQuery
+from ..scene.camera import Camera
+from ..scene.triangles import Triangles
+from .accelerate import Accelerated, Accelerator
+from .in_memory import see
+from .memory import frame_memory
+from .renderer import Renderer, source_kind
+from .request import Request
+from .srdh_rays import bounced_queries
+
+
+class Moment(NamedTuple):
+    """Camera and lights at one time."""
+
+    time: float  # seconds into the animation
+    camera: Camera
+    lights: list
+
+
+class Picture(NamedTuple):
+    """The surfaces and shadow queries of a moment; they are the same for every plan."""
+
+    source: Any  # a `RenderSource` of a store; None: the scene is in memory
+    triangles: Triangles
+    gbuffer: GBuffer
+    lights: list
+    samples: list[np.ndarray]
+    queries: list[ShadowQuery]
+
+
+def picture_of(
+    scene, moment: Moment, spp: int, threads: int, sampler: str = "larcher-pillichshammer", plan: Plan | None = None
+) -> Picture:
+    """The surfaces and queries of a moment, whose lights are checked already.
+
+    plan : the plan whose tracer a store is prepared for; None: the default
+    """
+    samples = [light_samples(light, spp, sampler) for light in moment.lights]
+    if source_kind(scene).keeps_read:
+        return _picture_of_store(scene, moment, samples, threads, plan)
+    triangles = scene.triangles(moment.time, threads)
+    gbuffer = see(triangles, moment.camera, None, threads)
+    queries = shadow_queries(triangles, gbuffer, moment.lights, samples, threads=threads)
+    return Picture(None, triangles, gbuffer, moment.lights, samples, queries)
+
+
+def _picture_of_store(scene, moment: Moment, samples: list[np.ndarray], threads: int, plan: Plan | None) -> Picture:
+    source = Renderer(scene, plan, threads).source
+    source.begin(frame_memory(Request(moment.camera, moment.lights, samples)))
+    surfaces = source.look(moment.camera, *source.moment(0.0))
+    queries = surface_queries(surfaces, moment.lights, samples, threads=threads)
+    return Picture(source, surfaces.triangles, surfaces.gbuffer, moment.lights, samples, queries)
+
+
+def build_for(accelerator: Accelerator, picture: Picture) -> Accelerated:
+    """Cull and build for the queries of a picture in memory, as a frame does."""
+    _, triangles, gbuffer, lights, samples, queries = picture
+    bounce = bounced_queries(accelerator.showing, triangles, gbuffer, lights, samples)
+    shown = accelerator.show(triangles, queries, bounce=bounce)
+    return accelerator.build(triangles, accelerator.culled(triangles, queries), shown)
