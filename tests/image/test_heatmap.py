@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from antumbra.image.heatmap import heat_colours, heat_map, scale_of
+from antumbra.image.heatmap import heat_colours, heat_map, log_scale_of, scale_of
 
 
 def test_colours_grow_brighter_from_0_to_the_top_and_no_further():
@@ -27,6 +27,31 @@ def test_a_scale_of_nothing():
 
 def test_a_few_large_numbers_do_not_darken_the_others():
     assert scale_of(np.r_[np.ones(999), 1e9])[-1] == 1.0
+
+
+@pytest.mark.parametrize("low, top", [(0.0031, 7.3), (1.0, 1.0), (1.0, 10.0), (2.0, 5e8), (0.9e-9, 1e-9), (30, 40)])
+def test_logarithmic_scales_have_all_round_numbers_between(low, top):
+    scale = log_scale_of(np.r_[np.geomspace(low, top, 99), np.zeros(9)])
+    assert scale.logarithmic and {f"{tick:e}"[0] for tick in scale.ticks} <= {"1", "2", "5"}
+    ratios = scale.ticks[1:] / scale.ticks[:-1]
+    assert len(ratios) >= 1 and ((ratios > 1.99) & (ratios < 2.51)).all()
+    assert low / 2.6 < scale.ticks[0] <= 1.1 * low and top / 1.1 <= scale.ticks[-1] < 2.6 * top
+    places = scale.places(np.array([0.0, scale.ticks[0], np.sqrt(scale.ticks[0] * scale.ticks[-1]), scale.ticks[-1]]))
+    assert places[0] == -np.inf and np.allclose(places[1:], [0.0, 0.5, 1.0])
+
+
+def test_a_logarithmic_scale_of_nothing():
+    assert log_scale_of(np.zeros(3)).ticks.tolist() == log_scale_of(np.empty(0)).ticks.tolist() == [1.0, 2.0]
+
+
+def test_colours_of_a_logarithmic_scale():
+    scale = log_scale_of(np.array([1.0, 100.0]))
+    colours = scale.colours(np.array([0.0, 0.5, 10.0, 1e9, 10.0]), np.array([True] * 4 + [False]))
+    assert colours[:2].tolist() == [[13, 8, 135]] * 2 and colours[3:].tolist() == [[240, 249, 33], [0, 0, 0]]
+    assert colours[2].tolist() == heat_colours(np.array(0.5), 1.0).tolist()
+    bar = scale.bar("rays")
+    assert [text for _, text in bar.ticks] == ["<1", "2", "5", "10", "20", "50", "100+"] and bar.caption == "rays"
+    assert (bar.colours[[0, -1]] == colours[[0, 3]]).all() and np.isclose(bar.ticks[3][0], 0.5)
 
 
 @pytest.mark.parametrize("w, h, n", [(300, 200, 3), (16, 8, 1), (1, 1, 2)])

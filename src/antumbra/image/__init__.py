@@ -2,5 +2,5 @@
 
 - fraction, filter: the fraction of a light that each pixel sees, and its filter
 - irradiance, point_lights, shade: irradiance of surfaces, and the image
-- tonemap, heatmap, save: colours, and PNG and EXR files
+- tonemap, save: colours, and PNG and EXR files; heatmap, panels: numbers as colours, side by side
 """

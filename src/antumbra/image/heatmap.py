@@ -1,9 +1,12 @@
-"""Heat maps: numbers of pixels as colours, in panels side by side, with one scale for all and a colour bar."""
+"""Heat maps: numbers of pixels as colours, with one scale for several maps."""
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+
+from .panels import Bar, Panel, sheet
 
 # The colour map `plasma` of Nathaniel Smith and Stefan van der Walt (CC0), in sRGB. It is perceptually uniform. Its
 # lowest colour differs from the black of pixels without a number.
@@ -14,9 +17,6 @@ _RAMP = np.array([
 ], np.float64)  # fmt: skip
 _PERCENTILE = 99.5  # of the numbers, where the scale ends, so that a few pixels do not make all others dark
 _MOST_TICKS = 8
-_PAPER, _INK, _FAINT = (30, 30, 34), (236, 236, 236), (160, 160, 166)
-_NARROWEST = 240  # least width for a panel's labels, in pixels
-_SMALLEST, _LARGEST = 7, 22  # font sizes, in pixels
 
 
 def heat_colours(values: np.ndarray, top: float) -> np.ndarray:
@@ -37,6 +37,41 @@ def scale_of(values: np.ndarray) -> np.ndarray:
     return step * np.arange(math.ceil(top / step) + 1)
 
 
+class Scale(NamedTuple):
+    """The meaning of the colours of heat maps."""
+
+    ticks: np.ndarray  # (k,) float64, rising numbers, from the scale's begin to its end
+    logarithmic: bool
+
+    def places(self, values: np.ndarray) -> np.ndarray:
+        """(...) float64: 0 where the scale begins, 1 where it ends; beyond these for numbers beyond the scale."""
+        if not self.logarithmic:
+            return np.asarray(values, np.float64) / self.ticks[-1]
+        with np.errstate(divide="ignore"):  # 0 lies infinitely far before the scale
+            return np.log(np.asarray(values, np.float64) / self.ticks[0]) / math.log(self.ticks[-1] / self.ticks[0])
+
+    def colours(self, values: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(..., 3) uint8: the colours of numbers; black where they are not `known`."""
+        return np.where(known[..., None], heat_colours(self.places(values), 1.0), np.uint8(0))
+
+    def bar(self, caption: str) -> Bar:
+        """The colour bar; `caption` is the meaning of the numbers."""
+        texts = [f"{tick:,.6g}" for tick in self.ticks]
+        texts = [("<" if self.logarithmic else "") + texts[0], *texts[1:-1], texts[-1] + "+"]
+        return Bar(heat_colours(np.linspace(0.0, 1.0, 1024), 1.0), [*zip(self.places(self.ticks), texts)], caption)
+
+
+def log_scale_of(values: np.ndarray) -> Scale:
+    """A logarithmic scale from 1, 2 or 5 times a power of ten to another such number, with all of these between."""
+    found = np.asarray(values)[np.asarray(values) > 0.0]
+    low, top = np.percentile(found, (100.0 - _PERCENTILE, _PERCENTILE)) if found.size else (1.0, 1.0)
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(top))
+    numbers = np.array([float(f"{k}e{e}") for e in range(first, last + 2) for k in (1, 2, 5)])
+    begin = np.flatnonzero(numbers <= low)[-1]
+    end = max(np.flatnonzero(numbers >= top)[0], begin + 1)
+    return Scale(numbers[begin : end + 1], True)
+
+
 def heat_map(
     panels: Sequence[np.ndarray], known: np.ndarray, labels: Sequence[Sequence[str]], caption: str
 ) -> np.ndarray:
@@ -55,52 +90,6 @@ def heat_map(
     -------
     (H, W, 3) uint8 sRGB
     """
-    from PIL import Image, ImageDraw
-
-    h, w = known.shape
-    ticks = scale_of(np.concatenate([panel[known] for panel in panels]))
-    letters = min(max(w // 24, 13), _LARGEST)
-    line, gap, cell = round(1.4 * letters), letters, max(w, _NARROWEST)
-    above, bar = gap // 2 + line * len(labels[0]) + gap // 4, letters
-    width, below = gap + len(panels) * (cell + gap), gap // 2 + line + bar + line
-    image = Image.new("RGB", (width, above + h + below + gap // 2), _PAPER)
-    draw = ImageDraw.Draw(image)
-    for i, (panel, lines) in enumerate(zip(panels, labels)):
-        x = gap + i * (cell + gap)
-        for k, text in enumerate(lines):
-            _write(draw, (x, gap // 2 + k * line), text, letters, cell, _FAINT if k else _INK)
-        colours = np.where(known[..., None], heat_colours(panel, ticks[-1]), np.uint8(0))
-        image.paste(Image.fromarray(colours), (x, above))
-    y, length = above + h + gap // 2, width - 2 * gap
-    _write(draw, (gap, y), caption, letters, length, _INK)
-    scale = heat_colours(np.broadcast_to(np.linspace(0.0, 1.0, length), (bar, length)), 1.0)
-    image.paste(Image.fromarray(scale), (gap, y + line))
-    _write_ticks(draw, ticks, gap, y + line + bar, length, letters)
-    return np.asarray(image)
-
-
-def _write_ticks(draw, ticks: np.ndarray, x: int, y: int, length: int, letters: int) -> None:
-    """Draw the numbers under a bar: as many as have room."""
-    font = _font(letters)
-    texts = [f"{tick:,.6g}" for tick in ticks]
-    texts[-1] += "+"
-    room = 1.5 * max(font.getlength(text) for text in texts) + letters / 2  # the first and last are moved inwards
-    last = len(ticks) - 1
-    every = next((k for k in range(1, last) if last % k == 0 and k * length / last >= room), last)
-    for i in range(0, last + 1, every):
-        at = length * i / last
-        left = min(max(at - font.getlength(texts[i]) / 2, 0), length - font.getlength(texts[i]))
-        draw.text((x + left, y + letters // 6), texts[i], _FAINT, font)
-
-
-def _write(draw, at: tuple[int, int], text: str, letters: int, width: int, colour) -> None:
-    """Draw a line of text in the largest font size, up to `letters` pixels, that fits into `width`."""
-    while letters > _SMALLEST and _font(letters).getlength(text) > width:
-        letters -= 1
-    draw.text(at, text, colour, _font(letters))
-
-
-def _font(letters: int):
-    from PIL import ImageFont
-
-    return ImageFont.load_default(letters)
+    scale = Scale(scale_of(np.concatenate([panel[known] for panel in panels])), False)
+    drawn = [Panel(scale.colours(panel, known), lines) for panel, lines in zip(panels, labels)]
+    return sheet(drawn, scale.bar(caption))
