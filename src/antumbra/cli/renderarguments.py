@@ -20,6 +20,18 @@ from .options import (
     Threads,
     UpOption,
 )
+from .pictureoptions import (
+    AdaptiveOption,
+    AdaptiveSppOption,
+    AoOption,
+    BounceOption,
+    ExposureOption,
+    FilterOption,
+    GBufferOption,
+    PictureLightOption,
+    SamplerOption,
+    VplOption,
+)
 from .renderoptions import RenderOptions
 
 
@@ -39,38 +51,10 @@ class RenderArguments:
     ] = None
     size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "1024x1024"
     camera: CameraOption = None
-    light: Annotated[
-        list[str] | None,
-        typer.Option(help="An index, or KIND:...[@INTENSITY]; may be repeated.", metavar="LIGHT", show_default=False),
-    ] = None
-    ao: Annotated[
-        str | None,
-        typer.Option(
-            help="Ambient occlusion by what is nearer than RADIUS (inf: by everything), besides the lights.",
-            metavar="RADIUS[@INTENSITY]",
-            show_default=False,
-        ),
-    ] = None
-    vpl: Annotated[
-        int | None,
-        typer.Option(
-            help="Instead of ambient light, light that bounces once: photons of the first light become point lights.",
-            min=1,
-            max=16384,
-            metavar="PHOTONS",
-            show_default=False,
-        ),
-    ] = None
-    bounce: Annotated[
-        int | None,
-        typer.Option(
-            help="Instead of ambient light, light that bounces once: so many diffuse rays from each pixel.",
-            min=1,
-            max=1024,
-            metavar="RAYS",
-            show_default=False,
-        ),
-    ] = None
+    light: PictureLightOption = None
+    ao: AoOption = None
+    vpl: VplOption = None
+    bounce: BounceOption = None
     time: Annotated[
         float | None, typer.Option(help="Seconds into the animation.  [default: 0]", show_default=False)
     ] = None
@@ -90,26 +74,10 @@ class RenderArguments:
     )
     up: UpOption = None
     spp: SppOption = 16
-    sampler: Annotated[
-        str,
-        typer.Option(
-            help="Points on the light: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
-            metavar="NAME",
-        ),
-    ] = "larcher-pillichshammer"
-    filter: Annotated[bool, typer.Option("--filter", help="Smooth noise in penumbrae over 4x4 pixels.")] = False
-    adaptive: Annotated[
-        bool, typer.Option("--adaptive", help="Refine penumbrae with more rays, and edges by sub-pixels.")
-    ] = False
-    adaptive_spp: Annotated[
-        int | None,
-        typer.Option(
-            help="Shadow rays for each refined pixel and light; implies --adaptive.  [default: 4 times --spp]",
-            min=1,
-            max=1024,
-            show_default=False,
-        ),
-    ] = None
+    sampler: SamplerOption = "larcher-pillichshammer"
+    filter: FilterOption = False
+    adaptive: AdaptiveOption = False
+    adaptive_spp: AdaptiveSppOption = None
     plan: Annotated[
         str | None,
         typer.Option(
@@ -118,13 +86,10 @@ class RenderArguments:
         ),
     ] = None
     srdh_rays: SrdhRaysOption = None
-    gbuffer: Annotated[GBufferBy, typer.Option(help="The method that finds visible surfaces.")] = GBufferBy.raster
+    gbuffer: GBufferOption = GBufferBy.raster
     threads: Threads = None
     max_memory: MaxMemoryOption = None
-    exposure: Annotated[
-        float | None,
-        typer.Option(help="Factor on the light of a .png.  [default: automatic]", show_default=False),
-    ] = None
+    exposure: ExposureOption = None
     counters: Annotated[bool, typer.Option("--counters", help="Count rays, nodes and tests exactly.")] = False
     json: Json = False
     quiet: Quiet = False

@@ -9,6 +9,7 @@ from .arguments import CameraSpec, SceneSpec
 from .sceneinput import limit_memory
 
 if TYPE_CHECKING:
+    from ..plan import Plan
     from ..rendering.frame import Frame
     from ..rendering.renderer import Renderer
     from ..rendering.srdh_rays import SrdhRays
@@ -43,8 +44,11 @@ class RenderOptions(NamedTuple):
     json: bool
     quiet: bool
 
-    def check(self) -> None:
-        """Raise InputError for errors that can be detected before a scene is read."""
+    def check(self, *plans: "str | Plan") -> None:
+        """Raise InputError for errors that can be detected before a scene is read.
+
+        plans : plans that are compared, instead of the one among the options
+        """
         from ..image.save import checked_exposure
         from ..plan import DEFAULT_PLAN, parse_plan
         from ..query.sampling import sample_sets
@@ -52,8 +56,8 @@ class RenderOptions(NamedTuple):
 
         if self.exposure is not None:
             checked_exposure(self.exposure)
-        if self.srdh_rays is not None or self.plan is not None:
-            check_srdh_rays(self.srdh_rays, parse_plan(self.plan or DEFAULT_PLAN))
+        if self.srdh_rays is not None or self.plan is not None:  # plans of a comparison are parsed already
+            check_srdh_rays(self.srdh_rays, *map(parse_plan, plans or [self.plan or DEFAULT_PLAN]))
         sample_sets(self.spp, self.sampler)
 
     def about(self, scene: "AnyScene") -> "RenderOptions":
@@ -76,25 +80,34 @@ class RenderOptions(NamedTuple):
         """The lights at a time, without the virtual point lights made from photons."""
         return arguments.make_lights(self.lights, scene, time) + self.ambient
 
-    def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress) -> "Shot":
-        """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
+    def all_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
+        """The lights at a time, with the virtual point lights made from photons."""
         from .. import virtual_point_lights
 
-        camera, lights = self.view(scene, time), self.direct_lights(scene, time)
+        lights = self.direct_lights(scene, time)
         if self.vpl is not None:
             lights.append(virtual_point_lights(scene, lights[0], self.vpl, time=time, threads=self.threads))
+        return lights
+
+    def quality(self) -> dict:
+        """The arguments of `Renderer.render` that say how many rays are traced, and what is made of their bits."""
+        return {name: getattr(self, name) for name in ("spp", "sampler", "filter", "adaptive", "bounce")}
+
+    def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress) -> "Shot":
+        """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
+        camera, lights = self.view(scene, time), self.all_lights(scene, time)
         runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
         frame = renderer.render(
-            camera, lights, spp=self.spp, time=time, counters=self.counters, sampler=self.sampler, filter=self.filter,
-            adaptive=self.adaptive, progress=progress("tracing shadow rays", runs), bounce=self.bounce,
+            camera, lights, time=time, counters=self.counters, progress=progress("tracing shadow rays", runs),
+            **self.quality(),
         )  # fmt: skip
         return Shot(scene.clamped(time), camera, lights, frame)
 
     def options(self) -> dict:
         """Names and values, for ``--json``."""
-        names = "spp", "sampler", "filter", "adaptive", "bounce", "plan", "gbuffer", "threads"
         rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
-        return {**{name: getattr(self, name) for name in names}, "srdh_rays": rays}
+        more = {name: getattr(self, name) for name in ("plan", "gbuffer", "threads")}
+        return {**self.quality(), **more, "srdh_rays": rays}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
         """The settings that decide the bits of the picture of a time, in the types of JSON.

@@ -105,21 +105,10 @@ def phases_text(seconds: dict[str, float]) -> str:
 
 def shot_fields(asked: "RenderOptions", shot: "Shot") -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the plan."""
-    camera, frame, spp = shot.camera, shot.frame, asked.spp
-    yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
-    yield "lights", ", ".join(type(light).__name__ for light in shot.lights)
-    if not (frame.gbuffer.face >= 0).any():
-        yield "", "the camera sees no surface"
-    speed, samples = _speed(frame), [light.samples(spp) for light in shot.lights]
-    each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
-    finer = "" if asked.adaptive is None else f", {asked.adaptive} where refined"
-    finer += "" if asked.bounce is None else f", {asked.bounce} bounces a pixel"
-    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
-    if frame.refined is not None:
-        yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
+    yield from view_fields(asked, shot, _speed(shot.frame))
     yield "plan", str(asked.plan)
-    if frame.paging is not None:
-        paging = frame.paging
+    if shot.frame.paging is not None:
+        paging = shot.frame.paging
         yield (
             "chunks",
             (
@@ -127,6 +116,22 @@ def shot_fields(asked: "RenderOptions", shot: "Shot") -> Iterator[tuple[str, str
                 f"{paging['loaded']:,} were read ({paging['bytes'] / 1e6:,.0f} MB)"
             ),
         )
+
+
+def view_fields(asked: "RenderOptions", shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
+    """The names and values from the camera to the rays; `speed`: million rays a second."""
+    camera, frame, spp = shot.camera, shot.frame, asked.spp
+    yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
+    yield "lights", ", ".join(type(light).__name__ for light in shot.lights)
+    if not (frame.gbuffer.face >= 0).any():
+        yield "", "the camera sees no surface"
+    samples = [light.samples(spp) for light in shot.lights]
+    each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
+    finer = "" if asked.adaptive is None else f", {asked.adaptive} where refined"
+    finer += "" if asked.bounce is None else f", {asked.bounce} bounces a pixel"
+    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
+    if frame.refined is not None:
+        yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
 
 
 def _speed(frame) -> float | None:
