@@ -3,9 +3,10 @@
 - app: the program and its commands; failures: errors as one line and an exit code
 - render, frames, renderarguments, renderoptions, summary: ``antumbra render``, for pictures and animations
 - explain, culling: pictures of the work of plans
+- compare, comparearguments, comparesummary, comparepage, machine: ``antumbra compare``, plans side by side
 - build, info, warmup, plans: stores, contents of scenes, compiling ahead, and the list of methods
 - scenes, export: procedural scenes, and their files; bench: the commands of other packages
-- arguments, options: parsing, and options that commands share; sceneinput: opens a command's scene
+- arguments, options, pictureoptions: parsing, and options that commands share; sceneinput: opens a command's scene
 - progress, report: progress on standard error, and answers on standard output
 """
 

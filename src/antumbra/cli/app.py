@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from . import bench, build, culling, explain, info, plans, render, scenes, warmup
+from . import bench, build, compare, culling, explain, info, plans, render, scenes, warmup
 
 app = typer.Typer(
     name="antumbra",
@@ -25,6 +25,7 @@ app.command("plans")(plans.plans)
 app.command("warmup")(warmup.warmup)
 app.command("culling")(culling.culling)
 app.command("explain")(explain.explain)
+app.command("compare")(compare.compare)
 app.add_typer(bench.app, name="bench")
 
 
