@@ -42,7 +42,7 @@ def test_every_way_gives_the_bits_of_brute_force(scene, monkeypatch, way, light)
     np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[asked], truth[asked])
     (choice,) = auto.choices
     assert choice.way == (way if WAYS[way].suits(query, auto.forms.box) else choice.way)
-    assert choice.seconds > 0.0 and not choice.tried and as_dict(counters)["rays"] == truth[asked].size
+    assert choice.seconds > 0.0 and choice.reason == "prediction" and as_dict(counters)["rays"] == truth[asked].size
 
 
 @pytest.mark.parametrize("spp", [1, 70])
@@ -66,6 +66,7 @@ def test_a_sample_decides_among_likely_ways_and_the_next_frame_remembers(scene, 
     assert choice.tried and set(choice.tried) <= set(WAYS) and choice.way in choice.tried
     second = renderer.render(camera, [LAMP], spp=16)
     assert not second.choices[0].tried
+    assert [frame.choices[0].reason for frame in (first, second)] == ["sample", "last frame"]
     named = at.render(scene, camera, [LAMP], spp=16, plan="bsah+single")
     for frame in first, second:
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
@@ -81,7 +82,7 @@ def test_an_unlikely_way_is_not_tried(scene, monkeypatch):
 
 def test_rates_are_forgotten_when_the_rays_change():
     memory, key = choose.Memory(), (1,)
-    measured = choose.Choice("wide", 1000, 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
+    measured = choose.Choice("wide", 1000, "sample", 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
     memory.learn(key, measured)
     assert memory.rates(key) == {"wide": pytest.approx(100.0), "packet16": 200.0}
     memory.learn(key, measured._replace(tried={}, seconds=1.5e-4))

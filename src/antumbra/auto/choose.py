@@ -30,8 +30,9 @@ class Choice(NamedTuple):
 
     way: str
     rays: int
-    predicted: float  # seconds, by `rates` or by the sample
-    tried: dict[str, float]  # way -> nanoseconds a ray of the sample; empty if the prediction or the last frame decided
+    reason: str  # "prediction", "sample" or "last frame"
+    predicted: float  # seconds, for the reason
+    tried: dict[str, float]  # way -> nanoseconds a ray of the sample; empty if there was none
     sorted: bool = False  # the receivers were put in order first
     seconds: float = 0.0  # measured
 
@@ -88,16 +89,16 @@ def choose(query: ShadowQuery, forms: Forms, threads: int, known: dict[str, floa
     if known:
         cost = {name: 1e-9 * known[name] * facts.rays + made[name] for name in suited if name in known}
         way = min(cost, key=cost.__getitem__)
-        return Choice(way, facts.rays, cost[way], {})
+        return Choice(way, facts.rays, "last frame", cost[way], {})
     cost = {name: rate(name, facts) * facts.rays / threads + made[name] for name in suited}
     way = min(cost, key=cost.__getitem__)
     likely = sorted((name for name in suited if cost[name] < _LIKELY * cost[way]), key=cost.__getitem__)
     if cost[way] < _SMALL or len(likely) == 1:
-        return Choice(way, facts.rays, cost[way], {})
+        return Choice(way, facts.rays, "prediction", cost[way], {})
     tried = try_ways(query, forms, likely, facts, threads)
     cost = {name: 1e-9 * of_ray * facts.rays + made[name] for name, of_ray in tried.items()}
     way = min(cost, key=cost.__getitem__)
-    return Choice(way, facts.rays, cost[way], tried)
+    return Choice(way, facts.rays, "sample", cost[way], tried)
 
 
 def sorting_pays(query: ShadowQuery, forms: Forms, facts: Facts, threads: int) -> bool:

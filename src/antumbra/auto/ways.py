@@ -39,7 +39,7 @@ WAYS: dict[str, Way] = {
     "packet16:samples": Way(None, over_samples),
     "wide": Way(widen, single.trace_shadow),
 }
-"""Name -> way. `packet16:blocks` are the packets that `multifrusta` takes for hemispheres."""
+"""Name -> way. `packet16:blocks` are the packets to which the tracer `multifrusta` hands hemispheres."""
 
 
 class Forms:

@@ -5,6 +5,7 @@ from time import perf_counter
 from . import arguments, report, summary
 from .frames import AnimationJob, output_path, render_frames
 from .options import takes
+from .planreport import print_choices
 from .progress import ProgressDisplay
 from .renderarguments import RenderArguments
 from .sceneinput import open_scene
@@ -53,6 +54,7 @@ def render(given: RenderArguments) -> int:
       antumbra render robot.glb --frames 0:240 --plan srdh+single --srdh-rays last-frame
       antumbra render "procedural:city?triangles=500k&seed=3"
       antumbra render city.antumbra --max-memory 2G
+      antumbra render sponza.glb --ao 2 --explain-plan
     """
     given.check()
     asked = given.options()
@@ -78,4 +80,6 @@ def render(given: RenderArguments) -> int:
         report.print_json(summary.picture_answer(asked, opened, load, shot, saved))
     elif not asked.quiet:
         report.print_fields(summary.picture_fields(asked, opened, load, shot, saved))
+        if given.explain_plan:
+            print_choices(shot, opened.n_triangles)
     return 0

@@ -81,10 +81,14 @@ class RenderArguments:
     plan: Annotated[
         str | None,
         typer.Option(
-            help="The methods that answer; see antumbra plans.  [default: bsah+multifrusta; of a store bsah+chcrt]",
+            help="The methods that answer; see antumbra plans.  [default: auto; of a store bsah+chcrt]",
             show_default=False,
         ),
     ] = None
+    explain_plan: Annotated[
+        bool,
+        typer.Option("--explain-plan", help="Show what the plan auto chose, why, and the times."),
+    ] = False
     srdh_rays: SrdhRaysOption = None
     gbuffer: GBufferOption = GBufferBy.raster
     threads: Threads = None
@@ -102,6 +106,8 @@ class RenderArguments:
         if self.vpl is not None and self.bounce is not None:
             raise InputError("--vpl and --bounce are both light that bounces once; leave one of them out")
         if self.frames is not None:
+            if self.explain_plan:
+                raise InputError("--explain-plan explains a single picture; leave it or --frames out")
             return
         if self.fps is not None:
             raise InputError("--fps belongs to --frames FIRST:LAST; leave it out")

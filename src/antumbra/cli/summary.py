@@ -66,6 +66,8 @@ def shot_answer(shot: "Shot", saved: Saved) -> dict:
         "refined": None if frame.refined is None else _refined(frame),
         "rays": frame.rays,
         "mrays_per_second": _speed(frame),
+        "ran": frame.plan,
+        "choices": None if frame.choices is None else [choice._asdict() for choice in frame.choices],
         "timings": frame.timings,
         "save": saved.seconds,
         "counters": frame.counters,
@@ -106,7 +108,7 @@ def phases_text(seconds: dict[str, float]) -> str:
 def shot_fields(asked: "RenderOptions", shot: "Shot") -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the plan."""
     yield from view_fields(asked, shot, _speed(shot.frame))
-    yield "plan", str(asked.plan)
+    yield "plan", ran_text(asked.plan, shot.frame)
     if shot.frame.paging is not None:
         paging = shot.frame.paging
         yield (
@@ -132,6 +134,11 @@ def view_fields(asked: "RenderOptions", shot: "Shot", speed: float | None = None
     yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
+
+
+def ran_text(plan: str | None, frame: "Frame") -> str:
+    """The plan that was asked for, and the methods that ran if it chose them."""
+    return frame.plan if frame.plan == str(plan) else f"{plan}: {frame.plan}"
 
 
 def _speed(frame) -> float | None:

@@ -8,7 +8,7 @@ from ..auto.rates import GOOD, QUICK, good_pays, lost_share, rate
 from ..auto.trace import Auto
 from ..bvh.nodes import Bvh
 from ..cull.cull import Culled
-from ..methods import UPDATERS
+from ..methods import TRACERS, UPDATERS
 from ..plan import Plan
 from ..query.bounds import bounds
 from ..scene.triangles import Triangles
@@ -41,8 +41,8 @@ class Choosing(Accelerator):
 
     @property
     def ran(self) -> Plan:
-        ways = {choice.way.partition(":")[0] for choice in self.memory.choices}
-        return Plan(build=self._builder, trace=ways.pop() if len(ways) == 1 else self.plan.trace)
+        tracers = {choice.way if choice.way in TRACERS else "multifrusta" for choice in self.memory.choices}
+        return Plan(build=self._builder, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
 
     def culled(self, triangles: Triangles, queries) -> None:
         """Choose the builder for these queries. Nothing is culled: a quick build costs no more than culling."""
