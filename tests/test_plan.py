@@ -86,10 +86,10 @@ def test_a_few_plans_have_every_method(papers):
         assert {getattr(plan, field) for plan in plans} >= set(registry if papers else own_methods(field))
 
 
-@pytest.mark.skipif(not KINDS["update"][1], reason="there is no updater")
-def test_a_tree_is_not_kept_of_triangles_that_change():
-    with pytest.raises(InputError, match="leave one of them out"):
-        parse_plan("grid32+bsah+refit+single")
+def test_an_updater_goes_with_a_culler():
+    for update in own_methods("update"):
+        plan = parse_plan(f"grid32+bsah+{update}+single")
+        assert (plan.cull, plan.update) == ("grid32", update) and plan in all_plans() and plan in covering_plans()
 
 
 @pytest.mark.parametrize(

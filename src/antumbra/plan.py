@@ -27,7 +27,8 @@ class Plan:
     optimise : str or None
         Optimiser of the built BVH; None: no optimisation.
     update : str or None
-        Updater that derives a frame's BVH from the last frame's; None: a new build in each frame.
+        Updater that derives a frame's BVH from the last frame's; None: a new build in each frame. With a culler, the
+        updater keeps the BVH of all triangles, and rays walk its part with the triangles that are left.
     """
 
     cull: str | None = None
@@ -82,8 +83,8 @@ def parse_plan(plan: "str | Plan") -> Plan:
     ------
     InputError
         If a name is in no registry, a builder or tracer is missing, or two methods are of one kind. If a builder, an
-        optimiser or an updater accompanies a tracer that walks no BVH. If a culler is combined with an updater, or an
-        optimiser with a ray-guided builder.
+        optimiser or an updater accompanies a tracer that walks no BVH. If an optimiser is combined with a ray-guided
+        builder.
     """
     found: dict[str, str] = {}
     for part in str(plan).split("+"):
@@ -99,11 +100,6 @@ def parse_plan(plan: "str | Plan") -> Plan:
         raise InputError(f"plan {str(plan)!r} names no tracer; {_valid()}")
     made = Plan(**found)
     _check_tree(str(plan), found, made)
-    if "cull" in found and "update" in found:
-        raise InputError(
-            f"plan {str(plan)!r}: {found['update']!r} keeps a tree of the same triangles, of which {found['cull']!r} "
-            "leaves others in each frame; leave one of them out"
-        )
     return made
 
 
@@ -146,17 +142,19 @@ def all_plans(papers: bool = False) -> list[Plan]:
         Plan(c, b, t, o, u)
         for c, t in product((None, *names["cull"]), names["trace"])
         for b, o, u in (trees if TRACERS[t].builds else [(None, None, None)])
-        if not (c and u)
     ]
 
 
 def covering_plans(papers: bool = False) -> list[Plan]:
-    """A few plans that together use every method of every registry; `papers` as in `all_plans`."""
+    """A few plans that together use every method of every registry; `papers` as in `all_plans`.
+
+    They have each updater with a culler too, because that needs kernels of its own.
+    """
     names = names_of(papers)
     plans = [Plan(trace=name) for name in names["trace"]]
     for field in "build", "optimise", "update", "cull":
         plans += [Plan(**{"trace": "single", field: name}) for name in names[field] if name != Plan().build]
-    return plans
+    return plans + [Plan(cull=names["cull"][0], update=name, trace="single") for name in names["update"]]
 
 
 def names_of(papers: bool) -> dict[str, list[str]]:

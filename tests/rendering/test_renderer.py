@@ -243,7 +243,9 @@ def test_points_ask_by_every_kind_of_plan(atrium, plan):
     assert 0 < np.bitwise_count(whole).sum() < 300 * 16
 
 
-def test_a_tree_that_is_kept_follows_the_mesh(tmp_path):
+@pytest.mark.parametrize("plan", ["lbvh+refit+single", "grid32+lbvh+refit+single", "grid64+tl-lbvh+refit+multifrusta"])
+@pytest.mark.parametrize("options", [dict(), dict(gbuffer="rays", adaptive=8)], ids=str)
+def test_a_tree_that_is_kept_follows_the_mesh(tmp_path, plan, options):
     rng = np.random.default_rng(4)
     faces = rng.integers(0, 900, (600, 3))
     frames = rng.uniform(-1, 1, (900, 3)) + np.linspace(0, 1, 5)[:, None, None] ** 2 * rng.normal(size=(900, 3))
@@ -251,9 +253,10 @@ def test_a_tree_that_is_kept_follows_the_mesh(tmp_path):
     np.save(tmp_path / "faces.npy", faces.astype(np.uint32))
     scene = at.load(tmp_path)
     camera, light = at.Camera((0, 1, 4), (0, 0, 0), width=32, height=24), at.SphereLight((0, 4, 0), 0.3)
-    kept, anew = at.Renderer(scene, "lbvh+refit+single"), at.Renderer(scene, "lbvh+single")
+    gbuffer = {"gbuffer": options.pop("gbuffer")} if "gbuffer" in options else {}
+    kept, anew = at.Renderer(scene, plan, **gbuffer), at.Renderer(scene, "lbvh+single")
     for time in np.linspace(0, scene.duration, 6):
-        a, b = (r.render(camera, light, spp=4, time=time) for r in (kept, anew))
+        a, b = (r.render(camera, light, spp=4, time=time, **options) for r in (kept, anew))
         np.testing.assert_array_equal(a.bits[0], b.bits[0])
         np.testing.assert_array_equal(a.image, b.image)
     assert b.bits[0].any()

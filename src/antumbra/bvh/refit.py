@@ -1,6 +1,6 @@
 """Refit a BVH to triangles that have moved, and rebuild it when its SAH cost has grown too much.
 
-Threads refit parts of the tree apart, from the last node to the first. Nodes are in depth-first order, so the boxes of
+The same pass bounds some of a tree's triangles only (`boxes_of_kept`). Threads refit parts of the tree apart, from the last node to the first. Nodes are in depth-first order, so the boxes of
 a node's children are the last two that were made. [Lauterbach et al. 2006, "RT-DEFORM: interactive ray tracing of
 dynamic scenes using BVHs"] rebuild by a similar measure.
 """
@@ -42,8 +42,24 @@ def _refit_leaf(vertices, link, out):
     return box
 
 
+@inlined
+def _kept_box(link, old, kept):
+    """The box of a leaf's kept triangles; lower = +inf and upper = -inf if none is kept."""
+    box, first = splat8(_INF), np.int64(~link >> 3)
+    for slot in range(first, first + (~link & 7) + 1):
+        if kept[slot]:
+            box = minimum(box, triangle_box(old.corners, slot))
+    return box
+
+
+@inlined
+def _leaf_box(vertices, link, old, out, kept):
+    """`_refit_leaf`, or, with flags `kept`, the box of the triangles that are kept."""
+    return _refit_leaf(vertices, link, out) if kept is None else _kept_box(link, old, kept)
+
+
 @kernel
-def _refit_part(vertices, old, first, last, out):
+def _refit_part(vertices, old, first, last, out, kept):
     """Refit the nodes from `last` - 1 to `first`, a whole subtree, and return its box."""
     boxes, height = stack_f32(_BOXES), 0
     for node in range(last - 1, first - 1, -1):
@@ -55,9 +71,9 @@ def _refit_part(vertices, old, first, last, out):
             height -= 1
             right_box = load8(boxes, height * 8)
         else:
-            right_box = _refit_leaf(vertices, right, out)
+            right_box = _leaf_box(vertices, right, old, out, kept)
         if left < 0:
-            left_box = _refit_leaf(vertices, left, out)
+            left_box = _leaf_box(vertices, left, old, out, kept)
         write_boxes(out.nodes, node, left_box, right_box)
         put(out.links, node * 16 + 12, left)
         put(out.links, node * 16 + 13, right)
@@ -68,13 +84,16 @@ def _refit_part(vertices, old, first, last, out):
 
 
 @kernel
-def _refit_parts(ticket, vertices, bvh, parts, new, boxes):
-    """Worker: refit the nodes and corners of each part, and store its box."""
+def _refit_parts(ticket, vertices, bvh, parts, new, kept, boxes):
+    """Worker: refit the nodes and corners of each part, and store its box; `kept` as in `_refitted`."""
     v, old, out = ptr(vertices), tree_of(bvh), tree_of(new)
     p = take(ticket)
     while p >= 0:
         root, end, _ = parts[p]
-        box = _refit_part(v, old, root, end, out) if root >= 0 else _refit_leaf(v, root, out)
+        if root >= 0:
+            box = _refit_part(v, old, root, end, out, kept)
+        else:
+            box = _leaf_box(v, root, old, out, kept)
         store(boxes, p * 8, box)
         p = take(ticket)
 
@@ -102,11 +121,26 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     scene_bounds(flat, threads)  # checks the coordinates
     if n < 2:
         return tiny(flat)
+    return _refitted(bvh, flat, np.empty((n, 9), np.float32), None, threads)
+
+
+def boxes_of_kept(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
+    """The same tree of two triangles or more, whose boxes bound only the triangles that are kept.
+
+    kept : (n,) bool, by slot
+
+    The box of a child without such triangles has lower = +inf and upper = -inf, which no ray enters.
+    """
+    return _refitted(bvh, bvh.corners, bvh.corners, kept, threads)
+
+
+def _refitted(bvh: Bvh, flat, corners, kept, threads) -> Bvh:
+    """`refit`, or `boxes_of_kept` unless `kept` is None. `corners` become those of the new tree."""
     pieces = cut(bvh)
     nodes = aligned_empty(bvh.nodes.shape, "f4")
-    new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, np.empty((n, 9), np.float32))
+    new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, corners)
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)
-    run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, part_boxes)
+    run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, kept, part_boxes)
     children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
     join_boxes(children, part_boxes, boxes)
     roots = pieces.parts[:, 0]

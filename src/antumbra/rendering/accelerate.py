@@ -7,6 +7,7 @@ import numpy as np
 
 from ..auto.trace import Auto
 from ..bvh.blocks import block_tree
+from ..bvh.kept import part_of
 from ..bvh.nodes import Bvh
 from ..chcrt.trace import Scheduled
 from ..cull.cull import Culled
@@ -59,6 +60,7 @@ class Accelerator:
         self.showing = Showing(srdh_rays or SrdhRays(), threads) if plan.wants_rays else None
         self.one_tree = plan.tracer.builds and self.showing is None  # one BVH for shadow rays and camera rays
         self._kept = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
+        self._updated: tuple[Triangles, Bvh] | None = None  # all triangles that the updater saw last, and their BVH
         self._rays: Callable | None = None  # (vertices, their BVH) -> Intersections; set while a builder runs
 
     def begin(self, rays: int) -> None:
@@ -109,22 +111,30 @@ class Accelerator:
         if self.showing is not None:
             if shown is None:
                 raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
-            kept = None if culled is None else culled.kept
+            kept = None if culled is None or self._kept is not None else culled.kept
             self._rays = lambda vertices, bvh: shown.among(vertices, kept, self.threads, bvh)
         try:
-            bvh = self._tree(triangles.vertices if culled is None else culled.vertices)
+            bvh = self._updated_tree(triangles, culled) if self._kept is not None else self._tree(triangles, culled)
         finally:
             self._rays = None
-        if culled is not None:
-            bvh = bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
         if self.showing is not None:
             self.showing.built(bvh)
         return self.prepare(triangles, bvh, culled)
 
-    def _tree(self, vertices) -> Bvh:
-        if self._kept is not None:
-            return self._kept.update(vertices, self.threads)
-        return self._new_tree(vertices, self.threads)
+    def _tree(self, triangles: Triangles, culled: Culled | None) -> Bvh:
+        """A new BVH of all triangles, or of those that are left."""
+        if culled is None:
+            return self._new_tree(triangles.vertices, self.threads)
+        bvh = self._new_tree(culled.vertices, self.threads)
+        return bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
+
+    def _updated_tree(self, triangles: Triangles, culled: Culled | None) -> Bvh:
+        """The BVH of all triangles that the updater keeps, or its part with those that are left."""
+        assert self._kept is not None
+        if self._updated is None or self._updated[0] is not triangles:  # else a frame asks once more
+            self._updated = triangles, self._kept.update(triangles.vertices, self.threads)
+        bvh = self._updated[1]
+        return bvh if culled is None else part_of(bvh, culled.kept, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
         builder, name = BUILDERS[self.builder], self.plan.optimise

@@ -57,11 +57,9 @@ def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -
         if tracing is None:
             return None
         usual = plain(Plan(trace="single"))
-        for field in ("cull", "build", "optimise", "update"):
-            method = getattr(plan, field)
-            if method not in (None, getattr(Plan(), field)):
-                with_it = plain(Plan(**{"trace": "single", field: method}))
-                tracing = (tracing - (usual - with_it)) | (with_it - usual)
+        for methods in _parts(plan):
+            with_it = plain(Plan(trace="single", **methods))
+            tracing = (tracing - (usual - with_it)) | (with_it - usual)
         return tracing
 
     def work():
@@ -70,6 +68,16 @@ def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -
         _render_small(plan, gbuffer, counters=counters)
 
     return Job(name(plan), work, kernels)
+
+
+def _parts(plan: Plan) -> list[dict[str, str]]:
+    """Methods whose kernels are recorded together, as fields of a plan, for all methods that the plan adds."""
+    fields = "cull", "build", "optimise", "update"
+    added = {f: method for f in fields if (method := getattr(plan, f)) not in (None, getattr(Plan(), f))}
+    parts = [{field: method} for field, method in added.items()]
+    if plan.cull and plan.update:
+        parts.append({"cull": "grid32", "update": plan.update})
+    return parts
 
 
 def quality_job() -> Job:

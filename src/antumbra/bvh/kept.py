@@ -1,0 +1,103 @@
+"""The part of a tree that holds some of its triangles: the tree without all others.
+
+A tree that is kept from frame to frame has all triangles of the scene, and culling leaves others in each frame. A
+rebuilt tree of these takes longer than this part: the splits are there, and only boxes change.
+
+Nodes stay in their order, and so do slots. So their new numbers are running sums, and threads write them apart.
+"""
+
+import numpy as np
+
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.simd import get, load16, ptr, put, store
+from . import binned_sah
+from .nodes import MAX_LEAF, Bvh, aligned_empty, tree_of
+from .refit import boxes_of_kept
+
+_NODES = 4096  # nodes that a thread writes at a time
+
+
+@inlined
+def _is_empty(nodes, node, side):
+    """Whether the box of a child is the empty one."""
+    return get(nodes, node * 16 + side) == np.float32(np.inf)
+
+
+@kernel
+def _find_branches(ticket, bvh, branches):
+    """Worker: mark the nodes both of whose children have triangles that are kept."""
+    tree, first = tree_of(bvh), take(ticket)
+    while first >= 0:
+        for node in range(first, min(first + ticket[CHUNK], ticket[N])):
+            branches[node] = not (_is_empty(tree.nodes, node, 0) or _is_empty(tree.nodes, node, 1))
+        first = take(ticket)
+
+
+@inlined
+def _new_link(tree, link, node_at, slot_at):
+    """The link to the first node with two children, or to the leaf, that `link` leads to."""
+    while link >= 0 and (_is_empty(tree.nodes, link, 0) or _is_empty(tree.nodes, link, 1)):
+        link = np.int64(get(tree.links, link * 16 + (13 if _is_empty(tree.nodes, link, 0) else 12)))
+    if link >= 0:
+        return np.int64(node_at[link])
+    first = np.int64(~link >> 3)
+    start, end = np.int64(slot_at[first]), np.int64(slot_at[first + (~link & 7) + 1])
+    return ~(start * 8 + end - start - 1)
+
+
+@kernel
+def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
+    """Worker: write the marked nodes to their new places, with new links."""
+    # In: bvh, of `boxes_of_kept`; branches, bool; node_at, slot_at, int32: new number of each node and slot
+    tree, out = tree_of(bvh), tree_of(new)
+    first = take(ticket)
+    while first >= 0:
+        for node in range(first, min(first + ticket[CHUNK], ticket[N])):
+            if branches[node]:
+                at = np.int64(node_at[node]) * 16
+                store(out.nodes, at, load16(tree.nodes, node * 16))
+                for word in (12, 13):
+                    put(out.links, at + word, _new_link(tree, np.int64(get(tree.links, node * 16 + word)), node_at, slot_at))
+        first = take(ticket)
+
+
+def _numbers(chosen: np.ndarray) -> np.ndarray:
+    """(n + 1,) int32: how many of the flags before each place are set."""
+    numbers = np.zeros(len(chosen) + 1, np.int32)
+    np.cumsum(chosen, out=numbers[1:])
+    return numbers
+
+
+def part_of(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
+    """The tree without the triangles that are not kept, and without the nodes that then have less than two children.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        Its nodes are in depth-first order. It is not changed.
+    kept : (m,) int
+        Indices of triangles.
+
+    Returns
+    -------
+    Bvh
+        Its `prim_ids` are indices in the whole scene, as those of `bvh`. Splits and orders of children are those of
+        `bvh`. A part of few triangles is built anew by `bsah`.
+    """
+    chosen = np.zeros(len(bvh.prim_ids), np.bool_)
+    chosen[kept] = True
+    slots = chosen[bvh.prim_ids]
+    prim_ids, corners = bvh.prim_ids[slots], bvh.corners[slots]
+    if len(prim_ids) <= MAX_LEAF:  # they may lie in one leaf, which cannot be a tree
+        few = binned_sah.build(corners.reshape(-1, 3, 3), threads)
+        return few._replace(prim_ids=prim_ids[few.prim_ids])
+    bounded = boxes_of_kept(bvh, slots, threads)
+    branches = np.empty(len(bvh.nodes), np.bool_)
+    run(_find_branches, threads, new_ticket(len(branches), _NODES), bounded, branches)
+    node_at, slot_at = _numbers(branches), _numbers(slots)
+    nodes = aligned_empty((int(node_at[-1]), 16), "f4")
+    new = Bvh(nodes, nodes.view(np.int32), prim_ids, corners)
+    ticket = new_ticket(len(branches), _NODES)
+    run(_write_branches, threads, ticket, bounded, branches, node_at, slot_at, new)
+    return new
