@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-TINY = ("--size", "40x24", "--cellar", "5k", "--rounds", "1", "--tracer", "single")
+TINY = ("--size", "40x24", "--cellar", "5k", "--video", "5k", "--frames", "2", "--rounds", "1")
 
 
 @pytest.fixture
@@ -20,25 +20,28 @@ def culling(cli, monkeypatch):
 
 
 def test_tables_of_pre_bvh_culling(culling):
-    told = culling("--json").json()
-    assert told["same_bits"]
+    told = culling("--json", "--tracer", "single").json()
+    assert told["same_bits"] and told["tracers"] == ["single"]
     assert {(t["figure"], t["method"]) for t in told["time_to_image"]} >= {
         ("Figure 6", "TL-LBVH culled"),
         ("atrium", "BSAH"),
     }
-    assert all(0 < g["remaining"] <= 1 for g in told["grids"]) and {g["grid"] for g in told["grids"]} == {
-        16,
-        32,
-        64,
-        128,
-        256,
+    assert {(g["figure"], g["marked"]) for g in told["grids"]} == {
+        (f, m) for f in ("Figure 6", "atrium") for m in ("hulls", "as published", "convex region")
     }
+    assert len(told["video"]) == 2 * (1 + 5 + 3)
+    assert {g["grid"] for g in told["video"]} == {0, 16, 32, 64, 128, 256}
+    for g in told["grids"] + told["video"]:
+        assert 0 < g["remaining"] <= 1 and (g["grid"] == 0) == (g["steps"] == {})
+        assert set(g["trace"]) == ({"lbvh+single", "tl-lbvh+single"} if g["build"] else set())
 
 
 def test_for_people_and_the_plot(culling, tmp_path):
     pytest.importorskip("matplotlib")
     done = culling("--plot", "even.png")
     assert done.code == 0 and "the same by all methods" in done.out and "as published" in done.out
+    parts = "Tables 1 and 2", "scan and pack", "Table 3", "Figure 2b", "Table 4", "single, 1 spp", "multifrusta, 1 spp"
+    assert all(part in done.out for part in parts)
     assert (tmp_path / "even.png").stat().st_size > 10_000
 
 

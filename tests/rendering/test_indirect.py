@@ -82,7 +82,14 @@ def test_where_rays_end_nowhere_there_is_no_light(options):
     assert frame.rays == frame.counters["rays"] == at.render(scene, camera, lamp, **options).rays
 
 
-PLANS = ["bsah+multifrusta", "lbvh+refit+single", "grid32+bsah+multifrusta", "grid32+bsah+refit+single", "cones", "grid32+cones"]
+PLANS = [
+    "bsah+multifrusta",
+    "lbvh+refit+single",
+    "grid32+bsah+multifrusta",
+    "grid32+bsah+refit+single",
+    "cones",
+    "grid32+cones",
+]
 
 
 @pytest.mark.parametrize("options", [dict(), dict(gbuffer="rays", filter=True, adaptive=8)], ids=str)

@@ -217,7 +217,9 @@ def test_the_rays_of_the_last_frame_are_shown_with_what_they_met_then(moving, gi
         np.testing.assert_array_equal(frame.bits[0], plain.bits[0])
 
 
-@pytest.mark.parametrize("plan", ["srdh+refit+single", "grid32+srdh+single", "grid32+srdh+refit+single", "srdh:all+refit+multifrusta"])
+@pytest.mark.parametrize(
+    "plan", ["srdh+refit+single", "grid32+srdh+single", "grid32+srdh+refit+single", "srdh:all+refit+multifrusta"]
+)
 @pytest.mark.parametrize("last_frame", [True, False])
 def test_animations_by_other_plans(moving, plan, last_frame):
     times = np.linspace(0, moving.duration, 3)

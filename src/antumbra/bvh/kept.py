@@ -10,7 +10,7 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
-from ..kernels.simd import get, load16, ptr, put, store
+from ..kernels.simd import get, load16, put, store
 from . import binned_sah
 from .nodes import MAX_LEAF, Bvh, aligned_empty, tree_of
 from .refit import boxes_of_kept
@@ -58,7 +58,11 @@ def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
                 at = np.int64(node_at[node]) * 16
                 store(out.nodes, at, load16(tree.nodes, node * 16))
                 for word in (12, 13):
-                    put(out.links, at + word, _new_link(tree, np.int64(get(tree.links, node * 16 + word)), node_at, slot_at))
+                    put(
+                        out.links,
+                        at + word,
+                        _new_link(tree, np.int64(get(tree.links, node * 16 + word)), node_at, slot_at),
+                    )
         first = take(ticket)
 
 

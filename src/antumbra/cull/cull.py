@@ -15,13 +15,13 @@ import numpy as np
 from ..kernels.parallel import thread_count
 from ..query.bounds import bounds
 from .grid import CellGrid, grid_over
-from .relevance import marks_of, relevant
+from .relevance import find, marks_of, pack
 from .sources import FINEST, ReceiverTiles, bounds_of, sources_of, tiles_of
 from .swept import mark_hulls
 from .targets import targets_of
 
-STEPS = ("sources", "mark", "triangles")
-"""The steps of culling: sort receivers into cells, mark cells, find and pack the triangles that are left."""
+STEPS = ("sources", "mark", "triangles", "pack")
+"""The steps of culling: sort receivers into cells, mark cells, find the triangles that are left, pack them together."""
 
 
 class Culled(NamedTuple):
@@ -75,8 +75,10 @@ def cull(
             mark(sources, targets, grid, marked, threads)
         counts += len(sources), sum(len(targets.boxes) for targets in ends)
         lap("mark")
-    kept, packed = relevant(corners, grid, marks_of(marked, threads), threads)
+    found = find(corners, grid, marks_of(marked, threads), threads)
     lap("triangles")
+    kept, packed = pack(corners, found, threads)
+    lap("pack")
     return Culled(kept, packed.reshape(-1, 3, 3), grid, marked, *counts.tolist())
 
 

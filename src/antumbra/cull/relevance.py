@@ -132,11 +132,24 @@ def _pack(ticket, corners, found, counts, starts, kept, packed):
         chunk = take(ticket)
 
 
-def relevant(corners: np.ndarray, grid, marks: Marks, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """Indices, (m,) int32 and ascending, and corners, (m, 9) float32, of the triangles that overlap a marked cell."""
-    found, counts = np.empty(len(corners), np.int32), np.zeros(-(-len(corners) // _CHUNK), np.int64)
-    run(_find, threads, new_ticket(len(corners), _CHUNK), corners, grid, marks, found, counts)
-    starts, total = np.cumsum(counts) - counts, int(counts.sum())
+class Found(NamedTuple):
+    """The triangles that overlap a marked cell, chunk by chunk."""
+
+    ids: np.ndarray  # (n,) int32: indices, those of each chunk from the chunk's first place on
+    counts: np.ndarray  # (chunks,) int64: how many there are in each chunk
+
+
+def find(corners: np.ndarray, grid, marks: Marks, threads: int) -> Found:
+    """Find the triangles, (n, 9) float32, that overlap a marked cell."""
+    found = Found(np.empty(len(corners), np.int32), np.zeros(-(-len(corners) // _CHUNK), np.int64))
+    run(_find, threads, new_ticket(len(corners), _CHUNK), corners, grid, marks, *found)
+    return found
+
+
+def pack(corners: np.ndarray, found: Found, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """Indices, (m,) int32 and ascending, and corners, (m, 9) float32, of the triangles that were found."""
+    counts, total = found.counts, int(found.counts.sum())
     kept, packed = np.empty(total, np.int32), np.empty((total, 9), np.float32)
-    run(_pack, threads, new_ticket(len(counts), 1), corners, found, counts, starts, kept, packed)
+    starts = np.cumsum(counts) - counts
+    run(_pack, threads, new_ticket(len(counts), 1), corners, found.ids, counts, starts, kept, packed)
     return kept, packed

@@ -9,6 +9,7 @@ from ..kernels import needs
 from ..methods import BENTHIN, SELGRAD, Culler, Tracer, by_cones, register, register_family
 from .chc_rt.variants import find_aggressive
 from .multi_frusta import frusta, packet256
+from .pre_bvh_culling.convex import mark_convex
 from .pre_bvh_culling.lines import mark_lines
 from .ray_hierarchy.variants import CONES, find_combination
 from .srdh.variants import BUILDERS, ORDERS, in_order
@@ -21,6 +22,11 @@ CULLERS = {
         partial(cull, n=32, mark=mark_lines, whole=True),
         "as grid32, by lines between cells through a grid over all",
         SELGRAD,
+    ),
+    "grid32:convex": Culler(
+        partial(cull, n=32, mark=mark_convex),
+        "as grid32, but everything in a convex region around receivers and lights",
+        f"{SELGRAD}, Fig. 2b",
     ),
 }
 

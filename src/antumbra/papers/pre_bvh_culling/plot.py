@@ -1,4 +1,4 @@
-"""Draws Figure 7 of the pre-BVH culling paper: time to image over samples, relative to BSAH."""
+"""Draws Figure 7 of the pre-BVH culling paper: time to image over samples, relative to BSAH; a row for each tracer."""
 
 from pathlib import Path
 
@@ -16,24 +16,29 @@ def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
 
 
 def write_plot(times: list[TimeToImage], path: Path) -> None:
-    """Write a plot with a panel for each view. A dot marks where BSAH breaks even with a method."""
+    """Write a plot with a panel for each view and tracer. A dot marks where BSAH breaks even with a method."""
     from matplotlib.figure import Figure
 
-    figures = list(dict.fromkeys(t.figure for t in times))
-    spp = np.geomspace(1, 1000, 200)
-    sheet = Figure(figsize=(4.2 * len(figures), 3.8), layout="constrained")
-    for panel, name in zip(sheet.subplots(1, len(figures), squeeze=False)[0], figures):
-        methods = {t.method: t for t in times if t.figure == name}
-        last = methods["BSAH"]
-        for method, t in methods.items():
-            (line,) = panel.plot(spp, _sums(t, spp) / _sums(last, spp), label=method)
-            even = break_even(last, t)
-            if t is not last and even <= spp[-1]:
-                panel.plot(even, 1.0, "o", color=line.get_color())
-        panel.set(xscale="log", title=name, xlabel="samples a pixel and light", ylim=(0, None))
-        panel.grid(alpha=0.3)
-    panel = sheet.axes[0]
-    panel.set_ylabel("time to image / BSAH's")
-    panel.legend(fontsize=8)
+    figures, tracers = (list(dict.fromkeys(getattr(t, name) for t in times)) for name in ("figure", "tracer"))
+    sheet = Figure(figsize=(4.2 * len(figures), 3.8 * len(tracers)), layout="constrained")
+    panels = sheet.subplots(len(tracers), len(figures), squeeze=False)
+    for row, tracer in zip(panels, tracers):
+        for panel, figure in zip(row, figures):
+            _draw(panel, {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)})
+        row[0].set_ylabel("time to image / BSAH's")
+    sheet.axes[0].legend(fontsize=8)
     with replacing(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
+
+
+def _draw(panel, methods: dict[str, TimeToImage]) -> None:
+    """Draw the curves of one view and one tracer."""
+    spp, last = np.geomspace(1, 1000, 200), methods["BSAH"]
+    for method, t in methods.items():
+        (line,) = panel.plot(spp, _sums(t, spp) / _sums(last, spp), label=method)
+        even = break_even(last, t)
+        if t is not last and even <= spp[-1]:
+            panel.plot(even, 1.0, "o", color=line.get_color())
+    title = f"{last.figure}, {last.tracer}"
+    panel.set(xscale="log", title=title, xlabel="samples a pixel and light", ylim=(0, None))
+    panel.grid(alpha=0.3)

@@ -1,4 +1,4 @@
-"""The four views of the pre-BVH culling paper, reconstructed from its pictures."""
+"""The four views of the pre-BVH culling paper, reconstructed from its pictures; `video` has its animation."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -28,6 +28,7 @@ class CullingView(NamedTuple):
     scene: Scene
     camera: Camera
     lights: list[Light]
+    time: float = 0.0  # seconds into the animation
 
 
 def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: int) -> list[CullingView]:
