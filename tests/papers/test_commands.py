@@ -54,6 +54,8 @@ def test_tables_of_srdh(cli):
     counts = {(c["method"], c["pixels"]): c for c in told["counts"]}
     assert counts["random", None]["relative"] == 1 and counts["srdh", 16]["relative"] < 1
     assert {c["scene"] for c in told["counts"]} == {"cellar?triangles=2k"}
+    ((shown),) = told["rtsah"]
+    assert 0 < shown["lines"] < 1 < shown["lines_reversed"] and shown["rays"] > 0 < shown["rays_reversed"]
     assert [b["pixels"] for b in told["builds"]] == [16, 32]
     assert all(b["both"] > 1 and b["instead"] > 0 and b["rays"] > 0 for b in told["builds"])
     assert len({(r["build"], r["tracer"]) for r in told["renders"]}) == len(told["renders"]) == 8
@@ -64,7 +66,17 @@ def test_srdh_for_people_and_the_plot(cli, tmp_path):
     pytest.importorskip("matplotlib")
     done = cli("bench", "srdh", "--scene", *SMALL, "--plot", "srdh.png")
     assert done.code == 0 and "the same by all methods" in done.out
-    for part in ("Figure 2", "Section 4.1", "Figure 4", "Figure 5", "Table 1", "multifrusta", "(paper: BEDROOM)"):
+    for part in (
+        "Figure 2",
+        "Section 4.1",
+        "Figure 4",
+        "Figure 5",
+        "Table 1",
+        "multifrusta",
+        "(paper: BEDROOM)",
+        "(paper: MADSCI)",
+        "RTSAH",
+    ):
         assert part in done.out
     assert (tmp_path / "srdh.png").stat().st_size > 10_000
 

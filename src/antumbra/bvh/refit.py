@@ -1,8 +1,9 @@
 """Refit a BVH to triangles that have moved, and rebuild it when its SAH cost has grown too much.
 
-The same pass bounds some of a tree's triangles only (`boxes_of_kept`). Threads refit parts of the tree apart, from the last node to the first. Nodes are in depth-first order, so the boxes of
-a node's children are the last two that were made. [Lauterbach et al. 2006, "RT-DEFORM: interactive ray tracing of
-dynamic scenes using BVHs"] rebuild by a similar measure.
+The same pass bounds some of a tree's triangles only (`boxes_of_kept`). Threads refit parts of the tree apart, from the
+last node to the first. Nodes are in depth-first order, so the boxes of a node's children are the last two that were
+made. [Lauterbach et al. 2006, "RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] rebuild by a similar
+measure.
 """
 
 from collections.abc import Callable
