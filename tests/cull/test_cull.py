@@ -13,6 +13,7 @@ import oracle
 from antumbra.cull.cull import cull as culling
 from antumbra.cull.relevance import marks_of
 from antumbra.methods import CULLERS
+from antumbra.papers.pre_bvh_culling.convex import mark_convex
 from antumbra.papers.pre_bvh_culling.lines import mark_lines
 from antumbra.query.bounds import reach
 from antumbra.query.receivers import FREE, NOTHING
@@ -98,7 +99,10 @@ def test_no_segment_meets_a_triangle_that_was_dropped(cull, vertices, light, dat
     _check(cull, triangles, [_query(triangles, points, light)])
 
 
-@pytest.mark.parametrize("options", [{}, {"mark": mark_lines, "whole": True}], ids=["hulls", "lines"])
+MARKINGS = {"hulls": {}, "lines": {"mark": mark_lines, "whole": True}, "convex": {"mark": mark_convex}}
+
+
+@pytest.mark.parametrize("options", MARKINGS.values(), ids=MARKINGS)
 @settings(max_examples=30, deadline=None)
 @given(n=st.sampled_from([3, 8, 16, 32]), seed=st.integers(0, 10**6), axis=st.integers(0, 2))
 @example(n=16, seed=0, axis=0)
@@ -193,3 +197,14 @@ def test_what_cameras_see(cull, vertices, light, seed):
     triangles, query = query_of(scene, camera, light, 3)
     if np.count_nonzero(query.sides):
         _check(cull, triangles, [query])
+
+
+def test_a_convex_region_has_more_than_the_grid():
+    """Two groups of receivers below a light, far apart: what lies between them is dropped by the grid only."""
+    rng = np.random.default_rng(5)
+    triangles = _triangles(rng.uniform((-10, 0, -10), (10, 4, 10), (4000, 1, 3)) + rng.uniform(-0.1, 0.1, (4000, 3, 3)))
+    points = np.concatenate([rng.uniform((x, 0, -1), (x + 1, 0.1, 1), (30, 3)) for x in (-9, 8)])
+    queries = [_query(triangles, points, at.SphereLight((0, 9, 0), 0.5))]
+    dropped, kept = _check(partial(culling, mark=mark_convex), triangles, queries)
+    of_grid = _check(culling, triangles, queries)[1]
+    assert dropped > 100 and 1.5 * of_grid < kept

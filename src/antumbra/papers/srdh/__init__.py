@@ -1,1 +1,4 @@
-"""SRDH as published [Feltman et al. 2012]: `variants`. Its figures and Table 1: `measure`, `times`, `plot`."""
+"""SRDH as published [Feltman et al. 2012]: `variants`.
+
+`measure`, `times`, `tables` and `plot` make its figures and Table 1; `rtsah` checks RTSAH.
+"""
