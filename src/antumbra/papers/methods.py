@@ -30,36 +30,38 @@ CULLERS = {
     ),
 }
 
+_shallow = partial(block_tree, block=frusta.BLOCK)  # one object, so that its tracers can share a tree
+
 _BENTHIN = BENTHIN.partition(",")[0]
 
 TRACERS = {
     **{f"single:{name}": in_order(order) for name, order in ORDERS.items()},
     "multifrusta:paper": Tracer(
-        block_tree,
+        _shallow,
         frusta.as_published,
         "16 frusta of 16 rays at once, one receiver each, corner rays cull at leaves",
         f"{_BENTHIN}, Sec. 4",
     ),
     "multifrusta:leaf-boxes": Tracer(
-        block_tree,
+        _shallow,
         frusta.with_leaf_boxes,
         "as multifrusta:paper, with rays tested against the boxes of leaves",
         f"{_BENTHIN}, Sec. 5.3, Ray-AABB",
     ),
     "multifrusta:corners": Tracer(
-        block_tree,
+        _shallow,
         frusta.with_corners,
         "as multifrusta:paper, with corner rays that shrink to the rays left",
         f"{_BENTHIN}, Sec. 5.3, CR",
     ),
     "multifrusta:full": Tracer(
-        block_tree,
+        _shallow,
         frusta.with_all,
         "as multifrusta:paper, with corner rays and bounds that shrink to the rays left",
         f"{_BENTHIN}, Sec. 5.3, FS",
     ),
     "packet256": Tracer(
-        block_tree,
+        _shallow,
         packet256.trace_shadow,
         "16 packets of 16 rays together, all rays tested at every node",
         f"{_BENTHIN}, Sec. 5.2",

@@ -157,14 +157,20 @@ def popped(links, at, stack, alive):
 
 @inlined
 def entered(links, at, left, right, stack):
-    """Go to the child that is visited first, and push the other one. left, right: bits of the lanes that meet each."""
-    here, height = at.link * 16 + 12, at.height
-    if left != 0 and right != 0:
-        put(stack, height, here + 1)
-        put(stack, height + 1, right)
+    """Go to the left child first, and push the right one. left, right: bits of the lanes that meet each."""
+    return entered_first(links, at, at.link * 16 + 12, left, right, stack)
+
+
+@inlined
+def entered_first(links, at, first, one, other, stack):
+    """Go to the child at the place `first`, and push its sibling. one, other: bits of the lanes that meet each."""
+    height = at.height
+    if one != 0 and other != 0:
+        put(stack, height, first ^ 1)
+        put(stack, height + 1, other)
         height += 2
-    place = here if left != 0 else here + 1
-    return At(np.int64(get(links, place)), place, left if left != 0 else right, height)
+    place = first if one != 0 else first ^ 1
+    return At(np.int64(get(links, place)), place, one if one != 0 else other, height)
 
 
 @inlined

@@ -6,8 +6,8 @@ are tested side by side. A frustum ends when all its rays are blocked.
 
 Differences from the paper:
 
-- Either side of a triangle blocks, unless the query culls faces.
-- The left child is visited first.
+- Either side of a triangle blocks, unless the query culls faces. The paper always culls back faces.
+- A majority of the frusta decides which child is nearer. Appendix A does not say how lanes that disagree decide.
 - Intervals of directions that contain zero need no second test (see `trace.slabs`).
 - Float32 decides only certain cases.
 
@@ -23,10 +23,10 @@ import numpy as np
 from ...bvh.blocks import block_pointers
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, N, take
-from ...kernels.simd import bits, get, lowest_bit, ptr, stack_f32, stack_i32, stack_i64
-from ...trace.counters import BOX_TESTS, N_COUNTERS, add_counters, cleared, count
+from ...kernels.simd import bits, get, lowest_bit, ptr, splat16, stack_f32, stack_i32, stack_i64
+from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
 from ...trace.deferred import DEFERRED
-from ...trace.descent import left, next_leaf, rays_as_shafts, root, save, saved, slabs_of
+from ...trace.descent import entry, left, popped, rays_as_shafts, root, save, saved, slabs_of
 from ...trace.packets.raytile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
@@ -43,6 +43,9 @@ from ...trace.packets.raytile import (
 from ...trace.slabs import least_direction, meets_mixed, mixed_axis
 from .cornerrays import FRUSTA_FLOATS, frusta_as_shafts, make_frusta, shrink
 from .frustaleaf import WORK, trace_block
+from .order import entered_nearer, prefers_right
+
+BLOCK = 4  # triangles in a leaf of the shallow tree, at most
 
 
 class Shrinking(NamedTuple):
@@ -83,12 +86,28 @@ def _reach_box(tree, place, mask, rays, counters):
     return reached
 
 
+@inlined
+def _next_leaf(tree, slabs, at, stack, alive, counters):
+    """Walk from `at` to the next leaf that a frustum in `alive` meets, the nearer child first."""
+    end = splat16(np.float32(1.0))
+    at = popped(tree.links, at, stack, alive)
+    while at.mask != 0 and at.link >= 0:
+        count(counters, NODES, 1)
+        count(counters, BOX_TESTS, 2)
+        in_left, near_left = entry(tree.nodes, at.link * 16, slabs, end)
+        in_right, near_right = entry(tree.nodes, at.link * 16 + 1, slabs, end)
+        in_left, in_right = in_left & at.mask, in_right & at.mask
+        turn = prefers_right(near_left, near_right, in_left & in_right) > 0
+        at = popped(tree.links, entered_nearer(tree.links, at, in_left, in_right, turn, stack), stack, alive)
+    return at
+
+
 @kernel
 def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
     """Continue the traversal. Return whether it must go on, with new bounds or after deferred tests are settled."""
     alive = open_frusta(rays)
     slabs = slabs_of(frusta_as_shafts(rays, frusta), alive)
-    at = next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
+    at = _next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
     while at.mask != 0:
         if np.int64(get(scratch.deferred, 0)) > DEFERRED:
             save(scratch.at, at)
@@ -104,7 +123,7 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
                 if shrinking.directions:
                     save(scratch.at, left(at))
                     return True
-        at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
+        at = _next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
     return False
 
 

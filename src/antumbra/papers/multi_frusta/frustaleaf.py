@@ -40,7 +40,13 @@ def _triangle(block, i):
 
 
 @inlined
-def _missed(frusta, lanes, triangle, wide, facing):
+def _turned_away(lanes, facing):
+    """Bits of the frusta whose receivers surely see the side of a triangle that does not block."""
+    return bits(lanes.t * _F(facing) > lanes.te) if facing != 0 else np.int64(0)
+
+
+@inlined
+def _missed(frusta, lanes, triangle, wide):
     """mask16 of the frusta that certainly miss a triangle."""
     off, size, t, n = load16(frusta.own, OFF), triangle.size, lanes.t, lanes.n
     e = fma(off * wide, splat16(size * _F(18.1)), lanes.e)
@@ -56,22 +62,22 @@ def _missed(frusta, lanes, triangle, wide, facing):
     some_up = maximum(maximum(low0, low1), low2) > e
     some_down = minimum(minimum(high0, high1), high2) < -e
     above, below = t > lanes.te, t < -lanes.te
-    missed = (above & (some_down | (low_f > te))) | (below & (some_up | (high_f < -te))) | (some_up & some_down)
-    if facing != 0:
-        missed = missed | (t * _F(facing) > lanes.te)
-    return missed
+    return (above & (some_down | (low_f > te))) | (below & (some_up | (high_f < -te))) | (some_up & some_down)
 
 
 @kernel
-def _cull(tree, slot, block, i, rays, frusta, facing, work):
-    """Bits of the frusta that may meet triangle i of a block. It stores the data for their ray tests in `work`."""
+def _cull(tree, slot, block, i, mask, rays, frusta, facing, work):
+    """Bits of the frusta in `mask` that may meet triangle i of a block. `work` gets the data for their ray tests."""
     own = bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
     origins, triangle = rows(rays.tile.origins, 0, 16), _triangle(block, i)
     lanes = seen_from(origins, load16(frusta.own, SPAN), triangle)
+    left = mask & ~own & ~_turned_away(lanes, facing)
+    if left == 0:
+        return left
     v = triangle.v
     a = Vec(v.x - origins.x, v.y - origins.y, v.z - origins.z)
     wide = maximum(largest(a), splat16(triangle.size))
-    left = ~own & ~bits(_missed(frusta, lanes, triangle, wide, facing)) & 0xFFFF
+    left &= ~bits(_missed(frusta, lanes, triangle, wide))
     if left != 0:
         keep_lanes(work, lanes)
     return left
@@ -95,7 +101,7 @@ def trace_block(tree, code, mask, rays, frusta, facing, work, deferred, counters
     for i in range(code & 31):
         slot = np.int64(get(tree.slots, (code >> 5) * 16 + i))
         count(counters, TRIANGLES, 1)
-        active = _cull(tree, slot, block, i, rays, frusta, facing, work) & mask
+        active = _cull(tree, slot, block, i, mask, rays, frusta, facing, work)
         if active == 0:
             continue
         count(counters, CANDIDATES, 1)

@@ -21,6 +21,7 @@ from ...errors import InputError
 from ...methods import TRACERS, add_plugins
 from ...query.gbuffer import GBuffer
 from ...query.picture import shadow_queries
+from ...query.rays import cull_value
 from ...query.sampling import light_samples
 from ...query.shadow import ShadowQuery
 from ...rendering.renderer import Renderer
@@ -52,6 +53,7 @@ class Case(NamedTuple):
     gbuffer: GBuffer
     prepared: dict[str, object]  # tracer -> its acceleration structure
     light: QuadLight  # the light of the usual size
+    facing: int  # value of CULL_FACES: the side of triangles that does not block
 
 
 def default_names() -> list[str]:
@@ -64,8 +66,8 @@ def quad_view(name: str, size: tuple[int, int]) -> View:
     return named_view(name, size, square(EDGE), REAL)
 
 
-def case_of(view: View) -> Case:
-    """Prepare a view for every tracer of the tables.
+def case_of(view: View, cull_faces: str | None = "back") -> Case:
+    """Prepare a view for every tracer of the tables. Culling back faces is as published.
 
     Raises
     ------
@@ -79,20 +81,21 @@ def case_of(view: View) -> Case:
     edge = np.linalg.norm(np.ptp(scene.bounds, axis=0)) / EDGE
     u, v, centre = (edge * u / np.linalg.norm(u), edge * v / np.linalg.norm(v), corner + (u + v) / 2)
     add_plugins()
+    facing = cull_value(cull_faces)
     triangles = scene.triangles(0.0)
     gbuffer = Renderer(scene).see(triangles, view.camera, None)
     bvh = binned_sah.build(triangles.vertices)
     walking = {name: TRACERS[name] for name in dict.fromkeys((*TABLE1, *TABLE2, *FIGURE6))}
     shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in walking.values()}}
     prepared = {name: shared[t.prepare] for name, t in walking.items()}
-    return Case(view.name, triangles, gbuffer, prepared, QuadLight(centre - (u + v) / 2, u, v))
+    return Case(view.name, triangles, gbuffer, prepared, QuadLight(centre - (u + v) / 2, u, v), facing)
 
 
 def query_of(case: Case, size: float = 1.0) -> ShadowQuery:
     """The query of a light whose edge is `size` times the usual one."""
     corner, u, v = (np.asarray(x, float) for x in (case.light.corner, case.light.u, case.light.v))
     light = QuadLight(corner - (size - 1.0) / 2 * (u + v), size * u, size * v)
-    return shadow_queries(case.triangles, case.gbuffer, [light], [light_samples(light, SPP)])[0]
+    return shadow_queries(case.triangles, case.gbuffer, [light], [light_samples(light, SPP)], case.facing)[0]
 
 
 def answer(case: Case, tracer: str, query: ShadowQuery, counters: np.ndarray | None = None) -> np.ndarray:

@@ -1,7 +1,7 @@
 """`packet256`: traces 16 packets of 16 shadow rays together through the shallow tree [Benthin and Wald 2009, Sec. 5.2].
 
 At each node, the rays of every active packet are tested against both children. This gives two new masks of packets. The
-tree, corner culling and the ray tests at leaves are those of `multifrusta:paper`; only the traversal differs. A packet
+child that more rays enter first comes first. The tree, corner culling and the ray tests at leaves are those of `multifrusta:paper`; only the traversal differs. A packet
 holds one receiver's rays to its samples.
 """
 
@@ -10,10 +10,23 @@ import numpy as np
 from ...bvh.blocks import block_pointers
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, N, take
-from ...kernels.simd import get, load16, lowest_bit, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64, store
+from ...kernels.simd import (
+    bits,
+    get,
+    load16,
+    lowest_bit,
+    ptr,
+    ptr_at,
+    put,
+    splat16,
+    stack_f32,
+    stack_i32,
+    stack_i64,
+    store,
+)
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
 from ...trace.deferred import DEFERRED
-from ...trace.descent import entered, left, popped, rays_as_shafts, root, save, saved, slabs_of
+from ...trace.descent import left, popped, rays_as_shafts, root, save, saved, slabs_of
 from ...trace.packets.raytile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
@@ -27,10 +40,11 @@ from ...trace.packets.raytile import (
     start_tile,
     trace_tiles,
 )
-from ...trace.slabs import Bound, Mixed, Uniform, children_mixed, children_uniform
+from ...trace.slabs import Bound, Mixed, Uniform, span_mixed, span_uniform
 from .cornerrays import FRUSTA_FLOATS, make_frusta
 from .frusta import open_frusta
 from .frustaleaf import WORK, trace_block
+from .order import entered_nearer, prefers_right
 
 _PACKET = 24 * 16  # float32 words of a packet: r and k of its slab bounds
 _WAYS = 4  # int32 words of a packet: whether all rays have the same signs, and the near plane of each axis
@@ -86,31 +100,35 @@ def _prepare(rays, alive, packets, ways):
 
 
 @inlined
-def _children(nodes, link, packet, ways):
-    """(left, right): bits of a packet's rays that meet the box of each child."""
+def _entry(nodes, at, packet, ways):
+    """(bits of a packet's rays that meet a box, the entry t of each ray). at: index in `nodes` of the box's lower x."""
+    end = splat16(np.float32(1.0))
     if get(ways, 0) != 0:
-        return children_uniform(
-            nodes, link, _uniform(packet, ways, 0), _uniform(packet, ways, 1), _uniform(packet, ways, 2)
-        )
-    return children_mixed(nodes, link, _mixed(packet, 0), _mixed(packet, 1), _mixed(packet, 2))
+        x, y, z = _uniform(packet, ways, 0), _uniform(packet, ways, 1), _uniform(packet, ways, 2)
+        near, far = span_uniform(nodes, at, x, y, z, end)
+    else:
+        near, far = span_mixed(nodes, at, _mixed(packet, 0), _mixed(packet, 1), _mixed(packet, 2), end)
+    return bits(near <= far), near
 
 
 @inlined
 def _packets_in(tree, at, rays, packets, ways, counters):
-    """(left, right): bits of the packets with an unblocked ray that meets the box of each child."""
-    waiting, in_left, in_right = at.mask, np.int64(0), np.int64(0)
+    """(left, right, turn): bits of the packets with an unblocked ray that meets each child's box; right child first?"""
+    waiting, in_left, in_right, votes = at.mask, np.int64(0), np.int64(0), np.int64(0)
     count(counters, NODES, 1)
     while waiting != 0:
         r = lowest_bit(waiting)
         waiting &= waiting - 1
         count(counters, BOX_TESTS, 2)
-        a, b = _children(tree.nodes, at.link, ptr_at(packets, r * _PACKET), ptr_at(ways, r * _WAYS))
-        alive = open_rays(rays, r)
+        packet, way, alive = ptr_at(packets, r * _PACKET), ptr_at(ways, r * _WAYS), open_rays(rays, r)
+        a, near_a = _entry(tree.nodes, at.link * 16, packet, way)
+        b, near_b = _entry(tree.nodes, at.link * 16 + 1, packet, way)
         if a & alive != 0:
             in_left |= np.int64(1) << r
         if b & alive != 0:
             in_right |= np.int64(1) << r
-    return in_left, in_right
+        votes += prefers_right(near_a, near_b, a & b & alive)
+    return in_left, in_right, votes > 0
 
 
 @kernel
@@ -120,8 +138,8 @@ def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
     at = popped(tree.links, saved(scratch.at, alive), scratch.stack, alive)
     while at.mask != 0:
         if at.link >= 0:
-            in_left, in_right = _packets_in(tree, at, rays, packets, ways, counters)
-            at = entered(tree.links, at, in_left, in_right, scratch.stack)
+            in_left, in_right, turn = _packets_in(tree, at, rays, packets, ways, counters)
+            at = entered_nearer(tree.links, at, in_left, in_right, turn, scratch.stack)
         else:
             if np.int64(get(scratch.deferred, 0)) > DEFERRED:
                 save(scratch.at, at)

@@ -150,9 +150,14 @@ def _trace_triangles(tree, rays, r, code, mask, facing, deferred, counters):
         tested = mask & ~hits & ~_own(tree, rays, r, slot)
         if tested == 0:
             continue
+        lanes = seen_from(o, span, triangle_in(tree.corners, slot))
+        if facing != 0:
+            tested &= ~bits(lanes.t * np.float32(facing) > lanes.te)
+            if tested == 0:
+                continue
         count(counters, CANDIDATES, 1)
         count(counters, TRIANGLE_TESTS, 1)
-        hit, unsure = decide(d, seen_from(o, span, triangle_in(tree.corners, slot)), facing)
+        hit, unsure = decide(d, lanes, facing)
         unsure &= tested
         if unsure != 0:
             defer(deferred, slot, r * rays.row_place, rays.lane_place, unsure)
