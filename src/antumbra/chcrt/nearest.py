@@ -136,10 +136,10 @@ def _trace_block(tree, k, code, mask, found):
 def _walk(tree, k, link, mask, slabs, found, waiting):
     """Trace the rays in `mask` through a tree, from a link on."""
     # In: tree, k, link, mask, slabs. Out: found. Scratch: waiting.
-    at = next_block(tree, slabs, Near(link, mask, np.int64(0)), waiting, load16(found.bundle.limits, 0))
+    at = next_block(tree, slabs, Near(link, mask, np.int64(0)), waiting, load16(found.bundle.limits, 0), None)
     while at.mask != 0:
         _trace_block(tree, k, ~at.link, at.mask, found)
-        at = next_block(tree, slabs, visited(at), waiting, load16(found.bundle.limits, 0))
+        at = next_block(tree, slabs, visited(at), waiting, load16(found.bundle.limits, 0), None)
 
 
 @inlined

@@ -219,9 +219,11 @@ def visited(at):
 
 
 @inlined
-def _nearer_child(tree, slabs, at, waiting, far):
+def _nearer_child(tree, slabs, at, waiting, far, counters):
     """Go to the child whose box most lanes enter first. Push the other child if some lane enters it before `far`."""
     line = at.link * 16
+    count(counters, NODES, 1)
+    count(counters, BOX_TESTS, 2)
     left, a = entry(tree.nodes, line, slabs, far)
     right, b = entry(tree.nodes, line + 1, slabs, far)
     left &= at.mask
@@ -245,10 +247,10 @@ def _nearer_child(tree, slabs, at, waiting, far):
 
 
 @inlined
-def next_block(tree, slabs, at, waiting, far):
+def next_block(tree, slabs, at, waiting, far, counters):
     """Walk from `at` to the next block that a lane enters before `far`; mask 0: there is none."""
     at = _popped_near(at, waiting, far)
     while at.mask != 0 and (at.link >= 0 or ~at.link & 31 == 0):
-        at = _nearer_child(tree, slabs, at, waiting, far) if at.link >= 0 else visited(at)
+        at = _nearer_child(tree, slabs, at, waiting, far, counters) if at.link >= 0 else visited(at)
         at = _popped_near(at, waiting, far)
     return at

@@ -21,6 +21,7 @@ from ...kernels.simd import (
     load16,
     lowest_bit,
     minimum,
+    popcount,
     prefetch,
     put,
     reduce_min,
@@ -30,6 +31,7 @@ from ...kernels.simd import (
     to_f32,
 )
 from ...kernels.vec import broadcasts
+from ..counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
 from .pixelsetup import BOX, EDGES, KEY, KEY_ERROR, TOPS, set_up_block
 
 _F = np.float32
@@ -124,9 +126,14 @@ def _test_cell(work, tree, block, tests, x, y, pixels, cell):
 
 
 @kernel
-def trace_block(frame, tree, block, triangles, frusta, pixels, work):
-    """Test a block against some frusta (bits) of a tile. Return whether some pixel sees one of its triangles."""
-    left, winners = set_up_block(frame, tree, block, triangles, work), np.int64(0)
+def trace_block(frame, tree, code, frusta, pixels, work, counters):
+    """Test a block against some frusta (bits) of a tile. Return whether some pixel sees one of its triangles.
+
+    code : the block * 32 + its triangles
+    """
+    block, triangles, winners, tested = code >> 5, code & 31, np.int64(0), np.int64(0)
+    left = set_up_block(frame, tree, block, triangles, work)
+    count(counters, TRIANGLES, triangles)
     if left == 0:
         return False
     across, down = to_f32(iota16() & 3), to_f32(iota16() >> 2)
@@ -138,7 +145,10 @@ def trace_block(frame, tree, block, triangles, frusta, pixels, work):
             x, y = _F(x), _F(y)
             tests = cull_cell(work, left, x, y, get(pixels.least, cell))
             if tests != 0:
+                tested |= tests
+                count(counters, TRIANGLE_TESTS, popcount(tests))
                 winners |= _test_cell(work, tree, block, tests, across + x, down + y, pixels, cell)
+    count(counters, CANDIDATES, popcount(tested))
     seen = winners != 0
     while winners != 0:  # prefetch the corners for the float64 t
         slot = np.int64(get(tree.slots, block * 16 + lowest_bit(winners)))

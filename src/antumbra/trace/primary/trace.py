@@ -19,9 +19,10 @@ from ...bvh.nodes import boxes_of
 from ...kernels.fields import F32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, take, thread_count
-from ...kernels.simd import get, load16, ptr, stack_f32, stack_f64, stack_i32
+from ...kernels.simd import get, load16, ptr, stack_f32, stack_f64, stack_i32, stack_i64
 from ...query.raster_setup import RasterView, direction_error, make_view
 from ...scene.camera import CameraRays
+from ..counters import N_COUNTERS, add_counters, cleared, new_counters
 from ..descent import WAITING_FLOATS, WAITING_INTS, Near, Slabs, Waiting, entry, next_block, visited
 from ..forest import Forest, Hits, forest_pointers, item, list_of, root_in, tree_in, whole
 from .frusta import FLOATS, bound_directions, slabs_from
@@ -65,14 +66,14 @@ class _Scratch(NamedTuple):
 
 
 @kernel
-def _walk(forest, k, alive, picture, tile, scratch):
+def _walk(forest, k, alive, picture, tile, scratch, counters):
     """Trace the frusta in `alive` (bits) through tree k. A block is prefetched, and tested after the next is found."""
     tree, hits, pixels, scale = tree_in(forest, k), picture.hits, scratch.pixels, picture.scale
     at, last = Near(root_in(forest, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
     while True:
-        at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0))
+        at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0), counters)
         if last.mask != 0:
-            seen = trace_block(tile.frame, tree, ~last.link >> 5, ~last.link & 31, last.mask, pixels, scratch.work)
+            seen = trace_block(tile.frame, tree, ~last.link, last.mask, pixels, scratch.work, counters)
             if get(pixels.deferred, 0) != 0:
                 settle(pixels, forest, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
                 seen = True
@@ -105,21 +106,21 @@ def _start(picture, x0, y0, fresh, scratch):
 
 
 @kernel
-def _trace_tile(forest, begin, end, picture, tile, scratch):
+def _trace_tile(forest, begin, end, picture, tile, scratch, counters):
     """Trace the frusta of a tile through the trees begin .. end of the lists."""
     pixels, new = scratch.pixels, forest.fresh
     for i in range(begin, end):
         k = item(forest, i)
         met = entry(forest.heads, k * 16, tile.slabs, load16(pixels.far, 0))[0] & tile.alive
         if met != 0:
-            _walk(forest, k, met, picture, tile, scratch)
+            _walk(forest, k, met, picture, tile, scratch, counters)
             new |= keep(pixels, k)
     if new:
         resolve(pixels, forest, picture.rays, tile.x0, tile.y0, scratch.seen, picture.hits)
 
 
 @kernel
-def _trace_tiles(ticket, arrays, picture, across):
+def _trace_tiles(ticket, arrays, picture, across, counters):
     """Worker: trace whole tiles."""
     pixels = Pixels(
         stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(PIXELS),
@@ -131,7 +132,7 @@ def _trace_tiles(ticket, arrays, picture, across):
     )  # fmt: skip
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     scratch = _Scratch(pixels, seen, stack_f32(FLOATS), stack_f32(WORK), waiting)
-    forest = forest_pointers(arrays)
+    forest, mine = forest_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     k = take(ticket)
     while k >= 0:
         x0, y0 = _place(k, across)
@@ -139,8 +140,9 @@ def _trace_tiles(ticket, arrays, picture, across):
             begin, end = list_of(forest, y0, x0, np.int64(0))
             if begin < end:
                 tile = _start(picture, x0, y0, forest.fresh, scratch)
-                _trace_tile(forest, begin, end, picture, tile, scratch)
+                _trace_tile(forest, begin, end, picture, tile, scratch, mine)
         k = take(ticket)
+    add_counters(counters, mine)
 
 
 def _scale(box, view) -> float:
@@ -152,7 +154,7 @@ def _scale(box, view) -> float:
     return float(2.0 ** -np.ceil(np.log2(reach)))
 
 
-def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
+def trace_primary(tree, rays, threads=None, counters=None) -> tuple[np.ndarray, np.ndarray]:
     """The nearest hits of the pixel-centre rays.
 
     Parameters
@@ -162,6 +164,8 @@ def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
     rays : CameraRays
     threads : int, optional
         None: all cores. The result does not depend on it.
+    counters : (N_COUNTERS,) int64, optional
+        From `new_counters`; nodes, tests of boxes, and triangles are added.
 
     Returns
     -------
@@ -179,7 +183,7 @@ def trace_primary(tree, rays, threads=None) -> tuple[np.ndarray, np.ndarray]:
         tree = block_tree(tree, threads)
     shape, nowhere = (rays.height, rays.width), np.empty((0, 0), np.int32)
     hits = Hits(np.empty(shape, np.int32), np.empty(shape), nowhere, nowhere)
-    trace_hits(whole(tree), picture_seen(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads))
+    trace_hits(whole(tree), picture_seen(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads), counters)
     return hits.face, hits.t
 
 
@@ -198,7 +202,7 @@ def picture_seen(rays, box: np.ndarray, hits: Hits) -> PictureSeen:
     return PictureSeen(rays, hits, view, direction_error(rays), _scale(box, view))
 
 
-def trace_hits(forest: Forest, picture: PictureSeen, threads: int) -> None:
+def trace_hits(forest: Forest, picture: PictureSeen, threads: int, counters=None) -> None:
     """Trace pixel-centre rays through a forest. Unless the forest is fresh, start from the rays' hits so far.
 
     Parameters
@@ -207,8 +211,10 @@ def trace_hits(forest: Forest, picture: PictureSeen, threads: int) -> None:
         Its tiles are at least 32 pixels wide and 16 high. If it is fresh, only tiles that have trees write their hits.
     picture : PictureSeen
         Its hits are changed in place.
+    counters : (N_COUNTERS,) int64, optional
+        From `new_counters`.
     """
     width, height = picture.rays.width, picture.rays.height
     across, down = -(-width // (WIDTH * _SUPER)), -(-height // (HEIGHT * _SUPER))
     ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
-    run(_trace_tiles, threads, ticket, forest, picture, across)
+    run(_trace_tiles, threads, ticket, forest, picture, across, new_counters() if counters is None else counters)
