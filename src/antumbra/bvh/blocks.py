@@ -158,7 +158,7 @@ def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, ar
 
 
 def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
-    """The `BlockTree` of a `Bvh`: subtrees of at most `block` (1 to 16) triangles become blocks, and so do all leaves."""
+    """The `BlockTree` of a `Bvh`: all leaves, and subtrees of at most `block` (1 to 16) triangles, become blocks."""
     count = len(bvh.nodes)
     below = np.empty(count, np.int32)
     _count_below(bvh.links, parents_first(bvh.links), below)

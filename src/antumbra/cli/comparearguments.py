@@ -13,6 +13,7 @@ from . import arguments
 from .options import (
     SCENE_HELP,
     CameraOption,
+    CullFaces,
     GBufferBy,
     Json,
     MaxMemoryOption,
@@ -28,6 +29,7 @@ from .pictureoptions import (
     AdaptiveSppOption,
     AoOption,
     BounceOption,
+    CullFacesOption,
     ExposureOption,
     FilterOption,
     GBufferOption,
@@ -75,6 +77,7 @@ class CompareArguments:
     adaptive_spp: AdaptiveSppOption = None
     srdh_rays: SrdhRaysOption = None
     gbuffer: GBufferOption = GBufferBy.raster
+    cull_faces: CullFacesOption = CullFaces.none
     threads: Threads = None
     max_memory: MaxMemoryOption = None
     exposure: ExposureOption = None

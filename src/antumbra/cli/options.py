@@ -19,6 +19,17 @@ class GBufferBy(StrEnum):
     rays = "rays"
 
 
+class CullFaces(StrEnum):
+    none = "none"
+    front = "front"
+    back = "back"
+
+    @property
+    def side(self) -> str | None:
+        """The value that `antumbra.render` takes."""
+        return None if self is CullFaces.none else self.value
+
+
 UpOption = Annotated[
     Up | None, typer.Option(help="Which axis of the file points up.  [default: y]", show_default=False)
 ]

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from .options import GBufferBy
+from .options import CullFaces, GBufferBy
 
 PictureLightOption = Annotated[
     list[str] | None,
@@ -59,6 +59,9 @@ AdaptiveSppOption = Annotated[
         max=1024,
         show_default=False,
     ),
+]
+CullFacesOption = Annotated[
+    CullFaces, typer.Option(help="The side of triangles that, seen from a receiver, blocks no shadow ray.")
 ]
 GBufferOption = Annotated[GBufferBy, typer.Option(help="The method that finds visible surfaces.")]
 ExposureOption = Annotated[

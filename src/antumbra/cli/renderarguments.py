@@ -11,6 +11,7 @@ from . import arguments
 from .options import (
     SCENE_HELP,
     CameraOption,
+    CullFaces,
     GBufferBy,
     Json,
     MaxMemoryOption,
@@ -25,6 +26,7 @@ from .pictureoptions import (
     AdaptiveSppOption,
     AoOption,
     BounceOption,
+    CullFacesOption,
     ExposureOption,
     FilterOption,
     GBufferOption,
@@ -91,6 +93,7 @@ class RenderArguments:
     ] = False
     srdh_rays: SrdhRaysOption = None
     gbuffer: GBufferOption = GBufferBy.raster
+    cull_faces: CullFacesOption = CullFaces.none
     threads: Threads = None
     max_memory: MaxMemoryOption = None
     exposure: ExposureOption = None
@@ -141,6 +144,7 @@ class RenderArguments:
             plan=self.plan,
             srdh_rays=given(self.srdh_rays, arguments.parse_srdh_rays),
             gbuffer=self.gbuffer.value,
+            cull_faces=self.cull_faces.side,
             threads=self.threads,
             max_memory=given(self.max_memory, arguments.parse_bytes, "--max-memory"),
             exposure=self.exposure,

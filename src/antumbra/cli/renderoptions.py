@@ -37,6 +37,7 @@ class RenderOptions(NamedTuple):
     plan: str | None  # None: the default for the kind of scene
     srdh_rays: "SrdhRays | None"  # rays that the plan's builder is shown
     gbuffer: str
+    cull_faces: str | None  # the side of triangles that blocks no shadow ray
     threads: int | None
     max_memory: int | None  # bytes, for a scene in a store
     exposure: float | None  # None: automatic
@@ -91,7 +92,7 @@ class RenderOptions(NamedTuple):
 
     def quality(self) -> dict:
         """The arguments of `Renderer.render` that say how many rays are traced, and what is made of their bits."""
-        return {name: getattr(self, name) for name in ("spp", "sampler", "filter", "adaptive", "bounce")}
+        return {name: getattr(self, name) for name in ("spp", "sampler", "filter", "adaptive", "bounce", "cull_faces")}
 
     def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress) -> "Shot":
         """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
@@ -134,6 +135,7 @@ class RenderOptions(NamedTuple):
                 "sampler": self.sampler,
                 "filter": self.filter,
                 "adaptive": self.adaptive,
+                "cull_faces": self.cull_faces,
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )

@@ -124,8 +124,13 @@ def square(parts: int) -> LightMaker:
 
 def _square(parts: int, name: str, bounds: np.ndarray, light: list[float], up: np.ndarray) -> QuadLight:
     middle, facing = _middle(bounds, light, up)
-    u, v = (_DIAGONALS.get(name, _diagonal(bounds)) / parts * axis for axis in tangents(facing))
+    u, v = (diagonal_of(name, bounds) / parts * axis for axis in tangents(facing))
     return QuadLight(middle - (u + v) / 2, u, v)
+
+
+def diagonal_of(name: str, bounds: np.ndarray) -> float:
+    """The diagonal of a scene, or of the part that its camera sees, which sets the size of its light."""
+    return _DIAGONALS.get(name, _diagonal(bounds))
 
 
 def _middle(bounds, light, up) -> tuple[np.ndarray, np.ndarray]:

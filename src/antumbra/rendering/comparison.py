@@ -120,7 +120,7 @@ def compare(
         As in `antumbra.render`; `srdh_rays` are for the plans that want rays.
     say : function of (what is done, steps done, all steps), optional
     **asked
-        Further arguments of `Renderer.render`: spp, sampler, filter, adaptive, bounce.
+        Further arguments of `Renderer.render`: spp, sampler, filter, adaptive, bounce, cull_faces.
 
     Raises
     ------

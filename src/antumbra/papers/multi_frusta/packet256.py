@@ -1,8 +1,8 @@
 """`packet256`: traces 16 packets of 16 shadow rays together through the shallow tree [Benthin and Wald 2009, Sec. 5.2].
 
 At each node, the rays of every active packet are tested against both children. This gives two new masks of packets. The
-child that more rays enter first comes first. The tree, corner culling and the ray tests at leaves are those of `multifrusta:paper`; only the traversal differs. A packet
-holds one receiver's rays to its samples.
+child that more rays enter first comes first. The tree, corner culling and the ray tests at leaves are those of
+`multifrusta:paper`; only the traversal differs. A packet holds one receiver's rays to its samples.
 """
 
 import numpy as np
