@@ -29,7 +29,7 @@ from ..kernels.simd import (
     stack_i64,
     store,
 )
-from ..trace.counters import COVERED, N_COUNTERS, NODES, add_counters, cleared, count
+from ..trace.counters import CANDIDATES, COVERED, N_COUNTERS, NODES, add_counters, cleared, count
 from ..trace.raytest import triangle_in
 from .beams import PERSPECTIVE
 from .leaf import block_rays
@@ -154,6 +154,7 @@ def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
     alive = np.int64(get(tree.alive, group))
     count(counters, NODES, popcount(alive))
     found = possible(tree.nodes, group_at(tree, group), numbers, tree.ways, alive, how.spheres)
+    count(counters, CANDIDATES, popcount(found))
     if how.early_accept and found != 0:
         full = covered(tree.nodes, group_at(tree, group), numbers, tree.ways, found)
         if full != 0:

@@ -33,8 +33,11 @@ COUNTERS = (
 
 Tracers of many rays at once also count:
 
-- triangles fetched; triangles left after whole bundles were culled; lanes that one triangle covers whole
+- triangles fetched; candidates: triangles left after whole bundles were culled; lanes that one triangle covers whole
 - frusta shrunk to the rays that are left; tiles traced in tile groups
+
+Ray hierarchies count a node each time that a triangle is tested against it. Candidates are those of these pairs that
+may meet.
 
 Any-hit rays of `single` count a node's boxes one by one, when the walk comes to them. Other walks count both boxes of a
 node, or all eight. Tracers of many rays count a test of up to 16 lanes against one box or triangle once.

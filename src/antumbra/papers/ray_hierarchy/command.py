@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...cli import arguments, report
-from ...cli.options import Json, Quiet, Threads
+from ...cli.options import CullFaces, Json, Quiet, Threads
 from ...cli.progress import ProgressDisplay
 from ..views import open_view
 
 if TYPE_CHECKING:
-    from .measure import Cost, PictureRays, Spread
+    from .measure import Beside, Cost, PictureRays, Spread
 
 _WIDTH = 170  # width of the tables, in characters
 
@@ -37,6 +37,13 @@ def ray_hierarchy(
         float,
         typer.Option(help="Leave out the variants that would trace a picture for longer.", metavar="SECONDS", min=0.0),
     ] = 60.0,
+    cull_faces: Annotated[
+        CullFaces,
+        typer.Option(
+            help="The side of triangles that, seen from a receiver, blocks no shadow ray. The report culls faces that "
+            "the light sees: back."
+        ),
+    ] = CullFaces.back,
     rounds: Annotated[int, typer.Option(help="Measurements of each time; the median counts.", min=1, max=1000)] = 3,
     threads: Threads = None,
     json: Json = False,
@@ -59,6 +66,7 @@ def ray_hierarchy(
     from ..answers import agree
     from . import measure as bench
     from . import views
+    from .published import FIGURE7
 
     if plot is not None:
         arguments.check_plot(plot)
@@ -70,7 +78,7 @@ def ray_hierarchy(
         named = dict.fromkeys(scene or views.default_names())
         opened = [views.with_point(open_view(name, width_height, views.named_view)) for name in named]
         for picture in (p for view in opened for p in views.pictures(view, frames)):
-            shown, found = bench.measure(picture, n_threads, rounds, limit, display.say)
+            shown, found = bench.measure(picture, n_threads, rounds, limit, display.say, cull_faces.side)
             seen.append(shown)
             costs += found
         if plot is not None:
@@ -81,9 +89,11 @@ def ray_hierarchy(
     same = agree(bench.answers(seen, costs))
     if json:
         asked = {"size": width_height, "frames": frames, "limit": limit, "rounds": rounds, "threads": n_threads}
+        asked["cull_faces"] = cull_faces.side
         tables = {
             "pictures": [{**s._asdict(), "bits": s.bits.hex()} for s in seen],
             "costs": [{**c._asdict(), "bits": c.bits.hex() if c.bits else None} for c in costs],
+            "figure 7": [b._asdict() for b in bench.beside(seen, costs, FIGURE7)],
             "spreads": [s._asdict() for s in spreads],
         }
         report.print_json({**asked, **tables, "same_bits": same})
@@ -92,6 +102,7 @@ def ray_hierarchy(
         return
     _print_pictures(seen, costs)
     _print_museum(costs)
+    _print_figure7(bench.beside(seen, costs, FIGURE7))
     _print_claims(seen, costs, spreads)
     _print_spreads(spreads)
     report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
@@ -108,16 +119,20 @@ def _ms(seconds: float) -> str:
 def _print_pictures(seen: "list[PictureRays]", costs: "list[Cost]") -> None:
     """Print Figures 6 and 7 as tables."""
     from .measure import PLANS, of
+    from .views import ROBOTS, STILL_CAMERA
 
     asked = [(s.picture, f"{s.triangles:,}", f"{s.rays:,}", f"{100 * s.blocked / s.rays:.0f}") for s in seen]
     print("Pictures, one point light, one shadow ray for each pixel that sees something")
     report.print_table(("picture", "triangles", "rays", "% blocked"), asked, right=range(1, 4), width=_WIDTH)
+    if any(s.of == ROBOTS for s in seen):
+        print(f"{STILL_CAMERA}\n")
     left_out = "skipped: about "
     tables = (
         (
-            "Nodes visited, millions (Figures 6 and 7)",
+            "Nodes tested, millions (Figures 6 and 7)",
             lambda c: _millions(c.nodes) or left_out + _millions(c.predicted_nodes),
         ),
+        ("Nodes passed, millions (Figures 6 and 7)", lambda c: _millions(c.passed) or "skipped"),
         ("Ray tests, of up to 16 rays each, millions", lambda c: _millions(c.tests) or "skipped"),
         (
             "Shadows, ms (Figures 6 and 7)",
@@ -131,11 +146,12 @@ def _print_pictures(seen: "list[PictureRays]", costs: "list[Cost]") -> None:
 
 
 def _print_museum(costs: "list[Cost]") -> None:
-    """Print Table 2, with the report's figures in brackets."""
+    """Print Table 2, with the report's figures in brackets. The report does not say whether it counts nodes passed."""
     from . import published as paper
     from .measure import of
+    from .views import MUSEUM_NAME
 
-    places = [name for name in dict.fromkeys(c.picture for c in costs) if name.startswith("museum, ")]
+    places = [name for name in dict.fromkeys(c.picture for c in costs) if name.startswith(f"{MUSEUM_NAME}, ")]
     if not places:
         return
     table = []
@@ -143,12 +159,28 @@ def _print_museum(costs: "list[Cost]") -> None:
         cells = []
         for place, theirs, milliseconds in zip(places, paper.NODES[variant], paper.MILLISECONDS[variant]):
             c = of(costs, place, variant)
-            took = "" if c.seconds is None else _ms(c.seconds)
-            cells += [f"{_millions(c.nodes)} ({theirs / 1e6:.2f})", f"{took} ({milliseconds:.1f})"]
+            took = f"about {_ms(c.predicted)}" if c.seconds is None else _ms(c.seconds)
+            tested = _millions(c.nodes) or f"about {_millions(c.predicted_nodes)}"
+            cells += [f"{tested}, {_millions(c.passed) or '?'} ({theirs / 1e6:.2f})", f"{took} ({milliseconds:.1f})"]
         table.append((variant, *cells))
-    head = ("variant", *(f"{place.removeprefix('museum, ')}, {what}" for place in places for what in ("M nodes", "ms")))
-    print("Museum (Table 2: the report's views are others, its times those of a GPU; in brackets)")
+    names = [place.removeprefix(f"{MUSEUM_NAME}, ") for place in places]
+    head = ("variant", *(f"{name}, {what}" for name in names for what in ("M nodes tested, passed", "ms")))
+    print("Subdivided museum (Table 2: the report's views are others, its times those of a GPU; in brackets)")
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
+
+
+def _print_figure7(rows: "list[Beside]") -> None:
+    """Print Figure 7 as a table: early accept and two passes."""
+    from .measure import BEST
+
+    table = [
+        (b.of, b.variant, f"{b.pictures}", f"{b.nodes:.2f}", f"{b.passed:.2f}", f"{b.seconds:.2f}")
+        for b in rows
+        if b.variant != BEST
+    ]
+    head = ("scene", "variant", "pictures", "nodes tested", "nodes passed", "time")
+    print(f"Early accept and two passes, as shares of {BEST} (Figure 7; in the report nodes fall and the time rises)")
+    report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
 
 
 def _print_claims(seen: "list[PictureRays]", costs: "list[Cost]", spreads: "list[Spread]") -> None:
@@ -158,11 +190,15 @@ def _print_claims(seen: "list[PictureRays]", costs: "list[Cost]", spreads: "list
 
     rows = []
     for kind in ("Spheres", "Precise"):
-        times, picture, measured = bench.cut(costs, kind, f"{kind}Sorted")
-        if picture:
-            theirs = f"the report's {paper.cut(kind, f'{kind}Sorted'):,.0f}"
-            text = f"cuts nodes {'' if measured else 'about '}{times:,.1f} times in {picture} ({theirs})"
-            rows.append((f"sorting, {kind}", text))
+        for what, fields, table in (
+            ("nodes", ("nodes", "predicted_nodes"), paper.NODES),
+            ("time", ("seconds", "predicted"), paper.MILLISECONDS),
+        ):
+            times, picture, measured = bench.cut(costs, kind, f"{kind}Sorted", fields)
+            if picture:
+                theirs = f"the report's {paper.cut(kind, f'{kind}Sorted', table):,.0f}"
+                text = f"cuts {what} {'' if measured else 'about '}{times:,.1f} times in {picture} ({theirs})"
+                rows.append((f"sorting, {kind}", text))
     for title, among in (
         ("of Figure 6", paper.MEASURED),
         ("of Table 1", paper.VARIANTS),

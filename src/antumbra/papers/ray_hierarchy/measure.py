@@ -16,11 +16,15 @@ from ...rendering.frame import Frame
 from ...rendering.renderer import Renderer
 from ..answers import digest
 from .published import VARIANTS
+from .variants import with_culling
 from .views import Picture
 
 OURS, BEST = "cones", "PreciseSorted"
 PLANS = {OURS: "cones", **{name: f"cones:{name}" for name in VARIANTS}}
 """Variant -> plan: our variant, then those of Table 1 by the report's names."""
+
+CULLING_PLANS = {OURS: "cones", **{name: with_culling(name) for name in VARIANTS}}
+"""The same, if faces are culled: all drop culled faces before the traversal."""
 
 REFERENCE = "lbvh+single"
 """All variants must have the bits of this plan."""
@@ -49,10 +53,22 @@ class Cost(NamedTuple):
     variant: str  # a key of PLANS
     predicted: float  # seconds, predicted from smaller pictures
     predicted_nodes: float
-    nodes: int | None = None  # cones visited
+    nodes: int | None = None  # pairs of a triangle and a cone that were tested
     tests: int | None = None  # ray tests, of up to 16 rays each
     seconds: float | None = None  # time of the phase `trace`
     bits: bytes | None = None  # digest of the answer
+    passed: int | None = None  # tested pairs that may meet
+
+
+class Beside(NamedTuple):
+    """Medians over the pictures of a scene: how many times the nodes and the time of BEST a variant takes."""
+
+    of: str
+    variant: str
+    pictures: int
+    nodes: float
+    passed: float
+    seconds: float
 
 
 class Spread(NamedTuple):
@@ -69,18 +85,21 @@ class Spread(NamedTuple):
 
 
 def measure(
-    picture: Picture, threads: int, rounds: int, limit: float, say: Callable[[str], None]
+    picture: Picture, threads: int, rounds: int, limit: float, say: Callable[[str], None], cull_faces: str | None = None
 ) -> tuple[PictureRays, list[Cost]]:
     """Measure all variants in one picture; InputError if its camera sees nothing.
 
     limit : the most seconds that a variant may take
+    cull_faces : the side of triangles, seen from a receiver, that does not block; "back" is as published
     """
-    renderers = {name: Renderer(picture.scene, plan, threads) for name, plan in PLANS.items()}
+    plans = PLANS if cull_faces is None else CULLING_PLANS
+    renderers = {name: Renderer(picture.scene, plan, threads) for name, plan in plans.items()}
 
     def trace(name: str, renderer: Renderer, shrink=1, counters=False) -> Frame:
         camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
         say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
-        return renderer.render(camera, [picture.light], spp=1, time=picture.time, counters=counters)
+        asked = {"spp": 1, "time": picture.time, "counters": counters, "cull_faces": cull_faces}
+        return renderer.render(camera, [picture.light], **asked)
 
     frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, threads))
     if not frame.rays:
@@ -97,17 +116,17 @@ def measure(
     for name in PLANS:
         cost = Cost(picture.name, name, *predicted[name])
         if name in counted:
-            nodes, tests = _counts(counted[name])
-            cost = cost._replace(nodes=nodes, tests=tests)
+            nodes, passed, tests = _counts(counted[name])
+            cost = cost._replace(nodes=nodes, passed=passed, tests=tests)
             cost = cost._replace(seconds=median(laps[name]), bits=digest(counted[name].bits))
         costs.append(cost)
     return seen, costs
 
 
-def _counts(frame: Frame) -> tuple[int, int]:
-    """(nodes, tests) from a frame's counters."""
+def _counts(frame: Frame) -> tuple[int, int, int]:
+    """(nodes, passed, tests) from a frame's counters."""
     assert frame.counters is not None
-    return frame.counters["nodes"], frame.counters["triangle_tests"]
+    return frame.counters["nodes"], frame.counters["candidates"], frame.counters["triangle_tests"]
 
 
 def _predicted(smallest: Frame, small: Frame) -> tuple[float, float]:
@@ -141,19 +160,40 @@ def fewest(costs: Iterable[Cost], picture: str, among: Iterable[str]) -> str:
     return min(found, key=lambda c: c.nodes or 0).variant if found else ""
 
 
-def cut(costs: Iterable[Cost], unsorted: str, sorted_: str) -> tuple[float, str, bool]:
-    """The largest reduction of nodes by sorting, as (ratio, picture, measured).
+def cut(
+    costs: Iterable[Cost], unsorted: str, sorted_: str, fields: tuple[str, str] = ("nodes", "predicted_nodes")
+) -> tuple[float, str, bool]:
+    """The largest reduction of nodes, or of another field, by sorting, as (ratio, picture, measured).
 
     `measured` is False if the unsorted variant was left out, so that its nodes are predicted. The result is
     (nan, "", False) if the sorted variant visited no node.
+
+    fields : names of the measured and of the predicted field
     """
-    costs, found = list(costs), []
+    costs, found, (field, predicted) = list(costs), [], fields
     for a in (c for c in costs if c.variant == unsorted):
-        b = of(costs, a.picture, sorted_)
-        if b.nodes:
-            nodes = a.predicted_nodes if a.nodes is None else a.nodes
-            found.append((nodes / b.nodes, a.picture, a.nodes is not None))
+        b = getattr(of(costs, a.picture, sorted_), field)
+        if b:
+            value = getattr(a, predicted if a.nodes is None else field)
+            found.append((value / b, a.picture, a.nodes is not None))
     return max(found, default=(np.nan, "", False))
+
+
+def beside(seen: Iterable[PictureRays], costs: Iterable[Cost], variants: Iterable[str]) -> list[Beside]:
+    """The variants of Figure 7 beside BEST, for each scene, over the pictures where both were measured."""
+    seen, costs, rows = list(seen), list(costs), []
+    for name in dict.fromkeys(s.of for s in seen):
+        pictures = [s.picture for s in seen if s.of == name]
+        for variant in variants:
+            pairs = [(of(costs, p, variant), of(costs, p, BEST)) for p in pictures]
+            both = [(a, b) for a, b in pairs if a.nodes and b.nodes]
+            if both:
+                ratios = [
+                    median(getattr(a, f) / max(getattr(b, f), 1e-9) for a, b in both)
+                    for f in ("nodes", "passed", "seconds")
+                ]
+                rows.append(Beside(name, variant, len(both), *ratios))
+    return rows
 
 
 def spreads(seen: Iterable[PictureRays], costs: Iterable[Cost]) -> list[Spread]:

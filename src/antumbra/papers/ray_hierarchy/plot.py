@@ -3,31 +3,39 @@
 from pathlib import Path
 
 from ...output import replacing
-from .measure import PLANS, Cost, PictureRays, of
+from .measure import OURS, PLANS, Cost, PictureRays, of
+from .published import FIGURE7, MEASURED
 
 _WIDTH, _MARKERS = 7.0, "osD^vP*X"
+_FIGURES = (("Figure 6: spheres, precise test and sorting", (OURS, *MEASURED)), ("Figure 7: early accept", FIGURE7))
+"""(title, variants) of the rows of the plot."""
 
 
 def write_plot(seen: list[PictureRays], costs: list[Cost], path: Path) -> None:
-    """Write a plot of the nodes and the time of each variant in each picture."""
+    """Write a plot of the nodes and the time of each variant in each picture, a row for each figure."""
     from matplotlib.figure import Figure
 
-    sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(seen)), 5.5), layout="constrained")
-    panels = sheet.subplot_mosaic([["nodes", "time"]])
-    _draw_pictures(panels["nodes"], seen, costs, ("nodes", "predicted_nodes"), "nodes visited", 1.0)
-    _draw_pictures(panels["time"], seen, costs, ("seconds", "predicted"), "trace, ms", 1e3)
-    panels["nodes"].legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(seen)), 10.0), layout="constrained")
+    for part, (title, variants) in zip(sheet.subfigures(len(_FIGURES), 1), _FIGURES):
+        nodes, time = part.subplots(1, 2)
+        part.suptitle(title)
+        _draw_pictures(nodes, seen, costs, variants, ("nodes", "predicted_nodes"), "nodes tested, millions", 1e-6)
+        _draw_pictures(time, seen, costs, variants, ("seconds", "predicted"), "trace, ms", 1e3)
+        nodes.legend(fontsize=8)
     with replacing(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 
-def _draw_pictures(panel, seen: list[PictureRays], costs: list[Cost], fields, label: str, scale: float) -> None:
+def _draw_pictures(
+    panel, seen: list[PictureRays], costs: list[Cost], variants: tuple[str, ...], fields, label: str, scale: float
+) -> None:
     """Draw each variant in a colour. Lines join the frames of an animation.
 
     A hollow mark shows the predicted value of a variant that was left out.
     """
     field, predicted = fields
-    for k, variant in enumerate(PLANS):
+    for variant in variants:
+        k = list(PLANS).index(variant)
         style = {"color": f"C{k}", "marker": _MARKERS[k % 8], "markersize": 4}
         for x, cost in enumerate(of(costs, s.picture, variant) for s in seen):
             if cost.nodes is None:

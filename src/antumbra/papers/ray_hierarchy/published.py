@@ -7,6 +7,9 @@ passes (TP)."""
 MEASURED = VARIANTS[:4]
 """The variants of Figure 6 and Table 2. The others are in Figure 7, beside PreciseSorted."""
 
+FIGURE7 = VARIANTS[3:]
+"""The variants of Figure 7: more culling, and more time."""
+
 NODES = {
     "Spheres": (19.89e6, 317.91e6, 5.77e6, 2199.22e6),
     "SpheresSorted": (2.66e6, 6.79e6, 5.40e6, 6.60e6),
@@ -24,6 +27,9 @@ MILLISECONDS = {
 """Table 2: time of the shadows in the same views, in milliseconds."""
 
 
-def cut(unsorted: str, sorted_: str) -> float:
-    """The ratio of nodes visited without and with sorting, in the view where sorting helps most."""
-    return max(a / b for a, b in zip(NODES[unsorted], NODES[sorted_]))
+def cut(unsorted: str, sorted_: str, table: dict[str, tuple[float, ...]] = NODES) -> float:
+    """The ratio of a table without and with sorting, in the view where sorting helps most.
+
+    The report's text says "up to three orders of magnitude fewer nodes" and "over two orders of magnitude faster".
+    """
+    return max(a / b for a, b in zip(table[unsorted], table[sorted_]))

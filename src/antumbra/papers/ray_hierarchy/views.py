@@ -1,6 +1,7 @@
 """Views of the ray hierarchy benchmark: BART's robots in motion, its museum from four places, and still scenes.
 
-Each picture has one point light.
+BART's own camera walks through the robots' city, and the report follows it. Here the camera of the robots stands still,
+because their folder has no camera path. Each picture has one point light.
 """
 
 from pathlib import Path
@@ -21,6 +22,11 @@ MOVING = (ROBOTS, MUSEUM)
 REAL = (*MOVING, "sponza_crytek", "synthetic_garden_foxes")
 MADE = ("atrium", "forest")
 """Procedural scenes for machines without the real ones. Neither moves."""
+
+MUSEUM_NAME = "subdivided museum"
+"""The report has BART's museum at its finest tessellation. This one is a coarse one with its triangles subdivided."""
+
+STILL_CAMERA = "The robots are seen by a camera that stands still: their folder has no camera path"
 
 _MUSEUM = {
     "hall": (1.0, None),
@@ -77,7 +83,7 @@ def pictures(view: View, frames: int) -> list[Picture]:
     name, scene, camera, (light, *_) = view
     if name == MUSEUM:
         return [
-            Picture(f"museum, {place}", name, None, scene, _placed(camera, where), light, time)
+            Picture(f"{MUSEUM_NAME}, {place}", name, None, scene, _placed(camera, where), light, time)
             for place, (time, where) in _MUSEUM.items()
         ]
     if not scene.animated:
