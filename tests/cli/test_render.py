@@ -48,6 +48,12 @@ def test_the_summary_as_json(render):
     assert told["uncertain_fraction"] == told["counters"]["uncertain"] / told["counters"]["triangle_tests"] < 1e-2
 
 
+def test_cull_faces(render):
+    both, back = (render("--spp", 1, "--json", *more).json() for more in ((), ("--cull-faces", "back")))
+    assert both["cull_faces"] is None and back["cull_faces"] == "back"
+    assert back["lit"][0] >= both["lit"][0]
+
+
 def test_json_without_counters(render):
     told = render("--json").json()
     assert told["counters"] is None and told["uncertain_fraction"] is None

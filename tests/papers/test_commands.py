@@ -97,19 +97,21 @@ def hierarchy(cli, tmp_path, monkeypatch):
 
 def test_tables_of_ray_hierarchies(hierarchy):
     told = hierarchy("--scene", "procedural:cellar?triangles=2k", "--json").json()
-    assert told["same_bits"] and told["size"] == [24, 24] and told["spreads"] == []
+    assert told["same_bits"] and told["size"] == [24, 24] and told["spreads"] == [] and told["cull_faces"] == "back"
+    assert {b["variant"] for b in told["figure 7"]} == {"PreciseSorted", "PreciseSEA", "PreciseEATP", "PreciseSEATP"}
     ((shown),) = told["pictures"]
     assert shown["picture"] == "cellar?triangles=2k" and 0 < shown["blocked"] < shown["rays"]
     assert {c["variant"] for c in told["costs"]} >= {"cones", "Spheres", "PreciseSEATP"}
-    assert all(c["tests"] > 0 and c["seconds"] > 0 for c in told["costs"])
+    assert all(c["tests"] > 0 and c["seconds"] > 0 and 0 < c["passed"] < c["nodes"] for c in told["costs"])
 
 
 def test_ray_hierarchies_for_people_and_the_plot(hierarchy, tmp_path):
     pytest.importorskip("matplotlib")
     done = hierarchy("--plot", "cones.png")
     assert done.code == 0 and "the same by all methods" in done.out, done.err
-    for part in ("Figures 6 and 7", "bart_robots, 0.02 s", "Figure 6b", "steadiest in bart_robots"):
+    for part in ("Figures 6 and 7", "bart_robots, 0.02 s", "Figure 6b", "steadiest in bart_robots", "(Figure 7;"):
         assert part in done.out
+    assert "camera that stands still" in done.out
     assert (tmp_path / "cones.png").stat().st_size > 10_000
 
 
@@ -180,6 +182,7 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "pre-bvh-culling", "--plot", "even.gif").refused(".gif", ".png")
     cli("bench", "ray-hierarchy", "--scene", "none.glb").refused("none.glb", "atrium")
     cli("bench", "ray-hierarchy", "--plot", "cones.gif").refused(".gif", ".png")
+    cli("bench", "multi-frusta", "--plot", "frusta.gif").refused(".gif", ".png")
     cli("bench", "chc-rt", "--scene", "none.glb").refused("none.glb", "atrium")
     cli("bench", "chc-rt", "--triangles", "10").refused("10", "1000")
     cli("bench", "chc-rt", "--max-memory", "1G").refused("--max-memory", "--store")
@@ -193,15 +196,23 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
 def test_tables_of_multi_frusta(cli):
     done = cli("bench", "multi-frusta", "--scene", "atrium", "--size", "24", "--rounds", "1", "--json").json()
     (tables,) = done["rows"].values()
-    assert list(done["rows"]) == ["atrium"] and list(tables) == ["table 1", "table 2", "figure 6"]
-    one, two, six = tables.values()
+    assert list(done["rows"]) == ["atrium"] and done["cull_faces"] == "back"
+    assert list(tables) == ["table 1 primary", "table 1", "table 2", "figure 6", "figure 5", "figure 7"]
+    primary, one, two, six, five, seven = tables.values()
+    assert list(primary) == ["packet16", "multifrusta"] and 0 < seven["edges"] < 1
+    assert all(row["rays"] == 24 * 24 and row["box_tests"] > 0 for row in primary.values())
+    assert all(0 < row["candidates"] <= row["triangle_tests"] for row in primary.values())
+    assert five["256 samples"]["rms"] == 0 < five["16 samples"]["rms"]
     assert list(one) == ["packet16", "packet16:samples", "packet256", "multifrusta:paper", "multifrusta"]
     assert len(two) == 4 and len(six) == 6
     rows = [*one.values(), *two.values(), *(row for edge in six.values() for row in edge.values())]
     assert all(row["rays"] > 0 and row["triangle_tests"] > 0 for row in rows)
 
 
-def test_multi_frusta_for_people(cli):
-    done = cli("bench", "multi-frusta", "--scene", "procedural:atrium?triangles=2k", "--size", "24", "--rounds", "1")
-    assert done.code == 0 and "the same by all methods" in done.out
-    assert all(f"{text}, atrium" in done.out for text in ("Table 1", "Table 2", "Figure 6"))
+def test_multi_frusta_for_people_and_the_plot(cli, tmp_path):
+    pytest.importorskip("matplotlib")
+    asked = "--scene", "procedural:atrium?triangles=2k", "--size", "24", "--rounds", "1", "--plot", "frusta.png"
+    done = cli("bench", "multi-frusta", *asked)
+    assert done.code == 0 and "the same by all methods" in done.out and "Sec. 5.2" in done.out
+    assert all(f"{text}, atrium" in done.out for text in ("Table 1", "Table 2", "Figure 5", "Figure 6", "Figure 7"))
+    assert (tmp_path / "frusta.png").stat().st_size > 10_000

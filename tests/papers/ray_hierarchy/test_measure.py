@@ -37,6 +37,15 @@ def test_all_variants_answer_the_same(picture):
     assert all(c.predicted_nodes > 0 and c.predicted > 0 for c in costs)
 
 
+def test_face_culling_drops_nodes_and_keeps_answers_the_same(picture):
+    seen, costs = bench.measure(picture, 2, 1, math.inf, silent, "back")
+    assert agree(bench.answers([seen], costs)) and all(0 < c.passed < c.nodes for c in costs)
+    both = bench.measure(picture, 2, 1, math.inf, silent)[1]
+    assert sum(c.nodes for c in costs) < sum(c.nodes for c in both)
+    rows = bench.beside([seen], costs, paper.FIGURE7)
+    assert [r.variant for r in rows] == list(paper.FIGURE7) and rows[0].nodes == rows[0].passed == 1.0
+
+
 def test_what_would_take_too_long_is_left_out(picture):
     seen, costs = bench.measure(picture, 2, 1, 0.0, silent)
     assert all((c.nodes, c.tests, c.seconds, c.bits) == (None,) * 4 for c in costs)
@@ -51,7 +60,8 @@ def test_pictures_of_nothing_are_refused(picture):
 
 
 def test_variants_are_plans():
-    assert [str(parse_plan(plan)) for plan in PLANS.values()] == list(PLANS.values())
+    for plans in PLANS, bench.CULLING_PLANS:
+        assert [str(parse_plan(plan)) for plan in plans.values()] == list(plans.values())
 
 
 def made_costs(picture: str, **nodes: int | None) -> list[Cost]:

@@ -154,19 +154,25 @@ def _print_museum(costs: "list[Cost]") -> None:
     places = [name for name in dict.fromkeys(c.picture for c in costs) if name.startswith(f"{MUSEUM_NAME}, ")]
     if not places:
         return
-    table = []
+    nodes, times = [], []
     for variant in paper.MEASURED:
-        cells = []
-        for place, theirs, milliseconds in zip(places, paper.NODES[variant], paper.MILLISECONDS[variant]):
-            c = of(costs, place, variant)
-            took = f"about {_ms(c.predicted)}" if c.seconds is None else _ms(c.seconds)
-            tested = _millions(c.nodes) or f"about {_millions(c.predicted_nodes)}"
-            cells += [f"{tested}, {_millions(c.passed) or '?'} ({theirs / 1e6:.2f})", f"{took} ({milliseconds:.1f})"]
-        table.append((variant, *cells))
-    names = [place.removeprefix(f"{MUSEUM_NAME}, ") for place in places]
-    head = ("variant", *(f"{name}, {what}" for name in names for what in ("M nodes tested, passed", "ms")))
-    print("Subdivided museum (Table 2: the report's views are others, its times those of a GPU; in brackets)")
-    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
+        found = [of(costs, place, variant) for place in places]
+        nodes.append((variant, *(_nodes_beside(c, n) for c, n in zip(found, paper.NODES[variant]))))
+        times.append((variant, *(_ms_beside(c, ms) for c, ms in zip(found, paper.MILLISECONDS[variant]))))
+    head = ("variant", *(place.removeprefix(f"{MUSEUM_NAME}, ") for place in places))
+    for title, table in (("Nodes tested, and passed, millions", nodes), ("Shadows, ms", times)):
+        print(f"{title}: subdivided museum (Table 2; in brackets the report's, of other views and a GPU)")
+        report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
+
+
+def _nodes_beside(cost: "Cost", theirs: float) -> str:
+    tested = _millions(cost.nodes) or f"about {_millions(cost.predicted_nodes)}"
+    return f"{tested}, {_millions(cost.passed) or '?'} ({theirs / 1e6:.2f})"
+
+
+def _ms_beside(cost: "Cost", theirs: float) -> str:
+    took = f"about {_ms(cost.predicted)}" if cost.seconds is None else _ms(cost.seconds)
+    return f"{took} ({theirs:.1f})"
 
 
 def _print_figure7(rows: "list[Beside]") -> None:

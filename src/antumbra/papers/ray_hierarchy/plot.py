@@ -7,7 +7,10 @@ from .measure import OURS, PLANS, Cost, PictureRays, of
 from .published import FIGURE7, MEASURED
 
 _WIDTH, _MARKERS = 7.0, "osD^vP*X"
-_FIGURES = (("Figure 6: spheres, precise test and sorting", (OURS, *MEASURED)), ("Figure 7: early accept", FIGURE7))
+_FIGURES = (
+    ("Figure 6: spheres, precise test and sorting", (OURS, *MEASURED)),
+    ("Figure 7: early accept, two passes", FIGURE7),
+)
 """(title, variants) of the rows of the plot."""
 
 
@@ -16,9 +19,10 @@ def write_plot(seen: list[PictureRays], costs: list[Cost], path: Path) -> None:
     from matplotlib.figure import Figure
 
     sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(seen)), 10.0), layout="constrained")
-    for part, (title, variants) in zip(sheet.subfigures(len(_FIGURES), 1), _FIGURES):
-        nodes, time = part.subplots(1, 2)
-        part.suptitle(title)
+    panels = sheet.subplots(len(_FIGURES), 2, sharex=True)
+    for (nodes, time), (title, variants) in zip(panels, _FIGURES):
+        nodes.set_title(title)
+        time.set_title(title)
         _draw_pictures(nodes, seen, costs, variants, ("nodes", "predicted_nodes"), "nodes tested, millions", 1e-6)
         _draw_pictures(time, seen, costs, variants, ("seconds", "predicted"), "trace, ms", 1e3)
         nodes.legend(fontsize=8)
@@ -45,7 +49,8 @@ def _draw_pictures(
             heights = [float("nan") if v is None else scale * v for v in values]
             name = variant if start == 0 else None
             panel.plot(range(start, end), heights, label=name, **style)
-    panel.set_xticks(range(len(seen)), [s.picture for s in seen], rotation=60, ha="right", fontsize=8)
+    names = [s.picture for s in seen]
+    panel.set_xticks(range(len(seen)), names, rotation=40, ha="right", rotation_mode="anchor", fontsize=8)
     panel.set_yscale("log")
     panel.set_ylabel(label)
     panel.grid(alpha=0.3)
