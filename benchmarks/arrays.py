@@ -28,14 +28,15 @@ import numpy as np
 
 import antumbra
 from antumbra.kernels.parallel import thread_count
+from antumbra.papers.peers import embree
+from antumbra.papers.peers.embree_rays import occluded_of, trace, write
+from antumbra.papers.peers.ray_sets import ray_set
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
 from antumbra.scene.procedural import PROCEDURAL
 from common import SCENES, arguments, has_embree, installed, machine
-from peers import embree, open3d_rays
-from peers.embree_rays import occluded_of, trace, write
-from peers.ray_sets import ray_set
+from peers import open3d_rays
 
 REAL = ("sponza_crytek", "sanmiguel_lite", "bart_robots")
 

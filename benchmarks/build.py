@@ -26,11 +26,11 @@ from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.quality import statistics as shape_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.methods import BUILDERS, TRACERS
+from antumbra.papers.peers.embree import QUALITIES, Device, EmbreeScene
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.rendering.renderer import Renderer
 from common import SCENES, arguments, has_embree, machine
-from peers.embree import QUALITIES, Device, EmbreeScene
 
 PEER = "embree medium"  # ratios are relative to this method
 TRACED_BY = ("single", "multifrusta")

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 import antumbra
-from peers import embree
+from antumbra.papers.peers import embree
 
 SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
 """The folder of real scenes: $ANTUMBRA_SCENES, or ../shared/scenes beside the repository."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
+from antumbra.papers.peers.contest import CLOCKS, OURS, summary
 from common import machine
-from contest import CLOCKS, OURS, summary
 from peer_contenders import describe_embree
 from views import VIEWS, views
 
@@ -40,6 +40,23 @@ def options_of(parser: argparse.ArgumentParser, scenes=VIEWS) -> argparse.Namesp
     if options.isa == "avx2" and any(os.environ.get(k) != v for k, v in AVX2.items()):
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **AVX2})
     return options
+
+
+HEAD = f"{'contender':44s} {'Mrays/s':>8s} {'best':>8s} {'ratio':>6s} {'differs':>9s}"
+
+
+def line(row: dict) -> str:
+    """A row as a line of the table. A rate in brackets is from a single try."""
+    median = f"{row['mrays']:.2f}" if row["rounds"] else f"({row['mrays']:.2f})"
+    best = f"{row['best_mrays']:.2f}" if row["rounds"] else ""
+    ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
+    return f"{row['contender']:44s} {median:>8s} {best:>8s} {ratio:>6s} {row['differs']:9d}"
+
+
+def progress(text: str) -> None:
+    """Show a line on a terminal; the next one overwrites it."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def start(main: Callable[[], None]) -> None:

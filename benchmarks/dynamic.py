@@ -28,14 +28,14 @@ import numpy as np
 
 from antumbra.image.irradiance import irradiance
 from antumbra.image.shade import ambient_light, shade
+from antumbra.papers.peers import embree
+from antumbra.papers.peers.contest import CLOCKS, OURS
 from antumbra.plan import DEFAULT_PLAN
 from antumbra.query.shadow import fraction_lit
 from antumbra.rendering.frame import PHASES
 from antumbra.rendering.renderer import Renderer
 from common import has_embree
-from comparison import compare, options_of, start
-from contest import CLOCKS, OURS, progress
-from peers import embree
+from comparison import compare, options_of, progress, start
 from peers.embree_frames import ORDERS, Primary, Shadow, light_points, primary, shadows
 from views import MOVING, Moving, moving_views
 

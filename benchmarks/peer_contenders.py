@@ -1,75 +1,28 @@
-"""The peers as contenders for a ray set: Embree in all its modes, Mitsuba 3 and Open3D."""
+"""The peers as contenders for a ray set: Embree in all its modes, Mitsuba 3 and Open3D. Missing ones are left out."""
 
 from contextlib import contextmanager
 
+from antumbra.papers.peers import contenders
+from antumbra.papers.peers.contenders import EmbreeModes, built_embree
+from antumbra.papers.peers.contest import Contender
+from antumbra.papers.peers.ray_sets import ORDERS, RaySet, one_by_one, packets
 from common import has_embree, installed
-from contest import Contender
-from peers import embree, embree_rays, mitsuba_rays, open3d_rays
-from peers.ray_sets import ORDERS, RaySet, one_by_one, packets
-
-BUILDS = [("medium", 0), ("high", 0), ("medium", embree.ROBUST), ("high", embree.ROBUST)]
-ISA_NAMES = {16: "AVX-512", 8: "AVX2 or AVX", 4: "SSE"}
+from peers import mitsuba_rays, open3d_rays
 
 
 @contextmanager
 def embree_scenes(vertices, isa: str | None):
-    """({(quality, flags): EmbreeScene} of all BUILDS, width of Embree's largest native packet), or ({}, 0)."""
+    """Embree's scenes, as of `built_embree`; none without Embree."""
     if not has_embree():
-        yield {}, 0
+        yield EmbreeModes({}, 0)
         return
-    with embree.Device(isa=isa) as device:
-        scenes = {}
-        try:
-            for quality, flags in BUILDS:
-                scenes[quality, flags] = embree.EmbreeScene(device, vertices, quality=quality, flags=flags)
-            yield scenes, device.width
-        finally:
-            for scene in scenes.values():
-                scene.close()
+    with built_embree(vertices, isa) as built:
+        yield built
 
 
 def describe_embree(isa: str | None) -> str:
     """Version and instruction set of Embree."""
-    if not has_embree():
-        return "not installed"
-    with embree.Device(isa=isa) as device:
-        return f"Embree {device.version}, {ISA_NAMES.get(device.width, 'scalar')}" + (f" (isa={isa})" if isa else "")
-
-
-def embree_contenders(built, rays: RaySet, orders, hits: bool, threads: int) -> list[Contender]:
-    """Contenders for every build, by single rays and by packets in `orders`, coherent and not.
-
-    built : from `embree_scenes`; wider packets are left out, because Embree would trace them ray by ray
-    hits : whether to find the closest hit, not any hit
-    """
-    scenes, lanes = built
-    if not scenes:
-        return []
-    by = {order: packets(rays, order, lanes) for order in orders}
-    kinds = [(1, "", one_by_one(by[orders[-1]]))]  # all samples of a pixel in sequence
-    kinds += [(lanes, f" by {order}" if len(orders) > 1 else "", ids) for order, ids in by.items()]
-    function = "rtcIntersect" if hits else "rtcOccluded"
-    read = embree_rays.faces_of if hits else embree_rays.occluded_of
-    found = []
-    for (quality, flags), scene in scenes.items():
-        robust = " robust" if flags & embree.ROBUST else ""
-        for lanes, how, ids in kinds:
-            for coherent in (False, True):
-
-                def run(records, scene=scene, coherent=coherent):
-                    embree_rays.trace(scene, records, coherent, threads)
-                    return records
-
-                found.append(
-                    Contender(
-                        f"Embree {function}{lanes}{robust}",
-                        f"{function}{lanes}{how} {quality}{robust}{' coherent' if coherent else ''}",
-                        lambda ids=ids: embree_rays.write(rays, ids, hits),
-                        run,
-                        lambda records: read(rays, records),
-                    )
-                )
-    return found
+    return contenders.describe_embree(isa) if has_embree() else "not installed"
 
 
 def mitsuba_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:

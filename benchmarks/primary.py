@@ -19,15 +19,16 @@ import argparse
 
 from antumbra.bvh.blocks import block_tree
 from antumbra.methods import BUILDERS
+from antumbra.papers.peers.contenders import embree_contenders
+from antumbra.papers.peers.contest import OURS, Contender, contest, rows
+from antumbra.papers.peers.ray_sets import primary_rays
 from antumbra.plan import Plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
 from antumbra.rendering.render_jobs import warm_up
 from antumbra.trace.primary.trace import trace_primary
-from comparison import compare, options_of, start
-from contest import HEAD, OURS, Contender, contest, line, rows
-from peer_contenders import embree_contenders, embree_scenes
-from peers.ray_sets import primary_rays
+from comparison import HEAD, compare, line, options_of, progress, start
+from peer_contenders import embree_scenes
 
 BUILDER = "bsah"
 
@@ -62,7 +63,8 @@ def measure(view, options) -> list[dict]:
         for threads in options.threads:
             contenders = our_contenders(tree, triangles, rays, threads)
             contenders += embree_contenders(built, asked, ("pixels",), True, threads)
-            results, faces = contest(contenders, asked.asked, options.rounds, options.clock)
+            results, faces = contest(contenders, asked.asked, options.rounds, options.clock, progress)
+            progress("")
             case = {"scene": view.name, "triangles": len(triangles.vertices), "threads": threads}
             case |= {"clock": options.clock, "hit": float((faces >= 0).mean())}
             print(f"\n{view.name}, {(faces >= 0).mean():.1%} of the pixels hit, {threads} thread(s)\n{HEAD}")

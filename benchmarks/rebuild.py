@@ -27,6 +27,7 @@ from antumbra.cli import report
 from antumbra.cli.arguments import parse_count
 from antumbra.errors import InputError
 from antumbra.output import replacing
+from antumbra.papers.peers import embree
 from antumbra.papers.ray_hierarchy.views import default_names, named_view, times_of, with_point
 from antumbra.papers.views import View, own_view
 from antumbra.query.gbuffer import GBuffer
@@ -37,7 +38,6 @@ from antumbra.rendering.renderer import Renderer
 from antumbra.scene.generated import procedural
 from antumbra.scene.triangles import Triangles
 from common import arguments, machine
-from peers import embree
 from peers.embree_frames import Hits, Shadow, light_points, shadows
 
 PLANS = ("cones", "lbvh+single", "lbvh+multifrusta")

@@ -29,14 +29,15 @@ import numpy as np
 
 from antumbra.kernels.parallel import thread_count
 from antumbra.methods import BUILDERS, TRACERS
+from antumbra.papers.peers.contenders import embree_contenders, our_contender
+from antumbra.papers.peers.contest import contest, rows
+from antumbra.papers.peers.queries import query_of
+from antumbra.papers.peers.ray_sets import ORDERS, shadow_rays
 from antumbra.plan import Plan, parse_plan
 from antumbra.rayhierarchy.soup import soup_of
 from antumbra.rendering.render_jobs import warm_up
-from comparison import compare, options_of, start
-from contest import HEAD, OURS, Contender, contest, line, rows
-from peer_contenders import embree_contenders, embree_scenes, other_peers
-from peers.ray_sets import ORDERS, shadow_rays
-from views import query_of
+from comparison import HEAD, compare, line, options_of, progress, start
+from peer_contenders import embree_scenes, other_peers
 
 
 def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
@@ -55,36 +56,18 @@ def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
     return made
 
 
-def our_contenders(prepared: dict, query, threads: int) -> list[Contender]:
-    h, w = query.sides.shape
-    spp = query.samples.shape[1]
-
-    def run(_, plan, scene):
-        bits = np.zeros((h, w, -(-spp // 64)), np.uint64)
-        plan.tracer.trace(scene, query, bits, threads, None, None)
-        return bits
-
-    def answer(bits):
-        octets = bits.astype("<u8", copy=False).view(np.uint8)
-        return np.unpackbits(octets, axis=-1, count=spp, bitorder="little").view(bool).ravel()
-
-    return [
-        Contender(OURS, str(plan), lambda: None, lambda _, plan=plan, scene=scene: run(_, plan, scene), answer)
-        for plan, scene in prepared.items()
-    ]
-
-
 def measure_light(view, size, prepared, built, others, options) -> list[dict]:
     """Rows of one light, "small" or "large", for all numbers of threads."""
     light = view.lights[size]
-    query = query_of(view, light, options.spp, thread_count(None))
+    query = query_of(view.triangles, view.camera, light, options.spp, thread_count(None))
     rays = shadow_rays(query)
     n, edge, found = int(rays.asked.sum()), float(np.linalg.norm(light.u)), []
     for threads in options.threads:
-        contenders = our_contenders(prepared, query, threads)
+        contenders = [our_contender(plan, scene, query, threads) for plan, scene in prepared.items()]
         contenders += embree_contenders(built, rays, ORDERS, False, threads)
         contenders += [c for make, scene in others for c in make(scene, rays, threads)]
-        results, blocked = contest(contenders, rays.asked, options.rounds, options.clock)
+        results, blocked = contest(contenders, rays.asked, options.rounds, options.clock, progress)
+        progress("")
         case = {"scene": view.name, "triangles": len(view.triangles.vertices), "light": size, "edge": edge}
         case |= {"threads": threads, "clock": options.clock, "occluded": float(blocked.mean())}
         told = f"{n / 1e6:.2f} Mrays, {blocked.mean():.1%} occluded"
@@ -101,7 +84,9 @@ def measure(view, options) -> list[dict]:
     prepared = our_scenes(options.plans, view.triangles)
     with embree_scenes(vertices, options.isa) as built:
         others = [] if options.isa else other_peers(vertices)  # their instruction set cannot be chosen
-        times = [f"Embree {q}{' robust' * bool(f)} {1e3 * s.build_seconds:.0f} ms" for (q, f), s in built[0].items()]
+        times = [
+            f"Embree {q}{' robust' * bool(f)} {1e3 * s.build_seconds:.0f} ms" for (q, f), s in built.scenes.items()
+        ]
         times += [f"{type(s).__name__} {1e3 * s.build_seconds:.0f} ms" for _, s in others]
         print(f"  built in: {', '.join(times)}")
         return [row for size in options.lights for row in measure_light(view, size, prepared, built, others, options)]

@@ -6,10 +6,6 @@ from typing import NamedTuple
 
 import antumbra
 from antumbra.papers.views import square, told_view
-from antumbra.query.gbuffer import from_hits
-from antumbra.query.picture import shadow_queries
-from antumbra.query.raster import rasterise
-from antumbra.query.sampling import light_samples
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import Light, QuadLight
 from antumbra.scene.triangles import Triangles
@@ -81,11 +77,3 @@ def _real(path: Path, size) -> View:
 def _two_sizes(light: QuadLight) -> dict[str, Light]:
     middle = light.corner + (light.u + light.v) / 2
     return {"small": light, "large": QuadLight(middle - 2 * (light.u + light.v), 4 * light.u, 4 * light.v)}
-
-
-def query_of(view: View, light: Light, spp: int, threads: int):
-    """The shadow query of the surfaces that a view's camera sees."""
-    rays = view.camera.rays(view.triangles.origin)
-    hits = rasterise(view.triangles.vertices.reshape(-1, 9), rays, threads)
-    gbuffer = from_hits(*hits, view.triangles, rays, threads)
-    return shadow_queries(view.triangles, gbuffer, [light], [light_samples(light, spp)], threads=threads)[0]

@@ -3,7 +3,7 @@
 import numpy as np
 
 import oracle
-from peers.ray_sets import RaySet
+from antumbra.papers.peers.ray_sets import RaySet
 
 SHAPE = (6, 5, 18)  # not multiples of a packet's width
 

@@ -30,14 +30,14 @@ from antumbra.kernels.simd import (
     splat16,
     store,
 )
+from antumbra.papers.peers.denormals import FLUSH, control, set_control
+from antumbra.papers.peers.embree import HIT_WORDS, EmbreeScene, arguments, functions
 from antumbra.query.gbuffer import GBuffer, fill_pixel, surface_of
 from antumbra.query.pixels import pixel_direction
 from antumbra.query.receivers import NOTHING
 from antumbra.query.sampling import light_samples
 from antumbra.scene.camera import CameraRays
 from antumbra.scene.lights import FIXED
-from peers.denormals import FLUSH, control, set_control
-from peers.embree import HIT_WORDS, EmbreeScene, arguments, functions
 
 BLOCK = 4
 ORDERS = "pixels", "samples"

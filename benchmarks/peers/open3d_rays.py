@@ -7,7 +7,7 @@ import numpy as np
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
-from peers.ray_sets import RaySet, gathered
+from antumbra.papers.peers.ray_sets import RaySet, gathered
 
 
 @cache

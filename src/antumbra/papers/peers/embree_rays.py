@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from antumbra.bvh.nodes import aligned_empty
-from antumbra.kernels.jit import inlined, kernel
-from antumbra.kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
-from peers.denormals import FLUSH, control, set_control
-from peers.embree import HIT_WORDS, RAY_WORDS, EmbreeScene, arguments, functions
-from peers.ray_sets import RaySet, ray_set
+from ...bvh.nodes import aligned_empty
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from .denormals import FLUSH, control, set_control
+from .embree import HIT_WORDS, RAY_WORDS, EmbreeScene, arguments, functions
+from .ray_sets import RaySet, ray_set
 
 _TFAR, _FACE, _GEOMETRY = 8, 17, 18  # words of a record
 _RAYS_AT_A_TIME = 4096

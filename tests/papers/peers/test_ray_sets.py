@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from antumbra.papers.peers.ray_sets import LANES, ORDERS, RaySet, blocks, one_by_one, packets, primary_rays
 from antumbra.query.pixels import pixel_direction
 from antumbra.scene.camera import Camera
-from peers.ray_sets import LANES, ORDERS, RaySet, blocks, one_by_one, packets, primary_rays
 
 SHAPE = (10, 7, 20)
 

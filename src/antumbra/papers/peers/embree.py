@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from antumbra.errors import InputError
-from antumbra.kernels.parallel import thread_count
+from ...errors import InputError
+from ...kernels.parallel import thread_count
 
 QUALITIES = {"low": 0, "medium": 1, "high": 2}
 """Name -> RTCBuildQuality: Morton codes, binned SAH, SAH with spatial splits."""

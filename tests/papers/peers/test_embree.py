@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from peers import embree
+from antumbra.papers.peers import embree
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
 

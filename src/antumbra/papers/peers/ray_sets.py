@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from antumbra.query.receivers import NOTHING
-from antumbra.query.shadow import ShadowQuery, segments
-from antumbra.scene.camera import CameraRays
+from ...query.receivers import NOTHING
+from ...query.shadow import ShadowQuery, segments
+from ...scene.camera import CameraRays
 
 BLOCK = 4  # pixels along each side of a block; its 16 pixels make a packet
 LANES = BLOCK * BLOCK

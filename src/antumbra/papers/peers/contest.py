@@ -1,7 +1,6 @@
 """Times contenders that answer the same rays, in turns in one process, and compares their answers."""
 
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -38,16 +37,17 @@ class Result(NamedTuple):
         return n / take(self.seconds or [self.tried]) / 1e6
 
 
-def contest(contenders: list[Contender], asked: np.ndarray, rounds: int, clock: str):
+def contest(contenders: list[Contender], asked: np.ndarray, rounds: int, clock: str, say: Callable[[str], None]):
     """Try all contenders once, then time ours and the best modes of each family, in turns, for `rounds` rounds.
 
     asked : (rays,) bool; answers are compared where it is True
+    say : shows the current operation
 
     Returns a list of Result, and the first contender's answers to the rays asked.
     """
     tried, differs, reference = [], [], None
     for contender in contenders:
-        progress(contender.name)
+        say(contender.name)
         seconds, result = _timed(contender, CLOCKS[clock])
         answer = contender.answer(result)[asked]
         reference = answer if reference is None else reference
@@ -57,17 +57,10 @@ def contest(contenders: list[Contender], asked: np.ndarray, rounds: int, clock: 
     rest = _finalists(contenders, tried)
     seconds = {i: [] for i in rest}
     for turn in range(rounds):
-        progress(f"round {turn + 1} of {rounds}")
+        say(f"round {turn + 1} of {rounds}")
         for i in rest:
             seconds[i].append(_timed(contenders[i], CLOCKS[clock])[0])
-    progress("")
     return [Result(c, tried[i], seconds.get(i, []), differs[i]) for i, c in enumerate(contenders)], reference
-
-
-def progress(text: str) -> None:
-    """Show a line on a terminal; the next one overwrites it."""
-    if sys.stderr.isatty():
-        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def _timed(contender: Contender, clock) -> tuple[float, Any]:
@@ -98,17 +91,6 @@ def rows(case: dict, results: list[Result], n: int) -> list[dict]:
             row["ratio"] = r.rate(n) / max(peers)
         found.append(row)
     return found
-
-
-HEAD = f"{'contender':44s} {'Mrays/s':>8s} {'best':>8s} {'ratio':>6s} {'differs':>9s}"
-
-
-def line(row: dict) -> str:
-    """A row as a line of the table. A rate in brackets is from a single try."""
-    median = f"{row['mrays']:.2f}" if row["rounds"] else f"({row['mrays']:.2f})"
-    best = f"{row['best_mrays']:.2f}" if row["rounds"] else ""
-    ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
-    return f"{row['contender']:44s} {median:>8s} {best:>8s} {ratio:>6s} {row['differs']:9d}"
 
 
 def summary(found: list[dict]) -> list[str]:
