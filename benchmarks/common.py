@@ -2,16 +2,13 @@
 
 import argparse
 import os
-import platform
 import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-import numba
-import numpy as np
-
 import antumbra
+from antumbra.cli.about import about
 from antumbra.papers.peers import embree
 
 SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
@@ -20,14 +17,7 @@ SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents
 
 def machine(threads: int) -> dict:
     """Versions and hardware for the JSON file."""
-    return {
-        "antumbra": antumbra.__version__,
-        "numba": numba.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-        "processor": numba.core.codegen.ll.get_host_cpu_name(),
-        "threads": threads,
-    }
+    return {**about(), "threads": threads}
 
 
 @cache  # so that the line is printed once

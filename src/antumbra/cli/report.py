@@ -1,10 +1,15 @@
-"""Prints answers on standard output: tables for people, or one JSON object for programs."""
+"""Prints answers on standard output: tables for people, or one JSON object for programs.
+
+While a `Record` is standard output, tables are kept as Markdown too.
+"""
 
 import json
 import math
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
+
+from .record import Record
 
 
 def print_json(answer: dict) -> None:
@@ -17,6 +22,9 @@ def print_fields(rows: Iterable[tuple[str, str]]) -> None:
     """Print names and values, one below the other."""
     from rich.table import Table
 
+    rows = list(rows)
+    if isinstance(sys.stdout, Record):
+        sys.stdout.keep_fields(rows)
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="bold")
     grid.add_column(overflow="fold")
@@ -30,6 +38,9 @@ def print_table(
     from rich import box
     from rich.table import Table
 
+    rows = list(rows)
+    if isinstance(sys.stdout, Record):
+        sys.stdout.keep_table(headers, rows, right)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for i, header in enumerate(headers):
         table.add_column(header, justify="right" if i in right else "left", overflow="fold")
@@ -74,10 +85,13 @@ def _print_rows(table, rows, width: int | None = None) -> None:
     from rich.console import Console
     from rich.text import Text
 
+    out = sys.stdout.shown if isinstance(sys.stdout, Record) else sys.stdout
+    if out is None:
+        return
     for row in rows:
         table.add_row(*(Text(_encodable(cell)) for cell in row))
-    terminal = Console(highlight=False)
-    Console(highlight=False, width=max(width or 0, terminal.width)).print(table)
+    terminal = Console(highlight=False, file=out)
+    Console(highlight=False, file=out, width=max(width or 0, terminal.width)).print(table)
 
 
 def _encodable(text: str) -> str:

@@ -8,12 +8,15 @@ import typer
 from ...cli import arguments, report
 from ...cli.options import Json, MaxMemoryOption, Quiet, Threads
 from ...cli.progress import ProgressDisplay
+from ...cli.results import Results, benchmark
 from ...errors import InputError
 from ..views import open_view
 from .kinds import IN_CORE, PAGED, WALKED, Table
 
 
+@benchmark(triangles="1M", size="320x180", frames=6, compared=1, limit=1.0)
 def chc_rt(
+    results: Results,
     scene: Annotated[
         list[str] | None,
         typer.Option(
@@ -91,14 +94,15 @@ def chc_rt(
     from .measure import Pace
 
     checked("city", count, 0)
-    if plot is not None:
-        if not WALKED.intersection(tables):
-            raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
-        arguments.check_plot(plot)
+    if plot is not None and not WALKED.intersection(tables):
+        raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
+    plots = results.plots(plot) if WALKED.intersection(tables) else []
     if pictures is not None:
         if store is not None:
             raise InputError("--pictures shows scenes in memory; leave --store out")
         arguments.check_plot(pictures / "figure-4.png", "--pictures")
+    elif store is None:
+        pictures = results.pictures()
     n_threads, pace = thread_count(threads), Pace(frames, compared, limit)
     show = (lambda turns: None) if json or quiet else session.show_medians
     with ProgressDisplay(quiet) as activity:
@@ -113,30 +117,26 @@ def chc_rt(
             found, same = session.in_memory(places, tables, n_threads, pace, activity.say, show, pictures)
         else:
             found, same = session.out_of_core(places[0], tables, memory, n_threads, pace, activity.say, show)
-        if plot is not None:
+        walked = found.get(Table.store) or found.get(Table.times) or []
+        for path in plots:
             from .plot import write_plot
 
-            write_plot(found.get(Table.store) or found.get(Table.times) or [], plot)
+            write_plot(walked, path)
     differs, peak = session.differing(found), peak_resident()
-    if json:
-        asked = {"size": width_height, "frames": frames, "compared": compared, "limit": limit, "threads": n_threads}
-        measured = {name.value: [t._asdict() for t in rows] for name, rows in found.items()}
-        report.print_json({**asked, **measured, "differs": differs, "same_answers": same, "peak_resident": peak})
-        return
-    if quiet:
-        return
-    from .tables import PRINT
-
-    walked = found.get(Table.store) or found.get(Table.times) or []
-    for name in tables:
-        PRINT[name](found.get(name, walked))
     told = {
         True: "the same by all methods",
         False: f"DIFFER, of {differs:,} rays: please report this",
         None: "not compared",
     }
-    size = report.size_in_memory(peak) if peak else "unknown"
-    report.print_fields([("answers", told[same]), ("memory at its peak", size)])
+    from .tables import PRINT
+
+    asked = {"size": width_height, "frames": frames, "compared": compared, "limit": limit, "threads": n_threads}
+    measured = {name.value: [t._asdict() for t in rows] for name, rows in found.items()}
+    with results.told({**asked, **measured, "differs": differs, "same_answers": same, "peak_resident": peak}):
+        for name in tables:
+            PRINT[name](found.get(name, walked))
+        size_at_peak = report.size_in_memory(peak) if peak else "unknown"
+        report.print_fields([("answers", told[same]), ("memory at its peak", size_at_peak)])
 
 
 def _checked_tables(tables, scene, store, max_memory) -> tuple[Table, ...]:

@@ -8,13 +8,16 @@ import typer
 from ...cli import arguments, report
 from ...cli.options import CullFaces, Json, Quiet
 from ...cli.progress import ProgressDisplay
+from ...cli.results import Results, benchmark
 
 if TYPE_CHECKING:
     from .measure import Case
     from .quality import Quality
 
 
+@benchmark(size="256x256", rounds=1)
 def multi_frusta(
+    results: Results,
     scene: Annotated[
         list[str] | None,
         typer.Option(
@@ -53,8 +56,7 @@ def multi_frusta(
     from . import measure as bench
     from . import quality
 
-    if plot is not None:
-        arguments.check_plot(plot)
+    plots = results.plots(plot)
     with ProgressDisplay(quiet) as display:
         display.say("opening the scenes")
         names = dict.fromkeys(scene or bench.default_names())
@@ -63,27 +65,25 @@ def multi_frusta(
         for view in views:
             case = bench.case_of(view, cull_faces.side)
             found[view.name] = case, bench.tables(case, rounds, display.say), quality.measure(case, display.say)
-        if plot is not None:
+        for path in plots:
             from .plot import write_plot
 
-            write_plot({name: (tables, shown) for name, (_, tables, shown) in found.items()}, plot)
-    if json:
-        rows = {
-            name: {**tables, "figure 5": shown.rows, "figure 7": {"edges": shown.edges}}
-            for name, (_, tables, shown) in found.items()
-        }
-        asked = {"size": width_height, "rounds": rounds, "cull_faces": cull_faces.side}
-        report.print_json({**asked, "rows": rows, "same_bits": True})
-        return
-    for case, tables, shown in found.values() if not quiet else ():
-        _print_primary(case, tables["table 1 primary"])
-        _print_table1(case, tables["table 1"])
-        _print_packet256(tables["table 1"])
-        _print_table2(case, tables["table 2"])
-        _print_figure5(case, shown)
-        _print_figure6(case, tables["figure 6"])
-        _print_figure7(case, shown)
-        report.print_fields([("bits", "the same by all methods")])
+            write_plot({name: (tables, shown) for name, (_, tables, shown) in found.items()}, path)
+    rows = {
+        name: {**tables, "figure 5": shown.rows, "figure 7": {"edges": shown.edges}}
+        for name, (_, tables, shown) in found.items()
+    }
+    asked = {"size": width_height, "rounds": rounds, "cull_faces": cull_faces.side}
+    with results.told({**asked, "rows": rows, "same_bits": True}):
+        for case, tables, shown in found.values():
+            _print_primary(case, tables["table 1 primary"])
+            _print_table1(case, tables["table 1"])
+            _print_packet256(tables["table 1"])
+            _print_table2(case, tables["table 2"])
+            _print_figure5(case, shown)
+            _print_figure6(case, tables["figure 6"])
+            _print_figure7(case, shown)
+            report.print_fields([("bits", "the same by all methods")])
 
 
 _NAMES = ("#tris", "+culling", "#AABB", "#isec")

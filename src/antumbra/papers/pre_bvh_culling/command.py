@@ -8,10 +8,13 @@ import typer
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
 from ...cli.progress import ProgressDisplay
+from ...cli.results import Results, benchmark
 from ...errors import InputError
 
 
+@benchmark(size="683x384", cellar="250k", video="100k", frames=3, rounds=1)
 def pre_bvh_culling(
+    results: Results,
     sponza: Annotated[
         Path | None,
         typer.Option(
@@ -62,8 +65,7 @@ def pre_bvh_culling(
     tracers = list(dict.fromkeys(tracer or ("single", "multifrusta")))
     for name in tracers:
         _check_tracer(name)
-    if plot is not None:
-        arguments.check_plot(plot)
+    plots = results.plots(plot)
 
     from ..answers import agree
     from . import measure as bench
@@ -80,27 +82,23 @@ def pre_bvh_culling(
         grids = [r for v in views for r in bench.grid_rows(v, bench.USUAL, (), n_threads, rounds, display.say)]
         moving = video_views(video_triangles, frames, width_height)
         filmed = [r for v in moving for r in bench.grid_rows(v, bench.VIDEO, tracers, n_threads, rounds, display.say)]
-        if plot is not None:
+        for path in plots:
             from .plot import write_plot
 
-            write_plot(times, plot)
+            write_plot(times, path)
     same = agree((t.figure, t.bits) for t in times)
-    if json:
-        rows = [{**t._asdict(), "bits": t.bits.hex()} for t in times]
-        asked = {"tracers": tracers, "size": width_height, "rounds": rounds, "frames": frames, "threads": n_threads}
-        tables = {"time_to_image": rows, "grids": [g._asdict() for g in grids], "video": [g._asdict() for g in filmed]}
-        report.print_json({**asked, **tables, "same_bits": same})
-        return
-    if quiet:
-        return
+    rows = [{**t._asdict(), "bits": t.bits.hex()} for t in times]
+    asked = {"tracers": tracers, "size": width_height, "rounds": rounds, "frames": frames, "threads": n_threads}
+    tables = {"time_to_image": rows, "grids": [g._asdict() for g in grids], "video": [g._asdict() for g in filmed]}
 
     from . import tables as printed
 
-    printed.print_details(times, grids)
-    printed.print_times(times)
-    printed.print_regions(grids)
-    printed.print_grids(bench.mean_rows(filmed), tracers)
-    report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
+    with results.told({**asked, **tables, "same_bits": same}):
+        printed.print_details(times, grids)
+        printed.print_times(times)
+        printed.print_regions(grids)
+        printed.print_grids(bench.mean_rows(filmed), tracers)
+        report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
 
 
 def _check_tracer(name: str) -> None:

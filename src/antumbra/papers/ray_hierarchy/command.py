@@ -8,6 +8,7 @@ import typer
 from ...cli import arguments, report
 from ...cli.options import CullFaces, Json, Quiet, Threads
 from ...cli.progress import ProgressDisplay
+from ...cli.results import Results, benchmark
 from ..views import open_view
 
 if TYPE_CHECKING:
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
 _WIDTH = 170  # width of the tables, in characters
 
 
+@benchmark(size="256x256", frames=3, limit=2.0, rounds=1)
 def ray_hierarchy(
+    results: Results,
     scene: Annotated[
         list[str] | None,
         typer.Option(
@@ -68,8 +71,7 @@ def ray_hierarchy(
     from . import views
     from .published import FIGURE7
 
-    if plot is not None:
-        arguments.check_plot(plot)
+    plots = results.plots(plot)
     n_threads = thread_count(threads)
     seen: list[PictureRays] = []
     costs: list[Cost] = []
@@ -81,31 +83,27 @@ def ray_hierarchy(
             shown, found = bench.measure(picture, n_threads, rounds, limit, display.say, cull_faces.side)
             seen.append(shown)
             costs += found
-        if plot is not None:
+        for path in plots:
             from .plot import write_plot
 
-            write_plot(seen, costs, plot)
+            write_plot(seen, costs, path)
     spreads = bench.spreads(seen, costs)
     same = agree(bench.answers(seen, costs))
-    if json:
-        asked = {"size": width_height, "frames": frames, "limit": limit, "rounds": rounds, "threads": n_threads}
-        asked["cull_faces"] = cull_faces.side
-        tables = {
-            "pictures": [{**s._asdict(), "bits": s.bits.hex()} for s in seen],
-            "costs": [{**c._asdict(), "bits": c.bits.hex() if c.bits else None} for c in costs],
-            "figure 7": [b._asdict() for b in bench.beside(seen, costs, FIGURE7)],
-            "spreads": [s._asdict() for s in spreads],
-        }
-        report.print_json({**asked, **tables, "same_bits": same})
-        return
-    if quiet:
-        return
-    _print_pictures(seen, costs)
-    _print_museum(costs)
-    _print_figure7(bench.beside(seen, costs, FIGURE7))
-    _print_claims(seen, costs, spreads)
-    _print_spreads(spreads)
-    report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
+    asked = {"size": width_height, "frames": frames, "limit": limit, "rounds": rounds, "threads": n_threads}
+    asked["cull_faces"] = cull_faces.side
+    tables = {
+        "pictures": [{**s._asdict(), "bits": s.bits.hex()} for s in seen],
+        "costs": [{**c._asdict(), "bits": c.bits.hex() if c.bits else None} for c in costs],
+        "figure 7": [b._asdict() for b in bench.beside(seen, costs, FIGURE7)],
+        "spreads": [s._asdict() for s in spreads],
+    }
+    with results.told({**asked, **tables, "same_bits": same}):
+        _print_pictures(seen, costs)
+        _print_museum(costs)
+        _print_figure7(bench.beside(seen, costs, FIGURE7))
+        _print_claims(seen, costs, spreads)
+        _print_spreads(spreads)
+        report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
 
 
 def _millions(count: float | None) -> str:

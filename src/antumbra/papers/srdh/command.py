@@ -8,6 +8,7 @@ import typer
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
 from ...cli.progress import ProgressDisplay
+from ...cli.results import Results, benchmark
 from ..views import open_view
 
 if TYPE_CHECKING:
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
     from .times import BuildTimes, RenderTimes
 
 
+@benchmark(size="256x256", timed_size="256x256", rounds=1)
 def srdh(
+    results: Results,
     scene: Annotated[
         list[str] | None,
         typer.Option(
@@ -64,8 +67,7 @@ def srdh(
     from . import times as srdh_times
     from . import views as srdh_views
 
-    if plot is not None:
-        arguments.check_plot(plot)
+    plots = results.plots(plot)
     n_threads = thread_count(threads)
     rows: list[Counted] = []
     assumed: list[Assumed] = []
@@ -81,31 +83,27 @@ def srdh(
             builds += srdh_times.build_times(view, spp, n_threads, rounds, display.say)
             smaller = view._replace(camera=view.camera.resized(*timed))
             renders += srdh_times.render_times(smaller, n_threads, rounds, display.say)
-        if plot is not None:
+        for path in plots:
             from .plot import write_plot
 
-            write_plot(rows, plot)
+            write_plot(rows, path)
     same = agree((r.scene, r.bits) for r in renders)
-    if json:
-        asked = {"size": width_height, "spp": spp, "timed_size": timed, "rounds": rounds, "threads": n_threads}
-        tables = {
-            "counts": [{**r._asdict(), "relative": counts.relative(rows, r)} for r in rows],
-            "rtsah": [a._asdict() for a in assumed],
-            "builds": [{**b._asdict(), "both": b.both, "instead": b.instead} for b in builds],
-            "renders": [{**r._asdict(), "bits": r.bits.hex()} for r in renders],
-        }
-        report.print_json({**asked, **tables, "same_bits": same})
-        return
-    if quiet:
-        return
+    asked = {"size": width_height, "spp": spp, "timed_size": timed, "rounds": rounds, "threads": n_threads}
+    tables = {
+        "counts": [{**r._asdict(), "relative": counts.relative(rows, r)} for r in rows],
+        "rtsah": [a._asdict() for a in assumed],
+        "builds": [{**b._asdict(), "both": b.both, "instead": b.instead} for b in builds],
+        "renders": [{**r._asdict(), "bits": r.bits.hex()} for r in renders],
+    }
 
     from . import tables as printed
 
-    printed.print_orders(rows)
-    printed.print_saved(rows)
-    printed.print_rtsah(assumed)
-    printed.print_pixels(rows)
-    printed.print_kernels(rows)
-    printed.print_builds(builds)
-    printed.print_renders(renders)
-    report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
+    with results.told({**asked, **tables, "same_bits": same}):
+        printed.print_orders(rows)
+        printed.print_saved(rows)
+        printed.print_rtsah(assumed)
+        printed.print_pixels(rows)
+        printed.print_kernels(rows)
+        printed.print_builds(builds)
+        printed.print_renders(renders)
+        report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
