@@ -20,7 +20,7 @@ import antumbra as at
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SOURCES = sorted((ROOT / "src" / "antumbra").rglob("*.py"))
-PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "design").glob("*.md")]
+PAGES = [p for folder in (".", "docs", "docs/design", "docs/papers") for p in (ROOT / folder).glob("*.md")]
 
 
 def _tool(path):
@@ -32,6 +32,7 @@ def _tool(path):
 
 
 fields = _tool(ROOT / "docs" / "_ext" / "fields.py")
+paper_pages = _tool(ROOT / "scripts" / "paper_pages.py")
 snippets = _tool(ROOT / "scripts" / "snippets.py")
 
 
@@ -151,9 +152,29 @@ def test_links_lead_somewhere(page):
 
 def test_every_page_is_in_the_table_of_contents():
     index = (ROOT / "docs" / "index.md").read_text()
-    listed = set(re.findall(r"^(design/\w+|\w+)$", index, re.MULTILINE))
+    listed = set(re.findall(r"^((?:design/|papers/)?[\w-]+)$", index, re.MULTILINE))
     pages = {p.relative_to(ROOT / "docs").with_suffix("").as_posix() for p in PAGES if ROOT / "docs" in p.parents}
     assert pages - {"index"} <= listed
+
+
+@pytest.mark.parametrize("name", paper_pages.PAPERS)
+def test_pages_of_papers_have_the_form_of_the_script(name):
+    text = (paper_pages.PAGES / f"{name}.md").read_text(encoding="utf-8")
+    assert text.startswith(f"{paper_pages.front(name)}## How it was measured\n\n- **command**: antumbra bench {name}")
+    header, _, results = text.partition("\n\n## Results\n\n")
+    assert all(f"\n- **{field}**: " in header for field in ("date", "antumbra", "numpy", "numba", "processor"))
+    pictures = re.findall(r"^```\{image\} (.+)$", results, re.MULTILINE)
+    assert pictures and all((paper_pages.PAGES / picture).is_file() for picture in pictures)
+    tables = re.findall(r"(?:^\|.*\|\n)+", results, re.MULTILINE)
+    assert tables
+    for lines in map(str.splitlines, tables):
+        assert set(lines[1]) <= set("|-: ") and len({len(re.findall(r"(?<!\\)\|", line)) for line in lines}) == 1
+
+
+def test_a_page_is_written_from_results():
+    text = paper_pages.page("srdh", "# antumbra bench srdh\n\n- **command**: c\n\n**T**\n\n| a |\n", ["srdh.png"])
+    assert text.startswith(paper_pages.front("srdh")) and text.endswith("```\n\n**T**\n\n| a |\n")
+    assert "- **command**: c\n\n## Results\n\n```{image} srdh.png\n" in text
 
 
 def test_every_command_has_its_section():

@@ -5,9 +5,10 @@
 - explain, culling: pictures of the work of plans
 - compare, comparearguments, comparesummary, comparepage, machine: ``antumbra compare``, plans side by side
 - build, info, warmup, plans: stores, contents of scenes, compiling ahead, and the list of methods
-- scenes, export: procedural scenes, and their files; bench: the commands of other packages
+- scenes, export: procedural scenes, and their files
+- bench, results, about: the commands of other packages, and the files of their results
 - arguments, options, pictureoptions: parsing, and options that commands share; sceneinput: opens a command's scene
-- progress, report: progress on standard error, and answers on standard output
+- progress, report, record: progress on standard error, answers on standard output, and these as Markdown
 """
 
 import gc

@@ -137,7 +137,8 @@ def _make(folder: Path) -> None:
 def _parameters(command: Callable[..., None], quick: dict[str, Any]) -> list[inspect.Parameter]:
     """The parameters that Typer sees: those of the command but `results`, and the new ones before --json."""
     _, *own = inspect.signature(command).parameters.values()
-    shorter = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in quick.items())
+    values = ((name, value if isinstance(value, list) else [value]) for name, value in quick.items())
+    shorter = " ".join(f"--{name.replace('_', '-')} {each}" for name, several in values for each in several)
     option = Annotated[bool, typer.Option("--quick", help=f"Measure less, as with {shorter}.")]
     keyword = inspect.Parameter.KEYWORD_ONLY
     new = [

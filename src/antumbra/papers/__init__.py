@@ -9,5 +9,5 @@ the paper's sections, tables and figures to code. A folder has most of these mod
 - plot: diagrams
 - command: ``antumbra bench <paper>``
 
-`scenes` has procedural scenes for these benchmarks.
+`scenes` has procedural scenes for these benchmarks. `peers` compares the default plan with Embree.
 """

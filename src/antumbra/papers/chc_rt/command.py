@@ -14,7 +14,7 @@ from ..views import open_view
 from .kinds import IN_CORE, PAGED, WALKED, Table
 
 
-@benchmark(triangles="1M", size="320x180", frames=6, compared=1, limit=1.0)
+@benchmark(scene=["procedural:city?triangles=300k"], size="192x108", frames=4, compared=1, limit=0.5)
 def chc_rt(
     results: Results,
     scene: Annotated[

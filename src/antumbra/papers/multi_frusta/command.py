@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .quality import Quality
 
 
-@benchmark(size="256x256", rounds=1)
+@benchmark(size="160x160", rounds=1)
 def multi_frusta(
     results: Results,
     scene: Annotated[

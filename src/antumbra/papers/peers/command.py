@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _WIDTH = 110  # width of the tables, in characters
 
 
-@benchmark(size="512x512", rounds=3)
+@benchmark(size="384x384", rounds=3)
 def peers(
     results: Results,
     scene: Annotated[

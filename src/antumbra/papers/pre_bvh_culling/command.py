@@ -12,7 +12,7 @@ from ...cli.results import Results, benchmark
 from ...errors import InputError
 
 
-@benchmark(size="683x384", cellar="250k", video="100k", frames=3, rounds=1)
+@benchmark(size="320x180", cellar="250k", video="100k", frames=3, rounds=1)
 def pre_bvh_culling(
     results: Results,
     sponza: Annotated[

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _WIDTH = 170  # width of the tables, in characters
 
 
-@benchmark(size="256x256", frames=3, limit=2.0, rounds=1)
+@benchmark(size="192x192", frames=3, limit=0.5, rounds=1)
 def ray_hierarchy(
     results: Results,
     scene: Annotated[

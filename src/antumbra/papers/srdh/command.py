@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .times import BuildTimes, RenderTimes
 
 
-@benchmark(size="256x256", timed_size="256x256", rounds=1)
+@benchmark(scene=["blinds", "procedural:cellar?triangles=50k"], size="192x192", timed_size="192x192", rounds=1)
 def srdh(
     results: Results,
     scene: Annotated[

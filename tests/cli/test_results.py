@@ -1,0 +1,145 @@
+"""The options --quick and --output of benches, the files of their results, and what is kept as Markdown."""
+
+import json
+import sys
+from contextlib import redirect_stdout
+
+import pytest
+import typer
+
+from antumbra.cli import about, bench, report
+from antumbra.cli.options import Json, Quiet
+from antumbra.cli.record import Record
+from antumbra.cli.results import Results, benchmark
+from antumbra.errors import InputError
+
+
+class Point:
+    """An entry point."""
+
+    def __init__(self, command):
+        self.load = lambda: command
+
+
+@benchmark(rounds=1)
+def good(results: Results, rounds: int = 5, scene: list[str] | None = None, json: Json = False, quiet: Quiet = False):
+    with results.told({"rounds": rounds}):
+        print(f"Rounds of {scene}")
+        report.print_table(("what", "n"), [("rounds | *all*", str(rounds))], right=(1,))
+        report.print_fields([("bits", "the same")])
+
+
+@benchmark(rounds=1)
+def bad(results: Results, rounds: int = 5, json: Json = False, quiet: Quiet = False):
+    raise InputError("nothing to measure; name a scene")
+
+
+def plain(json: Json = False):
+    """A bench without --quick, --output and --quiet."""
+    print("plain")
+
+
+@benchmark()
+def interrupted(results: Results, json: Json = False, quiet: Quiet = False):
+    raise KeyboardInterrupt
+
+
+@pytest.fixture
+def benches(monkeypatch):
+    """Announces some of the benches above instead of the real ones."""
+
+    def announce(**commands):
+        points = {name: Point(command) for name, command in commands.items()}
+        monkeypatch.setattr(bench, "announced", lambda group: points)
+
+    announce(bad=bad, good=good, plain=plain)
+    return announce
+
+
+def test_files_of_results(cli, benches, tmp_path):
+    done = cli("bench", "good", "--output", "found", "--scene", "a b", "--scene", "c")
+    assert done.code == 0 and "rounds | *all*" in done.out and "the same" in done.out
+    written = json.loads((tmp_path / "found" / "good.json").read_text())
+    header = written["about"]
+    assert written["rounds"] == 5 and header["command"] == "antumbra bench good --scene 'a b' --scene c"
+    assert {"date", "antumbra", "python", "numpy", "numba", "system", "processor", "cores"} <= set(header)
+    text = (tmp_path / "found" / "good.md").read_text()
+    assert text.startswith("# antumbra bench good\n\n- **command**: antumbra bench good --scene 'a b' --scene c\n")
+    table = "| what | n |\n| --- | ---: |\n| rounds \\| \\*all\\* | 5 |"
+    assert text.endswith(f"**Rounds of \\['a b', 'c'\\]**\n\n{table}\n\n- **bits**: the same\n")
+    assert not list((tmp_path / "found").glob(".*"))
+
+
+def test_files_are_the_same_whatever_is_printed(cli, benches, tmp_path):
+    told = cli("bench", "good", "--output", "a", "--json").json()
+    assert told == {"rounds": 5} and (tmp_path / "a" / "good.md").exists()
+    assert cli("bench", "good", "--output", "a", "--quiet").out == ""
+    assert "| rounds" in (tmp_path / "a" / "good.md").read_text()
+
+
+def test_quick_values_give_way_to_those_of_the_user(cli, benches):
+    assert cli("bench", "good", "--quick", "--json").json() == {"rounds": 1}
+    assert cli("bench", "good", "--quick", "--rounds", "5", "--json").json() == {"rounds": 5}
+    assert "--rounds 1" in cli("bench", "good", "--help").out
+
+
+def test_an_output_that_cannot_be_written(cli, benches, tmp_path):
+    (tmp_path / "file").write_text("")
+    cli("bench", "good", "--output", "file").refused("file")
+    cli("bench", "good", "--output", "no/such").refused("no/such", "choose another")
+    cli("bench", "bad", "--output", "new").refused("nothing to measure")
+    cli("bench", "all", "--output", "file").refused("file")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_all_continues_after_a_failure(cli, benches, tmp_path):
+    done = cli("bench", "all", "--quick", "--output", "found")
+    assert done.code == 1
+    assert done.err.count("\n") - done.err.count("no plots") == 1
+    assert "antumbra bench bad failed: nothing to measure; name a scene" in done.err
+    headings = [line for line in done.out.splitlines() if line.startswith("== ")]
+    assert headings == [f"== antumbra bench {name} ({k} of 3)" for k, name in enumerate(("bad", "good", "plain"), 1)]
+    assert "failed after" in done.out and json.loads((tmp_path / "found" / "good.json").read_text())["rounds"] == 1
+
+
+def test_all_succeeds(cli, benches):
+    benches(good=good, plain=plain)
+    done = cli("bench", "all")
+    assert done.code == 0 and done.err == "" and "(2 of 2)" in done.out
+    benches(good=good)
+    assert cli("bench", "all", "--quiet") == (0, "", "")
+
+
+def test_all_keeps_what_is_finished_when_it_is_interrupted(cli, benches, tmp_path):
+    benches(good=good, interrupted=interrupted, later=good)
+    done = cli("bench", "all", "--output", "found")
+    assert done.code == 130 and "interrupted" in done.err
+    assert (tmp_path / "found" / "good.md").exists() and "(3 of 3)" not in done.out
+    assert done.out.splitlines()[-1].startswith("good ")
+
+
+def test_a_name_that_nobody_announces(cli, benches):
+    cli("bench", "magic").refused("magic")
+
+
+def test_text_outside_tables_is_kept():
+    record = Record(None)
+    with redirect_stdout(record):
+        print("One line\n\n  and <another>")
+        report.print_fields([("a", "b")])
+        print("the end")
+    assert record.markdown() == "One line\n\nand \\<another\\>\n\n- **a**: b\n\nthe end\n"
+    assert not record.isatty() and not isinstance(sys.stdout, Record)
+
+
+def test_the_commit_is_known_only_in_a_checkout(tmp_path, monkeypatch):
+    assert about.about().keys() - {"commit", "memory"} == {
+        "antumbra", "python", "numpy", "numba", "system", "processor", "cores"
+    }  # fmt: skip
+    (tmp_path / "about.py").write_text("")
+    monkeypatch.setattr(about, "__file__", str(tmp_path / "about.py"))
+    assert "commit" not in about.about()
+
+
+def test_typer_sees_the_types_of_the_parameters():
+    assert good.__annotations__["context"] is typer.Context and "results" not in good.__annotations__
