@@ -14,7 +14,7 @@ from ..views import open_view
 from .kinds import IN_CORE, PAGED, WALKED, Table
 
 
-@benchmark(scene=["procedural:city?triangles=300k"], size="192x108", frames=4, compared=1, limit=0.5)
+@benchmark(triangles="300k", size="192x108", frames=4, compared=1, limit=0.5)
 def chc_rt(
     results: Results,
     scene: Annotated[
@@ -128,6 +128,7 @@ def chc_rt(
         False: f"DIFFER, of {differs:,} rays: please report this",
         None: "not compared",
     }
+    size = report.size_in_memory(peak) if peak else "unknown"
     from .tables import PRINT
 
     asked = {"size": width_height, "frames": frames, "compared": compared, "limit": limit, "threads": n_threads}
@@ -135,8 +136,7 @@ def chc_rt(
     with results.told({**asked, **measured, "differs": differs, "same_answers": same, "peak_resident": peak}):
         for name in tables:
             PRINT[name](found.get(name, walked))
-        size_at_peak = report.size_in_memory(peak) if peak else "unknown"
-        report.print_fields([("answers", told[same]), ("memory at its peak", size_at_peak)])
+        report.print_fields([("answers", told[same]), ("memory at its peak", size)])
 
 
 def _checked_tables(tables, scene, store, max_memory) -> tuple[Table, ...]:
