@@ -31,6 +31,7 @@ from antumbra.papers.views import named_view, square
 from antumbra.plan import DEFAULT_PLAN, parse_plan
 from antumbra.rendering.render_jobs import warm_up, warm_up_indirect
 from antumbra.rendering.renderer import Renderer
+from common import machine
 
 CASES = Path(__file__).with_name("auto_cases.json")
 TREES = "bsah", "lbvh", "tl-lbvh"
@@ -190,7 +191,8 @@ def main() -> None:
         print(f"{what} {1e3 * auto:8.1f} ms, {auto / found[best]:5.2f} x {best}", flush=True)
     report(rows)
     if options.json:
-        options.json.write_text(json.dumps([{**case._asdict(), "seconds": found} for case, found in rows], indent=1))
+        answer = {"machine": machine(options.threads), "rows": [{**c._asdict(), "seconds": s} for c, s in rows]}
+        options.json.write_text(json.dumps(answer, indent=1))
 
 
 if __name__ == "__main__":

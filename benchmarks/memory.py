@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import antumbra as at
+from antumbra.plan import Plan
 from antumbra.rendering.queries import accelerated
 from common import SCENES
 
@@ -27,7 +28,7 @@ def main() -> None:
     gc.collect()
     before = resident()
     scene = at.load(path)
-    made = accelerated(scene)
+    made = accelerated(scene, plan=Plan())
     gc.collect()
     grown = resident() - before
     arrays = {name: a.nbytes for part in made for name, a in part._asdict().items() if name != "links"}

@@ -212,7 +212,7 @@ def test_papers_of_the_registries_are_in_the_bibliography():
 
     labels = set(_labels())
     papers = [method.paper for _, registry in KINDS.values() for method in registry.values()]
-    assert papers and not [p for p in papers if not any(p.startswith(label) for label in labels)]
+    assert papers and not [p for p in papers if p and not any(p.startswith(label) for label in labels)]
 
 
 _PLACE = re.compile(r"`((?:\w+/)*\w+\.(?:py|md|bib|json|toml))(?:: ([^`]+))?`")
@@ -273,7 +273,7 @@ def test_wheel_is_pure_and_holds_the_package_only(built):
     inside = {n for n in names if not n.startswith(f"antumbra-{at.__version__}.dist-info/")}
     package = ROOT / "src" / "antumbra"
     data = [package / "kernels" / "needs.json", package / "papers" / "needs.json", *package.glob("papers/*/README.md")]
-    data += [package / "py.typed"]
+    data += [package / "py.typed", package / "auto" / "rates.json"]
     assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, *data)}
 
 

@@ -82,7 +82,7 @@ class Tracer(NamedTuple):
     prepare: Callable
     trace: Callable
     description: str
-    paper: str
+    paper: str  # empty: there is none
     builds: bool = True  # True: the tracer walks a BVH
     chooses: bool = False  # True: a plan of this tracer alone chooses the builder, too
     keeps: bool = False  # True: the prepared structure remembers earlier frames, and has `begin()` to call in each
@@ -213,7 +213,7 @@ TRACERS: dict[str, Tracer] = {
         auto.Auto,
         auto.trace_shadow,
         "the tracer that should be fastest for each query, and without a builder the builder for its rays",
-        "docs/design/auto.md",
+        "",
         chooses=True,
         keeps=True,
     ),

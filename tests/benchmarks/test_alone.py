@@ -1,5 +1,6 @@
 """Benchmarks that compare our own methods run. Some test runs every benchmark."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -40,3 +41,16 @@ def test_memory(run, small):
     assert re.fullmatch(rf"{re.escape(str(small))}: \d+ triangles", head)
     sizes = dict(re.fullmatch(r"  (\w+) +([\d.]+) bytes a triangle", line).groups() for line in arrays)
     assert float(sizes["vertices"]) == 36 and float(sizes["nodes"]) > 0 and last.startswith("process grew by ")
+
+
+def test_auto(run, small, tmp_path):
+    jobs = "picture", "walk", "bounce", "points", "surface", "grid", "shuffled"
+    lights = "lamp", "sun", "sphere", "sky", "point", "list", "near"
+    cases = [
+        {"scene": str(small), "job": job, "light": light, "spp": 1, "size": [12, 8]} for job, light in zip(jobs, lights)
+    ]
+    (tmp_path / "cases.json").write_text(json.dumps(cases))
+    done = run("auto", "--cases", tmp_path / "cases.json", "--rounds", 1)
+    assert [row["job"] for row in done.rows] == list(jobs)
+    assert all(row["seconds"]["auto"] > 0.0 and len(row["seconds"]) > 3 for row in done.rows)
+    assert f"{len(jobs)} cases" in done.out and "worst case" in done.out

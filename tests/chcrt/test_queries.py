@@ -73,7 +73,7 @@ def _tile_of(h, w, rays):
 def test_camera_rays(atrium):
     camera, _, parts = atrium
     reach = 4.0 * float(np.abs(parts.boxes).max())
-    rays = View(parts, OPTIONS, camera, reach, 2)
+    rays = View(parts, OPTIONS, camera, slice(0, camera.height), reach, 2)
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     ways = (camera.corner + x[..., None] * camera.dx + y[..., None] * camera.dy).reshape(-1, 3) * rays.length
     origins = np.broadcast_to(camera.origin.astype(np.float64), ways.shape)

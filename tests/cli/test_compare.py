@@ -53,7 +53,7 @@ def test_everything_as_json(compare, tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["a.html", "compare.png"]
     assert told["same_bits"] is True and told["reference"] == PLANS[0] and "plan" not in told
     assert told["scene"]["name"] == "atrium" and told["camera"]["width"] == 48 and len(told["lights"]) == 1
-    assert {"processor", "level", "cores", "threads", "antumbra", "python", "numpy", "numba"} <= told["machine"].keys()
+    assert {"processor", "cores", "threads", "antumbra", "python", "numpy", "numba"} <= told["machine"].keys()
     assert [one["plan"] for one in told["plans"]] == list(PLANS)
     least = min(one["timings"]["total"] for one in told["plans"])
     for one in told["plans"]:

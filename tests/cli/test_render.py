@@ -26,7 +26,7 @@ def test_a_picture_and_a_summary(render, tmp_path):
         "32x32",
         "QuadLight",
         "(4 a pixel and light)",
-        "bsah+multifrusta",
+        "auto: lbvh+",
         "trace",
         "save",
     ):
@@ -40,7 +40,8 @@ def test_the_summary_as_json(render):
     assert told["scene"]["name"] == "atrium" and told["scene"]["notes"] == []
     assert told["camera"]["width"] == 32 and len(told["camera"]["position"]) == 3
     assert [light["type"] for light in told["lights"]] == ["QuadLight"]
-    assert (told["spp"], told["plan"], told["gbuffer"], told["threads"]) == (4, "bsah+multifrusta", "raster", None)
+    assert (told["spp"], told["plan"], told["gbuffer"], told["threads"]) == (4, "auto", "raster", None)
+    assert told["ran"].startswith("lbvh+") and [choice["rays"] for choice in told["choices"]] == [told["rays"]]
     assert told["rays"] == 4 * told["seen"] == told["counters"]["rays"] > 0
     assert 0.0 < told["lit"][0] < 1.0
     assert {"evaluate", "gbuffer", "build", "trace", "shade", "total"} <= told["timings"].keys()
@@ -233,7 +234,7 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--adaptive-spp", "0"), ["--adaptive-spp"]),
         (("--plan", "magic"), ["magic", "bsah", "single"]),
         (("--plan", "bsah"), ["names no tracer"]),
-        (("--srdh-rays", "32"), ["srdh_rays", "bsah+multifrusta"]),
+        (("--srdh-rays", "32"), ["srdh_rays", "auto"]),
         (("--srdh-rays", "32x32", "--plan", "srdh+single"), ["--srdh-rays 32x32", "16, 32 or all"]),
         (("--sampler", "dice"), ["dice", "sobol"]),
         (("--gbuffer", "guess"), ["--gbuffer", "raster"]),

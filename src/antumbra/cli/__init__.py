@@ -3,7 +3,7 @@
 - app: the program and its commands; failures: errors as one line and an exit code
 - render, frames, renderarguments, renderoptions, summary: ``antumbra render``, for pictures and animations
 - explain, culling: pictures of the work of plans
-- compare, comparearguments, comparesummary, comparepage, machine: ``antumbra compare``, plans side by side
+- compare, comparearguments, comparesummary, comparepage: ``antumbra compare``, plans side by side
 - build, info, warmup, plans: stores, contents of scenes, compiling ahead, and the list of methods
 - scenes, export: procedural scenes, and their files
 - bench, results, about: the commands of other packages, and the files of their results

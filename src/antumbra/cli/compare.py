@@ -3,9 +3,9 @@
 from time import perf_counter
 
 from . import comparepage, comparesummary, report
+from .about import about
 from .comparearguments import CompareArguments
 from .failures import UNFORESEEN, say
-from .machine import machine
 from .options import takes
 from .progress import ProgressDisplay
 from .renderoptions import Shot
@@ -59,7 +59,9 @@ def compare(given: CompareArguments) -> int:
         )  # fmt: skip
         display.say("writing the picture")
         shot = Shot(*moment, found.frame)
-        told = comparesummary.Told(given, asked, scene, load, shot, found, machine(thread_count(asked.threads)))
+        told = comparesummary.Told(
+            given, asked, scene, load, shot, found, {**about(), "threads": thread_count(asked.threads)}
+        )
         panels = comparesummary.Panels(told)
         panels.save(path)
         if page is not None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _WIDTH = 120  # width of the tables, in characters
 _CAPTION = "tests of boxes and triangles per shadow ray, in windows of 16x16 pixels, logarithmic; black: no rays"
-_NO_MAP = "no map: its hierarchy is over all rays"
+_NO_MAP = "no map: it works on all rays at once"
 
 
 class Told(NamedTuple):

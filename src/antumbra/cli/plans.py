@@ -30,7 +30,7 @@ def plans(
       antumbra render --plan cones
     """
     from ..methods import KINDS
-    from ..plan import Plan, all_plans, names_of
+    from ..plan import DEFAULT_PLAN, all_plans, names_of
 
     names = names_of(papers)
     methods = [
@@ -40,13 +40,13 @@ def plans(
     ]
     if json:
         written = [str(plan) for plan in all_plans(papers)]
-        report.print_json({"methods": methods, "plans": written, "default": str(Plan())})
+        report.print_json({"methods": methods, "plans": written, "default": DEFAULT_PLAN})
         return
     report.print_table(("kind", "name", "what it does", "paper"), [tuple(m.values()) for m in methods])
     order = "+".join(kind for kind, _ in KINDS.values())
     report.print_fields(
         [
             ("a plan", f"{order}, of which only builder and tracer are needed; cones takes no builder"),
-            ("default", str(Plan())),
+            ("default", DEFAULT_PLAN),
         ]
     )

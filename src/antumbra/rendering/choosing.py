@@ -13,7 +13,7 @@ from ..plan import Plan
 from ..query.bounds import bounds
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator
-from .srdh_rays import SrdhRays
+from .srdh_rays import Shown, SrdhRays
 
 _RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
 
@@ -65,11 +65,12 @@ class Choosing(Accelerator):
         if self._builder == QUICK and good_pays(lost, triangles):
             self._builder = GOOD
 
-    def _tree(self, vertices) -> Bvh:
-        self._choose(self._rays_soon * _RAY / self.threads * lost_share(""), len(vertices))
-        if self._builder == GOOD and self._kept is None and good_pays(self.memory.lost, len(vertices)):
+    def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
+        n = len(triangles.vertices)
+        self._choose(self._rays_soon * _RAY / self.threads * lost_share(""), n)
+        if self._builder == GOOD and self._kept is None and good_pays(self.memory.lost, n):
             self._kept = UPDATERS["refit"].keep(self._new_tree)
-        return super()._tree(vertices)
+        return super().build(triangles, culled, shown)
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
         assert bvh is not None

@@ -233,14 +233,15 @@ def _windows(work: _Work, plans: list[Plan], steps: _Steps) -> tuple[np.ndarray,
 
 def _picture(work: _Work, plan: Plan) -> Picture:
     renderer, asked = work.renderer(plan), {"spp": 16, **work.asked}
-    sampler = {name: asked[name] for name in ("spp", "sampler") if name in asked}
+    sampler = {name: asked[name] for name in ("spp", "sampler", "cull_faces") if name in asked}
     return picture_of(work.scene, work.moment, threads=renderer.threads, plan=plan, **sampler)
 
 
 def _tests_of(work: _Work, plan: Plan, picture: Picture, rays: np.ndarray) -> np.ndarray | None:
-    """(rows, columns) float64: the tests per ray of each window. None if the plan has no BVH.
+    """(rows, columns) float64: the tests per ray of each window. None if the plan names no builder.
 
-    Such a plan makes a hierarchy of all rays. The hierarchies of single windows would test other things.
+    Such a plan makes a hierarchy of all rays, or chooses its methods by all rays. In single windows it would do other
+    things.
     """
     if plan.build is None:
         return None

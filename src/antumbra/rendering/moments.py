@@ -7,6 +7,7 @@ import numpy as np
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.picture import shadow_queries, surface_queries
+from ..query.rays import cull_value
 from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery
 from ..scene.camera import Camera
@@ -39,26 +40,27 @@ class Picture(NamedTuple):
 
 
 def picture_of(
-    scene, moment: Moment, spp: int, threads: int, sampler: str = "larcher-pillichshammer", plan: Plan | None = None
-) -> Picture:
+    scene, moment: Moment, spp: int, threads: int, sampler: str = "larcher-pillichshammer", plan: Plan | None = None,
+    cull_faces: str | None = None,
+) -> Picture:  # fmt: skip
     """The surfaces and queries of a moment, whose lights are checked already.
 
     plan : the plan whose tracer a store is prepared for; None: the default
     """
-    samples = [light_samples(light, spp, sampler) for light in moment.lights]
+    samples, facing = [light_samples(light, spp, sampler) for light in moment.lights], cull_value(cull_faces)
     if source_kind(scene).keeps_read:
-        return _picture_of_store(scene, moment, samples, threads, plan)
+        return _picture_of_store(scene, moment, samples, facing, threads, plan)
     triangles = scene.triangles(moment.time, threads)
     gbuffer = see(triangles, moment.camera, None, threads)
-    queries = shadow_queries(triangles, gbuffer, moment.lights, samples, threads=threads)
+    queries = shadow_queries(triangles, gbuffer, moment.lights, samples, facing, threads)
     return Picture(None, triangles, gbuffer, moment.lights, samples, queries)
 
 
-def _picture_of_store(scene, moment: Moment, samples: list[np.ndarray], threads: int, plan: Plan | None) -> Picture:
+def _picture_of_store(scene, moment: Moment, samples: list[np.ndarray], facing: int, threads: int, plan) -> Picture:
     source = Renderer(scene, plan, threads).source
     source.begin(frame_memory(Request(moment.camera, moment.lights, samples)))
     surfaces = source.look(moment.camera, *source.moment(0.0))
-    queries = surface_queries(surfaces, moment.lights, samples, threads=threads)
+    queries = surface_queries(surfaces, moment.lights, samples, facing, threads)
     return Picture(source, surfaces.triangles, surfaces.gbuffer, moment.lights, samples, queries)
 
 
