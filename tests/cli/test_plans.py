@@ -2,9 +2,8 @@
 
 import pytest
 
-from antumbra import Plan
 from antumbra.methods import KINDS, own_methods
-from antumbra.plan import all_plans, covering_plans, parse_plan
+from antumbra.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
 from antumbra.rendering import ready
 
 

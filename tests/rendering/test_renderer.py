@@ -101,9 +101,8 @@ def test_animated_lights_and_default_camera_and_light():
 
 
 def test_counters_do_not_depend_on_threads_and_cost_no_bits(atrium):
-    one, three = (
-        at.render(atrium, _small(atrium), atrium.lights, threads=t, counters=True, plan=Plan()) for t in (1, 3)
-    )
+    named = {"plan": "bsah+multifrusta", "counters": True}
+    one, three = (at.render(atrium, _small(atrium), atrium.lights, threads=t, **named) for t in (1, 3))
     off = at.render(atrium, _small(atrium), atrium.lights)
     assert one.counters == three.counters and off.counters is None
     assert one.counters["box_tests"] == 2 * one.counters["nodes"] > 0
