@@ -216,6 +216,7 @@ TRACERS: dict[str, Tracer] = {
         "",
         chooses=True,
         keeps=True,
+        counts_apart=True,
     ),
     "single": Tracer(
         single.as_built,

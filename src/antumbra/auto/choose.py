@@ -1,6 +1,6 @@
 """Chooses a way for a query: predicted costs say which ways may be best, and a sample of the rays decides among them.
 
-Small queries are not worth a sample. In later frames, the rates that the same question of the last frame had decide.
+Short queries are not worth a sample. In later frames, the rates that the same question of the last frame had decide.
 """
 
 from time import perf_counter
@@ -14,11 +14,13 @@ from .rates import form_seconds, lost_share, rate
 from .sample import sample_of
 from .ways import WAYS, Forms, answer
 
-_SMALL = 0.03  # seconds of a query that is not worth a sample
+_TRY = 0.008  # seconds of a query that are worth the try of one more way
+_MAKING = 0.1  # of the least cost may be spent on a form of the tree for a try
 _LIKELY = 2.2  # times the least predicted cost: slower ways are not tried
 _SHARE = 0.005  # of the receivers are in the sample
 _WINDOWS = 4  # of the sample, at least
 _WINDOW = 256  # receivers of a window
+_RISKY = ("multifrusta",)
 _FEW = 256  # receivers that are not worth sorting
 _SORT = 1.5e-7  # seconds for a receiver
 _AGAIN = 64  # frames after which ways are tried again
@@ -79,12 +81,14 @@ class Memory:
             self._rates.pop(key, None)
 
 
-def choose(query: ShadowQuery, forms: Forms, threads: int, known: dict[str, float]) -> Choice:
+def choose(
+    query: ShadowQuery, forms: Forms, facts: Facts, suited: list[str], threads: int, known: dict[str, float]
+) -> Choice:
     """Choose the way for a query.
 
+    suited : the ways that can answer it
     known : way -> nanoseconds a ray, from earlier frames; empty: not known
     """
-    facts, suited = facts_of(query, forms.triangles, forms.box), suited_ways(query, forms.box)
     made = {name: form_seconds(name, facts.triangles) * forms.missing(WAYS[name]) for name in suited}
     if known:
         cost = {name: 1e-9 * known[name] * facts.rays + made[name] for name in suited if name in known}
@@ -92,8 +96,8 @@ def choose(query: ShadowQuery, forms: Forms, threads: int, known: dict[str, floa
         return Choice(way, facts.rays, "last frame", cost[way], {})
     cost = {name: rate(name, facts) * facts.rays / threads + made[name] for name in suited}
     way = min(cost, key=cost.__getitem__)
-    likely = sorted((name for name in suited if cost[name] < _LIKELY * cost[way]), key=cost.__getitem__)
-    if cost[way] < _SMALL or len(likely) == 1:
+    likely = worth_trying(cost, made)
+    if len(likely) == 1:
         return Choice(way, facts.rays, "prediction", cost[way], {})
     tried = try_ways(query, forms, likely, facts, threads)
     cost = {name: 1e-9 * of_ray * facts.rays + made[name] for name, of_ray in tried.items()}
@@ -101,12 +105,23 @@ def choose(query: ShadowQuery, forms: Forms, threads: int, known: dict[str, floa
     return Choice(way, facts.rays, "sample", cost[way], tried)
 
 
-def sorting_pays(query: ShadowQuery, forms: Forms, facts: Facts, threads: int) -> bool:
+def worth_trying(cost: dict[str, float], made: dict[str, float]) -> list[str]:
+    """The ways that a sample should decide among: the more, the longer the query takes.
+
+    cost : way -> predicted seconds, with those to make its form of the tree
+    made : way -> these seconds
+    """
+    best, *others = sorted(cost, key=cost.__getitem__)
+    likely = [name for name in others if cost[name] < _LIKELY * cost[best] and made[name] < _MAKING * cost[best]]
+    return [best, *likely[: int(cost[best] / _TRY)]]
+
+
+def sorting_pays(query: ShadowQuery, forms: Forms, facts: Facts, suited: list[str], threads: int) -> bool:
     """Will the rays of scattered receivers gain what it costs to sort them in space?"""
     if query.sides.shape[0] > 1 or facts.receivers < _FEW:
         return False
-    ways, near = suited_ways(query, forms.box), if_sorted(query, facts, size_of(forms.box))
-    cost, sorted_cost = (min(rate(way, each) for way in ways) * facts.rays / threads for each in (facts, near))
+    near = if_sorted(query, facts, size_of(forms.box))
+    cost, sorted_cost = (min(rate(way, each) for way in suited) * facts.rays / threads for each in (facts, near))
     return sorted_cost + _SORT * facts.receivers < cost
 
 
@@ -116,15 +131,18 @@ def suited_ways(query: ShadowQuery, box: np.ndarray) -> list[str]:
 
 
 def try_ways(query, forms: Forms, ways: list[str], facts: Facts, threads: int) -> dict[str, float]:
-    """Way -> nanoseconds a ray, on a sample of the query. A way that is slow in one window is not tried further."""
+    """Way -> nanoseconds a ray, on a sample of the query.
+
+    Shafts may be a hundred times slower than predicted. If one window takes too long, they are not tried further.
+    """
     windows = max(_WINDOWS, round(_SHARE * facts.receivers / _WINDOW))
-    first, all_ = sample_of(query, 1), sample_of(query, windows)
+    first, sample = sample_of(query, 1), sample_of(query, windows)
     found: dict[str, float] = {}
-    for name in ways:
+    for name in sorted(ways, key=lambda name: name in _RISKY):
         forms.of(WAYS[name])
-        if _rate_of(name, forms, first, threads) > 2 * _LIKELY * min(found.values(), default=1e30):
+        if name in _RISKY and _rate_of(name, forms, first, threads) > 2 * _LIKELY * min(found.values(), default=1e30):
             continue
-        found[name] = _rate_of(name, forms, all_, threads)
+        found[name] = _rate_of(name, forms, sample, threads)
     return found
 
 

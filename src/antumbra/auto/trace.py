@@ -7,7 +7,7 @@ import numpy as np
 from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
 from ..query.shadow import ShadowQuery
-from .choose import Choice, Memory, choose, sorting_pays
+from .choose import Choice, Memory, choose, sorting_pays, suited_ways
 from .facts import facts_of
 from .order import in_order, sorted_places
 from .ways import WAYS, Forms
@@ -46,10 +46,12 @@ def trace_shadow(auto: Auto, query: ShadowQuery, bits, threads=None, counters=No
     threads, forms, memory = thread_count(threads), auto.forms, auto.memory
     facts = facts_of(query, forms.triangles, forms.box)
     key, places = memory.key(facts), None
-    if sorting_pays(query, forms, facts, threads):
+    suited = suited_ways(query, forms.box)
+    if sorting_pays(query, forms, facts, suited, threads):
         places = sorted_places(query.origins[0])
         query = in_order(query, places)
-    choice = choose(query, forms, threads, memory.rates(key))
+        facts = facts_of(query, forms.triangles, forms.box)
+    choice = choose(query, forms, facts, suited, threads, memory.rates(key))
     form, start = forms.of(WAYS[choice.way]), perf_counter()
     out = bits if places is None else np.zeros_like(bits)
     WAYS[choice.way].trace(form, query, out, threads, counters, progress)

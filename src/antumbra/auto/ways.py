@@ -38,6 +38,7 @@ WAYS: dict[str, Way] = {
     "packet16": Way(None, over_pixels),
     "packet16:samples": Way(None, over_samples),
     "wide": Way(widen, single.trace_shadow),
+    "single": Way(single.as_built, single.trace_shadow),
 }
 """Name -> way. `packet16:blocks` are the packets to which the tracer `multifrusta` hands hemispheres."""
 

@@ -46,7 +46,7 @@ def plans(
     order = "+".join(kind for kind, _ in KINDS.values())
     report.print_fields(
         [
-            ("a plan", f"{order}, of which only builder and tracer are needed; cones takes no builder"),
+            ("a plan", f"{order}, of which only builder and tracer are needed; no builder for cones, or for auto"),
             ("default", DEFAULT_PLAN),
         ]
     )

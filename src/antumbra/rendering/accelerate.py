@@ -63,8 +63,11 @@ class Accelerator:
         self._updated: tuple[Triangles, Bvh] | None = None  # all triangles that the updater saw last, and their BVH
         self._rays: Callable | None = None  # (vertices, their BVH) -> Intersections; set while a builder runs
 
-    def begin(self, rays: int) -> None:
-        """Begin a frame, or a query of points, of about so many rays."""
+    def begin(self, rays: int, later: int = 0) -> None:
+        """Begin a frame, or a query of points.
+
+        rays, later : about so many rays in the queries for which a tree is built, and others in the same tree
+        """
 
     @property
     def builder(self) -> str:

@@ -20,7 +20,7 @@ from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadL
 from ..scene.triangles import Triangles
 from .in_memory import see
 
-_TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (256, 192), 16, 3
+_TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (160, 128), 16, 2
 
 
 def calibrate() -> Machine:

@@ -29,11 +29,12 @@ class Choosing(Accelerator):
     def __init__(self, plan: Plan, threads: int, srdh_rays: SrdhRays | None = None):
         super().__init__(plan, threads, srdh_rays)
         self.memory = Memory()
-        self._builder, self._rays_soon = QUICK, 0  # rays of which only the number is known
+        self._builder = QUICK
+        self._rays_soon = self._later = 0  # rays of which only the number is known
 
-    def begin(self, rays: int) -> None:
+    def begin(self, rays: int, later: int = 0) -> None:
         self.memory.begin()
-        self._rays_soon = rays
+        self._rays_soon, self._later = rays, later
 
     @property
     def builder(self) -> str:
@@ -46,13 +47,17 @@ class Choosing(Accelerator):
 
     def culled(self, triangles: Triangles, queries) -> None:
         """Choose the builder for these queries. Nothing is culled: a quick build costs no more than culling."""
-        box, lost = np.stack(bounds(triangles.vertices, self.threads)), self.memory.lost
+        box, lost = np.stack(bounds(triangles.vertices, self.threads)), self.memory.lost + self._loss(self._later)
         for query in queries:
             facts = facts_of(query, len(triangles.vertices), box)
             cost, way = min((rate(way, facts), way) for way in suited_ways(query, box))
             lost += cost * facts.rays / self.threads * lost_share(way)
         self._choose(lost, len(triangles.vertices))
-        self._rays_soon = 0
+        self._rays_soon = self._later = 0
+
+    def _loss(self, rays: int) -> float:
+        """Seconds that rays of which nothing is known lose in a tree of QUICK."""
+        return rays * _RAY / self.threads * lost_share("")
 
     def outgrown(self, accelerated: Accelerated) -> bool:
         chosen = accelerated.chosen
@@ -67,7 +72,7 @@ class Choosing(Accelerator):
 
     def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
         n = len(triangles.vertices)
-        self._choose(self._rays_soon * _RAY / self.threads * lost_share(""), n)
+        self._choose(self._loss(self._rays_soon + self._later), n)
         if self._builder == GOOD and self._kept is None and good_pays(self.memory.lost, n):
             self._kept = UPDATERS["refit"].keep(self._new_tree)
         return super().build(triangles, culled, shown)

@@ -16,7 +16,7 @@ from .accelerate import Accelerator
 from .frame import Frame
 from .indirect import indirect_light
 from .memory import edge_bytes, frame_memory
-from .request import Request
+from .request import Request, rays_of
 from .source import RenderSource
 from .srdh_rays import bounced_queries
 from .state import FrameState, TracedLights, accelerate, arriving_at, ask, ask_all, picture, queries_of, shaded
@@ -49,8 +49,7 @@ def evaluate(state: FrameState) -> None:
     """Evaluate the triangles at the frame's time; build their tree if primary visibility uses rays."""
     source = state.source
     source.begin(frame_memory(state.request))
-    camera, spp = state.request.camera, sum(samples.shape[1] for samples in state.request.samples)
-    state.accelerator.begin(camera.width * camera.height * spp)
+    state.accelerator.begin(*rays_of(state.request))
     state.triangles, state.whole = source.moment(state.request.time)
     state.clock.lap("evaluate")
     if source.gbuffer == "rays" and state.whole is None:

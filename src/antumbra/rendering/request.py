@@ -23,3 +23,10 @@ class Request(NamedTuple):
     smooth: bool = False  # the argument `filter`
     finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
     passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
+
+
+def rays_of(request: Request) -> tuple[int, int]:
+    """At most so many shadow rays of the picture; and rays of bounced light, with their shadow rays."""
+    pixels = request.camera.width * request.camera.height
+    bounced = 0 if request.passes is None else len(request.passes.directions) * (1 + len(request.lights))
+    return pixels * sum(samples.shape[1] for samples in request.samples), pixels * bounced

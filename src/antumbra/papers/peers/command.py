@@ -1,4 +1,4 @@
-"""``antumbra bench peers``: soft shadows by the default plan beside Embree."""
+"""``antumbra bench peers``: soft shadows by bsah+auto beside Embree."""
 
 import sys
 from pathlib import Path
@@ -40,7 +40,7 @@ def peers(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """The default plan beside Embree: soft shadows on the same rays, turn by turn, in one process.
+    """The plan bsah+auto beside Embree: soft shadows on the same rays, turn by turn, in one process.
 
     Ours is timed from the query of a frame to its bits. Embree is timed on rays that were made before, one by one and
     in packets. Each of its modes is tried once, and the fastest have their turns. The ratio is that of the medians,
@@ -56,12 +56,12 @@ def peers(
     width_height = arguments.parse_size(size)
 
     from ...kernels.parallel import thread_count
-    from ...plan import Plan
+    from ...plan import parse_plan
     from ...rendering.render_jobs import warm_up
     from . import measure as bench
     from .contenders import describe_embree
 
-    plan = Plan()
+    plan = parse_plan("bsah+auto")
     plots = results.plots(plot)
     embree = describe_embree()  # an error if it is missing
     counts = [threads] if threads else list(dict.fromkeys((1, thread_count(None))))
