@@ -67,7 +67,7 @@ def test_a_sample_decides_among_likely_ways_and_the_next_frame_remembers(scene, 
     assert choice.tried and set(choice.tried) <= set(WAYS) and choice.way in choice.tried
     second = renderer.render(camera, [LAMP], spp=16)
     assert not second.choices[0].tried
-    assert [frame.choices[0].reason for frame in (first, second)] == ["sample", "last frame"]
+    assert [frame.choices[0].reason for frame in (first, second)] == ["sample", "earlier query"]
     named = at.render(scene, camera, [LAMP], spp=16, plan="bsah+single")
     for frame in first, second:
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])

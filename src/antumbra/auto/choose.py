@@ -1,30 +1,34 @@
 """Chooses a way for a query: predicted costs say which ways may be best, and a sample of the rays decides among them.
 
-Short queries are not worth a sample. In later frames, the rates that the same question of the last frame had decide.
+Short queries are not worth a sample. Later queries of like facts take the way that was fastest.
 """
 
+from math import ceil, log2
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
 from ..query.shadow import ShadowQuery
+from ..trace.lighttable import STRATA
 from .facts import Facts, facts_of, if_sorted, size_of
 from .rates import form_seconds, lost_share, rate
 from .sample import sample_of
 from .ways import WAYS, Forms, answer
 
-_TRY = 0.008  # seconds of a query that are worth the try of one more way
-_MAKING = 0.1  # of the least cost may be spent on a form of the tree for a try
+_TRY = 0.02  # seconds of a query that are worth the try of one more way
+_MAKING = 0.25  # of the least cost may be spent on a form of the tree for a try
+_MOST = 0.1  # of the receivers are in the sample, at most
 _LIKELY = 2.2  # times the least predicted cost: slower ways are not tried
-_SHARE = 0.005  # of the receivers are in the sample
+_SHARE = 0.005  # of the receivers are in the sample, at least
+_SAMPLE = 1.5e-3  # seconds that the sample should take, at least: a call costs some tenths of them
 _WINDOWS = 4  # of the sample, at least
 _WINDOW = 256  # receivers of a window
-_RISKY = ("multifrusta",)
+_RISKY = {"multifrusta": 5.0}  # way of which predictions are wrong by far -> times the least predicted cost
 _FEW = 256  # receivers that are not worth sorting
 _SORT = 1.5e-7  # seconds for a receiver
 _AGAIN = 64  # frames after which ways are tried again
-_CHANGE = 1.6  # times the rate of the last frame: ways are tried again
+_CHANGE = 1.6  # times the rate that was measured: ways are tried again
 
 
 class Choice(NamedTuple):
@@ -32,7 +36,7 @@ class Choice(NamedTuple):
 
     way: str
     rays: int
-    reason: str  # "prediction", "sample" or "last frame"
+    reason: str  # "prediction", "sample" or "earlier query"
     predicted: float  # seconds, for the reason
     tried: dict[str, float]  # way -> nanoseconds a ray of the sample; empty if there was none
     sorted: bool = False  # the receivers were put in order first
@@ -40,7 +44,7 @@ class Choice(NamedTuple):
 
 
 class Memory:
-    """The rates of the questions of the last frames: question n of a frame has those of question n before.
+    """The rates that queries had in this frame and in earlier ones. Queries of like facts share them.
 
     lost : float
         Seconds that all queries so far would have been faster in a tree of GOOD.
@@ -48,28 +52,22 @@ class Memory:
 
     def __init__(self):
         self._rates: dict[tuple, tuple[int, dict[str, float]]] = {}  # with the frame in which they were tried
-        self._frame = self._question = 0
+        self._frame = 0
         self.choices: list[Choice] = []
         self.lost = 0.0
 
     def begin(self) -> None:
         """Begin a frame."""
         self._frame += 1
-        self._question = 0
         self.choices = []
 
-    def key(self, facts: Facts) -> tuple:
-        """The key of the frame's next question."""
-        self._question += 1
-        return self._question, facts.kind, facts.samples, facts.receivers.bit_length(), round(2 * np.log2(facts.tile))
-
     def rates(self, key: tuple) -> dict[str, float]:
-        """Way -> nanoseconds a ray, from earlier frames."""
+        """Way -> nanoseconds a ray, of earlier queries."""
         tried, rates = self._rates.get(key, (-_AGAIN, {}))
         return rates if self._frame - tried < _AGAIN else {}
 
     def learn(self, key: tuple, choice: Choice) -> None:
-        """Keep what a question has measured; forget its rates if the way took much longer than before."""
+        """Keep what a query has measured; forget its rates if the way took much longer than before."""
         self.choices.append(choice)
         self.lost += choice.seconds * lost_share(choice.way)
         if not choice.rays:
@@ -81,25 +79,31 @@ class Memory:
             self._rates.pop(key, None)
 
 
+def likeness(facts: Facts) -> tuple:
+    """Equal for facts that differ little."""
+    sizes = (round(2.0 * log2(size)) for size in (facts.tile, facts.stratum, facts.chunk))
+    return facts.kind, facts.samples, facts.receivers.bit_length(), *sizes
+
+
 def choose(
     query: ShadowQuery, forms: Forms, facts: Facts, suited: list[str], threads: int, known: dict[str, float]
 ) -> Choice:
     """Choose the way for a query.
 
     suited : the ways that can answer it
-    known : way -> nanoseconds a ray, from earlier frames; empty: not known
+    known : way -> nanoseconds a ray, of earlier queries; empty: not known
     """
     made = {name: form_seconds(name, facts.triangles) * forms.missing(WAYS[name]) for name in suited}
     if known:
         cost = {name: 1e-9 * known[name] * facts.rays + made[name] for name in suited if name in known}
         way = min(cost, key=cost.__getitem__)
-        return Choice(way, facts.rays, "last frame", cost[way], {})
+        return Choice(way, facts.rays, "earlier query", cost[way], {})
     cost = {name: rate(name, facts) * facts.rays / threads + made[name] for name in suited}
     way = min(cost, key=cost.__getitem__)
     likely = worth_trying(cost, made)
     if len(likely) == 1:
         return Choice(way, facts.rays, "prediction", cost[way], {})
-    tried = try_ways(query, forms, likely, facts, threads)
+    tried = try_ways(query, forms, likely, facts, cost[way] / max(facts.rays, 1), threads)
     cost = {name: 1e-9 * of_ray * facts.rays + made[name] for name, of_ray in tried.items()}
     way = min(cost, key=cost.__getitem__)
     return Choice(way, facts.rays, "sample", cost[way], tried)
@@ -112,7 +116,12 @@ def worth_trying(cost: dict[str, float], made: dict[str, float]) -> list[str]:
     made : way -> these seconds
     """
     best, *others = sorted(cost, key=cost.__getitem__)
-    likely = [name for name in others if cost[name] < _LIKELY * cost[best] and made[name] < _MAKING * cost[best]]
+    likely = [
+        name
+        for name in others
+        if cost[name] < _RISKY.get(name, _LIKELY) * cost[best] and made[name] < _MAKING * cost[best]
+    ]
+    likely.sort(key=lambda name: name not in _RISKY)
     return [best, *likely[: int(cost[best] / _TRY)]]
 
 
@@ -130,12 +139,16 @@ def suited_ways(query: ShadowQuery, box: np.ndarray) -> list[str]:
     return [name for name, way in WAYS.items() if way.suits(query, box)]
 
 
-def try_ways(query, forms: Forms, ways: list[str], facts: Facts, threads: int) -> dict[str, float]:
+def try_ways(query, forms: Forms, ways: list[str], facts: Facts, of_ray: float, threads: int) -> dict[str, float]:
     """Way -> nanoseconds a ray, on a sample of the query.
 
     Shafts may be a hundred times slower than predicted. If one window takes too long, they are not tried further.
+
+    of_ray : predicted seconds for a ray
     """
-    windows = max(_WINDOWS, round(_SHARE * facts.receivers / _WINDOW))
+    rays_of_window = _WINDOW * min(facts.samples, STRATA)
+    least = max(_WINDOWS, _SHARE * facts.receivers / _WINDOW, _SAMPLE / (of_ray * rays_of_window))
+    windows = ceil(min(least, _MOST * facts.receivers / _WINDOW))
     first, sample = sample_of(query, 1), sample_of(query, windows)
     found: dict[str, float] = {}
     for name in sorted(ways, key=lambda name: name in _RISKY):

@@ -10,7 +10,7 @@ from ..query.shadow import ShadowQuery
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from ..trace.lighttable import STRATA
 
-_TILES = 256  # tiles that are looked at
+_TILES = 96  # tiles that are looked at
 _SIDE = 4  # of a tile of a picture
 _FARTHER = 4.0  # times as far as the segments in a scene: where samples of distant lights lie
 _LEAST = 1e-6  # of the scene's extents: below it, sizes make no difference

@@ -7,7 +7,7 @@ import numpy as np
 from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
 from ..query.shadow import ShadowQuery
-from .choose import Choice, Memory, choose, sorting_pays, suited_ways
+from .choose import Choice, Memory, choose, likeness, sorting_pays, suited_ways
 from .facts import facts_of
 from .order import in_order, sorted_places
 from .ways import WAYS, Forms
@@ -45,7 +45,7 @@ def trace_shadow(auto: Auto, query: ShadowQuery, bits, threads=None, counters=No
     """
     threads, forms, memory = thread_count(threads), auto.forms, auto.memory
     facts = facts_of(query, forms.triangles, forms.box)
-    key, places = memory.key(facts), None
+    key, places = likeness(facts), None
     suited = suited_ways(query, forms.box)
     if sorting_pays(query, forms, facts, suited, threads):
         places = sorted_places(query.origins[0])

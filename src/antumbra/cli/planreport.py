@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from .renderoptions import Shot
 
 _WIDTH = 110  # characters of a line
-_REASONS = {"prediction": "predicted", "last frame": "as in the last frame"}
+_REASONS = {"prediction": "predicted", "earlier query": "as for an earlier query"}
 
 
 def print_choices(shot: "Shot", triangles: int) -> None:
