@@ -25,6 +25,7 @@ _SAMPLE = 1.5e-3  # seconds that the sample should take, at least: a call costs 
 _WINDOWS = 4  # of the sample, at least
 _WINDOW = 256  # receivers of a window
 _RISKY = {"multifrusta": 5.0}  # way of which predictions are wrong by far -> times the least predicted cost
+_HOPELESS = 12.0  # times the best rate so far, in one window: the way is not tried further
 _FEW = 256  # receivers that are not worth sorting
 _SORT = 1.5e-7  # seconds for a receiver
 _AGAIN = 64  # frames after which ways are tried again
@@ -153,7 +154,7 @@ def try_ways(query, forms: Forms, ways: list[str], facts: Facts, of_ray: float, 
     found: dict[str, float] = {}
     for name in sorted(ways, key=lambda name: name in _RISKY):
         forms.of(WAYS[name])
-        if name in _RISKY and _rate_of(name, forms, first, threads) > 2 * _LIKELY * min(found.values(), default=1e30):
+        if name in _RISKY and _rate_of(name, forms, first, threads) > _HOPELESS * min(found.values(), default=1e30):
             continue
         found[name] = _rate_of(name, forms, sample, threads)
     return found
