@@ -27,7 +27,7 @@ _WINDOW = 256  # receivers of a window
 _RISKY = {"multifrusta": 5.0}  # way of which predictions are wrong by far -> times the least predicted cost
 _HOPELESS = 12.0  # times the best rate so far, in one window: the way is not tried further
 _FEW = 256  # receivers that are not worth sorting
-_SORT = 1.5e-7  # seconds for a receiver
+_SORT = 2e-7  # seconds for a receiver
 _AGAIN = 64  # frames after which ways are tried again
 _CHANGE = 1.6  # times the rate that was measured: ways are tried again
 

@@ -15,7 +15,7 @@ _ARRAYS = "origins", "faces", "sides", "ids"
 
 def sorted_places(origins: np.ndarray) -> np.ndarray:
     """(n,) int64: the receiver that comes to each place of the sorted row; `origins`: (n, 3)."""
-    codes, places = morton_codes(origins.astype(np.float64)), np.empty(len(origins), np.int64)
+    codes, places = morton_codes(origins), np.empty(len(origins), np.int64)
     for k in range(_SETS):
         places[k::_SETS] = k + _SETS * np.argsort(codes[k::_SETS])
     return places
