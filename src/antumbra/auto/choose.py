@@ -76,7 +76,7 @@ class Memory:
         now, before = 1e9 * choice.seconds / choice.rays, self.rates(key)
         if choice.tried:
             self._rates[key] = self._frame, {**choice.tried, choice.way: now}
-        elif before and now > _CHANGE * before[choice.way]:
+        elif now > _CHANGE * before.get(choice.way, np.inf):
             self._rates.pop(key, None)
 
 
@@ -105,9 +105,8 @@ def choose(
     if len(likely) == 1:
         return Choice(way, facts.rays, "prediction", cost[way], {})
     tried = try_ways(query, forms, likely, facts, cost[way] / max(facts.rays, 1), threads)
-    cost = {name: 1e-9 * of_ray * facts.rays + made[name] for name, of_ray in tried.items()}
-    way = min(cost, key=cost.__getitem__)
-    return Choice(way, facts.rays, "sample", cost[way], tried)
+    way = min(tried, key=tried.__getitem__)
+    return Choice(way, facts.rays, "sample", 1e-9 * tried[way] * facts.rays, tried)
 
 
 def worth_trying(cost: dict[str, float], made: dict[str, float]) -> list[str]:

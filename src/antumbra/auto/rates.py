@@ -28,7 +28,7 @@ _OTHERS_LOSE = 0.4
 
 def terms(facts: Facts) -> np.ndarray:
     """(k,) float64: the terms of Eq. (1) in docs/design/auto.md."""
-    n, m, log = np.log(facts.triangles), np.log(max(facts.receivers, 1)), np.log
+    n, m, log = np.log(max(facts.triangles, 1)), np.log(max(facts.receivers, 1)), np.log
     few, many = log(min(facts.samples, _STRATA)), log(max(facts.samples, _STRATA))
     tile, narrow, wide = log(facts.tile), log(facts.tile / 2 + facts.stratum), log(facts.tile / 2 + facts.chunk)
     ambient, listed, distant = (float(facts.kind == kind) for kind in (AMBIENT, LIST, DIRECTIONAL))
