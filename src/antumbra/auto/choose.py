@@ -28,6 +28,7 @@ _RISKY = {"multifrusta": 5.0}  # way of which predictions are wrong by far -> ti
 _HOPELESS = 12.0  # times the best rate so far, in one window: the way is not tried further
 _FEW = 256  # receivers that are not worth sorting
 _SORT = 2e-7  # seconds for a receiver
+_SURELY = 0.75  # of the predicted cost: sorting is to save at least the rest
 _AGAIN = 64  # frames after which ways are tried again
 _CHANGE = 1.6  # times the rate that was measured: ways are tried again
 
@@ -131,7 +132,7 @@ def sorting_pays(query: ShadowQuery, forms: Forms, facts: Facts, suited: list[st
         return False
     near = if_sorted(query, facts, size_of(forms.box))
     cost, sorted_cost = (min(rate(way, each) for way in suited) * facts.rays / threads for each in (facts, near))
-    return sorted_cost + _SORT * facts.receivers < cost
+    return sorted_cost + _SORT * facts.receivers < _SURELY * cost
 
 
 def suited_ways(query: ShadowQuery, box: np.ndarray) -> list[str]:
