@@ -48,7 +48,7 @@ def test_a_kept_tree_is_built_again_once_its_rays_have_lost_the_price(scene, mon
     first, second = (renderer.render(camera, [LAMP]) for _ in range(2))
     assert first.plan.startswith(QUICK) and second.plan.startswith(QUICK)
     kept = renderer.source._last
-    assert kept is not None and renderer.source.moment(0.0)[1] is kept
+    assert kept.chosen.builder == QUICK and renderer.source.moment(0.0)[1] is kept
     _builds(monkeypatch, 0.0)
     third, fourth = (renderer.render(camera, [LAMP]) for _ in range(2))
     assert third.plan.startswith(GOOD) and renderer.source._last is not kept

@@ -6,8 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.methods import TRACERS
 from antumbra.plan import parse_plan
-from antumbra.query.shadow import segments
-from antumbra.rendering import windows
+from antumbra.query.shadow import segments, with_receivers
 from antumbra.rendering.accelerate import Accelerator
 from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment
@@ -93,7 +92,7 @@ def test_steps_are_those_that_the_tracer_counts(scene, moment):
     steps = count_steps(Ordered(ready.bvh, BUILT), query, scene.n_triangles)
     counted = np.zeros((6, 8, len(COUNTERS)), np.int64)
     for y, x in np.ndindex(6, 8):
-        one = windows._part(query, (slice(y, y + 1), slice(x, x + 1)))
+        one = with_receivers(query, lambda array, y=y, x=x: array[y : y + 1, x : x + 1])
         own = query.samples[(x & 3) + 4 * (y & 3)]
         for s in range(2):
             ray = one._replace(samples=np.ascontiguousarray(np.broadcast_to(own[s : s + 1], (16, 1, 3))))

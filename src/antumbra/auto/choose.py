@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..query.shadow import ShadowQuery
+from ..query.shadow import ShadowQuery, ray_count
 from ..trace.lighttable import STRATA
-from .facts import Facts, facts_of, if_sorted, size_of
+from .facts import Facts, if_sorted, size_of
 from .rates import form_seconds, lost_share, rate
 from .sample import sample_of
 from .ways import WAYS, Forms, answer
@@ -163,4 +163,4 @@ def try_ways(query, forms: Forms, ways: list[str], facts: Facts, of_ray: float, 
 def _rate_of(way: str, forms: Forms, query: ShadowQuery, threads: int) -> float:
     start = perf_counter()
     answer(way, forms, query, threads)
-    return 1e9 * (perf_counter() - start) / max(facts_of(query, forms.triangles, forms.box).rays, 1)
+    return 1e9 * (perf_counter() - start) / max(ray_count(query), 1)

@@ -8,7 +8,7 @@ from ..query.bounds import bounds
 from ..query.receivers import NOTHING
 from ..query.shadow import ShadowQuery
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
-from ..trace.lighttable import STRATA
+from ..trace.packets.incoherent import sample_extents
 
 _TILES = 96  # tiles that are looked at
 _SIDE = 4  # of a tile of a picture
@@ -53,12 +53,9 @@ def _sizes_of_light(query: ShadowQuery) -> tuple[float, float]:
         return light.radius, light.radius
     if light.kind == SPHERE:
         return light.radius / _SIDE, light.radius
-    points = query.samples @ np.stack([light.u, light.v, light.w])
-    low, high = points.min(0), points.max(0)  # (n, 3) of each stratum
-    chunks = np.arange(0, len(low), STRATA)
-    whole = np.maximum.reduceat(high, chunks) - np.minimum.reduceat(low, chunks)
+    stratum, chunk = sample_extents(query)
     far = 2.0 * _FARTHER if light.kind == DIRECTIONAL else 2.0
-    return float((high - low).sum(1).mean()) / far, float(whole.sum(1).mean()) / far
+    return float(stratum) / far, float(chunk) / far
 
 
 def tile_size(query: ShadowQuery) -> float:

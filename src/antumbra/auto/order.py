@@ -7,10 +7,9 @@ along a Morton curve, and they take turns again. Each receiver keeps its set, an
 import numpy as np
 
 from ..query.order import morton_codes
-from ..query.shadow import ShadowQuery
+from ..query.shadow import ShadowQuery, with_receivers
 
 _SETS = 4  # of a row of receivers
-_ARRAYS = "origins", "faces", "sides", "ids"
 
 
 def sorted_places(origins: np.ndarray) -> np.ndarray:
@@ -23,5 +22,4 @@ def sorted_places(origins: np.ndarray) -> np.ndarray:
 
 def in_order(query: ShadowQuery, places: np.ndarray) -> ShadowQuery:
     """The query of a row of receivers, with receiver ``places[i]`` at place i."""
-    names = *_ARRAYS, *(["normals"] if query.normals.size else [])
-    return query._replace(**{name: np.ascontiguousarray(getattr(query, name)[:, places]) for name in names})
+    return with_receivers(query, lambda array: array[:, places])

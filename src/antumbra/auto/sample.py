@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery
+from ..query.shadow import ShadowQuery, with_receivers
 from ..trace.lighttable import STRATA
 
 _SIDE, _ROW = 16, 256  # receivers of a window: of a picture, both ways, and of a row
@@ -25,6 +25,4 @@ def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
     chosen = np.unique(places[(np.arange(1, windows + 1) * 0.618034 % 1.0 * len(places)).astype(int)])
     y, x = y[chosen], x[chosen]
     join = lambda a: np.concatenate([a[i : i + height, j : j + width] for i, j in zip(y, x)], axis=0 if h > 1 else 1)
-    names = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
-    samples = np.ascontiguousarray(query.samples[:, :STRATA])
-    return query._replace(samples=samples, **{name: np.ascontiguousarray(join(getattr(query, name))) for name in names})
+    return with_receivers(query, join)._replace(samples=np.ascontiguousarray(query.samples[:, :STRATA]))

@@ -8,7 +8,7 @@ import numpy as np
 from ..bvh.blocks import BlockTree, block_tree
 from ..bvh.nodes import Bvh, boxes_of
 from ..bvh.widen import widen
-from ..query.shadow import ShadowQuery
+from ..query.shadow import ShadowQuery, new_bits
 from ..trace.forest import whole
 from ..trace.multifrusta.trace import trace_forest
 from ..trace.packets.incoherent import is_far, is_incoherent
@@ -72,6 +72,6 @@ class Forms:
 
 def answer(way: str, forms: Forms, query: ShadowQuery, threads: int, counters=None, progress=None) -> np.ndarray:
     """(h, w, ceil(spp / 64)) uint64: the bits of a query."""
-    bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+    bits = new_bits(query)
     WAYS[way].trace(forms.of(WAYS[way]), query, bits, threads, counters, progress)
     return bits

@@ -1,5 +1,6 @@
 """The shadow query: the segments between receivers and light samples. Every tracer's answer depends on it alone."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,22 @@ class ShadowQuery(NamedTuple):
     samples: np.ndarray  # (16, spp, 3) float64, (a, b, c) in the light's domain
     cull_faces: int  # a value of CULL_FACES
     ids: np.ndarray  # (h, w) int32: own triangles' indices in trees; equal to `faces` if `corners` has all triangles
+
+
+def with_receivers(query: ShadowQuery, pick: Callable[[np.ndarray], np.ndarray]) -> ShadowQuery:
+    """The query of other receivers: `pick` takes them from each (h, w, ...) array. Sets belong to their new places."""
+    names = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
+    return query._replace(**{name: np.ascontiguousarray(pick(getattr(query, name))) for name in names})
+
+
+def new_bits(query: ShadowQuery) -> np.ndarray:
+    """(h, w, ceil(spp / 64)) uint64: the answer in which nothing is occluded yet."""
+    return np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+
+
+def ray_count(query: ShadowQuery) -> int:
+    """The number of segments."""
+    return int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
 
 
 class Horizon(NamedTuple):

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..bvh.lbvh import by_codes
 from ..kernels.parallel import thread_count
+from ..query.shadow import with_receivers
 from ..scene.lights import FIXED, LIST
 from ..trace.counters import new_counters
 from .beams import AROUND, PERSPECTIVE, Beam, beams_of
@@ -55,13 +56,7 @@ def _parts(query, bits):
     else:
         step = max(most // (4 * w), 1) * 4
         cuts = [(slice(i, i + step), slice(None)) for i in range(0, h, step)]
-    return [(_part(query, cut), bits[cut]) for cut in cuts]
-
-
-def _part(query, cut):
-    normals = query.normals[cut] if query.normals.size else query.normals
-    cuts = {name: getattr(query, name)[cut] for name in ("origins", "faces", "sides", "ids")}
-    return query._replace(**cuts, normals=normals)
+    return [(with_receivers(query, lambda array, cut=cut: array[cut]), bits[cut]) for cut in cuts]
 
 
 def _trace_beam(soup, query, beam: Beam, bits, threads, counters, progress, options: Options, empty: Empty) -> None:

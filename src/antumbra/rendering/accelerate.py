@@ -14,7 +14,7 @@ from ..cull.cull import Culled
 from ..errors import InputError
 from ..methods import BUILDERS, CULLERS, OPTIMISERS, UPDATERS
 from ..plan import Plan
-from ..query.shadow import ShadowQuery
+from ..query.shadow import ShadowQuery, new_bits
 from ..rayhierarchy.soup import soup_of
 from ..scene.triangles import Triangles
 from .srdh_rays import Bounce, Showing, Shown, SrdhRays, check_srdh_rays
@@ -75,9 +75,8 @@ class Accelerator:
         assert self.plan.build is not None
         return self.plan.build
 
-    @property
-    def ran(self) -> Plan:
-        """The plan with the methods that the last frame used."""
+    def ran(self, accelerated: Accelerated) -> Plan:
+        """The plan with the methods of a frame that used this tree."""
         return self.plan
 
     def outgrown(self, accelerated: Accelerated) -> bool:
@@ -175,7 +174,7 @@ class Accelerator:
         self, accelerated: Accelerated, queries: Sequence[ShadowQuery], tally=None, progress=None
     ) -> list[np.ndarray]:
         """Trace several queries of receivers of the same shape: the bits of each, as from `answer`."""
-        bits = [np.zeros((*q.sides.shape, -(-q.samples.shape[1] // 64)), np.uint64) for q in queries]
+        bits = [new_bits(query) for query in queries]
         tracer, prepared, rest = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
         if tracer.trace_all is not None:
             tracer.trace_all(prepared, queries, bits, *rest)

@@ -14,7 +14,7 @@ from ..kernels.parallel import thread_count
 from ..methods import BUILDERS
 from ..query.picture import shadow_queries
 from ..query.sampling import light_samples
-from ..query.shadow import ShadowQuery
+from ..query.shadow import ShadowQuery, ray_count
 from ..scene.generated import procedural
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
@@ -47,7 +47,7 @@ def ray_times(forms: Forms, queries: list[ShadowQuery]) -> dict[str, float]:
     found = {}
     for name, way in WAYS.items():
         suited = [query for query in queries if way.suits(query, forms.box)]
-        rays = [np.count_nonzero(query.sides) * query.samples.shape[1] for query in suited]
+        rays = [ray_count(query) for query in suited]
         times = [_seconds(partial(answer, name, forms, query, 1), thread_time) for query in suited]
         found[name] = geometric_mean(1e9 * seconds / n for seconds, n in zip(times, rays))
     return found

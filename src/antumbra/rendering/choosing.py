@@ -40,13 +40,15 @@ class Choosing(Accelerator):
     def builder(self) -> str:
         return self._builder
 
-    @property
-    def ran(self) -> Plan:
+    def ran(self, accelerated: Accelerated) -> Plan:
+        assert accelerated.chosen is not None
         tracers = {choice.way if choice.way in TRACERS else "multifrusta" for choice in self.memory.choices}
-        return Plan(build=self._builder, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
+        return Plan(build=accelerated.chosen.builder, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
 
     def culled(self, triangles: Triangles, queries) -> None:
         """Choose the builder for these queries. Nothing is culled: a quick build costs no more than culling."""
+        if self._builder == GOOD:
+            return
         box, lost = np.stack(bounds(triangles.vertices, self.threads)), self.memory.lost + self._loss(self._later)
         for query in queries:
             facts = facts_of(query, len(triangles.vertices), box)

@@ -8,7 +8,7 @@ from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
 from ..chcrt.queries import Pairs, ask
 from ..chcrt.raysets import Segments, segments_of
 from ..errors import InputError
-from ..query.shadow import ShadowQuery
+from ..query.shadow import ShadowQuery, new_bits
 from ..store.layout import Chunk
 from ..store.resident import resident
 from ..trace.rays.steps import leaf_depths
@@ -48,7 +48,7 @@ def _reached(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
     scheduled, k = paged.accelerated.prepared, len(paged.store)
     met = np.zeros(k, np.bool_)
     for query in queries:
-        bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+        bits = new_bits(query)
         for step in segments_of(scheduled.parts, query):
             how = {"threads": paged.threads, "counters": None, "progress": None}
             rays = Segments(scheduled.parts, scheduled.options, query, bits, *step, **how)

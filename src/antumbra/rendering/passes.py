@@ -41,7 +41,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
     chosen, scheduled = state.ready.chosen, None if state.ready.scheduled is None else state.ready.scheduled.statistics
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
-        scheduled, source.paging(), str(accelerator.ran), None if chosen is None else chosen.choices,
+        scheduled, source.paging(), str(accelerator.ran(state.ready)), None if chosen is None else chosen.choices,
     )  # fmt: skip
 
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from ..image.shade import arriving, shade
 from ..query.picture import Surfaces, surface_queries
-from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery, fraction_lit
+from ..query.shadow import ShadowQuery, fraction_lit, ray_count
 from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
 from ..trace.counters import new_counters
@@ -84,7 +83,7 @@ def ask(state: FrameState, query: ShadowQuery) -> np.ndarray:
 
 def ask_all(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
     """Trace several queries of pictures of the same shape."""
-    state.rays += sum(int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1] for query in queries)
+    state.rays += sum(ray_count(query) for query in queries)
     return TracedLights(
         queries, state.accelerator.answer_all(state.ready, queries, state.tally, state.request.progress)
     )

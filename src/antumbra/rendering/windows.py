@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ..query.shadow import ShadowQuery
+from ..query.shadow import ShadowQuery, with_receivers
 from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
 from .accelerate import Accelerated, Accelerator
 
@@ -28,15 +28,9 @@ def trace_windows(
         y, x = divmod(window, columns)
         part = slice(y * WINDOW, (y + 1) * WINDOW), slice(x * WINDOW, (x + 1) * WINDOW)
         tally = new_counters()
-        bits[part] = alone.answer(accelerated, _part(query, part), tally)
+        bits[part] = alone.answer(accelerated, with_receivers(query, lambda array: array[part]), tally)
         tests[y, x] = tally[[BOX_TESTS, TRIANGLE_TESTS]]
 
     with ThreadPoolExecutor(accelerator.threads) as pool:
         list(pool.map(trace, range(rows * columns)))
     return bits, tests
-
-
-def _part(query: ShadowQuery, part: tuple[slice, slice]) -> ShadowQuery:
-    """The query restricted to a window of its receivers."""
-    fields = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
-    return query._replace(**{name: np.ascontiguousarray(getattr(query, name)[part]) for name in fields})

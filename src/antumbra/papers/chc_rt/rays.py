@@ -20,9 +20,8 @@ from ...plan import parse_plan
 from ...query.diffuse import RayPass, diffuse_passes, diffuse_rays
 from ...query.picture import Surfaces, surface_queries
 from ...query.pixels import pixel_direction
-from ...query.receivers import NOTHING
 from ...query.sampling import light_samples
-from ...query.shadow import ShadowQuery
+from ...query.shadow import ShadowQuery, new_bits, ray_count
 from ...scene.camera import Camera, CameraRays
 from ...scene.lights import AmbientOcclusion
 from ...trace.primary.trace import trace_primary
@@ -73,7 +72,7 @@ class FrameRays(NamedTuple):
         if kind == PRIMARY:
             return self.camera.width * self.camera.height
         query = self.shadows[SOFT if kind == SOFT else AO]
-        return int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
+        return ray_count(query)
 
 
 def asked_of(place: WalkPlace, camera: Camera, surfaces: Surfaces, sampler: str, threads: int) -> FrameRays:
@@ -151,7 +150,7 @@ Method = Culling | Plain
 
 
 def _bits(query: ShadowQuery, trace, threads: int) -> np.ndarray:
-    bits = np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+    bits = new_bits(query)
     trace(query, bits, threads)
     return bits
 

@@ -27,7 +27,7 @@ _FEW = 8  # with fewer samples, tiles do not share a walk
 _FAR = 2.0**40  # up to this coordinate, no product of three differences overflows, and no sum of such products
 
 
-def _extents(query):
+def sample_extents(query):
     """Mean extents of a patch's samples, summed over the axes: (of a stratum, of a chunk)."""
     points = query.samples @ np.stack([query.light.u, query.light.v, query.light.w])
     low, high = points.min(0), points.max(0)  # (n, 3) of each stratum
@@ -40,7 +40,7 @@ def is_incoherent(query) -> bool:
     """Are a stratum's samples far apart: directions of the hemisphere, or scattered points of a list?"""
     if query.light.kind != LIST:
         return query.light.kind == AMBIENT
-    stratum, whole = _extents(query)
+    stratum, whole = sample_extents(query)
     return bool(stratum > _WIDE * whole)
 
 
@@ -58,7 +58,7 @@ def is_huge(query, extents) -> bool:
     if query.light.kind != FIXED:
         return False
     limit = _LARGE if query.samples.shape[1] < _FEW else _HUGE
-    return bool(_extents(query)[1] > limit * extents.sum())
+    return bool(sample_extents(query)[1] > limit * extents.sum())
 
 
 def is_far(query, box) -> bool:
