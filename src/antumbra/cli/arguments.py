@@ -10,6 +10,7 @@ from urllib.parse import parse_qsl
 import numpy as np
 
 from ..errors import InputError
+from ..extras import needed
 
 PROCEDURAL = "procedural:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
@@ -115,10 +116,7 @@ def check_plot(path: Path, option: str = "--plot") -> None:
     from ..output import checked_output
 
     checked_output(path, (".png",))
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise InputError(f"{option} needs matplotlib: pip install 'antumbra[plot]'") from None
+    needed("matplotlib", option, "plot")
 
 
 def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> Sequence:
