@@ -52,6 +52,8 @@ LIGHTS = {
     "ambient nearby": at.AmbientOcclusion(0.5, spp=7),
     "list": at.PointLights(np.random.default_rng(1).uniform((-3, 1, -3), (3, 5, 3), (9, 3))),
     "interleaved list": at.PointLights(np.random.default_rng(1).uniform(-3, 5, (37, 3)), interleave=True),
+    "suns": at.DirectionalLights(np.random.default_rng(2).normal((0.2, -1, 0), 0.3, (21, 3))),
+    "whole sky": at.DirectionalLights(np.random.default_rng(3).normal(size=(40, 3)), interleave=True),
     "light in the floor's plane": at.QuadLight((-1, -3, -1), (2, 0, 0), (0, 0, 2)),
 }
 

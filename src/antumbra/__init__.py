@@ -14,6 +14,8 @@ from .scene import engine
 
 if typing.TYPE_CHECKING:
     from .errors import InputError
+    from .jobs.sensors import Raster, Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .jobs.table import Column, Table
     from .loading import load
     from .plan import Plan
     from .query.gbuffer import GBuffer
@@ -24,6 +26,7 @@ if typing.TYPE_CHECKING:
     from .rendering.srdh_rays import SrdhRays
     from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
+    from .scene.directional_lights import DirectionalLights
     from .scene.generated import procedural
     from .scene.hit import Hit
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
@@ -39,7 +42,9 @@ __all__ = [
     "AmbientOcclusion",
     "BuildReport",
     "Camera",
+    "Column",
     "DirectionalLight",
+    "DirectionalLights",
     "DiskLight",
     "Frame",
     "GBuffer",
@@ -51,16 +56,24 @@ __all__ = [
     "PointLight",
     "PointLights",
     "QuadLight",
+    "Raster",
     "Renderer",
     "Scene",
+    "Sensors",
     "SphereLight",
     "SrdhRays",
+    "Table",
     "Triangles",
     "Visibility",
     "build_store",
+    "face_sensors",
+    "grid_sensors",
     "load",
+    "point_sensors",
     "procedural",
+    "raster_sensors",
     "render",
+    "vertex_sensors",
     "virtual_point_lights",
     "visibility",
 ]
@@ -85,7 +98,18 @@ _HOMES = {
         "QuadLight",
         "SphereLight",
     ],
+    "jobs.sensors": [
+        "Raster",
+        "Sensors",
+        "face_sensors",
+        "grid_sensors",
+        "point_sensors",
+        "raster_sensors",
+        "vertex_sensors",
+    ],
+    "jobs.table": ["Column", "Table"],
     "loading": ["load"],
+    "scene.directional_lights": ["DirectionalLights"],
     "scene.point_lights": ["PointLights"],
     "scene.scene": ["Scene"],
     "scene.triangles": ["Triangles"],

@@ -11,7 +11,7 @@ import numpy as np
 from ..bvh.nodes import boxes_of
 from ..query.shadow import ShadowQuery
 from ..scene.camera import CameraRays
-from ..scene.lights import AMBIENT, LIST
+from ..scene.lights import AMBIENT, is_list
 from ..trace.forest import Forest, Hits, no_hits
 from ..trace.lighttable import STRATA
 from ..trace.multifrusta.trace import trace_forest
@@ -113,7 +113,7 @@ def segments_of(parts: Parts, query: ShadowQuery) -> list[tuple[range, Callable,
     """
     chunks, kind = range(-(-query.samples.shape[1] // STRATA)), query.light.kind
     if is_incoherent(query):
-        trace = over_samples if kind == LIST else over_pixels
+        trace = over_samples if is_list(query.light) else over_pixels
         return [(range(c, c + 1), trace, kind == AMBIENT) for c in chunks]
     wide = is_huge(query, parts.extents) or is_far(query, boxes_of(parts.lines[:1]))
     return [(chunks, over_pixels if wide else trace_forest, kind == AMBIENT)]

@@ -4,19 +4,17 @@ They are not written by `trimesh`: its GLB has no lights (KHR_lights_punctual), 
 files here have lights and linear float colours.
 """
 
-import json
 import math
-import struct
 from pathlib import Path
 
 import numpy as np
 
 from ..image.tonemap import linear_to_srgb
 from ..output import checked_output, replacing
+from ..scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, packed, views_of
 
 SUFFIXES = (".glb", ".obj", ".ply")
 
-_FLOAT, _UNSIGNED_INT, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 5126, 5125, 34962, 34963  # constants of glTF
 _PRIMITIVE = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}
 _LIGHTS = "KHR_lights_punctual"
 
@@ -52,11 +50,9 @@ def write_scene(made, name: str, path) -> list[Path]:
 
 
 def _glb(made, name: str) -> bytes:
-    """A binary glTF 2.0 file: a JSON chunk and a chunk with the arrays."""
+    """A binary glTF 2.0 file."""
     vertices, _, indices = blocks = _coloured_vertices(made)
-    starts = np.cumsum([0, *(block.nbytes for block in blocks)]).tolist()
-    targets = _ARRAY_BUFFER, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER
-    floats = {"componentType": _FLOAT, "type": "VEC3", "count": len(vertices)}
+    floats = {"componentType": FLOAT, "type": "VEC3", "count": len(vertices)}
     root = {
         "asset": {"version": "2.0", "generator": "antumbra"},
         "scene": 0,
@@ -67,21 +63,14 @@ def _glb(made, name: str) -> bytes:
         "accessors": [
             {"bufferView": 0, **floats, "min": vertices.min(0).tolist(), "max": vertices.max(0).tolist()},
             {"bufferView": 1, **floats},
-            {"bufferView": 2, "componentType": _UNSIGNED_INT, "type": "SCALAR", "count": indices.size},
+            {"bufferView": 2, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": indices.size},
         ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": a, "byteLength": z - a, "target": t}
-            for a, z, t in zip(starts, starts[1:], targets)
-        ],
-        "buffers": [{"byteLength": starts[-1]}],
+        **views_of(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER]),
         "cameras": [_lens(made.camera)],
         "extensionsUsed": [_LIGHTS],
         "extensions": {_LIGHTS: {"lights": [_point_light(made.light)]}},
     }
-    text = json.dumps(root, allow_nan=False).encode()
-    chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", b"".join(block.tobytes() for block in blocks))]
-    body = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
+    return packed(root, blocks)
 
 
 def _coloured_vertices(made) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

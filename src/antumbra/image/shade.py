@@ -1,6 +1,6 @@
 """Simple shading: diffuse surfaces, light falloff, visibility from the query, and a little ambient light.
 
-Ambient occlusion scales the ambient light. `image.point_lights` shades lists of point lights.
+Ambient occlusion scales the ambient light. `image.list_irradiance` shades lists of lights.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -16,7 +16,7 @@ from ..kernels.simd import get, ptr, ptr_at, put
 from ..query.receivers import NOTHING
 from .filter import smoothed
 from .irradiance import irradiance
-from .point_lights import list_irradiance
+from .list_irradiance import list_irradiance
 
 AMBIENT = 0.12
 """Ambient irradiance as a share of the mean unoccluded direct irradiance of the visible surfaces."""
@@ -28,7 +28,7 @@ _ONE, _SIDEWAYS = np.float32(1.0), np.float32(0.65)
 def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray:
     """Irradiance of each pixel's surface from a light, as `shade` takes it.
 
-    - `PointLights`: (H, W, 3) float32, shadows included. If ``seen`` (of the same G-buffer) is given, the irradiance
+    - Lists of lights: (H, W, 3) float32, shadows included. If ``seen`` (of the same G-buffer) is given, the irradiance
       from interleaved lists is smoothed.
     - Ambient occlusion: zeros, (H, W) float32.
     - Other lights: (H, W) float32, unoccluded and for intensity 1.

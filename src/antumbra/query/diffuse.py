@@ -12,8 +12,8 @@ from ..checks import whole_number
 from ..errors import InputError
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..scene.light_list import N_SETS
 from ..scene.lights import MAX_SPP
-from ..scene.point_lights import N_SETS
 from .receivers import NOTHING
 from .samples import hemisphere, sample_point
 from .sampling import domain_sets, light_samples

@@ -7,8 +7,8 @@ import numpy as np
 from ..checks import whole_number
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..scene.light_list import N_SETS
 from ..scene.lights import MAX_SPP
-from ..scene.point_lights import N_SETS
 from .receivers import NOTHING
 from .sampling import light_samples
 from .surface import PictureSurfaces, points_of, same_surface

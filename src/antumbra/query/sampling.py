@@ -14,8 +14,8 @@ import numpy as np
 
 from ..checks import whole_number
 from ..errors import InputError
+from ..scene.light_list import N_SETS, LightList
 from ..scene.lights import MAX_SPP, Light
-from ..scene.point_lights import N_SETS, PointLights
 
 
 def hammersley(n: int) -> np.ndarray:
@@ -173,8 +173,8 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
 def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer") -> np.ndarray:
     """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``."""
     sets = domain_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler, light.domain)
-    if isinstance(light, PointLights):  # base + a u + b v + c w is the world position (a, b, c), recentred
-        return np.ascontiguousarray(light.positions[light.sets])
+    if isinstance(light, LightList):  # (a, b, c) is the world position of a near light, and points to a distant one
+        return np.ascontiguousarray(light.points[light.sets])
     return sets
 
 

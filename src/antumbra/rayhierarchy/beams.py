@@ -11,13 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ..query.bounds import bounds
-from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, tangents
-from ..scene.point_lights import N_SETS
+from ..scene.light_list import N_SETS
+from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangents
 
 PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
 """Kinds of `Beam`: ends in a point or ball; ends far away; ends all around each receiver."""
 
 _MORE = 1.0 + 2.0**-18  # exceeds the rounding error of float32 samples and of planes
+_NARROW = 1e-3  # least cosine to the middle of a cone of distant lights; others are all around
 _WIDE = 1e5  # tangent of an angle: for a wider disk, rounding of the samples loses its distance
 
 
@@ -63,7 +64,7 @@ def beams_of(query, each_sample: bool = False, threads: int | None = None) -> li
     if light.kind == SPHERE:
         return [_ball(0, n, -1, light.base, light.radius, low, high)]
     if light.kind == DIRECTIONAL:
-        return [_distant(light, n, low, high)]
+        return [_heavens(query, low, high) if is_list(light) else _distant(light, n, low, high)]
     if light.kind == AMBIENT:
         return [_along(AROUND, n, np.eye(3), light.radius * _MORE, low, high)]
     ends = fixed_points(query)
@@ -119,6 +120,21 @@ def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
         return _along(AROUND, n, np.eye(3), (distance + length) * _MORE, low, high)
     sine = float(np.sin(np.arctan(length / distance * _MORE))) + 2.0**-20
     return _along(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
+
+
+def _heavens(query, low: np.ndarray, high: np.ndarray) -> Beam:
+    """The beam of a list of distant lights: of the cone around their mean direction, if it is narrow."""
+    distance, towards = float(np.linalg.norm(query.light.u)), query.samples.reshape(-1, 3)
+    middle = towards.mean(0)
+    length = float(np.linalg.norm(middle))
+    n = query.samples.shape[1]
+    if length > 0.0:
+        middle /= length
+        cosine = float((towards @ middle).min())
+        if cosine > _NARROW:
+            sine = float(np.linalg.norm(np.cross(towards, middle), axis=1).max()) * _MORE + 2.0**-20
+            return _along(PARALLEL, n, np.stack([*tangents(middle), middle]), min(sine, 1.0), low, high)
+    return _along(AROUND, n, np.eye(3), distance * _MORE, low, high)
 
 
 def _unit(distance: float) -> float:

@@ -15,8 +15,8 @@ from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery, fraction_lit
 from ..scene.any_scene import AnyScene
 from ..scene.hit import Hit
+from ..scene.light_list import LightList
 from ..scene.lights import Light, check_lights
-from ..scene.point_lights import PointLights
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated
 from .memory import points_memory
@@ -115,7 +115,8 @@ def visibility(
     points : (..., 3) float
         World coordinates, in any array type that supports DLPack.
     light : a light
-        Ambient occlusion needs `normals`. With `PointLights` each point tests every light: bit s is light s.
+        Ambient occlusion needs `normals`. With `PointLights` or
+        `DirectionalLights` each point tests every light: bit s is light s.
     normals : (..., 3) float or None
         For points on surfaces: the surface normals towards the tested side, of any length. They are broadcast against
         the points. Each point is moved off its surface by a few units in the last place, and samples below its horizon
@@ -143,7 +144,7 @@ def visibility(
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     (light,) = check_lights([light])
-    if isinstance(light, PointLights) and light.interleave:
+    if isinstance(light, LightList) and light.interleave:
         light = replace(light, interleave=False)  # points form no 4x4 blocks, so each tests all lights
     samples = light_samples(light, spp, sampler)
     if normals is None and light.domain == "hemisphere":

@@ -10,7 +10,7 @@ from ..checks import vector, whole_number
 from ..errors import InputError
 
 FIXED, DIRECTIONAL, SPHERE, LIST, AMBIENT = 0, 1, 2, 3, 4
-"""Kinds of `LightPatch`. The first three are flat: the samples' heights c are 0."""
+"""Kinds of `LightPatch`. The first three are flat, but for lists of distant lights: samples' heights c are 0."""
 
 MAX_INTENSITY = 1e30  # float32 holds it times a colour, over the square of a distance
 
@@ -37,14 +37,14 @@ class LightPatch(NamedTuple):
     - A distant light's patch moves along with the receiver.
     - A sphere's patch is the disk in which the receiver's tangent cone touches the sphere.
     - Ambient light's patch is the hemisphere around the receiver's normal.
-    - A list of lights is a patch whose samples are the lights.
+    - A list of lights is a patch whose samples are the lights. A list of distant lights moves along, too.
     """
 
     kind: int  # FIXED, DIRECTIONAL, SPHERE, LIST or AMBIENT
     base: np.ndarray  # (3,) corner or centre; DIRECTIONAL: from the receiver to the patch's centre
     u: np.ndarray  # (3,) edge or radius
     v: np.ndarray  # (3,) edge or radius
-    w: np.ndarray  # (3,) FLAT, unless the kind is LIST or AMBIENT
+    w: np.ndarray  # (3,) FLAT, unless the kind is AMBIENT or `is_list`
     radius: float  # of a SPHERE, or of an AMBIENT hemisphere
 
 
@@ -241,11 +241,8 @@ class DirectionalLight(Light):
     def patch(self, origin, reach):
         u, v = tangents(self.direction)
         radius = reach * np.tan(np.radians(self.angular_diameter) / 2.0)
-        if not np.hypot(reach, radius) < _FARTHEST:
-            raise InputError(
-                f"DirectionalLight would be {np.hypot(reach, radius):.1e} away, which float32 does not hold; make the "
-                f"scene or angular_diameter ({self.angular_diameter!r}) smaller"
-            )
+        cure = f"make the scene or angular_diameter ({self.angular_diameter!r}) smaller"
+        check_distance(np.hypot(reach, radius), "DirectionalLight", cure)
         return LightPatch(DIRECTIONAL, -self.direction * reach, u * radius, v * radius, FLAT, 0.0)
 
 
@@ -284,6 +281,17 @@ class AmbientOcclusion(Light):
     def patch(self, origin, reach):
         radius = reach if self.radius is None else min(float(self.radius), reach)
         return LightPatch(AMBIENT, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), radius)
+
+
+def check_distance(distance: float, name: str, cure: str) -> None:
+    """Raise InputError unless float32 holds coordinates this far away."""
+    if not distance < _FARTHEST:
+        raise InputError(f"{name} would be {distance:.1e} away, which float32 does not hold; {cure}")
+
+
+def is_list(patch: LightPatch) -> bool:
+    """Are the samples of a patch the lights of a list, near or distant?"""
+    return patch.kind == LIST or (patch.kind == DIRECTIONAL and bool(patch.w.any()))
 
 
 def tangents(n) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..scene import lights as lights_module
 from ..scene.camera import Camera
+from ..scene.directional_lights import DirectionalLights
 from ..scene.lights import Light
 from ..scene.point_lights import PointLights
 
@@ -59,7 +60,8 @@ def _light_fields(light: Light) -> dict:
 
 def _light(values: dict) -> Light:
     name, values["colour"] = values.pop("type"), tuple(values["colour"])
-    light = PointLights(**values) if name == PointLights.__name__ else getattr(lights_module, name)(**values)
+    kinds = {kind.__name__: kind for kind in (PointLights, DirectionalLights)}
+    light = (kinds.get(name) or getattr(lights_module, name))(**values)
     for key, value in values.items():  # overwrite: normalising a direction again could change its last bit
         object.__setattr__(light, key, np.array(value) if isinstance(getattr(light, key), np.ndarray) else value)
     return light

@@ -12,7 +12,7 @@ from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import new_ticket, run, take, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, prefetch, ptr, ptr_at, put, stack_f32, stack_i32, stack_i64
-from ...scene.lights import LIST
+from ...scene.lights import is_list
 from ..beams import make_beams
 from ..blocktest import fetch
 from ..counters import N_COUNTERS, TILE_GROUP_TILES, add_counters, cleared, count, new_counters
@@ -290,7 +290,7 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     counters : from `new_counters`, or None
     """
     if is_incoherent(query) or is_huge(query, extents_of(tree)) or is_far(query, boxes_of(tree.nodes[:1])):
-        by_packets = over_samples if query.light.kind == LIST else over_pixels
+        by_packets = over_samples if is_list(query.light) else over_pixels
         by_packets(tree, query, bits, threads, counters, progress)
         return
     trace_forest(whole(tree), query, bits, threads, counters, progress)

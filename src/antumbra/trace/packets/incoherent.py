@@ -14,7 +14,7 @@ from ...bvh.nodes import boxes_of
 from ...kernels.jit import kernel
 from ...kernels.simd import get, lowest_bit
 from ...kernels.vec import broadcasts, minus
-from ...scene.lights import AMBIENT, FIXED, LIST
+from ...scene.lights import AMBIENT, FIXED, is_list
 from ..blocktest import Block, blocks_ray
 from ..counters import TRIANGLES, count
 from ..lighttable import STRATA
@@ -38,7 +38,7 @@ def sample_extents(query):
 
 def is_incoherent(query) -> bool:
     """Are a stratum's samples far apart: directions of the hemisphere, or scattered points of a list?"""
-    if query.light.kind != LIST:
+    if not is_list(query.light):
         return query.light.kind == AMBIENT
     stratum, whole = sample_extents(query)
     return bool(stratum > _WIDE * whole)

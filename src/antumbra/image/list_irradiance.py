@@ -1,10 +1,11 @@
-"""Shading by lists of point lights. Each sample is a light of its own, so shading needs every single bit."""
+"""Shading by lists of lights. Each sample is a light of its own, so shading needs every single bit."""
 
 import numpy as np
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..query.receivers import NOTHING
+from ..scene.point_lights import PointLights
 
 
 @kernel
@@ -25,7 +26,7 @@ def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
 
 
 @kernel
-def _rows(ticket, gbuffer, points, normals, candela, least, bits, out):
+def _rows(ticket, gbuffer, points, distant, normals, candela, least, bits, out):
     facing = len(normals) > 0
     mx = my = mz = 0.0
     y0 = take(ticket)
@@ -35,7 +36,9 @@ def _rows(ticket, gbuffer, points, normals, candela, least, bits, out):
                 red = green = blue = 0.0
                 k = (x & 3) + 4 * (y & 3)
                 if gbuffer.side[y, x] != NOTHING:
-                    px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
+                    px = py = pz = np.float32(0.0)
+                    if not distant:
+                        px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
                     nx, ny, nz = gbuffer.normal[y, x, 0], gbuffer.normal[y, x, 1], gbuffer.normal[y, x, 2]
                     for s in range(points.shape[1]):
                         if bits[y, x, s >> 6] >> np.uint64(s & 63) & np.uint64(1):
@@ -52,12 +55,17 @@ def _rows(ticket, gbuffer, points, normals, candela, least, bits, out):
 
 
 def list_irradiance(gbuffer, lights, samples, bits, threads=None) -> np.ndarray:
-    """(H, W, 3) float32: irradiance of each pixel's surface from `PointLights`, shadows included; 0 without a surface.
+    """(H, W, 3) float32: irradiance of each pixel's surface from a list of lights, shadows included; else 0.
+
+    Distant lights are unit vectors: `_falloff` at the origin gives their cosine.
 
     samples : (16, n, 3) float64 from `light_samples`; bits : (H, W, ceil(n / 64)) uint64, the answer of their query
     """
     out = np.empty((*gbuffer.face.shape, 3), np.float32)
-    normals = np.empty((0, 0, 3)) if lights.normals is None else np.ascontiguousarray(lights.normals[lights.sets])
-    args = gbuffer, samples - gbuffer.origin, normals, lights.weights(), lights.nearest**2, bits, out
+    near = isinstance(lights, PointLights)
+    normals, least = (lights.normals, lights.nearest**2) if near else (None, 0.0)
+    normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
+    points = samples - gbuffer.origin if near else samples
+    args = gbuffer, points, not near, normals, lights.weights(), least, bits, out
     run(_rows, thread_count(threads), new_ticket(len(out), 4), *args)
     return out

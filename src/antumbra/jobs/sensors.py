@@ -1,0 +1,283 @@
+"""Sensors: the points at which a job asks, with normals and areas."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..checks import number, points
+from ..errors import InputError
+from ..rendering.queries import surfaces_hit
+from ..scene.any_scene import AnyScene
+
+_MOST = 200_000_000  # sensors: more is taken for a mistake in the spacing
+
+
+class Raster(NamedTuple):
+    """A horizontal raster of square cells. Row 0 is the farthest north, as in pictures and GIS files."""
+
+    west: float  # world coordinate of the left edge, along X
+    north: float  # distance of the upper edge towards north: along Y if Z is up, else along -Z
+    spacing: float  # side of a cell, world units
+    columns: int
+    rows: int
+
+
+@dataclass(frozen=True, eq=False)
+class Sensors:
+    """Points at which a job asks.
+
+    points : (n, 3) float64, world
+    normals : (n, 3) float64 or None
+        Unit vectors to the tested side. None: points in free space.
+    areas : (n,) float64 or None
+        Square world units for which each sensor stands. None: points without area.
+    faces : (n,) int64 or None
+        The face of the scene on which each sensor lies, -1: none. None: on no faces.
+    kind : str
+        "face", "vertex", "grid", "raster" or "points".
+    raster : Raster or None
+        Of the kind "raster": sensor ``row * columns + column`` is in the middle of this cell.
+    corners : (faces, 3) int64 or None
+        Of the kind "vertex": the sensor at each corner of each face, -1 for faces without area.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray | None
+    areas: np.ndarray | None
+    faces: np.ndarray | None
+    kind: str
+    raster: Raster | None = None
+    corners: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __repr__(self) -> str:
+        return f"Sensors({len(self)} of kind {self.kind!r})"
+
+    def part(self, first: int, last: int) -> "Sensors":
+        """The sensors from `first` to `last`, excluded, as single points."""
+        cut = lambda array: None if array is None else array[first:last]
+        return Sensors(self.points[first:last], cut(self.normals), cut(self.areas), cut(self.faces), "points")
+
+
+def corners_of(scene: AnyScene, time: float = 0.0) -> np.ndarray:
+    """(n, 3, 3) float64: the corners of all faces, world. A scene in a store raises InputError."""
+    found = scene.triangles(time)
+    return found.vertices.astype(np.float64) + found.origin
+
+
+def _areas(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normals, NaN for faces without area, and areas."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(across, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return across / length[:, None], length / 2.0
+
+
+def face_sensors(scene: AnyScene, time: float = 0.0) -> Sensors:
+    """One sensor in the centre of each face that has an area, on the side from which its corners turn left."""
+    corners = corners_of(scene, time)
+    normals, areas = _areas(corners)
+    faces = np.flatnonzero(areas > 0.0)
+    return Sensors(corners[faces].mean(1), normals[faces], areas[faces], faces, "face")
+
+
+def vertex_sensors(scene: AnyScene, time: float = 0.0) -> Sensors:
+    """One sensor at each place where corners of faces lie, with their mean normal, weighted by angles.
+
+    Normals that cancel out (both sides of a sheet) are replaced by the normal of one of the faces. A sensor's area is a
+    third of its faces' areas.
+    """
+    corners = corners_of(scene, time)
+    normals, areas = _areas(corners)
+    sound = np.flatnonzero(areas > 0.0)
+    places, index = np.unique(corners[sound].reshape(-1, 3), axis=0, return_inverse=True)
+    index = index.reshape(-1, 3)
+    sums, shares = np.zeros_like(places), np.zeros(len(places))
+    angles = _angles(corners[sound])
+    for k in range(3):
+        np.add.at(sums, index[:, k], normals[sound] * angles[:, k, None])
+        np.add.at(shares, index[:, k], areas[sound] / 3.0)
+    length = np.linalg.norm(sums, axis=1)
+    opposed = length < 1e-6
+    one_face = np.zeros(len(places), np.int64)
+    one_face[index.ravel()] = np.repeat(sound, 3)
+    sums[opposed], length[opposed] = normals[one_face[opposed]], 1.0
+    every = np.full((len(corners), 3), -1, np.int64)
+    every[sound] = index
+    return Sensors(places, sums / length[:, None], shares, one_face, "vertex", corners=every)
+
+
+def _angles(corners: np.ndarray) -> np.ndarray:
+    """(n, 3) float64: the angles at the corners of faces, radians."""
+    after, before = np.roll(corners, -1, 1) - corners, np.roll(corners, 1, 1) - corners
+    cosines = (after * before).sum(-1) / (np.linalg.norm(after, axis=-1) * np.linalg.norm(before, axis=-1))
+    return np.arccos(np.clip(cosines, -1.0, 1.0))
+
+
+def grid_sensors(scene: AnyScene, spacing: float, time: float = 0.0) -> Sensors:
+    """A square grid of sensors on every surface; a face that no point of the grid meets gets one in its centre.
+
+    Faces in a plane share one grid, whose rows are horizontal. The sensors of a face share its area.
+
+    spacing : float
+        World units between neighbours.
+    """
+    spacing = number(spacing, "the spacing of sensors", 0.0, np.inf)
+    corners = corners_of(scene, time) - scene.origin  # far from zero, planes' axes would need more than float64
+    normals, areas = _areas(corners)
+    sound = np.flatnonzero(areas > 0.0)
+    corners, normals, areas = corners[sound], normals[sound], areas[sound]
+    _check_count(areas.sum() / spacing**2 + len(sound), spacing)
+    across, along = _plane_axes(normals, "xyz".index(scene.up))
+    flat = np.stack([(corners * axis[:, None]).sum(-1) for axis in (across, along)], -1) / spacing
+    face, places = _lattice(flat)
+    empty = np.setdiff1d(np.arange(len(sound)), face)
+    face, places = np.concatenate([face, empty]), np.concatenate([places, flat[empty].mean(1)])
+    order = np.argsort(face, kind="stable")
+    face, places = face[order], places[order]
+    height = (corners[:, 0] * normals).sum(-1)
+    at = spacing * (places[:, :1] * across[face] + places[:, 1:] * along[face]) + height[face, None] * normals[face]
+    share = areas / np.bincount(face, minlength=len(sound))
+    return Sensors(at + scene.origin, normals[face], share[face], sound[face], "grid")
+
+
+def _plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors in the planes with these normals: a horizontal one, and one at right angles to it."""
+    north = np.eye(3)[(up + 2) % 3 if up == 2 else 0]
+    across = np.cross(np.eye(3)[up], normals)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    level = length[:, 0] < 1e-3  # planes that are horizontal, or nearly: a common direction for all of them
+    across[level] = np.cross(north, normals[level])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return across, np.cross(normals, across)
+
+
+def _lattice(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The points (i + 1/2, j + 1/2) in triangles: (m,) indices of the triangles, (m, 2) points.
+
+    flat : (n, 3, 2) float64, corners in the plane
+    """
+    low, high = np.ceil(flat.min(1) - 0.5), np.floor(flat.max(1) - 0.5)
+    counts = np.maximum(high - low + 1.0, 0.0).astype(np.int64)
+    faces, found = [], []
+    total = np.cumsum(counts.prod(1))
+    for first, last in _blocks(total, 1 << 22):
+        n = counts[first:last].prod(1)
+        face = np.repeat(np.arange(first, last), n)
+        k = np.arange(len(face)) - np.repeat(np.cumsum(n) - n, n)
+        columns = counts[face, 0]
+        at = low[face] + np.stack([k % columns, k // columns], -1) + 0.5
+        inside = _inside(flat[face], at)
+        faces.append(face[inside])
+        found.append(at[inside])
+    return np.concatenate([np.empty(0, np.int64), *faces]), np.concatenate([np.empty((0, 2)), *found])
+
+
+def _blocks(total: np.ndarray, most: int):
+    """Ranges (first, last) of items with about `most` points; `total`: running number of points."""
+    first = 0
+    while first < len(total):
+        before = total[first - 1] if first else 0
+        last = max(int(np.searchsorted(total, before + most)), first + 1)
+        yield first, last
+        first = last
+
+
+def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Do points lie in triangles? Of two triangles on both sides of an edge, one has the points on it."""
+    sides = []
+    for k in range(3):
+        a, b = triangles[:, k], triangles[:, (k + 1) % 3]
+        edge = b - a
+        side = edge[:, 0] * (at[:, 1] - a[:, 1]) - edge[:, 1] * (at[:, 0] - a[:, 0])
+        first = (edge[:, 1] > 0.0) | ((edge[:, 1] == 0.0) & (edge[:, 0] < 0.0))
+        sides.append((side > 0.0) | ((side == 0.0) & first))
+    return sides[0] & sides[1] & sides[2]
+
+
+def raster_sensors(
+    scene: AnyScene, spacing: float, height: float = 0.0, *, follow: bool = True, bounds: ArrayLike | None = None,
+    time: float = 0.0, threads: int | None = None,
+) -> Sensors:  # fmt: skip
+    """A horizontal raster of sensors that look up, in the middle of its cells.
+
+    spacing : float
+        Side of a cell, world units.
+    height : float
+        World units; above the highest surface of each cell's middle if `follow`, else a coordinate on the up axis.
+        Where there is no surface, `follow` takes the scene's lowest coordinate.
+    bounds : ((x0, n0), (x1, n1)), optional
+        World units along X and towards north (Y if Z is up, else -Z). None: the scene's bounds.
+    """
+    spacing = number(spacing, "the spacing of sensors", 0.0, np.inf)
+    height = number(height, "the height of sensors", -np.inf, np.inf)
+    up = "xyz".index(scene.up)
+    to_north = np.array([0.0, 1.0, 0.0] if up == 2 else [0.0, 0.0, -1.0])
+    if bounds is None:
+        level = np.stack([scene.bounds[:, 0], scene.bounds @ to_north], 1)
+        low, high = level.min(0), level.max(0)
+    else:
+        low, high = points(np.c_[np.asarray(bounds, np.float64), np.zeros(2)], "bounds of the raster")[:, :2]
+    if not (low < high).all():
+        raise InputError(f"the raster is from {low.tolist()} to {high.tolist()}; it must have a width and a height")
+    columns, rows = (int(np.ceil(n)) for n in np.maximum((high - low) / spacing, 1e-9))
+    _check_count(float(columns) * rows, spacing)
+    raster = Raster(float(low[0]), float(low[1] + rows * spacing), spacing, columns, rows)
+    x = raster.west + (np.arange(columns) + 0.5) * spacing
+    north = raster.north - (np.arange(rows) + 0.5) * spacing
+    at = np.zeros((rows, columns, 3))
+    at[..., 0] = x
+    at += north[:, None, None] * to_north
+    at = at.reshape(-1, 3)
+    faces = np.full(len(at), -1, np.int64)
+    if follow:
+        at[:, up], faces = _tops(scene, at, up, time, threads)
+        at[:, up] += height
+    else:
+        at[:, up] = height
+    upwards = np.broadcast_to(np.eye(3)[up], at.shape)
+    return Sensors(at, upwards, np.full(len(at), spacing**2), faces, "raster", raster)
+
+
+def _tops(scene: AnyScene, at: np.ndarray, up: int, time: float, threads: int | None):
+    """The highest surface at places: (n,) coordinates on the up axis, and (n,) faces, -1 where there is none."""
+    lowest, highest = scene.bounds[:, up]
+    begin, down = at.copy(), np.zeros(3)
+    reach = max(highest - lowest, 1.0)
+    begin[:, up], down[up] = highest + reach, -1.0
+    distance, triangles, index = surfaces_hit(scene, begin, down, time, threads)
+    met = index >= 0
+    tops = np.where(met, highest + reach - np.where(met, distance, 0.0), lowest)
+    faces = np.where(met, triangles.face_id[np.maximum(index, 0)], -1) if len(triangles.face_id) else index
+    return tops, faces.astype(np.int64)
+
+
+def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayLike | None = None) -> Sensors:
+    """Sensors at given points.
+
+    at : (n, 3) float, world
+    normals : (n, 3) float, any length, optional
+        None: the points lie in free space.
+    areas : (n,) float, optional
+    """
+    where = points(at, "points of sensors")
+    if normals is not None:
+        directions = points(normals, "normals of sensors")
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
+        if directions.shape != where.shape or not (length > 0.0).all():
+            raise InputError("normals of sensors must be one for each point, and none of them zero")
+        normals = directions / length
+    if areas is not None:
+        areas = np.asarray(areas, np.float64)
+        if areas.shape != where.shape[:1] or not (np.isfinite(areas) & (areas >= 0.0)).all():
+            raise InputError("areas of sensors must be one for each point, finite and not negative")
+    return Sensors(where, normals, areas, None, "points")
+
+
+def _check_count(count: float, spacing: float) -> None:
+    if not count <= _MOST:
+        raise InputError(f"a spacing of {spacing:g} needs {count:.2g} sensors, more than {_MOST:.0e}; make it wider")

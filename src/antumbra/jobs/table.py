@@ -1,0 +1,90 @@
+"""Results that know what they are: columns of numbers, one row for each sensor, with units and a place on the earth."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..scene.any_scene import AnyScene
+from .formats import writer_of
+from .sensors import Sensors
+
+
+class Column(NamedTuple):
+    """Numbers, one for each sensor."""
+
+    values: np.ndarray  # (n,) float, int or datetime64
+    unit: str  # such as "h" or "kWh/m2"; empty: a pure number
+    about: str  # one line
+
+
+@dataclass(eq=False)
+class Table:
+    """The results of a job, one row for each sensor.
+
+    sensors : Sensors
+    columns : dict of str to Column
+        The first one is what pictures show.
+    about : dict
+        Facts of the whole job, as JSON can hold them: "job", "crs", "timezone", settings.
+    scene : Scene or None
+        What the sensors belong to; pictures need it.
+    """
+
+    sensors: Sensors
+    columns: dict[str, Column]
+    about: dict[str, Any] = field(default_factory=dict)
+    scene: AnyScene | None = None
+
+    def __len__(self) -> int:
+        return len(self.sensors)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The values of a column. InputError names the columns if there is none of this name."""
+        if name not in self.columns:
+            raise InputError(f"there is no column {name!r}; there are {', '.join(self.columns)}")
+        return self.columns[name].values
+
+    def __repr__(self) -> str:
+        return f"Table({len(self)} rows: {', '.join(self.columns)})"
+
+    def save(self, path, column: str | None = None) -> None:
+        """Write the table, in the format that the suffix names.
+
+        .csv, .json, .npz and .parquet hold all columns; .parquet is GeoParquet if the CRS is known. .png is a picture
+        in false colours with a legend, .glb the model in these colours, .tif a GeoTIFF of a raster. .parquet and .tif
+        need ``antumbra[gis]``.
+
+        Parameters
+        ----------
+        path : str or path-like
+        column : str, optional
+            The column of a picture or model. None: the first one.
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown, the format cannot hold this table, or the path cannot be written.
+        """
+        writer_of(path, self.sensors.kind)(self, Path(path), self.shown(column))
+
+    def shown(self, column: str | None) -> str:
+        """The name of the column that a picture shows. InputError if it is unknown or has no numbers."""
+        name = next(iter(self.columns)) if column is None else column
+        if self[name].dtype.kind not in "fiub":
+            raise InputError(f"column {name!r} holds times, and a picture shows numbers; name another column")
+        return name
+
+    def rows(self) -> dict[str, np.ndarray]:
+        """Name -> (n,) values of the sensors' own columns (x, y, z, nx, ny, nz, area, face), then of the results."""
+        sensors = self.sensors
+        found = dict(zip("xyz", sensors.points.T))
+        if sensors.normals is not None:
+            found |= dict(zip(("nx", "ny", "nz"), sensors.normals.T))
+        if sensors.areas is not None:
+            found["area"] = sensors.areas
+        if sensors.faces is not None:
+            found["face"] = sensors.faces
+        return found | {name: column.values for name, column in self.columns.items()}

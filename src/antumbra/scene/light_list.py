@@ -1,0 +1,86 @@
+"""The common base of lists of lights: many lights as one light, whose samples are the lights of the list."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import InputError
+from .lights import MAX_SPP, Light
+
+N_SETS = 16  # sample sets of a query, one for each pixel of a 4x4 block
+
+
+@dataclass(frozen=True, eq=False)
+class LightList(Light):
+    """The base class of lists of lights. A subclass has the fields `intensities` and `colours`, one for each light.
+
+    interleave : bool
+        Whether the lights are dealt to the 16 sample sets, and each receiver samples one set only.
+    """
+
+    interleave: bool = field(default=False, kw_only=True)
+    domain = "list"
+
+    @property
+    def points(self) -> np.ndarray:
+        """(k, 3) float64: the samples (a, b, c) of all lights."""
+        raise NotImplementedError
+
+    def samples(self, spp):
+        k = len(self.points)
+        return -(-k // N_SETS) if self.interleave else k
+
+    @property
+    def sets(self) -> np.ndarray:
+        """(16, n) int: the light of each sample of each set. Without `interleave`, each set has all k lights."""
+        k = len(self.points)
+        if not self.interleave:
+            return np.broadcast_to(np.arange(k), (N_SETS, k))
+        order = np.argsort(_z_order(self.points), kind="stable")
+        dealt = np.arange(N_SETS * self.samples(0)) % k
+        return order[dealt].reshape(-1, N_SETS).T  # neighbours in space go to different sets
+
+    def weights(self) -> np.ndarray:
+        """(16, n, 3) float64: the weight of each sample of each set: its intensity in red, green and blue."""
+        shown = self.intensity * self.intensities[:, None] * self.colours * np.asarray(self.colour)
+        times = np.bincount(self.sets.ravel(), minlength=len(shown))
+        return (N_SETS / times[:, None] * shown)[self.sets]
+
+    def _check_list(self) -> None:
+        name, k = type(self).__name__, len(self.points)
+        most = MAX_SPP * (N_SETS if self.interleave else 1)
+        if not 1 <= k <= most:
+            cure = "drop some" if self.interleave or k < 1 or k > MAX_SPP * N_SETS else "set interleave=True"
+            cure = "give at least one" if k < 1 else cure
+            raise InputError(f"{name} has {k} lights; a receiver asks at most {most} of them: {cure}")
+        object.__setattr__(self, "intensities", rows(self.intensities, k, 1, f"{name} intensities")[:, 0])
+        object.__setattr__(self, "colours", rows(self.colours, k, 3, f"{name} colours"))
+        if (self.intensities < 0).any():
+            raise InputError(f"{name} intensities must not be negative")
+        self._check()
+
+
+def _z_order(positions: np.ndarray) -> np.ndarray:
+    """(k,) int64: the position of each point on a space-filling curve through their bounding box."""
+    lower, extent = positions.min(0), np.ptp(positions, axis=0).max()
+    cells = ((positions - lower) * (1023.0 / extent if extent > 0.0 else 0.0)).astype(np.int64)
+    bits = np.arange(10)
+    spread = (cells[:, :, None] >> bits & 1) << (3 * bits + np.arange(3)[:, None])
+    return spread.sum((1, 2))
+
+
+def rows(value, k, width, what) -> np.ndarray:
+    """`value` as (k, width) float64. One value for all lights is repeated. k None allows any number of rows."""
+    try:
+        array = np.asarray(value, np.float64)
+        if width == 1:
+            array = array[..., None]
+        if k is not None:
+            array = np.broadcast_to(array, (k, width))
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.ndim != 2 or array.shape[1] != width or not np.isfinite(array).all():
+        shape = "(k, 3)" if width == 3 else "(k,)"
+        lights = "" if k is None else f" for {k} lights"
+        raise InputError(f"{what} must be finite numbers of shape {shape}{lights}, not {np.shape(value)}")
+    return np.ascontiguousarray(array)
