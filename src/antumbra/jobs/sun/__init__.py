@@ -1,0 +1,7 @@
+"""Sun hours: which sensors see the sun, and when.
+
+- place: position, and the direction of true north in the scene
+- times: intervals of days, with time zones; weather: intervals and radiation of EPW files, and of a clear sky
+- positions: the sun of each interval
+- rules: daylight rules about hours of sun
+"""

@@ -1,0 +1,167 @@
+"""Where on Earth a scene lies, and how it is turned."""
+
+from typing import NamedTuple
+
+from ...errors import InputError
+from ...extras import needed
+
+_DEGENERATE = 89.999  # degrees: nearer to a pole, there is no direction of north
+_MARGIN = 1.0  # degrees around the area of use of a CRS
+
+
+class Place(NamedTuple):
+    """A position on Earth, and the orientation of the scene there.
+
+    The scene's own north axis is +Y if +Z is up, and -Z if +Y is up. Its east axis is +X in both.
+    """
+
+    latitude: float  # degrees, WGS 84
+    longitude: float  # degrees, WGS 84, from -180 to 180
+    elevation: float = 0.0  # metres above the sea
+    north: float = 0.0  # degrees: direction of true north, clockwise from the scene's own north axis
+    timezone: str | None = None  # IANA name, or a fixed offset such as "+01:00"; None: the whole hour of the longitude
+
+
+def place_of(
+    scene, *, crs=None, latitude=None, longitude=None, north=None, elevation=None, timezone=None
+) -> Place | None:
+    """The place of a scene.
+
+    A position that is given replaces the one of a coordinate reference system (CRS). Grid north and true north then
+    count as one, unless `north` is given.
+
+    Parameters
+    ----------
+    scene : Scene or PagedScene
+        Its bounds, its up axis, and the CRS of its file are used.
+    crs : str, optional
+        Such as "EPSG:7415"; it replaces the CRS of the file.
+    latitude, longitude : float, optional
+        Degrees, WGS 84; both or none.
+    north : float, optional
+        Degrees: direction of true north, clockwise from the scene's own north axis.
+    elevation : float, optional
+        Metres above the sea.
+    timezone : str, optional
+        IANA name, or a fixed offset such as "+01:00".
+
+    Returns
+    -------
+    Place or None
+        None if neither arguments nor the scene tell the position.
+
+    Raises
+    ------
+    InputError
+        If only one of latitude and longitude is given, a number is out of range, or `place_of_crs` refuses the CRS.
+    """
+    if (latitude is None) != (longitude is None):
+        raise InputError("a position needs a latitude and a longitude; give both")
+    city = getattr(scene, "city", None)
+    crs = crs or (None if city is None else city.crs)
+    if latitude is not None:
+        place = Place(latitude, longitude)
+    elif crs is not None:
+        place = place_of_crs(crs, scene.bounds, scene.up)
+    else:
+        return None
+    given = {"north": north, "elevation": elevation, "timezone": timezone}
+    return checked_place(place._replace(**{name: value for name, value in given.items() if value is not None}))
+
+
+def checked_place(place: Place) -> Place:
+    """`place` as floats, with its longitude from -180 to 180. Raises InputError if a number is out of range."""
+    limits = {"latitude": 90.0, "longitude": 360.0, "elevation": 9000.0, "north": 360.0}
+    values = {}
+    for name, limit in limits.items():
+        try:
+            value = float(getattr(place, name))
+        except (TypeError, ValueError):
+            value = float("nan")
+        if not -limit <= value <= limit:
+            raise InputError(f"{name} is {getattr(place, name)!r}; it must be a number from {-limit:g} to {limit:g}")
+        values[name] = value
+    values["longitude"] = (values["longitude"] + 180.0) % 360.0 - 180.0
+    return place._replace(**values)
+
+
+def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -> Place:
+    """The place of a scene in the coordinates of a projected coordinate reference system (CRS).
+
+    Coordinates are easting and northing along the scene's own east and north axes, whatever order the CRS gives them.
+    Feet are allowed if heights are in feet, too: directions depend on no unit.
+
+    Parameters
+    ----------
+    crs : str
+        Anything that pyproj accepts, such as "EPSG:7415". Of a compound CRS, the projected part is used.
+    bounds : (2, 3) float, world
+        The position is that of its middle, the elevation that of its lower end.
+    up : "y" or "z"
+    timezone : str, optional
+        Becomes the place's.
+
+    Raises
+    ------
+    InputError
+        If pyproj is missing, the CRS is unknown, it is not projected, its axes do not point east and north, its heights
+        have another unit than its plan, or the scene lies outside its area of use.
+
+    Notes
+    -----
+    True north and grid north differ by the meridian convergence, which pyproj computes at the position.
+    """
+    pyproj = needed("pyproj", "the position of a CRS", "sun")
+    projected, metres = _projected(pyproj, crs)
+    x, y, height = _middle(bounds, up)
+    project = pyproj.Proj(projected)
+    own = project(x, y, inverse=True)  # in the CRS's own datum
+    to_wgs84 = pyproj.Transformer.from_crs(projected.geodetic_crs, "EPSG:4326", always_xy=True)
+    longitude, latitude = to_wgs84.transform(*own)
+    _check_area(projected, crs, (x, y), (longitude, latitude))
+    convergence = project.get_factors(*own).meridian_convergence
+    return checked_place(Place(latitude, longitude, height * metres, convergence, timezone))
+
+
+def _projected(pyproj, text: str):
+    """(the projected CRS, metres in one unit of height)."""
+    try:
+        crs = pyproj.CRS.from_user_input(text)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"crs {text!r} is unknown; write an EPSG code such as EPSG:7415") from None
+    parts = crs.sub_crs_list if crs.is_compound else [crs]
+    plan = parts[0].source_crs if parts[0].is_bound else parts[0]
+    cure = "reproject the scene to a projected CRS, such as the UTM zone of the place"
+    if not plan.is_projected:
+        raise InputError(f"crs {text} has no plan in metres (it is a {plan.type_name}); {cure}")
+    if [axis.direction for axis in plan.axis_info[:2]] not in (["east", "north"], ["north", "east"]):
+        raise InputError(f"crs {text} has axes that do not point east and north; {cure}")
+    units = {axis.unit_conversion_factor for part in [plan, *parts[1:]] for axis in part.axis_info}
+    if max(units) - min(units) > 1e-4 * max(units):  # the survey foot and the international foot are one here
+        raise InputError(f"crs {text} has other units for heights than for the plan; {cure}")
+    return plan, max(units)
+
+
+def _middle(bounds, up: str) -> tuple[float, float, float]:
+    """(easting, northing, height of the lower end) of bounds, in units of the scene."""
+    (x0, y0, z0), (x1, y1, z1) = ((float(c) for c in corner) for corner in bounds)
+    if up == "z":
+        return (x0 + x1) / 2.0, (y0 + y1) / 2.0, z0
+    return (x0 + x1) / 2.0, -(z0 + z1) / 2.0, y0
+
+
+def _check_area(projected, text: str, middle: tuple[float, float], found: tuple[float, float]) -> None:
+    """Raise InputError if a position (longitude, latitude) is outside the area in which the CRS is used."""
+    longitude, latitude = found
+    area = projected.area_of_use
+    inside = abs(latitude) <= _DEGENERATE
+    if inside and area is not None:
+        inside = area.south - _MARGIN <= latitude <= area.north + _MARGIN
+        span = (area.east - area.west) % 360.0 or 360.0  # an area may cross the antimeridian
+        inside &= (longitude - area.west + _MARGIN) % 360.0 <= span + 2.0 * _MARGIN
+    if not inside:
+        place = "" if area is None else f" ({area.name[:60]})"
+        raise InputError(
+            f"crs {text}: the middle of the scene, {middle[0]:.6g}, {middle[1]:.6g}, is outside its area{place}; "
+            "if coordinates were shifted, give latitude, longitude and north instead"
+        )

@@ -1,0 +1,155 @@
+"""Intervals of time: days in a time zone, cut in steps."""
+
+import re
+from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
+from typing import NamedTuple
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from ...errors import InputError
+from .place import Place
+
+FORMS = "2026-06-21, 2026-03-21:2026-09-21, 2026-01-21:2026-12-21:7 (every 7th day), year:2026, or several with commas"
+"""The forms of days in text."""
+
+_OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
+_MOST_MINUTES = 24 * 60
+_DAYS_AT_MOST = 366 * 100
+
+
+class Times(NamedTuple):
+    """Intervals of time, in ascending order; each is known by its middle."""
+
+    middle: np.ndarray  # (n,) datetime64[s], UTC
+    local: np.ndarray  # (n,) datetime64[s], the same on the wall clock
+    hours: np.ndarray  # (n,) float64, length of the interval
+
+
+def times_of(days, zone: tzinfo, step: float = 60) -> Times:
+    """The days, each cut in intervals from midnight to midnight on the wall clock.
+
+    A day on which clocks change has 23 or 25 hours. If the step does not divide a day, its last interval is shorter.
+
+    Parameters
+    ----------
+    days : iterable of datetime.date
+    zone : tzinfo
+        As from `zone_of`.
+    step : float
+        Minutes, at least 1 second and at most a day.
+
+    Raises
+    ------
+    InputError
+        If there are no days, or the step is out of range.
+    """
+    days = sorted(set(days))
+    if not days:
+        raise InputError(f"there are no days; write {FORMS}")
+    if not 1.0 / 60.0 <= step <= _MOST_MINUTES:
+        raise InputError(f"the step is {step!r}; it must be a number of minutes from 1 to {_MOST_MINUTES}")
+    seconds = round(60.0 * step)
+    starts, ends = [], []
+    for day in days:
+        first, last = _midnight(day, zone), _midnight(day + timedelta(days=1), zone)
+        start = np.arange(first, last, seconds)
+        starts.append(start)
+        ends.append(np.minimum(start + seconds, last))
+    return intervals(np.concatenate(starts), np.concatenate(ends), zone)
+
+
+def intervals(starts: np.ndarray, ends: np.ndarray, zone: tzinfo) -> Times:
+    """`Times` of intervals, given in seconds since 1970 in UTC ((n,) int64)."""
+    middle = starts + (ends - starts) // 2
+    offsets = [datetime.fromtimestamp(second, zone).utcoffset() for second in middle.tolist()]
+    local = middle + np.array([int(offset.total_seconds()) for offset in offsets], np.int64)  # type: ignore[union-attr]
+    return Times(middle.astype("datetime64[s]"), local.astype("datetime64[s]"), (ends - starts) / 3600.0)
+
+
+def parse_days(text: str) -> list[date]:
+    """The days that a text names, in ascending order, each once.
+
+    ``2026-06-21``; ``FIRST:LAST`` or ``FIRST:LAST:STEP`` with LAST included and a step in days; ``year:2026``; or
+    several of these with commas between them.
+
+    Raises
+    ------
+    InputError
+        If the text has another form, a day does not exist, or LAST is before FIRST.
+    """
+    days: set[date] = set()
+    for part in text.split(","):
+        days.update(_range(part.strip()))
+    return sorted(days)
+
+
+def zone_of(place: Place) -> tzinfo:
+    """The time zone of a place: its own, or the whole hour of its longitude, without daylight saving.
+
+    Raises
+    ------
+    InputError
+        If the zone is unknown.
+    """
+    if place.timezone is None:
+        return timezone(timedelta(hours=round(place.longitude / 15.0)))
+    return parse_zone(place.timezone)
+
+
+def parse_zone(text: str) -> tzinfo:
+    """A time zone from an IANA name (Europe/Amsterdam), UTC, or a fixed offset (+01:00).
+
+    Raises
+    ------
+    InputError
+        If the zone is unknown.
+    """
+    match = _OFFSET.fullmatch(text.strip())
+    if match:
+        minutes = 60 * int(match[2]) + int(match[3] or 0)
+        if minutes <= 14 * 60 and int(match[3] or 0) < 60:
+            return timezone((-1 if match[1] == "-" else 1) * timedelta(minutes=minutes))
+    else:
+        try:
+            return UTC if text.strip() == "UTC" else ZoneInfo(text.strip())
+        except (OSError, ValueError, KeyError):  # ZoneInfoNotFoundError is a KeyError
+            pass
+    raise InputError(f"time zone {text[:60]!r} is unknown; write a name such as Europe/Amsterdam, or +01:00")
+
+
+def _midnight(day: date, zone: tzinfo) -> int:
+    """Seconds since 1970 in UTC of the begin of a day on the wall clock."""
+    return int(datetime.combine(day, time(), zone).timestamp())
+
+
+def _range(text: str) -> list[date]:
+    first, _, rest = text.partition(":")
+    if first == "year":
+        start = _day(f"{rest}-01-01", text)
+        return _days(start, start.replace(month=12, day=31), 1)
+    start = _day(first, text)
+    if not rest:
+        return [start]
+    last, _, step = rest.partition(":")
+    end = _day(last, text)
+    if end < start or not (step.isdecimal() and int(step) if ":" in rest else True):
+        raise InputError(f"days {text[:60]!r}: FIRST must be before LAST, and the step at least one day")
+    return _days(start, end, int(step or 1))
+
+
+def _days(first: date, last: date, step: int) -> list[date]:
+    count = (last - first).days // step + 1
+    if count > _DAYS_AT_MOST:
+        raise InputError(f"days {first}:{last} are {count} days; take at most 100 years")
+    return [first + timedelta(days=step * k) for k in range(count)]
+
+
+def _day(text: str, whole: str) -> date:
+    try:
+        if re.fullmatch(r"\d{4}-\d{2}-\d{2}", text):
+            return date.fromisoformat(text)
+        reason = "write " + FORMS
+    except ValueError as error:
+        reason = f"{error}; choose a day that exists"
+    raise InputError(f"days {whole[:60]!r}: {text[:30]!r} is no day; {reason}")

@@ -1,0 +1,27 @@
+"""The contents of a CityJSON file beside its triangles: objects, and semantic surfaces of faces."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Surface(NamedTuple):
+    """A semantic surface, such as a roof. A polygon without semantics is a surface of its own."""
+
+    object: int  # index into `CityModel.objects`
+    type: str | None  # such as "RoofSurface"; None: the polygon has no semantics
+    geometry: int  # index into the object's "geometry"
+    semantic: int | None  # index into the geometry's "semantics.surfaces"; None: the polygon has no semantics
+    path: tuple[int, ...]  # indices into "boundaries" that lead to the first polygon of the surface
+
+
+class CityModel(NamedTuple):
+    """Which object and surface each face of a scene belongs to."""
+
+    crs: str | None  # such as "EPSG:7415"; None: the file names none, or one without an EPSG code
+    objects: list[str]  # ids of the objects with faces, in the order of `Scene.meshes`
+    object_of_face: np.ndarray  # (n,) int32, index into `objects`
+    surface_of_face: np.ndarray  # (n,) int32, index into `surfaces`
+    surfaces: list[Surface]
+    types: list[str]  # type of each object, such as "BuildingPart"
+    lods: list[str]  # all levels of detail of surfaces in the file, in ascending order
