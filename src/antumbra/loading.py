@@ -18,26 +18,33 @@ if TYPE_CHECKING:
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 MESH_SUFFIXES = (".obj", ".ply", ".stl")
+CITY_SUFFIXES = (".json", ".jsonl")
 
 
-def load(path, *, up: str = "y") -> "Scene | PagedScene":
+def load(path, *, up: str | None = None, lod: str | None = None) -> "Scene | PagedScene":
     """Read a scene.
 
     Parameters
     ----------
     path : str or path-like
-        One of three kinds. A .glb, .gltf, .obj, .ply or .stl file; files that it names are read from its folder only.
+        One of four kinds. A .glb, .gltf, .obj, .ply or .stl file; files that it names are read from its folder only.
+        A CityJSON file, .json or .city.json, or a CityJSONSeq file, .jsonl or .city.jsonl; it needs antumbra[gis].
         A folder with `frames.npy` ((n, v, 3) float, the vertices at n moments) and `faces.npy` ((f, 3) int);
         `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds) are optional.
         Or a store, .antumbra, made by `antumbra build`.
-    up : "y" or "z"
-        The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. A store has its own axis.
+    up : "y" or "z", optional
+        The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON, "y"
+        for others. A store has its own axis.
+    lod : str, optional
+        Level of detail of CityJSON, such as "2.2". None: the highest of each object. An object whose parts have a
+        higher one, such as a Building of BuildingParts, is left to these parts.
 
     Returns
     -------
     Scene or PagedScene
         For a store a `PagedScene`, whose triangles stay on disk. Base colours come from vertex colours, material
-        colours and the mean colours of textures.
+        colours and the mean colours of textures. CityJSON is coloured by the types of its surfaces and objects, and
+        `Scene.city` names them.
 
     Raises
     ------
@@ -49,14 +56,15 @@ def load(path, *, up: str = "y") -> "Scene | PagedScene":
     UserWarning
         Once for each entry of `Scene.notes`, such as a missing texture or a light that is only partly supported.
     """
-    checked_up(up)
+    if up is not None:
+        checked_up(up)
     try:
         path = Path(os.fspath(path))
     except TypeError:
         raise InputError(f"scene path is {path!r}; it must be a string or a path") from None
     try:
         with np.errstate(all="ignore"):
-            scene = _read(path, up)
+            scene = _read(path, up, lod)
     except InputError:
         raise
     except MemoryError as error:
@@ -69,20 +77,23 @@ def load(path, *, up: str = "y") -> "Scene | PagedScene":
     return scene
 
 
-def _read(path: Path, up: str) -> "Scene | PagedScene":
+def _read(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":
     # Readers are imported on demand: importing trimesh alone takes longer than loading most scenes.
-    name = path.name or str(path)
+    name, suffix = path.name or str(path), path.suffix.lower()
+    if suffix in CITY_SUFFIXES and not path.is_dir():
+        return _read_city(path, name, up, lod)
+    if lod is not None:
+        raise InputError(f"{name}: lod is for CityJSON files; leave it out")
     if path.is_dir():
         from .scene.frames import read_frames
 
         return _scene(*read_frames(path), path.resolve().name, up)
-    suffix = path.suffix.lower()
     if suffix == STORE_SUFFIX:
         from .store.scene import load_store
 
         return load_store(path)
     if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
-        known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, STORE_SUFFIX))
+        known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, *CITY_SUFFIXES, STORE_SUFFIX))
         checked_file(path, name)
         shown = f"format {suffix!r}" if suffix else "format, no suffix"
         raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")
@@ -96,5 +107,15 @@ def _read(path: Path, up: str) -> "Scene | PagedScene":
     return _scene(*read_mesh_file(path), path.stem, up)
 
 
-def _scene(source: Source, notes: list[str], name: str, up: str) -> Scene:
-    return Scene(source, name=name, up=up, notes=tuple(notes))
+def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Scene:
+    from .scene.cityjson import read_cityjson
+
+    checked_file(path, name)
+    found = read_cityjson(path, lod)
+    return Scene(
+        found.source, name=path.stem.removesuffix(".city"), up=up or "z", notes=tuple(found.notes), city=found.city
+    )
+
+
+def _scene(source: Source, notes: list[str], name: str, up: str | None) -> Scene:
+    return Scene(source, name=name, up=up or "y", notes=tuple(notes))

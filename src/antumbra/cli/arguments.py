@@ -47,7 +47,7 @@ class SceneSpec(NamedTuple):
         if self.path is None:
             return "antumbra"
         folder = self.path.is_dir()
-        return (self.path.resolve().name if folder else self.path.stem) or "antumbra"
+        return (self.path.resolve().name if folder else self.path.stem.removesuffix(".city")) or "antumbra"
 
 
 class CameraSpec(NamedTuple):

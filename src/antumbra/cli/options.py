@@ -31,7 +31,7 @@ class CullFaces(StrEnum):
 
 
 UpOption = Annotated[
-    Up | None, typer.Option(help="Which axis of the file points up.  [default: y]", show_default=False)
+    Up | None, typer.Option(help="Which axis of the file points up.  [default: y; z for CityJSON]", show_default=False)
 ]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, and nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
@@ -68,7 +68,9 @@ MaxMemoryOption = Annotated[
     ),
 ]
 
-SCENE_HELP = "A .glb, .gltf, .obj, .ply or .stl file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N."
+SCENE_HELP = (
+    "A .glb, .gltf, .obj, .ply, .stl or CityJSON file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N."
+)
 
 
 def takes(arguments: type) -> Callable:

@@ -7,6 +7,7 @@ import numpy as np
 from ..errors import InputError
 from . import engine, framing
 from .camera import Camera
+from .cityjson.model import CityModel
 from .hit import Hit
 from .lights import Light
 from .mesh import MeshInfo
@@ -23,6 +24,7 @@ class AnyScene(ABC):
     meshes: list[MeshInfo]
     bounds: np.ndarray  # (2, 3) float64, world
     origin: np.ndarray  # (3,) float64, world
+    city: CityModel | None = None  # of a CityJSON file
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
 

@@ -5,6 +5,7 @@ import numpy as np
 from ..errors import InputError
 from .any_scene import AnyScene
 from .camera import Camera
+from .cityjson.model import CityModel
 from .mesh import make_mesh
 from .recentre import frame_origin
 from .source import Source, StaticMeshes
@@ -43,9 +44,20 @@ class Scene(AnyScene):
         Features of the file that the loader omitted or approximated.
     source : Source
         Supplies the triangles, cameras and lights.
+    city : CityModel or None
+        Of a CityJSON file: the object and the semantic surface of each face.
     """
 
-    def __init__(self, source: Source, *, name: str = "scene", up: str = "y", notes: tuple[str, ...] = ()):
+    def __init__(
+        self,
+        source: Source,
+        *,
+        name: str = "scene",
+        up: str = "y",
+        notes: tuple[str, ...] = (),
+        city: CityModel | None = None,
+    ):
+        self.city = city
         self.name, self.up, self.notes = name, checked_up(up), tuple(notes)
         self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
         self.bounds, self.colours = _survey(source)

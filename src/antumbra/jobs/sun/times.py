@@ -13,6 +13,9 @@ from .place import Place
 FORMS = "2026-06-21, 2026-03-21:2026-09-21, 2026-01-21:2026-12-21:7 (every 7th day), year:2026, or several with commas"
 """The forms of days in text."""
 
+YEARS = 1900, 2199
+"""The first and last year of days in text."""
+
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
 _MOST_MINUTES = 24 * 60
 _DAYS_AT_MOST = 366 * 100
@@ -118,6 +121,13 @@ def parse_zone(text: str) -> tzinfo:
     raise InputError(f"time zone {text[:60]!r} is unknown; write a name such as Europe/Amsterdam, or +01:00")
 
 
+def month_days(local: np.ndarray) -> np.ndarray:
+    """100 * month + day, (n,) int64, of (n,) datetime64."""
+    months = local.astype("datetime64[M]")
+    days = (local.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
+    return 100 * (months.astype(np.int64) % 12 + 1) + days
+
+
 def _midnight(day: date, zone: tzinfo) -> int:
     """Seconds since 1970 in UTC of the begin of a day on the wall clock."""
     return int(datetime.combine(day, time(), zone).timestamp())
@@ -146,10 +156,13 @@ def _days(first: date, last: date, step: int) -> list[date]:
 
 
 def _day(text: str, whole: str) -> date:
-    try:
-        if re.fullmatch(r"\d{4}-\d{2}-\d{2}", text):
-            return date.fromisoformat(text)
-        reason = "write " + FORMS
-    except ValueError as error:
-        reason = f"{error}; choose a day that exists"
+    reason = "write " + FORMS
+    if re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text):
+        try:
+            day = date.fromisoformat(text)
+            if YEARS[0] <= day.year <= YEARS[1]:
+                return day
+            reason = f"choose a year from {YEARS[0]} to {YEARS[1]}"
+        except ValueError as error:
+            reason = f"{error}; choose a day that exists"
     raise InputError(f"days {whole[:60]!r}: {text[:30]!r} is no day; {reason}")

@@ -88,6 +88,13 @@ class Fields:
             raise self.bad(key, "a list of objects")
         return [Fields(v, f"{self.place(key)}[{i}]{_name(v)}") for i, v in enumerate(value)]
 
+    def raw(self, key: str, kind: type, wanted: str):
+        """A value of type `kind` as JSON has it; an empty one if the field is missing."""
+        value = self._value(key, kind(), wanted)
+        if not isinstance(value, kind):
+            raise self.bad(key, wanted)
+        return value
+
     def mapping(self, key: str, count: int) -> dict[str, int]:
         """An object of whole numbers below `count`, as {name: number}."""
         fields = self.object(key)

@@ -1,0 +1,137 @@
+"""Daylight rules about hours of sun. Only rules whose text is certain are here.
+
+Each rule is linear: a sun counts for a criterion with a weight, and a sensor's score is the sum over the suns that it
+sees. So `weights_of` gives a matrix, and ``seen @ weights.T`` gives the scores that `passed` compares.
+"""
+
+from collections.abc import Callable
+from datetime import date, timedelta
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from .positions import Suns
+from .times import month_days
+
+BRIGHT = 120.0
+"""W/m2: sunshine is bright if direct normal irradiance is above this (World Meteorological Organization)."""
+
+_ROUNDING = 1e-9  # so that a sum of twelfths of an hour reaches a whole number
+
+
+class Criterion(NamedTuple):
+    """One threshold of a rule."""
+
+    name: str
+    least: float  # hours; or, if `share`, the part of the hours of all suns of the rule
+    share: bool = False
+    period: tuple[int, int] = (101, 1231)  # first and last day, 100 * month + day; it may cross the new year
+
+
+class Rule(NamedTuple):
+    """A daylight rule."""
+
+    name: str
+    citation: str
+    text: str  # the rule, in our words
+    notes: str  # its approximations, and what it leaves to the user
+    days: Callable[[int], list[date]]  # of a year
+    step: int  # minutes
+    criteria: tuple[Criterion, ...]  # a sensor passes if it meets all
+    area: float | None = None  # part of the sensors' area that has to pass; None: each sensor by itself
+
+
+def weights_of(rule: Rule, suns: Suns) -> np.ndarray:
+    """What each sun adds to each criterion if a sensor sees it: (criteria, k) float64.
+
+    If the suns have direct radiation, probable hours count only while it is above `BRIGHT`.
+
+    Raises
+    ------
+    InputError
+        If no sun is there to count.
+    """
+    hours = suns.hours if suns.dni is None else suns.hours * (suns.dni > BRIGHT)
+    days, rows = month_days(suns.local), []
+    for criterion in rule.criteria:
+        counted = hours if criterion.share else suns.hours
+        first, last = criterion.period
+        inside = (days >= first) & (days <= last)
+        if first > last:
+            inside = (days >= first) | (days <= last)
+        total = counted.sum() if criterion.share else 1.0
+        if not total > 0.0:
+            raise InputError(f"rule {rule.name}: no sun is above the horizon on its days; check the place and the days")
+        rows.append(counted * inside / total)
+    return np.array(rows, np.float64)
+
+
+def passed(rule: Rule, scores: np.ndarray) -> np.ndarray:
+    """Whether each sensor meets all criteria: (n,) bool, for scores (n, criteria)."""
+    return (scores >= np.array([c.least for c in rule.criteria]) - _ROUNDING).all(axis=1)
+
+
+def rule_named(name: str) -> Rule:
+    """A rule of `RULES`. Raises InputError with all names if there is none."""
+    if name not in RULES:
+        raise InputError(f"rule {name!r} is unknown; use one of {', '.join(RULES)}")
+    return RULES[name]
+
+
+def _whole_year(year: int) -> list[date]:
+    first = date(year, 1, 1)
+    return [first + timedelta(days=k) for k in range((date(year + 1, 1, 1) - first).days)]
+
+
+def _equinox(year: int) -> list[date]:
+    return [date(year, 3, 21)]
+
+
+_BR_209 = "P. Littlefair, Site layout planning for daylight and sunlight: a guide to good practice, BR 209, BRE"
+_EN_17037 = "EN 17037:2018+A1:2021, Daylight in buildings, exposure to sunlight"
+_EN_NOTES = (
+    "The standard lets the day be any from 1 February to 21 March; 21 March is the preset. It counts the clear sky, one "
+    "habitable room of a dwelling, a point of the opening at least 1.2 m above the floor, and suns above a lowest "
+    "altitude that depends on the country: give sensors and lowest altitude to match."
+)
+
+
+def _en_17037(level: str, hours: float) -> Rule:
+    text = f"At least {hours:g} hours of possible sun on a day from 1 February to 21 March."
+    days, criteria = _equinox, (Criterion("hours", hours),)
+    return Rule(f"en17037-{level}", f"{_EN_17037}, level {level}", text, _EN_NOTES, days, 5, criteria)
+
+
+RULES: dict[str, Rule] = {
+    rule.name: rule
+    for rule in (
+        Rule(
+            "br209-windows",
+            _BR_209,
+            "A window gets at least 25 % of annual probable sunlight hours, and at least 5 % of them between "
+            "21 September and 21 March.",
+            "Probable sunlight hours are the long-term average of hours of bright sun on unobstructed ground. With an "
+            f"EPW file, hours with direct normal irradiance above {BRIGHT:g} W/m2 count: one typical year stands for the "
+            "long-term average. Without one, every hour of sun above the horizon counts alike: cloudy winters then "
+            "weigh too much.",
+            _whole_year,
+            60,
+            (Criterion("annual", 0.25, True), Criterion("winter", 0.05, True, (921, 321))),
+        ),
+        Rule(
+            "br209-amenity",
+            _BR_209,
+            "At least half of a garden or amenity area gets at least two hours of sun on 21 March.",
+            "Sun hours are those of a clear sky.",
+            _equinox,
+            5,
+            (Criterion("hours", 2.0),),
+            0.5,
+        ),
+        _en_17037("minimum", 1.5),
+        _en_17037("medium", 3.0),
+        _en_17037("high", 4.0),
+    )
+}
+"""Name -> rule."""

@@ -1,0 +1,82 @@
+"""From a CityJSON file to triangles that know their object and surface."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..mesh import Mesh, MeshInfo, make_mesh
+from ..source import StaticMeshes
+from .colours import colours_of
+from .document import open_document
+from .geometry import triangulate
+from .lods import chosen_geometries
+from .model import CityModel, Surface
+from .semantics import Polygons, polygons_of
+
+
+class CityMeshes(StaticMeshes):
+    """All objects in one mesh, with a summary of each object."""
+
+    def __init__(self, mesh: Mesh, file: str, meshes: list[MeshInfo]):
+        super().__init__([mesh], file)
+        self.mesh, self.meshes = mesh, meshes
+
+
+class CityFile(NamedTuple):
+    """What `read_cityjson` finds."""
+
+    source: CityMeshes
+    notes: list[str]
+    city: CityModel
+
+
+def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
+    """Read a .json or .jsonl file. Faces are in the order of the file.
+
+    lod : level of detail, such as "2.2"; None: the highest of each object
+
+    Raises
+    ------
+    InputError
+        If the file is no CityJSON, it is damaged, or it has no such level of detail.
+    """
+    document = open_document(path)
+    chosen, lods = chosen_geometries(document, lod)
+    polygons = polygons_of(document, chosen)
+    cut = triangulate(polygons.vertices, polygons.rings)
+    faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
+    surface = polygons.surface[cut.polygon]
+    kept, surface, owner = _used(polygons, surface)
+    types = [polygons.types[k] for k in kept.objects]
+    colours = colours_of([s.type for s in kept.surfaces], [types[s.object] for s in kept.surfaces])
+    mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
+    objects = [polygons.objects[k] for k in kept.objects]
+    counts = np.bincount(owner, minlength=len(objects)).tolist()
+    source = CityMeshes(mesh, document.file, [MeshInfo(name, n, 1) for name, n in zip(objects, counts)])
+    city = CityModel(document.crs, objects, owner, surface, kept.surfaces, types, lods)
+    return CityFile(source, document.notes + _notes(document.file, cut), city)
+
+
+class _Kept(NamedTuple):
+    objects: list[int]  # those with faces, as numbers of `Polygons.objects`
+    surfaces: list[Surface]  # those with faces
+
+
+def _used(polygons: Polygons, surface: np.ndarray) -> tuple[_Kept, np.ndarray, np.ndarray]:
+    """Drop surfaces and objects without faces: (the others, surface of each face, object of each face)."""
+    surfaces, surface = np.unique(surface, return_inverse=True)
+    owners = np.array([polygons.surfaces[k].object for k in surfaces.tolist()], np.int64)
+    objects, owner = np.unique(owners, return_inverse=True)
+    pairs = zip(surfaces.tolist(), owner.tolist())
+    kept = _Kept(objects.tolist(), [polygons.surfaces[k]._replace(object=new) for k, new in pairs])
+    return kept, surface.astype(np.int32), owner[surface].astype(np.int32)
+
+
+def _notes(file: str, cut) -> list[str]:
+    notes = []
+    if cut.flat:
+        notes.append(f"{file}: {cut.flat} polygons without area are left out")
+    if cut.crossed:
+        notes.append(f"{file}: {cut.crossed} polygons have rings that cross; their triangles cover another area")
+    return notes

@@ -1,0 +1,169 @@
+"""Boundaries of geometries as one list of polygons, each with its semantic surface."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from .document import Document
+from .geometry import Rings
+from .lods import DEPTHS, Chosen
+from .model import Surface
+
+
+class Polygons(NamedTuple):
+    """All polygons of the chosen geometries."""
+
+    vertices: np.ndarray  # (v, 3) float64, world
+    rings: Rings
+    surface: np.ndarray  # (p,) int32, index into `surfaces`
+    mirrored: np.ndarray  # (p,) bool: an instance's matrix turns the polygon inside out
+    surfaces: list[Surface]
+    objects: list[str]  # ids
+    types: list[str]
+
+
+def walk(boundaries, values, depth: int, path: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], Any, Any]]:
+    """(path, rings, semantic index or None) of each polygon in nested lists."""
+    for i, inner in enumerate(boundaries):
+        value = values[i] if isinstance(values, list) and i < len(values) else None
+        if depth:
+            yield from walk(inner, value, depth - 1, (*path, i))
+        else:
+            yield (*path, i), inner, value
+
+
+def polygons_of(document: Document, chosen: list[Chosen]) -> Polygons:
+    """The polygons of geometries, in their order."""
+    collector = _Collector(document)
+    for choice in chosen:
+        collector.add(choice)
+    return collector.polygons()
+
+
+class _Collector:
+    """Lists that grow by one geometry after the other."""
+
+    def __init__(self, document: Document):
+        self._document = document
+        starts = np.cumsum([0] + [len(part.vertices) for part in document.parts])
+        self._start = {part.where: int(start) for part, start in zip(document.parts, starts)}
+        self._blocks = [part.vertices for part in document.parts]
+        self._n_vertices = int(starts[-1])
+        self._rings: list[list[int]] = []
+        self._rings_in: list[int] = []  # number of rings of each polygon
+        self._base: list[int] = []  # of each polygon: number of its vertex 0
+        self._limit: list[int] = []  # of each polygon: number of its vertices
+        self._surface: list[int] = []
+        self._mirrored: list[bool] = []
+        self._objects: dict[tuple[str, str], int] = {}
+        self._types: list[str] = []
+        self._surfaces: list[Surface] = []
+        self._spans: dict[int, tuple[int, int]] = {}  # id of a template -> range of its vertices
+
+    def add(self, choice: Chosen) -> None:
+        where = f'{choice.part.where} CityObjects "{choice.object[:60]}" geometry[{choice.index}]'
+        if choice.instance is None:
+            base, limit, mirrored = self._start[choice.part.where], len(choice.part.vertices), False
+        else:
+            base, limit, mirrored = self._place(choice, where)
+        n_polygons = len(self._rings_in)
+        try:
+            self._add_polygons(choice)
+        except (TypeError, ValueError):
+            raise InputError(f"{where}.boundaries are not nested as its type demands; export the file again") from None
+        added = len(self._rings_in) - n_polygons
+        self._base += [base] * added
+        self._limit += [limit] * added
+        self._mirrored += [mirrored] * added
+
+    def _add_polygons(self, choice: Chosen) -> None:
+        semantics = choice.geometry.get("semantics")
+        known = semantics.get("surfaces") if isinstance(semantics, dict) else None
+        known = known if isinstance(known, list) else []
+        values = semantics.get("values") if isinstance(semantics, dict) else None
+        owner, surface_of = self._object(choice), {}
+        for path, rings, value in walk(choice.geometry.get("boundaries") or [], values, DEPTHS[choice.geometry["type"]]):
+            if not isinstance(value, int) or not 0 <= value < len(known):
+                value = None
+            if value is None or value not in surface_of:
+                kind = known[value].get("type") if value is not None and isinstance(known[value], dict) else None
+                surface_of[value] = len(self._surfaces)
+                self._surfaces.append(Surface(owner, kind, choice.index, value, path))
+            self._rings_in.append(len(rings))
+            self._rings += rings
+            self._surface.append(surface_of[value])
+
+    def _object(self, choice: Chosen) -> int:
+        key = choice.part.where, choice.object
+        if key not in self._objects:
+            self._objects[key] = len(self._objects)
+            self._types.append(str(choice.part.objects[choice.object].get("type", "")))
+        return self._objects[key]
+
+    def _place(self, choice: Chosen, where: str) -> tuple[int, int, bool]:
+        """Add the vertices of the templates, moved to an instance: (number of the first one, how many, mirrored)."""
+        instance = choice.instance or {}
+        anchor, vertices = instance.get("boundaries"), choice.part.vertices
+        matrix = np.array(_numbers(instance.get("transformationMatrix"), 16, f"{where}.transformationMatrix")).reshape(4, 4)
+        if not isinstance(anchor, list) or len(anchor) != 1 or not isinstance(anchor[0], int):
+            raise InputError(f"{where}.boundaries must be the number of one vertex; export the file again")
+        if not 0 <= anchor[0] < len(vertices):
+            raise InputError(f"{where} uses vertex {anchor[0]}, but there are {len(vertices)}; export the file again")
+        first, last = self._template_span(choice.geometry)
+        corners = self._document.template_vertices[first:last]
+        placed = corners @ matrix[:3, :3].T + matrix[:3, 3] + vertices[anchor[0]]
+        self._blocks.append(placed)
+        base, self._n_vertices = self._n_vertices - first, self._n_vertices + len(placed)
+        return base, first + len(placed), bool(np.linalg.det(matrix[:3, :3]) < 0.0)
+
+    def _template_span(self, template: dict) -> tuple[int, int]:
+        """The range of template vertices that a template uses, so that an instance copies no others."""
+        key = id(template)
+        if key not in self._spans:
+            used = [0]
+            with suppress(TypeError, ValueError):  # reported when its polygons are added
+                rings = (rings for _, rings, _ in walk(template.get("boundaries") or [], None, DEPTHS[template["type"]]))
+                used = list(chain.from_iterable(chain.from_iterable(rings))) or used
+                self._spans[key] = max(0, min(used)), max(used) + 1
+        return self._spans.get(key, (0, 0))
+
+    def polygons(self) -> Polygons:
+        document = self._document
+        rings_in = np.array(self._rings_in, np.int64)
+        try:
+            sizes = np.array([len(ring) for ring in self._rings], np.int64)
+            corners = np.array(list(chain.from_iterable(self._rings)) or np.empty(0, np.int64))
+        except (TypeError, ValueError):
+            corners = np.empty(0)
+        if corners.dtype.kind not in "iu":
+            raise InputError(f"{document.file}: some boundaries hold no whole numbers; export the file again")
+        polygon_of_corner = np.repeat(np.repeat(np.arange(len(rings_in)), rings_in), sizes)
+        base, limit = np.array(self._base, np.int64), np.array(self._limit, np.int64)
+        bad = np.flatnonzero((corners < 0) | (corners >= limit[polygon_of_corner]))
+        objects = [name for _, name in self._objects]
+        if len(bad):
+            k = polygon_of_corner[bad[0]]
+            name = objects[self._surfaces[self._surface[k]].object]
+            raise InputError(
+                f'{document.file}: CityObjects "{name[:60]}" uses vertex {corners[bad[0]]}, '
+                f"but there are {limit[k]} vertices; export the file again"
+            )
+        return Polygons(
+            np.concatenate(self._blocks),
+            Rings(corners + base[polygon_of_corner], sizes, rings_in),
+            np.array(self._surface, np.int32),
+            np.array(self._mirrored, bool),
+            self._surfaces,
+            objects,
+            self._types,
+        )
+
+
+def _numbers(values, count: int, where: str) -> list[float]:
+    if not isinstance(values, list) or len(values) != count or not all(isinstance(v, (int, float)) for v in values):
+        raise InputError(f"{where} must be a list of {count} numbers; export the file again")
+    return values
