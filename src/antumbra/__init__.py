@@ -15,6 +15,9 @@ from .scene import engine
 if typing.TYPE_CHECKING:
     from .errors import InputError
     from .jobs.sensors import Raster, Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .jobs.sun.place import Place, place_of
+    from .jobs.sun.positions import Suns, suns_of
+    from .jobs.sun.times import times_of
     from .jobs.table import Column, Table
     from .loading import load
     from .plan import Plan
@@ -26,6 +29,8 @@ if typing.TYPE_CHECKING:
     from .rendering.srdh_rays import SrdhRays
     from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
+    from .scene.cityjson.model import CityModel
+    from .scene.cityjson.write import write_attributes
     from .scene.directional_lights import DirectionalLights
     from .scene.generated import procedural
     from .scene.hit import Hit
@@ -42,6 +47,7 @@ __all__ = [
     "AmbientOcclusion",
     "BuildReport",
     "Camera",
+    "CityModel",
     "Column",
     "DirectionalLight",
     "DirectionalLights",
@@ -52,6 +58,7 @@ __all__ = [
     "InputError",
     "Light",
     "PagedScene",
+    "Place",
     "Plan",
     "PointLight",
     "PointLights",
@@ -62,6 +69,7 @@ __all__ = [
     "Sensors",
     "SphereLight",
     "SrdhRays",
+    "Suns",
     "Table",
     "Triangles",
     "Visibility",
@@ -69,13 +77,17 @@ __all__ = [
     "face_sensors",
     "grid_sensors",
     "load",
+    "place_of",
     "point_sensors",
     "procedural",
     "raster_sensors",
     "render",
+    "suns_of",
+    "times_of",
     "vertex_sensors",
     "virtual_point_lights",
     "visibility",
+    "write_attributes",
 ]
 
 # Names are imported on first use: `antumbra --help` must start faster than Numba can be imported.
@@ -87,6 +99,11 @@ _HOMES = {
     "rendering.frame": ["Frame"],
     "rendering.renderer": ["Renderer", "render"],
     "scene.camera": ["Camera"],
+    "scene.cityjson.model": ["CityModel"],
+    "scene.cityjson.write": ["write_attributes"],
+    "jobs.sun.place": ["Place", "place_of"],
+    "jobs.sun.positions": ["Suns", "suns_of"],
+    "jobs.sun.times": ["times_of"],
     "scene.generated": ["procedural"],
     "scene.hit": ["Hit"],
     "scene.lights": [

@@ -108,7 +108,7 @@ def _read(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":
 
 
 def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Scene:
-    from .scene.cityjson import read_cityjson
+    from .scene.cityjson.read import read_cityjson
 
     checked_file(path, name)
     found = read_cityjson(path, lod)

@@ -1,5 +1,6 @@
 """``antumbra info``: shows the contents of a scene."""
 
+from collections import Counter
 from collections.abc import Iterator
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
@@ -100,9 +101,15 @@ def _answer(source: str, scene, seconds: float) -> dict:
         "cameras": [report.camera_fields(c) for c in scene.cameras],
         "lights": [report.light_fields(light) for light in scene.lights],
         "notes": list(scene.notes),
+        "city": None if scene.city is None else _city_answer(scene.city),
         "triangle_bytes": scene.n_triangles * TRIANGLE_BYTES,
         "load": seconds,
     }
+
+
+def _city_answer(city) -> dict:
+    surfaces = Counter(surface.type or "none" for surface in city.surfaces)
+    return {"crs": city.crs, "lods": city.lods, "objects": Counter(city.types), "surfaces": surfaces}
 
 
 def _fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
@@ -115,6 +122,9 @@ def _fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
     yield "bounds", f"{report.vector(lower)} to {report.vector(upper)}"
     yield "size", f"{report.vector(upper - lower)}, +{scene.up.upper()} is up"
     yield "origin", report.vector(scene.origin)
+    if scene.city is not None:
+        crs, levels = scene.city.crs or "no reference system", ", ".join(scene.city.lods) or "not named"
+        yield "city", f"{len(scene.city.objects):,} objects, {crs}, levels of detail {levels}"
     yield "animation", f"{scene.duration:g} seconds" if scene.animated else "none"
     for i, camera in enumerate(scene.cameras):
         place = f"{report.vector(camera.position)} to {report.vector(camera.target)}"

@@ -69,7 +69,8 @@ MaxMemoryOption = Annotated[
 ]
 
 SCENE_HELP = (
-    "A .glb, .gltf, .obj, .ply, .stl or CityJSON file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N."
+    "A .glb, .gltf, .obj, .ply, .stl or CityJSON file, a folder of vertex frames, "
+    "or procedural:NAME?triangles=N&seed=N."
 )
 
 

@@ -13,9 +13,7 @@ if TYPE_CHECKING:
 _MOST_NOTES = 5
 
 
-def open_scene(
-    spec: SceneSpec, up: str | None = None, quiet: bool = False, lod: str | None = None
-) -> "AnyScene":
+def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, lod: str | None = None) -> "AnyScene":
     """The scene that a `SceneSpec` names. The loader's notes appear on standard error.
 
     up, lod : as for `antumbra.load`

@@ -109,7 +109,7 @@ def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -
 
     Notes
     -----
-    True north and grid north differ by the meridian convergence, which pyproj computes at the position.
+    Grid north lies clockwise from true north by the meridian convergence, which pyproj computes at the position.
     """
     pyproj = needed("pyproj", "the position of a CRS", "sun")
     projected, metres = _projected(pyproj, crs)
@@ -120,7 +120,7 @@ def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -
     longitude, latitude = to_wgs84.transform(*own)
     _check_area(projected, crs, (x, y), (longitude, latitude))
     convergence = project.get_factors(*own).meridian_convergence
-    return checked_place(Place(latitude, longitude, height * metres, convergence, timezone))
+    return checked_place(Place(latitude, longitude, height * metres, -convergence, timezone))
 
 
 def _projected(pyproj, text: str):

@@ -9,6 +9,8 @@ from ...extras import needed
 from .place import Place
 from .times import Times
 
+_AT_A_TIME = 16384  # instants: pvlib needs about 1 kB for each
+
 
 class Suns(NamedTuple):
     """Suns above the horizon, in the order of time; each stands for an interval."""
@@ -60,11 +62,12 @@ def solar_angles(place: Place, instants: np.ndarray) -> tuple[np.ndarray, np.nda
     import pandas
     from pvlib.solarposition import get_solarposition
 
-    if len(instants) == 0:
-        return np.empty(0), np.empty(0)
-    index = pandas.DatetimeIndex(instants).tz_localize("UTC")
-    found = get_solarposition(index, place.latitude, place.longitude, place.elevation, method="nrel_numpy")
-    return found["elevation"].to_numpy(np.float64), found["azimuth"].to_numpy(np.float64)
+    angles = np.empty((2, len(instants)))
+    for first in range(0, len(instants), _AT_A_TIME):
+        index = pandas.DatetimeIndex(instants[first : first + _AT_A_TIME]).tz_localize("UTC")
+        found = get_solarposition(index, place.latitude, place.longitude, place.elevation, method="nrel_numpy")
+        angles[:, first : first + _AT_A_TIME] = found["elevation"], found["azimuth"]
+    return angles[0], angles[1]
 
 
 def directions_of(altitude, bearing, up: str) -> np.ndarray:

@@ -91,8 +91,8 @@ def _equinox(year: int) -> list[date]:
 _BR_209 = "P. Littlefair, Site layout planning for daylight and sunlight: a guide to good practice, BR 209, BRE"
 _EN_17037 = "EN 17037:2018+A1:2021, Daylight in buildings, exposure to sunlight"
 _EN_NOTES = (
-    "The standard lets the day be any from 1 February to 21 March; 21 March is the preset. It counts the clear sky, one "
-    "habitable room of a dwelling, a point of the opening at least 1.2 m above the floor, and suns above a lowest "
+    "The standard lets the day be any from 1 February to 21 March; 21 March is the preset. The sky is clear. The "
+    "sensor is a point of an opening of one habitable room, at least 1.2 m above the floor. Suns count above a lowest "
     "altitude that depends on the country: give sensors and lowest altitude to match."
 )
 
@@ -112,8 +112,8 @@ RULES: dict[str, Rule] = {
             "A window gets at least 25 % of annual probable sunlight hours, and at least 5 % of them between "
             "21 September and 21 March.",
             "Probable sunlight hours are the long-term average of hours of bright sun on unobstructed ground. With an "
-            f"EPW file, hours with direct normal irradiance above {BRIGHT:g} W/m2 count: one typical year stands for the "
-            "long-term average. Without one, every hour of sun above the horizon counts alike: cloudy winters then "
+            f"EPW file, hours with direct normal irradiance above {BRIGHT:g} W/m2 count: one typical year stands for "
+            "the long-term average. Without one, every hour of sun above the horizon counts alike: cloudy winters then "
             "weigh too much.",
             _whole_year,
             60,

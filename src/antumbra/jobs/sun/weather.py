@@ -108,7 +108,9 @@ def _check(table, file: str) -> None:
         raise InputError(f"{file}: there is not one row for each hour; use an hourly EPW file")
     bad = int((~((table[["dni", "dhi"]] >= 0) & (table[["dni", "dhi"]] < _MISSING)).all(axis=1)).sum())
     if bad:
-        raise InputError(f"{file}: {bad} of {len(table)} rows lack direct or diffuse radiation; use a complete EPW file")
+        raise InputError(
+            f"{file}: {bad} of {len(table)} rows lack direct or diffuse radiation; use a complete EPW file"
+        )
 
 
 def _starts(table, offset: float, file: str) -> np.ndarray:

@@ -7,9 +7,3 @@
 - colours: colours of surfaces and objects
 - model: `CityModel`, which object and surface each face belongs to
 """
-
-from .model import CityModel, Surface
-from .read import read_cityjson
-from .write import write_attributes
-
-__all__ = ["CityModel", "Surface", "read_cityjson", "write_attributes"]

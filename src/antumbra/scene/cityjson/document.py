@@ -1,6 +1,9 @@
 """A CityJSON file: its parts with their objects and vertices, and what these share."""
 
+import gc
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +33,18 @@ class Document(NamedTuple):
     templates: list[dict]  # geometries
     template_vertices: np.ndarray  # (v, 3) float64, in the frame of the templates
     notes: list[str]
+
+
+@contextmanager
+def many_lists() -> Iterator[None]:
+    """Within the context, Python looks for no garbage: with millions of lists that takes as long as the work itself."""
+    paused = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if paused:
+            gc.enable()
 
 
 def lines_of(path: Path) -> list[bytes]:
@@ -75,7 +90,9 @@ def _check_head(head: Fields, path: Path) -> None:
         )
     version = head.text("version")
     if version.split(".")[0] not in ("1", "2"):
-        raise InputError(f"{path.name}: CityJSON version is {version[:20]!r}; convert it to 2.0 with: cjio FILE upgrade")
+        raise InputError(
+            f"{path.name}: CityJSON version is {version[:20]!r}; convert it to 2.0 with: cjio FILE upgrade"
+        )
 
 
 def _transform(head: Fields) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 Each polygon is projected along the axis that is nearest to its normal, in float64. The projection leaves two of the
 three coordinates as they are, so it rounds nothing. Newell's formula gives the normal: its sum over the edges of the
-outer ring is the ring's vector area. The triangles keep the ring's orientation, so their normals point to the same side.
+outer ring is the ring's vector area. The triangles keep the ring's orientation, so their normals point the same way.
 """
 
 from typing import NamedTuple
@@ -103,7 +103,9 @@ def _flattened(vertices: np.ndarray, rings: Rings) -> _Flat:
     if len(points):
         holes = np.abs(of_ring[np.arange(len(of_ring)), axis[polygon_of_ring]])
         holes[first_ring[:-1][has]] = 0.0
-        area = np.where(area > 0.0, np.maximum(area - np.bincount(polygon_of_ring, holes, n), np.finfo(float).tiny), 0.0)
+        area = np.where(
+            area > 0.0, np.maximum(area - np.bincount(polygon_of_ring, holes, n), np.finfo(float).tiny), 0.0
+        )
     ring_end = (ring_start + rings.sizes - first[polygon_of_ring]).astype(np.uint32)
     return _Flat(rings, plane, first, ring_end, area)
 
@@ -112,7 +114,7 @@ def _quads(flat: _Flat, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(those of some quads that a diagonal cuts into two triangles; their triangles, (2 q, 3) corners)."""
     corners = flat.first[polygons, None] + np.arange(4)
     halves = [np.array([[0, 1, 2], [0, 2, 3]]), np.array([[1, 2, 3], [1, 3, 0]])]
-    fits = [(_doubled_areas(flat.points, corners[:, half]) > 0.0).all(axis=1) for half in halves]
+    fits = [np.asarray((_doubled_areas(flat.points, corners[:, half]) > 0.0).all(axis=1)) for half in halves]
     picked = np.where(fits[0][:, None, None], corners[:, halves[0]], corners[:, halves[1]])
     fine = fits[0] | fits[1]
     return polygons[fine], picked[fine].reshape(-1, 3)

@@ -17,7 +17,7 @@ class Chosen(NamedTuple):
 
     part: Part
     object: str  # id
-    index: int  # in the object's "geometry"
+    place: int  # in the object's "geometry"
     geometry: dict  # of a `GeometryInstance`, the template
     instance: dict | None  # the `GeometryInstance`
 
@@ -32,7 +32,11 @@ def chosen_geometries(document: Document, lod: str | None) -> tuple[list[Chosen]
     InputError
         If no geometry has the level `lod`, with all levels of the file.
     """
-    found = {(k, name): list(_surfaces(document, part, name)) for k, part in enumerate(document.parts) for name in part.objects}
+    found = {
+        (k, name): list(_surfaces(document, part, name))
+        for k, part in enumerate(document.parts)
+        for name in part.objects
+    }
     levels = sorted({lod_of(c.geometry) for shapes in found.values() for c in shapes} - {""}, key=_rank)
     if lod is not None:
         wanted = lod_of({"lod": lod})

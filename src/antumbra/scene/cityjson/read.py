@@ -8,7 +8,7 @@ import numpy as np
 from ..mesh import Mesh, MeshInfo, make_mesh
 from ..source import StaticMeshes
 from .colours import colours_of
-from .document import open_document
+from .document import many_lists, open_document
 from .geometry import triangulate
 from .lods import chosen_geometries
 from .model import CityModel, Surface
@@ -41,9 +41,10 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
     InputError
         If the file is no CityJSON, it is damaged, or it has no such level of detail.
     """
-    document = open_document(path)
-    chosen, lods = chosen_geometries(document, lod)
-    polygons = polygons_of(document, chosen)
+    with many_lists():
+        document = open_document(path)
+        chosen, lods = chosen_geometries(document, lod)
+        polygons = polygons_of(document, chosen)
     cut = triangulate(polygons.vertices, polygons.rings)
     faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
     surface = polygons.surface[cut.polygon]

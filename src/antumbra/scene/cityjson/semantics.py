@@ -65,7 +65,7 @@ class _Collector:
         self._spans: dict[int, tuple[int, int]] = {}  # id of a template -> range of its vertices
 
     def add(self, choice: Chosen) -> None:
-        where = f'{choice.part.where} CityObjects "{choice.object[:60]}" geometry[{choice.index}]'
+        where = f'{choice.part.where} CityObjects "{choice.object[:60]}" geometry[{choice.place}]'
         if choice.instance is None:
             base, limit, mirrored = self._start[choice.part.where], len(choice.part.vertices), False
         else:
@@ -86,13 +86,15 @@ class _Collector:
         known = known if isinstance(known, list) else []
         values = semantics.get("values") if isinstance(semantics, dict) else None
         owner, surface_of = self._object(choice), {}
-        for path, rings, value in walk(choice.geometry.get("boundaries") or [], values, DEPTHS[choice.geometry["type"]]):
+        for path, rings, value in walk(
+            choice.geometry.get("boundaries") or [], values, DEPTHS[choice.geometry["type"]]
+        ):
             if not isinstance(value, int) or not 0 <= value < len(known):
                 value = None
             if value is None or value not in surface_of:
                 kind = known[value].get("type") if value is not None and isinstance(known[value], dict) else None
                 surface_of[value] = len(self._surfaces)
-                self._surfaces.append(Surface(owner, kind, choice.index, value, path))
+                self._surfaces.append(Surface(owner, kind, choice.place, value, path))
             self._rings_in.append(len(rings))
             self._rings += rings
             self._surface.append(surface_of[value])
@@ -108,7 +110,9 @@ class _Collector:
         """Add the vertices of the templates, moved to an instance: (number of the first one, how many, mirrored)."""
         instance = choice.instance or {}
         anchor, vertices = instance.get("boundaries"), choice.part.vertices
-        matrix = np.array(_numbers(instance.get("transformationMatrix"), 16, f"{where}.transformationMatrix")).reshape(4, 4)
+        matrix = np.array(_numbers(instance.get("transformationMatrix"), 16, f"{where}.transformationMatrix")).reshape(
+            4, 4
+        )
         if not isinstance(anchor, list) or len(anchor) != 1 or not isinstance(anchor[0], int):
             raise InputError(f"{where}.boundaries must be the number of one vertex; export the file again")
         if not 0 <= anchor[0] < len(vertices):
@@ -126,7 +130,9 @@ class _Collector:
         if key not in self._spans:
             used = [0]
             with suppress(TypeError, ValueError):  # reported when its polygons are added
-                rings = (rings for _, rings, _ in walk(template.get("boundaries") or [], None, DEPTHS[template["type"]]))
+                rings = (
+                    rings for _, rings, _ in walk(template.get("boundaries") or [], None, DEPTHS[template["type"]])
+                )
                 used = list(chain.from_iterable(chain.from_iterable(rings))) or used
                 self._spans[key] = max(0, min(used)), max(used) + 1
         return self._spans.get(key, (0, 0))

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InputError
 from ...output import checked_output, replacing
 from ..files import checked_file
-from .document import SUFFIXES, lines_of
+from .document import SUFFIXES, lines_of, many_lists
 from .lods import DEPTHS, INSTANCE
 from .model import CityModel, Surface
 from .read import read_cityjson
@@ -59,19 +59,24 @@ def write_attributes(source_path, target_path, values: Mapping[str, np.ndarray],
     found = read_cityjson(source, lod)
     vectors = _vector_areas(found.source.mesh)
     means = [_means(name, given, found.city, vectors) for name, given in values.items()]
-    texts = [json.loads(line) for line in lines_of(source)]
+    with many_lists():
+        texts = [json.loads(line) for line in lines_of(source)]
+        _write(texts, found.city, means, _heights(found.city, vectors))
+        with replacing(target) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as stream:
+            for text in texts:
+                stream.write(json.dumps(text, ensure_ascii=False, separators=(",", ":")) + "\n")
+
+
+def _write(texts: list[dict], city: CityModel, means: list[_Means], heights: np.ndarray) -> None:
+    """Set the attributes in the JSON objects of a file."""
     things = {name: thing for text in texts for name, thing in text.get("CityObjects", {}).items()}
-    heights = _heights(found.city, vectors)
-    for geometry in _without_semantics(things, found.city):
+    for geometry in _without_semantics(things, city):
         _fill_semantics(geometry)
-    for k, surface in enumerate(found.city.surfaces):
-        _write_surface(things, found.city, surface, {m.name: m.surfaces[k] for m in means}, heights[k])
-    for k, name in enumerate(found.city.objects):
-        _update(things[name], {m.name: m.objects[k] for m in means}, "attributes")
-    with replacing(target) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as stream:
-        for text in texts:
-            json.dump(text, stream, ensure_ascii=False, separators=(",", ":"))
-            stream.write("\n")
+    for k, surface in enumerate(city.surfaces):
+        _write_surface(things, city, surface, {m.name: m.surfaces[k] for m in means}, heights[k])
+    for k, name in enumerate(city.objects):
+        values = {m.name: m.objects[k] for m in means}
+        _update(things[name].setdefault("attributes", {}), values)
 
 
 def _vector_areas(mesh) -> np.ndarray:
@@ -155,8 +160,6 @@ def _surface_type(owner: str, height: float) -> str:
     return next((kind for begin, kind in _OTHER_TYPES.items() if owner.startswith(begin)), "+Surface")
 
 
-def _update(thing: dict, values: dict[str, float], key: str | None = None) -> None:
-    """Set the finite values in a JSON object, or in the object that it has under `key`."""
-    finite = {name: float(value) for name, value in values.items() if np.isfinite(value)}
-    if finite:
-        (thing if key is None else thing.setdefault(key, {})).update(finite)
+def _update(thing: dict, values: dict[str, float]) -> None:
+    """Set the finite values in a JSON object; JSON has no others."""
+    thing.update((name, float(value)) for name, value in values.items() if np.isfinite(value))
