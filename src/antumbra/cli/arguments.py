@@ -20,6 +20,7 @@ _BYTES = re.compile(r"(\d+(?:\.\d+)?)([kKmMgGtT]?)(?:i?[bB])?")
 _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
+_LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
 _WHOLE = re.compile(r"[0-9]{1,9}")
 _MAX_SIZE = 32768
 
@@ -40,6 +41,7 @@ class SceneSpec(NamedTuple):
     name: str = ""
     triangles: int | None = None
     seed: int = 0
+    lod: str | None = None  # level of detail, of a CityJSON file
 
     @property
     def stem(self) -> str:
@@ -70,11 +72,12 @@ class Sequence(NamedTuple):
 
 
 def parse_scene(text: str) -> SceneSpec:
-    """Parse a path, or ``procedural:NAME?triangles=100k&seed=3``."""
+    """Parse a path, ``city.json?lod=2.2``, or ``procedural:NAME?triangles=100k&seed=3``."""
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
     if not text.startswith(PROCEDURAL):
-        return SceneSpec(Path(text))
+        match = _LOD.fullmatch(text)
+        return SceneSpec(Path(match[1]), lod=match[2]) if match else SceneSpec(Path(text))
     name, _, query = text[len(PROCEDURAL) :].partition("?")
     options: dict[str, int] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):

@@ -69,7 +69,7 @@ MaxMemoryOption = Annotated[
 ]
 
 SCENE_HELP = (
-    "A .glb, .gltf, .obj, .ply, .stl or CityJSON file, a folder of vertex frames, "
+    "A .glb, .gltf, .obj, .ply or .stl file, a CityJSON file (FILE or FILE?lod=N), a folder of vertex frames, "
     "or procedural:NAME?triangles=N&seed=N."
 )
 

@@ -172,6 +172,7 @@ def scene_digest(spec: SceneSpec) -> str:
             continue
         digest.update(path.name.encode() if folder else b"")
         digest.update(_contents(path))
+    digest.update(b"" if spec.lod is None else f"lod {spec.lod}".encode())
     return digest.hexdigest()
 
 

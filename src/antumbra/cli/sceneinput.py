@@ -13,18 +13,13 @@ if TYPE_CHECKING:
 _MOST_NOTES = 5
 
 
-def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, lod: str | None = None) -> "AnyScene":
-    """The scene that a `SceneSpec` names. The loader's notes appear on standard error.
-
-    up, lod : as for `antumbra.load`
-    """
+def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "AnyScene":
+    """The scene that a `SceneSpec` names. The loader's notes appear on standard error."""
     if spec.path is None:
         from .. import procedural
 
         if up is not None:
             raise InputError("--up belongs to files; procedural scenes have +Y up, leave it out")
-        if lod is not None:
-            raise InputError("--lod belongs to CityJSON files; leave it out")
         return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
     from .. import load
     from ..store.layout import STORE_SUFFIX
@@ -33,7 +28,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, lod:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the notes, which are printed below
-        scene = load(spec.path, up=up, lod=lod)
+        scene = load(spec.path, up=up, lod=spec.lod)
     if not quiet:
         for note in scene.notes[:_MOST_NOTES]:
             say(f"note: {note}")
