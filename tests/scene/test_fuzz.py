@@ -11,6 +11,7 @@ import pytest
 
 from antumbra.errors import InputError
 from antumbra.loading import load
+from scene import city_files
 from scene.gltf_files import TETRAHEDRON_FACES, everything
 from scene.test_frames import FRAMES
 from scene.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
@@ -160,6 +161,8 @@ def bases() -> dict[str, bytes]:
         "b.ply": ply_binary(),
         "a.stl": stl_binary(),
         "b.stl": stl_text().encode(),
+        "a.city.json": json.dumps(city_files.everything()).encode(),
+        "a.city.jsonl": city_files.sequence(city_files.everything()).encode(),
     }
 
 
@@ -179,8 +182,9 @@ def test_damaged_bytes(tmp_path, name):
     assert counts["error"] > 5
 
 
-def test_odd_json_values(tmp_path):
-    counts = run(tmp_path / "a.gltf", everything().gltf(), range(400), json_change)
+@pytest.mark.parametrize("name", ["all.gltf", "a.city.json"])
+def test_odd_json_values(tmp_path, name):
+    counts = run(tmp_path / name, bases()[name], range(400), json_change)
     assert counts["error"] > 40 and counts["scene"] > 40
 
 

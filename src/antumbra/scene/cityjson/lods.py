@@ -84,12 +84,12 @@ def _surfaces(document: Document, part: Part, name: str) -> Iterator[Chosen]:
             if not isinstance(number, int) or not 0 <= number < len(document.templates):
                 raise InputError(f"{where}.template is {number!r}; there are {len(document.templates)} templates")
             shape = document.templates[number]
-        if isinstance(shape, dict) and shape.get("type") in DEPTHS:
+        if isinstance(shape, dict) and str(shape.get("type")) in DEPTHS:
             yield Chosen(part, name, index, shape, instance)
 
 
 def _parts(part: Part, name: str) -> list[str]:
     """Ids of the children of an object that are parts of it, such as BuildingParts."""
     children = part.objects[name].get("children")
-    known = [c for c in children if c in part.objects] if isinstance(children, list) else []
+    known = [c for c in children if isinstance(c, str) and c in part.objects] if isinstance(children, list) else []
     return [c for c in known if str(part.objects[c].get("type")).endswith("Part")]

@@ -3,11 +3,13 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import chain
+from operator import index
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import InputError
+from ..gltf.fields import Fields
 from .document import Document
 from .geometry import Rings
 from .lods import DEPTHS, Chosen
@@ -74,7 +76,7 @@ class _Collector:
         try:
             self._add_polygons(choice)
         except (TypeError, ValueError):
-            raise InputError(f"{where}.boundaries are not nested as its type demands; export the file again") from None
+            raise InputError(f"{where}.boundaries are not nested lists, as its type demands; export it again") from None
         added = len(self._rings_in) - n_polygons
         self._base += [base] * added
         self._limit += [limit] * added
@@ -82,17 +84,17 @@ class _Collector:
 
     def _add_polygons(self, choice: Chosen) -> None:
         semantics = choice.geometry.get("semantics")
-        known = semantics.get("surfaces") if isinstance(semantics, dict) else None
-        known = known if isinstance(known, list) else []
-        values = semantics.get("values") if isinstance(semantics, dict) else None
+        semantics = semantics if isinstance(semantics, dict) else {}
+        known, values = semantics.get("surfaces"), semantics.get("values")
+        kinds = (
+            {k: s.get("type") for k, s in enumerate(known) if isinstance(s, dict)} if isinstance(known, list) else {}
+        )
+        boundaries, depth = choice.geometry.get("boundaries") or [], DEPTHS[choice.geometry["type"]]
         owner, surface_of = self._object(choice), {}
-        for path, rings, value in walk(
-            choice.geometry.get("boundaries") or [], values, DEPTHS[choice.geometry["type"]]
-        ):
-            if not isinstance(value, int) or not 0 <= value < len(known):
-                value = None
+        for path, rings, value in walk(boundaries, values, depth):
+            value = value if isinstance(value, int) and value in kinds else None
             if value is None or value not in surface_of:
-                kind = known[value].get("type") if value is not None and isinstance(known[value], dict) else None
+                kind = None if value is None else str(kinds[value])
                 surface_of[value] = len(self._surfaces)
                 self._surfaces.append(Surface(owner, kind, choice.place, value, path))
             self._rings_in.append(len(rings))
@@ -108,15 +110,11 @@ class _Collector:
 
     def _place(self, choice: Chosen, where: str) -> tuple[int, int, bool]:
         """Add the vertices of the templates, moved to an instance: (number of the first one, how many, mirrored)."""
-        instance = choice.instance or {}
-        anchor, vertices = instance.get("boundaries"), choice.part.vertices
-        matrix = np.array(_numbers(instance.get("transformationMatrix"), 16, f"{where}.transformationMatrix")).reshape(
-            4, 4
-        )
-        if not isinstance(anchor, list) or len(anchor) != 1 or not isinstance(anchor[0], int):
-            raise InputError(f"{where}.boundaries must be the number of one vertex; export the file again")
-        if not 0 <= anchor[0] < len(vertices):
-            raise InputError(f"{where} uses vertex {anchor[0]}, but there are {len(vertices)}; export the file again")
+        instance, vertices = Fields(choice.instance, where), choice.part.vertices
+        matrix = instance.numbers("transformationMatrix", 16).reshape(4, 4)
+        anchor = instance.indices("boundaries", len(vertices))
+        if len(anchor) != 1:
+            raise instance.bad("boundaries", "a list of one vertex")
         first, last = self._template_span(choice.geometry)
         corners = self._document.template_vertices[first:last]
         placed = corners @ matrix[:3, :3].T + matrix[:3, 3] + vertices[anchor[0]]
@@ -130,46 +128,43 @@ class _Collector:
         if key not in self._spans:
             used = [0]
             with suppress(TypeError, ValueError):  # reported when its polygons are added
-                rings = (
-                    rings for _, rings, _ in walk(template.get("boundaries") or [], None, DEPTHS[template["type"]])
-                )
-                used = list(chain.from_iterable(chain.from_iterable(rings))) or used
-                self._spans[key] = max(0, min(used)), max(used) + 1
+                nested = walk(template.get("boundaries") or [], None, DEPTHS[template["type"]])
+                used = list(chain.from_iterable(chain.from_iterable(rings for _, rings, _ in nested))) or used
+                self._spans[key] = max(0, index(min(used))), index(max(used)) + 1
         return self._spans.get(key, (0, 0))
 
     def polygons(self) -> Polygons:
-        document = self._document
-        rings_in = np.array(self._rings_in, np.int64)
-        try:
-            sizes = np.array([len(ring) for ring in self._rings], np.int64)
-            corners = np.array(list(chain.from_iterable(self._rings)) or np.empty(0, np.int64))
-        except (TypeError, ValueError):
-            corners = np.empty(0)
-        if corners.dtype.kind not in "iu":
-            raise InputError(f"{document.file}: some boundaries hold no whole numbers; export the file again")
-        polygon_of_corner = np.repeat(np.repeat(np.arange(len(rings_in)), rings_in), sizes)
+        rings_in, sizes, corners = np.array(self._rings_in, np.int64), *self._flat()
+        owner = np.repeat(np.repeat(np.arange(len(rings_in)), rings_in), sizes)  # polygon of each corner
         base, limit = np.array(self._base, np.int64), np.array(self._limit, np.int64)
-        bad = np.flatnonzero((corners < 0) | (corners >= limit[polygon_of_corner]))
-        objects = [name for _, name in self._objects]
+        bad = np.flatnonzero((corners < 0) | (corners >= limit[owner]))
         if len(bad):
-            k = polygon_of_corner[bad[0]]
-            name = objects[self._surfaces[self._surface[k]].object]
-            raise InputError(
-                f'{document.file}: CityObjects "{name[:60]}" uses vertex {corners[bad[0]]}, '
-                f"but there are {limit[k]} vertices; export the file again"
-            )
+            k = owner[bad[0]]
+            raise self._bad(k, f"uses vertex {corners[bad[0]]}, but there are {limit[k]} vertices")
         return Polygons(
             np.concatenate(self._blocks),
-            Rings(corners + base[polygon_of_corner], sizes, rings_in),
+            Rings(corners + base[owner], sizes, rings_in),
             np.array(self._surface, np.int32),
             np.array(self._mirrored, bool),
             self._surfaces,
-            objects,
+            [name for _, name in self._objects],
             self._types,
         )
 
+    def _flat(self) -> tuple[np.ndarray, np.ndarray]:
+        """(corners in each ring, vertices of all rings), (r,) and (c,) int64."""
+        try:
+            sizes = np.array([len(ring) for ring in self._rings], np.int64)
+            corners = np.array(list(chain.from_iterable(self._rings)) or np.empty(0, np.int64))
+            if corners.ndim == 1 and corners.dtype.kind in "iu":
+                return sizes, corners.astype(np.int64)
+        except (TypeError, ValueError):
+            pass
+        fine = lambda ring: isinstance(ring, list) and all(type(i) is int and abs(i) < 2**62 for i in ring)
+        ring = next(k for k, ring in enumerate(self._rings) if not fine(ring))
+        polygon = int(np.searchsorted(np.cumsum(self._rings_in), ring, side="right"))
+        raise self._bad(polygon, "has boundaries that are not nested lists of vertices, as its type demands")
 
-def _numbers(values, count: int, where: str) -> list[float]:
-    if not isinstance(values, list) or len(values) != count or not all(isinstance(v, (int, float)) for v in values):
-        raise InputError(f"{where} must be a list of {count} numbers; export the file again")
-    return values
+    def _bad(self, polygon: int, problem: str) -> InputError:
+        name = list(self._objects)[self._surfaces[self._surface[polygon]].object][1]
+        return InputError(f'{self._document.file}: CityObjects "{name[:60]}" {problem}; export the file again')
