@@ -67,7 +67,7 @@ def vector(values) -> str:
 def light_fields(light) -> dict:
     """A light as names and values. A list of lights has only the number of its lights."""
     if light.domain == "list":
-        return {"type": type(light).__name__, "count": len(light.positions), "interleave": light.interleave}
+        return {"type": type(light).__name__, "count": len(light.points), "interleave": light.interleave}
     return {"type": type(light).__name__, **{f.name: getattr(light, f.name) for f in fields(light)}}
 
 

@@ -8,7 +8,7 @@ from ..query.receivers import NOTHING
 from ..query.refine import penumbra
 from ..query.shadow import ShadowQuery, fraction_lit
 from ..query.surface import PictureSurfaces
-from ..scene.lights import AMBIENT, LIST, SPHERE
+from ..scene.lights import AMBIENT, SPHERE, is_list
 from .filter import filtered
 
 
@@ -19,12 +19,12 @@ def is_soft(query: ShadowQuery) -> bool:
     is a light of its own, so other samples would not be finer.
     """
     light = query.light
-    return light.kind in (SPHERE, AMBIENT) or (light.kind != LIST and bool(light.u.any() or light.v.any()))
+    return light.kind in (SPHERE, AMBIENT) or (not is_list(light) and bool(light.u.any() or light.v.any()))
 
 
 def as_needed(query: ShadowQuery) -> ShadowQuery:
     """The query, with a single sample if the light has no extent: all its samples would ask the same."""
-    if is_soft(query) or query.light.kind == LIST:
+    if is_soft(query) or is_list(query.light):
         return query
     return query._replace(samples=np.ascontiguousarray(query.samples[:, :1]))
 

@@ -82,7 +82,8 @@ def _corner(own, a, b, origins):
 
 @inlined
 def _is_flat(light):
-    return light.kind != LIST and light.kind != AMBIENT
+    w = light.w  # not zero: a list of distant lights
+    return light.kind != LIST and light.kind != AMBIENT and w[0] == 0.0 and w[1] == 0.0 and w[2] == 0.0
 
 
 @inlined
