@@ -74,7 +74,7 @@ def test_version():
 # Imports
 
 NAMES_OF_IMPORTS = {"PIL": "pillow"}
-OPTIONAL = {"embreex", "matplotlib", "pvlib", "mitsuba", "drjit", "open3d"}  # drjit comes with mitsuba
+OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "mitsuba", "drjit", "open3d"}  # drjit comes with mitsuba
 OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, but does not require it
 
 
@@ -107,7 +107,10 @@ def test_what_tests_import_is_installed_for_them():
     known = [*files, *(ROOT / "benchmarks").rglob("*.py")]
     ours = {part for path in known for part in path.relative_to(ROOT).with_suffix("").parts}
     found = {NAMES_OF_IMPORTS.get(name, name) for name in found - {"antumbra"} - ours}
-    lines = PROJECT["dependencies"] + PROJECT["optional-dependencies"]["test"]
+    extras = PROJECT["optional-dependencies"]
+    lines = PROJECT["dependencies"] + extras["test"]
+    for line in extras["test"]:  # antumbra[sun,gis]
+        lines += [more for extra in re.findall(r"\w+", line.partition("[")[2]) for more in extras[extra]]
     assert found <= {re.match(r"[\w.-]+", line)[0] for line in lines}
 
 

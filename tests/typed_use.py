@@ -1,5 +1,6 @@
 """The public API as a user's type checker sees it: mypy reads this file, and nobody runs it."""
 
+from datetime import UTC, date
 from typing import assert_type
 
 import numpy as np
@@ -25,4 +26,12 @@ def use() -> None:
     assert_type(at.build_store([at.procedural("atrium")], "scene.antumbra"), at.BuildReport)
     assert_type(at.virtual_point_lights(scene, lights[0], 64), at.PointLights)
     assert_type(at.DirectionalLight((0, -1, 0), angular_diameter=0.5).direction, np.ndarray)
+    place = at.place_of(scene, latitude=52.0, longitude=4.4)
+    assert place is not None
+    suns = at.suns_of(place, at.times_of([date(2026, 6, 21)], UTC, 60), scene.up)
+    assert_type(suns, at.Suns)
+    city = at.load("city.json", lod="2.2").city
+    if city is not None:
+        assert_type(city, at.CityModel)
+        at.write_attributes("city.json", "out.json", {"hours": np.zeros(len(city.object_of_face))})
     assert_type(str(at.Plan(trace="single")), str)

@@ -3,6 +3,7 @@ import pytest
 
 import antumbra as at
 from antumbra.cli import info as command
+from scene.city_files import building, city, put, solid, surfaces
 
 
 def test_a_procedural_scene(cli):
@@ -34,6 +35,20 @@ def test_for_people(cli, square_obj):
     assert "+Z is up" in cli("info", square_obj, "--up", "z").out
     told = cli("info", "procedural:atrium?triangles=2k").out
     assert "camera 0" in told and "light 0" in told and "QuadLight" in told
+
+
+def test_a_city(cli, tmp_path):
+    objects = {"a": building(solid("1"), surfaces("2.2")), "pond": building(surfaces("1"), kind="WaterBody")}
+    put(tmp_path, city(objects), "delft.city.json")
+    told = cli("info", "delft.city.json", "--json").json()
+    assert told["up"] == "z" and told["name"] == "delft"
+    assert told["city"] == {
+        "crs": "EPSG:7415", "lods": ["1", "2.2"], "objects": {"Building": 1, "WaterBody": 1}, "surfaces": {"none": 12},
+    }  # fmt: skip
+    assert "2 objects, EPSG:7415, levels of detail 1, 2.2" in cli("info", "delft.city.json").out
+    assert cli("info", "delft.city.json?lod=2.2", "--json").json()["triangles"] == 12
+    cli("info", "delft.city.json?lod=3").refused("no geometry has lod '3'; there are 1, 2.2")
+    assert cli("info", "procedural:atrium?triangles=2k", "--json").json()["city"] is None
 
 
 def test_notes_are_shown_whole(cli, square_obj):

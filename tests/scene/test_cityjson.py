@@ -212,7 +212,7 @@ def broken(**changes):
         (broken(vertices=[[0, 0, "x"]]), ["vertices"]),
         (broken(CityObjects={"a": 3}), ["CityObjects has 'a', which is no object"]),
         (broken(CityObjects={"a": building(3)}), ['CityObjects "a" geometry[0] is no object']),
-        (broken(CityObjects={}), ["no triangles"]),
+        (broken(CityObjects={}), ["no object has a surface with an area"]),
         (broken(transform={"scale": [1, 1]}), ["transform.scale"]),
         (
             city({"a": building({**solid(), "boundaries": [[[0, 1, 2]]]})}),

@@ -81,7 +81,8 @@ def checked_place(place: Place) -> Place:
         if not -limit <= value <= limit:
             raise InputError(f"{name} is {getattr(place, name)!r}; it must be a number from {-limit:g} to {limit:g}")
         values[name] = value
-    values["longitude"] = (values["longitude"] + 180.0) % 360.0 - 180.0
+    if not -180.0 <= values["longitude"] <= 180.0:
+        values["longitude"] = (values["longitude"] + 180.0) % 360.0 - 180.0
     return place._replace(**values)
 
 

@@ -134,18 +134,16 @@ def _midnight(day: date, zone: tzinfo) -> int:
 
 
 def _range(text: str) -> list[date]:
-    first, _, rest = text.partition(":")
-    if first == "year":
-        start = _day(f"{rest}-01-01", text)
-        return _days(start, start.replace(month=12, day=31), 1)
-    start = _day(first, text)
-    if not rest:
-        return [start]
-    last, _, step = rest.partition(":")
-    end = _day(last, text)
-    if end < start or not (step.isdecimal() and int(step) if ":" in rest else True):
-        raise InputError(f"days {text[:60]!r}: FIRST must be before LAST, and the step at least one day")
-    return _days(start, end, int(step or 1))
+    parts = text.split(":")
+    if parts[0] == "year" and len(parts) == 2:
+        return _days(_day(f"{parts[1]}-01-01", text), _day(f"{parts[1]}-12-31", text), 1)
+    ends = [_day(part, text) for part in parts[:2]]
+    step = parts[2] if len(parts) == 3 else "1"
+    if len(parts) > 3 or ends[-1] < ends[0] or not (step.isdecimal() and int(step)):
+        raise InputError(
+            f"days {text[:60]!r}: write FIRST:LAST:STEP, with FIRST before LAST and at least 1 day as STEP"
+        )
+    return _days(ends[0], ends[-1], int(step))
 
 
 def _days(first: date, last: date, step: int) -> list[date]:

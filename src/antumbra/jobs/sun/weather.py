@@ -86,7 +86,7 @@ def on_days(weather: Weather, days) -> Weather:
 def clear_sky(place: Place, times: Times) -> Weather:
     """Radiation of a clear sky at the middle of each interval.
 
-    It is the model of Ineichen and Perez [2002] in pvlib, with pvlib's monthly climatology of Linke turbidity.
+    It is pvlib's model of a clear sky [Ineichen and Perez 2002], with pvlib's monthly climatology of Linke turbidity.
 
     Raises
     ------

@@ -22,6 +22,6 @@ class CityModel(NamedTuple):
     objects: list[str]  # ids of the objects with faces, in the order of `Scene.meshes`
     object_of_face: np.ndarray  # (n,) int32, index into `objects`
     surface_of_face: np.ndarray  # (n,) int32, index into `surfaces`
-    surfaces: list[Surface]
+    surfaces: list[Surface]  # those with faces
     types: list[str]  # type of each object, such as "BuildingPart"
     lods: list[str]  # all levels of detail of surfaces in the file, in ascending order

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...errors import InputError
 from ..mesh import Mesh, MeshInfo, make_mesh
 from ..source import StaticMeshes
 from .colours import colours_of
@@ -51,6 +52,8 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
     kept, surface, owner = _used(polygons, surface)
     types = [polygons.types[k] for k in kept.objects]
     colours = colours_of([s.type for s in kept.surfaces], [types[s.object] for s in kept.surfaces])
+    if not len(faces):
+        raise InputError(f"{document.file}: no object has a surface with an area; take a file with such geometry")
     mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
     objects = [polygons.objects[k] for k in kept.objects]
     counts = np.bincount(owner, minlength=len(objects)).tolist()

@@ -1,0 +1,116 @@
+"""Days and time zones: lengths of days, wall clocks, and the text of days."""
+
+from datetime import UTC, date, datetime, timedelta, timezone
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.jobs.sun.place import Place
+from antumbra.jobs.sun.times import month_days, parse_days, parse_zone, zone_of
+
+AMSTERDAM = ZoneInfo("Europe/Amsterdam")
+
+
+@pytest.mark.parametrize(
+    "day, hours, zone",
+    [
+        ("2026-03-29", 23, AMSTERDAM),
+        ("2026-10-25", 25, AMSTERDAM),
+        ("2026-06-21", 24, AMSTERDAM),
+        ("2026-04-05", 24.5, ZoneInfo("Australia/Lord_Howe")),
+        ("2018-11-04", 23, ZoneInfo("America/Sao_Paulo")),  # a day without midnight
+        ("2026-10-25", 25, ZoneInfo("Atlantic/Azores")),  # a day with two midnights
+        ("2026-03-29", 24, timezone(timedelta(hours=1))),
+    ],
+)
+@pytest.mark.parametrize("step", [60, 30, 7, 1440])
+def test_days_have_all_their_hours(day, hours, zone, step):
+    times = at.times_of(parse_days(day), zone, step)
+    assert times.hours.sum() == pytest.approx(hours) and (times.hours[:-1] == times.hours[0]).all()
+    starts = times.middle - (times.hours * 1800).astype("timedelta64[s]")
+    ends = times.middle + np.ceil(times.hours * 1800).astype("timedelta64[s]")
+    assert (abs(starts[1:] - ends[:-1]) <= np.timedelta64(1, "s")).all()
+    assert set(times.local.astype("datetime64[D]").astype(str)) == {day}
+    assert times.middle.dtype == times.local.dtype == np.dtype("datetime64[s]")
+
+
+def test_clocks_jump_over_an_hour_and_repeat_one():
+    hours = lambda day: [t.hour for t in at.times_of(parse_days(day), AMSTERDAM).local.tolist()]
+    assert hours("2026-03-29") == [0, 1, *range(3, 24)]
+    assert hours("2026-10-25") == [0, 1, 2, *range(2, 24)]
+
+
+def test_the_wall_clock_is_the_zones():
+    times = at.times_of(parse_days("2026-03-28:2026-03-30,2026-10-24:2026-10-26"), AMSTERDAM, 17)
+    for utc, local in zip(times.middle.tolist(), times.local.tolist()):
+        assert utc.replace(tzinfo=UTC).astimezone(AMSTERDAM).replace(tzinfo=None) == local
+    assert len(times.middle) > 500 and (np.diff(times.middle) > np.timedelta64(0, "s")).all()
+
+
+def test_a_sun_is_in_the_middle_of_its_interval():
+    times = at.times_of([date(2026, 6, 21)], UTC, 20)
+    assert times.middle[0] == np.datetime64("2026-06-21T00:10:00") and times.hours[0] == pytest.approx(1 / 3)
+
+
+@pytest.mark.parametrize(
+    "text, first, last, count",
+    [
+        ("2026-06-21", "2026-06-21", "2026-06-21", 1),
+        ("2026-03-21:2026-09-21", "2026-03-21", "2026-09-21", 185),
+        ("2026-01-01:2026-01-31:7", "2026-01-01", "2026-01-29", 5),
+        ("year:2026", "2026-01-01", "2026-12-31", 365),
+        ("year:2028", "2028-01-01", "2028-12-31", 366),
+        ("2026-06-21, 2026-01-01:2026-01-03,2026-01-02", "2026-01-01", "2026-06-21", 4),
+    ],
+)
+def test_days_in_text(text, first, last, count):
+    days = parse_days(text)
+    assert (str(days[0]), str(days[-1]), len(days)) == (first, last, count) and days == sorted(set(days))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "2026", "2026-02-30", "2026-06-21:", "2026-06-22:2026-06-21", "2026-01-01:2026-01-03:0", "year:26", ",",
+     "1026-01-01", "2026-01-01:2026-01-03:x", "2026-01-01:2026-01-03:1:2", "year:2026:2027", "2026-6-1",
+     "２０２６-01-01"],
+)  # fmt: skip
+def test_days_that_are_refused(text):
+    with pytest.raises(at.InputError, match=r"^days ") as caught:
+        parse_days(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_steps_that_are_refused():
+    for step in (0, -5, 1441, float("nan")):
+        with pytest.raises(at.InputError, match="the step is"):
+            at.times_of([date(2026, 1, 1)], UTC, step)
+    with pytest.raises(at.InputError, match="there are no days; write 2026-06-21"):
+        at.times_of([], UTC)
+
+
+@pytest.mark.parametrize(
+    "text, minutes",
+    [("+01:00", 60), ("-0330", -210), ("+5", 300), ("+00:00", 0), ("UTC", 0), ("Asia/Kolkata", 330)],
+)
+def test_zones(text, minutes):
+    assert datetime(2026, 1, 1, tzinfo=parse_zone(text)).utcoffset() == timedelta(minutes=minutes)
+
+
+@pytest.mark.parametrize("text", ["", "Mars/Crater", "+15:00", "+01:75", "../etc/passwd", "CET+1x", "\0"])
+def test_zones_that_are_refused(text):
+    with pytest.raises(at.InputError, match="write a name such as Europe/Amsterdam"):
+        parse_zone(text)
+
+
+def test_zones_of_places():
+    noon = datetime(2026, 6, 1, 12)
+    offset = lambda place: zone_of(place).utcoffset(noon) / timedelta(hours=1)
+    assert offset(Place(52.0, 4.4)) == 0 and offset(Place(35.0, 139.7)) == 9 and offset(Place(40.0, -74.0)) == -5
+    assert offset(Place(0.0, -179.9)) == -12 and offset(Place(52.0, 4.4, timezone="Europe/Amsterdam")) == 2
+
+
+def test_days_of_the_year_as_numbers():
+    local = np.array(["2026-01-01T00:00", "2024-02-29T23:59", "2026-12-31T12:00", "1969-03-21"], "datetime64[s]")
+    np.testing.assert_array_equal(month_days(local), [101, 229, 1231, 321])
