@@ -1,6 +1,6 @@
 """Where on Earth a scene lies, and how it is turned."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...errors import InputError
 from ...extras import needed
@@ -72,7 +72,7 @@ def place_of(
 def checked_place(place: Place) -> Place:
     """`place` as floats, with its longitude from -180 to 180. Raises InputError if a number is out of range."""
     limits = {"latitude": 90.0, "longitude": 360.0, "elevation": 9000.0, "north": 360.0}
-    values = {}
+    values: dict[str, Any] = {}
     for name, limit in limits.items():
         try:
             value = float(getattr(place, name))

@@ -52,8 +52,9 @@ def suns_of(place: Place, times: Times, up: str, dni=None, *, lowest: float = 0.
     altitude, azimuth = altitude[kept], azimuth[kept]
     directions = directions_of(altitude, azimuth + place.north, up)
     radiation = None if dni is None else np.asarray(dni, np.float64)[kept]
-    of_times = (column[kept] for column in times)
-    return Suns(*of_times, directions, altitude, azimuth, radiation, len(times.middle) - len(kept), kept)
+    middle, local, hours = (column[kept] for column in times)
+    dropped = len(times.middle) - len(kept)
+    return Suns(middle, local, hours, directions, altitude, azimuth, radiation, dropped, kept)
 
 
 def solar_angles(place: Place, instants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

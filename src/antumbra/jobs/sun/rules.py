@@ -69,7 +69,8 @@ def weights_of(rule: Rule, suns: Suns) -> np.ndarray:
 
 def passed(rule: Rule, scores: np.ndarray) -> np.ndarray:
     """Whether each sensor meets all criteria: (n,) bool, for scores (n, criteria)."""
-    return (scores >= np.array([c.least for c in rule.criteria]) - _ROUNDING).all(axis=1)
+    least = np.array([criterion.least for criterion in rule.criteria])
+    return np.all(scores >= least - _ROUNDING, axis=1)
 
 
 def rule_named(name: str) -> Rule:

@@ -10,7 +10,7 @@ from ...errors import InputError
 from ...extras import needed
 from ...scene.files import checked_file
 from .place import Place, checked_place
-from .times import Times, intervals, month_days, parse_zone
+from .times import Times, intervals, month_days, zone_of
 
 TYPICAL_YEAR = 2025
 """The year of the suns of a typical year, whose months come from several years. It has no 29 February."""
@@ -62,7 +62,7 @@ def read_epw(path, place: Place | None = None) -> tuple[Weather, Place]:
     _check(table, path.name)
     place = checked_place(own if place is None else place._replace(timezone=place.timezone or own.timezone))
     starts = _starts(table, float(head["TZ"]), path.name)
-    times = intervals(starts, starts + _HOUR, parse_zone(place.timezone))
+    times = intervals(starts, starts + _HOUR, zone_of(place))
     return Weather(times, table["dni"].to_numpy(), table["dhi"].to_numpy()), place
 
 
