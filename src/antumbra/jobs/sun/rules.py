@@ -89,7 +89,7 @@ def _equinox(year: int) -> list[date]:
     return [date(year, 3, 21)]
 
 
-_BR_209 = "P. Littlefair, Site layout planning for daylight and sunlight: a guide to good practice, BR 209, BRE, 2011 and 2022"
+_BR_209 = "P. Littlefair, Site layout planning for daylight and sunlight, BR 209, BRE, editions of 2011 and 2022"
 _EN_17037 = "EN 17037:2018+A1:2021, Daylight in buildings, exposure to sunlight"
 _EN_NOTES = (
     "The standard lets the day be any from 1 February to 21 March; 21 March is the preset. The sky is clear. The "
