@@ -14,9 +14,11 @@ from .scene import engine
 
 if typing.TYPE_CHECKING:
     from .errors import InputError
+    from .jobs.readsensors import sensors_of
     from .jobs.sensors import Raster, Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
     from .jobs.sun.place import Place, place_of
     from .jobs.sun.positions import Suns, suns_of
+    from .jobs.sun.study import sun_hours
     from .jobs.sun.times import times_of
     from .jobs.table import Column, Table
     from .loading import load
@@ -82,6 +84,8 @@ __all__ = [
     "procedural",
     "raster_sensors",
     "render",
+    "sensors_of",
+    "sun_hours",
     "suns_of",
     "times_of",
     "vertex_sensors",
@@ -103,7 +107,9 @@ _HOMES = {
     "scene.cityjson.write": ["write_attributes"],
     "jobs.sun.place": ["Place", "place_of"],
     "jobs.sun.positions": ["Suns", "suns_of"],
+    "jobs.sun.study": ["sun_hours"],
     "jobs.sun.times": ["times_of"],
+    "jobs.readsensors": ["sensors_of"],
     "scene.generated": ["procedural"],
     "scene.hit": ["Hit"],
     "scene.lights": [

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from . import bench, build, compare, culling, explain, info, plans, render, scenes, warmup
+from . import bench, build, compare, culling, explain, info, plans, render, scenes, sun, warmup
 
 app = typer.Typer(
     name="antumbra",
@@ -23,6 +23,7 @@ app.command("info")(info.info)
 app.command("scenes")(scenes.scenes)
 app.command("plans")(plans.plans)
 app.command("warmup")(warmup.warmup)
+app.command("sun")(sun.sun)
 app.command("culling")(culling.culling)
 app.command("explain")(explain.explain)
 app.command("compare")(compare.compare)

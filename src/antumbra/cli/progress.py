@@ -17,7 +17,7 @@ DELAY = 1.0
 class ProgressDisplay:
     """A progress line on standard error while the block runs.
 
-    There is none if standard error is no terminal, or if the block is fast. A timer starts the line, so it appears
+    There is none if standard error is no terminal, or if the block is fast. `quiet`: nothing appears. A timer starts the line, so it appears
     during a single long call too (reading a file, building a BVH).
     """
 
@@ -25,12 +25,12 @@ class ProgressDisplay:
         self._lock = threading.Lock()
         self._text, self._done, self._total = "", 0, 0
         self._bar: Progress | None = None
-        self._closed = quiet or not sys.stderr.isatty()
+        self._quiet, self._closed = quiet, quiet or not sys.stderr.isatty()
         self._heard: AbstractContextManager[None] | None = None
         self._timer = None if self._closed else threading.Timer(delay, self._start)
 
     def __enter__(self) -> "ProgressDisplay":
-        if not self._closed:
+        if self._quiet or not self._closed:
             self._heard = heard_by(self.say)
             self._heard.__enter__()
         if self._timer is not None:

@@ -5,6 +5,7 @@ import numpy as np
 from ..image.heatmap import Scale, scale_of
 from ..image.panels import Panel, sheet
 from ..rendering.renderer import render
+from ..scene.framing import fitted_camera
 from ..scene.lights import AmbientOcclusion
 
 _SIZE = 1024  # pixels of a picture, and least width of a map
@@ -19,7 +20,7 @@ def false_colours(table, name: str) -> np.ndarray:
     known = np.isfinite(values)
     scale = Scale(scale_of(values[known]), False)
     if table.sensors.raster is not None:
-        picture = _map(table.sensors.raster, values, scale)
+        picture = _map(table.sensors, values, scale)
     else:
         picture = _view(table, values, scale)
     column = table.columns[name]
@@ -27,9 +28,10 @@ def false_colours(table, name: str) -> np.ndarray:
     return sheet([Panel(picture, [table.about.get("title", name)])], scale.bar(caption))
 
 
-def _map(raster, values: np.ndarray, scale: Scale) -> np.ndarray:
-    """The cells of a raster, north up, several pixels wide if they are few."""
-    cells = values.reshape(raster.rows, raster.columns)
+def _map(sensors, values: np.ndarray, scale: Scale) -> np.ndarray:
+    """The cells of a raster, north up, several pixels wide if they are few; dark where it found no surface."""
+    raster, found = sensors.raster, sensors.faces >= 0
+    cells = np.where(found | ~found.any(), values, np.nan).reshape(raster.rows, raster.columns)
     colours = scale.colours(np.nan_to_num(cells), np.isfinite(cells))
     several = max(1, _SIZE // max(cells.shape))
     step = -(-max(cells.shape) // _MOST_PIXELS)
@@ -39,7 +41,7 @@ def _map(raster, values: np.ndarray, scale: Scale) -> np.ndarray:
 def _view(table, values: np.ndarray, scale: Scale) -> np.ndarray:
     """The scene from its default camera, in the colours of its sensors, darker where surfaces are near each other."""
     scene = table.scene
-    camera = scene.default_camera(_SIZE, 3 * _SIZE // 4)
+    camera = fitted_camera(table.sensors.points, scene.up, _SIZE, 3 * _SIZE // 4)
     frame = render(scene, camera, [AmbientOcclusion()], spp=16)
     buffer = frame.gbuffer
     met = buffer.face >= 0

@@ -77,6 +77,23 @@ class Table:
             raise InputError(f"column {name!r} holds times, and a picture shows numbers; name another column")
         return name
 
+    def of_faces(self, name: str) -> np.ndarray:
+        """(faces,) float64: the mean of a column on each face of the scene, by area; NaN for faces without a sensor.
+
+        Raises
+        ------
+        InputError
+            If the sensors do not lie on faces.
+        """
+        sensors, scene = self.sensors, self.scene
+        if sensors.faces is None or scene is None or sensors.kind == "vertex":
+            raise InputError("values of faces need sensors on faces; use the sensors face or grid:SPACING")
+        on = sensors.faces >= 0
+        faces, areas = sensors.faces[on], np.ones(on.sum()) if sensors.areas is None else sensors.areas[on]
+        total = np.bincount(faces, areas, scene.n_triangles)
+        with np.errstate(invalid="ignore"):
+            return np.bincount(faces, areas * self[name][on], scene.n_triangles) / total
+
     def rows(self) -> dict[str, np.ndarray]:
         """Name -> (n,) values of the sensors' own columns (x, y, z, nx, ny, nz, area, face), then of the results."""
         sensors = self.sensors

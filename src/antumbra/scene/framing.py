@@ -6,6 +6,7 @@ from .camera import Camera
 from .lights import QuadLight
 
 VFOV = 45.0
+_MARGIN = 1.04  # around the points that a fitted camera shows
 AZIMUTH, ELEVATION = np.radians(35.0), np.radians(25.0)
 
 
@@ -25,6 +26,32 @@ def default_camera(bounds: np.ndarray, up: str, width: int, height: int) -> Came
     flat = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
     position = centre + distance * (np.cos(ELEVATION) * flat + np.sin(ELEVATION) * upward)
     return Camera(position, centre, upward, VFOV, width, height)
+
+
+def fitted_camera(points: np.ndarray, up: str, width: int, height: int) -> Camera:
+    """The default camera's direction of view, as near as it shows all `points` ((n, 3), world), with a small margin."""
+    right, upward, towards = axes(up)
+    flat = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
+    back = np.cos(ELEVATION) * flat + np.sin(ELEVATION) * upward
+    sideways = np.cross(upward, back) / np.linalg.norm(np.cross(upward, back))
+    middle = (points.min(0) + points.max(0)) / 2.0
+    x, y, z = ((points - middle) @ np.stack([sideways, np.cross(back, sideways), back], 1)).T
+    tangent = np.tan(np.radians(VFOV) / 2.0) / _MARGIN
+    distance = 1e-6 * max(float(np.abs(middle).max()), 1.0)
+    for across, slope in ((x, tangent * width / height), (y, tangent)):
+        distance = max(distance, ((across + slope * z).max() + (slope * z - across).max()) / (2.0 * slope))
+    target = middle + _centre(x, distance - z) * sideways + _centre(y, distance - z) * np.cross(back, sideways)
+    return Camera(target + distance * back, target, upward, VFOV, width, height)
+
+
+def _centre(across: np.ndarray, depth: np.ndarray) -> float:
+    """Where a camera sees points as far to one side as to the other; `depth`: their distances along the view."""
+    low, high = float(across.min()), float(across.max())
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        seen = (across - middle) / depth
+        low, high = (middle, high) if seen.max() > -seen.min() else (low, middle)
+    return (low + high) / 2.0
 
 
 def default_light(bounds: np.ndarray, up: str) -> QuadLight:

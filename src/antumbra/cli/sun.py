@@ -1,0 +1,125 @@
+"""``antumbra sun``: hours of direct sun."""
+
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from ..errors import InputError
+from . import report
+from .arguments import SceneSpec, parse_bytes, parse_scene
+from .options import takes
+from .progress import ProgressDisplay
+from .sceneinput import limit_memory, open_scene
+from .sunarguments import SunArguments
+
+
+@takes(SunArguments)
+def sun(given: SunArguments) -> int:
+    """Find the hours of direct sun on the surfaces of SCENE.
+
+    The place comes from the file's CRS (CityJSON), --crs, --latitude and --longitude, or an EPW file. Each sun stands
+    for an interval of --step minutes. Results are exact for these suns. An interrupted command continues when you
+    repeat it.
+
+    \b
+    Outputs
+      .png            picture in false colours, with a legend
+      .glb            the model in these colours
+      .csv .parquet .json .npz    a table, one row for each sensor
+      .tif            GeoTIFF, for raster sensors
+
+    \b
+    Examples
+      antumbra sun city.city.json --days 2026-03-21 -o sun.png -o sun.csv
+      antumbra sun city.city.json --days year:2026 --by month --sky 512 --city-output sun.city.json
+      antumbra sun house.glb --latitude 52 --longitude 4.36 --timezone Europe/Amsterdam --days 2026-06-21 --step 5
+      antumbra sun city.ply --crs EPSG:28992 --up z --sensors raster:1 --days year:2026 -o sun.tif
+      antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
+    """
+    from ..jobs.readsensors import check_sensors, sensors_of
+    from ..jobs.sun.place import place_of
+    from ..jobs.sun.study import sun_hours
+    from ..output import checked_output
+    from ..plan import parse_plan
+
+    spec = parse_scene(given.scene)
+    check_sensors(given.sensors)
+    parse_plan(given.plan)
+    memory = None if given.max_memory is None else parse_bytes(given.max_memory, "--max-memory")
+    outputs = _checked_outputs(given, spec)
+    if given.city_output is not None:
+        checked_output(given.city_output, (".json",))
+    with ProgressDisplay(given.quiet) as display:
+        display.say("reading the scene")
+        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
+        limit_memory(scene, memory)
+        if given.city_output is not None and getattr(scene, "city", None) is None:
+            raise InputError(f"--city-output is for CityJSON, and {scene.name} is none; leave it out")
+        place = place_of(
+            scene, crs=given.crs, latitude=given.latitude, longitude=given.longitude, north=given.north,
+            timezone=given.timezone,
+        )  # fmt: skip
+        sensors = sensors_of(given.sensors, scene, given.threads)
+        display.say("preparing")
+        start = perf_counter()
+        table = sun_hours(
+            scene, sensors, given.days, place=place, step=given.step, rule=given.rule, epw=given.epw,
+            energy=given.energy, sky=given.sky, by=[by.value for by in given.by or ()], samples=given.samples,
+            matrix=given.matrix, plan=given.plan, threads=given.threads, keep=outputs[0].with_suffix(".parts"),
+        )  # fmt: skip
+        seconds = perf_counter() - start
+        city = getattr(scene, "city", None)
+        crs = given.crs or (None if city is None else city.crs)
+        table.about |= {"scene": given.scene, "sensors": given.sensors, "plan": given.plan}
+        table.about |= {} if crs is None else {"crs": crs}
+        display.say("writing")
+        for path in outputs:
+            table.save(path, given.column)
+        if given.city_output is not None:
+            _write_city(table, spec, given.city_output)
+    written = [str(path) for path in (*outputs, given.city_output, given.matrix) if path is not None]
+    _tell(given, table, seconds, written)
+    return 0
+
+
+def _checked_outputs(given: SunArguments, spec: SceneSpec) -> list[Path]:
+    """The files to write; their formats are checked before a scene is read."""
+    from ..jobs.formats import writer_of
+
+    paths = given.output or [Path(f"{spec.stem}-sun.png")]
+    kind = given.sensors.partition(":")[0]
+    for path in paths:
+        writer_of(path, kind)
+    return paths
+
+
+def _write_city(table, spec: SceneSpec, path: Path) -> None:
+    """Write the columns of numbers as attributes of a copy of the CityJSON file."""
+    from ..scene.cityjson.write import write_attributes
+
+    values = {name: table.of_faces(name) for name in table.columns if table[name].dtype.kind in "fiub"}
+    write_attributes(spec.path, path, values, lod=spec.lod)
+
+
+def _tell(given: SunArguments, table, seconds: float, written: list[str]) -> None:
+    rays = len(table) * table.about["suns"] * table.about["samples"]
+    hours = table["sun_hours"]
+    numbers = {"sensors": len(table), "suns": table.about["suns"], "rays": rays, "seconds": seconds}
+    if given.json:
+        found = {name: float(np.mean(c.values)) for name, c in table.columns.items() if c.values.dtype.kind in "fiub"}
+        report.print_json({**table.about, **numbers, "means": found, "files": written})
+    elif not given.quiet:
+        about = table.about
+        least, middle, most = np.percentile(hours, (0, 50, 100)) if len(hours) else (0.0, 0.0, 0.0)
+        rows = [
+            ("place", f"{about['latitude']:.4f}, {about['longitude']:.4f}; true north at {about['north']:.2f} degrees"),
+            ("suns", f"{about['suns']:,} from {about['first']} to {about['last']}, {about['hours']:,.1f} h"),
+            ("sensors", f"{len(table):,} ({given.sensors})"),
+            ("hours of sun", f"{least:,.1f} to {most:,.1f}, median {middle:,.1f}"),
+        ]
+        if "passes" in table.columns:
+            rows.append((about["rule"], f"{table['passes'].mean():.1%} of the sensors pass"))
+        rows.append(("time", f"{report.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
+        rows += [("written", path) for path in written]
+        report.print_fields(rows)

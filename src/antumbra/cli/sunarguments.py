@@ -1,0 +1,83 @@
+"""The command-line arguments of ``antumbra sun``."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..plan import DEFAULT_PLAN
+from .joboptions import ColumnOption, OutputsOption, SensorsOption
+from .options import SCENE_HELP, Json, MaxMemoryOption, Quiet, Threads, UpOption
+
+
+class By(StrEnum):
+    month = "month"
+    hour = "hour"
+
+
+@dataclass(frozen=True)
+class SunArguments:
+    """The arguments of the command line: each field is an argument or an option."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    sensors: SensorsOption = "face"
+    days: Annotated[
+        str | None,
+        typer.Option(
+            help="2026-06-21, 2026-03-21:2026-09-21, year:2026, or several with commas.  [default: those of the rule "
+            "or of the EPW file]",
+            metavar="DAYS",
+            show_default=False,
+        ),
+    ] = None
+    step: Annotated[float, typer.Option(help="Minutes that each sun stands for.", metavar="MINUTES")] = 60
+    rule: Annotated[
+        str | None, typer.Option(help="A daylight rule: br209-windows, en17037-medium, ...", show_default=False)
+    ] = None
+    epw: Annotated[
+        Path | None,
+        typer.Option(help="Weather file: place, days, direct and diffuse radiation.", metavar="FILE"),
+    ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option(help="A CRS, such as EPSG:28992.  [default: the file's]", show_default=False),
+    ] = None
+    latitude: Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)] = None
+    longitude: Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)] = None
+    north: Annotated[
+        float | None,
+        typer.Option(
+            help="True north, degrees clockwise from +Y (+Z up) or -Z (+Y up).  [default: by the CRS, or 0]",
+            show_default=False,
+        ),
+    ] = None
+    timezone: Annotated[
+        str | None,
+        typer.Option(
+            help="Europe/Amsterdam, UTC or +01:00.  [default: the whole hour of the longitude]", show_default=False
+        ),
+    ] = None
+    energy: Annotated[bool, typer.Option("--energy", help="Add the energy of direct light under a clear sky.")] = False
+    sky: Annotated[
+        int, typer.Option(help="Add the sky-view factor, by so many directions.", min=0, max=1024, metavar="N")
+    ] = 0
+    by: Annotated[list[By] | None, typer.Option(help="Hours for each month or hour; may be repeated.")] = None
+    samples: Annotated[int, typer.Option(help="Points on the sun's disk; 1: its centre.", min=1, max=64)] = 1
+    output: OutputsOption = None
+    column: ColumnOption = None
+    city_output: Annotated[
+        Path | None,
+        typer.Option(help="A copy of a CityJSON file with the results as attributes.", metavar="FILE"),
+    ] = None
+    matrix: Annotated[
+        Path | None,
+        typer.Option(help="A .npy file of the bits of each sensor and sun.", metavar="FILE"),
+    ] = None
+    plan: Annotated[str, typer.Option(help="Methods to use; see antumbra plans.")] = DEFAULT_PLAN
+    threads: Threads = None
+    max_memory: MaxMemoryOption = None
+    up: UpOption = None
+    json: Json = False
+    quiet: Quiet = False

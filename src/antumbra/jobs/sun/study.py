@@ -1,0 +1,242 @@
+"""`sun_hours`: from a scene, a place and days to a table of what each sensor sees of the sun."""
+
+from collections.abc import Iterable, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...checks import whole_number
+from ...errors import InputError
+from ...output import checked_output, replacing
+from ...plan import Plan
+from ...scene.any_scene import AnyScene
+from ..readsensors import sensors_of
+from ..sensors import Sensors
+from ..table import Column, Table
+from .hours import answer, ask
+from .matrix import MatrixFile
+from .place import Place, place_of
+from .positions import Suns, suns_of
+from .rules import Rule, passed, rule_named, weights_of
+from .sky import sky_view
+from .tally import Tally
+from .times import parse_days, times_of, zone_of
+from .weather import TYPICAL_YEAR, clear_sky, on_days, read_epw
+
+MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
+BY = "month", "hour"
+"""What `sun_hours` can sort hours by."""
+
+MOST_SAMPLES = 64
+"""Points on the sun's disk."""
+
+
+class Study(NamedTuple):
+    """Where, when and what: `sun_hours` explains the fields."""
+
+    place: Place
+    suns: Suns
+    rule: Rule | None
+    diffuse: np.ndarray | None  # (i,) float64, Wh/m2 of diffuse light on a horizontal plane, of each interval
+    by: tuple[str, ...]
+
+
+def sun_hours(
+    scene: AnyScene, sensors: Sensors | str = "face", days: str | Iterable[date] | None = None, *,
+    place: Place | None = None, step: float = 60, rule: str | None = None, epw=None, energy: bool = False,
+    sky: int = 0, by: Sequence[str] = (), samples: int = 1, matrix=None, plan: str | Plan | None = None,
+    threads: int | None = None, keep=None,
+) -> Table:  # fmt: skip
+    """Find the hours of direct sun of each sensor, exactly.
+
+    Each sun stands for an interval and is placed at its middle. A sensor sees it if no triangle is in between, and if
+    the sun is above the sensor's own surface.
+
+    Parameters
+    ----------
+    scene : Scene or PagedScene
+    sensors : Sensors or str
+        A text is ``face``, ``vertex``, ``grid:SPACING``, ``raster:SPACING`` or a file; see `antumbra.sensors_of`.
+    days : str or iterable of date, optional
+        ``2026-06-21``, ``2026-03-21:2026-09-21``, ``year:2026``, or several with commas. None: the days of the rule, or
+        those of the EPW file.
+    place : Place, optional
+        None: that of the scene's CRS.
+    step : float
+        Minutes of an interval. EPW files have hours.
+    rule : str, optional
+        A daylight rule, see `antumbra plans`: its criteria become columns.
+    epw : str or path-like, optional
+        Weather file: direct and diffuse radiation, and the place if there is no other.
+    energy : bool
+        Whether to add the energy of direct light, of a clear sky if there is no EPW file.
+    sky : int
+        Directions of the sky for the sky-view factor, 0 to 1024; 0: none.
+    by : sequence of {"month", "hour"}
+        Hours for each month, or each hour of the day, as columns of their own.
+    samples : int
+        Points on the sun's disk, 1 to 64; 1: its centre.
+    matrix : str or path-like, optional
+        A .npy file for the bits of each sensor and sun, (n, ceil(k / 64)) uint64: bit s is set if sun s is hidden.
+    plan, threads
+        As in `antumbra.render`.
+    keep : str or path-like, optional
+        Folder in which an interrupted job keeps its finished parts.
+
+    Returns
+    -------
+    Table
+        Columns "sun_hours" (h); "sun_share" of the hours with the sun above the horizon; "longest" (h), the longest
+        stretch without a break; "first" and "last", the middle of the first and last interval with sun (wall clock);
+        and those that were asked for.
+
+    Raises
+    ------
+    InputError
+        If the place or the days are unknown, a text has another form, a package is missing (``antumbra[sun]``), or no
+        sun is above the horizon.
+    """
+    samples = whole_number(samples, "samples", 1, MOST_SAMPLES)
+    study = studied(scene, days, place=place, step=step, rule=rule, epw=epw, energy=energy, by=by)
+    if isinstance(sensors, str):
+        sensors = sensors_of(sensors, scene, threads)
+    target = None if matrix is None else checked_output(matrix, (".npy",))
+    suns, bins = study.suns, _Bins(study)
+    asked = ask(
+        scene, sensors, suns, bins.of_suns, bins.count, samples=samples,
+        energy=None if suns.dni is None else suns.dni * suns.hours, plan=plan, threads=threads,
+    )  # fmt: skip
+    kept = None if keep is None or target is not None else Path(keep)  # a matrix is written whole
+    if target is None:
+        tally = answer(asked, kept)
+    else:
+        with replacing(target) as temporary:
+            rows = MatrixFile(temporary, len(sensors), len(suns.hours))
+            tally = answer(asked, None, matrix=rows)
+            rows.close()
+    table = Table(sensors, _columns(study, bins, tally), _about(study, step, samples), scene)
+    if sky:
+        _add_sky(table, study, whole_number(sky, "sky", 0, 1024), plan, threads)
+    return table
+
+
+def studied(scene, days, *, place, step, rule, epw, energy, by) -> Study:
+    """Everything but the scene's answer: the place, the suns, and what to count."""
+    for each in by:
+        if each not in BY:
+            raise InputError(f"by is {each!r}; it must be month or hour")
+    found = None if rule is None else rule_named(rule)
+    if isinstance(days, str):
+        days = parse_days(days)
+    place = place_of(scene) if place is None else place
+    weather = None
+    if epw is not None:
+        weather, place = read_epw(epw, place)
+    if place is None:
+        raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
+    if days is None and found is not None:
+        days, step = found.days(TYPICAL_YEAR), found.step
+    if weather is not None:
+        weather = weather if days is None else on_days(weather, days)
+        suns = suns_of(place, weather.times, scene.up, weather.dni)
+        diffuse = weather.dhi * weather.times.hours
+    else:
+        if days is None:
+            raise InputError("the days are unknown; give days such as 2026-06-21 or year:2026, a rule, or an EPW file")
+        times = times_of(days, zone_of(place), step)
+        clear = clear_sky(place, times) if energy else None
+        suns = suns_of(place, times, scene.up, None if clear is None else clear.dni)
+        diffuse = None if clear is None else clear.dhi * times.hours
+    if not len(suns.hours):
+        raise InputError("no sun is above the horizon on these days; check the days and the place")
+    return Study(place, suns, found, diffuse, tuple(by))
+
+
+class _Bins:
+    """Columns of hours: months, hours of the day, and criteria of a rule. Suns that count for none go to the last."""
+
+    def __init__(self, study: Study):
+        suns, self.names, columns = study.suns, [], []
+        if "month" in study.by:
+            columns.append(self._add([f"hours_{name}" for name in MONTHS]) + _month(suns))
+        if "hour" in study.by:
+            columns.append(self._add([f"hours_{hour:02d}" for hour in range(24)]) + _hour(suns))
+        self.criteria: list[tuple[str, float]] = []  # column, and the score of an hour in it
+        weights = np.empty((0, len(suns.hours))) if study.rule is None else weights_of(study.rule, suns)
+        self._rule_first = len(self.names)
+        for k, weight in enumerate(weights):
+            counts = weight > 0.0
+            first = self._add([f"criterion {k}"])
+            columns.append(np.where(counts, first, -1))
+            self.criteria.append((self.names[first], float((weight[counts] / suns.hours[counts]).max(initial=0.0))))
+        self.count = len(self.names) + 1
+        chosen = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
+        self.of_suns = np.where(chosen < 0, self.count - 1, chosen)
+
+    def _add(self, names: list[str]) -> int:
+        self.names += names
+        return len(self.names) - len(names)
+
+    def hours(self, tally: Tally) -> dict[str, np.ndarray]:
+        """Name -> hours of each sensor."""
+        return {name: tally.binned[:, k] for k, name in enumerate(self.names)}
+
+
+def _month(suns: Suns) -> np.ndarray:
+    return suns.local.astype("datetime64[M]").astype(np.int64) % 12
+
+
+def _hour(suns: Suns) -> np.ndarray:
+    return (suns.local.astype("datetime64[h]") - suns.local.astype("datetime64[D]")).astype(np.int64)
+
+
+def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
+    suns, total = study.suns, study.suns.hours.sum()
+    found = {
+        "sun_hours": Column(tally.hours, "h", "hours of direct sun"),
+        "sun_share": Column(tally.hours / total, "", "share of the hours with the sun above the horizon"),
+        "longest": Column(tally.longest, "h", "longest stretch of sun without a break"),
+        "first": Column(_moment(suns, tally.first), "", "first sun, wall clock"),
+        "last": Column(_moment(suns, tally.last), "", "last sun, wall clock"),
+    }
+    if suns.dni is not None:
+        found["direct_kwh_m2"] = Column(tally.energy / 1000.0, "kWh/m2", "energy of direct light")
+    hours = bins.hours(tally)
+    criteria = dict(bins.criteria)
+    for name, values in hours.items():
+        if name not in criteria and values.any():
+            found[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
+    if study.rule is not None:
+        scores = np.stack([hours[name] * factor for name, factor in bins.criteria], 1)
+        for k, criterion in enumerate(study.rule.criteria):
+            unit = "" if criterion.share else "h"
+            found[criterion.name] = Column(scores[:, k], unit, f"{study.rule.name}: at least {criterion.least:g}")
+        found["passes"] = Column(passed(study.rule, scores), "", f"whether the sensor meets {study.rule.name}")
+    return found
+
+
+def _moment(suns: Suns, which: np.ndarray) -> np.ndarray:
+    """(n,) datetime64[s]: wall clock of suns; NaT for -1."""
+    return np.where(which >= 0, suns.local[np.maximum(which, 0)], np.datetime64("NaT"))
+
+
+def _add_sky(table: Table, study: Study, count: int, plan, threads) -> None:
+    assert table.scene is not None
+    view = sky_view(table.scene, table.sensors, count, plan=plan, threads=threads)
+    table.columns["sky_view"] = Column(view, "", "sky-view factor: share of a uniform sky's light that arrives")
+    if study.diffuse is not None:
+        values = view * (study.diffuse.sum() / 1000.0)
+        table.columns["diffuse_kwh_m2"] = Column(values, "kWh/m2", "energy of diffuse light, uniform sky")
+
+
+def _about(study: Study, step: float, samples: int) -> dict[str, Any]:
+    """Facts of the study, as JSON can hold them."""
+    suns, place, rule = study.suns, study.place, study.rule
+    found: dict[str, Any] = {"job": "sun", "title": "Hours of direct sun", **place._asdict()}
+    found |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
+    found |= {"hours": float(suns.hours.sum()), "step": float(step), "samples": samples}
+    if rule is not None:
+        found |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
+    return found
