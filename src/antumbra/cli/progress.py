@@ -17,8 +17,8 @@ DELAY = 1.0
 class ProgressDisplay:
     """A progress line on standard error while the block runs.
 
-    There is none if standard error is no terminal, or if the block is fast. `quiet`: nothing appears. A timer starts the line, so it appears
-    during a single long call too (reading a file, building a BVH).
+    There is none if standard error is no terminal, or if the block is fast. A timer starts the line, so it appears
+    during a single long call too (reading a file, building a BVH). `quiet`: nothing else appears either.
     """
 
     def __init__(self, quiet: bool = False, delay: float = DELAY):

@@ -35,12 +35,17 @@ TARGETS = 6 * 16  # float32: rows of the middles x, y, z of each lane's samples,
 
 
 class LightTable(NamedTuple):
-    """All samples of a light that does not move with the receiver. For other lights only the shapes are meaningful."""
+    """All samples of a light, as a tile's lanes take them.
+
+    If the light moves with the receiver, of the first four fields only the shapes are meaningful, else of the last two.
+    """
 
     points: np.ndarray  # (chunks, 16, 3, 16) float32: stratum, axis, lane
     groups: np.ndarray  # (chunks, 6, 32) float32: boxes of the groups
     targets: np.ndarray  # (chunks, 6, 16) float32: boxes of each lane's samples
     by_lane: np.ndarray  # (chunks, 16, 3, 16) float32: `points` transposed: lane, axis, stratum
+    samples: np.ndarray  # (chunks, 16, 3, 16) float64: stratum, (a, b, c), lane
+    turned: np.ndarray  # (chunks, 16, 3, 16) float64: `samples` transposed: lane, (a, b, c), stratum
 
 
 @inlined
@@ -56,6 +61,18 @@ def group_of(strata):
     return low >> (highest_bit(low ^ high) + 1)
 
 
+@inlined
+def _join_groups(lower, upper):
+    """Bound the groups along one axis from their strata."""
+    for g in range(15, 0, -1):
+        a, b = get(lower, 2 * g), get(lower, 2 * g + 1)
+        put(lower, g, a if a < b else b)
+        a, b = get(upper, 2 * g), get(upper, 2 * g + 1)
+        put(upper, g, a if a > b else b)
+    put(lower, 0, get(lower, 1))
+    put(upper, 0, get(upper, 1))
+
+
 @kernel
 def bound_groups(points, groups, count):
     """Fill the groups of one chunk from its points (pointers); strata from `count` on repeat the last one."""
@@ -65,13 +82,21 @@ def bound_groups(points, groups, count):
             p = load16(points, (s if s < count else count - 1) * 48 + 16 * k)
             put(lower, 16 + s, reduce_min(p))
             put(upper, 16 + s, reduce_max(p))
-        for g in range(15, 0, -1):
-            a, b = get(lower, 2 * g), get(lower, 2 * g + 1)
-            put(lower, g, a if a < b else b)
-            a, b = get(upper, 2 * g), get(upper, 2 * g + 1)
-            put(upper, g, a if a > b else b)
-        put(lower, 0, get(lower, 1))
-        put(upper, 0, get(upper, 1))
+        _join_groups(lower, upper)
+
+
+@kernel
+def bound_strata(by_lane, groups):
+    """Fill the groups of one chunk from its points lane by lane (pointers): minima of lanes need no reductions."""
+    low = high = rows(by_lane, 0, 16)
+    for lane in range(1, 16):
+        p = rows(by_lane, lane * 48, 16)
+        low = Vec(minimum(low.x, p.x), minimum(low.y, p.y), minimum(low.z, p.z))
+        high = Vec(maximum(high.x, p.x), maximum(high.y, p.y), maximum(high.z, p.z))
+    keep(groups, STRATA, ALL_GROUPS, low)
+    keep(groups, 3 * ALL_GROUPS + STRATA, ALL_GROUPS, high)
+    for k in range(3):
+        _join_groups(ptr_at(groups, k * ALL_GROUPS), ptr_at(groups, (3 + k) * ALL_GROUPS))
 
 
 @kernel
@@ -120,11 +145,17 @@ def _fixed_table(light, samples, sets, table):
 def light_table(query, sets) -> LightTable:
     """The table of a query; lane i of its tiles uses sample set ``sets[i]``."""
     chunks = -(-query.samples.shape[1] // STRATA)
-    table = LightTable(
-        np.zeros((chunks, STRATA, 3, 16), np.float32),
-        np.zeros((chunks, 6, ALL_GROUPS), np.float32),
-        np.zeros((chunks, 6, 16), np.float32),
-        np.zeros((chunks, 16, 3, STRATA), np.float32),
-    )
-    _fixed_table(query.light, query.samples, sets, table)
-    return table
+    f32 = [
+        np.zeros((chunks, *shape), np.float32) for shape in ((STRATA, 3, 16), (6, ALL_GROUPS), (6, 16), (16, 3, STRATA))
+    ]
+    if query.light.kind in (FIXED, LIST):  # `stays`
+        unused = np.zeros((chunks, 1, 1, 1))
+        table = LightTable(*f32, unused, unused)
+        _fixed_table(query.light, query.samples, sets, table)
+        return table
+    known = np.minimum(
+        np.arange(chunks * STRATA), query.samples.shape[1] - 1
+    )  # strata without a sample repeat the last
+    samples = query.samples[sets][:, known].reshape(16, chunks, STRATA, 3)
+    both = (np.ascontiguousarray(samples.transpose(order)) for order in ((1, 2, 3, 0), (1, 0, 3, 2)))
+    return LightTable(*f32, *both)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr
+from ..kernels.fields import F32Ptr, F64Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import get, ptr, ptr_at
 from ..query.shadow import QueryPointers, query_pointers
@@ -44,6 +44,8 @@ class QueryChunk(NamedTuple):
     groups: F32Ptr  # float32 *
     targets: F32Ptr  # float32 *
     by_lane: F32Ptr  # float32 *
+    samples: F64Ptr  # float64 * into the chunk's light table, like the next; unused if the light stays
+    turned: F64Ptr  # float64 *
     fixed: bool  # the light does not move with the receiver
     shape: TileShape
     first: int  # first sample
@@ -55,12 +57,14 @@ class QueryChunk(NamedTuple):
 def query_chunk_of(query, table, shape, chunk, n_samples):
     """The `QueryChunk` of a chunk of a query."""
     groups, light, fixed = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0), stays(query.light)
+    moving = 0 if fixed else POINTS
     if fixed:
         for k in range(3):
             light += get(groups, (3 + k) * ALL_GROUPS + 1) - get(groups, k * ALL_GROUPS + 1)
     return QueryChunk(
         query_pointers(query), ptr_at(ptr(table.points), chunk * POINTS), groups,
-        ptr_at(ptr(table.targets), chunk * TARGETS), ptr_at(ptr(table.by_lane), chunk * POINTS), fixed, shape,
+        ptr_at(ptr(table.targets), chunk * TARGETS), ptr_at(ptr(table.by_lane), chunk * POINTS),
+        ptr_at(ptr(table.samples), chunk * moving), ptr_at(ptr(table.turned), chunk * moving), fixed, shape,
         chunk * STRATA, n_samples, light * _LIGHT,
     )  # fmt: skip
 
@@ -68,4 +72,6 @@ def query_chunk_of(query, table, shape, chunk, n_samples):
 @inlined
 def place_of(chunk, y0, x0, lane):
     """Index of a lane's receiver among all receivers, row by row."""
-    return (y0 + lane // chunk.shape.width) * chunk.query.w + x0 + lane % chunk.shape.width
+    if chunk.shape.height == 1:
+        return y0 * chunk.query.w + x0 + lane
+    return (y0 + (lane >> 2)) * chunk.query.w + x0 + (lane & 3)  # a division by the width would take longer

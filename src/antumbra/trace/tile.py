@@ -25,12 +25,14 @@ from ..kernels.simd import (
     reduce_min,
     select,
     splat16,
+    stack_f64,
     store,
+    to_f32,
 )
 from ..query.receivers import NOTHING
-from ..query.shadow import patch_of, sample_of
+from ..query.shadow import patch_of
 from .beams import BEAM_FLOATS
-from .lighttable import GROUPS, POINTS, TARGETS, bound_groups, bound_targets
+from .lighttable import GROUPS, POINTS, TARGETS, bound_strata, bound_targets
 from .querychunk import place_of
 from .shafts import SHAFT_FLOATS
 
@@ -154,19 +156,43 @@ def coherent_part(tile, lanes, light):
     return lanes
 
 
-@kernel
-def move_light(chunk, y0, x0, valid, tile):
-    """Write the samples of a light that moves with the receiver to the tile's own memory, all but `by_lane`."""
+@inlined
+def _patches_of(chunk, y0, x0, valid, patches):
+    """Write the patches of a tile's receivers: rows of base, u, v, w, 16 lanes each. Other lanes repeat a valid one."""
     for lane in range(16):
         there = lane if valid >> lane & 1 else lowest_bit(valid)
-        i = place_of(chunk, y0, x0, there)
-        patch = patch_of(chunk.query, i)
-        for s in range(chunk.count):
-            px, py, pz = sample_of(chunk.query, patch, i, chunk.first + s)
-            put(tile.points, s * 48 + lane, px)
-            put(tile.points, s * 48 + 16 + lane, py)
-            put(tile.points, s * 48 + 32 + lane, pz)
-    bound_groups(tile.points, tile.groups, chunk.count)
+        patch = patch_of(chunk.query, place_of(chunk, y0, x0, there))
+        for k in range(12):
+            put(patches, 16 * k + lane, patch[k])
+
+
+@inlined
+def _points(samples, at, p, u, v, w):
+    """One coordinate of 16 samples of patches, f32x16, as `sample_point` computes it; f64x16."""
+    a, b, c = load16(samples, at), load16(samples, at + 16), load16(samples, at + 32)
+    return to_f32(((p + a * u) + b * v) + c * w)
+
+
+@kernel
+def move_light(chunk, y0, x0, valid, tile):
+    """Write the samples of a light that moves with the receiver to the tile's own memory.
+
+    Each point is computed twice, for its stratum and for its lane: a transposition would take longer. The sums are
+    those of `sample_point`.
+    """
+    patches = stack_f64(12 * 16)
+    _patches_of(chunk, y0, x0, valid, patches)
+    for k in range(3):
+        p, u = load16(patches, 16 * k), load16(patches, 16 * (3 + k))
+        v, w = load16(patches, 16 * (6 + k)), load16(patches, 16 * (9 + k))
+        for at in range(0, 48 * chunk.count, 48):
+            store(tile.points, at + 16 * k, _points(chunk.samples, at, p, u, v, w))
+    for lane in range(16):
+        for k in range(3):
+            p, u = broadcast16(patches, 16 * k + lane), broadcast16(patches, 16 * (3 + k) + lane)
+            v, w = broadcast16(patches, 16 * (6 + k) + lane), broadcast16(patches, 16 * (9 + k) + lane)
+            store(tile.by_lane, 48 * lane + 16 * k, _points(chunk.turned, 48 * lane, p, u, v, w))
+    bound_strata(tile.by_lane, tile.groups)
     bound_targets(tile.points, tile.targets, chunk.count)
 
 
@@ -213,12 +239,14 @@ def write_bits(chunk, y0, x0, valid, tile, out):
 
     out : pointer to the bits of all receivers, `chunk.query.words` uint64 each
     """
-    turn_bits(tile.dead, tile.dead)
     shift, word, known = (
         np.uint64(chunk.first & 63),
         chunk.first >> 6,
         (np.int64(1) << chunk.count) - 1,
     )
+    if bits((load16(tile.dead, 0) & splat16(np.int32(valid))) != 0) & known == 0:
+        return
+    turn_bits(tile.dead, tile.dead)
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1

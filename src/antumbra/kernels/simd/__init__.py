@@ -29,7 +29,8 @@ An example::
     inside = count_inside(points[0], points[1], np.float32(1.0))
 
 Types
-    ``f32xN`` (float32), ``i32xN`` (int32), ``maskN`` (one bit per lane), for N = 4, 8, 16. Vectors of different
+    ``f32xN`` (float32), ``i32xN`` (int32), ``maskN`` (one bit per lane), for N = 4, 8, 16. ``f64xN`` (float64) has
+    `load`, `broadcast`, ``+ - *`` and `to_f32` only. Vectors of different
     widths do not mix. A vector that is wider than the processor's registers is split into several.
 Operators
     ``+ - *`` and comparisons on f32 and i32, ``/`` on f32, ``<< >>`` on i32, ``& | ^ ~`` on i32 and masks,

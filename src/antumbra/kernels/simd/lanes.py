@@ -177,12 +177,13 @@ def flip_sign(typingctx, a, s):
 
 @intrinsic
 def to_f32(typingctx, v):
-    """Convert i32 to f32, rounded to nearest."""
-    _check_vector("to_f32", v, types.int32)
+    """Convert i32 or f64 to f32, rounded to nearest."""
+    _check_vector("to_f32", v, types.int32, types.float64)
     result = Vector(types.float32, v.lanes)
 
     def codegen(context, builder, sig, values):
-        return builder.sitofp(values[0], llvm_type(result))
+        convert = builder.sitofp if v.is_i32 else builder.fptrunc
+        return convert(values[0], llvm_type(result))
 
     return result(v), codegen
 

@@ -41,9 +41,9 @@ def _address(context, builder, sig, values):
     return builder.gep(_first(context, builder, sig.args[0], values[0]), [index])
 
 
-def _vector_of(function, a, lanes):
-    """The vector type with the element type of `a`."""
-    if a.dtype not in (types.float32, types.int32):
+def _vector_of(function, a, lanes, *more):
+    """The vector type with the element type of `a`: float32, int32 or one of `more`."""
+    if a.dtype not in (types.float32, types.int32, *more):
         reject(function, a, cure="elements must be float32 or int32 (as_i32 or as_f32 reads others' bits)")
     return Vector(a.dtype, lanes)
 
@@ -53,7 +53,7 @@ def _make_load(lanes):
     def load(typingctx, a, i):
         """Elements i, i + 1, ... of `a`, one per lane; any alignment."""
         _check(f"load{lanes}", a, i)
-        vector = _vector_of(f"load{lanes}", a, lanes)
+        vector = _vector_of(f"load{lanes}", a, lanes, types.float64)
 
         def codegen(context, builder, sig, values):
             pointer = _address(context, builder, sig, values)
@@ -69,7 +69,7 @@ def _make_broadcast(lanes):
     def broadcast(typingctx, a, i):
         """Element i of `a` in every lane."""
         _check(f"broadcast{lanes}", a, i)
-        vector = _vector_of(f"broadcast{lanes}", a, lanes)
+        vector = _vector_of(f"broadcast{lanes}", a, lanes, types.float64)
 
         def codegen(context, builder, sig, values):
             return repeat(builder, builder.load(_address(context, builder, sig, values)), lanes)

@@ -52,11 +52,11 @@ def _unary(op, emit, *elements):
         return emit(builder, sig.args[0], values[0])
 
 
-def _method(f32=None, i32=None):
-    """An emitter that calls the IR builder's method `f32` or `i32`, chosen by the element type."""
+def _method(real=None, i32=None):
+    """An emitter that calls the IR builder's method `real` or `i32`, chosen by the element type."""
 
     def emit(builder, vector, *values):
-        return getattr(builder, f32 if vector.is_f32 else i32)(*values)
+        return getattr(builder, real if vector.is_real else i32)(*values)
 
     return emit
 
@@ -73,11 +73,11 @@ def _comparison(symbol):
     return emit
 
 
-_F32, _I32, _MASK = types.float32, types.int32, types.boolean
+_F32, _F64, _I32, _MASK = types.float32, types.float64, types.int32, types.boolean
 
-_binary(operator.add, _method("fadd", "add"), _F32, _I32, inplace=operator.iadd)
-_binary(operator.sub, _method("fsub", "sub"), _F32, _I32, inplace=operator.isub)
-_binary(operator.mul, _method("fmul", "mul"), _F32, _I32, inplace=operator.imul)
+_binary(operator.add, _method("fadd", "add"), _F32, _F64, _I32, inplace=operator.iadd)
+_binary(operator.sub, _method("fsub", "sub"), _F32, _F64, _I32, inplace=operator.isub)
+_binary(operator.mul, _method("fmul", "mul"), _F32, _F64, _I32, inplace=operator.imul)
 _binary(operator.truediv, _method("fdiv"), _F32, inplace=operator.itruediv)
 _binary(operator.and_, _method(i32="and_"), _I32, _MASK, inplace=operator.iand)
 _binary(operator.or_, _method(i32="or_"), _I32, _MASK, inplace=operator.ior)

@@ -11,10 +11,16 @@ from numba.core import errors, types
 from numba.core.datamodel import models
 from numba.extending import register_model
 
-_PREFIX = {types.float32: "f32x", types.int32: "i32x", types.boolean: "mask"}
-_LLVM = {types.float32: ir.FloatType(), types.int32: ir.IntType(32), types.boolean: ir.IntType(1)}
+_PREFIX = {types.float32: "f32x", types.float64: "f64x", types.int32: "i32x", types.boolean: "mask"}
+_LLVM = {
+    types.float32: ir.FloatType(),
+    types.float64: ir.DoubleType(),
+    types.int32: ir.IntType(32),
+    types.boolean: ir.IntType(1),
+}
 _SCALARS = {
     types.float32: (types.Integer, types.Float),
+    types.float64: (types.Integer, types.Float),
     types.int32: (types.Integer,),
     types.boolean: (types.Boolean,),
 }
@@ -23,7 +29,7 @@ I64 = ir.IntType(64)
 
 
 class Vector(types.Type):
-    """The Numba type of `lanes` values of one element type: float32, int32 or boolean (a mask)."""
+    """The Numba type of `lanes` values of one element type: float32, float64, int32 or boolean (a mask)."""
 
     def __init__(self, element, lanes):
         self.element = element
@@ -33,6 +39,10 @@ class Vector(types.Type):
     @property
     def is_f32(self):
         return self.element == types.float32
+
+    @property
+    def is_real(self):
+        return self.element in (types.float32, types.float64)
 
     @property
     def is_i32(self):
@@ -56,6 +66,7 @@ def llvm_type(vector):
 
 
 f32x4, f32x8, f32x16 = (Vector(types.float32, lanes) for lanes in (4, 8, 16))
+f64x4, f64x8, f64x16 = (Vector(types.float64, lanes) for lanes in (4, 8, 16))
 i32x4, i32x8, i32x16 = (Vector(types.int32, lanes) for lanes in (4, 8, 16))
 mask4, mask8, mask16 = (Vector(types.boolean, lanes) for lanes in (4, 8, 16))
 

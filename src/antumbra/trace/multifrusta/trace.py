@@ -20,7 +20,7 @@ from ..deferred import DEFERRED, settle_deferred
 from ..descent import left, next_leaf, nowhere, save, slabs_of
 from ..forest import TREE, Forest, forest_pointers, is_idle, list_of, tree_in, walk_forest, walk_tree, whole
 from ..horizon import PLANES, apply_horizon
-from ..lighttable import STRATA, light_table, turn_points
+from ..lighttable import STRATA, light_table
 from ..packets.incoherent import extents_of, is_far, is_huge, is_incoherent
 from ..packets.packet16 import over_pixels, over_samples
 from ..querychunk import QueryChunk, query_chunk_of, sets_of, tile_shape
@@ -172,7 +172,6 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
     bound_receivers(tile, valid)
     if not chunk.fixed:
         move_light(chunk, y0, x0, valid, tile)
-        turn_points(tile.points, tile.by_lane, chunk.count)
     make_beams(tile)
     if fresh:
         apply_horizon(chunk, y0, x0, valid, tile, scratch.planes, scratch.deferred, counters)

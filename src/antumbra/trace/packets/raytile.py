@@ -18,7 +18,7 @@ from ..counters import new_counters
 from ..deferred import deferred_ints, settle_deferred
 from ..forest import TREE
 from ..horizon import PLANES, apply_horizon
-from ..lighttable import POINTS, STRATA, LightTable, light_table, turn_points
+from ..lighttable import POINTS, STRATA, LightTable, light_table
 from ..querychunk import TileShape, query_chunk_of, sets_of, tile_shape
 from ..tile import (
     TILE_FLOATS,
@@ -101,14 +101,12 @@ def query_chunk_in(query, samples, job):
 
 
 @kernel
-def _by_receiver(chunk, tile, scratch):
+def _by_receiver(tile, scratch):
     """Fill the receivers' origins. Return the points of the receivers' samples."""
     for r in range(16):
         for k in range(3):
             store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
     turn_bits(tile.dead, scratch.dead)
-    if not chunk.fixed:
-        turn_points(tile.points, tile.by_lane, chunk.count)
     return tile.by_lane
 
 
@@ -134,7 +132,7 @@ def start_tile(job, chunk, n, scratch, known, counters):
         else:
             read_bits(chunk, y0, x0, valid, tile, known)
         if job.by_sample:
-            points = _by_receiver(chunk, tile, scratch)
+            points = _by_receiver(tile, scratch)
             return TileRays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
     return TileRays(
         tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1
