@@ -17,7 +17,7 @@ CHUNK = 64  # triangles, so that small scenes have many chunks and are sorted in
 class Pieces:
     """A source of given pieces."""
 
-    duration, meshes = 0.0, ()
+    duration, meshes, objects = 0.0, (), ()
 
     def __init__(self, *pieces, file="pieces"):
         self._pieces, self.file = pieces, file

@@ -37,6 +37,7 @@ if typing.TYPE_CHECKING:
     from .scene.generated import procedural
     from .scene.hit import Hit
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
+    from .scene.mesh import MeshInfo, ObjectInfo
     from .scene.point_lights import PointLights
     from .scene.scene import Scene
     from .scene.triangles import Triangles
@@ -59,6 +60,8 @@ __all__ = [
     "Hit",
     "InputError",
     "Light",
+    "MeshInfo",
+    "ObjectInfo",
     "PagedScene",
     "Place",
     "Plan",
@@ -133,6 +136,7 @@ _HOMES = {
     "jobs.table": ["Column", "Table"],
     "loading": ["load"],
     "scene.directional_lights": ["DirectionalLights"],
+    "scene.mesh": ["MeshInfo", "ObjectInfo"],
     "scene.point_lights": ["PointLights"],
     "scene.scene": ["Scene"],
     "scene.triangles": ["Triangles"],

@@ -10,7 +10,7 @@ from .camera import Camera
 from .cityjson.model import CityModel
 from .hit import Hit
 from .lights import Light
-from .mesh import MeshInfo
+from .mesh import MeshInfo, ObjectInfo
 from .triangles import Triangles
 
 
@@ -22,6 +22,7 @@ class AnyScene(ABC):
     notes: tuple[str, ...]
     duration: float  # seconds
     meshes: list[MeshInfo]
+    objects: list[ObjectInfo]
     bounds: np.ndarray  # (2, 3) float64, world
     origin: np.ndarray  # (3,) float64, world
     city: CityModel | None = None  # of a CityJSON file
@@ -31,6 +32,11 @@ class AnyScene(ABC):
     @property
     @abstractmethod
     def n_triangles(self) -> int: ...
+
+    @property
+    @abstractmethod
+    def object_of_face(self) -> np.ndarray:
+        """(n,) int32: the index in `objects` of each face, in the order of `triangles`; read-only."""
 
     @abstractmethod
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:

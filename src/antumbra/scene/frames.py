@@ -11,7 +11,7 @@ from numpy.lib import format as npy
 
 from ..errors import InputError
 from .files import checked_file
-from .mesh import MeshInfo, check_finite, face_colours, used_faces
+from .mesh import MeshInfo, ObjectInfo, check_finite, face_colours, used_faces
 from .source import Piece
 
 FILES = ("frames.npy", "faces.npy", "face_rgba.npy", "info.json")
@@ -33,7 +33,7 @@ class VertexFrames:
         self.duration = float(times[-1] - times[0])
         self._frames, self._times, self._colour = frames, times - times[0], colour
         self._faces, self._used = used_faces(faces, frames.shape[1], f"{file}/faces.npy")
-        self.meshes = [MeshInfo(file, len(self._faces), 1)]
+        self.meshes, self.objects = [MeshInfo(file, len(self._faces), 1)], [ObjectInfo(file, 0, 0)]
 
     def pieces(self, time: float) -> Iterator[Piece]:
         k = int(np.searchsorted(self._times, time, side="right")) - 1

@@ -6,7 +6,7 @@ import numpy as np
 
 from .camera import Camera
 from .lights import QuadLight
-from .mesh import MeshInfo, make_mesh
+from .mesh import MeshInfo, ObjectInfo, make_mesh
 from .scene import Scene
 from .source import Piece, StaticMeshes
 
@@ -77,6 +77,7 @@ class StreamedCity:
         triangles = PROCEDURAL["city"].default_triangles if triangles is None else triangles
         self._arguments, self._processes = checked("city", triangles, seed), processes
         self.meshes: list[MeshInfo] = []
+        self.objects = [ObjectInfo(self.name, -1, 0)]
 
     @property
     def n_triangles(self) -> int:

@@ -26,6 +26,14 @@ class MeshInfo(NamedTuple):
     instances: int
 
 
+class ObjectInfo(NamedTuple):
+    """An object of a scene: one copy of a mesh. The primitives of a glTF mesh belong to one object."""
+
+    name: str  # of the node, else of the mesh; a copy of EXT_mesh_gpu_instancing has its number after it: "tree[7]"
+    mesh: int  # index in `Scene.meshes`; -1 in a store, which records no meshes
+    instance: int  # number of this copy among the copies of its mesh, from 0
+
+
 def make_mesh(name: str, positions, faces, colour, where: str) -> Mesh:
     """A checked `Mesh`; `where` names it in errors. Positions that no face uses are dropped."""
     if faces is None:

@@ -9,7 +9,7 @@ from .cityjson.model import CityModel
 from .mesh import make_mesh
 from .recentre import frame_origin
 from .source import Source, StaticMeshes
-from .survey import Survey, faces_of
+from .survey import Survey, faces_of, objects_of
 from .triangles import Triangles
 
 
@@ -40,6 +40,9 @@ class Scene(AnyScene):
         Linear base colour of each face, in [0, 1]. Shared with the `Triangles`: do not write to it.
     meshes : list of MeshInfo
         Name, triangles and instances of each mesh.
+    objects : list of ObjectInfo
+        Name, mesh and instance of each object. Each node or instance of the file that shows a mesh is an object, in
+        the order of its faces; of an OBJ file each material. Arrays and procedural scenes are one object.
     notes : tuple of str
         Features of the file that the loader omitted or approximated.
     source : Source
@@ -60,6 +63,8 @@ class Scene(AnyScene):
         self.city = city
         self.name, self.up, self.notes = name, checked_up(up), tuple(notes)
         self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
+        self.objects = source.objects
+        self._object_of_face: np.ndarray | None = None
         self.bounds, self.colours = _survey(source)
         self.origin = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
@@ -96,6 +101,18 @@ class Scene(AnyScene):
     @property
     def n_triangles(self) -> int:
         return len(self.colours)
+
+    @property
+    def object_of_face(self) -> np.ndarray:
+        """(n,) int32: the index in `objects` of each face, in the order of `triangles`; read-only.
+
+        The first use evaluates the geometry once more, piece by piece.
+        """
+        if self._object_of_face is None:
+            ids = objects_of(self.source.pieces(0.0))
+            ids.setflags(write=False)
+            self._object_of_face = ids
+        return self._object_of_face
 
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.

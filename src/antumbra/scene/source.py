@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from .mesh import Mesh, MeshInfo, n_faces
+from .mesh import Mesh, MeshInfo, ObjectInfo, n_faces
 
 
 class Piece(NamedTuple):
@@ -17,6 +17,7 @@ class Piece(NamedTuple):
     where: str  # name in errors
     towards: np.ndarray | None = None  # (k, v, 3): vertices are (1 - share) * vertices + share * towards
     share: float = 0.0
+    first: int = 0  # copy i is the object `first + i` of the source
 
 
 class Source(Protocol):
@@ -25,6 +26,7 @@ class Source(Protocol):
     file: str  # name in errors
     duration: float
     meshes: list[MeshInfo]
+    objects: list[ObjectInfo]
 
     def pieces(self, time: float) -> Iterator[Piece]:
         """The pieces. Their order and faces are the same at every time."""
@@ -44,10 +46,12 @@ class StaticMeshes:
         self._meshes = meshes
         self.file = file
         self.meshes = [MeshInfo(m.name, n_faces(m.positions, m.faces), 1) for m in meshes]
+        self.objects = [ObjectInfo(m.name, i, 0) for i, m in enumerate(meshes)]
 
     def pieces(self, time: float) -> Iterator[Piece]:
-        for mesh in self._meshes:
-            yield Piece(mesh.positions[None], mesh.faces, mesh.colour, f'{self.file}: mesh "{mesh.name}"')
+        for i, mesh in enumerate(self._meshes):
+            where = f'{self.file}: mesh "{mesh.name}"'
+            yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i)
 
     def cameras(self, time: float) -> list:
         return []

@@ -1,5 +1,7 @@
 """The bounds of a scene, from its pieces one after the other."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from ..errors import InputError
@@ -10,6 +12,15 @@ from .source import Piece
 def faces_of(piece: Piece) -> int:
     """The number of faces of each copy."""
     return piece.vertices.shape[1] // 3 if piece.faces is None else len(piece.faces)
+
+
+def objects_of(pieces: Iterable[Piece]) -> np.ndarray:
+    """(n,) int32: the object of each face of the pieces, in their order."""
+    ids = [np.empty(0, np.int32)]
+    for piece in pieces:
+        copies = np.arange(piece.first, piece.first + len(piece.vertices), dtype=np.int32)
+        ids.append(np.repeat(copies, faces_of(piece)))
+    return np.concatenate(ids)
 
 
 class Survey:

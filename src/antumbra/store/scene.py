@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
-from ..scene.mesh import MeshInfo
+from ..scene.mesh import MeshInfo, ObjectInfo
 from ..scene.triangles import Triangles
 from .read import Store, open_store
 
@@ -17,7 +17,8 @@ class PagedScene(AnyScene):
     """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
 
     The scene is static. Name, up axis, bounds, origin, cameras and lights equal those of a `Scene` of the same sources,
-    and so do the answers to all questions. The store does not record the mesh of a triangle. Methods that need all
+    and so do the answers to all questions. The store does not record the mesh of a triangle, so all
+    its faces are one object. Methods that need all
     triangles at once raise InputError.
 
     Attributes
@@ -34,6 +35,7 @@ class PagedScene(AnyScene):
         meta = store.meta
         self.store, self.name, self.up, self.notes, self.duration = store, meta.name, meta.up, meta.notes, 0.0
         self.meshes: list[MeshInfo] = []
+        self.objects = [ObjectInfo(meta.name, -1, 0)]
         self.bounds, self.origin = meta.bounds, meta.origin
         self._cameras, self._lights = list(meta.cameras), list(meta.lights)
         self.max_memory: int | None = None
@@ -42,6 +44,11 @@ class PagedScene(AnyScene):
     @property
     def n_triangles(self) -> int:
         return self.store.n_triangles
+
+    @property
+    def object_of_face(self) -> np.ndarray:
+        """(n,) int32, all 0, read-only and without memory of its own: a store is one object."""
+        return np.broadcast_to(np.int32(0), self.n_triangles)
 
     @property
     def colours(self) -> np.ndarray:

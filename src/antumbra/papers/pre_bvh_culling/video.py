@@ -26,6 +26,7 @@ class Swaying:
 
     def __init__(self, still: Scene):
         self.file, self.meshes = f"swaying {still.name}", still.meshes
+        self.objects = still.objects
         self._pieces, self._cameras, self._lights = list(still.source.pieces(0.0)), still.cameras, still.lights
 
     def pieces(self, time: float) -> Iterator[Piece]:

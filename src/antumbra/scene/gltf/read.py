@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ..mesh import MeshInfo
+from ..mesh import MeshInfo, ObjectInfo
 from ..source import Piece
 from .accessors import Accessors
 from .animation import Track, read_tracks, sample
@@ -34,13 +34,18 @@ _BATCH = 1 << 18  # vertices of a mesh's copies that are evaluated at once
 
 
 class Draw(NamedTuple):
-    """A mesh at a node, evaluated at each time."""
+    """A mesh at a node, evaluated at each time. Each copy is an object of the scene."""
 
+    first: int  # the object of the first copy
     node: int
     primitives: list[Primitive]
     weights: np.ndarray  # (t,) float64, weights of the morph targets at rest
     skin: Skin | None
     copies: np.ndarray | None  # (k, 4, 4) float64, transforms of EXT_mesh_gpu_instancing within the node
+
+    @property
+    def n_copies(self) -> int:
+        return 1 if self.copies is None else len(self.copies)
 
 
 class GltfSource:
@@ -49,8 +54,8 @@ class GltfSource:
     Faces are in the order of nodes in the file, then of primitives, then of instances.
     """
 
-    def __init__(self, file: str, meshes: list[MeshInfo], nodes: Nodes, draws, tracks, views: Views):
-        self.file, self.meshes = file, meshes
+    def __init__(self, file: str, meshes: list[MeshInfo], objects: list[ObjectInfo], nodes, draws, tracks, views):
+        self.file, self.meshes, self.objects = file, meshes, objects
         self.duration = max([0.0, *(float(t.times[-1]) for t in tracks)])
         self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
 
@@ -59,8 +64,10 @@ class GltfSource:
         for draw in self._draws:
             for primitive in draw.primitives:
                 positions = morphed(primitive, weights.get(draw.node, draw.weights))
+                at = draw.first
                 for vertices in _placed(positions, primitive, draw, world):
-                    yield Piece(vertices, primitive.mesh.faces, primitive.mesh.colour, primitive.where)
+                    yield Piece(vertices, primitive.mesh.faces, primitive.mesh.colour, primitive.where, first=at)
+                    at += len(vertices)
 
     def cameras(self, time: float) -> list:
         return self._views.cameras(self._pose(time)[0])
@@ -94,7 +101,7 @@ def read_gltf(path: Path) -> tuple[GltfSource, list[str]]:
     views = Views(root, nodes)
     _check_size(document.file, draws)
     _check_transforms(nodes, draws, tracks, views)
-    source = GltfSource(document.file, _info(meshes, held, draws), nodes, draws, tracks, views)
+    source = GltfSource(document.file, *_info(meshes, held, nodes, draws), nodes, draws, tracks, views)
     return source, notes + materials.notes + views.notes
 
 
@@ -133,7 +140,8 @@ def _draws(document: Document, accessors, materials, nodes: Nodes, meshes, held)
         if skin is not None:
             for primitive in primitives:
                 check_skin(primitive, skin)
-        draws.append(Draw(node, primitives, _weights(fields, mesh), skin, _copies(fields, accessors)))
+        first = draws[-1].first + draws[-1].n_copies if draws else 0
+        draws.append(Draw(first, node, primitives, _weights(fields, mesh), skin, _copies(fields, accessors)))
     return draws
 
 
@@ -180,15 +188,23 @@ def _placed(positions: np.ndarray, primitive: Primitive, draw: Draw, world: np.n
         yield transformed(positions, matrices[a : a + batch])
 
 
-def _info(meshes: list[_Mesh], held, draws: list[Draw]) -> list[MeshInfo]:
-    instances = [0] * len(meshes)
+def _info(meshes: list[_Mesh], held, nodes: Nodes, draws: list[Draw]) -> tuple[list[MeshInfo], list[ObjectInfo]]:
+    """The meshes that are shown, and the objects: all copies of all draws."""
+    shown = sorted({held[draw.node] for draw in draws})
+    row, instances = {mesh: i for i, mesh in enumerate(shown)}, [0] * len(shown)
+    objects: list[ObjectInfo] = []
     for draw in draws:
-        instances[held[draw.node]] += 1 if draw.copies is None else len(draw.copies)
-    return [MeshInfo(m.name, m.count(), n) for m, n in zip(meshes, instances) if n]
+        mesh = row[held[draw.node]]
+        name = nodes.fields[draw.node].text("name", None) or meshes[held[draw.node]].name
+        for k in range(draw.n_copies):
+            own = name if draw.copies is None else f"{name}[{k}]"
+            objects.append(ObjectInfo(own, mesh, instances[mesh]))
+            instances[mesh] += 1
+    return [MeshInfo(meshes[m].name, meshes[m].count(), n) for m, n in zip(shown, instances)], objects
 
 
 def _check_size(file: str, draws: list[Draw]) -> None:
-    total = sum(p.triangles * (1 if d.copies is None else len(d.copies)) for d in draws for p in d.primitives)
+    total = sum(p.triangles * d.n_copies for d in draws for p in d.primitives)
     if total > MAX_TRIANGLES:
         raise InputError(f"{file}: {total} triangles with all instances; at most {MAX_TRIANGLES} fit")
 
