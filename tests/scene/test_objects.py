@@ -51,13 +51,15 @@ def test_each_copy_of_an_instanced_node_is_an_object(tmp_path, monkeypatch, batc
     assert places(scene) == [{0}, {1}, {2}, {3}]
 
 
-def test_each_part_of_a_mesh_file_is_an_object(tmp_path):
-    path = tmp_path / "two.obj"
-    vertices = "".join(f"v {x} {y} 0\n" for x in (0, 10) for y in (0, 1, 2)) + "v 5 5 0\n"
-    path.write_text(f"{vertices}usemtl stone\nf 1 2 7\nf 2 3 7\nusemtl wood\nf 4 5 7\n")
-    scene = load(path)
-    assert len(scene.objects) == len(scene.meshes) == 2
-    assert np.bincount(scene.object_of_face).tolist() == [m.triangles for m in scene.meshes] == [2, 1]
+def test_each_material_of_an_obj_file_is_an_object(tmp_path):
+    vertices = "".join(f"v {x} {y} 0\n" for x in (0, 10) for y in (0, 1, 2)) + "v 25 5 0\n"
+    (tmp_path / "two.mtl").write_text("newmtl stone\nKd 1 0 0\nnewmtl wood\nKd 0 1 0\n")
+    (tmp_path / "two.obj").write_text(
+        f"mtllib two.mtl\n{vertices}usemtl stone\nf 1 2 7\nf 2 3 7\nusemtl wood\nf 4 5 7\n"
+    )
+    scene = load(tmp_path / "two.obj")
+    at = {o.name: (scene.meshes[o.mesh].triangles, x) for o, x in zip(scene.objects, places(scene))}
+    assert at == {"stone": (2, {0}), "wood": (1, {1})}
 
 
 def test_arrays_frames_and_procedural_scenes_are_one_object(tmp_path):

@@ -129,7 +129,7 @@ class _Mesh:
 
 
 def _draws(document: Document, accessors, materials, nodes: Nodes, meshes, held) -> list[Draw]:
-    skins, draws = read_skins(document.root, accessors, len(nodes.fields)), []
+    skins, draws = read_skins(document.root, accessors, len(nodes.fields)), list[Draw]()
     for node in np.flatnonzero(nodes.visible).tolist():
         if held[node] is None:
             continue
