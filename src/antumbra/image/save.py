@@ -61,12 +61,17 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     if path.suffix.lower() == ".png":
         save_png(to_srgb8(frame.image, frame_exposure(frame) if exposure is None else exposure), path, note)
     else:
-        with replacing(path) as temporary:
-            _write_exr(exr_channels(frame), temporary, note)
+        save_exr(exr_channels(frame), path, note)
+
+
+def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None) -> None:
+    """Write channels, (H, W) float32 or uint32 each (a name that ends in RGB: (H, W, 3)): the complete file, or nothing."""
+    with replacing(path) as temporary:
+        _write_exr(channels, temporary, note)
 
 
 def save_png(rgb: np.ndarray, path: Path, note: str | None = None) -> None:
-    """Write (H, W, 3) uint8 sRGB: the complete file, or nothing."""
+    """Write (H, W, 3) uint8 sRGB, or (H, W) uint8 grey: the complete file, or nothing."""
     with replacing(path) as temporary:
         _write_png(rgb, temporary, note)
 

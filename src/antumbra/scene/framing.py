@@ -17,13 +17,16 @@ def axes(up: str) -> np.ndarray:
     return np.eye(3)
 
 
-def default_camera(bounds: np.ndarray, up: str, width: int, height: int) -> Camera:
-    """A three-quarter view from a little above, which shows the bounding sphere of `bounds` ((2, 3), world)."""
+def default_camera(bounds: np.ndarray, up: str, width: int, height: int, turn: float = 0.0) -> Camera:
+    """A three-quarter view from a little above, which shows the bounding sphere of `bounds` ((2, 3), world).
+
+    turn : radians around the up axis, counter-clockwise seen from above
+    """
     right, upward, towards = axes(up)
-    centre, radius = _sphere(bounds)
+    centre, radius = bounding_sphere(bounds)
     half = np.arctan(np.tan(np.radians(VFOV) / 2.0) * min(1.0, width / height))
     distance = 1.02 * radius / np.sin(half)
-    flat = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
+    flat = np.sin(AZIMUTH + turn) * right + np.cos(AZIMUTH + turn) * towards
     position = centre + distance * (np.cos(ELEVATION) * flat + np.sin(ELEVATION) * upward)
     return Camera(position, centre, upward, VFOV, width, height)
 
@@ -60,14 +63,15 @@ def default_light(bounds: np.ndarray, up: str) -> QuadLight:
     Under its intensity, a white surface at the centre that faces the light looks white.
     """
     right, upward, towards = axes(up)
-    centre, radius = _sphere(bounds)
+    centre, radius = bounding_sphere(bounds)
     middle = centre + radius * (1.6 * upward - 0.6 * right + 0.4 * towards)
     u, v = radius * right, radius * towards  # u x v points down
     distance = np.linalg.norm(middle - centre)
     return QuadLight(corner=middle - (u + v) / 2.0, u=u, v=v, intensity=float(np.pi * distance**2))
 
 
-def _sphere(bounds) -> tuple[np.ndarray, float]:
+def bounding_sphere(bounds) -> tuple[np.ndarray, float]:
+    """(centre, radius) of the sphere around `bounds` ((2, 3), world); a radius of zero becomes 1."""
     lower, upper = bounds
     radius = float(np.linalg.norm(upper - lower)) / 2.0
     return lower + (upper - lower) / 2.0, radius if radius > 0.0 else 1.0

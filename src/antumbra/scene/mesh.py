@@ -21,9 +21,9 @@ class Mesh(NamedTuple):
 class MeshInfo(NamedTuple):
     """A summary of a mesh. Its triangles are counted once, not for each instance."""
 
-    name: str
-    triangles: int
-    instances: int
+    name: str  # of the file; "mesh 3" if it has none
+    triangles: int  # of one instance
+    instances: int  # number of its objects
 
 
 class ObjectInfo(NamedTuple):
