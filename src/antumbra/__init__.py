@@ -14,6 +14,7 @@ from .scene import engine
 
 if typing.TYPE_CHECKING:
     from .errors import InputError
+    from .jobs.dataset.make import Dataset, dataset
     from .jobs.readsensors import sensors_of
     from .jobs.sensors import Raster, Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
     from .jobs.sun.place import Place, place_of
@@ -52,6 +53,7 @@ __all__ = [
     "Camera",
     "CityModel",
     "Column",
+    "Dataset",
     "DirectionalLight",
     "DirectionalLights",
     "DiskLight",
@@ -79,6 +81,7 @@ __all__ = [
     "Triangles",
     "Visibility",
     "build_store",
+    "dataset",
     "face_sensors",
     "grid_sensors",
     "load",
@@ -100,6 +103,7 @@ __all__ = [
 # Names are imported on first use: `antumbra --help` must start faster than Numba can be imported.
 _HOMES = {
     "errors": ["InputError"],
+    "jobs.dataset.make": ["Dataset", "dataset"],
     "plan": ["Plan"],
     "rendering.queries": ["Visibility", "visibility"],
     "query.gbuffer": ["GBuffer"],

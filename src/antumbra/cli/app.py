@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from . import bench, build, compare, culling, explain, info, plans, render, scenes, sun, warmup
+from . import bench, build, compare, culling, dataset, explain, info, plans, render, scenes, warmup
 
 app = typer.Typer(
     name="antumbra",
@@ -19,6 +20,7 @@ app = typer.Typer(
 )
 app.command("render")(render.render)
 app.command("build")(build.build)
+app.command("dataset")(dataset.dataset)
 app.command("info")(info.info)
 app.command("scenes")(scenes.scenes)
 app.command("plans")(plans.plans)

@@ -65,7 +65,7 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
 
 
 def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None) -> None:
-    """Write channels, (H, W) float32 or uint32 each (a name that ends in RGB: (H, W, 3)): the complete file, or nothing."""
+    """Write channels, (H, W) float32 or uint32 (names in RGB: (H, W, 3)): the complete file, or nothing."""
     with replacing(path) as temporary:
         _write_exr(channels, temporary, note)
 

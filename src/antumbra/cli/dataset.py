@@ -1,0 +1,174 @@
+"""``antumbra dataset``: renders a scene by many cameras and lights, with ids, to a folder."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import InputError
+from . import arguments, report
+from .options import (
+    SCENE_HELP,
+    Json,
+    MaxMemoryOption,
+    Quiet,
+    SppOption,
+    Threads,
+    TimeOption,
+    UpOption,
+    takes,
+)
+from .pictureoptions import AoOption, PictureLightOption, SamplerOption
+from .progress import ProgressDisplay
+from .sceneinput import limit_memory, open_scene
+
+if TYPE_CHECKING:
+    from ..jobs.dataset.make import Dataset
+    from ..scene.any_scene import AnyScene
+
+_SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
+
+
+@dataclass(frozen=True)
+class DatasetArguments:
+    """The arguments of the command line: each field is an argument or an option."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="A new folder, or one of this command.", metavar="FOLDER")
+    ]
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="An index, or POSITION:TARGET[:VFOV]; may be repeated.", metavar="CAMERA", show_default=False
+        ),
+    ] = None
+    orbit: Annotated[int, typer.Option(help="So many cameras around the scene.", min=0, metavar="N")] = 0
+    random: Annotated[int, typer.Option(help="So many random cameras in and around it.", min=0, metavar="N")] = 0
+    light: PictureLightOption = None
+    random_lights: Annotated[
+        int, typer.Option(help="So many random lights: by turns a sun and a sphere.", min=0, max=1000, metavar="N")
+    ] = 0
+    ao: AoOption = None
+    seed: Annotated[int, typer.Option(help="Decides random cameras and lights.", min=0)] = 0
+    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "512x512"
+    spp: SppOption = 16
+    sampler: SamplerOption = "larcher-pillichshammer"
+    time: TimeOption = 0.0
+    up: UpOption = None
+    plan: Annotated[
+        str | None,
+        typer.Option(help="The methods that answer; see antumbra plans. They change no bit.", show_default=False),
+    ] = None
+    threads: Threads = None
+    max_memory: MaxMemoryOption = None
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            help="Render frames I, I+N, I+2N, ... only; other processes render the others.  [default: 0/1]",
+            metavar="I/N",
+            show_default=False,
+        ),
+    ] = None
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a data set of other settings, and finished frames.")
+    ] = False
+    sheet: Annotated[
+        Path | None,
+        typer.Option(help="Also write a .png with the layers of the first frame.", metavar="FILE", show_default=False),
+    ] = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(DatasetArguments)
+def dataset(given: DatasetArguments) -> int:
+    """Render a data set of SCENE: for each camera a multi-layer EXR and a mask of each light's shadow.
+
+    Without cameras or lights, the file's are used, or one of each that suits the scene. Cameras are numbered in the
+    order of --camera, --orbit, --random; lights in the order of --light, --ao, --random-lights. antumbra render --help
+    explains CAMERA and LIGHT.
+
+    FOLDER gets frames/0000.exr, masks/0000.Light000.png and manifest.json. The manifest has the settings, seeds,
+    cameras, lights, names of objects, and a SHA-256 of the scene and of each file. The same command goes on after an
+    interruption, and changes nothing once it is done.
+
+    \b
+    Examples
+      antumbra dataset room.glb -o room --random 100 --random-lights 4 --seed 7
+      antumbra dataset room.glb -o room --camera 0,1.7,8:0,1,0 --light sun:1,-1,0.5 --sheet room.png
+      antumbra dataset city.ply -o city --up z --orbit 36 --size 640x480 --spp 1
+      antumbra dataset room.glb -o room --random 1000 --shard 0/4
+    """
+    spec, size = arguments.parse_scene(given.scene), arguments.parse_size(given.size)
+    cameras = [arguments.parse_camera(text) for text in given.camera or []]
+    lights = [arguments.parse_light(text) for text in given.light or []]
+    ambient = [] if given.ao is None else [arguments.parse_ambient(given.ao)]
+    memory = None if given.max_memory is None else arguments.parse_bytes(given.max_memory, "--max-memory")
+    shard = _parse_shard(given.shard)
+    if given.sheet is not None:
+        from ..output import checked_output
+
+        checked_output(given.sheet, (".png",))
+
+    from ..jobs.dataset.make import dataset as make
+
+    with ProgressDisplay(given.quiet) as display:
+        display.say("reading the scene")
+        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
+        limit_memory(scene, memory)
+        display.say("preparing")
+        own = lights or ambient
+        made = make(
+            scene,
+            given.output,
+            [arguments.make_camera(c, scene, given.time, size) for c in cameras] or None,
+            [*arguments.make_lights(lights, scene, given.time), *ambient] if own else None,
+            orbit=given.orbit,
+            random=given.random,
+            random_lights=given.random_lights,
+            seed=given.seed,
+            size=size,
+            spp=given.spp,
+            sampler=given.sampler,
+            time=given.time,
+            plan=given.plan,
+            threads=given.threads,
+            max_memory=memory,
+            shard=shard,
+            overwrite=given.overwrite,
+            progress=display.say,
+        )
+        if given.sheet is not None:
+            from ..image.save import save_png
+            from ..jobs.dataset.sheet import contact_sheet
+
+            save_png(contact_sheet(made.folder, shard[0]), given.sheet)
+    if given.json:
+        report.print_json({**made._asdict(), "folder": str(made.folder), "scene": scene.name})
+    elif not given.quiet:
+        report.print_fields(_fields(made, scene, shard))
+    return 0
+
+
+def _parse_shard(text: str | None) -> tuple[int, int]:
+    match = _SHARD.fullmatch("0/1" if text is None else text.strip())
+    first, step = (int(n) for n in match.groups()) if match else (0, 0)
+    if not first < step:
+        raise InputError(f"--shard is {text!r}; write I/N with I below N, such as 0/4")
+    return first, step
+
+
+def _fields(made: "Dataset", scene: "AnyScene", shard: tuple[int, int]) -> Iterator[tuple[str, str]]:
+    yield "data set", str(made.folder / "manifest.json")
+    yield "scene", f"{scene.name}, {scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
+    yield "frames", f"{made.frames:,}, each with {made.lights} light{'s' * (made.lights != 1)}"
+    found = f", {made.finished:,} were finished" if made.finished else ""
+    part = "" if shard == (0, 1) else f" (shard {shard[0]}/{shard[1]})"
+    yield "rendered", f"{made.rendered:,}{found}{part}"
+    if not made.complete:
+        yield "", "other shards have frames to render; the last one completes the manifest"
+    yield "time", report.duration(made.seconds)

@@ -1,0 +1,140 @@
+"""Cameras and lights that a data set draws from its seed. Number k depends on the scene, the seed and k alone."""
+
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ...scene.any_scene import AnyScene
+from ...scene.camera import Camera
+from ...scene.framing import axes, bounding_sphere, default_camera
+from ...scene.hit import Hit
+from ...scene.lights import DirectionalLight, Light, SphereLight
+
+TRIES = 512
+"""Places that are tried for a camera or a light."""
+
+VFOV = 60.0
+_CAMERA, _LIGHT = 1, 2  # streams of random numbers
+_PROBE = 16  # rays across and down a view that is tried
+_LEAST_SEEN = 0.25  # of a view's rays
+_LEAST_CLEAR = 0.01  # of the scene's radius, around a camera
+_MARGINS = 0.0, 0.5  # of the scene's radius, around its bounds: places in the scene, and around it
+_LEAST_FACES = 8  # that a view's rays meet, in scenes of many faces
+_ELEVATION = np.radians(10.0), np.radians(80.0)  # of suns
+_SIZES = 0.01, 0.05  # radius of a sphere light, of the scene's radius
+
+SEES_LITTLE, IN_A_WALL = "see little", "are in or at a wall"
+
+
+class Place(NamedTuple):
+    """What places are drawn in, and the rays that judge them."""
+
+    scene: AnyScene
+    time: float  # seconds
+    threads: int | None
+
+    def box(self, margin: float) -> np.ndarray:
+        """(2, 3) float64: the scene's bounds, `margin` wider on all sides but the lower one."""
+        lower, upper = self.scene.bounds
+        upward = axes(self.scene.up)[1]
+        return np.stack([lower - margin * (1.0 - upward), upper + margin])
+
+    def nearest(self, position: np.ndarray, directions: np.ndarray) -> tuple[Hit, np.ndarray]:
+        """The nearest face along each direction, and whether its back is seen."""
+        ask = lambda side: self.scene.closest_hit(
+            position, directions, time=self.time, cull_faces=side, threads=self.threads
+        )
+        first = ask(None)
+        return first, (first.face >= 0) & (first.face != ask("back").face)
+
+    def walled(self, position: np.ndarray, clear: float) -> bool:
+        """Whether a surface is nearer than `clear`, or most of the surfaces around show their backs."""
+        hit, back = self.nearest(position, _AROUND)
+        return bool(hit.t.min() < clear or 2 * back.sum() > (hit.face >= 0).sum())
+
+
+def orbit_camera(scene: AnyScene, k: int, n: int, size: tuple[int, int]) -> Camera:
+    """Camera k of n that stand around the scene at equal angles, and show its bounding sphere."""
+    return default_camera(scene.bounds, scene.up, *size, 2.0 * np.pi * k / n)
+
+
+def random_camera(place: Place, seed: int, k: int, size: tuple[int, int]) -> Camera:
+    """A camera that looks at a point in the bounds of the scene.
+
+    Places in the bounds and around them are tried by turns. At least a quarter of a grid of the camera's rays meet
+    surfaces, several faces of them, and most of these show their fronts. No surface is nearer than 1 % of the scene's
+    radius. So the camera stands in no wall.
+
+    Raises
+    ------
+    InputError
+        If there is no such view in `TRIES` tries.
+    """
+    rng, faults = np.random.default_rng([seed, _CAMERA, k]), Counter[str]()
+    radius, upward = bounding_sphere(place.scene.bounds)[1], axes(place.scene.up)[1]
+    for i in range(TRIES):
+        margin = _MARGINS[(k + i) % len(_MARGINS)]
+        position, target = rng.uniform(*place.box(margin * radius)), rng.uniform(*place.scene.bounds)
+        try:
+            camera = Camera(position, target, upward, VFOV, *size)
+        except InputError:  # straight up or down
+            continue
+        fault = _fault(place, camera, radius)
+        if fault is None:
+            return camera
+        faults[fault] += 1
+    raise _none(place, f"view for random camera {k}", faults, "give cameras instead (--camera)")
+
+
+def random_light(place: Place, seed: int, k: int) -> Light:
+    """A sun 10 to 80 degrees above the horizon if k is even; a sphere in free space in the scene if k is odd.
+
+    Raises
+    ------
+    InputError
+        If there is no free space in `TRIES` tries.
+    """
+    rng = np.random.default_rng([seed, _LIGHT, k])
+    right, upward, towards = axes(place.scene.up)
+    if k % 2 == 0:
+        azimuth, elevation = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_ELEVATION)
+        flat = np.sin(azimuth) * right + np.cos(azimuth) * towards
+        return DirectionalLight(-(np.cos(elevation) * flat + np.sin(elevation) * upward), intensity=float(np.pi))
+    radius, faults = bounding_sphere(place.scene.bounds)[1], Counter[str]()
+    for _ in range(TRIES):
+        centre, size = rng.uniform(*place.box(0.0)), radius * rng.uniform(*_SIZES)
+        if not place.walled(centre, size):
+            return SphereLight(centre, size, intensity=float(np.pi * (radius / 2.0) ** 2))
+        faults[IN_A_WALL] += 1
+    raise _none(place, f"place for random light {k}", faults, "give lights instead (--light)")
+
+
+def _fault(place: Place, camera: Camera, radius: float) -> str | None:
+    rays = camera.resized(_PROBE, _PROBE).rays(place.scene.origin)
+    across = np.arange(_PROBE) + 0.5
+    directions = rays.corner + across[:, None] * rays.dx + across[:, None, None] * rays.dy
+    hit, back = place.nearest(camera.position, directions)
+    seen = hit.face >= 0
+    if seen.mean() < _LEAST_SEEN or len(np.unique(hit.face[seen])) < min(_LEAST_FACES, place.scene.n_triangles // 8):
+        return SEES_LITTLE
+    if 2 * back.sum() > seen.sum() or place.walled(camera.position, _LEAST_CLEAR * radius):
+        return IN_A_WALL
+    return None
+
+
+def _none(place: Place, what: str, faults: Counter[str], cure: str) -> InputError:
+    found = ", ".join(f"{n} {fault}" for fault, n in faults.items())
+    return InputError(f"{place.scene.name}: no {what} in {TRIES} tries ({found}); {cure}")
+
+
+def _sphere(n: int) -> np.ndarray:
+    """(n, 3) float64: directions spread evenly, on a Fibonacci spiral."""
+    i = np.arange(n) + 0.5
+    z, turn = 1.0 - 2.0 * i / n, np.pi * (3.0 - np.sqrt(5.0)) * i
+    flat = np.sqrt(1.0 - z * z)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+
+
+_AROUND = _sphere(64)

@@ -1,0 +1,208 @@
+"""`dataset`: pictures of a scene by many cameras and lights, with ids of what each pixel sees and what shades it."""
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+from ...errors import InputError
+from ...query.sampling import sample_sets
+from ...rendering.renderer import Renderer
+from ...scene.any_scene import AnyScene
+from ...scene.camera import Camera
+from ...scene.lights import Light
+from .drawn import Place
+from .files import MANIFEST, Folder, read_json, write_json
+from .layers import Objects, blocked_by, channels, light_layer, masks, objects_of
+from .manifest import FORMAT, camera_record, differences, digest_of, light_record, object_records, scene_record
+from .views import Views, lights_of, views_of
+
+Progress = Callable[[str, int, int], object]
+"""Called with the name of the step, the number of frames done, and their total."""
+
+
+class Dataset(NamedTuple):
+    """A data set on disk, and what a call of `dataset` did for it."""
+
+    folder: Path  # with manifest.json, frames/ and masks/
+    frames: int  # number of cameras
+    lights: int  # number of lights; each has a layer and a mask
+    rendered: int  # frames that the call rendered
+    finished: int  # frames of the call's shard that were finished before
+    complete: bool  # whether all frames of all shards are finished, and the manifest lists them
+    seconds: float  # time of the call
+
+
+def dataset(
+    scene: AnyScene, folder, cameras: Sequence[Camera] | None = None, lights: Sequence[Light] | Light | None = None, *,
+    orbit: int = 0, random: int = 0, random_lights: int = 0, seed: int = 0, size: tuple[int, int] = (512, 512),
+    spp: int = 16, sampler: str = "larcher-pillichshammer", time: float = 0.0, plan=None, threads: int | None = None,
+    max_memory: int | None = None, shard: tuple[int, int] = (0, 1), overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Dataset:  # fmt: skip
+    """Render a data set: for each camera an EXR file with a layer for each light, and a mask of each light's shadow.
+
+    A call goes on where another one was stopped, and ends with the same bytes. A call that finds all frames finished
+    changes nothing.
+
+    Parameters
+    ----------
+    scene : Scene or PagedScene
+    folder : str or path-like
+        A new folder, or one with a data set of the same settings.
+    cameras : list of Camera, optional
+        None: the scene's own cameras, or its default camera if it has none; no such camera if `orbit` or `random` is
+        given.
+    lights : list of lights, one light, or None
+        None: the scene's own lights, or its default light; no such light if `random_lights` is given.
+    orbit : int
+        Number of cameras that stand around the scene at equal angles.
+    random : int
+        Number of cameras in and around the scene. Each looks at a point in the scene's bounds, sees surfaces, and
+        stands in no wall.
+    random_lights : int
+        Number of lights, by turns a sun 10 to 80 degrees high and a sphere in free space.
+    seed : int
+        Decides random cameras and lights. Camera k depends on the scene, the seed and k alone.
+    size : (width, height)
+        Pixels of the cameras that are not given.
+    spp, sampler, time, plan, threads, max_memory
+        As in `antumbra.render`.
+    shard : (i, n)
+        Render only the frames k with ``k % n == i``. The call that finds all frames finished completes the manifest.
+    overwrite : bool
+        Render all frames of the shard again, also if the folder has a data set of other settings, which is removed.
+    progress : function of (text, done, total), optional
+        Called before each frame.
+
+    Returns
+    -------
+    Dataset
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, no view is found for a random camera, the folder has a data set of other settings
+        or other files, or it cannot be written.
+    """
+    start = perf_counter()
+    sample_sets(spp, sampler)
+    first, step = _checked_shard(shard)
+    place = Place(scene, scene.clamped(time), threads)
+    views = views_of(scene, cameras, orbit, random, seed, size, place.time)
+    path = _checked_folder(folder)
+    work = _Work(place, views, lights_of(place, lights, random_lights, seed), {"spp": spp, "sampler": sampler})
+    renderer = Renderer(scene, plan, threads, max_memory=max_memory)
+    kept = work.open(path, overwrite)
+    rendered = finished = 0
+    numbers = range(first, views.count, step)
+    for done, k in enumerate(numbers):
+        if progress is not None:
+            progress(f"frame {k}", done, len(numbers))
+        if not overwrite and kept.record(k) is not None:
+            finished += 1
+        else:
+            work.render(renderer, kept, k)
+            rendered += 1
+    complete = work.close(kept)
+    return Dataset(path, views.count, len(work.lights), rendered, finished, complete, perf_counter() - start)
+
+
+class _Work:
+    """A data set that is being made: what its frames share."""
+
+    def __init__(self, place: Place, views: Views, lights: list[Light], quality: dict):
+        from ... import __version__
+
+        self.place, self.views, self.lights, self.quality = place, views, lights, quality
+        self._objects: Objects | None = None
+        settings = {
+            "version": __version__,
+            "scene": scene_record(*place),
+            "seed": views.seed,
+            "cameras": views.record(),
+            "lights": [{"layer": light_layer(k), **light_record(light)} for k, light in enumerate(lights)],
+            **quality,
+        }
+        self.settings = json.loads(json.dumps(settings))
+
+    def open(self, path: Path, overwrite: bool) -> Folder:
+        """The folder, with a manifest of these settings."""
+        folder = Folder(path, digest_of(self.settings), self.views.count, len(self.lights))
+        found = read_json(path / MANIFEST)
+        if found is None and path.exists() and any(path.iterdir()):
+            raise InputError(f"{path}: has files, but no data set's {MANIFEST}; name a new folder")
+        other = [] if found is None else differences(found.get("settings", {}), self.settings)
+        if other and not overwrite:
+            raise InputError(
+                f"{path}: holds a data set of other settings ({'; '.join(other)}); "
+                "name another folder, or replace it (--overwrite, overwrite=True)"
+            )
+        folder.prepare()
+        if found is None or overwrite:
+            folder.drop_others()
+            write_json(self._manifest([]), path / MANIFEST)
+        return folder
+
+    def render(self, renderer: Renderer, folder: Folder, k: int) -> None:
+        """Render and write frame k."""
+        scene, time, threads = self.place
+        made, camera = self.views.camera(self.place, k)
+        frame = renderer.render(camera, self.lights, time=time, **self.quality)
+        self._objects = self._objects or objects_of(scene)
+        blocked = blocked_by(scene, frame, self.lights, time, threads)
+        seen = frame.gbuffer.face >= 0
+        about = {
+            "made": made,
+            "camera": camera_record(camera),
+            "origin": scene.origin.tolist(),
+            "seen": float(seen.mean()),
+            "lit": [float(v[seen].mean(dtype=float)) if seen.any() else None for v in frame.visibility],
+        }
+        folder.write(k, channels(frame, self._objects, blocked), masks(frame), about)
+
+    def close(self, folder: Folder) -> bool:
+        """Complete the manifest if all frames are finished; return whether they are."""
+        frames = []
+        for k in range(self.views.count):
+            record = folder.record(k)
+            if record is None:
+                return False
+            frames.append(record)
+        write_json(self._manifest(frames), folder.path / MANIFEST)
+        return True
+
+    def _manifest(self, frames: list[dict]) -> dict:
+        return {
+            "format": FORMAT,
+            "complete": len(frames) == self.views.count,
+            "settings": self.settings,
+            "settings_sha256": digest_of(self.settings),
+            "objects": object_records(self.place.scene),
+            "frames": frames,
+        }
+
+
+def _checked_shard(shard) -> tuple[int, int]:
+    try:
+        first, step = (int(i) for i in shard)
+        if 0 <= first < step and (first, step) == tuple(shard):
+            return first, step
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f"shard is {shard!r}; it must be (i, n) with 0 <= i < n, such as (0, 4)")
+
+
+def _checked_folder(folder) -> Path:
+    """`folder` as a `Path`, if a folder can be made or used there."""
+    try:
+        path = Path(os.fspath(folder))
+    except TypeError:
+        raise InputError(f"folder is {folder!r}; it must be a string or a path") from None
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is a file; name a folder")
+    if not path.exists() and not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+    return path

@@ -1,0 +1,101 @@
+"""What a data set records: its settings, its frames, and digests. Everything is in the types of JSON.
+
+The same settings give the same bytes. Threads, memory, plan and shards change none, so they are no settings.
+"""
+
+import hashlib
+import json
+import math
+from dataclasses import fields
+
+import numpy as np
+
+from ...scene.any_scene import AnyScene
+from ...scene.camera import Camera
+from ...scene.lights import Light
+from ...store.scene import PagedScene
+
+FORMAT = 1
+"""Version of the manifest's schema, which docs/jobs/dataset.md describes."""
+
+_STORE_HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
+
+
+def scene_record(scene: AnyScene, time: float, threads: int | None) -> dict:
+    """The scene: its name, size and frame, and a digest of all that the frames depend on."""
+    return {
+        "name": scene.name,
+        "sha256": scene_digest(scene, time, threads),
+        "triangles": scene.n_triangles,
+        "up": scene.up,
+        "time": time,
+        "bounds": scene.bounds.tolist(),
+        "origin": scene.origin.tolist(),
+    }
+
+
+def scene_digest(scene: AnyScene, time: float, threads: int | None) -> str:
+    """SHA-256 of the scene's triangles at a time, with their colours and objects; of a store, of its first page."""
+    digest = hashlib.sha256()
+    if isinstance(scene, PagedScene):
+        with scene.store.path.open("rb") as stream:
+            digest.update(stream.read(_STORE_HEADER))
+        return digest.hexdigest()
+    triangles = scene.triangles(time, threads)
+    for array in triangles.vertices, triangles.origin, triangles.colour, scene.object_of_face:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def object_records(scene: AnyScene) -> list[dict]:
+    """The objects of the scene. The index in this list is what the layer ``IndexOB`` holds."""
+    names = [m.name for m in scene.meshes]
+    return [{"name": o.name, "mesh": names[o.mesh] if names else None, "instance": o.instance} for o in scene.objects]
+
+
+def light_record(light: Light) -> dict:
+    """A light as names and values."""
+    return {"type": type(light).__name__, **{f.name: _plain(getattr(light, f.name)) for f in fields(light)}}
+
+
+def camera_record(camera: Camera) -> dict:
+    """A camera as its arguments and as matrices.
+
+    ``intrinsics`` (3, 3) and ``world_to_camera`` (4, 4), both by rows, are those of OpenCV: x to the right, y down, z
+    along the view; pixel centres are at half numbers. Both take world coordinates to pixels.
+    """
+    names = "position", "target", "up", "vfov", "width", "height"
+    rays = camera.rays(np.zeros(3))
+    pixel = float(np.linalg.norm(rays.dx))
+    right, down = rays.dx / pixel, rays.dy / np.linalg.norm(rays.dy)
+    view = np.cross(right, down)
+    rotation = np.stack([right, down, view])
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, -rotation @ camera.position
+    intrinsics = [[1.0 / pixel, 0.0, camera.width / 2.0], [0.0, 1.0 / pixel, camera.height / 2.0], [0.0, 0.0, 1.0]]
+    values = {name: _plain(getattr(camera, name)) for name in names}
+    return {**values, "intrinsics": intrinsics, "world_to_camera": matrix.tolist()}
+
+
+def digest_of(settings: dict) -> str:
+    """SHA-256 of settings."""
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+
+
+def differences(old: dict, new: dict) -> list[str]:
+    """In words, the settings that differ: "spp 4, not 16" where both are short, else the name."""
+    told = []
+    for name in sorted(old.keys() | new.keys()):
+        a, b = old.get(name), new.get(name)
+        if a != b:
+            short = all(isinstance(v, (str, int, float)) for v in (a, b))
+            told.append(f"{name} {a}, not {b}" if short else name)
+    return told
+
+
+def _plain(value):
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None  # no limit
+    return list(value) if isinstance(value, tuple) else value

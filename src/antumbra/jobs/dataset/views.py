@@ -1,0 +1,80 @@
+"""The cameras and lights that a data set is asked for."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ...checks import whole_number
+from ...errors import InputError
+from ...scene.any_scene import AnyScene
+from ...scene.camera import MAX_SIZE, Camera
+from ...scene.lights import Light, check_lights
+from .drawn import Place, orbit_camera, random_camera, random_light
+from .manifest import camera_record
+
+MOST_FRAMES = 10_000_000
+MOST_LIGHTS = 1000
+_MOST_SEED = 2**63 - 1
+
+
+class Views(NamedTuple):
+    """The cameras: first the given ones, then an orbit, then random ones."""
+
+    given: list[Camera]
+    orbit: int  # number of cameras around the scene
+    random: int  # number of cameras drawn from the seed
+    seed: int
+    size: tuple[int, int]  # width, height of the cameras that are not given
+
+    @property
+    def count(self) -> int:
+        return len(self.given) + self.orbit + self.random
+
+    def camera(self, place: Place, k: int) -> tuple[str, Camera]:
+        """Camera k, and how it was made: "given", "orbit" or "random"."""
+        if k < len(self.given):
+            return "given", self.given[k]
+        k -= len(self.given)
+        if k < self.orbit:
+            return "orbit", orbit_camera(place.scene, k, self.orbit, self.size)
+        return "random", random_camera(place, self.seed, k - self.orbit, self.size)
+
+    def record(self) -> dict:
+        """What decides the cameras, for the settings."""
+        given = [camera_record(camera) for camera in self.given]
+        return {"given": given, "orbit": self.orbit, "random": self.random, "size": list(self.size)}
+
+
+def views_of(scene: AnyScene, cameras: Sequence[Camera] | None, orbit, random, seed, size, time: float) -> Views:
+    """The checked `Views`. If nothing is asked for, they are the scene's own cameras, or its default camera."""
+    orbit = whole_number(orbit, "orbit", 0, MOST_FRAMES)
+    random = whole_number(random, "random", 0, MOST_FRAMES)
+    seed = whole_number(seed, "seed", 0, _MOST_SEED)
+    try:
+        width, height = size
+    except (TypeError, ValueError):
+        raise InputError(f"size is {size!r}; it must be (width, height) in pixels") from None
+    size = whole_number(width, "picture width", 1, MAX_SIZE), whole_number(height, "picture height", 1, MAX_SIZE)
+    if cameras is None:
+        own = [] if orbit or random else [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
+        cameras = own if own or orbit or random else [scene.default_camera(*size)]
+    cameras = [cameras] if isinstance(cameras, Camera) else list(cameras)
+    for camera in cameras:
+        if not isinstance(camera, Camera):
+            raise InputError(f"a camera must be an antumbra.Camera, not {type(camera).__name__}")
+    views = Views(cameras, orbit, random, seed, size)
+    if not 1 <= views.count <= MOST_FRAMES:
+        raise InputError(f"{views.count} cameras; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random")
+    return views
+
+
+def lights_of(place: Place, lights: Sequence[Light] | Light | None, random, seed) -> list[Light]:
+    """The given lights, then random ones. If nothing is asked for: the scene's own lights, or its default light."""
+    random, scene = whole_number(random, "random_lights", 0, MOST_LIGHTS), place.scene
+    if lights is None:
+        own = [] if random else [scene.light(i, place.time) for i in range(len(scene.lights))]
+        lights = own if own or random else [scene.default_light()]
+    given = [lights] if isinstance(lights, Light) else list(lights)
+    found = check_lights(given + [random_light(place, seed, k) for k in range(random)])
+    if len(found) > MOST_LIGHTS:
+        raise InputError(f"{len(found)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
+    return found
