@@ -4,12 +4,14 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from ..errors import InputError
 from . import arguments, report
+from .arguments import CameraSpec, SceneSpec
+from .failures import say
 from .options import (
     SCENE_HELP,
     Json,
@@ -61,7 +63,9 @@ class DatasetArguments:
     up: UpOption = None
     plan: Annotated[
         str | None,
-        typer.Option(help="The methods that answer; see antumbra plans. They change no bit.", show_default=False),
+        typer.Option(
+            help="The methods that answer; see antumbra plans. Exact plans change no bit.", show_default=False
+        ),
     ] = None
     threads: Threads = None
     max_memory: MaxMemoryOption = None
@@ -83,6 +87,32 @@ class DatasetArguments:
     json: Json = False
     quiet: Quiet = False
 
+    def parsed(self) -> "_Parsed":
+        """The arguments that are more than words and numbers, checked before a scene is read."""
+        from ..output import checked_output
+
+        if self.sheet is not None:
+            checked_output(self.sheet, (".png",))
+        return _Parsed(
+            arguments.parse_scene(self.scene),
+            arguments.parse_size(self.size),
+            [arguments.parse_camera(text) for text in self.camera or []],
+            [arguments.parse_light(text) for text in self.light or []],
+            [] if self.ao is None else [arguments.parse_ambient(self.ao)],
+            None if self.max_memory is None else arguments.parse_bytes(self.max_memory, "--max-memory"),
+            _parse_shard(self.shard),
+        )
+
+
+class _Parsed(NamedTuple):
+    spec: SceneSpec
+    size: tuple[int, int]  # width, height
+    cameras: list[int | CameraSpec]
+    lights: list  # lights, and indices of the scene's own
+    ambient: list  # ambient occlusion, or nothing
+    memory: int | None  # bytes
+    shard: tuple[int, int]
+
 
 @takes(DatasetArguments)
 def dataset(given: DatasetArguments) -> int:
@@ -103,55 +133,54 @@ def dataset(given: DatasetArguments) -> int:
       antumbra dataset city.ply -o city --up z --orbit 36 --size 640x480 --spp 1
       antumbra dataset room.glb -o room --random 1000 --shard 0/4
     """
-    spec, size = arguments.parse_scene(given.scene), arguments.parse_size(given.size)
-    cameras = [arguments.parse_camera(text) for text in given.camera or []]
-    lights = [arguments.parse_light(text) for text in given.light or []]
-    ambient = [] if given.ao is None else [arguments.parse_ambient(given.ao)]
-    memory = None if given.max_memory is None else arguments.parse_bytes(given.max_memory, "--max-memory")
-    shard = _parse_shard(given.shard)
-    if given.sheet is not None:
-        from ..output import checked_output
-
-        checked_output(given.sheet, (".png",))
-
-    from ..jobs.dataset.make import dataset as make
+    asked = given.parsed()
 
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
-        limit_memory(scene, memory)
+        scene = open_scene(asked.spec, None if given.up is None else given.up.value, given.quiet)
+        limit_memory(scene, asked.memory)
         display.say("preparing")
-        own = lights or ambient
-        made = make(
-            scene,
-            given.output,
-            [arguments.make_camera(c, scene, given.time, size) for c in cameras] or None,
-            [*arguments.make_lights(lights, scene, given.time), *ambient] if own else None,
-            orbit=given.orbit,
-            random=given.random,
-            random_lights=given.random_lights,
-            seed=given.seed,
-            size=size,
-            spp=given.spp,
-            sampler=given.sampler,
-            time=given.time,
-            plan=given.plan,
-            threads=given.threads,
-            max_memory=memory,
-            shard=shard,
-            overwrite=given.overwrite,
-            progress=display.say,
-        )
+        try:
+            made = _made(given, asked, scene, display)
+        except KeyboardInterrupt:
+            say("frames that are finished stay; the same command goes on from there")
+            raise
         if given.sheet is not None:
             from ..image.save import save_png
             from ..jobs.dataset.sheet import contact_sheet
 
-            save_png(contact_sheet(made.folder, shard[0]), given.sheet)
+            save_png(contact_sheet(made.folder, asked.shard[0]), given.sheet)
     if given.json:
         report.print_json({**made._asdict(), "folder": str(made.folder), "scene": scene.name})
     elif not given.quiet:
-        report.print_fields(_fields(made, scene, shard))
+        report.print_fields(_fields(made, scene, asked.shard))
     return 0
+
+
+def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
+    from ..jobs.dataset.make import dataset as make
+
+    lights = arguments.make_lights(asked.lights, scene, given.time) if asked.lights else []
+    return make(
+        scene,
+        given.output,
+        [arguments.make_camera(camera, scene, given.time, asked.size) for camera in asked.cameras] or None,
+        lights + asked.ambient or None,
+        orbit=given.orbit,
+        random=given.random,
+        random_lights=given.random_lights,
+        seed=given.seed,
+        size=asked.size,
+        spp=given.spp,
+        sampler=given.sampler,
+        time=given.time,
+        plan=given.plan,
+        threads=given.threads,
+        max_memory=asked.memory,
+        shard=asked.shard,
+        overwrite=given.overwrite,
+        progress=display.say,
+    )
 
 
 def _parse_shard(text: str | None) -> tuple[int, int]:

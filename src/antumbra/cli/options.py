@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from enum import StrEnum
 from typing import Annotated, Any
 
@@ -75,7 +75,13 @@ SCENE_HELP = (
 
 
 def takes(arguments: type) -> Callable:
-    """Decorator of a command ``f(arguments)``. Typer sees each field of the dataclass `arguments` as a parameter."""
+    """Decorator of a command ``f(arguments)``. Typer sees each field of the dataclass `arguments` as a parameter.
+
+    A field without a default is a required one.
+    """
+
+    def default(field):
+        return inspect.Parameter.empty if field.default is MISSING else field.default
 
     def wrap(command: Callable[[Any], int]) -> Callable[..., int]:
         def run(**given) -> int:
@@ -84,7 +90,7 @@ def takes(arguments: type) -> Callable:
         found: Any = run
         kind = inspect.Parameter.KEYWORD_ONLY
         found.__signature__ = inspect.Signature(
-            [inspect.Parameter(f.name, kind, default=f.default, annotation=f.type) for f in fields(arguments)]
+            [inspect.Parameter(f.name, kind, default=default(f), annotation=f.type) for f in fields(arguments)]
         )
         found.__annotations__ = {f.name: f.type for f in fields(arguments)}
         found.__doc__, found.__name__ = command.__doc__, command.__name__

@@ -45,7 +45,8 @@ class Folder:
         found = read_json(self._record(k))
         if found is None or found.pop("settings", None) != self.digest:
             return None
-        whole = all(self._size(f["path"]) == f["bytes"] for f in found["files"].values())
+        files = found.get("files", {})
+        whole = all(files.get(name, {}).get("bytes") == self._size(path) for name, path in self.pictures(k).items())
         return found if whole else None
 
     def write(self, k: int, channels: dict[str, np.ndarray], masks: list[np.ndarray], about: dict) -> None:
@@ -58,11 +59,11 @@ class Folder:
         files = {name: self._digested(path) for name, path in paths.items()}
         write_json({"settings": self.digest, "frame": k, **about, "files": files}, self._record(k))
 
-    def prepare(self) -> None:
-        """Make the folders."""
+    def prepare(self, *names: str) -> None:
+        """Make the folder, or folders in it."""
         try:
-            for name in "frames", "masks":
-                (self.path / name).mkdir(parents=True, exist_ok=True)
+            for path in [self.path / name for name in names] or [self.path]:
+                path.mkdir(exist_ok=True)
         except OSError as error:
             raise InputError(f"{self.path}: cannot be made ({error.strerror}); choose another folder") from None
 

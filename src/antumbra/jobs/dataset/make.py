@@ -8,6 +8,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 from ...errors import InputError
+from ...plan import Plan
 from ...query.sampling import sample_sets
 from ...rendering.renderer import Renderer
 from ...scene.any_scene import AnyScene
@@ -93,8 +94,8 @@ def dataset(
     place = Place(scene, scene.clamped(time), threads)
     views = views_of(scene, cameras, orbit, random, seed, size, place.time)
     path = _checked_folder(folder)
-    work = _Work(place, views, lights_of(place, lights, random_lights, seed), {"spp": spp, "sampler": sampler})
-    renderer = Renderer(scene, plan, threads, max_memory=max_memory)
+    renderer, quality = Renderer(scene, plan, threads, max_memory=max_memory), {"spp": spp, "sampler": sampler}
+    work = _Work(place, views, lights_of(place, lights, random_lights, seed), quality, renderer.plan)
     kept = work.open(path, overwrite)
     rendered = finished = 0
     numbers = range(first, views.count, step)
@@ -113,7 +114,7 @@ def dataset(
 class _Work:
     """A data set that is being made: what its frames share."""
 
-    def __init__(self, place: Place, views: Views, lights: list[Light], quality: dict):
+    def __init__(self, place: Place, views: Views, lights: list[Light], quality: dict, plan: Plan):
         from ... import __version__
 
         self.place, self.views, self.lights, self.quality = place, views, lights, quality
@@ -125,6 +126,7 @@ class _Work:
             "cameras": views.record(),
             "lights": [{"layer": light_layer(k), **light_record(light)} for k, light in enumerate(lights)],
             **quality,
+            **({} if plan.tracer.exact else {"plan": str(plan)}),  # an exact plan changes no bit
         }
         self.settings = json.loads(json.dumps(settings))
 
@@ -132,7 +134,7 @@ class _Work:
         """The folder, with a manifest of these settings."""
         folder = Folder(path, digest_of(self.settings), self.views.count, len(self.lights))
         found = read_json(path / MANIFEST)
-        if found is None and path.exists() and any(path.iterdir()):
+        if found is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
             raise InputError(f"{path}: has files, but no data set's {MANIFEST}; name a new folder")
         other = [] if found is None else differences(found.get("settings", {}), self.settings)
         if other and not overwrite:
@@ -144,6 +146,7 @@ class _Work:
         if found is None or overwrite:
             folder.drop_others()
             write_json(self._manifest([]), path / MANIFEST)
+        folder.prepare("frames", "masks")
         return folder
 
     def render(self, renderer: Renderer, folder: Folder, k: int) -> None:

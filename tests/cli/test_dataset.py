@@ -1,0 +1,86 @@
+"""``antumbra dataset``: its answers, its options and its errors. tests/jobs/dataset has what the files hold."""
+
+import json
+
+import pytest
+from PIL import Image
+
+SCENE = "procedural:atrium?triangles=2000"
+SMALL = "--size", "24x16", "--spp", "2"
+
+
+def test_a_data_set_and_its_sheet(cli, tmp_path):
+    made = cli(
+        "dataset", SCENE, "-o", "set", "--orbit", 2, "--random", 1, *SMALL, "--sheet", "sheet.png", "--json"
+    ).json()
+    assert {k: made[k] for k in ("folder", "frames", "lights", "rendered", "finished", "complete")} == {
+        "folder": "set", "frames": 3, "lights": 1, "rendered": 3, "finished": 0, "complete": True,
+    }  # fmt: skip
+    assert sorted(p.name for p in (tmp_path / "set" / "frames").glob("*.exr")) == [f"000{k}.exr" for k in range(3)]
+    with Image.open(tmp_path / "sheet.png") as image:
+        assert image.width > 500
+    again = cli("dataset", SCENE, "-o", "set", "--orbit", 2, "--random", 1, *SMALL)
+    assert again.code == 0 and "3 were finished" in again.out
+
+
+def test_cameras_and_lights_are_in_the_order_of_the_options(cli, tmp_path):
+    cameras = "--camera", 0, "--camera", "0,2,5:0,1,0:45", "--orbit", 1
+    lights = "--light", "point:0,3,0", "--light", 0, "--ao", "inf@0.5", "--random-lights", 1
+    assert cli("dataset", SCENE, "-o", "set", *cameras, *lights, *SMALL).code == 0
+    found = json.loads((tmp_path / "set" / "manifest.json").read_text())
+    assert [f["made"] for f in found["frames"]] == ["given", "given", "orbit"]
+    camera = found["frames"][1]["camera"]
+    assert (camera["position"], camera["vfov"], camera["width"], camera["height"]) == ([0, 2, 5], 45, 24, 16)
+    lights = found["settings"]["lights"]
+    assert [light["type"] for light in lights] == ["PointLight", "QuadLight", "AmbientOcclusion", "DirectionalLight"]
+    assert lights[2]["radius"] is None and lights[2]["intensity"] == 0.5
+
+
+def test_shards_say_what_is_missing(cli):
+    first = cli("dataset", SCENE, "-o", "set", "--orbit", 2, "--shard", "1/2", *SMALL)
+    assert first.code == 0 and "(shard 1/2)" in first.out and "other shards" in first.out
+    second = cli("dataset", SCENE, "-o", "set", "--orbit", 2, "--shard", "0/2", *SMALL)
+    assert second.code == 0 and "other shards" not in second.out
+
+
+def test_quiet(cli):
+    assert cli("dataset", SCENE, "-o", "set", *SMALL, "-q") == (0, "", "")
+
+
+def test_other_settings_need_overwrite(cli):
+    assert cli("dataset", SCENE, "-o", "set", *SMALL).code == 0
+    cli("dataset", SCENE, "-o", "set", "--size", "24x16", "--spp", 4).refused("set", "spp 2, not 4", "--overwrite")
+    assert cli("dataset", SCENE, "-o", "set", "--size", "24x16", "--spp", 4, "--overwrite").code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("-o", "no/such/set"), ("does not exist",)),
+        (("-o", "file"), ("is a file",)),
+        (("-o", "set", "--shard", "4/4"), ("--shard", "0/4")),
+        (("-o", "set", "--size", "0"), ("--size",)),
+        (("-o", "set", "--camera", "1,2"), ("--camera 1,2",)),
+        (("-o", "set", "--camera", "7"), ("no camera 7",)),
+        (("-o", "set", "--light", "bulb:1"), ("--light", "bulb")),
+        (("-o", "set", "--orbit", "-1"), ("--orbit",)),
+        (("-o", "set", "--sheet", "s.jpg"), ("s.jpg", ".png")),
+        (("-o", "set", "--max-memory", "1G"), ("--max-memory",)),
+        ((), ("--output",)),
+    ],
+)
+def test_bad_arguments_are_one_line_and_make_no_folder(cli, tmp_path, arguments, words):
+    (tmp_path / "file").write_text("mine")
+    cli("dataset", SCENE, *arguments).refused(*words)
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_an_interruption_says_how_to_go_on(cli, monkeypatch):
+    from antumbra.jobs.dataset.files import Folder
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Folder, "write", interrupted)
+    stopped = cli("dataset", SCENE, "-o", "set", *SMALL)
+    assert stopped.code == 130 and "goes on from there" in stopped.err

@@ -1,0 +1,98 @@
+"""Random cameras and lights: they depend on their number and the seed alone, and stand in free space."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.jobs.dataset import drawn
+from antumbra.jobs.dataset.drawn import Place, orbit_camera, random_camera, random_light
+from antumbra.scene.framing import bounding_sphere
+
+ATRIUM = Place(at.procedural("atrium", triangles=2000), 0.0, None)
+SIZE = 16, 12
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+OUTWARD = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+def box(lower, upper, inward=False) -> np.ndarray:
+    """(12, 3, 3): the faces of a box, seen from outside or from inside."""
+    faces = [f for a, b, c, d in OUTWARD for f in ((a, b, c), (a, c, d))]
+    corners = np.asarray(lower) + CORNERS * (np.asarray(upper) - np.asarray(lower))
+    soup = corners[np.array(faces)]
+    return soup[:, ::-1] if inward else soup
+
+
+def same(a: at.Camera, b: at.Camera) -> bool:
+    return all((getattr(a, n) == getattr(b, n)).all() for n in ("position", "target", "up")) and a.vfov == b.vfov
+
+
+def test_boxes_face_outwards():
+    soup = box((0, 0, 0), (1, 2, 3))
+    normals = np.cross(soup[:, 1] - soup[:, 0], soup[:, 2] - soup[:, 0])
+    assert ((soup.mean(axis=1) - (0.5, 1, 1.5)) * normals).sum(axis=1).min() > 0
+
+
+def test_a_camera_depends_on_its_number_and_the_seed():
+    first = [random_camera(ATRIUM, 3, k, SIZE) for k in range(4)]
+    again = [random_camera(ATRIUM, 3, k, SIZE) for k in (2, 0)]
+    assert same(first[2], again[0]) and same(first[0], again[1])
+    assert not same(first[0], first[1]) and not same(first[0], random_camera(ATRIUM, 4, 0, SIZE))
+    threaded = random_camera(ATRIUM._replace(threads=1), 3, 1, SIZE)
+    assert same(first[1], threaded)
+
+
+def test_cameras_see_much_of_the_scene():
+    for k in range(8):
+        camera = random_camera(ATRIUM, 1, k, (32, 32))
+        face = at.render(ATRIUM.scene, camera, at.PointLight((0, 3, 0)), spp=1).gbuffer.face
+        assert (face >= 0).mean() > 0.2 and len(np.unique(face)) > 8
+
+
+@pytest.mark.parametrize("inward", [False, True])
+def test_cameras_stand_outside_solids_and_inside_rooms(inward):
+    place = Place(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4), inward)), 0.0, None)
+    for k in range(6):
+        p = random_camera(place, 0, k, SIZE).position
+        assert ((p > 0) & (p < (2, 3, 4))).all() == inward
+
+
+def test_no_view_is_an_error_that_names_the_cure(monkeypatch):
+    monkeypatch.setattr(drawn, "TRIES", 4)
+    monkeypatch.setattr(drawn, "_LEAST_SEEN", 2.0)
+    with pytest.raises(at.InputError, match=r"no view for random camera 5 in 4 tries \(4 see little\).*--camera"):
+        random_camera(ATRIUM, 0, 5, SIZE)
+    solid = Place(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4))), 0.0, None)
+    with pytest.raises(
+        at.InputError, match=r"no place for random light 1 in 4 tries \(4 are in or at a wall\).*--light"
+    ):
+        random_light(solid, 0, 1)
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_an_orbit_goes_around_at_equal_angles(up):
+    scene = at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4)), up=up)
+    centre, radius = bounding_sphere(scene.bounds)
+    views = [orbit_camera(scene, k, 6, SIZE) for k in range(6)]
+    towards = np.array([v.position - centre for v in views])
+    axis = "xyz".index(up)
+    assert np.allclose(towards[:, axis], towards[0, axis]) and towards[0, axis] > 0
+    assert np.allclose(np.linalg.norm(towards, axis=1), np.linalg.norm(towards[0]))
+    flat = np.delete(towards, axis, axis=1)
+    turned = (flat * np.roll(flat, 1, axis=0)).sum(axis=1) / (flat**2).sum(axis=1)
+    assert np.allclose(turned, np.cos(np.radians(60.0)))
+    assert np.allclose(flat.sum(axis=0), 0.0, atol=1e-9 * radius)
+    assert all((at.render(scene, v, at.PointLight((9, 9, 9)), spp=1).gbuffer.face >= 0).any() for v in views)
+
+
+def test_lights_are_suns_above_the_horizon_and_spheres_in_free_space():
+    lights = [random_light(ATRIUM, 2, k) for k in range(8)]
+    assert [type(s) for s in lights] == [at.DirectionalLight, at.SphereLight] * 4
+    heights = [np.degrees(np.arcsin(-s.direction[1])) for s in lights[::2]]
+    assert 10.0 <= min(heights) < max(heights) <= 80.0
+    lower, upper = ATRIUM.scene.bounds
+    radius = bounding_sphere(ATRIUM.scene.bounds)[1]
+    for sphere in lights[1::2]:
+        assert (sphere.center >= lower).all() and (sphere.center <= upper).all()
+        assert 0.01 * radius <= sphere.radius <= 0.05 * radius
+    assert (random_light(ATRIUM, 2, 4).direction == lights[4].direction).all()
+    assert (random_light(ATRIUM, 3, 4).direction != lights[4].direction).any()
