@@ -36,7 +36,7 @@ class AnyScene(ABC):
     @property
     @abstractmethod
     def object_of_face(self) -> np.ndarray:
-        """(n,) int32: the index in `objects` of each face, in the order of `triangles`; read-only."""
+        """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it."""
 
     @abstractmethod
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:

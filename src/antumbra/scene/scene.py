@@ -104,14 +104,12 @@ class Scene(AnyScene):
 
     @property
     def object_of_face(self) -> np.ndarray:
-        """(n,) int32: the index in `objects` of each face, in the order of `triangles`; read-only.
+        """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it.
 
         The first use evaluates the geometry once more, piece by piece.
         """
         if self._object_of_face is None:
-            ids = objects_of(self.source.pieces(0.0))
-            ids.setflags(write=False)
-            self._object_of_face = ids
+            self._object_of_face = objects_of(self.source.pieces(0.0))
         return self._object_of_face
 
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:

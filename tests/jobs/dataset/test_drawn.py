@@ -5,10 +5,10 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.dataset import drawn
-from antumbra.jobs.dataset.drawn import Place, orbit_camera, random_camera, random_light
+from antumbra.jobs.dataset.drawn import orbit_camera, place_of, random_camera, random_light
 from antumbra.scene.framing import bounding_sphere
 
-ATRIUM = Place(at.procedural("atrium", triangles=2000), 0.0, None)
+ATRIUM = place_of(at.procedural("atrium", triangles=2000), 0.0, None)
 SIZE = 16, 12
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 OUTWARD = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -48,9 +48,19 @@ def test_cameras_see_much_of_the_scene():
         assert (face >= 0).mean() > 0.2 and len(np.unique(face)) > 8
 
 
+def test_a_wide_ground_of_few_faces_is_left_out():
+    rng = np.random.default_rng(0)
+    town = np.concatenate([box(p, p + 1.0) for p in rng.uniform(-10, 10, (200, 3)) * (1, 0, 1)])
+    ground = box((-1000, -2, -1000), (1000, -1, 1000))
+    place = place_of(at.Scene.from_arrays(np.concatenate([town, ground])), 0.0, None)
+    assert np.abs(place.bounds).max() < 15 and np.ptp(place.bounds, axis=0).min() > 0.5
+    cameras = [random_camera(place, 0, k, SIZE) for k in range(4)]
+    assert max(np.abs(c.position).max() for c in cameras) < 30
+
+
 @pytest.mark.parametrize("inward", [False, True])
 def test_cameras_stand_outside_solids_and_inside_rooms(inward):
-    place = Place(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4), inward)), 0.0, None)
+    place = place_of(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4), inward)), 0.0, None)
     for k in range(6):
         p = random_camera(place, 0, k, SIZE).position
         assert ((p > 0) & (p < (2, 3, 4))).all() == inward
@@ -61,7 +71,7 @@ def test_no_view_is_an_error_that_names_the_cure(monkeypatch):
     monkeypatch.setattr(drawn, "_LEAST_SEEN", 2.0)
     with pytest.raises(at.InputError, match=r"no view for random camera 5 in 4 tries \(4 see little\).*--camera"):
         random_camera(ATRIUM, 0, 5, SIZE)
-    solid = Place(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4))), 0.0, None)
+    solid = place_of(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4))), 0.0, None)
     with pytest.raises(
         at.InputError, match=r"no place for random light 1 in 4 tries \(4 are in or at a wall\).*--light"
     ):
@@ -89,8 +99,8 @@ def test_lights_are_suns_above_the_horizon_and_spheres_in_free_space():
     assert [type(s) for s in lights] == [at.DirectionalLight, at.SphereLight] * 4
     heights = [np.degrees(np.arcsin(-s.direction[1])) for s in lights[::2]]
     assert 10.0 <= min(heights) < max(heights) <= 80.0
-    lower, upper = ATRIUM.scene.bounds
-    radius = bounding_sphere(ATRIUM.scene.bounds)[1]
+    lower, upper = ATRIUM.bounds
+    radius = bounding_sphere(ATRIUM.bounds)[1]
     for sphere in lights[1::2]:
         assert (sphere.center >= lower).all() and (sphere.center <= upper).all()
         assert 0.01 * radius <= sphere.radius <= 0.05 * radius

@@ -277,7 +277,7 @@ def test_a_store_gives_the_same_pictures(tmp_path):
     paged, camera = at.load(tmp_path / "made.antumbra"), SCENE.cameras[0].resized(24, 16)
     names = {"memory": SCENE, "store": paged}
     for name, scene in names.items():
-        at.dataset(scene, tmp_path / name, [camera], LIGHTS, random=1, spp=4, size=(24, 16))
+        at.dataset(scene, tmp_path / name, [camera], LIGHTS, orbit=1, spp=4, size=(24, 16))
     for frame in "0000", "0001":
         a, b = (exr(tmp_path / name / "frames" / f"{frame}.exr") for name in names)
         assert a.keys() == b.keys() and all((a[name] == b[name]).all() for name in a)

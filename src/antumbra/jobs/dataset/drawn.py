@@ -11,6 +11,7 @@ from ...scene.camera import Camera
 from ...scene.framing import axes, bounding_sphere, default_camera
 from ...scene.hit import Hit
 from ...scene.lights import DirectionalLight, Light, SphereLight
+from ...store.scene import PagedScene
 
 TRIES = 512
 """Places that are tried for a camera or a light."""
@@ -19,27 +20,34 @@ VFOV = 60.0
 _CAMERA, _LIGHT = 1, 2  # streams of random numbers
 _PROBE = 16  # rays across and down a view that is tried
 _LEAST_SEEN = 0.25  # of a view's rays
-_LEAST_CLEAR = 0.01  # of the scene's radius, around a camera
-_MARGINS = 0.0, 0.5  # of the scene's radius, around its bounds: places in the scene, and around it
+_LEAST_CLEAR = 0.01  # of the radius, around a camera
+_MARGINS = 0.0, 0.5  # of the radius, around the bounds: places in the scene, and around it
 _LEAST_FACES = 8  # that a view's rays meet, in scenes of many faces
 _ELEVATION = np.radians(10.0), np.radians(80.0)  # of suns
-_SIZES = 0.01, 0.05  # radius of a sphere light, of the scene's radius
+_MANY, _ENOUGH = 1000, 100_000  # faces from which the bounds are found, and faces that are looked at
+_MOST_FACES = 2.0, 98.0  # percentiles
+_MORE = 0.1  # of the width, on each side
+_SIZES = 0.01, 0.05  # radius of a sphere light, of the radius
 
 SEES_LITTLE, IN_A_WALL = "see little", "are in or at a wall"
 
 
 class Place(NamedTuple):
-    """What places are drawn in, and the rays that judge them."""
+    """Where places are drawn, and the rays that judge them."""
 
     scene: AnyScene
     time: float  # seconds
     threads: int | None
+    bounds: np.ndarray  # (2, 3) float64, world: the part of the scene that most faces are in
+
+    @property
+    def radius(self) -> float:
+        return bounding_sphere(self.bounds)[1]
 
     def box(self, margin: float) -> np.ndarray:
-        """(2, 3) float64: the scene's bounds, `margin` wider on all sides but the lower one."""
-        lower, upper = self.scene.bounds
+        """(2, 3) float64: the bounds, `margin` wider on all sides but the lower one."""
         upward = axes(self.scene.up)[1]
-        return np.stack([lower - margin * (1.0 - upward), upper + margin])
+        return self.bounds + margin * np.stack([upward - 1.0, np.ones(3)])
 
     def nearest(self, position: np.ndarray, directions: np.ndarray) -> tuple[Hit, np.ndarray]:
         """The nearest face along each direction, and whether its back is seen."""
@@ -55,16 +63,32 @@ class Place(NamedTuple):
         return bool(hit.t.min() < clear or 2 * back.sum() > (hit.face >= 0).sum())
 
 
+def place_of(scene: AnyScene, time: float, threads: int | None) -> Place:
+    """The `Place` of a scene. A plain around a town, of few faces, is left out of its bounds.
+
+    The bounds hold the centres of all faces but 2 % on each side, and a tenth more. A scene of few faces has its own
+    bounds, and so has a store.
+    """
+    if scene.n_triangles < _MANY or isinstance(scene, PagedScene):
+        return Place(scene, time, threads, scene.bounds)
+    triangles = scene.triangles(time, threads)
+    some = triangles.vertices[:: -(-len(triangles.vertices) // _ENOUGH)]
+    centres = some.mean(axis=1, dtype=np.float64) + triangles.origin
+    lower, upper = np.percentile(centres, _MOST_FACES, axis=0, method="nearest")
+    more = _MORE * (upper - lower)
+    return Place(scene, time, threads, np.clip(np.stack([lower - more, upper + more]), *scene.bounds))
+
+
 def orbit_camera(scene: AnyScene, k: int, n: int, size: tuple[int, int]) -> Camera:
     """Camera k of n that stand around the scene at equal angles, and show its bounding sphere."""
     return default_camera(scene.bounds, scene.up, *size, 2.0 * np.pi * k / n)
 
 
 def random_camera(place: Place, seed: int, k: int, size: tuple[int, int]) -> Camera:
-    """A camera that looks at a point in the bounds of the scene.
+    """A camera that looks at a point in the bounds of the place.
 
     Places in the bounds and around them are tried by turns. At least a quarter of a grid of the camera's rays meet
-    surfaces, several faces of them, and most of these show their fronts. No surface is nearer than 1 % of the scene's
+    surfaces, several faces of them, and most of these show their fronts. No surface is nearer than 1 % of the bounds'
     radius. So the camera stands in no wall.
 
     Raises
@@ -73,10 +97,10 @@ def random_camera(place: Place, seed: int, k: int, size: tuple[int, int]) -> Cam
         If there is no such view in `TRIES` tries.
     """
     rng, faults = np.random.default_rng([seed, _CAMERA, k]), Counter[str]()
-    radius, upward = bounding_sphere(place.scene.bounds)[1], axes(place.scene.up)[1]
+    radius, upward = place.radius, axes(place.scene.up)[1]
     for i in range(TRIES):
         margin = _MARGINS[(k + i) % len(_MARGINS)]
-        position, target = rng.uniform(*place.box(margin * radius)), rng.uniform(*place.scene.bounds)
+        position, target = rng.uniform(*place.box(margin * radius)), rng.uniform(*place.bounds)
         try:
             camera = Camera(position, target, upward, VFOV, *size)
         except InputError:  # straight up or down
@@ -102,7 +126,7 @@ def random_light(place: Place, seed: int, k: int) -> Light:
         azimuth, elevation = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_ELEVATION)
         flat = np.sin(azimuth) * right + np.cos(azimuth) * towards
         return DirectionalLight(-(np.cos(elevation) * flat + np.sin(elevation) * upward), intensity=float(np.pi))
-    radius, faults = bounding_sphere(place.scene.bounds)[1], Counter[str]()
+    radius, faults = place.radius, Counter[str]()
     for _ in range(TRIES):
         centre, size = rng.uniform(*place.box(0.0)), radius * rng.uniform(*_SIZES)
         if not place.walled(centre, size):

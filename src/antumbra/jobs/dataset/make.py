@@ -14,7 +14,7 @@ from ...rendering.renderer import Renderer
 from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
-from .drawn import Place
+from .drawn import Place, place_of
 from .files import MANIFEST, Folder, read_json, write_json
 from .layers import Objects, blocked_by, channels, light_layer, masks, objects_of
 from .manifest import FORMAT, camera_record, differences, digest_of, light_record, object_records, scene_record
@@ -91,7 +91,7 @@ def dataset(
     start = perf_counter()
     sample_sets(spp, sampler)
     first, step = _checked_shard(shard)
-    place = Place(scene, scene.clamped(time), threads)
+    place = place_of(scene, scene.clamped(time), threads)
     views = views_of(scene, cameras, orbit, random, seed, size, place.time)
     path = _checked_folder(folder)
     renderer, quality = Renderer(scene, plan, threads, max_memory=max_memory), {"spp": spp, "sampler": sampler}
@@ -121,7 +121,7 @@ class _Work:
         self._objects: Objects | None = None
         settings = {
             "version": __version__,
-            "scene": scene_record(*place),
+            "scene": scene_record(place.scene, place.time, place.threads),
             "seed": views.seed,
             "cameras": views.record(),
             "lights": [{"layer": light_layer(k), **light_record(light)} for k, light in enumerate(lights)],
@@ -151,7 +151,7 @@ class _Work:
 
     def render(self, renderer: Renderer, folder: Folder, k: int) -> None:
         """Render and write frame k."""
-        scene, time, threads = self.place
+        scene, time, threads = self.place[:3]
         made, camera = self.views.camera(self.place, k)
         frame = renderer.render(camera, self.lights, time=time, **self.quality)
         self._objects = self._objects or objects_of(scene)
