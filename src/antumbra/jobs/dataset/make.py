@@ -98,7 +98,7 @@ def dataset(
     work = _Work(place, views, lights_of(place, lights, random_lights, seed), quality, renderer.plan)
     kept = work.open(path, overwrite)
     rendered = finished = 0
-    numbers = range(first, views.count, step)
+    numbers = range(first, views.total, step)
     for done, k in enumerate(numbers):
         if progress is not None:
             progress(f"frame {k}", done, len(numbers))
@@ -108,7 +108,7 @@ def dataset(
             work.render(renderer, kept, k)
             rendered += 1
     complete = work.close(kept)
-    return Dataset(path, views.count, len(work.lights), rendered, finished, complete, perf_counter() - start)
+    return Dataset(path, views.total, len(work.lights), rendered, finished, complete, perf_counter() - start)
 
 
 class _Work:
@@ -132,7 +132,7 @@ class _Work:
 
     def open(self, path: Path, overwrite: bool) -> Folder:
         """The folder, with a manifest of these settings."""
-        folder = Folder(path, digest_of(self.settings), self.views.count, len(self.lights))
+        folder = Folder(path, digest_of(self.settings), self.views.total, len(self.lights))
         found = read_json(path / MANIFEST)
         if found is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
             raise InputError(f"{path}: has files, but no data set's {MANIFEST}; name a new folder")
@@ -169,7 +169,7 @@ class _Work:
     def close(self, folder: Folder) -> bool:
         """Complete the manifest if all frames are finished; return whether they are."""
         frames = []
-        for k in range(self.views.count):
+        for k in range(self.views.total):
             record = folder.record(k)
             if record is None:
                 return False
@@ -180,7 +180,7 @@ class _Work:
     def _manifest(self, frames: list[dict]) -> dict:
         return {
             "format": FORMAT,
-            "complete": len(frames) == self.views.count,
+            "complete": len(frames) == self.views.total,
             "settings": self.settings,
             "settings_sha256": digest_of(self.settings),
             "objects": object_records(self.place.scene),

@@ -82,13 +82,15 @@ def digest_of(settings: dict) -> str:
     return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
 
 
-def differences(old: dict, new: dict) -> list[str]:
-    """In words, the settings that differ: "spp 4, not 16" where both are short, else the name."""
+def differences(old: dict, new: dict, of: str = "") -> list[str]:
+    """In words, the settings that differ: "spp 4, not 8" where both are short, else the name ("scene sha256")."""
     told = []
-    for name in sorted(old.keys() | new.keys()):
-        a, b = old.get(name), new.get(name)
-        if a != b:
-            short = all(isinstance(v, (str, int, float)) for v in (a, b))
+    for key in sorted(old.keys() | new.keys()):
+        a, b, name = old.get(key), new.get(key), of + key
+        if isinstance(a, dict) and isinstance(b, dict):
+            told += differences(a, b, name + " ")
+        elif a != b:
+            short = all(isinstance(v, (str, int, float)) and len(str(v)) < 30 for v in (a, b))
             told.append(f"{name} {a}, not {b}" if short else name)
     return told
 

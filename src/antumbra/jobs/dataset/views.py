@@ -26,7 +26,7 @@ class Views(NamedTuple):
     size: tuple[int, int]  # width, height of the cameras that are not given
 
     @property
-    def count(self) -> int:
+    def total(self) -> int:
         return len(self.given) + self.orbit + self.random
 
     def camera(self, place: Place, k: int) -> tuple[str, Camera]:
@@ -62,8 +62,8 @@ def views_of(scene: AnyScene, cameras: Sequence[Camera] | None, orbit, random, s
         if not isinstance(camera, Camera):
             raise InputError(f"a camera must be an antumbra.Camera, not {type(camera).__name__}")
     views = Views(cameras, orbit, random, seed, size)
-    if not 1 <= views.count <= MOST_FRAMES:
-        raise InputError(f"{views.count} cameras; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random")
+    if not 1 <= views.total <= MOST_FRAMES:
+        raise InputError(f"{views.total} cameras; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random")
     return views
 
 
