@@ -36,6 +36,12 @@ def test_cameras_and_lights_are_in_the_order_of_the_options(cli, tmp_path):
     assert lights[2]["radius"] is None and lights[2]["intensity"] == 0.5
 
 
+def test_ambient_light_comes_besides_the_scenes_lights(cli, tmp_path):
+    assert cli("dataset", SCENE, "-o", "set", "--ao", "2", *SMALL).code == 0
+    lights = json.loads((tmp_path / "set" / "manifest.json").read_text())["settings"]["lights"]
+    assert [light["type"] for light in lights] == ["QuadLight", "AmbientOcclusion"]
+
+
 def test_shards_say_what_is_missing(cli):
     first = cli("dataset", SCENE, "-o", "set", "--orbit", 2, "--shard", "1/2", *SMALL)
     assert first.code == 0 and "(shard 1/2)" in first.out and "other shards" in first.out

@@ -160,7 +160,8 @@ def dataset(given: DatasetArguments) -> int:
 def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
     from ..jobs.dataset.make import dataset as make
 
-    lights = arguments.make_lights(asked.lights, scene, given.time) if asked.lights else []
+    own = asked.ambient and not given.random_lights  # the scene's lights stay if only ambient light is added
+    lights = arguments.make_lights(asked.lights, scene, given.time) if asked.lights or own else []
     return make(
         scene,
         given.output,
