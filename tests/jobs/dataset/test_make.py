@@ -229,10 +229,12 @@ def test_a_folder_that_was_only_just_made_is_used(whole, tmp_path):
 def test_a_folder_of_other_files_is_left_alone(tmp_path):
     (tmp_path / "frames").mkdir()
     (tmp_path / "frames" / "mine.json").write_text("{}")
+    (tmp_path / "manifest.json").write_text('{"name": "of another program"}')
     for overwrite in False, True:
         with pytest.raises(at.InputError, match=r"has files, but no data set's manifest\.json"):
             at.dataset(SCENE, tmp_path, **ASKED, overwrite=overwrite)
-    assert list(contents(tmp_path)) == ["frames/mine.json"]
+    assert list(contents(tmp_path)) == ["frames/mine.json", "manifest.json"]
+    assert manifest(tmp_path) == {"name": "of another program"}
 
 
 @pytest.mark.parametrize(

@@ -133,10 +133,11 @@ class _Work:
     def open(self, path: Path, overwrite: bool) -> Folder:
         """The folder, with a manifest of these settings."""
         folder = Folder(path, digest_of(self.settings), self.views.total, len(self.lights))
-        found = read_json(path / MANIFEST)
+        found = (read_json(path / MANIFEST) or {}).get("settings")
+        found = found if isinstance(found, dict) else None
         if found is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
             raise InputError(f"{path}: has files, but no data set's {MANIFEST}; name a new folder")
-        other = [] if found is None else differences(found.get("settings", {}), self.settings)
+        other = [] if found is None else differences(found, self.settings)
         if other and not overwrite:
             raise InputError(
                 f"{path}: holds a data set of other settings ({'; '.join(other)}); "
