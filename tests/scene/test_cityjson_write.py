@@ -100,6 +100,14 @@ def test_a_round_trip_reads_the_same_scene(tmp_path, suffix):
     assert lines[0]["geometry-templates"] == everything()["geometry-templates"]
 
 
+def test_null_and_empty_members(tmp_path):
+    objects = {"a": building(solid(), attributes=None), "b": building(solid(semantics=[]))}
+    values = np.repeat([1.0, np.nan], 12)
+    found = written(tmp_path, city(objects), {"x": values})["CityObjects"]
+    assert found["a"]["attributes"] == {"x": 1.0} and "attributes" not in found["b"]
+    assert len(found["b"]["geometry"][0]["semantics"]["surfaces"]) == 6
+
+
 def test_only_the_chosen_level_of_detail_changes(tmp_path):
     document = city({"a": building(solid("1"), solid("2"))})
     found = written(tmp_path, document, {"x": np.ones(12)}, lod="1")["CityObjects"]["a"]["geometry"]

@@ -75,8 +75,10 @@ def _write(texts: list[dict], city: CityModel, means: list[_Means], heights: np.
     for k, surface in enumerate(city.surfaces):
         _write_surface(things, city, surface, {m.name: m.surfaces[k] for m in means}, heights[k])
     for k, name in enumerate(city.objects):
-        values = {m.name: m.objects[k] for m in means}
-        _update(things[name].setdefault("attributes", {}), values)
+        attributes = _of_kind(dict, things[name].get("attributes"))
+        _update(attributes, {m.name: m.objects[k] for m in means})
+        if attributes:
+            things[name]["attributes"] = attributes
 
 
 def _vector_areas(mesh) -> np.ndarray:
@@ -122,9 +124,9 @@ def _without_semantics(things: dict, city: CityModel) -> list[dict]:
 
 def _fill_semantics(geometry: dict) -> None:
     """Give a geometry "semantics", with a value (or null) for each polygon."""
-    semantics = geometry.get("semantics") or {}
+    semantics = _of_kind(dict, geometry.get("semantics"))
     values = _filled(geometry["boundaries"], semantics.get("values"), DEPTHS[geometry["type"]])
-    geometry["semantics"] = {**semantics, "surfaces": semantics.get("surfaces") or [], "values": values}
+    geometry["semantics"] = {**semantics, "surfaces": _of_kind(list, semantics.get("surfaces")), "values": values}
 
 
 def _write_surface(things: dict, city: CityModel, surface: Surface, values: dict[str, float], height: float) -> None:
@@ -145,7 +147,7 @@ def _write_surface(things: dict, city: CityModel, surface: Surface, values: dict
 
 def _filled(boundaries: list, values: Any, depth: int) -> list:
     """`values` in the shape of the boundaries, with null where they have none."""
-    values = values if isinstance(values, list) else []
+    values = _of_kind(list, values)
     values += [None] * (len(boundaries) - len(values))
     if depth:
         for k, inner in enumerate(boundaries):
@@ -158,6 +160,11 @@ def _surface_type(owner: str, height: float) -> str:
     if owner.startswith(_BUILT):
         return "WallSurface" if abs(height) < _STEEP else "RoofSurface" if height > 0.0 else "GroundSurface"
     return next((kind for begin, kind in _OTHER_TYPES.items() if owner.startswith(begin)), "+Surface")
+
+
+def _of_kind(kind: type, value: Any) -> Any:
+    """`value`, or an empty `kind` in place of null or damage."""
+    return value if isinstance(value, kind) else kind()
 
 
 def _update(thing: dict, values: dict[str, float]) -> None:
