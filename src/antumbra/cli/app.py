@@ -7,8 +7,20 @@ from typing import Annotated
 
 import typer
 
-from . import bench, build, compare, culling, explain, info, plans, render, scenes, sun, warmup
-from . import bench, build, compare, culling, dataset, explain, info, plans, render, scenes, warmup
+from . import (
+    bench,
+    build,
+    compare,
+    culling,
+    dataset,
+    explain,
+    info,
+    plans,
+    render,
+    scenes,
+    sun,
+    warmup,
+)
 
 app = typer.Typer(
     name="antumbra",

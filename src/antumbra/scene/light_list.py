@@ -1,6 +1,7 @@
 """The common base of lists of lights: many lights as one light, whose samples are the lights of the list."""
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,14 @@ class LightList(Light):
 
     interleave: bool = field(default=False, kw_only=True)
     domain = "list"
+
+    if TYPE_CHECKING:  # fields of the subclasses
+
+        @property
+        def intensities(self) -> np.ndarray: ...
+
+        @property
+        def colours(self) -> np.ndarray: ...
 
     @property
     def points(self) -> np.ndarray:
