@@ -15,14 +15,14 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from antumbra.jobs.warm import jobs
 from antumbra.kernels.needs import FILE, recorded
 from antumbra.papers.methods import NEEDS as PAPERS
-from antumbra.rendering.warm import jobs
 
 JOB = """
 import json, sys
 from antumbra.kernels.loading import events
-from antumbra.rendering.warm import jobs
+from antumbra.jobs.warm import jobs
 
 jobs(papers=True)[int(sys.argv[1])].work()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))

@@ -101,3 +101,11 @@ def test_rebuild(run, small, hidden):
     ours = [row for row in done.rows if not row["method"].startswith("Embree")]
     assert len(ours) == 3 * 5 and {row["differs"] for row in ours} == {0}
     assert all((row["ratio"] is None) == without_embree(hidden) for row in done.rows)
+
+
+def test_sun(run, small, hidden):
+    done = run("sun", small, "--sensors", 200, "--slice", 50, "--threads", 1, without=hidden)
+    ways = {row["method"] for row in done.rows}
+    assert ways == ({"sun_hours"} if without_embree(hidden) else {"sun_hours", "embree numpy", "embree bare"})
+    assert all(row["million_pairs_per_second"] > 0 for row in done.rows)
+    check_left_out(done, *(["Embree"] if without_embree(hidden) else []))

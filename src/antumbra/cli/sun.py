@@ -1,5 +1,6 @@
 """``antumbra sun``: hours of direct sun."""
 
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -62,12 +63,15 @@ def sun(given: SunArguments) -> int:
         )  # fmt: skip
         sensors = sensors_of(given.sensors, scene, given.threads)
         display.say("preparing")
-        start = perf_counter()
-        table = sun_hours(
-            scene, sensors, given.days, place=place, step=given.step, rule=given.rule, epw=given.epw,
+        ask = partial(
+            sun_hours, scene, days=given.days, place=place, step=given.step, rule=given.rule, epw=given.epw,
             energy=given.energy, sky=given.sky, by=[by.value for by in given.by or ()], samples=given.samples,
-            matrix=given.matrix, plan=given.plan, threads=given.threads, keep=outputs[0].with_suffix(".parts"),
+            plan=given.plan, threads=given.threads,
         )  # fmt: skip
+        if given.column is not None:
+            ask(sensors=sensors.part(0, 0)).shown(given.column)  # an unknown column is found before the long work
+        start = perf_counter()
+        table = ask(sensors=sensors, matrix=given.matrix, keep=outputs[0].with_suffix(".parts"))
         seconds = perf_counter() - start
         city = getattr(scene, "city", None)
         crs = given.crs or (None if city is None else city.crs)

@@ -93,6 +93,8 @@ def answer(asked: Asked, kept: Path | None = None, settings: Any = None, matrix:
     """
     make_ready(tally_job)
     sensors, n = asked.sensors, len(asked.sensors)
+    if not n:
+        return tally_of(np.empty((0, 1), np.uint64), None, asked.calendar, asked.columns)
     order = in_space(sensors.points, sensors.normals)
     shown = [a for a in (sensors.points, sensors.normals, *asked.calendar) if a is not None]
     parts = Parts(n, _PART, kept, digest(settings, *shown) if kept else "")

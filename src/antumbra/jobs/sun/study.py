@@ -165,7 +165,6 @@ class _Bins:
             columns.append(self._add([f"hours_{hour:02d}" for hour in range(24)]) + _hour(suns))
         self.criteria: list[tuple[str, float]] = []  # column, and the score of an hour in it
         weights = np.empty((0, len(suns.hours))) if study.rule is None else weights_of(study.rule, suns)
-        self._rule_first = len(self.names)
         for k, weight in enumerate(weights):
             counts = weight > 0.0
             first = self._add([f"criterion {k}"])
@@ -174,14 +173,16 @@ class _Bins:
         self.count = len(self.names) + 1
         chosen = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
         self.of_suns = np.where(chosen < 0, self.count - 1, chosen)
+        self.used = set(self.of_suns.ravel().tolist())
 
     def _add(self, names: list[str]) -> int:
         self.names += names
         return len(self.names) - len(names)
 
     def hours(self, tally: Tally) -> dict[str, np.ndarray]:
-        """Name -> hours of each sensor."""
-        return {name: tally.binned[:, k] for k, name in enumerate(self.names)}
+        """Name -> hours of each sensor, of the months and hours with a sun, and of all criteria."""
+        criteria = [name for name, _ in self.criteria]
+        return {name: tally.binned[:, k] for k, name in enumerate(self.names) if k in self.used or name in criteria}
 
 
 def _month(suns: Suns) -> np.ndarray:
@@ -206,7 +207,7 @@ def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
     hours = bins.hours(tally)
     criteria = dict(bins.criteria)
     for name, values in hours.items():
-        if name not in criteria and values.any():
+        if name not in criteria:
             found[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
     if study.rule is not None:
         scores = np.stack([hours[name] * factor for name, factor in bins.criteria], 1)

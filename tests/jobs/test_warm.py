@@ -6,17 +6,17 @@ import sys
 
 import pytest
 
+from antumbra.jobs import warm
 from antumbra.kernels import needs
 from antumbra.kernels.arguments import named
 from antumbra.plan import Plan, covering_plans, parse_plan
-from antumbra.rendering import warm
 from antumbra.rendering.render_jobs import rendering_job
 
 NAMES = [job.name for job in warm.jobs(papers=True)]
 CALLED = """
 import json, sys
 from antumbra.kernels.loading import events
-from antumbra.rendering.warm import jobs
+from antumbra.jobs.warm import jobs
 
 told = {}
 for job in jobs(papers=True):

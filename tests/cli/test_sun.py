@@ -1,0 +1,78 @@
+"""``antumbra sun``: its outputs, its answers and its errors. tests/jobs/sun has what the numbers are."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import antumbra as at
+from scene import city_files
+
+SCENE = "procedural:city?triangles=3000"
+HERE = "--latitude", 52, "--longitude", 4.36, "--timezone", "Europe/Amsterdam"
+DAY = "--days", "2026-03-21", "--step", 120
+
+
+def put_town(folder):
+    """A unit cube in the CRS of Delft."""
+    cubes = {"a": city_files.building(city_files.solid())}
+    return city_files.put(folder, city_files.city(cubes, vertices=city_files.CUBE + (85000, 447000, 0)))
+
+
+def test_every_kind_of_output(cli, tmp_path):
+    names = [f"o.{suffix}" for suffix in ("png", "csv", "json", "npz", "parquet", "glb", "tif")]
+    outputs = [word for name in names for word in ("-o", name)]
+    told = cli("sun", SCENE, *HERE, *DAY, "--sensors", "raster:8", *outputs, "--matrix", "m.npy", "--json").json()
+    assert told["files"] == [*names, "m.npy"] and told["suns"] == 6
+    assert told["rays"] == told["sensors"] * 6 > 600 and 0 < told["means"]["sun_hours"] < 12
+    with open(tmp_path / "o.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == told["sensors"]
+    hours = np.array([float(row["sun_hours"]) for row in rows])
+    assert np.isclose(hours.mean(), told["means"]["sun_hours"])
+    assert np.array_equal(np.load(tmp_path / "o.npz")["sun_hours"], hours)
+    assert json.loads((tmp_path / "o.json").read_text())["rows"]["sun_hours"] == hours.tolist()
+    with Image.open(tmp_path / "o.png") as image:
+        assert len(image.getcolors(1 << 20)) > 16
+    assert np.load(tmp_path / "m.npy").shape == (told["sensors"], 1)
+    assert not list(tmp_path.glob("*.parts"))
+
+
+def test_a_city_knows_its_place_and_gets_attributes(cli, tmp_path):
+    put_town(tmp_path)
+    done = cli("sun", "a.city.json", *DAY, "--timezone", "+01:00", "-o", "a.csv", "--city-output", "b.json")
+    assert done.code == 0 and "52.0" in done.out and "b.json" in done.out
+    written = json.loads((tmp_path / "b.json").read_text())["CityObjects"]["a"]["attributes"]
+    scene = at.load(tmp_path / "a.city.json")
+    place = at.place_of(scene, timezone="+01:00")
+    table = at.sun_hours(scene, "face", "2026-03-21", step=120, place=place)
+    areas = table.sensors.areas
+    assert np.isclose(written["sun_hours"], (table["sun_hours"] * areas).sum() / areas.sum())
+
+
+def test_a_rule_and_its_share(cli):
+    done = cli("sun", SCENE, *HERE, "--rule", "en17037-minimum", "--step", 60, "--sensors", "raster:10", "-o", "a.csv")
+    assert done.code == 0 and "% of the sensors pass" in done.out
+
+
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ((SCENE, *DAY), ("place is unknown", "latitude")),
+        ((SCENE, *HERE), ("days are unknown", "year:2026")),
+        ((SCENE, *HERE, *DAY, "--sensors", "windows"), ("--sensors is 'windows'", "grid:SPACING")),
+        ((SCENE, *HERE, *DAY, "--sensors", "windows.csv"), ("windows.csv", "no such file")),
+        ((SCENE, *HERE, *DAY, "-o", "a.xyz"), ("a.xyz", ".csv")),
+        ((SCENE, *HERE, *DAY, "-o", "a.tif"), ("holds a raster", "face")),
+        ((SCENE, *HERE, *DAY, "--city-output", "b.json"), ("for CityJSON",)),
+        ((SCENE, *HERE, "--days", "2026-02-30"), ("2026-02-30", "choose a day")),
+        ((SCENE, *HERE, *DAY, "--rule", "none"), ("rule 'none' is unknown", "br209-windows")),
+        ((SCENE, *HERE, *DAY, "--column", "moon", "-o", "a.png"), ("no column 'moon'", "sun_hours")),
+        ((SCENE, *HERE, *DAY, "--plan", "fast"), ("fast",)),
+    ],
+)
+def test_bad_input_is_named(cli, tmp_path, given, words):
+    cli("sun", *given).refused(*words)
+    assert not [p for p in tmp_path.iterdir() if p.suffix != ".parts"]
