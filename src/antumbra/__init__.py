@@ -22,6 +22,7 @@ if typing.TYPE_CHECKING:
     from .jobs.sun.study import sun_hours
     from .jobs.sun.times import times_of
     from .jobs.table import Column, Table
+    from .jobs.bake import Baked, bake
     from .loading import load
     from .plan import Plan
     from .query.gbuffer import GBuffer
@@ -49,6 +50,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AmbientOcclusion",
+    "Baked",
     "BuildReport",
     "Camera",
     "CityModel",
@@ -80,6 +82,7 @@ __all__ = [
     "Table",
     "Triangles",
     "Visibility",
+    "bake",
     "build_store",
     "dataset",
     "face_sensors",
@@ -104,6 +107,7 @@ __all__ = [
 _HOMES = {
     "errors": ["InputError"],
     "jobs.dataset.make": ["Dataset", "dataset"],
+    "jobs.bake": ["Baked", "bake"],
     "plan": ["Plan"],
     "rendering.queries": ["Visibility", "visibility"],
     "query.gbuffer": ["GBuffer"],

@@ -17,7 +17,7 @@ _POINTS = {"square": _CROSS, "disk": (2.0 * _CROSS - 1.0) * 0.8, "point": np.zer
 
 
 @inlined
-def _point_irradiance(distant, flat, p, n, q):
+def point_irradiance(distant, flat, p, n, q):
     """Irradiance per unit intensity at p (normal n) from light point q; `flat` is the unit normal of a flat light."""
     wx, wy, wz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     r2 = wx * wx + wy * wy + wz * wz
@@ -44,17 +44,17 @@ def _add_row(position, normal, light, fixed, flat, a, b, totals, w):
         for x in range(w):
             p, n = _row(position, x), _row(normal, x)
             patch = tangent_disk(cx, cy, cz, radius, np.float64(p[0]), np.float64(p[1]), np.float64(p[2]))
-            e = _point_irradiance(False, flat, p, n, sample_point(patch, a, b, zero))
+            e = point_irradiance(False, flat, p, n, sample_point(patch, a, b, zero))
             put(totals, x, get(totals, x) + e)
     elif light.kind == DIRECTIONAL:
         for x in range(w):
             p, n = _row(position, x), _row(normal, x)
-            e = _point_irradiance(True, flat, p, n, sample_point(moved(fixed, p[0], p[1], p[2]), a, b, zero))
+            e = point_irradiance(True, flat, p, n, sample_point(moved(fixed, p[0], p[1], p[2]), a, b, zero))
             put(totals, x, get(totals, x) + e)
     else:
         q = sample_point(fixed, a, b, zero)
         for x in range(w):
-            e = _point_irradiance(False, flat, _row(position, x), _row(normal, x), q)
+            e = point_irradiance(False, flat, _row(position, x), _row(normal, x), q)
             put(totals, x, get(totals, x) + e)
 
 
@@ -79,14 +79,19 @@ def _irradiance_rows(ticket, position, normal, side, light, flat, points, out, t
         y0 = take(ticket)
 
 
+def flat_normal(patch) -> np.ndarray:
+    """(3,) float64: the unit normal of a flat light's patch; 0 if the light is not flat."""
+    flat = np.cross(patch.u, patch.v)
+    length = np.linalg.norm(flat)
+    return flat / length if length > 0 else np.zeros(3)
+
+
 def irradiance(gbuffer, patch, domain, threads=None) -> np.ndarray:
     """(H, W) float32: irradiance of each pixel's surface from an unoccluded light of intensity 1.
 
     patch : LightPatch; domain : domain of the light, which chooses the few points that represent the light
     """
-    flat = np.cross(patch.u, patch.v) if patch.kind != DIRECTIONAL else np.zeros(3)
-    length = np.linalg.norm(flat)
-    flat = flat / length if length > 0 else np.zeros(3)
+    flat = np.zeros(3) if patch.kind == DIRECTIONAL else flat_normal(patch)
     out = np.empty(gbuffer.face.shape, np.float32)
     ticket = new_ticket(len(out), 8)
     args = gbuffer.position, gbuffer.normal, gbuffer.side, patch, flat, _POINTS[domain], out

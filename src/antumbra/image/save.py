@@ -67,7 +67,7 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
 def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None) -> None:
     """Write channels, (H, W) float32 or uint32 (names in RGB: (H, W, 3)): the complete file, or nothing."""
     with replacing(path) as temporary:
-        _write_exr(channels, temporary, note)
+        write_exr(channels, temporary, note)
 
 
 def save_png(rgb: np.ndarray, path: Path, note: str | None = None) -> None:
@@ -122,7 +122,8 @@ def _write_png(rgb: np.ndarray, file: Path | BytesIO, note: str | None) -> None:
     Image.fromarray(rgb).save(file, format="PNG", compress_level=1, pnginfo=chunks)
 
 
-def _write_exr(channels: dict[str, np.ndarray], path: Path, note: str | None) -> None:
+def write_exr(channels: dict[str, np.ndarray], path: Path, note: str | None) -> None:
+    """Write channels, (H, W) or RGB (H, W, 3) float32, to an EXR file. Raises OSError."""
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -8,11 +8,10 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..plan import DEFAULT_PLAN, Plan
-from ..query.bounds import reach_of
 from ..query.rays import as_array, cull_value, ray_arguments
 from ..query.receivers import FREE, point_receivers
 from ..query.sampling import light_samples
-from ..query.shadow import ShadowQuery, fraction_lit
+from ..query.shadow import fraction_lit
 from ..scene.any_scene import AnyScene
 from ..scene.hit import Hit
 from ..scene.light_list import LightList
@@ -20,8 +19,8 @@ from ..scene.lights import Light, check_lights
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated
 from .memory import points_memory
+from .points import PointQueries
 from .ready import Job, fixed_job, make_ready, small_scene
-from .render_jobs import warm_up
 from .renderer import Renderer, source_kind
 from .source import RenderSource
 from .srdh_rays import SrdhRays
@@ -150,30 +149,12 @@ def visibility(
     if normals is None and light.domain == "hemisphere":
         raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
     origins, unit = _receivers(scene, points, normals)
-    accelerator, source = renderer.accelerator, renderer.source
-    warm_up(renderer.plan, source.gbuffer)
-    source.warm_up()
-    source.begin(points_memory(len(origins), light, samples))
-    accelerator.begin(len(origins) * samples.shape[1])
-    triangles, ready = source.for_points(time)
-    reach = reach_of(source.box(triangles), origins, threads) if len(origins) else 1.0
-    no_faces = np.full((1, len(origins)), -1, np.int32)
-    query = ShadowQuery(
-        origins[None],
-        no_faces,
-        np.full((1, len(origins)), FREE if normals is None else 1, np.int8),
-        unit if normals is None else unit[None],
-        triangles.vertices.reshape(-1, 9),
-        light.patch(triangles.origin, reach),
-        samples,
-        cull_value(cull_faces),
-        no_faces,
-    )
-    if ready is None:
-        culled, shown = accelerator.culled(triangles, [query]), accelerator.show(triangles, [query])
-        ready = accelerator.build(triangles, culled, shown)
-    ready.begin()
-    bits = accelerator.answer(ready, query)
+    asked = PointQueries(renderer, len(origins) * samples.shape[1], time)
+    asked.begin(points_memory(len(origins), light, samples))
+    sides = np.full((1, len(origins)), FREE if normals is None else 1, np.int8)
+    facing = cull_value(cull_faces)
+    query = asked.query(origins[None], sides, unit if normals is None else unit[None], light, samples, facing)
+    bits = asked.answer(query)
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
     return Visibility(bits, fraction_lit(bits, samples.shape[1]))
 

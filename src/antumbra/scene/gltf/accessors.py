@@ -23,6 +23,10 @@ class Accessors:
     def __len__(self) -> int:
         return len(self._fields)
 
+    def stored(self, index: int) -> np.ndarray:
+        """(count, width): the numbers as they are stored."""
+        return self._raw(index, tuple(WIDTHS))
+
     def floats(self, index: int, *kinds: str) -> np.ndarray:
         """(count, width): stored float32 as it is; integers as float64, normalised if the file says so."""
         values = self._raw(index, kinds)

@@ -22,6 +22,11 @@ class Fields:
         self._data = data
         self.where = where
 
+    @property
+    def data(self) -> dict:
+        """The JSON object itself."""
+        return self._data
+
     def place(self, key: str) -> str:
         """The name of the field `key` in errors."""
         return f"{self.where} {key}" if self.where.endswith(":") else f"{self.where}.{key}"

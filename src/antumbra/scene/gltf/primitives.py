@@ -21,13 +21,17 @@ class Primitive(NamedTuple):
     targets: np.ndarray | None  # (t, v, 3) float32 or float64, displacements of morph targets
     joints: np.ndarray | None  # (v, j) int32, indices into the joints of a skin
     weights: np.ndarray | None  # (v, j) float64, their sum 1
+    used: np.ndarray | None  # (rows,) bool: the accessors' rows that are vertices here; None: all
+    index: int  # of the primitive in its mesh
 
     @property
     def triangles(self) -> int:
         return n_faces(self.mesh.positions, self.mesh.faces)
 
 
-def read_primitive(fields: Fields, name: str, accessors: Accessors, materials: Materials) -> Primitive | None:
+def read_primitive(
+    fields: Fields, name: str, accessors: Accessors, materials: Materials, index: int
+) -> Primitive | None:
     """A primitive, or None if it has no triangles, as points and lines."""
     mode = fields.whole("mode", TRIANGLES, high=7)
     attributes = fields.mapping("attributes", len(accessors))
@@ -51,7 +55,7 @@ def read_primitive(fields: Fields, name: str, accessors: Accessors, materials: M
     colour = _colour(fields, attributes, accessors, rows, faces, materials)
     own = rows(positions)
     check_finite(own, fields.where)
-    return Primitive(Mesh(name, own, faces, colour), fields.where, targets, joints, weights)
+    return Primitive(Mesh(name, own, faces, colour), fields.where, targets, joints, weights, used, index)
 
 
 def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> np.ndarray | None:

@@ -48,6 +48,17 @@ class Draw(NamedTuple):
         return 1 if self.copies is None else len(self.copies)
 
 
+class Placed(NamedTuple):
+    """A primitive of a mesh at a node, at one moment."""
+
+    node: int
+    primitive: Primitive
+    matrix: np.ndarray  # (4, 4) float64, the node's transform to world space
+    skinned: bool
+    vertices: np.ndarray  # (k, v, 3) float64, world; k copies
+    first: int  # number of the first copy's object
+
+
 class GltfSource:
     """Geometry, cameras and lights of a glTF file (see `antumbra.scene.source.Source`).
 
@@ -60,13 +71,20 @@ class GltfSource:
         self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
 
     def pieces(self, time: float) -> Iterator[Piece]:
+        for placed in self.placed(time):
+            mesh = placed.primitive.mesh
+            yield Piece(placed.vertices, mesh.faces, mesh.colour, placed.primitive.where, first=placed.first)
+
+    def placed(self, time: float) -> Iterator["Placed"]:
+        """The primitives at their nodes, in the order of `pieces`."""
         world, weights = self._pose(time)
         for draw in self._draws:
             for primitive in draw.primitives:
+                skinned = draw.skin is not None and primitive.joints is not None
                 positions = morphed(primitive, weights.get(draw.node, draw.weights))
                 at = draw.first
                 for vertices in _placed(positions, primitive, draw, world):
-                    yield Piece(vertices, primitive.mesh.faces, primitive.mesh.colour, primitive.where, first=at)
+                    yield Placed(draw.node, primitive, world[draw.node], skinned, vertices, at)
                     at += len(vertices)
 
     def cameras(self, time: float) -> list:
@@ -120,7 +138,7 @@ class _Mesh:
 
     def primitives(self, accessors: Accessors, materials: Materials) -> list[Primitive]:
         if self._primitives is None:
-            read = [read_primitive(p, self.name, accessors, materials) for p in self.parts]
+            read = [read_primitive(p, self.name, accessors, materials, i) for i, p in enumerate(self.parts)]
             self._primitives = [p for p in read if p is not None]
         return self._primitives
 

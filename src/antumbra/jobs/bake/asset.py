@@ -1,0 +1,139 @@
+"""A glTF file that is edited: its JSON, and its buffers as one binary chunk, to which data are appended.
+
+What is in the file stays as it is, byte for byte. Only the JSON objects that a bake concerns are changed.
+"""
+
+import copy
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...scene.files import sibling
+from ...scene.gltf.accessors import COMPONENTS, WIDTHS
+from ...scene.gltf.document import CURE, BINARY_CHUNK, JSON_CHUNK, Document, is_data_uri, open_document
+
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # constants of glTF
+_CODES = {np.dtype(kind): code for code, kind in COMPONENTS.items()}
+_TYPES = {width: name for name, width in WIDTHS.items() if name != "MAT4"}
+_MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
+
+
+class Asset:
+    """A glTF file in memory.
+
+    Attributes
+    ----------
+    json : dict
+    binary : bytearray
+        The only buffer: those of the file one after the other, and what was appended.
+    """
+
+    def __init__(self, json: dict, binary: bytearray):
+        self.json, self.binary = json, binary
+
+    def objects(self, key: str) -> list[dict]:
+        """A list at the top of the JSON, which is made if it is missing."""
+        return self.json.setdefault(key, [])
+
+    def add(self, key: str, fields: dict) -> int:
+        """Append a JSON object to a list at the top, and return its index."""
+        self.objects(key).append(fields)
+        return len(self.json[key]) - 1
+
+    def view(self, data: bytes, **fields) -> int:
+        """Append data as a bufferView."""
+        self.binary += bytes(-len(self.binary) % 4)
+        start = len(self.binary)
+        self.binary += data
+        return self.add("bufferViews", {"buffer": 0, "byteOffset": start, "byteLength": len(data), **fields})
+
+    def accessor(self, values: np.ndarray, *, normalized: bool = False, bounds: bool = False, indices=False) -> int:
+        """Append an accessor of the rows of `values`, (n,) or (n, k), in their dtype.
+
+        bounds : write min and max, which POSITION needs
+        """
+        values = np.ascontiguousarray(values)
+        width, row = (values.shape[1], values[0].nbytes) if values.ndim > 1 else (1, values.itemsize)
+        more = {} if indices or row % 4 == 0 else {"byteStride": row + -row % 4}
+        if more:  # rows of vertex attributes begin at multiples of four bytes
+            padded = np.zeros((len(values), more["byteStride"]), np.uint8)
+            padded[:, :row] = values.reshape(len(values), -1).view(np.uint8)
+            data = padded.tobytes()
+        else:
+            data = values.tobytes()
+        view = self.view(data, **more, target=ELEMENT_ARRAY_BUFFER if indices else ARRAY_BUFFER)
+        fields = {"bufferView": view, "componentType": _CODES[values.dtype], "count": len(values)}
+        fields["type"] = _TYPES[width]
+        if normalized:
+            fields["normalized"] = True
+        if bounds:
+            fields |= {"min": values.min(0).tolist(), "max": values.max(0).tolist()}
+        return self.add("accessors", fields)
+
+    def texture(self, png: bytes, name: str) -> int:
+        """Append a PNG as a texture whose edges are clamped."""
+        image = self.add("images", {"name": name, "mimeType": "image/png", "bufferView": self.view(png)})
+        sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
+        return self.add("textures", {"name": name, "sampler": self.add("samplers", sampler), "source": image})
+
+    def uses(self, extension: str) -> None:
+        """Name an extension among those that the file uses."""
+        used = self.objects("extensionsUsed")
+        if extension not in used:
+            used.append(extension)
+
+    def glb(self) -> bytes:
+        """The file as binary glTF."""
+        self.objects("buffers")[:] = [{**(self.objects("buffers") or [{}])[0], "byteLength": len(self.binary)}]
+        text = json.dumps(self.json, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
+        chunks = [(JSON_CHUNK, text + b" " * (-len(text) % 4)), (BINARY_CHUNK, self.binary + bytes(-len(self.binary) % 4))]
+        body = b"".join(struct.pack("<II", len(data), kind) + bytes(data) for kind, data in chunks)
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
+
+
+def open_asset(path: Path) -> Asset:
+    """A .glb or .gltf file, with all its buffers in one, and the images beside it in the buffer.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or a buffer has no data.
+    """
+    document = open_document(path)
+    asset = Asset(copy.deepcopy(document.root.data), bytearray())
+    starts = [_append(asset.binary, buffer, document.file, i) for i, buffer in enumerate(document.buffers)]
+    for view in asset.json.get("bufferViews", []):
+        for holder in (view, *view.get("extensions", {}).values()):
+            if "buffer" in holder:
+                start = starts[holder["buffer"]]
+                holder["buffer"] = 0
+                if start:
+                    holder["byteOffset"] = start + holder.get("byteOffset", 0)
+    if asset.json.get("buffers"):
+        asset.json["buffers"] = [{k: v for k, v in asset.json["buffers"][0].items() if k != "uri"}]
+    for image in asset.json.get("images", []):
+        _embed(asset, image, document)
+    return asset
+
+
+def _append(binary: bytearray, buffer, file: str, index: int) -> int:
+    if buffer is None:
+        raise InputError(f"{file}: buffers[{index}] has no data; {CURE}")
+    binary += bytes(-len(binary) % 4)
+    start = len(binary)
+    binary += buffer.tobytes()
+    return start
+
+
+def _embed(asset: Asset, image: dict, document: Document) -> None:
+    """Move an image beside the file into its buffer. A missing one keeps its name."""
+    uri = image.get("uri")
+    if uri is None or is_data_uri(uri):
+        return
+    path = sibling(document.folder, uri, f"{document.file}: image")
+    if path.is_file() and path.suffix.lower() in _MIME:
+        del image["uri"]
+        image |= {"mimeType": _MIME[path.suffix.lower()], "bufferView": asset.view(path.read_bytes())}

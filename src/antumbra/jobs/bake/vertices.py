@@ -1,0 +1,82 @@
+"""Values at vertices: measured there, or on the faces around a vertex that lies inside a solid."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .hidden import Solids
+from .measure import Meter, Receivers
+from .parts import Part, face_vectors
+
+_TOWARDS = 0.125, 0.25, 0.5, 0.75, 1.0  # of the way from a hidden vertex to the centre of a face
+
+
+class Faces(NamedTuple):
+    """The faces of all parts, over the vertices of all parts."""
+
+    faces: np.ndarray  # (f, 3) int64
+    areas: np.ndarray  # (f,) float64, twice the area
+    normals: np.ndarray  # (f, 3) float64, unit, outward
+
+
+def receivers_of(parts: Sequence[Part]) -> Receivers:
+    """The vertices of all parts, one part after the other."""
+    return Receivers(np.concatenate([p.positions for p in parts]), np.concatenate([p.normals for p in parts]))
+
+
+def vertex_values(parts: Sequence[Part], meter: Meter, solids: Solids | None) -> tuple[np.ndarray, int]:
+    """((n, c) float32 of the vertices of all parts, number of hidden ones).
+
+    solids : None: vertices inside solids keep their own values
+    """
+    receivers = receivers_of(parts)
+    values = meter.values(receivers)
+    if solids is None:
+        return values, 0
+    candidates = np.flatnonzero(suspects(values, meter))
+    hidden = candidates[solids.hold(receivers.at(candidates))]
+    if len(hidden):
+        _replace(values, hidden, receivers, _faces_of(parts), meter, solids)
+    return values, len(hidden)
+
+
+def suspects(values: np.ndarray, meter: Meter) -> np.ndarray:
+    """(n,) bool: receivers that may be inside a solid, since no ray leaves it; all, if rays end before its wall."""
+    what, light = meter.asked.what, meter.asked.lights[0]
+    if what == "bent-normal" or (light.domain == "hemisphere" and light.radius is not None):
+        return np.ones(len(values), bool)
+    return (values <= 1.0 / meter.asked.spp).all(-1)
+
+
+def _faces_of(parts: Sequence[Part]) -> Faces:
+    starts = np.cumsum([0, *(len(p.positions) for p in parts)])
+    vectors = np.concatenate([face_vectors(p.positions, p.faces) * p.sign for p in parts])
+    areas = np.linalg.norm(vectors, axis=1)
+    faces = np.concatenate([p.faces.astype(np.int64) + start for p, start in zip(parts, starts)])
+    return Faces(faces, areas, vectors / np.maximum(areas, 1e-300)[:, None])
+
+
+def _replace(values, hidden: np.ndarray, receivers: Receivers, all_faces: Faces, meter: Meter, solids: Solids) -> None:
+    """Give hidden vertices the mean, by area, of the nearest visible points on the faces around them.
+
+    A vertex whose faces are hidden too keeps its value: nobody sees it.
+    """
+    waiting = np.zeros(len(values), bool)
+    waiting[hidden] = True
+    for share in _TOWARDS:
+        face, corner = np.nonzero(waiting[all_faces.faces] & (all_faces.areas > 0.0)[:, None])
+        if not len(face):
+            return
+        vertex = all_faces.faces[face, corner]
+        centre = receivers.positions[all_faces.faces[face]].mean(1)
+        points = Receivers((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
+        seen = ~solids.hold(points)
+        if seen.any():
+            found, weight = meter.values(points.at(seen), what="moving hidden points"), all_faces.areas[face[seen]]
+            total = np.bincount(vertex[seen], weight, len(values))
+            done = waiting & (total > 0.0)
+            for c in range(values.shape[1]):
+                sums = np.bincount(vertex[seen], weight * found[:, c], len(values))
+                values[done, c] = sums[done] / total[done]
+            waiting &= ~done
