@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from . import (
+    bake,
     bench,
     build,
     compare,
@@ -22,6 +23,7 @@ from . import (
     warmup,
 )
 
+
 app = typer.Typer(
     name="antumbra",
     help="Which points see which lights: exact ray-traced shadows.",
@@ -33,6 +35,7 @@ app = typer.Typer(
 app.command("render")(render.render)
 app.command("build")(build.build)
 app.command("dataset")(dataset.dataset)
+app.command("bake")(bake.bake)
 app.command("info")(info.info)
 app.command("scenes")(scenes.scenes)
 app.command("plans")(plans.plans)

@@ -1,6 +1,8 @@
 """Opens the scene of a command, and shows the loader's notes."""
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
@@ -26,8 +28,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
 
     if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the notes, which are printed below
+    with quietly():  # the notes are printed below
         scene = load(spec.path, up=up, lod=spec.lod)
     if not quiet:
         for note in scene.notes[:_MOST_NOTES]:
@@ -35,6 +36,14 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
         if len(scene.notes) > _MOST_NOTES:
             say(f"note: and {len(scene.notes) - _MOST_NOTES} more; antumbra info shows all of them")
     return scene
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Hide the loader's notes, which are warnings."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
 
 
 def limit_memory(scene: "AnyScene", max_memory: int | None) -> None:

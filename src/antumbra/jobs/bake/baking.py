@@ -13,6 +13,7 @@ from ...checks import number, whole_number
 from ...errors import InputError
 from ...extras import needed
 from ...image.tonemap import automatic_exposure
+from ...loading import GLTF_SUFFIXES
 from ...output import checked_output, replacing
 from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.sampling import sample_sets
@@ -30,7 +31,6 @@ from .sources import opened
 from .textures import image_of, seam_differences, texel_values
 from .vertices import vertex_values
 
-SUFFIXES = (".glb",)
 MAX_TEXTURE = 16384
 _OWN_NAMES = {"ao": "_AO", "shadow": "_SHADOW", "sun": "_SUN", "light": "_LIGHT", "bent-normal": "_BENT_NORMAL"}
 _SKY = ("ao", "bent-normal")  # what asks the sky, and no lights
@@ -133,9 +133,12 @@ def bake(
     InputError
         If an argument is wrong, or the scene cannot be read or written. No file is left behind.
     """
-    output = checked_output(output, SUFFIXES)
-    options = _checked(what, lights, radius, spp, attribute, multiply, texture, uv, bits, exr, denoise, exposure,
-                       keep_hidden, time, up, plan, sampler, threads)  # fmt: skip
+    output = check_output(output)
+    options = check(
+        what, lights=lights, radius=radius, spp=spp, attribute=attribute, multiply=multiply, texture=texture, uv=uv,
+        bits=bits, exr=exr, denoise=denoise, exposure=exposure, keep_hidden=keep_hidden, time=time, up=up, plan=plan,
+        sampler=sampler, threads=threads,
+    )  # fmt: skip
     clock = _Clock()
     with opened(scene, time, up) as (found, asset):
         asked = options.asked if options.asked.lights else options.asked._replace(lights=_own_lights(found, what, time))
@@ -289,12 +292,26 @@ def _own_lights(scene: Scene, what: str, time: float) -> list[Light]:
     own: list[Any] = [scene.light(i, time) for i in range(len(scene.lights))]
     if what == "sun":
         own = [light for light in own if isinstance(light, DirectionalLight)][:1]
-        return own or [DirectionalLight(-scene.default_light().patch(np.zeros(3), 1.0).base + scene.bounds.mean(0))]
+        above = scene.default_light()
+        return own or [DirectionalLight(scene.bounds.mean(0) - (above.corner + (above.u + above.v) / 2.0))]
     return own or [scene.default_light()]
 
 
-def _checked(what, lights, radius, spp, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden,
-             time, up, plan, sampler, threads) -> Options:  # fmt: skip
+def check_output(path) -> Path:
+    """`path`, if a bake can be written there; otherwise an InputError that names the cure."""
+    return checked_output(path, (".glb",))
+
+
+def is_gltf(path: Path) -> bool:
+    """Whether a file is glTF, whose contents a bake keeps."""
+    return path.suffix.lower() in GLTF_SUFFIXES
+
+
+def check(
+    what, *, lights, radius, spp, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden, time, plan,
+    sampler, threads, up="y",
+) -> Options:  # fmt: skip
+    """The arguments of `bake`, checked as far as no scene is needed. Raises InputError."""
     if what not in QUANTITIES:
         raise InputError(f"what is {what!r}; it must be one of {', '.join(QUANTITIES)}")
     parse_plan(DEFAULT_PLAN if plan is None else plan)

@@ -94,7 +94,7 @@ def chart_of_faces(unwrapped: Sequence[Unwrapped]) -> np.ndarray:
         faces, n = same.reshape(-1)[one.faces], int(same.max()) + 1
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
         count, labels = connected_components(coo_array((np.ones(len(edges), bool), edges.T), (n, n)), directed=False)
-        charts.append(labels[faces[:, 0]] + start)
+        charts.append(labels[faces[:, 0]].astype(np.int64) + start)
         start += count
     return np.concatenate(charts)
 

@@ -6,7 +6,6 @@ solid.
 
 import numpy as np
 
-from ...kernels.progress import reported
 from ...query.sampling import light_samples
 from ...scene.lights import AmbientOcclusion
 from ...scene.scene import Scene
@@ -30,12 +29,9 @@ class Solids:
     def hold(self, receivers: Receivers) -> np.ndarray:
         """(n,) bool: which receivers are inside a solid."""
         inside = np.zeros(len(receivers.positions), bool)
-        with reported("looking for hidden points") as progress:
-            for start in range(0, len(inside), _BATCH):
-                progress(start, len(inside))
-                part = slice(start, start + _BATCH)
-                inside[part] = self._hold(receivers.at(part))
-            progress(len(inside), len(inside))
+        for start in range(0, len(inside), _BATCH):
+            part = slice(start, start + _BATCH)
+            inside[part] = self._hold(receivers.at(part))
         return inside
 
     def _hold(self, receivers: Receivers) -> np.ndarray:

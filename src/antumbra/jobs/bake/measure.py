@@ -5,6 +5,7 @@ are made along a space-filling curve, and those of texels are 4 x 4 texels.
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -95,8 +96,8 @@ class Meter:
         self._points = PointQueries(Renderer(scene, asked.plan, asked.threads), total, asked.time)
         self._points.begin(points_memory(0, asked.lights[0], self._samples[0]))
 
-    def values(self, receivers: Receivers, blocks: np.ndarray | None = None, what: str = "tracing rays") -> np.ndarray:
-        """(n, c) float32: what each receiver gets; 0 where no block has it."""
+    def values(self, receivers: Receivers, blocks: np.ndarray | None = None, what: str | None = "tracing rays"):
+        """(n, c) float32: what each receiver gets; 0 where no block has it. `what`: the work's name; None: say nothing."""
         out = np.zeros((len(receivers.positions), self.asked.channels), np.float32)
         for places, found in self._asked_blocks(receivers, blocks, what, self._values):
             out[places] = found
@@ -113,7 +114,7 @@ class Meter:
     def _asked_blocks(self, receivers: Receivers, blocks, what: str, use: Callable):
         """Yield (places, result of `use` for the receivers there), batch by batch."""
         blocks = curve_blocks(receivers.positions) if blocks is None else blocks
-        with reported(what) as progress:
+        with reported(what) if what else nullcontext(lambda done, total: None) as progress:
             for start in range(0, len(blocks), _BATCH):
                 progress(start, len(blocks))
                 grid = _grid(blocks[start : start + _BATCH])

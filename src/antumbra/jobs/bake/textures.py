@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...image.filter import filtered
+from ...kernels.progress import reported
 from ...query.receivers import NOTHING
 from ...query.surface import PictureSurfaces
 from .charts import Sheet, Unwrapped, chart_of_faces, corners_of
@@ -63,9 +64,10 @@ def texel_values(sheet: Sheet, meter: Meter, solids: Solids | None, denoise: boo
         values = meter.values(receivers, blocks)
     if solids is None:
         return values, 0
-    hidden = np.flatnonzero(suspects(values, meter))
-    hidden = hidden[solids.hold(receivers.at(hidden))]
-    return values, _push_out(values, hidden, cover, surface, meter, solids)
+    with reported("moving hidden texels"):
+        hidden = np.flatnonzero(suspects(values, meter))
+        hidden = hidden[solids.hold(receivers.at(hidden))]
+        return values, _push_out(values, hidden, cover, surface, meter, solids)
 
 
 def texel_blocks(cover: Cover, positions: np.ndarray) -> np.ndarray:
@@ -153,7 +155,7 @@ def _push_out(values: np.ndarray, hidden: np.ndarray, cover: Cover, surface: Sur
         places = np.stack([texel % cover.size, texel // cover.size], 1) + 0.5 + offset
         points = receivers_at(surface, face, closest_weights(places, surface.uv[face]))
         seen = ~solids.hold(points)
-        values[hidden[seen]] = meter.values(points.at(seen), what="moving hidden texels")
+        values[hidden[seen]] = meter.values(points.at(seen), what=None)
         hidden = hidden[~seen]
     if len(hidden) < len(values):  # else the whole sheet is inside, as a room whose walls face outward
         values[hidden] = np.nan

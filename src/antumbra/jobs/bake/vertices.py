@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.progress import reported
 from .hidden import Solids
 from .measure import Meter, Receivers
 from .parts import Part, face_vectors
@@ -34,10 +35,11 @@ def vertex_values(parts: Sequence[Part], meter: Meter, solids: Solids | None) ->
     values = meter.values(receivers)
     if solids is None:
         return values, 0
-    candidates = np.flatnonzero(suspects(values, meter))
-    hidden = candidates[solids.hold(receivers.at(candidates))]
-    if len(hidden):
-        _replace(values, hidden, receivers, _faces_of(parts), meter, solids)
+    with reported("moving hidden points"):
+        candidates = np.flatnonzero(suspects(values, meter))
+        hidden = candidates[solids.hold(receivers.at(candidates))]
+        if len(hidden):
+            _replace(values, hidden, receivers, _faces_of(parts), meter, solids)
     return values, len(hidden)
 
 
@@ -73,7 +75,7 @@ def _replace(values, hidden: np.ndarray, receivers: Receivers, all_faces: Faces,
         points = Receivers((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
         seen = ~solids.hold(points)
         if seen.any():
-            found, weight = meter.values(points.at(seen), what="moving hidden points"), all_faces.areas[face[seen]]
+            found, weight = meter.values(points.at(seen), what=None), all_faces.areas[face[seen]]
             total = np.bincount(vertex[seen], weight, len(values))
             done = waiting & (total > 0.0)
             for c in range(values.shape[1]):
