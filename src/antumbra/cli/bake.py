@@ -72,7 +72,7 @@ class BakeArguments:
         typer.Option(help="Factor on light that is cut off at 1.  [default: 1; of light automatic]", show_default=False),
     ] = None
     spp: Annotated[int, typer.Option(help="Rays for each vertex or texel and light.", min=1, max=1024)] = 256
-    sampler: SamplerOption = "larcher-pillichshammer"
+    sampler: SamplerOption = "hammersley"
     keep_hidden: Annotated[
         bool, typer.Option("--keep-hidden", help="Keep the darkness of points inside solids.")
     ] = False

@@ -74,7 +74,7 @@ def bake(
     spp: int = 256, attribute: str | None = None, multiply: bool = False, texture: int | None = None,
     uv: int | None = None, bits: int = 8, exr: bool = False, denoise: bool = False, exposure: float | None = None,
     keep_hidden: bool = False, time: float = 0.0, up: str = "y", plan: str | None = None,
-    sampler: str = "larcher-pillichshammer", threads: int | None = None,
+    sampler: str = "hammersley", threads: int | None = None,
 ) -> Baked:  # fmt: skip
     """Measure what the surfaces of a scene receive, and write it into a copy of its glTF file.
 
@@ -122,7 +122,7 @@ def bake(
     up : {"y", "z"}
         The axis that points up in a file that is not glTF.
     plan, sampler, threads
-        As in `render`.
+        As in `render`. On a hemisphere ``hammersley`` has half the error of the default of pictures.
 
     Returns
     -------

@@ -78,11 +78,24 @@ def face_vectors(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def smooth_normals(positions: np.ndarray, faces: np.ndarray, keys: np.ndarray) -> np.ndarray:
-    """(v, 3) float64: the sum of the faces around each vertex, weighted by area; vertices with equal keys are one."""
+    """(v, 3) float64: the mean of the faces around each vertex; vertices with equal keys are one.
+
+    A face counts by its angle at the vertex. So it does not matter how a polygon is divided into triangles.
+    """
     _, same = np.unique(np.ascontiguousarray(keys), axis=0, return_inverse=True)
     same, vectors = same.reshape(-1), face_vectors(positions, faces)
-    sums = np.stack([sum(np.bincount(same[faces[:, k]], vectors[:, i], same.max() + 1) for k in range(3)) for i in range(3)])
-    return sums.T[same]
+    vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+    sums = np.zeros((int(same.max()) + 1, 3))
+    for k in range(3):
+        corner, weighted = same[faces[:, k]], _angles(positions, faces, k)[:, None] * vectors
+        sums += np.stack([np.bincount(corner, weighted[:, i], len(sums)) for i in range(3)], 1)
+    return sums[same]
+
+
+def _angles(positions: np.ndarray, faces: np.ndarray, k: int) -> np.ndarray:
+    """(f,) float64: the angle of each face at its corner k."""
+    a, b, c = (positions[faces[:, (k + i) % 3]] for i in range(3))
+    return np.arctan2(np.linalg.norm(np.cross(b - a, c - a), axis=1), ((b - a) * (c - a)).sum(1))
 
 
 def _unit(normals: np.ndarray, positions: np.ndarray, faces: np.ndarray, sign: float) -> np.ndarray:
