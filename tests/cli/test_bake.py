@@ -33,7 +33,9 @@ def test_the_command_equals_the_function(cli, model, tmp_path):
 
 def test_a_texture_with_an_exr(cli, model, tmp_path):
     pytest.importorskip("xatlas")
-    told = cli("bake", model, "-o", "out.glb", "--texture", "64", "--bits", "16", "--exr", "--spp", "4", "--json").json()
+    told = cli(
+        "bake", model, "-o", "out.glb", "--texture", "64", "--bits", "16", "--exr", "--spp", "4", "--json"
+    ).json()
     assert told["images"] == ["out.exr"] and told["attribute"] is None and (tmp_path / "out.exr").exists()
     assert Glb(tmp_path / "out.glb").image().dtype.itemsize == 2
     assert "texels in 2 parts" in cli("bake", model, "-o", "out.glb", "--texture", "64", "--spp", "4").out

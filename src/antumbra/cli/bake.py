@@ -44,10 +44,14 @@ class BakeArguments:
             show_default=False,
         ),
     ] = None
-    multiply: Annotated[bool, typer.Option("--multiply", help="Multiply a COLOR_0 of the file, not replace it.")] = False
+    multiply: Annotated[bool, typer.Option("--multiply", help="Multiply a COLOR_0 of the file, not replace it.")] = (
+        False
+    )
     texture: Annotated[
         int | None,
-        typer.Option(help="A square texture of so many texels a side, not vertices.", metavar="SIZE", show_default=False),
+        typer.Option(
+            help="A square texture of so many texels a side, not vertices.", metavar="SIZE", show_default=False
+        ),
     ] = None
     uv: Annotated[
         int | None,
@@ -65,21 +69,26 @@ class BakeArguments:
     light: PictureLightOption = None
     sky: Annotated[
         float | None,
-        typer.Option(help="For light: irradiance of an open sky, besides the lights.", metavar="LUX", show_default=False),
+        typer.Option(
+            help="For light: irradiance of an open sky, besides the lights.", metavar="LUX", show_default=False
+        ),
     ] = None
     exposure: Annotated[
         float | None,
-        typer.Option(help="Factor on light that is cut off at 1.  [default: 1; of light automatic]", show_default=False),
+        typer.Option(
+            help="Factor on light that is cut off at 1.  [default: 1; of light automatic]", show_default=False
+        ),
     ] = None
     spp: Annotated[int, typer.Option(help="Rays for each vertex or texel and light.", min=1, max=1024)] = 256
     sampler: SamplerOption = "hammersley"
-    keep_hidden: Annotated[
-        bool, typer.Option("--keep-hidden", help="Keep the darkness of points inside solids.")
-    ] = False
+    keep_hidden: Annotated[bool, typer.Option("--keep-hidden", help="Keep the darkness of points inside solids.")] = (
+        False
+    )
     time: TimeOption = 0.0
     up: UpOption = None
     plan: Annotated[
-        str | None, typer.Option(help="The methods that answer; see antumbra plans.  [default: auto]", show_default=False)
+        str | None,
+        typer.Option(help="The methods that answer; see antumbra plans.  [default: auto]", show_default=False),
     ] = None
     threads: Threads = None
     json: Json = False

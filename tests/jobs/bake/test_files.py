@@ -141,7 +141,9 @@ def test_many_colours_become_vertex_colours(tmp_path):
 def test_an_asset_that_is_not_edited_is_the_same(rich, tmp_path):
     (tmp_path / "same.glb").write_bytes(open_asset(rich).glb())
     before, after = Glb(rich), Glb(tmp_path / "same.glb")
-    assert before.json == after.json and after.binary.startswith(before.binary[: before.json["buffers"][0]["byteLength"]])
+    assert before.json == after.json and after.binary.startswith(
+        before.binary[: before.json["buffers"][0]["byteLength"]]
+    )
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import trimesh
 import antumbra as at
 from antumbra.jobs.bake import charts, textures
 from antumbra.jobs.bake.asset import open_asset
-from antumbra.jobs.bake.measure import Asked, Meter, ambient
+from antumbra.jobs.bake.measure import Asked, Meter
 from antumbra.jobs.bake.parts import Part, accessors_of, read_parts
 from antumbra.jobs.bake.texels import cover
 from jobs.bake.baked_files import Glb, box, grid, primitive, scene_file
@@ -23,18 +23,20 @@ def part_of(mesh):
     """A part of a mesh from trimesh, with its smooth normals."""
     positions, normals = np.array(mesh.vertices), np.array(mesh.vertex_normals)
     rows = np.arange(len(positions))
-    return Part(0, 0, "part", {}, rows, len(rows), positions, normals, np.array(mesh.faces, np.int32), False, np.eye(3), 1.0)
+    return Part(
+        0, 0, "part", {}, rows, len(rows), positions, normals, np.array(mesh.faces, np.int32), False, np.eye(3), 1.0
+    )
 
 
 def clipped_area(triangle, x, y):
     """The area of a triangle within the texel (x, y), by Sutherland and Hodgman's clipping."""
     polygon = [tuple(p) for p in triangle]
     for axis, limit, sign in ((0, x, 1), (0, x + 1, -1), (1, y, 1), (1, y + 1, -1)):
-        inside, out = lambda p: sign * (p[axis] - limit) >= 0, []
+        out = []
         for a, b in zip(polygon, polygon[1:] + polygon[:1]):
-            if inside(a):
+            if sign * (a[axis] - limit) >= 0:
                 out.append(a)
-            if inside(a) != inside(b):
+            if (sign * (a[axis] - limit) >= 0) != (sign * (b[axis] - limit) >= 0):
                 t = (limit - a[axis]) / (b[axis] - a[axis])
                 out.append(tuple(a[k] + t * (b[k] - a[k]) for k in (0, 1)))
         polygon = out
@@ -48,7 +50,11 @@ def clipped_area(triangle, x, y):
 @pytest.mark.parametrize("seed", range(6))
 def test_every_texel_that_meets_a_face_has_its_nearest_point(seed):
     rng, size = np.random.default_rng(seed), 12
-    corners = rng.uniform(-1.0, size + 1.0, (3, 3, 2)) if seed % 2 else rng.uniform(2, 9, (3, 1, 2)) + rng.normal(0, 0.7, (3, 3, 2))
+    corners = (
+        rng.uniform(-1.0, size + 1.0, (3, 3, 2))
+        if seed % 2
+        else rng.uniform(2, 9, (3, 1, 2)) + rng.normal(0, 0.7, (3, 3, 2))
+    )
     found = cover(corners, size)
     areas = np.array([[clipped_area(t, k % size, k // size) for k in range(size * size)] for t in corners])
     covered = np.isin(np.arange(size * size), found.texel)
@@ -60,10 +66,16 @@ def test_every_texel_that_meets_a_face_has_its_nearest_point(seed):
     a, b = rng.random((2, 4000))
     flip = a + b > 1
     a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
-    dense = corners[:, :1] + a[:, None] * (corners[:, 1:2] - corners[:, :1]) + b[:, None] * (corners[:, 2:] - corners[:, :1])
+    dense = (
+        corners[:, :1]
+        + a[:, None] * (corners[:, 1:2] - corners[:, :1])
+        + b[:, None] * (corners[:, 2:] - corners[:, :1])
+    )
     near = np.linalg.norm(centres[:, None] - dense.reshape(1, -1, 2), axis=2).min(1)
     assert (np.linalg.norm(points - centres, axis=1) <= near + 1e-9).all()
-    touched = np.abs(points - centres).max(1) <= 0.5 + 1e-9  # the sample itself may lie in the next texel: a corner does
+    touched = (
+        np.abs(points - centres).max(1) <= 0.5 + 1e-9
+    )  # the sample itself may lie in the next texel: a corner does
     assert touched.mean() > 0.5
 
 
@@ -117,7 +129,7 @@ def test_a_texture_of_a_wall_has_the_closed_form_everywhere(tmp_path):
     asset = open_asset(path)
     parts = read_parts(at.load(path), asset, 0.0)
     (sheet,) = charts.existing(parts, accessors_of(asset, "x"), 0, 64)
-    meter = Meter(wall, Asked("ao", [ambient(None)], 1024, "hammersley", None, 0.0, None), 4096)
+    meter = Meter(wall, Asked("ao", [at.AmbientOcclusion()], 1024, "hammersley", None, 0.0, None), 4096)
     values, hidden = textures.texel_values(sheet, meter, None, True)
     d = 0.2 + 4.0 * (sheet.cover.texel % 64 + 0.5) / 64
     error = values[:, 0] - 0.5 * (1.0 + d / np.hypot(d, 2.0))
@@ -168,7 +180,11 @@ def test_light_keeps_the_base_colour(tmp_path):
     made.add("textures", source=0)
     uv = np.array([[0, 0], [0, 1], [1, 0], [1, 1]], np.float32)
     floor = primitive(made, *grid([0, 1], [0, 1]), TEXCOORD_0=uv)
-    made.node(mesh=made.mesh({**floor, "material": made.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})}))
+    made.node(
+        mesh=made.mesh(
+            {**floor, "material": made.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})}
+        )
+    )
     sun = at.DirectionalLight((0, -1, 0), intensity=1.0)
     at.bake(made.write(tmp_path), tmp_path / "out.glb", "light", lights=sun, texture=64, uv=0, exposure=1.0)
     glb = Glb(tmp_path / "out.glb")
@@ -184,7 +200,12 @@ def test_an_own_uv_set(tmp_path):
     report = at.bake(path, tmp_path / "two.glb", texture=32, uv=0, spp=16, exr=True)  # both use all of it
     assert len(report.images) == 2 and len(Glb(tmp_path / "two.glb").json["images"]) == 2
     with pytest.raises(at.InputError, match="beyond 0 to 1"):
-        at.bake(scene_file(tmp_path, grid([0, 1], [0, 1]), TEXCOORD_0=2 * uv - np.float32(0.5)), tmp_path / "a.glb", texture=32, uv=0)
+        at.bake(
+            scene_file(tmp_path, grid([0, 1], [0, 1]), TEXCOORD_0=2 * uv - np.float32(0.5)),
+            tmp_path / "a.glb",
+            texture=32,
+            uv=0,
+        )
     fold = np.array([[0, 0], [0, 1], [1, 1], [0, 0.2]], np.float32)
     with pytest.raises(at.InputError, match="overlaps itself"):
         at.bake(scene_file(tmp_path, grid([0, 1], [0, 1]), TEXCOORD_0=fold), tmp_path / "a.glb", texture=32, uv=0)

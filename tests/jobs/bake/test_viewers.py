@@ -68,7 +68,9 @@ def test_small_files_are_valid(tmp_path, options):
     assert issues(tmp_path / "bad.glb")["numErrors"] > 0  # the validator does find errors
 
 
-@pytest.mark.parametrize("name", ["CesiumMilkTruck.glb", "CesiumMan.glb", "SimpleInstancing.glb", "AnimatedMorphCube.glb"])
+@pytest.mark.parametrize(
+    "name", ["CesiumMilkTruck.glb", "CesiumMan.glb", "SimpleInstancing.glb", "AnimatedMorphCube.glb"]
+)
 @pytest.mark.parametrize("options", [{}, {"texture": 128}])
 def test_real_files_are_as_valid_as_before(tmp_path, name, options):
     path = scene_path(f"gltf/{name}")
@@ -120,7 +122,11 @@ def test_three_applies_the_occlusion_texture(tmp_path):
     x = (np.arange(96) + 0.5) / 96 * 2 - 1
     left = x < 0.1
     light = at.visibility(
-        at.load(path), np.stack(np.broadcast_arrays(x[left], 0.0, 0.02), -1), at.AmbientOcclusion(), normals=(0, 1, 0), spp=1024
+        at.load(path),
+        np.stack(np.broadcast_arrays(x[left], 0.0, 0.02), -1),
+        at.AmbientOcclusion(),
+        normals=(0, 1, 0),
+        spp=1024,
     ).fraction
     scale = seen[left][0] / light[0]  # of the ambient light and the base colour, which is a metal's
     if scale < 0.05:

@@ -71,7 +71,11 @@ def _decoded(asset: Asset, image: dict) -> np.ndarray | None:
 def _transformed(uv: np.ndarray, used: dict) -> np.ndarray:
     """Texture coordinates under KHR_texture_transform."""
     transform = used.get("extensions", {}).get(_TRANSFORM, {})
-    angle, scale, offset = transform.get("rotation", 0.0), transform.get("scale", (1, 1)), transform.get("offset", (0, 0))
+    angle, scale, offset = (
+        transform.get("rotation", 0.0),
+        transform.get("scale", (1, 1)),
+        transform.get("offset", (0, 0)),
+    )
     x, y = uv[:, 0] * scale[0], uv[:, 1] * scale[1]
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * x + s * y + offset[0], -s * x + c * y + offset[1]], 1)

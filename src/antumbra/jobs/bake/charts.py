@@ -50,7 +50,9 @@ def atlas(parts: Sequence[Part], size: int) -> list[Sheet]:
     unwrapped = []
     for i, part in enumerate(parts):
         source, faces, uv = made[i]
-        unwrapped.append(Unwrapped(part, uv.astype(np.float64) * scale, faces.astype(np.int64), source.astype(np.int64)))
+        unwrapped.append(
+            Unwrapped(part, uv.astype(np.float64) * scale, faces.astype(np.int64), source.astype(np.int64))
+        )
     return [Sheet(list(range(len(parts))), unwrapped, _covered(unwrapped, size))]
 
 

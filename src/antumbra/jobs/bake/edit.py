@@ -111,6 +111,8 @@ class Remapper:
         if (index, key) not in self._made:
             normalized = bool(self._asset.json["accessors"][index].get("normalized"))
             values = self._accessors.stored(index)[rows]
-            made = self._asset.accessor(values[:, 0] if values.shape[1] == 1 else values, normalized=normalized, bounds=bounds)
+            made = self._asset.accessor(
+                values[:, 0] if values.shape[1] == 1 else values, normalized=normalized, bounds=bounds
+            )
             self._made[index, key] = made
         return self._made[index, key]

@@ -19,7 +19,7 @@ from ...query.shadow import ShadowQuery, fraction_lit
 from ...rendering.memory import points_memory
 from ...rendering.points import PointQueries
 from ...rendering.renderer import Renderer
-from ...scene.lights import AmbientOcclusion, Light
+from ...scene.lights import Light
 from ...scene.scene import Scene
 
 SIDE = 4  # receivers along the side of a block
@@ -67,7 +67,9 @@ class Asked(NamedTuple):
 
 def curve_blocks(positions: np.ndarray) -> np.ndarray:
     """(m, 16) int64: receivers in blocks along a space-filling curve; -1 fills the last block."""
-    order = np.argsort(morton_codes(positions - positions.mean(0)), kind="stable") if len(positions) else np.empty(0, int)
+    order = (
+        np.argsort(morton_codes(positions - positions.mean(0)), kind="stable") if len(positions) else np.empty(0, int)
+    )
     places = np.full(-(-len(order) // BLOCK) * BLOCK, -1)
     places[: len(order)] = order
     return places.reshape(-1, BLOCK)
@@ -97,7 +99,10 @@ class Meter:
         self._points.begin(points_memory(0, asked.lights[0], self._samples[0]))
 
     def values(self, receivers: Receivers, blocks: np.ndarray | None = None, what: str | None = "tracing rays"):
-        """(n, c) float32: what each receiver gets; 0 where no block has it. `what`: the work's name; None: say nothing."""
+        """(n, c) float32: what each receiver gets; 0 where no block has it.
+
+        what : name of the work, for users; None: say nothing
+        """
         out = np.zeros((len(receivers.positions), self.asked.channels), np.float32)
         for places, found in self._asked_blocks(receivers, blocks, what, self._values):
             out[places] = found
@@ -123,7 +128,9 @@ class Meter:
                 yield grid[there], found[there]
             progress(len(blocks), len(blocks))
 
-    def _answered(self, receivers: Receivers, grid: np.ndarray, there: np.ndarray) -> list[tuple[ShadowQuery, np.ndarray]]:
+    def _answered(
+        self, receivers: Receivers, grid: np.ndarray, there: np.ndarray
+    ) -> list[tuple[ShadowQuery, np.ndarray]]:
         world, normals = receivers.positions[grid], np.ascontiguousarray(receivers.normals[grid])
         flat = world.reshape(-1, 3)
         origins = point_receivers(flat - self._points.triangles.origin, normals.reshape(-1, 3), flat, False)
@@ -146,7 +153,9 @@ class Meter:
         total = np.zeros((*answered[0][0].sides.shape, self.asked.channels), np.float32)
         for light, (query, bits) in zip(self.asked.lights, answered):
             sky = light.domain == "hemisphere"
-            arrived = fraction_lit(bits, query.samples.shape[1], threads) if sky else gathered(query, bits, threads)[..., 0]
+            arrived = (
+                fraction_lit(bits, query.samples.shape[1], threads) if sky else gathered(query, bits, threads)[..., 0]
+            )
             tint = 1.0 if what == "sun" else np.float32(light.intensity) * np.asarray(light.colour, np.float32)
             total += arrived[..., None] * tint
         return total
@@ -164,8 +173,3 @@ def _directions(sums: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Unit vectors of sums of directions; the normal where nothing is open."""
     length = np.linalg.norm(sums, axis=-1, keepdims=True)
     return np.where(length > 1e-6, sums / np.maximum(length, 1e-6), normals).astype(np.float32)
-
-
-def ambient(radius: float | None) -> AmbientOcclusion:
-    """The light of ambient occlusion and bent normals."""
-    return AmbientOcclusion(radius)

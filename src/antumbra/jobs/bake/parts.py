@@ -1,15 +1,15 @@
 """Parts of a scene: the primitives of a glTF file at their nodes, with world positions and normals."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ...scene.gltf.accessors import Accessors
+from ...scene.gltf.document import Document
 from ...scene.gltf.fields import Fields
 from ...scene.scene import Scene
 from .asset import Asset
-
-MAX_UV_SETS = 4  # of TEXCOORD_n that common viewers read
 
 
 class Part(NamedTuple):
@@ -25,7 +25,7 @@ class Part(NamedTuple):
     normals: np.ndarray  # (v, 3) float64, unit, world
     faces: np.ndarray  # (f, 3) int32 into `positions`
     flat: bool  # no NORMAL in the file: viewers shade each face with its own normal
-    to_local: np.ndarray  # (3, 3) float64: takes world normals to the file's, but for their length
+    linear: np.ndarray  # (3, 3) float64, the node's transform without its translation; 1 if a skin moves the part
     sign: float  # -1.0 if the node mirrors: then the file's corners run the other way round
 
 
@@ -39,7 +39,7 @@ def read_parts(scene: Scene, asset: Asset, time: float) -> list[Part]:
     parts = []
     for placed in scene.source.placed(scene.clamped(time)):
         primitive, (positions,) = placed.primitive, placed.vertices
-        json = meshes[nodes[placed.node]["mesh"]]["primitives"][primitive.index]
+        json = meshes[nodes[placed.node]["mesh"]]["primitives"][primitive.place]
         count = asset.json["accessors"][json["attributes"]["POSITION"]]["count"]
         rows = np.arange(count) if primitive.used is None else np.flatnonzero(primitive.used)
         faces = primitive.mesh.faces
@@ -56,16 +56,26 @@ def read_parts(scene: Scene, asset: Asset, time: float) -> list[Part]:
             normals = given @ np.linalg.inv(linear)
         normals = _unit(normals, positions, faces, sign)
         parts.append(
-            Part(placed.node, primitive.index, primitive.where, json, rows, count, positions, normals, faces,
-                 stored is None, linear, sign)  # fmt: skip
+            Part(
+                placed.node,
+                primitive.place,
+                primitive.where,
+                json,
+                rows,
+                count,
+                positions,
+                normals,
+                faces,
+                stored is None,
+                linear,
+                sign,
+            )
         )
     return parts
 
 
 def accessors_of(asset: Asset, name: str) -> Accessors:
     """The accessors of an asset, as it is now."""
-    from ...scene.gltf.document import Document
-    from pathlib import Path
 
     binary = np.frombuffer(bytes(asset.binary), np.uint8)
     return Accessors(Document(name, Path(), Fields(asset.json, f"{name}:"), [binary]))
@@ -111,3 +121,9 @@ def _unit(normals: np.ndarray, positions: np.ndarray, faces: np.ndarray, sign: f
             normals[faces[use, k]] = of_face[use]
         length = np.linalg.norm(normals, axis=1)
     return normals / length[:, None]
+
+
+def to_local(directions: np.ndarray, part: Part) -> np.ndarray:
+    """World directions in the frame of the file's normals, unit."""
+    local = directions @ part.linear
+    return (local / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-30)).astype(np.float32)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import InputError
 from ...loading import GLTF_SUFFIXES, load
 from ...scene.any_scene import AnyScene
 from ...scene.gltf.accessors import Accessors
@@ -61,8 +60,10 @@ def asset_of(scene: Scene, time: float) -> Asset:
     asset.json["scenes"] = [{"nodes": nodes}]
     materials: dict[bytes, int] = {}
     for piece in scene.source.pieces(scene.clamped(time)):
-        vertices = piece.vertices if piece.towards is None else (
-            (1.0 - piece.share) * piece.vertices + piece.share * piece.towards
+        vertices = (
+            piece.vertices
+            if piece.towards is None
+            else ((1.0 - piece.share) * piece.vertices + piece.share * piece.towards)
         )
         for copy in vertices:
             local = (copy.astype(np.float64) - scene.origin).astype(np.float32)

@@ -123,13 +123,15 @@ def seam_differences(sheet: Sheet, image: np.ndarray) -> np.ndarray:
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order][1:] == key[order][:-1])
     one, other = order[same], order[same + 1]
-    apart = np.abs(side["uv"][0][one] - side["uv"][0][other]).max(1) + np.abs(side["uv"][1][one] - side["uv"][1][other]).max(1)
+    apart = np.abs(side["uv"][0][one] - side["uv"][0][other]).max(1) + np.abs(
+        side["uv"][1][one] - side["uv"][1][other]
+    ).max(1)
     aligned = [(side["normal"][e][one] * side["normal"][e][other]).sum(1) > 0.999 for e in (0, 1)]
     seam = (apart > 1e-3) & aligned[0] & aligned[1]
     one, other, found = one[seam], other[seam], []
     for t in (0.25, 0.5, 0.75):
-        at = lambda edge: ((1.0 - t) * side["uv"][0][edge] + t * side["uv"][1][edge]) / sheet.cover.size
-        found.append(np.abs(looked_up(image, at(one)) - looked_up(image, at(other))).max(1))
+        along = ((1.0 - t) * side["uv"][0] + t * side["uv"][1]) / sheet.cover.size
+        found.append(np.abs(looked_up(image, along[one]) - looked_up(image, along[other])).max(1))
     return np.concatenate(found)
 
 
@@ -143,7 +145,9 @@ def _corner_normals(one: Unwrapped) -> np.ndarray:
     return np.repeat(unit[:, None], 3, 1)
 
 
-def _push_out(values: np.ndarray, hidden: np.ndarray, cover: Cover, surface: Surface, meter: Meter, solids: Solids) -> int:
+def _push_out(
+    values: np.ndarray, hidden: np.ndarray, cover: Cover, surface: Surface, meter: Meter, solids: Solids
+) -> int:
     """Sample hidden texels at other places of their squares, the nearest to the centre first. Returns how many stay."""
     dx, dy = np.meshgrid(_PLACES, _PLACES)
     offsets = np.stack([dx.ravel(), dy.ravel()], 1)

@@ -22,7 +22,7 @@ class Primitive(NamedTuple):
     joints: np.ndarray | None  # (v, j) int32, indices into the joints of a skin
     weights: np.ndarray | None  # (v, j) float64, their sum 1
     used: np.ndarray | None  # (rows,) bool: the accessors' rows that are vertices here; None: all
-    index: int  # of the primitive in its mesh
+    place: int  # index of the primitive in its mesh
 
     @property
     def triangles(self) -> int:

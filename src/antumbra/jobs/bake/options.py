@@ -1,0 +1,118 @@
+"""The arguments of a bake, checked."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...checks import number, whole_number
+from ...errors import InputError
+from ...extras import needed
+from ...loading import GLTF_SUFFIXES
+from ...output import checked_output
+from ...plan import DEFAULT_PLAN, parse_plan
+from ...query.sampling import sample_sets
+from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
+from ...scene.scene import Scene
+from .measure import QUANTITIES, Asked
+
+MAX_TEXTURE = 16384
+_OWN_NAMES = {"ao": "_AO", "shadow": "_SHADOW", "sun": "_SUN", "light": "_LIGHT", "bent-normal": "_BENT_NORMAL"}
+_SKY = ("ao", "bent-normal")  # what asks the sky, and no lights
+
+
+class Options(NamedTuple):
+    """Checked arguments of `bake`."""
+
+    asked: Asked
+    attribute: str
+    multiply: bool
+    texture: int | None
+    uv: int | None
+    bits: int
+    exr: bool
+    denoise: bool
+    exposure: float | None
+    keep_hidden: bool
+    up: str
+
+
+def own_lights(scene: Scene, what: str, time: float) -> list[Light]:
+    """The lights of a scene, or one above it."""
+    own: list[Any] = [scene.light(i, time) for i in range(len(scene.lights))]
+    if what == "sun":
+        own = [light for light in own if isinstance(light, DirectionalLight)][:1]
+        above = scene.default_light()
+        return own or [DirectionalLight(scene.bounds.mean(0) - (above.corner + (above.u + above.v) / 2.0))]
+    return own or [scene.default_light()]
+
+
+def exposure_of(values: np.ndarray, options: Options) -> float:
+    """The factor on light, from the values that were measured ((n, c), NaN where nothing is seen)."""
+    if options.exposure is not None:
+        return options.exposure
+    if options.asked.what != "light":
+        return 1.0
+    return automatic_exposure(values[None], np.isfinite(values[None, :, 0]))
+
+
+def check_output(path) -> Path:
+    """`path`, if a bake can be written there; otherwise an InputError that names the cure."""
+    return checked_output(path, (".glb",))
+
+
+def is_gltf(path: Path) -> bool:
+    """Whether a file is glTF, whose contents a bake keeps."""
+    return path.suffix.lower() in GLTF_SUFFIXES
+
+
+def check(
+    what, *, lights, radius, spp, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden, time,
+    plan, sampler, threads, up="y",
+) -> Options:  # fmt: skip
+    """The arguments of `bake`, checked as far as no scene is needed. Raises InputError."""
+    if what not in QUANTITIES:
+        raise InputError(f"what is {what!r}; it must be one of {', '.join(QUANTITIES)}")
+    parse_plan(DEFAULT_PLAN if plan is None else plan)
+    sample_sets(whole_number(spp, "spp", 1, 1024), sampler)
+    lights = _checked_lights(what, lights, radius)
+    if bits not in (8, 16):
+        raise InputError(f"bits is {bits!r}; a PNG has 8 or 16")
+    if texture is not None:
+        whole_number(texture, "texture", 16, MAX_TEXTURE)
+        if attribute is not None or multiply:
+            raise InputError("attribute and multiply belong to values at vertices; leave them or texture out")
+        if uv is None:
+            needed("xatlas", "an atlas (--texture without --uv)", "bake")
+    elif uv is not None or exr or denoise or bits != 8:
+        raise InputError("uv, bits, exr and denoise belong to a texture; give its size as texture")
+    if uv is not None:
+        whole_number(uv, "uv", 0, 7)
+    if denoise and what not in ("ao", "shadow"):
+        raise InputError(f"denoise is for ao and shadow, and not for {what}; leave it out and raise spp")
+    attribute = attribute or ("_BENT_NORMAL" if what == "bent-normal" else "COLOR_0")
+    if attribute != "COLOR_0" and not (attribute.startswith("_") and attribute.isascii() and attribute[1:]):
+        raise InputError(f"attribute is {attribute!r}; write COLOR_0, or a name of your own such as {_OWN_NAMES[what]}")
+    if multiply and attribute != "COLOR_0":
+        raise InputError("multiply is for COLOR_0; leave it or attribute out")
+    if exposure is not None:
+        exposure = number(exposure, "exposure", 0.0, np.inf)
+    asked = Asked(what, lights, spp, sampler, plan, time, threads)
+    return Options(asked, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden, up)
+
+
+def _checked_lights(what: str, lights, radius) -> list[Light]:
+    if what in _SKY:
+        if lights is not None:
+            raise InputError(f"{what} asks the sky; leave lights out")
+        return [AmbientOcclusion(radius)]
+    if radius is not None:
+        raise InputError(f"radius is for ao and bent-normal, and not for {what}; leave it out")
+    lights = [] if lights is None else check_lights(lights)
+    if any(light.domain == "list" for light in lights):
+        raise InputError("a bake takes lights one by one; PointLights is a list of them")
+    if what == "sun" and lights and not (len(lights) == 1 and isinstance(lights[0], DirectionalLight)):
+        raise InputError("sun takes one DirectionalLight; for several lights bake light")
+    if what == "shadow" and any(light.domain == "hemisphere" for light in lights):
+        raise InputError("a sky casts no shadow of its own; bake ao, or light")
+    return lights
