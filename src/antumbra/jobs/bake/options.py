@@ -8,6 +8,7 @@ import numpy as np
 from ...checks import number, whole_number
 from ...errors import InputError
 from ...extras import needed
+from ...image.tonemap import automatic_exposure
 from ...loading import GLTF_SUFFIXES
 from ...output import checked_output
 from ...plan import DEFAULT_PLAN, parse_plan
