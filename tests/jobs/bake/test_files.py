@@ -17,7 +17,7 @@ def rich(tmp_path):
     made = Gltf()
     shared = made.mesh(primitive(made, *box((-0.5, 0, -0.5), (0.5, 1, 0.5))), name="block", extras={"mine": [1, 2]})
     made.node(mesh=shared, name="a")
-    moving = made.node(mesh=shared, name="b", translation=[1.05, 0.0, 0.0])
+    moving = made.node(mesh=shared, name="b", translation=[1.05, 0.0, 0.0], scale=[1.0, 3.0, 3.0])
     made.animate(moving, "translation", [0.0, 1.0], [[1.05, 0.0, 0.0], [5.0, 0.0, 0.0]])
     made.node(camera=made.add("cameras", type="perspective", perspective={"yfov": 1.0, "znear": 0.1}))
     picture = made.add("images", bufferView=made.view(png(np.full((2, 2, 3), 200))), mimeType="image/png")
