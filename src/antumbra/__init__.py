@@ -14,6 +14,7 @@ from .scene import engine
 
 if typing.TYPE_CHECKING:
     from .errors import InputError
+    from .jobs.bake import Baked, bake
     from .jobs.dataset.make import Dataset, dataset
     from .jobs.readsensors import sensors_of
     from .jobs.sensors import Raster, Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
@@ -22,7 +23,6 @@ if typing.TYPE_CHECKING:
     from .jobs.sun.study import sun_hours
     from .jobs.sun.times import times_of
     from .jobs.table import Column, Table
-    from .jobs.bake import Baked, bake
     from .loading import load
     from .plan import Plan
     from .query.gbuffer import GBuffer
