@@ -23,4 +23,6 @@ print(f"{corners.path.name}: {corners.receivers} vertices, {corners.mean:.3f} of
 sun = at.DirectionalLight((-0.7, -0.8, -0.3), intensity=3.0)
 sky = at.AmbientOcclusion(intensity=1.0)
 lit = at.bake(scene, folder / "lit.glb", "light", lights=[sun, sky], texture=256, spp=16, exr=True)
-print(f"{lit.path.name}: {lit.receivers} texels, exposure {lit.exposure:.2f}; the light itself is in {lit.images[0].name}")
+print(
+    f"{lit.path.name}: {lit.receivers} texels, exposure {lit.exposure:.2f}; the light itself is in {lit.images[0].name}"
+)

@@ -148,7 +148,15 @@ def _corner_normals(one: Unwrapped) -> np.ndarray:
 def _push_out(
     values: np.ndarray, hidden: np.ndarray, cover: Cover, surface: Surface, meter: Meter, solids: Solids
 ) -> int:
-    """Sample hidden texels at other places of their squares, the nearest to the centre first. Returns how many stay."""
+    """Sample hidden texels beside visible ones at other places of their squares, the nearest to the centre first.
+
+    The texels that stay hidden become NaN. Returns how many these are.
+    """
+    inside = np.zeros(len(values), bool)
+    inside[hidden] = True
+    if inside.all():  # a room whose walls face outward
+        return len(values)
+    hidden = np.flatnonzero(inside & _beside(cover, ~inside))
     dx, dy = np.meshgrid(_PLACES, _PLACES)
     offsets = np.stack([dx.ravel(), dy.ravel()], 1)
     offsets = offsets[np.argsort((offsets**2).sum(1), kind="stable")][1:]
@@ -160,10 +168,18 @@ def _push_out(
         points = receivers_at(surface, face, closest_weights(places, surface.uv[face]))
         seen = ~solids.hold(points)
         values[hidden[seen]] = meter.values(points.at(seen), what=None)
+        inside[hidden[seen]] = False
         hidden = hidden[~seen]
-    if len(hidden) < len(values):  # else the whole sheet is inside, as a room whose walls face outward
-        values[hidden] = np.nan
-    return len(hidden)
+    values[inside] = np.nan
+    return int(inside.sum())
+
+
+def _beside(cover: Cover, which: np.ndarray) -> np.ndarray:
+    """(n,) bool: the texels that touch one of `which` ((n,) bool)."""
+    from scipy.ndimage import binary_dilation
+
+    picture = _scattered(cover, which, False, (cover.size, cover.size))
+    return binary_dilation(picture, np.ones((3, 3), bool)).reshape(-1)[cover.texel]
 
 
 def _smoothed(sheet: Sheet, surface: Surface, receivers: Receivers, counts: np.ndarray, meter: Meter) -> np.ndarray:
