@@ -98,7 +98,9 @@ class Meter:
         self._points = PointQueries(Renderer(scene, asked.plan, asked.threads), total, asked.time)
         self._points.begin(points_memory(0, asked.lights[0], self._samples[0]))
 
-    def values(self, receivers: Receivers, blocks: np.ndarray | None = None, what: str | None = "tracing rays"):
+    def values(
+        self, receivers: Receivers, blocks: np.ndarray | None = None, what: str | None = "tracing rays"
+    ) -> np.ndarray:
         """(n, c) float32: what each receiver gets; 0 where no block has it.
 
         what : name of the work, for users; None: say nothing
