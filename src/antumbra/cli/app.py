@@ -23,7 +23,6 @@ from . import (
     warmup,
 )
 
-
 app = typer.Typer(
     name="antumbra",
     help="Which points see which lights: exact ray-traced shadows.",
