@@ -8,7 +8,7 @@ import oracle
 from antumbra.methods import BUILDERS
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
-from antumbra.rendering import queries, renderer
+from antumbra.rendering import points, renderer
 from antumbra.rendering.renderer import Renderer
 from antumbra.rendering.srdh_rays import fewer_samples
 from asking import query_of
@@ -46,7 +46,7 @@ def given(monkeypatch):
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
     for name in ("warm_up", "warm_up_quality", "warm_up_bounce"):  # they build too
         monkeypatch.setattr(renderer, name, lambda *arguments: None)
-    monkeypatch.setattr(queries, "warm_up", lambda *arguments: None)
+    monkeypatch.setattr(points, "warm_up", lambda *arguments: None)
     return builds
 
 
