@@ -18,6 +18,9 @@ if typing.TYPE_CHECKING:
     from .jobs.dataset.make import Dataset, dataset
     from .jobs.readsensors import sensors_of
     from .jobs.sensors import Raster, Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .jobs.sight.matrix import VisibilityMatrix, visibility_matrix
+    from .jobs.sight.pairs import Sightlines, line_of_sight
+    from .jobs.sight.viewshed import Viewshed, viewshed
     from .jobs.sun.place import Place, place_of
     from .jobs.sun.positions import Suns, suns_of
     from .jobs.sun.study import sun_hours
@@ -76,17 +79,21 @@ __all__ = [
     "Renderer",
     "Scene",
     "Sensors",
+    "Sightlines",
     "SphereLight",
     "SrdhRays",
     "Suns",
     "Table",
     "Triangles",
+    "Viewshed",
     "Visibility",
+    "VisibilityMatrix",
     "bake",
     "build_store",
     "dataset",
     "face_sensors",
     "grid_sensors",
+    "line_of_sight",
     "load",
     "place_of",
     "point_sensors",
@@ -98,8 +105,10 @@ __all__ = [
     "suns_of",
     "times_of",
     "vertex_sensors",
+    "viewshed",
     "virtual_point_lights",
     "visibility",
+    "visibility_matrix",
     "write_attributes",
 ]
 
@@ -141,6 +150,9 @@ _HOMES = {
         "raster_sensors",
         "vertex_sensors",
     ],
+    "jobs.sight.matrix": ["VisibilityMatrix", "visibility_matrix"],
+    "jobs.sight.pairs": ["Sightlines", "line_of_sight"],
+    "jobs.sight.viewshed": ["Viewshed", "viewshed"],
     "jobs.table": ["Column", "Table"],
     "loading": ["load"],
     "scene.directional_lights": ["DirectionalLights"],

@@ -11,9 +11,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
+from ..errors import InputError
 from ..kernels.progress import reported
 from ..output import replacing
 
@@ -45,31 +47,53 @@ class Parts:
     def __init__(self, count: int, size: int, folder: Path | None = None, name: str = ""):
         self.ranges = [(first, min(first + size, count)) for first in range(0, count, size)]
         self.folder = None if folder is None else folder / name
+        self._made: dict[int, Arrays] = {}
 
     def run(self, work: Work, what: str) -> Arrays:
         """Do all parts that are not kept yet; return their arrays, joined.
 
         what : name of the work, for progress
         """
-        if self.folder is not None:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        done = []
-        with reported(what) as progress:
-            for k, (first, last) in enumerate(self.ranges):
-                done.append(self._part(k, first, last, work))
-                progress(last, self.ranges[-1][1])
+        self.finish(work, what)
+        done = [self[k] for k in range(len(self.ranges))]
         return {name: np.concatenate([part[name] for part in done]) for name in (done[0] if done else ())}
 
-    def _part(self, k: int, first: int, last: int, work: Work) -> Arrays:
-        file = None if self.folder is None else self.folder / f"{k:06d}.npz"
-        if file is not None and file.exists():
-            with suppress(OSError, ValueError), np.load(file) as kept:
-                return dict(kept)
-        made = work(first, last)
-        if file is not None:
-            with replacing(file) as temporary, open(temporary, "wb") as out:
-                np.savez(out, allow_pickle=False, **made)
-        return made
+    def finish(self, work: Work, what: str) -> None:
+        """Do all parts that are not kept yet. Parts without a folder are kept in memory."""
+        if self.folder is not None:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        with reported(what) as progress:
+            for k, (first, last) in enumerate(self.ranges):
+                if self._kept(k) is None:
+                    self._keep(k, work(first, last))
+                progress(last, self.ranges[-1][1])
+
+    def __getitem__(self, k: int) -> Arrays:
+        """The arrays of part k, which is finished."""
+        found = self._kept(k)
+        if found is None:
+            raise InputError(f"{self.folder}: part {k} is missing or damaged; run the command again")
+        return found
+
+    def _file(self, k: int) -> Path | None:
+        return None if self.folder is None else self.folder / f"{k:06d}.npz"
+
+    def _kept(self, k: int) -> Arrays | None:
+        """The arrays of part k; None if it is not finished, or its file is damaged."""
+        file = self._file(k)
+        if file is None:
+            return self._made.get(k)
+        with suppress(OSError, ValueError, EOFError, BadZipFile), np.load(file, allow_pickle=False) as kept:
+            return dict(kept)
+        return None
+
+    def _keep(self, k: int, made: Arrays) -> None:
+        file = self._file(k)
+        if file is None:
+            self._made[k] = made
+            return
+        with replacing(file) as temporary, open(temporary, "wb") as out:
+            np.savez(out, allow_pickle=False, **made)
 
     def clear(self) -> None:
         """Remove the kept parts, and the folder around them if it is empty."""

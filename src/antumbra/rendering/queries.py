@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..plan import DEFAULT_PLAN, Plan
 from ..query.rays import as_array, cull_value, ray_arguments
-from ..query.receivers import FREE, point_receivers
+from ..query.receivers import point_receivers
 from ..query.sampling import light_samples
 from ..query.shadow import fraction_lit
 from ..scene.any_scene import AnyScene
@@ -19,7 +19,7 @@ from ..scene.lights import Light, check_lights
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated
 from .memory import points_memory
-from .points import PointQueries
+from .points import AskingPoints
 from .ready import Job, fixed_job, make_ready, small_scene
 from .renderer import Renderer, source_kind
 from .source import RenderSource
@@ -61,7 +61,7 @@ def surfaces_hit(scene, origins, directions, time, threads) -> tuple[np.ndarray,
 def _ray_source(scene, threads) -> RenderSource:
     """The source that traces the rays of a scene. Its kernels are compiled."""
     if source_kind(scene).keeps_read:
-        source = _renderer(scene, None, threads, None, None).source
+        source = renderer_of(scene, None, threads, None, None).source
         source.warm_up()
         return source
     source = Renderer(scene, _RAYS, threads).source
@@ -138,7 +138,7 @@ def visibility(
     InputError
         If a shape or dtype is wrong, a number is NaN or infinite, a normal is zero, or the plan is unknown.
     """
-    renderer = _renderer(scene, plan, threads, srdh_rays, max_memory)
+    renderer = renderer_of(scene, plan, threads, srdh_rays, max_memory)
     points = as_array(points, "points")
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
@@ -148,18 +148,15 @@ def visibility(
     samples = light_samples(light, spp, sampler)
     if normals is None and light.domain == "hemisphere":
         raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
-    origins, unit = _receivers(scene, points, normals)
-    asked = PointQueries(renderer, len(origins) * samples.shape[1], time)
-    asked.begin(points_memory(len(origins), light, samples))
-    sides = np.full((1, len(origins)), FREE if normals is None else 1, np.int8)
-    facing = cull_value(cull_faces)
-    query = asked.query(origins[None], sides, unit if normals is None else unit[None], light, samples, facing)
-    bits = asked.answer(query)
+    origins, unit = receivers_of(scene, points, normals)
+    memory = points_memory(len(origins), light, samples)
+    asking = AskingPoints(renderer, time, len(origins) * samples.shape[1], memory)
+    bits = asking.bits(origins, unit, light, samples, cull_value(cull_faces))
     bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
     return Visibility(bits, fraction_lit(bits, samples.shape[1]))
 
 
-def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
+def renderer_of(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
     """A renderer of this scene; for a store, the renderer of this thread's previous query if the options agree."""
     if not source_kind(scene).keeps_read:
         return Renderer(scene, plan, threads, srdh_rays=srdh_rays, max_memory=max_memory)
@@ -171,14 +168,17 @@ def _renderer(scene, plan, threads, srdh_rays, max_memory) -> Renderer:
     return own.renderer
 
 
-def _receivers(scene, points, normals) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) float32 receivers in the recentred frame; and (n, 3) float64 unit normals, empty if `normals` is None."""
+def receivers_of(scene, points: np.ndarray, normals) -> tuple[np.ndarray, np.ndarray | None]:
+    """(n, 3) float32 receivers of world points in the recentred frame; and (n, 3) float64 unit normals.
+
+    Points with normals are moved off their surface. Without normals, there are no unit normals either.
+    """
     world = points.astype(np.float64).reshape(-1, 3)
     if not np.isfinite(world).all():
         raise InputError("points hold NaN or infinity")
     local = world - scene.origin
     if normals is None:
-        return local.astype(np.float32), np.empty((0, 0, 3))
+        return local.astype(np.float32), None
     unit = _unit_normals(normals, points.shape)
     return point_receivers(local, unit, world, points.dtype == np.float32), unit
 

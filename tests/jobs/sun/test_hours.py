@@ -31,9 +31,9 @@ def town(seed=0, blocks=40):
 
 def seen_of(scene, points, normals, suns):
     """(n, k) bool by brute force, from receivers where the library puts them."""
-    from antumbra.rendering.queries import _receivers
+    from antumbra.rendering.queries import receivers_of
 
-    origins = _receivers(scene, points, normals)[0]
+    origins = receivers_of(scene, points, normals)[0]
     ends = origins[:, None] + (1000.0 * suns.directions)[None]
     above = (normals @ suns.directions.T) > 1e-9
     y, x = np.nonzero(above)

@@ -1,0 +1,212 @@
+"""Visibility matrices: which of many points see which others, one bit for each pair."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...errors import InputError
+from ...output import checked_output, replacing
+from ...plan import Plan
+from ...query.order import morton_codes
+from ...scene.any_scene import AnyScene
+from ..parts import Parts, digest
+from ..sensors import Sensors
+from .bitrows import reordered, transposed, unpacked, words_of
+from .ends import Ends, ends_of, sensors_from
+from .sparse import sparse_matrix, write_sparse
+from .tiles import STRIP, Tracing
+
+_MOST = 1 << 31  # bytes of a matrix in memory
+_ROWS = 256  # rows that are unpacked at a time
+
+
+@dataclass(eq=False)
+class VisibilityMatrix:
+    """Which of n points see which of m targets.
+
+    bits : (n, ceil(m / 64)) uint64
+        Bit ``j % 64`` of word ``j // 64`` of row i is set if point i and target j see each other. Bits beyond the last
+        target are 0. A file that was streamed is mapped into memory, read-only.
+    columns : int
+        m.
+    counts : (n,) int64
+        The number of targets that each point sees.
+    """
+
+    bits: np.ndarray
+    columns: int
+    counts: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return len(self.bits), self.columns
+
+    def __repr__(self) -> str:
+        return f"VisibilityMatrix({self.shape[0]} x {self.columns}, {int(self.counts.sum())} visible pairs)"
+
+    def rows(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """(rows, m) bool: some rows, or all of them."""
+        return unpacked(self.bits[first:last], self.columns)
+
+    def sparse(self):
+        """The visible pairs as a ``scipy.sparse.csr_array`` of bool."""
+        return sparse_matrix(self.bits, self.columns, self.counts)
+
+    def save(self, path) -> None:
+        """Write the matrix: .npy holds `bits`, .npz the sparse matrix that ``scipy.sparse.load_npz`` reads.
+
+        Raises
+        ------
+        InputError
+            If the suffix is another one, or the path cannot be written.
+        """
+        target = checked_output(path, (".npy", ".npz"))
+        with replacing(target) as temporary, open(temporary, "wb") as file:
+            if target.suffix.lower() == ".npz":
+                write_sparse(file, self.bits, self.columns, self.counts)
+            else:
+                np.save(file, self.bits)
+
+
+class _Grid(NamedTuple):
+    """The tiles of a matrix; both sets of points in the order of a curve."""
+
+    rows: Ends
+    columns: Ends
+    row_order: np.ndarray  # (n,) int64: number of each row before it was sorted
+    column_order: np.ndarray
+    tiles: list[tuple[int, int]]  # strip of rows, strip of columns
+    square: bool  # of the points with themselves: tiles below the diagonal are mirrored
+
+
+def visibility_matrix(
+    scene: AnyScene, points: ArrayLike | Sensors, targets: ArrayLike | Sensors | None = None, *,
+    normals: ArrayLike | None = None, target_normals: ArrayLike | None = None, output=None,
+    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
+) -> VisibilityMatrix:  # fmt: skip
+    """Find which points see which targets. Every answer is exact.
+
+    A point and a target see each other if no triangle meets the segment between them, strictly between its ends, and
+    neither lies below the other's horizon, if it has a normal.
+
+    Parameters
+    ----------
+    scene : Scene or PagedScene
+    points : (n, 3) float, or Sensors
+        World coordinates. Sensors on surfaces bring their normals: ``at.face_sensors(scene)`` asks faces by faces.
+    targets : (m, 3) float, or Sensors, optional
+        None: the points themselves. Each pair is then traced once, and no point sees itself.
+    normals, target_normals : (3,) or (..., 3) float, optional
+        For points on surfaces, towards the visible side: each is moved off its surface by a few units in the last place.
+        Without normals, points lie in free space and are used unchanged.
+    output : str or path-like, optional
+        A .npy file to which the matrix is streamed, so that memory stays bounded. Finished tiles are kept in a folder
+        beside it, and the same call goes on after an interruption. None: the matrix is made in memory.
+    plan, time, threads
+        As in `antumbra.visibility`.
+
+    Returns
+    -------
+    VisibilityMatrix
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, or a matrix in memory would take more than 2 GiB.
+    """
+    path = None if output is None else checked_output(output, (".npy",))
+    own = sensors_from(points, normals, "points")
+    others = None if targets is None else sensors_from(targets, target_normals, "targets")
+    if others is None and target_normals is not None:
+        raise InputError("target_normals need targets; give the points' own normals as normals")
+    n, m = len(own), len(own if others is None else others)
+    if path is None and 8 * n * words_of(m) > _MOST:
+        raise InputError(f"a matrix of {n} x {m} bits takes {n * m / 8e9:.1f} GB; give an output to stream it to")
+    rows = ends_of(scene, own)
+    grid = _grid(rows, rows if others is None else ends_of(scene, others), others is None)
+    parts = _parts(scene, grid, time, path)
+    if len(parts.ranges):
+        tracing = Tracing(scene, plan, time, threads, len(grid.tiles) * STRIP * STRIP)
+        parts.finish(lambda first, last: {"bits": _tile(tracing, grid, first)}, f"{n} x {m} lines of sight")
+    if path is None:
+        bits = np.empty((n, words_of(m)), np.uint64)
+        counts = _put_together(grid, parts, bits)
+        return VisibilityMatrix(bits, m, counts)
+    with replacing(path) as temporary:
+        counts = _streamed(grid, parts, temporary, (n, words_of(m)))
+    parts.clear()
+    return VisibilityMatrix(np.load(path, mmap_mode="r"), m, counts)
+
+
+def _grid(rows: Ends, columns: Ends, square: bool) -> _Grid:
+    row_order, column_order = (np.argsort(morton_codes(ends.at), kind="stable") for ends in (rows, columns))
+    high, wide = (-(-len(ends) // STRIP) for ends in (rows, columns))
+    tiles = [(i, j) for i in range(high) for j in range(i if square else 0, wide)]
+    return _Grid(rows.take(row_order), columns.take(column_order), row_order, column_order, tiles, square)
+
+
+def _parts(scene: AnyScene, grid: _Grid, time: float, path: Path | None) -> Parts:
+    if path is None:
+        return Parts(len(grid.tiles), 1)
+    ends = [array for end in (grid.rows, grid.columns) for array in end if array is not None]
+    about = scene.name, scene.n_triangles, scene.bounds, scene.origin, scene.clamped(time), grid.square
+    return Parts(len(grid.tiles), 1, path.with_name(path.name + ".parts"), digest(*about, *ends))
+
+
+def _tile(tracing: Tracing, grid: _Grid, k: int) -> np.ndarray:
+    """The bits of tile k, without those of points with themselves."""
+    i, j = grid.tiles[k]
+    rows, columns = grid.rows.take(_strip(i)), grid.columns.take(_strip(j))
+    bits = tracing.visible(rows, columns)
+    if grid.square and i == j:
+        own = np.arange(len(rows))
+        bits[own, own // 64] &= ~(np.uint64(1) << (own % 64).astype(np.uint64))
+    return bits
+
+
+def _strip(i: int) -> slice:
+    return slice(i * STRIP, (i + 1) * STRIP)
+
+
+def _strips(grid: _Grid, parts: Parts):
+    """Yield (numbers of rows, their bits), in pieces of a few hundred rows; columns in the order of the caller."""
+    back = np.argsort(grid.column_order)
+    at = {tile: k for k, tile in enumerate(grid.tiles)}
+    n, m = len(grid.rows), len(grid.columns)
+    for i in range(-(-n // STRIP)):
+        numbers = grid.row_order[_strip(i)]
+        tiles = []
+        for j in range(-(-m // STRIP)):
+            found = parts[at[min(i, j), max(i, j)] if grid.square else at[i, j]]["bits"]
+            tiles.append(transposed(found, len(numbers)) if grid.square and j < i else found)
+        bits = np.hstack([np.empty((len(numbers), 0), np.uint64), *tiles])
+        for first in range(0, len(numbers), _ROWS):
+            yield numbers[first : first + _ROWS], reordered(bits[first : first + _ROWS], back)
+
+
+def _put_together(grid: _Grid, parts: Parts, out: np.ndarray) -> np.ndarray:
+    """Write the matrix to `out`; return the sums of rows."""
+    counts = np.zeros(len(out), np.int64)
+    for numbers, bits in _strips(grid, parts):
+        out[numbers] = bits
+        counts[numbers] = np.bitwise_count(bits).sum(1)
+    return counts
+
+
+def _streamed(grid: _Grid, parts: Parts, path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """Write the matrix to a .npy file, row by row: pages of a mapped file would count as memory."""
+    counts = np.zeros(shape[0], np.int64)
+    with open(path, "wb") as file:
+        about = {"descr": "<u8", "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(file, about)
+        start, width = file.tell(), 8 * shape[1]
+        file.truncate(start + shape[0] * width)
+        for numbers, bits in _strips(grid, parts):
+            counts[numbers] = np.bitwise_count(bits).sum(1)
+            for number, row in zip(numbers.tolist(), np.ascontiguousarray(bits, "<u8")):
+                file.seek(start + number * width)
+                file.write(row.data)
+    return counts

@@ -1,0 +1,173 @@
+"""Lines of sight between pairs of points, and what blocks them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...bvh.nodes import Bvh
+from ...errors import InputError
+from ...query.rays import as_array
+from ...rendering.queries import accelerated, receivers_of
+from ...scene.any_scene import AnyScene
+from ...trace.rays.intersections import intersections
+from ..parts import Parts
+
+_PLAN = "bsah+wide"  # its tree is also that of ray queries
+_PART = 1 << 16  # pairs that are traced at a time
+
+
+class Sightlines(NamedTuple):
+    """Pairs of points, and what stands between them; the leading shape (...) is that of the pairs."""
+
+    visible: np.ndarray  # (...) bool: the two points see each other
+    face: np.ndarray  # (...) int32: the blocking face nearest to the observer; -1 if visible, or if none is known
+    object: np.ndarray  # (...) int32: its object, an index in `Scene.objects`; -1 where `face` is
+    point: np.ndarray  # (..., 3) float64, world: where it blocks; NaN if visible
+    distance: np.ndarray  # (...) float64, world units: from the observer to this point; NaN if visible
+    length: np.ndarray  # (...) float64, world units: from the observer to the target
+
+
+class _Pairs(NamedTuple):
+    """Flat arrays of pairs."""
+
+    begin: np.ndarray  # (n, 3) float32, recentred, moved off surfaces
+    end: np.ndarray  # (n, 3) float32
+    begin_unit: np.ndarray | None  # (n, 3) float64
+    end_unit: np.ndarray | None
+    begin_face: np.ndarray  # (n,) int64, -1: none
+    end_face: np.ndarray
+
+    def part(self, first: int, last: int) -> "_Pairs":
+        return _Pairs(*(None if array is None else array[first:last] for array in self))
+
+
+def line_of_sight(
+    scene: AnyScene, observers: ArrayLike, targets: ArrayLike, *, normals: ArrayLike | None = None,
+    target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
+    time: float = 0.0, threads: int | None = None,
+) -> Sightlines:  # fmt: skip
+    """Find whether observers see targets, and the face, the object and the point that block those that do not.
+
+    A triangle blocks if it meets the segment between the two points, strictly between its ends. The answer is exact.
+
+    Parameters
+    ----------
+    scene : Scene
+    observers, targets : (..., 3) float
+        World coordinates. They broadcast: ``a[:, None], b[None]`` asks all pairs.
+    normals, target_normals : (..., 3) float, optional
+        For ends on surfaces, towards the visible side. Such an end is moved off its surface by a few units in the last
+        place, and what lies below its horizon is blocked by its own surface. None: the points are used unchanged.
+    faces, target_faces : (...) int, optional
+        The faces of the scene on which ends lie, -1: none. They do not block this pair, but for the horizon of
+        normals. An end that lies on a face, such as the middle of a window pane, needs its face or its normal here:
+        float32 can round it to either side of the face.
+    time : float
+        Seconds.
+    threads : int, optional
+        None: all cores.
+
+    Returns
+    -------
+    Sightlines
+
+    Raises
+    ------
+    InputError
+        If shapes do not broadcast, numbers are NaN or infinite, a normal is zero, or the scene is in a store.
+
+    Notes
+    -----
+    Of faces at the same distance in float64, the lowest index blocks. A pair that is blocked by nothing but a horizon
+    names the face of `faces` or `target_faces`, and the end that lies on it.
+    """
+    pairs, shape = _checked(scene, (observers, normals, faces), (targets, target_normals, target_faces))
+    ready = accelerated(scene, time, threads, _PLAN)
+    assert ready.bvh is not None
+    bvh, corners, n = ready.bvh, ready.triangles.vertices, len(pairs.begin)
+    parts = Parts(n, _PART)
+    work = lambda first, last: _blocks(pairs.part(first, last), bvh, corners, threads)
+    found = parts.run(work, f"{n} lines of sight") if n else _blocks(pairs, bvh, corners, threads)
+    away = pairs.end.astype(np.float64) - pairs.begin
+    length, t, face = np.linalg.norm(away, axis=1), found["t"], found["face"]
+    point = pairs.begin + t[:, None] * away + scene.origin
+    objects = np.where(face >= 0, scene.object_of_face[face], -1).astype(np.int32)
+    visible = np.isnan(t)
+    given = visible, face, objects, point, t * length, length
+    return Sightlines(*(array.reshape((*shape, *array.shape[1:])) for array in given))
+
+
+def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[int, ...]]:
+    """The pairs, and their leading shape; begin, end: (points, normals, faces)."""
+    at, named = [as_array(begin[0], "observers"), as_array(end[0], "targets")], ("observers", "targets")
+    for points, what in zip(at, named):
+        if points.ndim < 1 or points.shape[-1] != 3:
+            raise InputError(f"{what} must have shape (..., 3), not {points.shape}")
+    faces = [as_array(-1 if each[2] is None else each[2], "faces") for each in (begin, end)]
+    try:
+        shape = np.broadcast_shapes(at[0].shape[:-1], at[1].shape[:-1], faces[0].shape, faces[1].shape)
+    except ValueError:
+        raise InputError(
+            f"shapes do not broadcast: observers {at[0].shape}, targets {at[1].shape}, "
+            f"faces {faces[0].shape}, target_faces {faces[1].shape}"
+        ) from None
+    ends, units, own = [], [], []
+    for points, (_, normals, _), face in zip(at, (begin, end), faces):
+        wide = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3)
+        if normals is not None:
+            normals = np.broadcast_to(_as_normals(normals, shape), (*shape, 3)).reshape(-1, 3)
+        moved, unit = receivers_of(scene, wide, normals)
+        ends.append(moved)
+        units.append(unit)
+        own.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))
+    return _Pairs(*ends, *units, *own), shape
+
+
+def _as_normals(normals, shape) -> np.ndarray:
+    array = as_array(normals, "normals")
+    try:
+        return np.broadcast_to(array, (*shape, 3))
+    except ValueError:
+        raise InputError(f"normals {array.shape} do not broadcast to pairs of shape {shape}") from None
+
+
+def _as_faces(faces: np.ndarray, count: int) -> np.ndarray:
+    if faces.dtype.kind == "f" or (faces < -1).any() or (faces >= count).any():
+        raise InputError(f"faces of ends must be whole numbers from -1 to {count - 1}, the scene's last face")
+    return faces.astype(np.int64)
+
+
+def _blocks(pairs: _Pairs, bvh: Bvh, corners: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:
+    """Where each pair is blocked: t (n,) float64 from 0 to 1, NaN if visible; face (n,) int32."""
+    n = len(pairs.begin)
+    met = intersections(bvh, pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads)
+    ray, prim = np.repeat(np.arange(n), np.diff(met.first)), met.prims
+    other = prim != pairs.end_face[ray]
+    ray, prim = ray[other], prim[other]
+    t = _parameters(pairs, ray, corners[prim])
+    order = np.lexsort((prim, t, ray))
+    blocked, nearest = np.unique(ray[order], return_index=True)
+    found, face = np.full(n, np.nan), np.full(n, -1, np.int32)
+    found[blocked], face[blocked] = t[order][nearest], prim[order][nearest]
+    for unit, own, place, sign in (
+        (pairs.end_unit, pairs.end_face, 1.0, -1.0),
+        (pairs.begin_unit, pairs.begin_face, 0.0, 1.0),
+    ):
+        if unit is None:
+            continue
+        away = sign * (pairs.end.astype(np.float64) - pairs.begin)
+        hidden = ~((away[:, 0] * unit[:, 0] + away[:, 1] * unit[:, 1]) + away[:, 2] * unit[:, 2] > 0.0)
+        hidden &= np.isnan(found) if place else True
+        found[hidden], face[hidden] = place, own[hidden]
+    return {"t": found, "face": face}
+
+
+def _parameters(pairs: _Pairs, ray: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(n,) float64 from 0 to 1: where segments meet the planes of triangles."""
+    begin, v = pairs.begin[ray].astype(np.float64), corners.astype(np.float64)
+    normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
+    height = ((v[:, 0] - begin) * normal).sum(1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        t = height / ((pairs.end[ray] - begin) * normal).sum(1)
+    return np.clip(np.nan_to_num(t), 0.0, 1.0)

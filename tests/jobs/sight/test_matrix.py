@@ -1,0 +1,163 @@
+"""Visibility matrices: every bit equals the oracle, in memory and streamed, after an interruption too."""
+
+import numpy as np
+import oracle
+import pytest
+import scipy.sparse
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import antumbra as at
+from antumbra.jobs.sight import bitrows, matrix, tiles
+from antumbra.rendering.queries import receivers_of
+
+
+def scene_of(seed, n=24):
+    """Triangles of middling size in a cube."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1, 1, (n, 1, 3)) + rng.uniform(-0.5, 0.5, (n, 3, 3))
+    return at.Scene.from_arrays(corners.astype(np.float32)), rng
+
+
+def expected(scene, rows, columns):
+    """(n, m) bool by the oracle; rows, columns: (points, normals or None)."""
+    (a, na), (b, nb) = (receivers_of(scene, points, normals) for points, normals in (rows, columns))
+    origins, ends = (x.reshape(-1, 3) for x in np.broadcast_arrays(a[:, None], b[None]))
+    blocked = oracle.occluded(scene.triangles().vertices, origins, ends=ends).reshape(len(a), len(b))
+    away = b[None].astype(np.float64) - a[:, None]
+    if na is not None:
+        blocked |= (away * na[:, None]).sum(-1) <= 0.0
+    if nb is not None:
+        blocked |= (-away * nb[None]).sum(-1) <= 0.0
+    return ~blocked
+
+
+@pytest.fixture
+def small_strips(monkeypatch):
+    """Strips of 64 points and lists of 64 lights, so that small matrices have many tiles."""
+    monkeypatch.setattr(matrix, "STRIP", 64)
+    monkeypatch.setattr(tiles, "MAX_SPP", 64)
+
+
+@pytest.mark.parametrize("columns", [1, 63, 64, 65, 130])
+def test_bits_are_packed_unpacked_and_transposed(columns):
+    rows = np.random.default_rng(columns).random((77, columns)) < 0.5
+    words = bitrows.packed(rows)
+    assert words.shape == (77, bitrows.words_of(columns)) and words.dtype == np.uint64
+    assert np.array_equal(bitrows.unpacked(words, columns), rows)
+    assert np.array_equal(bitrows.unpacked(bitrows.transposed(words, columns), 77), rows.T)
+    assert words[0, -1] < 2 ** ((columns - 1) % 64 + 1)
+    order = np.random.default_rng(0).permutation(columns)
+    assert np.array_equal(bitrows.unpacked(bitrows.reordered(words, order), columns), rows[:, order])
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_free_points_equal_the_oracle(seed):
+    scene, rng = scene_of(seed)
+    points, targets = rng.uniform(-1.5, 1.5, (70, 3)), rng.uniform(-1.5, 1.5, (20, 3))
+    made = at.visibility_matrix(scene, points, targets)
+    want = expected(scene, (points, None), (targets, None))
+    assert np.array_equal(made.rows(), want)
+    assert np.array_equal(made.counts, want.sum(1)) and made.shape == (70, 20)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_points_with_themselves_equal_the_oracle(seed):
+    scene, rng = scene_of(seed)
+    points = rng.uniform(-1.5, 1.5, (90, 3))
+    made = at.visibility_matrix(scene, points).rows()
+    want = expected(scene, (points, None), (points, None))
+    np.fill_diagonal(want, False)
+    assert np.array_equal(made, want) and 0 < want.sum() < want.size - 90
+
+
+def test_faces_see_each_other_on_their_outer_sides_only(small_strips):
+    scene, _ = scene_of(5, 150)
+    sensors = at.face_sensors(scene)
+    made = at.visibility_matrix(scene, sensors).rows()
+    want = expected(scene, (sensors.points, sensors.normals), (sensors.points, sensors.normals))
+    assert np.array_equal(made, want) and np.array_equal(want, want.T)
+    assert 0.01 < want.mean() < 0.5 and not want.diagonal().any()
+
+
+def test_normals_of_targets_alone(small_strips):
+    scene, rng = scene_of(6)
+    points, targets, normals = rng.uniform(-1.5, 1.5, (70, 3)), rng.uniform(-1, 1, (66, 3)), rng.normal(size=(66, 3))
+    made = at.visibility_matrix(scene, points, targets, target_normals=normals).rows()
+    want = expected(scene, (points, None), (targets, normals))
+    assert np.array_equal(made, want) and 0.1 < want.mean() < 0.5
+
+
+def test_the_segment_not_a_rounded_direction_decides():
+    """A target just behind a wall, in a scene far from it: one unit in the last place more or less matters."""
+    wall = np.array([[[1, -9, -9], [1, 9, -9], [1, 0, 9]]], np.float32)
+    scene = at.Scene.from_arrays(np.concatenate([wall, wall - (2, 0, 0)]))
+    x = np.nextafter(np.float32(1.0), np.float32([0.0, 1.0, 2.0]))
+    targets = np.stack([x, [0.123] * 3, [0.3] * 3], 1)
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (50, 3)).astype(np.float32)
+    made = at.visibility_matrix(scene, points, targets).rows()
+    assert np.array_equal(made, np.broadcast_to([True, True, False], made.shape))
+
+
+def test_a_streamed_matrix_has_the_same_bits(small_strips, tmp_path):
+    scene, rng = scene_of(7)
+    points = rng.uniform(-1.5, 1.5, (200, 3))
+    kept = at.visibility_matrix(scene, points)
+    streamed = at.visibility_matrix(scene, points, output=tmp_path / "m.npy")
+    assert np.array_equal(kept.bits, streamed.bits) and np.array_equal(kept.counts, streamed.counts)
+    assert np.array_equal(np.load(tmp_path / "m.npy"), kept.bits)
+    assert [file.name for file in tmp_path.iterdir()] == ["m.npy"]
+
+
+def test_an_interrupted_matrix_goes_on(small_strips, tmp_path, monkeypatch):
+    scene, rng = scene_of(8)
+    points, traced, whole = rng.uniform(-1.5, 1.5, (200, 3)), [], matrix._tile
+
+    def stops(tracing, grid, k):
+        if k == 4 and len(traced) == 4:
+            raise KeyboardInterrupt
+        traced.append(k)
+        return whole(tracing, grid, k)
+
+    monkeypatch.setattr(matrix, "_tile", stops)
+    with pytest.raises(KeyboardInterrupt):
+        at.visibility_matrix(scene, points, output=tmp_path / "m.npy")
+    assert traced == [0, 1, 2, 3] and not (tmp_path / "m.npy").exists()
+    traced.append("again")
+    made = at.visibility_matrix(scene, points, output=tmp_path / "m.npy")
+    assert traced == [0, 1, 2, 3, "again", 4, 5, 6, 7, 8, 9]
+    assert np.array_equal(made.bits, at.visibility_matrix(scene, points).bits)
+
+
+def test_sparse_matrices_are_scipys(tmp_path):
+    scene, rng = scene_of(9)
+    made = at.visibility_matrix(scene, rng.uniform(-1.5, 1.5, (300, 3)), rng.uniform(-1.5, 1.5, (70, 3)))
+    made.save(tmp_path / "m.npz")
+    read = scipy.sparse.load_npz(tmp_path / "m.npz")
+    for found in (read, made.sparse()):
+        assert isinstance(found, scipy.sparse.csr_array) and found.shape == (300, 70)
+        assert np.array_equal(found.toarray(), made.rows()) and found.dtype == bool
+    made.save(tmp_path / "m.npy")
+    assert np.array_equal(np.load(tmp_path / "m.npy"), made.bits)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"points": np.zeros((4, 2))}, "points must have shape"),
+        ({"points": np.zeros((4, 3)), "targets": [[np.nan, 0, 0]]}, "targets hold NaN"),
+        ({"points": np.zeros((4, 3)), "target_normals": [0, 0, 1]}, "target_normals need targets"),
+        ({"points": np.zeros((4, 3)), "output": "m.txt"}, "use .npy"),
+        ({"points": np.zeros((200_000, 3))}, "give an output"),
+    ],
+)
+def test_bad_input(arguments, words):
+    with pytest.raises(at.InputError, match=words):
+        at.visibility_matrix(scene_of(1)[0], **arguments)
+
+
+def test_no_points():
+    assert at.visibility_matrix(scene_of(1)[0], np.empty((0, 3)), np.zeros((4, 3))).shape == (0, 4)
+    assert at.visibility_matrix(scene_of(1)[0], np.zeros((4, 3)), np.empty((0, 3))).rows().shape == (4, 0)
