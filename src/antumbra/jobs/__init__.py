@@ -1,7 +1,7 @@
 """The jobs that people come for: sun hours, baked light, lines of sight, data sets; and what these jobs share.
 
 - sensors: points with normals and areas, at which a job asks; readsensors reads them
-- table: the results, with units; formats, picture and model write them
+- table: the results, with units; formats, picture and model write them; view: the camera of pictures
 - parts: long work in parts, which can be stopped and goes on
 - sun, bake, sight, dataset: one folder a job
 """

@@ -106,7 +106,8 @@ def _tiff(table, path: Path, column: str) -> None:
     options |= {"transform": place, "crs": table.about.get("crs")}
     with replacing(path) as temporary, rasterio.open(temporary, "w", **shape, **options) as file:
         for band, name in enumerate(names, 1):
-            file.write(table[name].astype(np.float32).reshape(raster.rows, raster.columns), band)
+            values = np.where(table.sensors.covered, table[name].astype(np.float32), np.float32(np.nan))
+            file.write(values.reshape(raster.rows, raster.columns), band)
             file.set_band_description(band, name)
             file.set_band_unit(band, table.columns[name].unit)
         file.update_tags(antumbra=json.dumps(table.about))

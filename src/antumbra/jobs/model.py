@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..image.heatmap import Scale, scale_of
 from ..scene.colour import srgb_to_linear
 from ..scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, packed, views_of
+from .picture import shown_scale, shown_values
 from .sensors import corners_of
 
 _UNLIT = "KHR_materials_unlit"
@@ -30,10 +30,10 @@ def coloured_model(table, name: str) -> bytes:
     Coordinates are relative to the scene's `origin`, because glTF has float32; the asset's `extras` give it.
     """
     sensors, scene = table.sensors, table.scene
-    values = table[name].astype(np.float64)
-    scale = Scale(scale_of(values[np.isfinite(values)]), False)
-    shown = srgb_to_linear(scale.colours(np.nan_to_num(values), np.ones(len(values), bool)) / 255.0)
-    shown[~np.isfinite(values)] = _GREY
+    values, known = shown_values(table, name)
+    scale = shown_scale(table[name], known)
+    shown = srgb_to_linear(scale.colours(np.nan_to_num(values), known) / 255.0)
+    shown[~known] = _GREY
     corners = corners_of(scene) - scene.origin
     colours = np.full((len(corners), 3, 3), _GREY)
     if sensors.kind == "face":

@@ -57,6 +57,13 @@ class Sensors:
     def __repr__(self) -> str:
         return f"Sensors({len(self)} of kind {self.kind!r})"
 
+    @property
+    def covered(self) -> np.ndarray:
+        """(n,) bool: False for the cells of a raster that lie beside the surfaces that it follows."""
+        if self.kind != "raster" or self.faces is None or not (self.faces >= 0).any():
+            return np.ones(len(self), bool)
+        return self.faces >= 0
+
     def part(self, first: int, last: int) -> "Sensors":
         """The sensors from `first` to `last`, excluded, as single points."""
         cut = lambda array: None if array is None else array[first:last]
@@ -235,7 +242,7 @@ def raster_sensors(
     at = at.reshape(-1, 3)
     faces = np.full(len(at), -1, np.int64)
     if follow:
-        at[:, up], faces = _tops(scene, at, up, time, threads)
+        at[:, up], faces = on_top(scene, at, time, threads)
         at[:, up] += height
     else:
         at[:, up] = height
@@ -243,8 +250,9 @@ def raster_sensors(
     return Sensors(at, upwards, np.full(len(at), spacing**2), faces, "raster", raster)
 
 
-def _tops(scene: AnyScene, at: np.ndarray, up: int, time: float, threads: int | None):
+def on_top(scene: AnyScene, at: np.ndarray, time: float = 0.0, threads: int | None = None):
     """The highest surface at places: (n,) coordinates on the up axis, and (n,) faces, -1 where there is none."""
+    up = "xyz".index(scene.up)
     lowest, highest = scene.bounds[:, up]
     begin, down = at.copy(), np.zeros(3)
     reach = max(highest - lowest, 1.0)

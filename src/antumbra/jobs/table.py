@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene.any_scene import AnyScene
+from ..scene.camera import Camera
 from .formats import writer_of
 from .sensors import Sensors
 
@@ -31,12 +32,18 @@ class Table:
         Facts of the whole job, as JSON can hold them: "job", "crs", "timezone", settings.
     scene : Scene or None
         What the sensors belong to; pictures need it.
+    camera : Camera or None
+        Of pictures that are no maps. None: one that shows the whole scene.
+    marks : (k, 3) float or None
+        Points that pictures show as dots, world.
     """
 
     sensors: Sensors
     columns: dict[str, Column]
     about: dict[str, Any] = field(default_factory=dict)
     scene: AnyScene | None = None
+    camera: Camera | None = None
+    marks: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.sensors)

@@ -7,6 +7,8 @@ from .lights import QuadLight
 
 VFOV = 45.0
 _MARGIN = 1.04  # around the points that a fitted camera shows
+_FLAT = 0.2  # height of a box, as a share of its width, below which it is flat
+STEEP = np.radians(50.0)  # elevation of the camera for flat boxes
 AZIMUTH, ELEVATION = np.radians(35.0), np.radians(25.0)
 
 
@@ -32,10 +34,15 @@ def default_camera(bounds: np.ndarray, up: str, width: int, height: int, turn: f
 
 
 def fitted_camera(points: np.ndarray, up: str, width: int, height: int) -> Camera:
-    """The default camera's direction of view, as near as it shows all `points` ((n, 3), world), with a small margin."""
+    """The default camera's direction of view, as near as it shows all `points` ((n, 3), world), with a small margin.
+
+    Points in a flat box are seen from higher up.
+    """
     right, upward, towards = axes(up)
-    flat = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
-    back = np.cos(ELEVATION) * flat + np.sin(ELEVATION) * upward
+    level = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
+    size = np.ptp(points, axis=0)
+    elevation = STEEP if size @ upward < _FLAT * size.max() else ELEVATION
+    back = np.cos(elevation) * level + np.sin(elevation) * upward
     sideways = np.cross(upward, back) / np.linalg.norm(np.cross(upward, back))
     middle = (points.min(0) + points.max(0)) / 2.0
     x, y, z = ((points - middle) @ np.stack([sideways, np.cross(back, sideways), back], 1)).T

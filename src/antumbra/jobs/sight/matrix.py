@@ -100,8 +100,8 @@ def visibility_matrix(
     targets : (m, 3) float, or Sensors, optional
         None: the points themselves. Each pair is then traced once, and no point sees itself.
     normals, target_normals : (3,) or (..., 3) float, optional
-        For points on surfaces, towards the visible side: each is moved off its surface by a few units in the last place.
-        Without normals, points lie in free space and are used unchanged.
+        For points on surfaces, towards the visible side: each is moved off its surface by a few units in the last
+        place. Without normals, points lie in free space and are used unchanged.
     output : str or path-like, optional
         A .npy file to which the matrix is streamed, so that memory stays bounded. Finished tiles are kept in a folder
         beside it, and the same call goes on after an interruption. None: the matrix is made in memory.
