@@ -5,6 +5,7 @@
 - explain, culling: pictures of the work of plans
 - compare, comparearguments, comparesummary, comparepage: ``antumbra compare``, plans side by side
 - bake: ``antumbra bake``, light and occlusion into glTF files
+- sun, los, viewshed, matrix, dataset: the jobs; joboptions: their common options
 - build, info, warmup, plans: stores, contents of scenes, compiling ahead, and the list of methods
 - scenes, export: procedural scenes, and their files
 - bench, results, about: the commands of other packages, and the files of their results

@@ -16,10 +16,13 @@ from . import (
     dataset,
     explain,
     info,
+    los,
+    matrix,
     plans,
     render,
     scenes,
     sun,
+    viewshed,
     warmup,
 )
 
@@ -32,6 +35,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("render")(render.render)
+app.command("los")(los.los)
+app.command("viewshed")(viewshed.viewshed)
+app.command("matrix")(matrix.matrix)
 app.command("build")(build.build)
 app.command("dataset")(dataset.dataset)
 app.command("bake")(bake.bake)

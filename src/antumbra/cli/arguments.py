@@ -192,6 +192,20 @@ def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[
     return Camera(asked.position, asked.target, up, asked.vfov, *size)
 
 
+def parse_point(text: str, option: str) -> np.ndarray:
+    """Parse a point ``X,Y,Z``."""
+    return _vector(text, option)
+
+
+def parse_interval(text: str, option: str) -> tuple[float, float]:
+    """Parse two numbers ``FROM:TO``."""
+    first, colon, last = text.partition(":")
+    with _named(f"{option} {text}"):
+        if not colon:
+            raise InputError("write FROM:TO, such as 350:10")
+        return _number(first, "the first number"), _number(last, "the second number")
+
+
 def parse_light(text: str):
     """Parse a light ``KIND:...[@INTENSITY]``, or the index of one of the scene's own lights."""
     if _INDEX.fullmatch(text):

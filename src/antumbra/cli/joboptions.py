@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from ..errors import InputError
+from .arguments import parse_point
+
 SensorsOption = Annotated[
     str,
     typer.Option(
@@ -25,3 +28,20 @@ ColumnOption = Annotated[
     str | None,
     typer.Option(help="Column that a picture or model shows.  [default: the first]", show_default=False),
 ]
+
+
+def points_or_file(given: list[str] | None, file: Path | None, one: str, many: str):
+    """The sensors of a repeated option X,Y,Z, or of a file; None if there are neither."""
+    if given and file is not None:
+        raise InputError(f"{one} and {many} exclude each other; give one of them")
+    if given:
+        from ..jobs.sensors import point_sensors
+
+        return point_sensors([parse_point(text, one) for text in given])
+    if file is None:
+        return None
+    from ..jobs.readsensors import SUFFIXES, read_points
+
+    if file.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{many} is {str(file)!r}; it must be a {', '.join(SUFFIXES)} file")
+    return read_points(file)

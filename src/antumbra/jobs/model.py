@@ -9,6 +9,7 @@ from ..scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNE
 from .picture import shown_scale, shown_values
 from .sensors import corners_of
 
+LINES, TRIANGLES = 1, 4  # modes of glTF
 _UNLIT = "KHR_materials_unlit"
 _GREY = 0.35  # linear: surfaces without a value
 _LIFT = 0.02  # of its width: how far a patch lies off its surface
@@ -16,12 +17,13 @@ _UP = {"y": None, "z": [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]}  # rotation of the nod
 
 
 class Part(NamedTuple):
-    """A coloured mesh."""
+    """A coloured mesh, or lines."""
 
     name: str
     vertices: np.ndarray  # (v, 3) float32
     colours: np.ndarray  # (v, 3) float32, linear
-    faces: np.ndarray  # (f, 3) uint32
+    faces: np.ndarray  # (f, 3) uint32; of lines (f, 2)
+    mode: int = TRIANGLES
 
 
 def coloured_model(table, name: str) -> bytes:
@@ -76,7 +78,12 @@ def glb(parts: list[Part], up: str, extras: dict) -> bytes:
         kind = {"componentType": UNSIGNED_INT, "type": "SCALAR", "count": part.faces.size}
         accessors.append({"bufferView": first + 2, **kind})
         blocks += [vertices, colours, np.ascontiguousarray(part.faces, "<u4")]
-        use = {"attributes": {"POSITION": first, "COLOR_0": first + 1}, "indices": first + 2, "material": 0}
+        use = {
+            "attributes": {"POSITION": first, "COLOR_0": first + 1},
+            "indices": first + 2,
+            "material": 0,
+            "mode": part.mode,
+        }
         meshes.append({"name": part.name, "primitives": [use]})
     turned = {} if _UP[up] is None else {"rotation": _UP[up]}
     root = {

@@ -2,7 +2,10 @@
 
 import csv
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -21,14 +24,20 @@ _RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?)(?:([+@])([0-9.eE+-]+))?"
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 
-def check_sensors(text: str) -> None:
+def check_sensors(text: str, option: str = "--sensors") -> None:
     """Raise an InputError, before a scene is read, unless `sensors_of` knows this form."""
     if text in ("face", "vertex") or _GRID.fullmatch(text) or _RASTER.fullmatch(text):
         return
     path = Path(text)
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"--sensors is {text!r}; it must be {FORMS}")
+        raise InputError(f"{option} is {text!r}; it must be {FORMS}")
     checked_file(path, path.name)
+
+
+def kind_of(text: str) -> str:
+    """The kind of the sensors that a checked text names."""
+    word = text.partition(":")[0]
+    return word if word in ("face", "vertex", "grid", "raster") else "points"
 
 
 def sensors_of(text: str, scene: AnyScene, threads: int | None = None) -> Sensors:
@@ -68,16 +77,9 @@ def read_points(path: Path) -> Sensors:
     InputError
         If the file cannot be read, or a column is missing or holds anything but numbers.
     """
-    checked_file(path, path.name)
-    suffix = path.suffix.lower()
-    try:
-        if suffix == ".npy":
-            return _from_array(np.load(path, allow_pickle=False), path.name)
-        columns = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}[suffix](path)
-    except InputError:
-        raise
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path.name}: cannot be read ({' '.join(str(error).split())[:120]})") from error
+    if path.suffix.lower() == ".npy":
+        return _from_array(read_array(path), path.name)
+    columns = read_columns(path, (*_POSITION, *_NORMAL, "area"))
     missing = [name for name in _POSITION if name not in columns]
     if missing:
         raise InputError(f"{path.name}: column {missing[0]!r} is missing; points need the columns x, y and z")
@@ -85,36 +87,79 @@ def read_points(path: Path) -> Sensors:
     return point_sensors(np.stack([columns[n] for n in _POSITION], 1), normals, columns.get("area"))
 
 
+def read_array(path: Path) -> np.ndarray:
+    """The array of a .npy file. InputError if it cannot be read."""
+    checked_file(path, path.name)
+    with _told(path):
+        return np.load(path, allow_pickle=False)
+
+
+def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Those of the columns with these names, in lower case, that a .csv, .parquet or .npz file has, as numbers.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a column holds anything but numbers.
+    """
+    checked_file(path, path.name)
+    reader = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}[path.suffix.lower()]
+    with _told(path):
+        return reader(path, names)
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Errors of readers as an InputError that names the file."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise InputError(f"{path.name}: cannot be read ({' '.join(str(error).split())[:120]})") from error
+
+
 def _from_array(array: np.ndarray, name: str) -> Sensors:
-    if array.ndim != 2 or array.shape[1] not in (3, 6):
-        raise InputError(f"{name}: the array has shape {array.shape}; points are (n, 3), points and normals (n, 6)")
+    if array.ndim != 2 or array.shape[1] not in (3, 6) or array.dtype.kind not in "fiu":
+        raise InputError(
+            f"{name}: the array is {array.dtype} {array.shape}; points are (n, 3), points and normals (n, 6)"
+        )
     return point_sensors(array[:, :3], array[:, 3:] if array.shape[1] == 6 else None)
 
 
-def _csv(path: Path) -> dict[str, np.ndarray]:
+def _csv(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
     with open(path, newline="", encoding="utf-8-sig") as file:
         rows = csv.reader(file)
-        names = [name.strip().lower() for name in next(rows, [])]
-        wanted = [(k, name) for k, name in enumerate(names) if name in (*_POSITION, *_NORMAL, "area")]
+        header = [name.strip().lower() for name in next(rows, [])]
+        found = [(k, name) for k, name in enumerate(header) if name in wanted]
         values = []
         for line, row in enumerate(rows, 2):
+            if not row:
+                continue
             try:
-                values.append([float(row[k]) for k, _ in wanted])
+                values.append([float(row[k]) for k, _ in found])
             except (ValueError, IndexError):
                 shown = ",".join(row)[:60]
                 raise InputError(f"{path.name}, line {line}: {shown!r} lacks a number of a point") from None
-    table = np.array(values, np.float64).reshape(-1, len(wanted))
-    return {name: table[:, k] for k, (_, name) in enumerate(wanted)}
+    table = np.array(values, np.float64).reshape(-1, len(found))
+    return {name: table[:, k] for k, (_, name) in enumerate(found)}
 
 
-def _parquet(path: Path) -> dict[str, np.ndarray]:
+def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
     needed("pyarrow", ".parquet", "gis")
     import pyarrow.parquet
 
     table = pyarrow.parquet.read_table(path)
-    return {name: table[name].to_numpy() for name in table.column_names if name != "geometry"}
+    found = {name: table[name].to_numpy() for name in table.column_names if name.lower() in wanted}
+    return {name.lower(): _numbers(values, name, path) for name, values in found.items()}
 
 
-def _npz(path: Path) -> dict[str, np.ndarray]:
+def _npz(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
     with np.load(path, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
+        return {name.lower(): _numbers(arrays[name], name, path) for name in arrays.files if name.lower() in wanted}
+
+
+def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+    if values.ndim != 1 or values.dtype.kind not in "fiu":
+        raise InputError(f"{path.name}: column {name!r} must hold numbers, not {values.dtype} {values.shape}")
+    return values.astype(np.float64)

@@ -76,7 +76,7 @@ def viewshed(
     eye_height : float
         World units that eyes are above the observers.
     on_surface : bool
-        Put each observer on the highest surface above or below it first. Observers beside the scene stay where they are.
+        Put each observer on the highest surface above or below it first. Those beside the scene stay where they are.
     min_distance, max_distance : float
         World units, in a straight line from eye to sensor. None: no limit.
     azimuth : (float, float)
@@ -119,7 +119,7 @@ def viewshed(
     n, k = len(asked), len(eyes)
     if bits and 8 * n * words_of(k) > _MOST:
         raise InputError(
-            f"bits of {n} sensors and {k} observers take {n * k / 8e9:.1f} GB; ask fewer, or antumbra matrix"
+            f"bits of {n} sensors and {k} observers take {n * k / 8e9:.1f} GB; visibility_matrix streams them"
         )
     kept = np.zeros((n, words_of(k)), np.uint64) if bits else None
     none = np.full(n, -1, np.int32)
@@ -156,9 +156,7 @@ def _columns(sight: _Sight, observers: int) -> dict[str, Column]:
         "seen": Column(sight.seen, "", f"observers that see it, of {observers}"),
         "first": Column(np.where(seen, sight.first, -1).astype(np.int32), "", "first observer that sees it"),
         "nearest": Column(sight.nearest, "", "nearest observer that sees it"),
-        "distance": Column(
-            np.where(seen, sight.distance, np.nan), "m", "distance of the nearest observer that sees it"
-        ),
+        "distance": Column(np.where(seen, sight.distance, np.nan), "m", "distance to the nearest observer"),
     }
 
 
