@@ -30,7 +30,9 @@ def _csv(table, path: Path, column: str) -> None:
 
 
 def _texts(values: np.ndarray) -> list[str]:
-    """Numbers as text: the shortest that gives the same number; nothing for NaN and for no time."""
+    """Numbers as text: the shortest that gives the same number; nothing for NaN and for no time. Quoted names."""
+    if values.dtype.kind == "U":
+        return ['"' + text.replace('"', '""') + '"' if set(text) & set(',"\r\n') else text for text in values.tolist()]
     if values.dtype.kind == "M":
         return ["" if text == "NaT" else text for text in np.datetime_as_string(values).tolist()]
     return ["" if value != value else str(value) for value in values.tolist()]
@@ -65,7 +67,8 @@ def _parquet(table, path: Path, column: str) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    columns = {name: pyarrow.array(values) for name, values in table.rows().items()}
+    moments = lambda values: values.astype("datetime64[ms]") if values.dtype.kind == "M" else values  # pyarrow has no minutes
+    columns = {name: pyarrow.array(moments(values)) for name, values in table.rows().items()}
     told = {"antumbra": json.dumps({"about": table.about, "columns": _units(table)})}
     if table.about.get("crs"):
         columns["geometry"] = pyarrow.array(_well_known(table.sensors.points), pyarrow.binary())
