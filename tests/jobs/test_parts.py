@@ -77,6 +77,13 @@ def test_no_items():
 
 def test_digests_tell_settings_apart():
     a = np.arange(6.0)
-    names = [digest(a), digest(a.reshape(2, 3)), digest(a.astype(np.float32)), digest(a, "x"), digest(a, None), digest()]
+    names = [
+        digest(a),
+        digest(a.reshape(2, 3)),
+        digest(a.astype(np.float32)),
+        digest(a, "x"),
+        digest(a, None),
+        digest(),
+    ]
     assert len(set(names)) == len(names)
     assert digest(a, {"b": 1, "a": 2}) == digest(a.copy(), {"a": 2, "b": 1})

@@ -67,7 +67,7 @@ def _parquet(table, path: Path, column: str) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    moments = lambda values: values.astype("datetime64[ms]") if values.dtype.kind == "M" else values  # pyarrow has no minutes
+    moments = lambda values: values.astype("datetime64[ms]") if values.dtype.kind == "M" else values  # no minutes there
     columns = {name: pyarrow.array(moments(values)) for name, values in table.rows().items()}
     told = {"antumbra": json.dumps({"about": table.about, "columns": _units(table)})}
     if table.about.get("crs"):

@@ -141,7 +141,7 @@ def _csv(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
             except (ValueError, IndexError):
                 shown = ",".join(row)[:60]
                 raise InputError(f"{path.name}, line {line}: {shown!r} lacks a number of a point") from None
-    table = np.array(values, np.float64).reshape(-1, len(found))
+    table = np.array(values, np.float64).reshape(len(values), len(found))
     return {name: table[:, k] for k, (_, name) in enumerate(found)}
 
 
