@@ -117,7 +117,7 @@ def viewshed(given: ViewshedArguments) -> int:
             table.camera = arguments.make_camera(asked_camera, opened, given.time, _SIZE)
         for path in outputs:
             table.save(path, given.column)
-        if bits is not None:
+        if bits is not None and found.bits is not None:
             with replacing(bits) as temporary, open(temporary, "wb") as file:
                 np.save(file, found.bits)
     answer = _answer(table, len(eyes), seconds)

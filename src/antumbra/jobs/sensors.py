@@ -28,7 +28,8 @@ class Raster(NamedTuple):
 class Sensors:
     """Points at which a job asks.
 
-    points : (n, 3) float64, world
+    points : (n, 3) float64
+        World coordinates.
     normals : (n, 3) float64 or None
         Unit vectors to the tested side. None: points in free space.
     areas : (n,) float64 or None
@@ -267,10 +268,12 @@ def on_top(scene: AnyScene, at: np.ndarray, time: float = 0.0, threads: int | No
 def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayLike | None = None) -> Sensors:
     """Sensors at given points.
 
-    at : (n, 3) float, world
-    normals : (n, 3) float, any length, optional
-        None: the points lie in free space.
+    at : (n, 3) float
+        World coordinates.
+    normals : (n, 3) float, optional
+        Of any length. None: the points lie in free space.
     areas : (n,) float, optional
+        Square world units.
     """
     where = points(at, "points of sensors")
     if normals is not None:

@@ -26,6 +26,7 @@ class Table:
     """The results of a job, one row for each sensor.
 
     sensors : Sensors
+        One for each row.
     columns : dict of str to Column
         The first one is what pictures show.
     about : dict
