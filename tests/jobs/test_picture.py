@@ -8,7 +8,8 @@ import antumbra as at
 from antumbra.image.heatmap import heat_colours
 from antumbra.jobs.picture import shown_scale, shown_values
 from antumbra.jobs.table import Column
-from antumbra.jobs.view import fitting_camera, projected
+from antumbra.jobs.view import projected
+from antumbra.scene.framing import fitted_camera
 from result_tables import hill, table
 
 GREY = (70, 70, 70)
@@ -59,7 +60,8 @@ def test_a_given_camera_is_used(tmp_path):
 def test_the_camera_shows_all_and_fills_the_picture(up, stretch):
     corners = hill(up).triangles().vertices * np.array(stretch, np.float32)
     scene = at.Scene.from_arrays(corners + np.array([1e5, 2e5, 0]), up=up)
-    places = projected(fitting_camera(scene, 400, 300), scene.triangles().vertices.reshape(-1, 3) + scene.origin)
+    points = scene.triangles().vertices.reshape(-1, 3) + scene.origin
+    places = projected(fitted_camera(points, scene.up, 400, 300), points)
     assert (places > 0).all() and (places < (400, 300)).all()
     assert (np.ptp(places, axis=0) / (400, 300)).max() > 0.9
 

@@ -89,7 +89,8 @@ def _view(table, values: np.ndarray, scale: Scale) -> tuple[np.ndarray, np.ndarr
     """The scene in the colours of its sensors, darker where surfaces are near each other; and the places of marks."""
     scene = table.scene
     around = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
-    camera = table.camera or fitted_camera(around, scene.up, _SIZE, 3 * _SIZE // 4)
+    shown = np.concatenate([around, _marks(table)])
+    camera = table.camera or fitted_camera(shown, scene.up, _SIZE, 3 * _SIZE // 4)
     frame = render(scene, camera, [AmbientOcclusion()], spp=16)
     buffer = frame.gbuffer
     met = buffer.face >= 0

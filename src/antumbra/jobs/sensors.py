@@ -20,8 +20,8 @@ class Raster(NamedTuple):
     west: float  # world coordinate of the left edge, along X
     north: float  # distance of the upper edge towards north: along Y if Z is up, else along -Z
     spacing: float  # side of a cell, world units
-    columns: int
-    rows: int
+    columns: int  # cells from west to east
+    rows: int  # cells from north to south
 
 
 @dataclass(frozen=True, eq=False)
