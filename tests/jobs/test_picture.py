@@ -41,7 +41,7 @@ def test_a_map_has_the_colours_of_its_cells_north_up(tmp_path):
 def test_views_have_colours_and_marks(tmp_path, kind):
     made = table(kind)
     plain = picture(made, tmp_path, "count")
-    made.marks = np.array([[5.0, 5.0, 5.0]])
+    made.marks = made.sensors.points[len(made) // 2][None]
     marked = picture(made, tmp_path, "count")
     assert len(np.unique(plain.reshape(-1, 3), axis=0)) > 50
     changed = np.argwhere((plain != marked).any(-1))
