@@ -43,3 +43,11 @@ def test_absence_is_told_with_its_cure(peer, module, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, module, None)
     with pytest.raises(InputError, match=r"pip install 'antumbra\[all-peers\]'"):
         peer.library.__wrapped__()
+
+
+def test_the_sun_beside_radiance(run):
+    small = "--boxes", 4, "--sensors", 300, "--days", "2026-03-21", "--threads", 1
+    alone = run("radiance_sun", *small, without="pyradiance")
+    assert [line.split()[2] for line in alone.left_out()] == ["Radiance"] and alone.rows == []
+    pytest.importorskip("pyradiance", reason="Radiance is not installed: pip install 'antumbra[all-peers]'")
+    assert run("radiance_sun", *small).rows == []
