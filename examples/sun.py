@@ -17,8 +17,11 @@ place = at.Place(52.0116, 4.3571, north=0.81, timezone="Europe/Amsterdam")
 
 # BR 209: at least half of a garden gets two hours of sun on 21 March. Here, each cell of a raster at the ground.
 table = at.sun_hours(scene, "raster:2", place=place, rule="br209-amenity")
-print(f"{table.about['suns']} suns, {len(table):,} sensors, {table['passes'].mean():.0%} with two hours and more")
+there = table.sensors.covered  # not the cells beside the model
+print(
+    f"{table.about['suns']} suns, {there.sum():,} sensors, {table['passes'][there].mean():.0%} with two hours and more"
+)
 
 table.save(folder / "sun.png")
 table.save(folder / "sun.csv")
-print(f"{table['sun_hours'].mean():.1f} h on average; written: {folder / 'sun.png'}")
+print(f"{table['sun_hours'][there].mean():.1f} h on average; written: {folder / 'sun.png'}")

@@ -108,10 +108,12 @@ def _write_city(table, spec: SceneSpec, path: Path) -> None:
 
 def _tell(given: SunArguments, table, seconds: float, written: list[str]) -> None:
     rays = len(table) * table.about["suns"] * table.about["samples"]
-    hours = table["sun_hours"]
+    there = table.sensors.covered
+    hours = table["sun_hours"][there]
     numbers = {"sensors": len(table), "suns": table.about["suns"], "rays": rays, "seconds": seconds}
     if given.json:
-        found = {name: float(np.mean(c.values)) for name, c in table.columns.items() if c.values.dtype.kind in "fiub"}
+        columns = {name: column.values for name, column in table.columns.items() if column.values.dtype.kind in "fiub"}
+        found = {name: float(values[there].mean()) for name, values in columns.items()} if there.any() else {}
         report.print_json({**table.about, **numbers, "means": found, "files": written})
     elif not given.quiet:
         about = table.about
@@ -123,7 +125,7 @@ def _tell(given: SunArguments, table, seconds: float, written: list[str]) -> Non
             ("hours of sun", f"{least:,.1f} to {most:,.1f}, median {middle:,.1f}"),
         ]
         if "passes" in table.columns:
-            rows.append((about["rule"], f"{table['passes'].mean():.1%} of the sensors pass"))
+            rows.append((about["rule"], f"{table['passes'][there].mean():.1%} of the sensors on surfaces pass"))
         rows.append(("time", f"{report.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
         rows += [("written", path) for path in written]
         report.print_fields(rows)
