@@ -2,12 +2,40 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+
+from ..image.gathered import gathered
 from ..plan import Plan
+from ..query.horizon import below_horizon
+from ..query.sampling import light_samples
+from ..query.shadow import new_bits
 from ..rendering import warm
-from ..rendering.ready import Job
+from ..rendering.memory import points_memory
+from ..rendering.points import PointQueries
+from ..rendering.ready import Job, fixed_job, small_scene
+from ..rendering.renderer import Renderer
+from ..scene.lights import PointLight
+from .sight.bitrows import reordered
 from .sun.hours import tally_job
 
 
 def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
     """The jobs of the given plans, and the jobs common to all plans; arguments as for `rendering.warm.jobs`."""
-    return [tally_job(), *warm.jobs(plans, papers)]
+    return [tally_job(), points_job(), *warm.jobs(plans, papers)]
+
+
+def points_job() -> Job:
+    """The job of baked light, and of matrices of lines of sight, without tracing."""
+
+    def work():
+        light = PointLight((0.0, 2.0, 0.0))
+        samples = light_samples(light, 1)
+        points = PointQueries(Renderer(small_scene(), "bsah+single", 1), 1, 0.0)
+        points.begin(points_memory(1, light, samples))
+        normals = np.array([[[0.0, 1.0, 0.0]]])
+        query = points.query(np.zeros((1, 1, 3), np.float32), np.ones((1, 1), np.int8), normals, light, samples)
+        below_horizon(query, 1)
+        gathered(query, new_bits(query), 1)
+        reordered(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
+
+    return fixed_job("points", work)

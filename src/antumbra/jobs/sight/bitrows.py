@@ -2,6 +2,10 @@
 
 import numpy as np
 
+from ...kernels.jit import kernel
+from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.simd import get, ptr, put
+
 WORD = 64
 _ROUNDS = [(32, 0x00000000FFFFFFFF), (16, 0x0000FFFF0000FFFF), (8, 0x00FF00FF00FF00FF), (4, 0x0F0F0F0F0F0F0F0F),
            (2, 0x3333333333333333), (1, 0x5555555555555555)]  # fmt: skip
@@ -46,6 +50,27 @@ def transposed(words: np.ndarray, columns: int) -> np.ndarray:
     return np.ascontiguousarray(blocks.transpose(0, 2, 1).reshape(-1, high)[:columns])
 
 
-def reordered(words: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Rows whose column j is the column ``places[j]`` of `words`."""
-    return packed(unpacked(words, len(places))[:, places])
+@kernel
+def _reorder_rows(ticket, words, places, out):
+    source, at, target = ptr(words), ptr(places), ptr(out)
+    n, wide, width = len(places), words.shape[1], out.shape[1]
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            for w in range(width):
+                word = np.uint64(0)
+                for j in range(64 * w, min(64 * w + 64, n)):
+                    p = np.int64(get(at, j))
+                    word |= (get(source, i * wide + (p >> 6)) >> np.uint64(p & 63) & np.uint64(1)) << np.uint64(j & 63)
+                put(target, i * width + w, word)
+        first = take(ticket)
+
+
+def reordered(words: np.ndarray, places: np.ndarray, threads: int | None = None) -> np.ndarray:
+    """Rows, (n, words) uint64, whose column j is the column ``places[j]`` of `words`."""
+    out = np.empty((len(words), words_of(len(places))), np.uint64)
+    run(
+        _reorder_rows, thread_count(threads), new_ticket(len(words), 16), np.ascontiguousarray(words, np.uint64),
+        np.ascontiguousarray(places, np.int32), out,
+    )  # fmt: skip
+    return out

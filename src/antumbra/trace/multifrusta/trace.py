@@ -166,17 +166,23 @@ def _trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
 
 @inlined
 def _start_tile(chunk, g, scratch, fresh, known, counters):
-    """Prepare tile g, whose receivers are loaded. Unless `fresh`, the bits at `known` give the blocked segments."""
+    """Prepare tile g, whose receivers are loaded. Return whether it has a segment to trace.
+
+    Unless `fresh`, the bits at `known` give the blocked segments.
+    """
     tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)
     if not chunk.fixed:
         move_light(chunk, y0, x0, valid, tile)
-    make_beams(tile)
     if fresh:
         apply_horizon(chunk, y0, x0, valid, tile, scratch.planes, scratch.deferred, counters)
     else:
         read_bits(chunk, y0, x0, valid, tile, known)
+    if finished_strata(tile, valid) == 0xFFFF:
+        return False
+    make_beams(tile)
+    return True
 
 
 @inlined
@@ -229,11 +235,12 @@ def _tile_group_among(numbers, chunk, scratch):
 @inlined
 def _trace_parts(forest, n, chunk, scratch, known, counters):
     """Trace n tiles whose receivers are loaded. If some of them form a tile group, it comes first."""
-    y, x = first_pixel(scratch.places, 0)
+    (y, x), live = first_pixel(scratch.places, 0), np.int64(0)
     for g in range(n):
-        _start_tile(chunk, g, scratch, forest.fresh, known, counters)
-    members = _tile_group_among((np.int64(1) << n) - 1, chunk, scratch)
-    separate = ((np.int64(1) << n) - 1) & ~members
+        if _start_tile(chunk, g, scratch, forest.fresh, known, counters):
+            live |= np.int64(1) << g
+    members = _tile_group_among(live, chunk, scratch)
+    separate = live & ~members
     while members | separate != 0:
         if members != 0:
             bundle, alive = _bundle_together(members, chunk, scratch, counters)
