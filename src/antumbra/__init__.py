@@ -45,6 +45,7 @@ if typing.TYPE_CHECKING:
     from .scene.mesh import MeshInfo, ObjectInfo
     from .scene.point_lights import PointLights
     from .scene.scene import Scene
+    from .scene.sky import Sky
     from .scene.triangles import Triangles
     from .store.build import BuildReport
     from .store.scene import PagedScene
@@ -80,6 +81,7 @@ __all__ = [
     "Scene",
     "Sensors",
     "Sightlines",
+    "Sky",
     "SphereLight",
     "SrdhRays",
     "Suns",
@@ -159,6 +161,7 @@ _HOMES = {
     "scene.mesh": ["MeshInfo", "ObjectInfo"],
     "scene.point_lights": ["PointLights"],
     "scene.scene": ["Scene"],
+    "scene.sky": ["Sky"],
     "scene.triangles": ["Triangles"],
     "rendering.srdh_rays": ["SrdhRays"],
     "rendering.building": ["build_store"],
@@ -168,7 +171,8 @@ _HOMES = {
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
-engine.use(lambda: importlib.import_module(f"{__name__}.rendering.queries").ask)
+engine.use("ask", lambda: importlib.import_module(f"{__name__}.rendering.queries").ask)
+engine.use("room_of", lambda: importlib.import_module(f"{__name__}.rendering.room").room_of)
 
 
 if not typing.TYPE_CHECKING:  # hidden from type checkers, so that unknown names are errors

@@ -236,11 +236,11 @@ def parse_ambient(text: str):
 def make_lights(asked: list, scene, time: float) -> list:
     """The lights of results of `parse_light`.
 
-    An empty list means the scene's own lights, or one light above the scene if it has none.
+    An empty list means the scene's own lights, or sun and sky if it has none.
     """
     if asked:
         return [scene.light(a, time) if isinstance(a, int) else a for a in asked]
-    return [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
+    return [scene.light(i, time) for i in range(len(scene.lights))] or scene.default_lights()
 
 
 def _light(kind: str, fields: list[str], more: dict):

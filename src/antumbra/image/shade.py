@@ -126,20 +126,21 @@ def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", indirec
 def ambient_light(gbuffer, lights, arrived) -> np.ndarray:
     """(3,) float32: the ambient irradiance of a picture, from the mean irradiance of its surfaces; see AMBIENT.
 
-    It is 0 if the lights include indirect light. If all lights are ambient occlusion, it is the product of their
+    It is 0 if the lights include indirect light. If no light shines but ambient occlusion, it is the product of their
     colours and intensities.
     """
-    skies = _tints([light for light in lights if light.domain == "hemisphere"]).prod(0)
+    open_skies = [light for light in lights if light.domain == "hemisphere"]
+    skies = _tints(open_skies).prod(0)
     if any(getattr(light, "indirect", False) for light in lights):
         return np.zeros(3, np.float32)
-    if all(light.domain == "hemisphere" for light in lights):
-        return skies
     shape, shining = gbuffer.face.shape, _shining(lights)
     total = _stack([arrived[k] for k in shining], shape).sum(axis=(1, 2), dtype=np.float64)
     total = total @ _tints([lights[k] for k in shining])
     for k, light in enumerate(lights):
         if light.domain == "list":
             total += arrived[k].sum(axis=(0, 1), dtype=np.float64)
+    if open_skies and not total.any():
+        return skies
     return (AMBIENT * total / max(1, np.count_nonzero(gbuffer.side != NOTHING)) * skies).astype(np.float32)
 
 

@@ -27,8 +27,14 @@ class Frame(NamedTuple):
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.residency.Paging`
     plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
     choices: list[Choice] | None = None  # the plan "auto" only: how each query was answered, and why
+    divided: np.ndarray | None = None  # (H, W) float32: share of each pixel that shows surfaces; None unless adaptive
 
-    def save(self, path, exposure: float | None = None) -> None:
+    @property
+    def coverage(self) -> np.ndarray:
+        """(H, W) float32: the share of each pixel that shows surfaces: 0 or 1, and between them at refined edges."""
+        return (self.gbuffer.face >= 0).astype(np.float32) if self.divided is None else self.divided
+
+    def save(self, path, exposure: float | None = None, background=None) -> None:
         """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear; image, visibility, depth, normal).
 
         Parameters
@@ -37,6 +43,8 @@ class Frame(NamedTuple):
             A name that ends in ``.png`` or ``.exr``.
         exposure : float or None
             Exposure of a PNG; None: automatic.
+        background : None, "transparent" or (3,) float
+            Of a PNG: an alpha channel, or an sRGB colour in [0, 1], for frames rendered with ``background=False``.
 
         Raises
         ------
@@ -45,7 +53,7 @@ class Frame(NamedTuple):
         """
         from ..image.save import save_frame
 
-        save_frame(self, path, exposure)
+        save_frame(self, path, exposure, background=background)
 
 
 class Clock:

@@ -1,7 +1,10 @@
 """One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and the sub-pixels of edges."""
 
+from typing import NamedTuple
+
 import numpy as np
 
+from ..image.background import skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import as_needed, fraction, refine_penumbra
 from ..image.shade import ambient_light
@@ -28,20 +31,23 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
     evaluate(state)
     surfaces, traced = look_and_trace(state)
     seen, visibility = lit(state, surfaces, traced)
-    edge = refined = indirect = None
+    edge = refined = indirect = coverage = None
     if request.finer is not None:
         edge, refined = refine(state, seen, traced, visibility)
     if request.passes is not None:
         indirect = bounce(state, surfaces, seen, traced)
     image, ambient = shade(state, surfaces, seen, traced, visibility, indirect)
+    fill_background(state, surfaces, image)
     if edge is not None and edge.any():
-        divide(state, edge, image, ambient, indirect)
+        coverage = (surfaces.ids >= 0).astype(np.float32)
+        divide(state, edge, Shown(image, coverage), ambient, indirect)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
     chosen, scheduled = state.ready.chosen, None if state.ready.scheduled is None else state.ready.scheduled.statistics
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
         scheduled, source.paging(), str(accelerator.ran(state.ready)), None if chosen is None else chosen.choices,
+        coverage,
     )  # fmt: skip
 
 
@@ -165,17 +171,32 @@ def shade(
     return image, ambient
 
 
-def divide(state: FrameState, edge: np.ndarray, image: np.ndarray, ambient: np.ndarray, indirect) -> None:
+def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray) -> None:
+    """Write the light of skies to the pixels that see no surface."""
+    if state.request.background and (skies := skies_of(state.request.lights)):
+        rows, columns = np.nonzero(surfaces.ids < 0)
+        image[rows, columns] = sky_behind(skies, state.view, rows, columns)
+        state.clock.lap("shade")
+
+
+class Shown(NamedTuple):
+    """What `divide` improves at edges."""
+
+    image: np.ndarray  # (H, W, 3) float32
+    coverage: np.ndarray  # (H, W) float32: share of each pixel that shows surfaces
+
+
+def divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarray, indirect) -> None:
     """Shade sixteen sub-pixels of each edge pixel, and write their mean to the image."""
     rows, columns = np.nonzero(edge)
     most = state.source.at_once(edge_bytes(len(state.request.lights)))
     for first in range(0, len(rows), most):
         some = np.zeros_like(edge)
         some[rows[first : first + most], columns[first : first + most]] = True
-        _divide(state, some, image, ambient, indirect)
+        _divide(state, some, shown, ambient, indirect)
 
 
-def _divide(state: FrameState, edge: np.ndarray, image: np.ndarray, ambient: np.ndarray, indirect) -> None:
+def _divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarray, indirect) -> None:
     finer = state.request.finer
     assert finer is not None
     pixels = state.source.subpixels(state.triangles, state.view, edge)
@@ -187,5 +208,10 @@ def _divide(state: FrameState, edge: np.ndarray, image: np.ndarray, ambient: np.
     state.clock.lap("trace")
     around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
     blocks = picture(state, pixels, traced, ambient, around)
-    image[edge] = block_means(blocks, int(np.count_nonzero(edge)))
+    covered = (pixels.ids >= 0).astype(np.float32)
+    count = int(np.count_nonzero(edge))
+    share = block_means(covered, count)
+    behind = sky_behind(skies_of(state.request.lights) if state.request.background else [], state.view, *np.nonzero(edge))
+    shown.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * behind
+    shown.coverage[edge] = share
     state.clock.lap("shade")

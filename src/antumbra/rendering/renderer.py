@@ -86,7 +86,7 @@ class Renderer:
         self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
         counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
         filter: bool = False, adaptive: int | None = None, progress: Progress | None = None,
-        bounce: int | None = None,
+        bounce: int | None = None, background: bool = True,
     ) -> Frame:  # fmt: skip
         """Render one frame; `antumbra.render` documents the parameters."""
         lights = check_lights(lights)
@@ -95,7 +95,7 @@ class Renderer:
         samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
         finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
         passes = None if bounce is None else diffuse_passes(lights, bounce, sampler)
-        request = Request(camera, lights, samples, facing, time, counters, progress, bool(filter), finer, passes)
+        request = Request(camera, lights, samples, facing, time, counters, progress, bool(filter), finer, passes, bool(background))
         self._warm_up(request)
         return draw(self.source, self.accelerator, request)
 
@@ -126,7 +126,7 @@ def render(
     counters: bool = False, gbuffer: str = "raster", sampler: str = "larcher-pillichshammer",
     cull_faces: str | None = None, filter: bool = False, adaptive: int | None = None,
     progress: Progress | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
-    max_memory: int | None = None,
+    max_memory: int | None = None, background: bool = True,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
@@ -139,7 +139,7 @@ def render(
     camera : Camera or None
         None: ``scene.default_camera()``.
     lights : list of lights, one light, or None
-        None: the scene's own lights at `time`, or ``scene.default_light()`` if it has none.
+        None: the scene's own lights at `time`, or ``scene.default_lights()``, sun and sky, if it has none.
     spp : int
         Shadow rays per pixel and light, 1 to 1024. `PointLights`, and `AmbientOcclusion` with its own spp, ignore it.
     plan : str, Plan or None
@@ -174,6 +174,8 @@ def render(
         ray has a shadow ray to each light from its end. `sampler` distributes the diffuse rays too.
     max_memory : int or None
         Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB.
+    background : bool
+        Whether pixels that see no surface show the skies among the lights. If not, they are black.
 
     Returns
     -------
@@ -187,7 +189,7 @@ def render(
     """
     camera = scene.default_camera() if camera is None else camera
     if lights is None:
-        lights = [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
+        lights = [scene.light(i, time) for i in range(len(scene.lights))] or scene.default_lights()
     return Renderer(scene, plan, threads, gbuffer, srdh_rays, max_memory).render(
         camera,
         lights,
@@ -200,4 +202,5 @@ def render(
         adaptive=adaptive,
         progress=progress,
         bounce=bounce,
+        background=background,
     )

@@ -23,6 +23,7 @@ class Request(NamedTuple):
     smooth: bool = False  # the argument `filter`
     finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
     passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
+    background: bool = True  # whether skies are seen
 
 
 def rays_of(request: Request) -> tuple[int, int]:

@@ -1,6 +1,7 @@
 """The common base of scenes: `Scene` has its triangles in memory, a store's `PagedScene` on disk."""
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from .hit import Hit
 from .lights import Light
 from .mesh import MeshInfo, ObjectInfo
 from .triangles import Triangles
+from .view import View, view_of_box
 
 
 class AnyScene(ABC):
@@ -78,11 +80,24 @@ class AnyScene(ABC):
         return self._lights_at(self.clamped(time))[index]
 
     def default_camera(self, width: int = 1024, height: int = 1024) -> Camera:
-        """A three-quarter view from a little above, which shows the bounding sphere of the scene."""
-        return framing.default_camera(self.bounds, self.up, width, height)
+        """A three-quarter view from a little above, as near as it shows the scene.
+
+        Parts far from all others may lie outside of the picture, and so may a wide ground. An animation is shown as a
+        whole. A scene that encloses a room is shown from inside.
+        """
+        return self.view.camera(width, height)
+
+    @cached_property
+    def view(self) -> View:
+        """What a picture of this scene shows. It is found at the first use."""
+        return view_of_box(self.bounds, self.up)
+
+    def default_lights(self) -> list[Light]:
+        """Daylight: a sun behind the viewer's left shoulder, and a `Sky`. A closed room has a lamp instead."""
+        return self.view.lights()
 
     def default_light(self):
-        """A `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
+        """A single light: a `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
         return framing.default_light(self.bounds, self.up)
 
     def occluded(
@@ -128,7 +143,7 @@ class AnyScene(ABC):
             If shapes do not broadcast, origins or directions are NaN or infinite, a direction is zero, tmin is negative
             or infinite, or tmax is NaN.
         """
-        return engine.ask(self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
+        return engine.answer("ask", self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
 
     def closest_hit(
         self,
@@ -151,7 +166,7 @@ class AnyScene(ABC):
             float32, weights of the face's second and third corner. Among faces equally near in float64, the lowest
             index wins.
         """
-        return engine.ask(self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
+        return engine.answer("ask", self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
 
     def clamped(self, time) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""

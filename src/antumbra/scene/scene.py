@@ -1,16 +1,21 @@
 """A scene: triangles, cameras and lights as a function of time."""
 
+from functools import cached_property
+
 import numpy as np
 
 from ..errors import InputError
+from . import engine
 from .any_scene import AnyScene
 from .camera import Camera
 from .cityjson.model import CityModel
 from .mesh import make_mesh
 from .recentre import frame_origin
+from .sampled import detail, moving_faces, within
 from .source import Source, StaticMeshes
 from .survey import Survey, faces_of, objects_of
 from .triangles import Triangles
+from .view import View
 
 
 class Scene(AnyScene):
@@ -101,6 +106,14 @@ class Scene(AnyScene):
     @property
     def n_triangles(self) -> int:
         return len(self.colours)
+
+    @cached_property
+    def view(self) -> View:
+        faces = moving_faces(self.source, self.n_triangles)
+        box = detail(faces)
+        shown = within(faces, box)
+        outside = View(shown, self.up, None)
+        return outside._replace(room=engine.answer("room_of", self, outside.camera(1, 1), np.stack([shown.min(0), shown.max(0)])))
 
     @property
     def object_of_face(self) -> np.ndarray:

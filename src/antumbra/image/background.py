@@ -1,0 +1,24 @@
+"""What pixels show that see no surface: the light of skies."""
+
+import numpy as np
+
+from ..scene.camera import CameraRays
+from ..scene.sky import Sky
+
+
+def skies_of(lights) -> list[Sky]:
+    """The skies among some lights."""
+    return [light for light in lights if isinstance(light, Sky)]
+
+
+def sky_behind(skies: list[Sky], rays: CameraRays, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(m, 3) float32: the radiance of skies through the centres of the pixels (rows[i], columns[i]); 0 without skies."""
+    out = np.zeros((len(rows), 3), np.float32)
+    if skies and len(rows):
+        corner, dx, dy = (part.astype(np.float32) for part in (rays.corner, rays.dx, rays.dy))
+        half = np.float32(0.5)
+        x, y = columns.astype(np.float32) + half, rows.astype(np.float32) + half
+        directions = corner + x[:, None] * dx + y[:, None] * dy
+        for sky in skies:
+            out += sky.radiance(directions)
+    return out

@@ -1,0 +1,100 @@
+"""The room that a scene encloses, and a camera inside it, for scenes that look like a box from outside.
+
+A scene is looked at from outside, and in all directions from a few points inside. It is a room if the surfaces around
+such a point face it, and show more triangles than the view from outside does. All views are small rasterised pictures,
+so no BVH is built.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..scene.camera import Camera
+from ..scene.framing import axes
+from ..scene.lights import tangents
+from ..scene.room import Room
+from ..scene.scene import Scene
+from ..scene.triangles import Triangles
+from .in_memory import see
+
+_OUTSIDE, _SIDE = 128, 48  # pixels across of the view from outside, and of a view from inside
+_RICH = 1500  # triangles that a view from outside shows; with more, it is the better view
+_CLOSED, _FACING, _MORE = 0.85, 0.6, 1.5  # of a room: share of directions, of them to front sides; ratio of triangles
+_LEVELS = 0.3, 0.45, 0.6  # heights of the points that are tried, as shares of the scene's height
+_STEPS = 36  # horizontal directions
+_FREE = 0.85  # how far back the camera moves towards the wall behind it
+_SKY = 0.1  # share of the view straight up that is open, in a room that daylight enters
+_VFOV = 60.0
+
+
+class _Around(NamedTuple):
+    """What is seen from a point, in all directions."""
+
+    directions: np.ndarray  # (m, 3) float64, unit length
+    distances: np.ndarray  # (m,) float64; inf if nothing is met
+    faces: np.ndarray  # (m,) int32; -1 if nothing is met
+    facing: np.ndarray  # (m,) bool: a front side is met
+
+
+def room_of(scene: Scene, outside: Camera, box: np.ndarray, threads: int | None = None) -> Room | None:
+    """The room that a scene encloses at time 0; None if the scene is better seen from outside.
+
+    outside : a camera that shows the scene; box : (2, 3) float64, the extent of its detail
+    """
+    triangles = scene.triangles(0.0, threads)
+    seen = see(triangles, outside.resized(_OUTSIDE, _OUTSIDE), None, threads)
+    shown = len(np.unique(seen.face[seen.side > 0]))
+    if shown >= _RICH:
+        return None
+    up, height = axes(scene.up)[1], np.ptp(box, axis=0) @ np.abs(axes(scene.up)[1])
+    for level in _LEVELS:
+        point = box.mean(0) + (level - 0.5) * height * up
+        around = _look_around(triangles, point, scene.up, threads)
+        if _encloses(around, shown):
+            return _room(point, around, up)
+    return None
+
+
+def _look_around(triangles: Triangles, point: np.ndarray, up: str, threads: int | None) -> _Around:
+    """Look from a point into the six faces of a cube."""
+    right, upward, towards = axes(up)
+    parts = []
+    for ahead, above in ((right, upward), (towards, upward), (upward, right)):
+        for way in ahead, -ahead:
+            camera = Camera(point, point + way, above, 90.0, _SIDE, _SIDE)
+            seen, rays = see(triangles, camera, None, threads), camera.rays(triangles.origin)
+            y, x = np.mgrid[:_SIDE, :_SIDE][..., None] + 0.5
+            directions = (rays.corner + x * rays.dx + y * rays.dy).reshape(-1, 3)
+            length = np.linalg.norm(directions, axis=1)
+            parts.append(
+                (directions / length[:, None], seen.depth.ravel() * length, seen.face.ravel(), seen.side.ravel() > 0)
+            )
+    return _Around(*(np.concatenate(arrays) for arrays in zip(*parts)))
+
+
+def _encloses(around: _Around, shown: int) -> bool:
+    met = around.faces >= 0
+    if met.mean() < _CLOSED or around.facing[met].mean() < _FACING:
+        return False
+    return len(np.unique(around.faces[around.facing])) > _MORE * shown
+
+
+def _room(point: np.ndarray, around: _Around, up: np.ndarray) -> Room:
+    """The room around a point: its camera looks along the longest free way through the point."""
+    east, north = tangents(up)
+    ways = 2.0 * np.pi * np.arange(_STEPS) / _STEPS
+    horizontal = np.cos(ways)[:, None] * east + np.sin(ways)[:, None] * north
+    free = np.array([_free_way(around, way) for way in horizontal])
+    # The way behind the camera counts less than the way ahead: it is only there to stand back.
+    best = int(np.argmax(free + 0.8 * np.roll(free, _STEPS // 2)))
+    eye = point - _FREE * free[(best + _STEPS // 2) % _STEPS] * horizontal[best]
+    target = point + 0.5 * free[best] * horizontal[best]
+    above = around.directions @ up > 0.9
+    return Room(point, eye, target, _VFOV, float((around.faces[above] < 0).mean()) > _SKY, _free_way(around, up))
+
+
+def _free_way(around: _Around, way: np.ndarray) -> float:
+    """How far nothing is met about a direction. A few thin things in the way do not count."""
+    near = around.distances[around.directions @ way > 0.98]
+    near = near[np.isfinite(near)]
+    return float(np.quantile(near, 0.2)) if len(near) else 0.0

@@ -1,0 +1,184 @@
+"""A sky: light from everywhere, from an environment map, and the background of pictures."""
+
+import os
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..checks import number, whole_number
+from ..errors import InputError
+from .framing import axes
+from .light_list import N_SETS, LightList
+from .lights import DIRECTIONAL, MAX_SPP, LightPatch, check_distance
+
+_HEIGHT = 64  # rows of the maps of the soft daylight and of colours
+_ZENITH, _HORIZON, _GROUND = np.array([[0.36, 0.56, 0.90], [0.86, 0.90, 0.95], [0.44, 0.43, 0.41]])
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_STEP = (np.sqrt(5.0) - 1.0) / 2.0  # of the golden ratio: with (i + 0.5) / n, it fills the square evenly
+
+
+@dataclass(frozen=True, eq=False)
+class Sky(LightList):
+    """A distant environment: it lights the scene from all directions, and is seen where a picture shows no surface.
+
+    It is sampled as a list of `count` distant lights of equal power, drawn from the environment by importance. So the
+    visibility of each light is exact. In pictures the lights are dealt to the 16 sample sets: each pixel tests a
+    sixteenth of them. The filter of `render` averages the sets.
+
+    image : None, (3,) or (h, w, 3) float, or a path
+        None: a soft daylight, bluish above and grey below the horizon. A colour is a uniform sky. An array is an
+        equirectangular map of linear radiance: its first row is the zenith, its middle column is the direction -z
+        (if z points up: +y), and columns to the right lie to the right. A path names such a map: .hdr or .exr.
+    up : "y" or "z"
+        The axis that points to the zenith.
+    turn : float
+        Degrees by which the map is turned around this axis, counter-clockwise seen from above.
+    count : int
+        Number of lights, 1 to 16384; a multiple of 16 wastes none.
+    """
+
+    image: Any = None
+    up: str = field(default="y", kw_only=True)
+    turn: float = field(default=0.0, kw_only=True)
+    count: int = field(default=256, kw_only=True)
+    interleave: bool = field(default=True, kw_only=True)
+    map: np.ndarray = field(init=False, repr=False)
+
+    def __post_init__(self):
+        if self.up not in ("y", "z"):
+            raise InputError(f'Sky up is {self.up!r}; it must be "y" or "z"')
+        number(self.turn, "Sky turn (degrees)", -np.inf, np.inf)
+        whole_number(self.count, "Sky count", 1, MAX_SPP * (N_SETS if self.interleave else 1))
+        object.__setattr__(self, "map", _map_of(self.image))
+        self._check()
+
+    @cached_property
+    def _drawn(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return _draw(self.map, self.count)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(count, 3) float64: unit vectors towards the lights, the samples (a, b, c)."""
+        return self._drawn[0] @ self._frame
+
+    @property
+    def intensities(self) -> np.ndarray:
+        """(count,) float64: lux of each light, times `intensity`."""
+        return self._drawn[1]
+
+    @property
+    def colours(self) -> np.ndarray:
+        """(count, 3) float64: the colour of each light, of luminance 1, times `colour`."""
+        return self._drawn[2]
+
+    def patch(self, origin, reach):
+        check_distance(reach, "Sky", "make the scene smaller")
+        u, v, w = reach * np.eye(3)
+        return LightPatch(DIRECTIONAL, np.zeros(3), u, v, w, 0.0)
+
+    def radiance(self, directions: np.ndarray) -> np.ndarray:
+        """(..., 3) float32: linear radiance seen along directions ((..., 3) float, world, any length), bilinear."""
+        right, upward, back = np.moveaxis(np.asarray(directions, np.float32) @ self._frame.T.astype(np.float32), -1, 0)
+        h, w = self.map.shape[:2]
+        down = np.arctan2(np.hypot(right, back), upward) * np.float32(h / np.pi) - np.float32(0.5)
+        found = np.empty((*down.shape, 3), np.float32)
+        if self._level:
+            for c in range(3):
+                found[..., c] = np.interp(down, np.arange(h), self._tinted[:, 0, c])
+            return found
+        across = (np.arctan2(right, -back) * np.float32(0.5 / np.pi) + np.float32(0.5)) * w - np.float32(0.5)
+        y, x = np.floor(down), np.floor(across)
+        fy, fx = (down - y)[..., None], (across - x)[..., None]
+        rows = [np.clip(y + k, 0, h - 1).astype(np.int32) for k in (0, 1)]
+        columns = [(x.astype(np.int32) + k) % w for k in (0, 1)]
+        (a, b), (c, d) = ((self._tinted[r, k] for k in columns) for r in rows)
+        return (a + fx * (b - a)) * (1 - fy) + (c + fx * (d - c)) * fy
+
+    @cached_property
+    def _level(self) -> bool:
+        """Whether all columns of the map are the same, so that radiance depends on the height alone."""
+        return bool((self.map == self.map[:, :1]).all())
+
+    @cached_property
+    def _tinted(self) -> np.ndarray:
+        return (self.map * (self.intensity * np.asarray(self.colour))).astype(np.float32)
+
+    @cached_property
+    def _frame(self) -> np.ndarray:
+        """(3, 3) float64: the rows are the map's right, upward and backward axes in the world."""
+        right, upward, back = axes(self.up)
+        turn = np.radians(self.turn)
+        turned = np.cos(turn) * right - np.sin(turn) * back
+        return np.stack([turned, upward, np.cross(turned, upward)])
+
+
+def _map_of(image) -> np.ndarray:
+    """The (h, w, 3) float64 map of the argument `image` of `Sky`."""
+    if image is None:
+        return _daylight()
+    if isinstance(image, (str, os.PathLike)):
+        from .environment import read_environment
+
+        return read_environment(Path(image))
+    try:
+        array = np.asarray(image, np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape == (3,):
+        array = np.broadcast_to(array, (_HEIGHT, 1, 3))
+    if array.ndim != 3 or array.shape[2] != 3 or not array.size:
+        raise InputError(f"Sky image must be a colour (3,), or a map (h, w, 3), not {np.shape(image)}")
+    if not (np.isfinite(array).all() and (array >= 0.0).all()):
+        raise InputError("Sky image must be finite and not negative")
+    return array
+
+
+def _daylight() -> np.ndarray:
+    """A clear sky, brighter towards the horizon, over a grey ground."""
+    height = np.cos(np.pi * (np.arange(_HEIGHT) + 0.5) / _HEIGHT)[:, None]  # sine of the elevation
+    above = _HORIZON + (_ZENITH - _HORIZON) * np.clip(height, 0.0, 1.0) ** 0.6
+    share = np.clip(-height / 0.35, 0.0, 1.0)
+    below = _HORIZON + (_GROUND - _HORIZON) * share * share * (3.0 - 2.0 * share)
+    return np.where(height >= 0.0, above, below)[:, None]
+
+
+def _draw(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`count` lights of a map, in its frame: unit directions (n, 3), lux (n,), and colours (n, 3) of luminance 1.
+
+    Rows are drawn by their power, and then columns by theirs, from the points of a sequence that fills the square. So
+    all lights have the same power. A black map gives lights of intensity 0.
+    """
+    h, w = image.shape[:2]
+    edges = np.cos(np.pi * np.arange(h + 1) / h)
+    solid = (2.0 * np.pi / w) * (edges[:-1] - edges[1:])[:, None]  # solid angle of a texel
+    power = (image @ _LUMINANCE) * solid
+    total = power.sum()
+    if not total > 0.0:
+        power, total = np.broadcast_to(solid, (h, w)), 0.0
+    a, b = (((np.arange(count) + 0.5) / count), (0.5 + _STEP * np.arange(count)) % 1.0)
+    y, fy = _inverted(power.sum(1)[None], np.zeros(count, int), a)
+    x, fx = _inverted(power, y, b)
+    cosine = edges[y] + fy * (edges[y + 1] - edges[y])
+    angle = 2.0 * np.pi * ((x + fx) / w - 0.5)
+    sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+    colour = image[y, x]
+    luminance = (colour @ _LUMINANCE)[:, None]
+    colour = np.divide(colour, luminance, out=np.ones_like(colour), where=luminance > 0.0)
+    directions = np.stack([sine * np.sin(angle), cosine, -sine * np.cos(angle)], 1)
+    return directions, np.full(count, total / count), colour
+
+
+def _inverted(weights: np.ndarray, row: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(index, fraction within it) where the running sum of a row of weights reaches a share of its total."""
+    sums = np.concatenate([np.zeros((len(weights), 1)), np.cumsum(weights, 1)], 1)
+    sums /= sums[:, -1:]
+    index = np.empty(len(row), int)
+    for r in np.unique(row):
+        own = row == r
+        index[own] = np.searchsorted(sums[r], share[own], "right") - 1
+    index = np.clip(index, 0, weights.shape[1] - 1)
+    low, high = sums[row, index], sums[row, index + 1]
+    return index, np.clip((share - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)

@@ -1,0 +1,54 @@
+"""What the default picture of a scene shows, and the light in it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .camera import Camera
+from .framing import AZIMUTH, axes, fitted_camera
+from .lights import DirectionalLight, Light, SphereLight
+from .room import Room
+from .sampled import corners_of
+from .sky import Sky
+
+_SUN_ELEVATION, _SUN_AZIMUTH = np.radians(48.0), np.radians(-70.0)  # the azimuth is from the viewer, to the left
+_SUN_WIDTH = 1.5  # degrees; a little softer than the sun's 0.53
+_SUN, _SUN_COLOUR = 2.0, (1.0, 0.95, 0.87)
+_LAMP_HEIGHT, _LAMP_RADIUS = 0.7, 0.06  # shares of the way from a room's middle to its ceiling
+
+
+class View(NamedTuple):
+    """The geometry that a default picture shows."""
+
+    points: np.ndarray  # (k, 3) float64, world
+    up: str
+    room: Room | None  # shown from inside; None: `points` are shown from outside
+
+    def camera(self, width: int, height: int) -> Camera:
+        """The default camera for a size in pixels."""
+        if self.room is not None:
+            return Camera(self.room.eye, self.room.target, axes(self.up)[1], self.room.vfov, width, height)
+        return fitted_camera(self.points, self.up, width, height)
+
+    def lights(self) -> list[Light]:
+        """Sun and sky; in a closed room a lamp below the ceiling."""
+        if self.room is None or self.room.open:
+            return [sun(self.up), Sky(up=self.up)]
+        height, upward = self.room.height, axes(self.up)[1]
+        middle = self.room.middle + _LAMP_HEIGHT * height * upward
+        distance = max(height, float(np.linalg.norm(self.room.target - self.room.middle)))
+        return [SphereLight(middle, _LAMP_RADIUS * height, intensity=np.pi * distance**2)]
+
+
+def view_of_box(bounds: np.ndarray, up: str) -> View:
+    """The view of a scene of which only the bounds are known."""
+    return View(corners_of(bounds), up, None)
+
+
+def sun(up: str) -> DirectionalLight:
+    """A sun to the left of the default camera, a little behind it."""
+    right, upward, towards = axes(up)
+    azimuth = AZIMUTH + _SUN_AZIMUTH
+    flat = np.sin(azimuth) * right + np.cos(azimuth) * towards
+    direction = np.cos(_SUN_ELEVATION) * flat + np.sin(_SUN_ELEVATION) * upward
+    return DirectionalLight(-direction, _SUN_WIDTH, intensity=_SUN, colour=_SUN_COLOUR)
