@@ -9,6 +9,7 @@ import numpy as np
 
 from .errors import InputError
 from .scene.files import checked_file
+from .scene.sampled import looks_z_up, sampled_faces
 from .scene.scene import Scene, checked_up
 from .scene.source import Source
 from .store.layout import STORE_SUFFIX
@@ -118,4 +119,7 @@ def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Scene:
 
 
 def _scene(source: Source, notes: list[str], name: str, up: str | None) -> Scene:
-    return Scene(source, name=name, up=up or "y", notes=tuple(notes))
+    scene = Scene(source, name=name, up=up or "y", notes=tuple(notes))
+    if up is None and looks_z_up(sampled_faces(source, scene.n_triangles)):
+        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: looks as if z pointed up; up="y" says otherwise')
+    return scene

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..extras import needed
+from ..scene.colour import srgb_to_linear
 
 PROCEDURAL = "procedural:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
@@ -236,11 +237,55 @@ def parse_ambient(text: str):
 def make_lights(asked: list, scene, time: float) -> list:
     """The lights of results of `parse_light`.
 
-    An empty list means the scene's own lights, or sun and sky if it has none.
+    An empty list means the scene's own lights, or one light above the scene if it has none.
     """
     if asked:
         return [scene.light(a, time) if isinstance(a, int) else a for a in asked]
-    return [scene.light(i, time) for i in range(len(scene.lights))] or scene.default_lights()
+    return [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
+
+
+def parse_sky(text: str) -> "str | Path | np.ndarray":
+    """Parse a sky: "none", the path of an environment map, or a colour as (3,) linear radiance."""
+    from ..scene.environment import SUFFIXES
+
+    if text.strip().lower() == "none":
+        return "none"
+    if text.lower().endswith(SUFFIXES):
+        return Path(text)
+    with _named(f"--sky {text}"):
+        return srgb_to_linear(parse_colour(text, f"a file that ends in {' or '.join(SUFFIXES)}, none"))
+
+
+def parse_background(text: str) -> "str | np.ndarray":
+    """Parse a background: "transparent", or a colour as (3,) sRGB in [0, 1]."""
+    if text.strip().lower() == "transparent":
+        return "transparent"
+    with _named(f"--background {text}"):
+        return parse_colour(text, "transparent")
+
+
+def parse_colour(text: str, instead: str) -> np.ndarray:
+    """(3,) float64 sRGB in [0, 1] of a colour as CSS writes it; `instead` is what else may be written."""
+    from PIL import ImageColor
+
+    try:
+        return np.array(ImageColor.getrgb(text)[:3]) / 255.0
+    except ValueError:
+        raise InputError(f"write a colour such as white, #fa0 or #ffaa00, or {instead}") from None
+
+
+def make_picture_lights(asked: list, sky: "str | Path | np.ndarray | None", scene, time: float) -> list:
+    """The lights of a picture: those of results of `parse_light`, and the sky of a result of `parse_sky`.
+
+    Without both, they are the scene's default lights.
+    """
+    from ..scene.sky import Sky
+
+    if sky is None:
+        return make_lights(asked, scene, time) if asked else scene.default_lights(time)
+    if isinstance(sky, str):
+        return make_lights(asked, scene, time)
+    return [*(make_lights(asked, scene, time) if asked or scene.lights else []), Sky(sky, up=scene.up)]
 
 
 def _light(kind: str, fields: list[str], more: dict):

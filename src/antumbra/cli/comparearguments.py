@@ -18,7 +18,6 @@ from .options import (
     Json,
     MaxMemoryOption,
     Quiet,
-    SppOption,
     SrdhRaysOption,
     Threads,
     TimeOption,
@@ -34,7 +33,11 @@ from .pictureoptions import (
     FilterOption,
     GBufferOption,
     PictureLightOption,
+    Preset,
+    PresetOption,
+    PresetSppOption,
     SamplerOption,
+    SkyOption,
     VplOption,
 )
 from .renderarguments import RenderArguments
@@ -65,15 +68,17 @@ class CompareArguments:
     size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "512x512"
     camera: CameraOption = None
     light: PictureLightOption = None
+    sky: SkyOption = None
     ao: AoOption = None
     vpl: VplOption = None
     bounce: BounceOption = None
     time: TimeOption = 0.0
     up: UpOption = None
-    spp: SppOption = 16
+    preset: PresetOption = Preset.standard
+    spp: PresetSppOption = None
     sampler: SamplerOption = "larcher-pillichshammer"
-    filter: FilterOption = False
-    adaptive: AdaptiveOption = False
+    filter: FilterOption = None
+    adaptive: AdaptiveOption = None
     adaptive_spp: AdaptiveSppOption = None
     srdh_rays: SrdhRaysOption = None
     gbuffer: GBufferOption = GBufferBy.raster

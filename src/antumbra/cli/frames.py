@@ -144,7 +144,7 @@ class Animation:
         elif self.exposure is None:
             self.exposure = frame_exposure(shot.frame)
         note = json.dumps({**settings, "exposed": self.exposure})
-        saved = summary.save(shot.frame, path, self.exposure, note)
+        saved = summary.save(shot.frame, path, self.exposure, note, asked.background)
         self.seconds.append(shot.frame.timings["total"] + saved.seconds)
         for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
             self.timings[name] = self.timings.get(name, 0.0) + seconds

@@ -1,6 +1,7 @@
 """Options of a picture, which ``render`` and ``compare`` share."""
 
-from typing import Annotated
+from enum import StrEnum
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -47,9 +48,68 @@ SamplerOption = Annotated[
         metavar="NAME",
     ),
 ]
-FilterOption = Annotated[bool, typer.Option("--filter", help="Smooth noise in penumbrae over 4x4 pixels.")]
+
+
+class Preset(StrEnum):
+    draft = "draft"
+    standard = "standard"
+    final = "final"
+
+
+class Quality(NamedTuple):
+    """The values of a preset."""
+
+    spp: int
+    filter: bool
+    adaptive: bool
+
+
+QUALITIES = {
+    Preset.draft: Quality(4, True, False),
+    Preset.standard: Quality(16, True, False),
+    Preset.final: Quality(64, True, True),
+}
+
+PresetOption = Annotated[
+    Preset,
+    typer.Option(help="draft: 4 rays; standard: 16; final: 64, and adaptive. Other options override it."),
+]
+SkyOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Light from everywhere: a colour, a map in a .hdr or .exr file, or none.  "
+        "[default: daylight, if there are no other lights or the file has a sun]",
+        metavar="COLOUR|FILE|none",
+        show_default=False,
+    ),
+]
+BackgroundOption = Annotated[
+    str | None,
+    typer.Option(
+        help="What a .png shows where there is no surface: a colour, or transparent.  [default: the sky]",
+        metavar="COLOUR|transparent",
+        show_default=False,
+    ),
+]
+PresetSppOption = Annotated[
+    int | None,
+    typer.Option(
+        "--spp", help="Shadow rays for each pixel and light.  [default: 16]", min=1, max=1024, show_default=False
+    ),
+]
+FilterOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--filter/--no-filter", help="Smooth noise in penumbrae over 4x4 pixels.  [default: filter]", show_default=False
+    ),
+]
 AdaptiveOption = Annotated[
-    bool, typer.Option("--adaptive", help="Refine penumbrae with more rays, and edges by sub-pixels.")
+    bool | None,
+    typer.Option(
+        "--adaptive/--no-adaptive",
+        help="Refine penumbrae with more rays, and edges by sub-pixels.  [default: no-adaptive]",
+        show_default=False,
+    ),
 ]
 AdaptiveSppOption = Annotated[
     int | None,

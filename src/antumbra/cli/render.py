@@ -16,7 +16,8 @@ def render(given: RenderArguments) -> int:
     """Render SCENE with exact shadows.
 
     Without arguments, it renders the embedded atrium to antumbra.png. Cameras and lights come from the file, at the
-    given time. Without a camera, the whole scene is shown. Without lights, there is a square light above the scene.
+    given time. Without a camera, the scene is shown from a little above, and a hall or room from inside. Without
+    lights, there are sun and sky, and in a closed room a lamp.
 
     \b
     CAMERA
@@ -73,7 +74,7 @@ def render(given: RenderArguments) -> int:
         else:
             shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts)
             display.say("writing the picture")
-            saved = summary.save(shot.frame, path, asked.exposure)
+            saved = summary.save(shot.frame, path, asked.exposure, background=asked.background)
     if sequence is not None:
         return animation.tell()
     if asked.json:

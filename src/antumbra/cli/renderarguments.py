@@ -16,22 +16,27 @@ from .options import (
     Json,
     MaxMemoryOption,
     Quiet,
-    SppOption,
     SrdhRaysOption,
     Threads,
     UpOption,
 )
 from .pictureoptions import (
+    QUALITIES,
     AdaptiveOption,
     AdaptiveSppOption,
     AoOption,
+    BackgroundOption,
     BounceOption,
     CullFacesOption,
     ExposureOption,
     FilterOption,
     GBufferOption,
     PictureLightOption,
+    Preset,
+    PresetOption,
+    PresetSppOption,
     SamplerOption,
+    SkyOption,
     VplOption,
 )
 from .renderoptions import RenderOptions
@@ -54,6 +59,8 @@ class RenderArguments:
     size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "1024x1024"
     camera: CameraOption = None
     light: PictureLightOption = None
+    sky: SkyOption = None
+    background: BackgroundOption = None
     ao: AoOption = None
     vpl: VplOption = None
     bounce: BounceOption = None
@@ -75,10 +82,11 @@ class RenderArguments:
         False
     )
     up: UpOption = None
-    spp: SppOption = 16
+    preset: PresetOption = Preset.standard
+    spp: PresetSppOption = None
     sampler: SamplerOption = "larcher-pillichshammer"
-    filter: FilterOption = False
-    adaptive: AdaptiveOption = False
+    filter: FilterOption = None
+    adaptive: AdaptiveOption = None
     adaptive_spp: AdaptiveSppOption = None
     plan: Annotated[
         str | None,
@@ -126,7 +134,11 @@ class RenderArguments:
             If a text cannot be parsed.
         """
         given = lambda text, parse, *more: None if text is None else parse(text, *more)
-        adaptive = min(4 * self.spp, 1024) if self.adaptive and self.adaptive_spp is None else self.adaptive_spp
+        quality = QUALITIES[self.preset]
+        spp = quality.spp if self.spp is None else self.spp
+        smooth = quality.filter if self.filter is None else self.filter
+        refined = (quality.adaptive if self.adaptive is None else self.adaptive) and self.adaptive_spp is None
+        adaptive = min(4 * spp, 1024) if refined else self.adaptive_spp
         asked = RenderOptions(
             source=self.scene,
             spec=arguments.parse_scene(self.scene),
@@ -134,12 +146,14 @@ class RenderArguments:
             size=arguments.parse_size(self.size),
             camera=given(self.camera, arguments.parse_camera),
             lights=[arguments.parse_light(text) for text in self.light or []],
+            sky=given(self.sky, arguments.parse_sky),
+            background=given(self.background, arguments.parse_background),
             ambient=[] if self.ao is None else [arguments.parse_ambient(self.ao)],
             vpl=self.vpl,
             bounce=self.bounce,
-            spp=self.spp,
+            spp=spp,
             sampler=self.sampler,
-            filter=self.filter,
+            filter=smooth,
             adaptive=adaptive,
             plan=self.plan,
             srdh_rays=given(self.srdh_rays, arguments.parse_srdh_rays),

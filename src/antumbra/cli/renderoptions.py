@@ -9,6 +9,8 @@ from .arguments import CameraSpec, SceneSpec
 from .sceneinput import limit_memory
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..plan import Plan
     from ..rendering.frame import Frame
     from ..rendering.renderer import Renderer
@@ -27,6 +29,8 @@ class RenderOptions(NamedTuple):
     size: tuple[int, int]  # width, height
     camera: int | CameraSpec | None
     lights: list  # lights, and indices of the scene's own
+    sky: "str | Path | np.ndarray | None"  # from `parse_sky`
+    background: "str | np.ndarray | None"  # from `parse_background`; None: the sky
     ambient: list  # ambient occlusion, or nothing
     vpl: int | None  # number of photons
     bounce: int | None  # diffuse rays per pixel
@@ -79,7 +83,7 @@ class RenderOptions(NamedTuple):
 
     def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, without the virtual point lights made from photons."""
-        return arguments.make_lights(self.lights, scene, time) + self.ambient
+        return arguments.make_picture_lights(self.lights, self.sky, scene, time) + self.ambient
 
     def all_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, with the virtual point lights made from photons."""
@@ -100,7 +104,7 @@ class RenderOptions(NamedTuple):
         runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
         frame = renderer.render(
             camera, lights, time=time, counters=self.counters, progress=progress("tracing shadow rays", runs),
-            **self.quality(),
+            background=self.background is None, **self.quality(),
         )  # fmt: skip
         return Shot(scene.clamped(time), camera, lights, frame)
 
@@ -136,6 +140,7 @@ class RenderOptions(NamedTuple):
                 "filter": self.filter,
                 "adaptive": self.adaptive,
                 "cull_faces": self.cull_faces,
+                **({} if self.background is None else {"background": self.background}),
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )

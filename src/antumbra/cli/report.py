@@ -3,6 +3,7 @@
 While a `Record` is standard output, tables are kept as Markdown too.
 """
 
+import hashlib
 import json
 import math
 import sys
@@ -65,7 +66,13 @@ def vector(values) -> str:
 
 
 def light_fields(light) -> dict:
-    """A light as names and values. A list of lights has only the number of its lights."""
+    """A light as names and values. A list of lights has only the number of its lights, a sky a digest of its map."""
+    from ..scene.sky import Sky
+
+    if isinstance(light, Sky):
+        digest = hashlib.sha256(light.map.tobytes()).hexdigest()[:16]
+        own = {name: getattr(light, name) for name in ("intensity", "colour", "up", "turn", "count")}
+        return {"type": "Sky", "map": digest, **own}
     if light.domain == "list":
         return {"type": type(light).__name__, "count": len(light.points), "interleave": light.interleave}
     return {"type": type(light).__name__, **{f.name: getattr(light, f.name) for f in fields(light)}}

@@ -21,7 +21,7 @@ class Saved(NamedTuple):
     seconds: float  # time of writing it
 
 
-def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = None) -> Saved:
+def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = None, background=None) -> Saved:
     """Write the picture. Exposure None: automatic."""
     from ..image.save import frame_exposure, save_frame
 
@@ -30,7 +30,7 @@ def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = 
         exposure = None
     elif exposure is None:
         exposure = frame_exposure(frame)
-    save_frame(frame, path, exposure, note)
+    save_frame(frame, path, exposure, note, background)
     return Saved(path, exposure, perf_counter() - start)
 
 
@@ -124,7 +124,7 @@ def view_fields(asked: "RenderOptions", shot: "Shot", speed: float | None = None
     """The names and values from the camera to the rays; `speed`: million rays a second."""
     camera, frame, spp = shot.camera, shot.frame, asked.spp
     yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
-    yield "lights", ", ".join(type(light).__name__ for light in shot.lights)
+    yield "lights", ", ".join(_light_text(light) for light in shot.lights)
     if not (frame.gbuffer.face >= 0).any():
         yield "", "the camera sees no surface"
     samples = [light.samples(spp) for light in shot.lights]
@@ -134,6 +134,16 @@ def view_fields(asked: "RenderOptions", shot: "Shot", speed: float | None = None
     yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
+
+
+def _light_text(light) -> str:
+    """A light's kind, and its intensity with the unit."""
+    from ..scene.lights import DirectionalLight
+
+    if light.domain == "list" or light.domain == "hemisphere":
+        return type(light).__name__
+    unit = "lux" if isinstance(light, DirectionalLight) else "cd"
+    return f"{type(light).__name__} of {light.intensity:.4g} {unit}"
 
 
 def ran_text(plan: str | None, frame: "Frame") -> str:

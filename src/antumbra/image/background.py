@@ -12,7 +12,7 @@ def skies_of(lights) -> list[Sky]:
 
 
 def sky_behind(skies: list[Sky], rays: CameraRays, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """(m, 3) float32: the radiance of skies through the centres of the pixels (rows[i], columns[i]); 0 without skies."""
+    """(m, 3) float32: the radiance of skies through the centres of pixels (rows[i], columns[i]), or 0."""
     out = np.zeros((len(rows), 3), np.float32)
     if skies and len(rows):
         corner, dx, dy = (part.astype(np.float32) for part in (rays.corner, rays.dx, rays.dy))

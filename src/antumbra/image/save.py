@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks import number
+from ..checks import number, vector
 from ..output import checked_output, replacing
-from .tonemap import automatic_exposure, to_srgb8
+from ..scene.colour import BYTE_TO_LINEAR, srgb_to_linear
+from .tonemap import automatic_exposure, linear_to_srgb, to_srgb8
 
 SUFFIXES = (".png", ".exr")
 _EXR_MAGIC = b"v/1\x01"
@@ -32,7 +33,7 @@ def frame_exposure(frame) -> float:
     return automatic_exposure(frame.image, frame.gbuffer.face >= 0)
 
 
-def save_frame(frame, path, exposure: float | None = None, note: str | None = None) -> None:
+def save_frame(frame, path, exposure: float | None = None, note: str | None = None, background=None) -> None:
     """Write a `Frame` as a picture; see `Frame.save`.
 
     Parameters
@@ -45,6 +46,8 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
         Factor on the light of a PNG; None: automatic. An EXR has no exposure.
     note : str or None
         Text to store in the file; `note_of` reads it.
+    background : None, "transparent" or (3,) float
+        Of a PNG: as in `Frame.save`. An EXR ignores it.
 
     Raises
     ------
@@ -59,9 +62,26 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     if exposure is not None:
         exposure = checked_exposure(exposure)
     if path.suffix.lower() == ".png":
-        save_png(to_srgb8(frame.image, frame_exposure(frame) if exposure is None else exposure), path, note)
+        save_png(screen_picture(frame, frame_exposure(frame) if exposure is None else exposure, background), path, note)
     else:
         save_exr(exr_channels(frame), path, note)
+
+
+def screen_picture(frame, exposure: float, background=None) -> np.ndarray:
+    """(H, W, 3) uint8 sRGB of a frame, or (H, W, 4) with alpha if `background` is "transparent".
+
+    With a background, the colour of pixels that surfaces cover in part is that of the surfaces alone, and is mixed with
+    the background in linear light.
+    """
+    if background is None:
+        return to_srgb8(frame.image, exposure)
+    share = frame.coverage[..., None]
+    surfaces = to_srgb8(frame.image / np.maximum(share, 1e-6), exposure)
+    if isinstance(background, str):
+        return np.concatenate([surfaces, np.round(255.0 * share).astype(np.uint8)], -1)
+    colour, shown = srgb_to_linear(vector(background, "background")), BYTE_TO_LINEAR.astype(np.float32)[surfaces]
+    mixed = share * shown + (1.0 - share) * colour.astype(np.float32)
+    return np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
 
 
 def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None) -> None:
@@ -71,7 +91,7 @@ def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = Non
 
 
 def save_png(rgb: np.ndarray, path: Path, note: str | None = None) -> None:
-    """Write (H, W, 3) uint8 sRGB, or (H, W) uint8 grey: the complete file, or nothing."""
+    """Write (H, W, 3) or (H, W, 4) uint8 sRGB, or (H, W) uint8 grey: the complete file, or nothing."""
     with replacing(path) as temporary:
         _write_png(rgb, temporary, note)
 

@@ -162,7 +162,7 @@ def shade(
     state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, visibility, indirect
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, (H, W, 3) float32; and its ambient light, (3,) float32, zero if the frame has bounced light."""
-    arrived = arriving_at(state, surfaces, traced, seen if state.request.smooth else None)
+    arrived = arriving_at(state, surfaces, traced, seen)
     ambient = np.zeros(3, np.float32)
     if indirect is None:
         ambient = ambient_light(surfaces.gbuffer, state.request.lights, arrived)
@@ -211,7 +211,9 @@ def _divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarr
     covered = (pixels.ids >= 0).astype(np.float32)
     count = int(np.count_nonzero(edge))
     share = block_means(covered, count)
-    behind = sky_behind(skies_of(state.request.lights) if state.request.background else [], state.view, *np.nonzero(edge))
+    behind = sky_behind(
+        skies_of(state.request.lights) if state.request.background else [], state.view, *np.nonzero(edge)
+    )
     shown.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * behind
     shown.coverage[edge] = share
     state.clock.lap("shade")

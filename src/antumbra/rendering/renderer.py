@@ -85,7 +85,7 @@ class Renderer:
     def render(
         self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
         counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
-        filter: bool = False, adaptive: int | None = None, progress: Progress | None = None,
+        filter: bool | None = None, adaptive: int | None = None, progress: Progress | None = None,
         bounce: int | None = None, background: bool = True,
     ) -> Frame:  # fmt: skip
         """Render one frame; `antumbra.render` documents the parameters."""
@@ -95,7 +95,20 @@ class Renderer:
         samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
         finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
         passes = None if bounce is None else diffuse_passes(lights, bounce, sampler)
-        request = Request(camera, lights, samples, facing, time, counters, progress, bool(filter), finer, passes, bool(background))
+        request = Request(
+            camera,
+            lights,
+            samples,
+            facing,
+            time,
+            counters,
+            progress,
+            bool(filter),
+            finer,
+            passes,
+            bool(background),
+            filter is not False,
+        )
         self._warm_up(request)
         return draw(self.source, self.accelerator, request)
 
@@ -124,7 +137,7 @@ def render(
     scene: AnyScene, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
     spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
     counters: bool = False, gbuffer: str = "raster", sampler: str = "larcher-pillichshammer",
-    cull_faces: str | None = None, filter: bool = False, adaptive: int | None = None,
+    cull_faces: str | None = None, filter: bool | None = None, adaptive: int | None = None,
     progress: Progress | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
     max_memory: int | None = None, background: bool = True,
 ) -> Frame:  # fmt: skip
@@ -139,7 +152,7 @@ def render(
     camera : Camera or None
         None: ``scene.default_camera()``.
     lights : list of lights, one light, or None
-        None: the scene's own lights at `time`, or ``scene.default_lights()``, sun and sky, if it has none.
+        None: ``scene.default_lights(time)``, the scene's own lights or daylight.
     spp : int
         Shadow rays per pixel and light, 1 to 1024. `PointLights`, and `AmbientOcclusion` with its own spp, ignore it.
     plan : str, Plan or None
@@ -158,9 +171,10 @@ def render(
         A name in `antumbra.query.sampling.SAMPLERS`.
     cull_faces : None, "front" or "back"
         Triangles whose given side faces the receiver do not block its rays.
-    filter : bool
+    filter : bool or None
         Smooth the visibility, but not the bits, over 4 x 4 pixels of the same surface. In wide penumbrae each pixel
-        then uses 16 times as many samples of the light. For interleaved `PointLights` the irradiance is smoothed.
+        then uses 16 times as many samples of the light. For interleaved lists of lights the irradiance is smoothed.
+        None: only the irradiance of a `Sky` is smoothed.
     adaptive : int or None
         Refine with this many shadow rays per pixel and light, 1 to 1024; None: no refinement. In penumbrae the new
         visibility replaces the old one. At edges the rays are divided among 16 sub-pixels, and the image pixel is
@@ -189,7 +203,7 @@ def render(
     """
     camera = scene.default_camera() if camera is None else camera
     if lights is None:
-        lights = [scene.light(i, time) for i in range(len(scene.lights))] or scene.default_lights()
+        lights = scene.default_lights(time)
     return Renderer(scene, plan, threads, gbuffer, srdh_rays, max_memory).render(
         camera,
         lights,

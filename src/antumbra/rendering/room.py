@@ -13,15 +13,17 @@ from ..scene.camera import Camera
 from ..scene.framing import axes
 from ..scene.lights import tangents
 from ..scene.room import Room
+from ..scene.sampled import MOST
 from ..scene.scene import Scene
 from ..scene.triangles import Triangles
 from .in_memory import see
 
 _OUTSIDE, _SIDE = 128, 48  # pixels across of the view from outside, and of a view from inside
 _RICH = 1500  # triangles that a view from outside shows; with more, it is the better view
-_CLOSED, _FACING, _MORE = 0.85, 0.6, 1.5  # of a room: share of directions, of them to front sides; ratio of triangles
+_CLOSED, _FACING, _MORE = 0.9, 0.6, 2.0  # of a room: share of directions, of them to front sides; ratio of triangles
 _LEVELS = 0.3, 0.45, 0.6  # heights of the points that are tried, as shares of the scene's height
 _STEPS = 36  # horizontal directions
+_AHEAD = 0.85  # cosine of the angle in which triangles count as being ahead
 _FREE = 0.85  # how far back the camera moves towards the wall behind it
 _SKY = 0.1  # share of the view straight up that is open, in a room that daylight enters
 _VFOV = 60.0
@@ -46,13 +48,20 @@ def room_of(scene: Scene, outside: Camera, box: np.ndarray, threads: int | None 
     shown = len(np.unique(seen.face[seen.side > 0]))
     if shown >= _RICH:
         return None
-    up, height = axes(scene.up)[1], np.ptp(box, axis=0) @ np.abs(axes(scene.up)[1])
-    for level in _LEVELS:
-        point = box.mean(0) + (level - 0.5) * height * up
-        around = _look_around(triangles, point, scene.up, threads)
-        if _encloses(around, shown):
-            return _room(point, around, up)
-    return None
+    up = axes(scene.up)[1]
+    points = _tried(triangles, box, up)
+    places = [(point, _look_around(triangles, point, scene.up, threads)) for point in points]
+    rooms = [place for place in places if _encloses(place[1], shown)]
+    return _room(*max(rooms, key=lambda place: _n_faces(place[1])), up) if rooms else None
+
+
+def _tried(triangles: Triangles, box: np.ndarray, up: np.ndarray) -> list[np.ndarray]:
+    """Points inside a scene, at several heights: above the middle of its extent, and where most triangles are."""
+    height = np.ptp(box, axis=0) @ np.abs(up)
+    step = -(-len(triangles.vertices) // MOST)
+    dense = np.median(triangles.vertices[::step, 0], axis=0) + triangles.origin
+    places = box.mean(0), dense + ((box.mean(0) - dense) @ up) * up
+    return [place + (level - 0.5) * height * up for place in places for level in _LEVELS]
 
 
 def _look_around(triangles: Triangles, point: np.ndarray, up: str, threads: int | None) -> _Around:
@@ -76,7 +85,12 @@ def _encloses(around: _Around, shown: int) -> bool:
     met = around.faces >= 0
     if met.mean() < _CLOSED or around.facing[met].mean() < _FACING:
         return False
-    return len(np.unique(around.faces[around.facing])) > _MORE * shown
+    return _n_faces(around) > _MORE * shown
+
+
+def _n_faces(around: _Around, chosen: np.ndarray | bool = True) -> int:
+    """The number of triangles whose front sides are seen, in chosen directions."""
+    return len(np.unique(around.faces[around.facing & chosen]))
 
 
 def _room(point: np.ndarray, around: _Around, up: np.ndarray) -> Room:
@@ -85,8 +99,9 @@ def _room(point: np.ndarray, around: _Around, up: np.ndarray) -> Room:
     ways = 2.0 * np.pi * np.arange(_STEPS) / _STEPS
     horizontal = np.cos(ways)[:, None] * east + np.sin(ways)[:, None] * north
     free = np.array([_free_way(around, way) for way in horizontal])
+    rich = np.array([_n_faces(around, around.directions @ way > _AHEAD) for way in horizontal])
     # The way behind the camera counts less than the way ahead: it is only there to stand back.
-    best = int(np.argmax(free + 0.8 * np.roll(free, _STEPS // 2)))
+    best = int(np.argmax((free + 0.8 * np.roll(free, _STEPS // 2)) * np.sqrt(rich + 1.0)))
     eye = point - _FREE * free[(best + _STEPS // 2) % _STEPS] * horizontal[best]
     target = point + 0.5 * free[best] * horizontal[best]
     above = around.directions @ up > 0.9

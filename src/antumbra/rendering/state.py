@@ -8,6 +8,7 @@ from ..image.shade import arriving, shade
 from ..query.picture import Surfaces, surface_queries
 from ..query.shadow import ShadowQuery, fraction_lit, ray_count
 from ..scene.camera import CameraRays
+from ..scene.sky import Sky
 from ..scene.triangles import Triangles
 from ..trace.counters import new_counters
 from .accelerate import Accelerated, Accelerator
@@ -90,9 +91,16 @@ def ask_all(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
 
 
 def arriving_at(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:
-    """The light that each light source sends to each pixel's surface; see `image.shade.arriving`."""
-    of_lights = zip(state.request.lights, *traced)
-    return [arriving(surfaces.gbuffer, light, query, b, seen, state.threads) for light, query, b in of_lights]
+    """The light that each light source sends to each pixel's surface; see `image.shade.arriving`.
+
+    seen : the surfaces, for lights whose irradiance is smoothed; None: nothing is smoothed
+    """
+    request = state.request
+    smooth = [request.smooth or (request.smooth_skies and isinstance(light, Sky)) for light in request.lights]
+    return [
+        arriving(surfaces.gbuffer, light, query, b, seen if own else None, state.threads)
+        for light, query, b, own in zip(request.lights, *traced, smooth)
+    ]
 
 
 def shaded(state: FrameState, surfaces: Surfaces, arrived, visibility, ambient, indirect=None) -> np.ndarray:

@@ -13,7 +13,7 @@ from .hit import Hit
 from .lights import Light
 from .mesh import MeshInfo, ObjectInfo
 from .triangles import Triangles
-from .view import View, view_of_box
+from .view import View, skies_with, view_of_box
 
 
 class AnyScene(ABC):
@@ -92,9 +92,13 @@ class AnyScene(ABC):
         """What a picture of this scene shows. It is found at the first use."""
         return view_of_box(self.bounds, self.up)
 
-    def default_lights(self) -> list[Light]:
-        """Daylight: a sun behind the viewer's left shoulder, and a `Sky`. A closed room has a lamp instead."""
-        return self.view.lights()
+    def default_lights(self, time: float = 0.0) -> list[Light]:
+        """The scene's own lights at a time, or daylight: a sun to the viewer's left, and a `Sky`.
+
+        A closed room without lights has a lamp instead of the sun. Own lights get a sky if one of them is a sun.
+        """
+        own = [self.light(i, time) for i in range(len(self._lights))]
+        return own + skies_with(own, self.up) if own else self.view.lights()
 
     def default_light(self):
         """A single light: a `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
@@ -166,7 +170,9 @@ class AnyScene(ABC):
             float32, weights of the face's second and third corner. Among faces equally near in float64, the lowest
             index wins.
         """
-        return engine.answer("ask", self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
+        return engine.answer(
+            "ask", self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads
+        )
 
     def clamped(self, time) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""

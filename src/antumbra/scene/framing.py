@@ -6,7 +6,7 @@ from .camera import Camera
 from .lights import QuadLight
 
 VFOV = 45.0
-_MARGIN = 1.04  # around the points that a fitted camera shows
+_MARGIN = 1.08  # around the points that a fitted camera shows
 _FLAT = 0.2  # height of a box, as a share of its width, below which it is flat
 STEEP = np.radians(50.0)  # elevation of the camera for flat boxes
 AZIMUTH, ELEVATION = np.radians(35.0), np.radians(25.0)

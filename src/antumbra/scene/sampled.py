@@ -12,7 +12,7 @@ MOST = 50_000
 
 _FEW = 200  # triangles; scenes with fewer have no outliers
 _RARE = 0.02  # share of the triangles that may lie outside of the box of the detail, at each of its sides
-_AROUND = 0.5  # the box is that much larger on each side, so that towers and fences belong to it
+_FAR, _AROUND = 1.0, 0.5  # the box ends at a side of the scene if it is nearer than _FAR extents, or else after _AROUND
 _MOMENTS = 5  # of an animation
 
 
@@ -53,9 +53,13 @@ def detail(faces: np.ndarray) -> np.ndarray:
     if len(faces) < _FEW:
         return whole
     lower, upper = np.quantile(faces.mean(1), [_RARE, 1.0 - _RARE], axis=0)
-    around = _AROUND * (upper - lower)
-    near = corners[((corners >= lower - around) & (corners <= upper + around)).all(1)]
-    return np.stack([near.min(0), near.max(0)]) if len(near) else whole
+    extent = upper - lower
+    return np.stack(
+        [
+            np.where(whole[0] >= lower - _FAR * extent, whole[0], lower - _AROUND * extent),
+            np.where(whole[1] <= upper + _FAR * extent, whole[1], upper + _AROUND * extent),
+        ]
+    )
 
 
 def within(faces: np.ndarray, box: np.ndarray) -> np.ndarray:
@@ -79,9 +83,12 @@ def looks_z_up(faces: np.ndarray) -> bool:
     if len(faces) < _FEW:
         return False
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-    steep = 0.9 * np.linalg.norm(normals, axis=1)
+    areas = np.linalg.norm(normals, axis=1)
+    steep = 0.99 * areas
     level = [np.abs(normals[np.abs(normals[:, axis]) > steep, axis]).sum() for axis in range(3)]
     rising = normals[normals[:, 2] > steep, 2].sum()
     lower, upper = np.quantile(faces.mean(1), [_RARE, 1.0 - _RARE], axis=0)
     height, depth = (upper - lower)[2], (upper - lower)[1]
-    return bool(0.0 < height < 0.9 * depth and level[2] > 1.5 * level[1] and rising > 0.5 * level[2])
+    return bool(
+        0.0 < height < 0.9 * depth and level[2] > max(1.5 * level[1], 0.15 * areas.sum()) and rising > 0.5 * level[2]
+    )

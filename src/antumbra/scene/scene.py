@@ -15,7 +15,7 @@ from .sampled import detail, moving_faces, within
 from .source import Source, StaticMeshes
 from .survey import Survey, faces_of, objects_of
 from .triangles import Triangles
-from .view import View
+from .view import View, view_of_box
 
 
 class Scene(AnyScene):
@@ -111,9 +111,8 @@ class Scene(AnyScene):
     def view(self) -> View:
         faces = moving_faces(self.source, self.n_triangles)
         box = detail(faces)
-        shown = within(faces, box)
-        outside = View(shown, self.up, None)
-        return outside._replace(room=engine.answer("room_of", self, outside.camera(1, 1), np.stack([shown.min(0), shown.max(0)])))
+        outside = view_of_box(self.bounds, self.up).camera(1, 1)
+        return View(within(faces, box), self.up, engine.answer("room_of", self, outside, box))
 
     @property
     def object_of_face(self) -> np.ndarray:

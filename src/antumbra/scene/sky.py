@@ -15,7 +15,7 @@ from .light_list import N_SETS, LightList
 from .lights import DIRECTIONAL, MAX_SPP, LightPatch, check_distance
 
 _HEIGHT = 64  # rows of the maps of the soft daylight and of colours
-_ZENITH, _HORIZON, _GROUND = np.array([[0.36, 0.56, 0.90], [0.86, 0.90, 0.95], [0.44, 0.43, 0.41]])
+_ZENITH, _HORIZON, _GROUND = np.array([[0.46, 0.63, 0.92], [0.92, 0.94, 0.97], [0.60, 0.59, 0.57]])
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _STEP = (np.sqrt(5.0) - 1.0) / 2.0  # of the golden ratio: with (i + 0.5) / n, it fills the square evenly
 

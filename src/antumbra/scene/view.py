@@ -13,8 +13,8 @@ from .sky import Sky
 
 _SUN_ELEVATION, _SUN_AZIMUTH = np.radians(48.0), np.radians(-70.0)  # the azimuth is from the viewer, to the left
 _SUN_WIDTH = 1.5  # degrees; a little softer than the sun's 0.53
-_SUN, _SUN_COLOUR = 2.0, (1.0, 0.95, 0.87)
-_LAMP_HEIGHT, _LAMP_RADIUS = 0.7, 0.06  # shares of the way from a room's middle to its ceiling
+_SUN, _SUN_COLOUR = 4.5, (1.0, 0.95, 0.87)
+_LAMP_HEIGHT, _LAMP_RADIUS = 0.7, 0.1  # shares of the way from a room's middle to its ceiling
 
 
 class View(NamedTuple):
@@ -35,14 +35,22 @@ class View(NamedTuple):
         if self.room is None or self.room.open:
             return [sun(self.up), Sky(up=self.up)]
         height, upward = self.room.height, axes(self.up)[1]
-        middle = self.room.middle + _LAMP_HEIGHT * height * upward
-        distance = max(height, float(np.linalg.norm(self.room.target - self.room.middle)))
-        return [SphereLight(middle, _LAMP_RADIUS * height, intensity=np.pi * distance**2)]
+        middle = (self.room.middle + self.room.eye) / 2.0 + _LAMP_HEIGHT * height * upward
+        distance = max(height, float(np.linalg.norm(self.room.target - middle)))
+        return [SphereLight(middle, _LAMP_RADIUS * height, intensity=np.pi * distance**2), Sky(up=self.up)]
 
 
 def view_of_box(bounds: np.ndarray, up: str) -> View:
     """The view of a scene of which only the bounds are known."""
     return View(corners_of(bounds), up, None)
+
+
+def skies_with(lights: list[Light], up: str) -> list[Light]:
+    """The skies that a scene's own lights lack: one for the brightest sun, if there is no sky."""
+    suns = [light for light in lights if isinstance(light, DirectionalLight)]
+    if not suns or any(isinstance(light, Sky) for light in lights):
+        return []
+    return [Sky(up=up, intensity=max(light.intensity for light in suns) / _SUN)]
 
 
 def sun(up: str) -> DirectionalLight:
