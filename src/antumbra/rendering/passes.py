@@ -13,6 +13,7 @@ from ..query.receivers import NOTHING
 from ..query.refine import edges
 from ..query.subpixels import block_copies, block_means
 from ..query.surface import PictureSurfaces, seen_by
+from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerator
@@ -173,10 +174,14 @@ def shade(
 
 def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray) -> None:
     """Write the light of skies to the pixels that see no surface."""
-    if state.request.background and (skies := skies_of(state.request.lights)):
+    if skies := _seen_skies(state):
         rows, columns = np.nonzero(surfaces.ids < 0)
         image[rows, columns] = sky_behind(skies, state.view, rows, columns)
         state.clock.lap("shade")
+
+
+def _seen_skies(state: FrameState) -> list[Sky]:
+    return skies_of(state.request.lights) if state.request.background else []
 
 
 class Shown(NamedTuple):
@@ -211,9 +216,7 @@ def _divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarr
     covered = (pixels.ids >= 0).astype(np.float32)
     count = int(np.count_nonzero(edge))
     share = block_means(covered, count)
-    behind = sky_behind(
-        skies_of(state.request.lights) if state.request.background else [], state.view, *np.nonzero(edge)
-    )
+    behind = sky_behind(_seen_skies(state), state.view, *np.nonzero(edge))
     shown.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * behind
     shown.coverage[edge] = share
     state.clock.lap("shade")

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..image.background import skies_of
 from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan
 from ..query.diffuse import diffuse_passes
@@ -107,7 +108,7 @@ class Renderer:
             finer,
             passes,
             bool(background),
-            filter is not False,
+            filter is not False and bool(skies_of(lights)),
         )
         self._warm_up(request)
         return draw(self.source, self.accelerator, request)
@@ -117,7 +118,7 @@ class Renderer:
         gbuffer, showing = self.source.gbuffer, self.accelerator.showing
         warm_up(self.plan, gbuffer, request.counters)
         self.source.warm_up()
-        if request.smooth or request.finer is not None:
+        if request.smooth or request.smooth_skies or request.finer is not None:
             warm_up_quality()
         if showing is not None and showing.asked.bounce:
             warm_up_bounce()

@@ -24,7 +24,7 @@ class Request(NamedTuple):
     finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
     passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
     background: bool = True  # whether skies are seen
-    smooth_skies: bool = True  # whether the light of skies is smoothed, as that of all lights is if `smooth`
+    smooth_skies: bool = False  # whether the light of skies is smoothed, as that of all lights is if `smooth`
 
 
 def rays_of(request: Request) -> tuple[int, int]:

@@ -147,7 +147,8 @@ class AnyScene(ABC):
             If shapes do not broadcast, origins or directions are NaN or infinite, a direction is zero, tmin is negative
             or infinite, or tmax is NaN.
         """
-        return engine.answer("ask", self, True, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads)
+        rays = origins, directions, tmin, tmax, skip_face
+        return engine.answer("ask", self, True, rays, time, cull_faces, threads)
 
     def closest_hit(
         self,
@@ -170,9 +171,8 @@ class AnyScene(ABC):
             float32, weights of the face's second and third corner. Among faces equally near in float64, the lowest
             index wins.
         """
-        return engine.answer(
-            "ask", self, False, (origins, directions, tmin, tmax, skip_face), time, cull_faces, threads
-        )
+        rays = origins, directions, tmin, tmax, skip_face
+        return engine.answer("ask", self, False, rays, time, cull_faces, threads)
 
     def clamped(self, time) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""

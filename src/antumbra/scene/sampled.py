@@ -89,6 +89,5 @@ def looks_z_up(faces: np.ndarray) -> bool:
     rising = normals[normals[:, 2] > steep, 2].sum()
     lower, upper = np.quantile(faces.mean(1), [_RARE, 1.0 - _RARE], axis=0)
     height, depth = (upper - lower)[2], (upper - lower)[1]
-    return bool(
-        0.0 < height < 0.9 * depth and level[2] > max(1.5 * level[1], 0.15 * areas.sum()) and rising > 0.5 * level[2]
-    )
+    floors = level[2] > max(1.5 * level[1], 0.15 * areas.sum()) and rising > 0.5 * level[2]
+    return bool(floors and 0.0 < height < 0.9 * depth)
