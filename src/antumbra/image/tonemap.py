@@ -11,7 +11,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 PERCENTILE = 97.0  # automatic exposure maps this percentile of the luminance of pixels that see a surface ...
 BRIGHT = 0.75  # ... to this share of white: bright, with room above it for highlights
 MIDDLE = 0.4  # ... if the median then has at least this share; a darker picture becomes brighter ...
-MOST_BRIGHTER = 1.4  # ... by at most this factor, and its highlights roll off
+MOST_BRIGHTER = 1.7  # ... by at most this factor, and its highlights roll off
 SHOULDER = 0.6  # light below this stays linear; light above it rolls off softly towards white
 
 _TOP = 4.0  # end of the table; the roll-off reaches 8-bit white long before it

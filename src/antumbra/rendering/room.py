@@ -20,7 +20,7 @@ from .in_memory import see
 
 _OUTSIDE, _SIDE = 128, 48  # pixels across of the view from outside, and of a view from inside
 _RICH = 1500  # triangles that a view from outside shows; with more, it is the better view
-_CLOSED, _FACING, _MORE = 0.9, 0.6, 2.0  # of a room: share of directions, of them to front sides; ratio of triangles
+_CLOSED, _FACING, _MORE = 0.85, 0.6, 3.0  # of a room: share of directions, of them to front sides; ratio of triangles
 _LEVELS = 0.3, 0.45, 0.6  # heights of the points that are tried, as shares of the scene's height
 _STEPS = 36  # horizontal directions
 _AHEAD = 0.85  # cosine of the angle in which triangles count as being ahead

@@ -1,7 +1,6 @@
 """The common base of scenes: `Scene` has its triangles in memory, a store's `PagedScene` on disk."""
 
 from abc import ABC, abstractmethod
-from functools import cached_property
 
 import numpy as np
 
@@ -30,6 +29,7 @@ class AnyScene(ABC):
     city: CityModel | None = None  # of a CityJSON file
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
+    _view: View | None = None
 
     @property
     @abstractmethod
@@ -87,9 +87,14 @@ class AnyScene(ABC):
         """
         return self.view.camera(width, height)
 
-    @cached_property
+    @property
     def view(self) -> View:
-        """What a picture of this scene shows. It is found at the first use."""
+        """The geometry that a default picture shows. It is found at the first use."""
+        if self._view is None:
+            self._view = self._find_view()
+        return self._view
+
+    def _find_view(self) -> View:
         return view_of_box(self.bounds, self.up)
 
     def default_lights(self, time: float = 0.0) -> list[Light]:

@@ -45,7 +45,7 @@ def _read_exr(path: Path) -> np.ndarray:
 
 
 def _read_hdr(path: Path) -> np.ndarray:
-    """RGBE pixels, plain or with run lengths [Ward 1991]."""
+    """RGBE pixels, plain or with run lengths."""
     data = path.read_bytes()
     header, blank, rest = data.partition(b"\n\n")
     size, _, rest = rest.partition(b"\n")

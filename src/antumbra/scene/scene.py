@@ -1,7 +1,5 @@
 """A scene: triangles, cameras and lights as a function of time."""
 
-from functools import cached_property
-
 import numpy as np
 
 from ..errors import InputError
@@ -107,8 +105,7 @@ class Scene(AnyScene):
     def n_triangles(self) -> int:
         return len(self.colours)
 
-    @cached_property
-    def view(self) -> View:
+    def _find_view(self) -> View:
         faces = moving_faces(self.source, self.n_triangles)
         box = detail(faces)
         outside = view_of_box(self.bounds, self.up).camera(1, 1)
