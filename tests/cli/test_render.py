@@ -74,7 +74,7 @@ def test_filter_and_adaptive_sampling_for_people(render):
 
 def test_filter_and_adaptive_sampling_as_json(render):
     plain, told = render("--json").json(), render("--json", "--filter", "--adaptive-spp", 32).json()
-    assert (plain["filter"], plain["adaptive"], plain["refined"]) == (False, None, None)
+    assert (plain["filter"], plain["adaptive"], plain["refined"]) == (True, None, None)
     assert (told["filter"], told["adaptive"]) == (True, 32)
     assert 0.0 < told["refined"] < 1.0 and told["rays"] > plain["rays"] and told["seen"] == plain["seen"]
     assert render("--json", "--adaptive", "--spp", 500, size="4x4").json()["adaptive"] == 1024
@@ -105,7 +105,9 @@ def test_the_same_arguments_give_the_same_file_however_it_is_computed(render):
         ("--sampler", "sobol"),
         ("--sampler", "halton"),
         ("--bounce", "3"),
-        ("--filter",),
+        ("--no-filter",),
+        ("--preset", "draft"),
+        ("--sky", "white"),
         ("--adaptive",),
         ("--exposure", "0.001"),
         ("--camera", "0,1,0:1,1,0"),
@@ -126,7 +128,7 @@ def test_exr_and_png_hold_what_the_library_renders(render):
     assert render("-o", "a.exr").code == 0
     assert render("-o", "a.png").code == 0
     scene = at.procedural("atrium", triangles=2000)
-    frame = at.render(scene, scene.cameras[0].resized(32, 32))
+    frame = at.render(scene, scene.cameras[0].resized(32, 32), filter=True)
     with OpenEXR.File("a.exr", separate_channels=True) as file:
         channels = {name: channel.pixels for name, channel in file.channels().items()}
     assert (channels["visibility.0"] == frame.visibility[0]).all() and 0.0 < frame.visibility[0].mean() < 1.0
@@ -178,7 +180,7 @@ def test_light_bounces(render):
 def test_a_file_is_rendered_to_its_own_name(render, square_obj, tmp_path):
     told = render("--json", scene=square_obj).json()
     assert told["output"] == "square.png" and told["scene"]["triangles"] == 2
-    assert told["lights"][0]["type"] == "QuadLight" and 0 < told["seen"] < 32 * 32
+    assert [light["type"] for light in told["lights"]] == ["DirectionalLight", "Sky"] and 0 < told["seen"] < 32 * 32
     assert sorted(os.listdir(tmp_path)) == ["square.obj", "square.png"]
 
 
@@ -195,9 +197,36 @@ def test_up_reaches_the_scene(render, square_obj):
 def test_an_empty_view_is_said_and_is_no_error(render, square_obj):
     done = render("--camera", "0,1,0:0,2,1", scene=square_obj)
     assert done.code == 0 and "the camera sees no surface" in done.out
+    assert pixels("square.png").any()  # the sky
+    assert render("--sky", "none", "--camera", "0,1,0:0,2,1", scene=square_obj).code == 0
     assert not pixels("square.png").any()
     told = render("--json", "--camera", "0,1,0:0,2,1", scene=square_obj).json()
     assert (told["seen"], told["rays"], told["lit"], told["mrays_per_second"]) == (0, 0, [None], None)
+
+
+def test_presets_set_what_options_do_not(render):
+    found = {}
+    for preset, more in (("draft", ()), ("final", ()), ("final", ("--spp", 2, "--no-adaptive", "--no-filter"))):
+        told = render("--json", "--preset", preset, *more, size="4x4").json()
+        found[preset, bool(more)] = told["spp"], told["filter"], told["adaptive"]
+    assert found == {
+        ("draft", False): (4, True, None),
+        ("final", False): (64, True, 256),
+        ("final", True): (2, False, None),
+    }
+
+
+def test_backgrounds(render, square_obj):
+    view = "--camera", "0,3,0:0,0,0"
+    assert render("--background", "transparent", *view, "-o", "a.png", scene=square_obj).code == 0
+    assert render("--background", "#ff8000", *view, "-o", "b.png", scene=square_obj).code == 0
+    clear, orange = (np.asarray(Image.open(name)) for name in ("a.png", "b.png"))
+    outside = clear[..., 3] == 0
+    assert outside.any() and (clear[~outside][:, 3] == 255).all() and not outside.all()
+    assert (orange[outside] == (255, 128, 0)).all()
+    assert (orange[~outside] == clear[~outside][:, :3]).all() and clear[~outside][:, :3].any()
+    wrong = render("--background", "nocolour", scene=square_obj)
+    assert wrong.code == 2 and "--background nocolour: write a colour" in wrong.err
 
 
 def test_frames_take_a_time(render, tmp_path):

@@ -75,18 +75,17 @@ def test_punctual_lights(tmp_path):
 @pytest.mark.parametrize("up", ["y", "z"])
 @pytest.mark.parametrize("size", [(1024, 1024), (400, 1000), (1600, 200)])
 @pytest.mark.parametrize("offset", [0.0, 5e6])
-def test_the_default_camera_sees_the_whole_bounding_sphere(tmp_path, up, size, offset):
+def test_the_default_camera_fits_the_scene(tmp_path, up, size, offset):
     scene = load(single(TETRAHEDRON * 3, TETRAHEDRON_FACES, translation=[offset, -offset, 0]).write(tmp_path), up=up)
     camera = scene.default_camera(*size)
     assert (camera.width, camera.height) == size
-    centre, radius = scene.bounds.mean(axis=0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2
-    rng = np.random.default_rng(0)
-    sphere = rng.normal(size=(2000, 3))
-    sphere = centre + radius * sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
+    corners = scene.triangles().vertices.reshape(-1, 3) + scene.origin
     rays = camera.rays(camera.position)
     axes = np.stack([rays.dx, rays.dy, rays.corner], axis=1)
-    x, y, depth = np.linalg.solve(axes, (sphere - camera.position).T)
+    x, y, depth = np.linalg.solve(axes, (corners - camera.position).T)
     assert (depth > 0).all()
+    shares = [np.ptp(x / depth) / size[0], np.ptp(y / depth) / size[1]]
+    assert max(shares) == pytest.approx(1 / 1.08, abs=0.03)  # one side is filled, with a margin
     assert (x / depth > 0).all() and (x / depth < size[0]).all()
     assert (y / depth > 0).all() and (y / depth < size[1]).all()
     view, upward = camera.target - camera.position, np.eye(3)["xyz".index(up)]

@@ -78,7 +78,7 @@ def looks_z_up(faces: np.ndarray) -> bool:
     """Whether a sample of faces looks as if z pointed up.
 
     It does if the scene is lower along z than along y, and has far more level area facing z than facing y. Floors and
-    roofs are such areas, and more of them face up than down.
+    roofs are such areas, and at least about half of them face up.
     """
     if len(faces) < _FEW:
         return False
@@ -89,5 +89,5 @@ def looks_z_up(faces: np.ndarray) -> bool:
     rising = normals[normals[:, 2] > steep, 2].sum()
     lower, upper = np.quantile(faces.mean(1), [_RARE, 1.0 - _RARE], axis=0)
     height, depth = (upper - lower)[2], (upper - lower)[1]
-    floors = level[2] > max(1.5 * level[1], 0.15 * areas.sum()) and rising > 0.5 * level[2]
+    floors = level[2] > max(1.5 * level[1], 0.15 * areas.sum()) and rising > 0.4 * level[2]
     return bool(floors and 0.0 < height < 0.9 * depth)

@@ -1,0 +1,62 @@
+"""What default pictures show: detail without outliers, rooms from inside, and the axis that points up."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.scene.sampled import looks_z_up
+
+
+def block(lower, upper, inward=False):
+    """(12, 3, 3): the faces of a box, which face outward or inward."""
+    lower, upper = np.asarray(lower, float), np.asarray(upper, float)
+    faces = []
+    for axis in range(3):
+        u, v = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+        for side in (0.0, 1.0):
+            a, b, c, d = (side * np.eye(3)[axis] + s * u + t * v for s, t in ((0, 0), (1, 0), (1, 1), (0, 1)))
+            turn = 1 if (side == 1.0) != inward else -1
+            faces += [np.array([a, b, c])[::turn], np.array([a, c, d])[::turn]]
+    return lower + np.array(faces) * (upper - lower)
+
+
+def blocks(n, size, seed=0):
+    """Many small blocks on a floor."""
+    corners = np.random.default_rng(seed).uniform(-1, 1, (n, 3)) * size * (1, 0, 1)
+    return np.concatenate([block(c, c + (0.02, 0.05, 0.02) * np.array(size)) for c in corners])
+
+
+def test_a_lone_part_far_away_does_not_move_the_camera():
+    detail = blocks(100, (1, 1, 1))
+    near, far = (
+        at.Scene.from_arrays(np.concatenate([detail, block(p, p + 0.1)])) for p in (np.zeros(3), np.full(3, 500.0))
+    )
+    middle = [np.linalg.norm(scene.default_camera(64, 64).position) for scene in (near, far)]
+    assert middle[1] < 4 * middle[0]
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_a_room_is_shown_from_inside(up):
+    around = np.concatenate([block((-5, -1, -3), (5, 3, 3), inward=True), block((-5.2, -1.2, -3.2), (5.2, 3.2, 3.2))])
+    room = np.concatenate([around, blocks(60, (4, 1, 2.5))])
+    if up == "z":
+        room = room[..., [0, 2, 1]] * (1, -1, 1)
+    scene = at.Scene.from_arrays(room, up=up)
+    eye = scene.default_camera(64, 64).position
+    assert scene.view.room is not None and (np.abs(eye[[0]]) < 5).all()
+    assert (eye > scene.bounds[0]).all() and (eye < scene.bounds[1]).all()
+    assert [type(light) for light in scene.default_lights()] == [at.SphereLight, at.Sky]
+    frame = at.render(scene, scene.default_camera(32, 32))
+    assert (frame.gbuffer.face >= 0).all() and 0.2 < frame.visibility[0].mean() <= 1.0
+
+
+def test_a_solid_is_shown_from_outside():
+    scene = at.Scene.from_arrays(block((-1, -1, -1), (1, 1, 1)))
+    assert scene.view.room is None
+    assert [type(light) for light in scene.default_lights()] == [at.DirectionalLight, at.Sky]
+
+
+def test_a_town_on_the_ground_tells_up():
+    town = np.concatenate([blocks(100, (40, 4, 30)), block((-40, -1, -30), (40, 0, 30))])
+    assert not looks_z_up(town)
+    assert looks_z_up(town[..., [0, 2, 1]] * (1, -1, 1))
