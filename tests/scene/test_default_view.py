@@ -28,11 +28,11 @@ def blocks(n, size, seed=0):
 
 def test_a_lone_part_far_away_does_not_move_the_camera():
     detail = blocks(100, (1, 1, 1))
-    near, far = (
-        at.Scene.from_arrays(np.concatenate([detail, block(p, p + 0.1)])) for p in (np.zeros(3), np.full(3, 500.0))
-    )
-    middle = [np.linalg.norm(scene.default_camera(64, 64).position) for scene in (near, far)]
-    assert middle[1] < 4 * middle[0]
+    distances = []
+    for place in (np.zeros(3), np.full(3, 500.0)):
+        scene = at.Scene.from_arrays(np.concatenate([detail, block(place, place + 0.1)]))
+        distances.append(np.linalg.norm(scene.default_camera(64, 64).position))
+    assert distances[1] < 4 * distances[0]
 
 
 @pytest.mark.parametrize("up", ["y", "z"])

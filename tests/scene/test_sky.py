@@ -36,10 +36,10 @@ def test_a_uniform_sky_gives_pi():
 
 def test_bright_parts_get_most_lights_and_lie_where_they_are_seen():
     sky = at.Sky(SUNNY)
-    bright = sky.radiance(sky.points).sum(-1) > 90.0
+    bright = sky.radiance(sky.points).sum(-1) > 30.0
     elevation, azimuth = np.pi / 2 - 4.5 * np.pi / 16, 20.5 * np.pi / 16 - np.pi
     towards = np.cos(elevation) * np.array([np.sin(azimuth), 0, -np.cos(azimuth)]) + [0, np.sin(elevation), 0]
-    assert 0.5 < bright.mean() < 1.0
+    assert 0.4 < bright.mean() < 1.0
     assert (sky.points[bright] @ towards > np.cos(0.25)).all()
     turned = at.Sky(SUNNY, turn=90.0)
     np.testing.assert_allclose(turned.points[:, 0], sky.points[:, 2], atol=1e-12)  # from -z to -x
@@ -66,11 +66,8 @@ def test_files_hold_maps(tmp_path):
     rgbe = np.concatenate([mantissa, exponent[..., None] + 128], -1).astype(np.uint8)
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 32\n"
     (tmp_path / "plain.hdr").write_bytes(head + rgbe.tobytes())
-    rows = b"".join(
-        bytes([2, 2, 0, 32])
-        + b"".join(bytes([16, *part[:16], *(b for v in part[16:] for b in (129, v))]) for part in row.T)
-        for row in rgbe
-    )
+    packed = lambda part: bytes([16, *part[:16], *(b for v in part[16:] for b in (129, v))])
+    rows = b"".join(bytes([2, 2, 0, 32]) + b"".join(map(packed, row.T)) for row in rgbe)
     (tmp_path / "runs.hdr").write_bytes(head + rows)
     np.testing.assert_array_equal(at.Sky(tmp_path / "a.exr").map, image)
     plain, runs = (at.Sky(tmp_path / f"{name}.hdr").map for name in ("plain", "runs"))
