@@ -6,6 +6,7 @@
 - memory: what a frame takes; paged_rays, paged_tree: ray lists through a store, and its tree
 - accelerate: builds and prepares the structure that a plan's tracer takes; srdh_rays: the rays shown to builders
 - building: `build_store`; explanation, comparison, culling_picture: pictures of the work of plans
+- room: whether a scene encloses a room, and a camera inside it
 - moments, windows: their queries, and tests in parts of a picture
 - ready: compiles kernels before anything is timed; render_jobs: the jobs of frames; warm: the list of all jobs
 """
