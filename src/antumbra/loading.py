@@ -9,6 +9,7 @@ import numpy as np
 
 from .errors import InputError
 from .scene.files import checked_file
+from .scene.foreign import KNOWN, is_mesh
 from .scene.sampled import looks_z_up, sampled_faces
 from .scene.scene import Scene, checked_up
 from .scene.source import Source
@@ -23,16 +24,17 @@ CITY_SUFFIXES = (".json", ".jsonl")
 
 
 def load(path, *, up: str | None = None, lod: str | None = None) -> "Scene | PagedScene":
-    """Read a scene.
+    """Read a scene from a file, or take it from a mesh of another library.
 
     Parameters
     ----------
-    path : str or path-like
-        One of four kinds. A .glb, .gltf, .obj, .ply or .stl file; files that it names are read from its folder only.
+    path : str, path-like, or a mesh
+        One of five kinds. A .glb, .gltf, .obj, .ply or .stl file; files that it names are read from its folder only.
         A CityJSON file, .json or .city.json, or a CityJSONSeq file, .jsonl or .city.jsonl; it needs antumbra[gis].
         A folder with `frames.npy` ((n, v, 3) float, the vertices at n moments) and `faces.npy` ((f, 3) int);
         `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds) are optional.
-        Or a store, .antumbra, made by `antumbra build`.
+        A store, .antumbra, made by `antumbra build`. Or a mesh of trimesh, pyvista, meshio or Open3D, see
+        `Scene.from_mesh`.
     up : "y" or "z", optional
         The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON, "y"
         for others. A store has its own axis.
@@ -59,13 +61,23 @@ def load(path, *, up: str | None = None, lod: str | None = None) -> "Scene | Pag
     """
     if up is not None:
         checked_up(up)
-    try:
-        path = Path(os.fspath(path))
-    except TypeError:
-        raise InputError(f"scene path is {path!r}; it must be a string or a path") from None
+    if is_mesh(path):
+        scene = Scene.from_mesh(path, up=up or "y")
+    elif isinstance(path, (str, os.PathLike)):
+        scene = _scene_in(Path(path), up, lod)
+    else:
+        kind = type(path).__name__
+        raise InputError(f"scene is a {kind}; give the path of a file, or {KNOWN}; arrays go to Scene.from_arrays")
+    for note in scene.notes:
+        warnings.warn(note, UserWarning, stacklevel=2)
+    return scene
+
+
+def _scene_in(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":
+    """The scene of a file or folder; errors of libraries become an `InputError`."""
     try:
         with np.errstate(all="ignore"):
-            scene = _read(path, up, lod)
+            return _read(path, up, lod)
     except InputError:
         raise
     except MemoryError as error:
@@ -73,9 +85,6 @@ def load(path, *, up: str | None = None, lod: str | None = None) -> "Scene | Pag
     except Exception as error:  # a library failed on input that passed all checks
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{path.name}: cannot be read ({reason}); is the file damaged?") from error
-    for note in scene.notes:
-        warnings.warn(note, UserWarning, stacklevel=2)
-    return scene
 
 
 def _read(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":

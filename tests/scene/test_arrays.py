@@ -116,11 +116,8 @@ WRONG = {
     "float faces": (dict(vertices=TETRAHEDRON, faces=[[0.0, 1.0, 2.0]]), "faces must be whole numbers"),
     "quads": (dict(vertices=TETRAHEDRON, faces=[[0, 1, 2, 3]]), "faces must be whole numbers"),
     "no faces": (dict(vertices=TETRAHEDRON, faces=np.zeros((0, 3), int)), "no triangles"),
-    "colours of bytes": (
-        dict(vertices=TETRAHEDRON, faces=FACE, colours=np.zeros((1, 3), np.uint8)),
-        "floats",
-    ),
-    "wrong number of colours": (dict(vertices=TETRAHEDRON, faces=FACE, colours=np.zeros((2, 3))), "floats"),
+    "colours of whole numbers": (dict(vertices=TETRAHEDRON, faces=FACE, colours=np.zeros((1, 3), int)), "float"),
+    "wrong number of colours": (dict(vertices=TETRAHEDRON, faces=FACE, colours=np.zeros((2, 3))), "vertex_colours"),
     "colours above one": (dict(vertices=TETRAHEDRON, faces=FACE, colours=(0, 0, 1.5)), "between 0 and 1"),
     "colours NaN": (dict(vertices=TETRAHEDRON, faces=FACE, colours=(0, 0, np.nan)), "between 0 and 1"),
     "up": (dict(vertices=TETRAHEDRON, faces=FACE, up="x"), 'up is \'x\'; it must be "y" or "z"'),

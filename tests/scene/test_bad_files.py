@@ -51,7 +51,7 @@ def test_pipes_do_not_block(tmp_path, name):
 
 @pytest.mark.parametrize("path", [None, 3, 2.5, ["a.glb"]])
 def test_paths_of_other_types(path):
-    assert "must be a string or a path" in message_of(path)
+    assert "give the path of a file" in message_of(path)
 
 
 def test_paths_that_no_system_has(tmp_path):

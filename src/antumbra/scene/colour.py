@@ -33,9 +33,14 @@ def mean_linear(data: bytes) -> np.ndarray:
                 _check_size(image.size, len(data))
                 if max(image.size) > 1024:
                     image.draft("RGB", (256, 256))  # a JPEG is decoded at a fraction of its size
-                counts = np.array(image.convert("RGB").histogram(), np.float64).reshape(3, 256)
+                return mean_of(image)
     except Exception as error:  # Pillow's decoders raise a dozen kinds of errors on damaged files
         raise ValueError(str(error) or type(error).__name__) from error
+
+
+def mean_of(image) -> np.ndarray:
+    """The mean colour ((3,) float64, linear) of a picture that Pillow has opened."""
+    counts = np.array(image.convert("RGB").histogram(), np.float64).reshape(3, 256)
     return counts @ BYTE_TO_LINEAR / counts[0].sum()
 
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from .colour import BYTE_TO_LINEAR
 
 WHITE = np.ones(3, np.float32)
 
@@ -84,12 +85,40 @@ def check_finite(positions: np.ndarray, where: str) -> None:
 
 
 def face_colours(colour, count: int, where: str) -> np.ndarray:
-    """The checked linear colour as float32 in [0, 1]: one ((3,)) or one for each face ((f, 3))."""
+    """The checked linear colour as float32 in [0, 1]: one ((3,)), or one for each face ((f, 3))."""
     if colour is None:
         return WHITE
-    colour = np.asarray(colour)
-    if colour.dtype.kind != "f" or colour.shape not in ((3,), (count, 3)):
-        raise InputError(f"{where}: colours must be floats, (3,) or ({count}, 3), not {colour.dtype} {colour.shape}")
-    if not (colour.size == 0 or (colour.min() >= 0.0 and colour.max() <= 1.0)):
-        raise InputError(f"{where}: colours must lie between 0 and 1 (linear light)")
-    return np.array(colour, np.float32)
+    colour = linear_colours(colour, where)
+    if colour.shape not in ((3,), (count, 3)):
+        cure = f"give (3,) or ({count}, 3), or vertex_colours"
+        raise InputError(f"{where}: colours of {count} faces have shape {colour.shape}; {cure}")
+    return colour
+
+
+def mean_of_corners(colours, faces: np.ndarray | None, n_vertices: int, where: str) -> np.ndarray:
+    """(f, 3) float32: the linear colour of each face, the mean of the colours of its vertices, (v, 3) or (v, 4)."""
+    colours = linear_colours(colours, where)
+    if colours.shape != (n_vertices, 3):
+        raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
+    corners = colours.reshape(-1, 3, 3) if faces is None else colours[faces]
+    return corners.mean(axis=1, dtype=np.float32)
+
+
+def linear_colours(colours, where: str) -> np.ndarray:
+    """Colours (..., 3) or (..., 4) as (..., 3) float32, linear light in [0, 1]. Alpha is dropped.
+
+    uint8: sRGB; floating point: linear light.
+    """
+    try:
+        colours = np.asarray(colours)
+    except ValueError:
+        colours = np.asarray(None)
+    if not (colours.dtype.kind == "f" or colours.dtype == np.uint8) or colours.shape[-1:] not in ((3,), (4,)):
+        kinds = "float (linear light, 0 to 1) or uint8 (sRGB), with 3 or 4 of them for each colour"
+        raise InputError(f"{where}: colours must be {kinds}, not {colours.dtype} {colours.shape}")
+    colours = colours[..., :3]
+    if colours.dtype == np.uint8:
+        return BYTE_TO_LINEAR.astype(np.float32)[colours]
+    if not (colours.size == 0 or (colours.min() >= 0.0 and colours.max() <= 1.0)):
+        raise InputError(f"{where}: colours must lie between 0 and 1 (linear light); give uint8 for 0 to 255")
+    return colours.astype(np.float32)

@@ -7,7 +7,7 @@ from . import engine
 from .any_scene import AnyScene
 from .camera import Camera
 from .cityjson.model import CityModel
-from .mesh import make_mesh
+from .mesh import make_mesh, mean_of_corners
 from .recentre import frame_origin
 from .sampled import detail, moving_faces, within
 from .source import Source, StaticMeshes
@@ -19,8 +19,8 @@ from .view import View, view_of_box
 class Scene(AnyScene):
     """Triangles, cameras and lights in world space, at any time between 0 and `duration`.
 
-    Made by `antumbra.load`, `antumbra.procedural` or `Scene.from_arrays`. Coordinates are evaluated in
-    float64, recentred, and only then rounded to float32: world position = vertex + `origin`.
+    Made by `antumbra.load`, `antumbra.procedural`, `Scene.from_arrays` or `Scene.from_mesh`. Coordinates are
+    evaluated in float64, recentred, and only then rounded to float32: world position = vertex + `origin`.
 
     The origin belongs to the scene and is the same at every time. It is about the middle of the scene. On each axis it
     is ``lower + round(((upper - lower) / 2) / g) * g`` in float64. The bounds are those at time 0, and ``g`` is
@@ -73,7 +73,7 @@ class Scene(AnyScene):
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
 
     @classmethod
-    def from_arrays(cls, vertices, faces=None, colours=None, *, name="arrays", up="y") -> "Scene":
+    def from_arrays(cls, vertices, faces=None, colours=None, *, vertex_colours=None, name="arrays", up="y") -> "Scene":
         """A static scene from arrays.
 
         Parameters
@@ -82,8 +82,19 @@ class Scene(AnyScene):
             Or an (n, 3, 3) soup of triangles, with `faces` None. Any float or integer dtype.
         faces : (f, 3) int, optional
             Indices of vertices. None: three vertices in a row are a face.
-        colours : (3,) or (f, 3) float, optional
-            Linear base colour of the scene or of each face, in [0, 1]; white by default.
+        colours : (3,) or (f, 3), optional
+            Base colour of the scene or of each face; white by default. Floats are linear light in [0, 1], uint8 is
+            sRGB. A fourth number, alpha, is dropped.
+        vertex_colours : (v, 3), optional
+            Colour of each vertex instead; a face has the mean of its three. Of a soup, of each of its 3 n corners.
+        name : str
+            Name of the scene, also in errors.
+        up : "y" or "z"
+            The axis that points up.
+
+        Returns
+        -------
+        Scene
 
         Raises
         ------
@@ -98,8 +109,44 @@ class Scene(AnyScene):
             indices = np.asarray(faces)
         elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
             raise InputError(f"{name}: {len(positions)} vertices are no multiple of 3; give faces")
-        mesh = make_mesh(name, positions.reshape(-1, 3), indices, colours, name)
+        if colours is not None and vertex_colours is not None:
+            raise InputError(f"{name}: colours and vertex_colours exclude each other; leave one of them out")
+        positions = positions.reshape(-1, 3)
+        mesh = make_mesh(name, positions, indices, colours, name)
+        if vertex_colours is not None:
+            mesh = mesh._replace(colour=mean_of_corners(vertex_colours, indices, len(positions), name))
         return cls(StaticMeshes([mesh], name), name=name, up=up)
+
+    @classmethod
+    def from_mesh(cls, mesh, *, name: str | None = None, up="y") -> "Scene":
+        """A static scene from a mesh of another library. `antumbra.load` takes such meshes too.
+
+        Parameters
+        ----------
+        mesh : object
+            A trimesh ``Trimesh`` or ``Scene``, a pyvista data set (``PolyData``, or one that has a surface) or
+            ``MultiBlock``, a meshio ``Mesh``, or an Open3D ``TriangleMesh`` of either kind. Colours of vertices and
+            faces, and mean colours of materials, are kept. Each node of a trimesh ``Scene`` is an object.
+        name : str, optional
+            Name of the scene, also in errors; None: the kind of mesh.
+        up : "y" or "z"
+            The axis that points up.
+
+        Returns
+        -------
+        Scene
+            Its `notes` name what was left out.
+
+        Raises
+        ------
+        InputError
+            If the object is of another kind, has no triangles, or has vertices that are NaN or infinite.
+        """
+        from .foreign import meshes_of
+
+        name = type(mesh).__name__.lower() if name is None else name
+        meshes, notes = meshes_of(mesh, name)
+        return cls(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes))
 
     @property
     def n_triangles(self) -> int:

@@ -1,0 +1,170 @@
+"""Meshes of other libraries: trimesh itself, and objects that look like those of the others."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+import antumbra as at
+from antumbra import InputError
+from antumbra.scene.colour import srgb_to_linear
+from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
+
+CORNERS = TETRAHEDRON[TETRAHEDRON_FACES]
+BYTES = np.random.default_rng(5).integers(0, 256, (4, 4)).astype(np.uint8)
+MEAN_OF_CORNERS = srgb_to_linear(BYTES[:, :3] / 255.0)[TETRAHEDRON_FACES].mean(axis=1)
+
+
+def tetrahedron(**more) -> trimesh.Trimesh:
+    return trimesh.Trimesh(TETRAHEDRON, TETRAHEDRON_FACES, process=False, **more)
+
+
+class Arrays(dict):
+    """Named arrays of points or cells, as pyvista and meshio have them."""
+
+
+def polydata(point_data=(), cell_data=()):
+    faces = np.column_stack([np.full(4, 3), TETRAHEDRON_FACES]).reshape(-1)
+    made = SimpleNamespace(points=TETRAHEDRON, faces=faces, n_cells=4, strips=None)
+    made.point_data, made.cell_data = Arrays(point_data), Arrays(cell_data)
+    made.triangulate = made.extract_surface = lambda: made
+    return made
+
+
+def open3d_mesh(colours=None):
+    return SimpleNamespace(
+        vertices=TETRAHEDRON.tolist(), triangles=TETRAHEDRON_FACES.tolist(), vertex_colors=colours,
+        has_vertex_colors=lambda: colours is not None,
+    )  # fmt: skip
+
+
+def meshio_mesh(*cells, points=TETRAHEDRON, point_data=()):
+    blocks = [SimpleNamespace(type=kind, data=np.array(data)) for kind, data in cells]
+    return SimpleNamespace(points=points, cells=blocks, cells_dict={}, point_data=Arrays(point_data))
+
+
+OF_VERTICES = {
+    "trimesh": tetrahedron(vertex_colors=BYTES),
+    "pyvista": polydata({"weights": np.zeros(4), "RGBA": BYTES}),
+    "meshio": meshio_mesh(("triangle", TETRAHEDRON_FACES), point_data={"colors": BYTES}),
+    "open3d": open3d_mesh(BYTES[:, :3] / 255.0),
+    "open3d tensors": SimpleNamespace(vertex=1, triangle=1, to_legacy=lambda: open3d_mesh(BYTES[:, :3] / 255.0)),
+}
+
+
+@pytest.mark.parametrize("mesh", OF_VERTICES.values(), ids=OF_VERTICES)
+def test_positions_and_colours_of_vertices(mesh):
+    for scene in at.load(mesh, up="z"), at.Scene.from_mesh(mesh, up="z"):
+        assert_at(scene, CORNERS)
+        assert scene.up == "z" and scene.notes == ()
+        np.testing.assert_allclose(scene.colours, MEAN_OF_CORNERS, atol=1e-6)
+
+
+def test_colours_of_faces():
+    wanted = srgb_to_linear(BYTES[:, :3] / 255.0)
+    for mesh in tetrahedron(face_colors=BYTES), polydata(cell_data={"shade": BYTES}):
+        np.testing.assert_allclose(at.load(mesh).colours, wanted, atol=1e-6)
+
+
+def test_a_material_has_its_mean_colour():
+    half = np.zeros((2, 2, 3), np.uint8)
+    half[0] = 255
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[255, 51, 0, 255], baseColorTexture=Image.fromarray(half)
+    )
+    visual = trimesh.visual.TextureVisuals(uv=np.zeros((4, 2)), material=material)
+    np.testing.assert_allclose(at.load(tetrahedron(visual=visual)).colours, [[0.5, 0.1, 0.0]] * 4, atol=1e-6)
+
+
+def test_each_node_of_a_trimesh_scene_is_an_object():
+    scene, moved = trimesh.Scene(), trimesh.transformations.translation_matrix([5.0, 0.0, 0.0])
+    scene.add_geometry(tetrahedron(), node_name="here", geom_name="t")
+    scene.graph.update("there", geometry="t", matrix=moved)
+    scene.add_geometry(trimesh.load_path([[[0, 0], [1, 1]]]), geom_name="lines")
+    with pytest.warns(UserWarning, match="'lines' is a Path"):
+        made = at.load(scene)
+    assert [o.name for o in made.objects] == ["here", "there"]
+    assert_at(made, np.concatenate([CORNERS, CORNERS + [5.0, 0.0, 0.0]]))
+
+
+def test_cells_of_meshio():
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5], [0.5, 0.5]], float)
+    cells = ("quad", [[0, 1, 2, 3]]), ("triangle6", [[0, 1, 2, 4, 5, 6]]), ("line", [[0, 1]]), ("tetra", [[0, 1, 2, 3]])
+    with pytest.warns(UserWarning, match="1 cells of kind 'tetra' were left out"):
+        made = at.load(meshio_mesh(*cells, points=square))
+    flat = np.column_stack([square, np.zeros(7)])
+    assert_at(made, flat[[[0, 1, 2], [0, 2, 3], [0, 1, 2]]])
+
+
+def test_blocks_of_pyvista_are_objects():
+    class Blocks:
+        is_all_polydata = True
+
+        def keys(self):
+            return ["a", "empty", "b"]
+
+        def __getitem__(self, i):
+            return [polydata(), None, polydata()][i]
+
+    made = at.load(Blocks())
+    assert [o.name for o in made.objects] == ["a", "b"] and made.n_triangles == 8
+
+
+@pytest.mark.parametrize(
+    "mesh, words",
+    [
+        (None, "scene is a NoneType; give the path of a file, or a mesh of trimesh"),
+        (np.zeros((3, 3)), "arrays go to Scene.from_arrays"),
+        (trimesh.Trimesh(), "the Trimesh has no triangles"),
+        (meshio_mesh(("hexahedron", [[0, 1, 2, 3, 0, 1, 2, 3]])), "has no triangles.*extract_surface"),
+        (meshio_mesh(("triangle", [[0, 1, 9]])), "face 0 uses vertex 0, 1, 9"),
+        (meshio_mesh(("triangle", [[0, 1, 2]]), points=np.full((3, 3), np.nan)), "vertex 0 is"),
+        (meshio_mesh(("triangle", [[0, 1, 2]]), points=np.array([["a"] * 3] * 3)), "vertices must be numbers"),
+    ],
+)
+def test_bad_objects_are_refused(mesh, words):
+    with pytest.raises(InputError, match=words):
+        at.load(mesh)
+
+
+def test_another_object_is_no_mesh():
+    with pytest.raises(InputError, match=r"types\.SimpleNamespace is not a mesh of trimesh"):
+        at.Scene.from_mesh(SimpleNamespace())
+
+
+@pytest.mark.parametrize("soup", [False, True])
+def test_arrays_with_bytes_and_colours_of_vertices(soup):
+    arguments = (CORNERS, None) if soup else (TETRAHEDRON, TETRAHEDRON_FACES)
+    bytes_ = BYTES[TETRAHEDRON_FACES].reshape(-1, 4) if soup else BYTES
+    linear = srgb_to_linear(bytes_[:, :3] / 255.0)
+    for given in bytes_, linear, linear.astype(np.float32):
+        made = at.Scene.from_arrays(*arguments, vertex_colours=given)
+        np.testing.assert_allclose(made.colours, MEAN_OF_CORNERS, atol=1e-6)
+    made = at.Scene.from_arrays(*arguments, BYTES)
+    np.testing.assert_allclose(made.colours, srgb_to_linear(BYTES[:, :3] / 255.0), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "colours, words",
+    [
+        ({"colours": np.full((4, 3), 255.0)}, "give uint8 for 0 to 255"),
+        ({"colours": np.full((4, 3), 255)}, "must be float .* or uint8"),
+        ({"colours": np.ones((5, 3))}, r"colours of 4 faces have shape \(5, 3\); .* or vertex_colours"),
+        ({"vertex_colours": np.ones((5, 3))}, r"vertex_colours of 4 vertices have shape \(5, 3\)"),
+        ({"colours": np.ones(3), "vertex_colours": np.ones((4, 3))}, "exclude each other"),
+    ],
+)
+def test_bad_colours_are_refused(colours, words):
+    with pytest.raises(InputError, match=words):
+        at.Scene.from_arrays(TETRAHEDRON, TETRAHEDRON_FACES, **colours)
+
+
+def test_meshes_of_installed_libraries():
+    pyvista = pytest.importorskip("pyvista", reason="no pyvista: only objects that look like its data are checked")
+    sphere = pyvista.Sphere()
+    corners = sphere.points[sphere.regular_faces]
+    assert_at(at.load(sphere), corners)
+    grid = pyvista.ImageData(dimensions=(3, 3, 3))
+    assert at.load(grid).n_triangles == 2 * 6 * 4
