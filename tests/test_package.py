@@ -63,6 +63,7 @@ def test_fields_of_a_named_tuple_have_comments(name):
     comments = fields.field_comments(cls)
     assert tuple(comments) == cls._fields
     assert not [field for field, comment in comments.items() if not comment]
+    assert {field: getattr(cls, field).__doc__ for field in cls._fields} == comments  # what help() shows
 
 
 def test_version():

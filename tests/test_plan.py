@@ -120,3 +120,17 @@ def test_orders_have_a_part_each():
     plans = covering_plans(papers=True)
     for name in ORDERS:
         assert [p for p in plans if p.trace == f"single:{name}"] == [Plan(trace=f"single:{name}")]
+
+
+@pytest.mark.parametrize(
+    "make, words",
+    [
+        (lambda: Plan("bsah+wide"), r"it takes cull=.* one by one; a whole plan is a text, as in plan='bsah\+wide'"),
+        (lambda: Plan(trace="bsah"), "Plan has no tracer 'bsah': it takes cull="),
+        (lambda: Plan(build="bsha"), "Plan has no builder 'bsha'; did you mean 'bsah'"),
+        (lambda: parse_plan("bsah+multifrustra"), "unknown part 'multifrustra'; did you mean 'multifrusta'"),
+    ],
+)
+def test_wrong_names_fail_at_once_with_the_cure(make, words):
+    with pytest.raises(InputError, match=words):
+        make()

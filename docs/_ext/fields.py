@@ -9,6 +9,7 @@ import tokenize
 
 def field_comments(cls: type) -> dict[str, str]:
     """Field -> the comment on the lines of its definition; "" where there is none."""
+    cls = next(each for each in cls.__mro__ if "_fields" in vars(each))  # a subclass may add properties
     source = textwrap.dedent(inspect.getsource(cls))
     tokens = tokenize.generate_tokens(io.StringIO(source).readline)
     comments = {t.start[0]: t.string.lstrip("# ") for t in tokens if t.type == tokenize.COMMENT}

@@ -10,6 +10,7 @@
 import importlib
 import typing
 
+from .fielddocs import describe as _describe
 from .scene import engine
 
 if typing.TYPE_CHECKING:
@@ -181,6 +182,8 @@ if not typing.TYPE_CHECKING:  # hidden from type checkers, so that unknown names
         if name not in _HOME:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+        if hasattr(value, "_fields"):
+            _describe(value)
         globals()[name] = value
         return value
 

@@ -1,8 +1,18 @@
 """Checked numbers for the public face."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 import numpy as np
 
 from .errors import InputError
+
+
+def near(name, known: Iterable[str]) -> str:
+    """``"did you mean 'x'? "`` if a known name is like `name`, else nothing: for errors about unknown names."""
+    text, names = str(name), list(known)
+    found = get_close_matches(text, names, 1, 0.6) or [each for each in names if each.lower() == text.lower()][:1]
+    return f"did you mean {found[0]!r}? " if found else ""
 
 
 def vector(value, what: str) -> np.ndarray:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from itertools import product
 
+from .checks import near
 from .errors import InputError
 from .methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
@@ -29,6 +30,11 @@ class Plan:
     update : str or None
         Updater that derives a frame's BVH from the last frame's; None: a new build in each frame. With a culler, the
         updater keeps the BVH of all triangles, and rays walk its part with the triangles that are left.
+
+    Raises
+    ------
+    InputError
+        If a name is in no registry of its kind.
     """
 
     cull: str | None = None
@@ -38,9 +44,11 @@ class Plan:
     update: str | None = None
 
     def __post_init__(self):
-        found = find_method("trace", self.trace)
-        tracer = None if found is None else found[1]  # `parse_plan` refuses unknown names
-        if self.build is None and (tracer is None or (tracer.builds and not tracer.chooses)):
+        for field, (kind, registry) in KINDS.items():
+            name = getattr(self, field)
+            if name is not None and find_method(field, name) is None:
+                raise InputError(_unknown_name(name, field, kind, registry))
+        if self.build is None and self.tracer.builds and not self.tracer.chooses:
             object.__setattr__(self, "build", "bsah")
 
     def __str__(self) -> str:
@@ -90,7 +98,7 @@ def parse_plan(plan: "str | Plan") -> Plan:
     for part in str(plan).split("+"):
         method = _method(part)
         if method is None:
-            raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {_valid()}")
+            raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {near(part, _names())}{_valid()}")
         field, name = method
         if field in found:
             kind = KINDS[field][0]
@@ -163,6 +171,21 @@ def names_of(papers: bool) -> dict[str, list[str]]:
         add_plugins()
         return {field: list(registry) for field, (_, registry) in KINDS.items()}
     return {field: own_methods(field) for field in KINDS}
+
+
+def _names() -> list[str]:
+    """The names of all methods, with those that packages added."""
+    return [name for _, registry in KINDS.values() for name in registry]
+
+
+def _unknown_name(name, field: str, kind: str, registry: dict) -> str:
+    """The message about a name that a field of a `Plan` cannot have."""
+    if "+" in str(name) or any(name in names for _, names in KINDS.values()):
+        fields = ", ".join(f"{field}=" for field in KINDS)
+        return (
+            f"Plan has no {kind} {name!r}: it takes {fields} one by one; a whole plan is a text, as in plan='bsah+wide'"
+        )
+    return f"Plan has no {kind} {name!r}; {near(name, registry)}choose one of {', '.join(registry)}"
 
 
 def _valid() -> str:

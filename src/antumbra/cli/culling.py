@@ -45,6 +45,7 @@ def culling(
     asked_camera = None if camera is None else arguments.parse_camera(camera)
     asked_lights = [arguments.parse_light(text) for text in light or []]
 
+    from ..checks import near
     from ..image.save import save_png
     from ..image.tonemap import to_srgb8
     from ..methods import CULLERS, find_method
@@ -53,7 +54,7 @@ def culling(
 
     path = checked_output(Path(f"{spec.stem}-culling.png") if output is None else output, (".png",))
     if find_method("cull", culler) is None:
-        raise InputError(f"culler {culler!r} is unknown; choose one of {', '.join(CULLERS)}")
+        raise InputError(f"culler {culler!r} is unknown; {near(culler, CULLERS)}choose one of {', '.join(CULLERS)}")
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = in_memory(open_scene(spec, None if up is None else up.value, quiet))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
-from ..kernels.progress import heard_by
+from ..kernels.progress import heard_by, in_turn
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -55,19 +55,14 @@ class ProgressDisplay:
             if self._bar is not None:
                 self._update(self._bar)
 
-    def parts(self, text: str, count: int, index: int = 0, of: int = 1) -> Callable[[int, int], None]:
+    def parts(self, text: str, count: int, index: int = 0, of: int = 1) -> Callable[[int, int], object]:
         """A function ``progress(done, total)`` for `count` runs, one after the other. `done` restarts in each run.
 
         All runs together are piece `index` of `of` pieces.
         """
-        run, last = 0, -1
-
-        def progress(done: int, total: int) -> None:
-            nonlocal run, last
-            run, last = (run + 1 if done < last else run), done
-            self.say(text, (index * count + min(run, count - 1)) * total + done, of * count * total)
-
-        return progress
+        made = in_turn(lambda done, total: self.say(text, done, total), count, index, of)
+        assert made is not None
+        return made
 
     def _start(self) -> None:
         from rich.console import Console

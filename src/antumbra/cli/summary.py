@@ -54,7 +54,7 @@ def scene_answer(asked: "RenderOptions", scene: "AnyScene") -> dict:
 def shot_answer(shot: "Shot", saved: Saved) -> dict:
     """The fields of ``--json`` for a single picture, or for one frame of an animation."""
     frame = shot.frame
-    seen = frame.gbuffer.face >= 0
+    seen = frame.mask
     return {
         "output": str(saved.path),
         "time": shot.time,
@@ -125,7 +125,7 @@ def view_fields(asked: "RenderOptions", shot: "Shot", speed: float | None = None
     camera, frame, spp = shot.camera, shot.frame, asked.spp
     yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
     yield "lights", ", ".join(_light_text(light) for light in shot.lights)
-    if not (frame.gbuffer.face >= 0).any():
+    if not frame.mask.any():
         yield "", "the camera sees no surface"
     samples = [light.samples(spp) for light in shot.lights]
     each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"

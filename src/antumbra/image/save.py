@@ -30,7 +30,7 @@ def checked_exposure(exposure) -> float:
 
 def frame_exposure(frame) -> float:
     """The exposure that ``save_frame(frame, "x.png")`` chooses automatically."""
-    return automatic_exposure(frame.image, frame.gbuffer.face >= 0)
+    return automatic_exposure(frame.image, frame.mask)
 
 
 def save_frame(frame, path, exposure: float | None = None, note: str | None = None, background=None) -> None:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..checks import near
 from ..errors import InputError
 from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
@@ -52,7 +53,8 @@ class Table:
     def __getitem__(self, name: str) -> np.ndarray:
         """The values of a column. InputError names the columns if there is none of this name."""
         if name not in self.columns:
-            raise InputError(f"there is no column {name!r}; there are {', '.join(self.columns)}")
+            names = ", ".join(self.columns)
+            raise InputError(f"there is no column {name!r}; {near(name, self.columns)}there are {names}")
         return self.columns[name].values
 
     def __repr__(self) -> str:

@@ -23,6 +23,10 @@ class GBuffer(NamedTuple):
     side: np.ndarray  # (H, W) int8: 1: the triangle's own normal points to the camera; -1: away; 0: background
     origin: np.ndarray  # (3,) float64, world position of the frame's origin
 
+    def __repr__(self) -> str:
+        height, width = self.face.shape
+        return f"GBuffer({width}x{height}, {(self.face >= 0).mean():.0%} see a surface; {', '.join(self._fields)})"
+
 
 class Surface(NamedTuple):
     """Pointers to the arrays that `fill_pixel` writes."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..checks import whole_number
+from ..checks import near, whole_number
 from ..errors import InputError
 from ..scene.light_list import N_SETS, LightList
 from ..scene.lights import MAX_SPP, Light
@@ -166,7 +166,8 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
     """
     spp = whole_number(spp, "spp", 1, MAX_SPP)
     if sampler not in SAMPLERS:
-        raise InputError(f"unknown sampler {sampler!r}; choose one of {', '.join(SAMPLERS)}")
+        cure = f"{near(sampler, SAMPLERS)}choose one of {', '.join(SAMPLERS)}"
+        raise InputError(f"unknown sampler {sampler!r}; {cure}")
     return np.ascontiguousarray(SAMPLERS[sampler](spp, seed))
 
 

@@ -32,7 +32,15 @@ class Frame(NamedTuple):
     @property
     def coverage(self) -> np.ndarray:
         """(H, W) float32: the share of each pixel that shows surfaces: 0 or 1, and between them at refined edges."""
-        return (self.gbuffer.face >= 0).astype(np.float32) if self.divided is None else self.divided
+        return self.mask.astype(np.float32) if self.divided is None else self.divided
+
+    @property
+    def mask(self) -> np.ndarray:
+        """(H, W) bool: whether the pixel sees a surface. Elsewhere `visibility` is 1, since nothing hides the light.
+
+        ``np.where(frame.mask, frame.visibility[0], np.nan)`` leaves the background out of means and plots.
+        """
+        return self.gbuffer.face >= 0
 
     def save(self, path, exposure: float | None = None, background=None) -> None:
         """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear; image, visibility, depth, normal).
@@ -54,6 +62,19 @@ class Frame(NamedTuple):
         from ..image.save import save_frame
 
         save_frame(self, path, exposure, background=background)
+
+    def _repr_png_(self) -> bytes:
+        """The picture as a notebook shows it: as `save` writes it to a ``.png``."""
+        from ..image.save import frame_exposure, png_bytes
+        from ..image.tonemap import to_srgb8
+
+        return png_bytes(to_srgb8(self.image, frame_exposure(self)))
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        lights, seconds = len(self.visibility), self.timings["total"]
+        about = f"{width}x{height}, {lights} light{'s' * (lights != 1)}, {self.rays:,} rays, {1000 * seconds:.3g} ms"
+        return f"Frame({about}, plan {self.plan!r}; {', '.join(self._fields)})"
 
 
 class Clock:

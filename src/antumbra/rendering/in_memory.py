@@ -127,8 +127,10 @@ class InMemory:
             arguments.check()
         return out
 
-    def surfaces_hit(self, arguments: Arguments, time: float) -> tuple[np.ndarray, Triangles, np.ndarray]:
-        found = self.trace_rays(arguments, False, 0, time)
+    def surfaces_hit(
+        self, arguments: Arguments, time: float, cull_faces: int = 0
+    ) -> tuple[np.ndarray, Triangles, np.ndarray]:
+        found = self.trace_rays(arguments, False, cull_faces, time)
         return found.t, self.accelerated(time).triangles, found.face
 
     def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:

@@ -215,10 +215,12 @@ class Paged:
                 out.u[at], out.v[at] = weights(batch, self.threads)
         return out
 
-    def surfaces_hit(self, arguments: Arguments, time: float) -> tuple[np.ndarray, Triangles, np.ndarray]:
+    def surfaces_hit(
+        self, arguments: Arguments, time: float, cull_faces: int = 0
+    ) -> tuple[np.ndarray, Triangles, np.ndarray]:
         arguments.check()
         t, faces, found, n = np.full(len(arguments.origins), np.inf), np.full(len(arguments.origins), -1), [], 0
-        for batch in self._batches(arguments, False, 0):
+        for batch in self._batches(arguments, False, cull_faces):
             t[batch.places] = batch.hits.t[0]
             faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
             found.append(batch.triangles)

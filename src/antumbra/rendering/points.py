@@ -9,7 +9,7 @@ from ..query.shadow import ShadowQuery
 from ..scene.lights import Light
 from .memory import FrameMemory
 from .render_jobs import warm_up
-from .renderer import Renderer
+from .renderer import Progress, Renderer
 
 
 class PointQueries:
@@ -47,12 +47,16 @@ class PointQueries:
 
     def answer(self, query: ShadowQuery) -> np.ndarray:
         """The bits of a query, (h, w, ceil(spp / 64)) uint64."""
+        return self.answer_all([query])[0]
+
+    def answer_all(self, queries: list[ShadowQuery], progress: Progress | None = None) -> list[np.ndarray]:
+        """The bits of queries of receivers of the same shape, by one tree."""
         make, ready = self._accelerator, self._ready
-        if ready is None:  # the tree depends on the query
-            culled, shown = make.culled(self.triangles, [query]), make.show(self.triangles, [query])
+        if ready is None:  # the tree depends on the queries
+            culled, shown = make.culled(self.triangles, queries), make.show(self.triangles, queries)
             ready = make.build(self.triangles, culled, shown)
         ready.begin()
-        return make.answer(ready, query)
+        return make.answer_all(ready, queries, None, progress)
 
 
 class AskingPoints(PointQueries):
@@ -71,13 +75,14 @@ class AskingPoints(PointQueries):
         samples : (16, spp, 3) float64, in the light's domain
         cull_faces : a value of CULL_FACES
         """
-        return self.answer(self._row(receivers, unit, light, samples, cull_faces))[0]
+        return self.answer(self.row(receivers, unit, light, samples, cull_faces))[0]
 
     def below(self, receivers: np.ndarray, unit: np.ndarray, light, samples) -> np.ndarray:
         """(n, ceil(spp / 64)) uint64: bit s is set where the receiver's own surface occludes sample s; see `bits`."""
-        return below_horizon(self._row(receivers, unit, light, samples, 0), self.threads)[0]
+        return below_horizon(self.row(receivers, unit, light, samples, 0), self.threads)[0]
 
-    def _row(self, receivers, unit, light, samples, cull_faces) -> ShadowQuery:
+    def row(self, receivers, unit, light, samples, cull_faces) -> ShadowQuery:
+        """The query of `bits`."""
         sides = np.full((1, len(receivers)), FREE if unit is None else 1, np.int8)
         normals = np.empty((0, 0, 3)) if unit is None else unit[None]
         return self.query(receivers[None], sides, normals, light, samples, cull_faces)

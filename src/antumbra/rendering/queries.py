@@ -1,5 +1,7 @@
 """Queries without a camera: arrays of rays, and the visibility of lights from points."""
 
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -7,21 +9,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..kernels.progress import in_turn, shown
 from ..plan import DEFAULT_PLAN, Plan
-from ..query.rays import as_array, cull_value, ray_arguments
+from ..query.rays import Arguments, as_array, cull_value, ray_arguments
 from ..query.receivers import point_receivers
 from ..query.sampling import light_samples
 from ..query.shadow import fraction_lit
 from ..scene.any_scene import AnyScene
-from ..scene.hit import Hit
+from ..scene.hit import Hit, HitFaces
 from ..scene.light_list import LightList
 from ..scene.lights import Light, check_lights
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated
-from .memory import points_memory
+from .memory import FrameMemory, points_memory
 from .points import AskingPoints
 from .ready import Job, fixed_job, make_ready, small_scene
-from .renderer import Renderer, source_kind
+from .renderer import Progress, Renderer, source_kind
 from .source import RenderSource
 from .srdh_rays import SrdhRays
 
@@ -29,10 +32,29 @@ _RAYS = "bsah+wide"  # the plan of ray lists in memory
 
 
 class Visibility(NamedTuple):
-    """The samples of a light that each point sees; the leading shape (...) is the points' leading shape."""
+    """What points see of a light, or of several; (...) is the points' leading shape, and (..., lights) for several."""
 
-    bits: np.ndarray  # (..., ceil(spp / 64)) uint64: bit s = sample s occluded
+    bits: np.ndarray  # (..., ceil(n / 64)) uint64: bit s = sample s occluded; 0 beyond the samples of a light
     fraction: np.ndarray  # (...) float32 in [0, 1]: share of the samples that are not occluded
+    samples: np.ndarray  # int64, () or (lights,): number of samples of each light
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(...) bool: whether the point sees any sample. For a light of one sample, whether it sees the light."""
+        return self.fraction > 0.0
+
+    @property
+    def seen_samples(self) -> np.ndarray:
+        """(..., n) bool: whether the point sees sample s. n: the most samples of a light; False beyond its own."""
+        words = np.ascontiguousarray(self.bits).astype("<u8", copy=False)
+        n = int(self.samples.max(initial=0))
+        occluded = np.unpackbits(words.view(np.uint8), axis=-1, count=n, bitorder="little")
+        return (occluded == 0) & (np.arange(n) < self.samples[..., None])
+
+    def __repr__(self) -> str:
+        samples = "/".join(map(str, np.unique(self.samples)))
+        mean = f", {self.fraction.mean():.3g} of the samples seen" if self.fraction.size else ""
+        return f"Visibility({self.fraction.shape}, {samples} samples{mean}; bits, fraction, samples, seen)"
 
 
 def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated:
@@ -92,19 +114,41 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
     rays : the first five arguments of `Scene.occluded`
     """
     arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin)
-    out = _ray_source(scene, threads).trace_rays(arguments, any_hit, facing, time)
+    source = _ray_source(scene, threads)
+    out = source.trace_rays(arguments, any_hit, facing, time)
     if any_hit:
         return out.blocked.reshape(shape)
-    return Hit(out.t.reshape(shape), out.face.reshape(shape), out.u.reshape(shape), out.v.reshape(shape))
+    faces = HitFaces(*(array.reshape(shape) for array in (out.t, out.face, out.u, out.v)))
+    return Hit.of_scene(faces, _corners_of(source, scene, arguments, faces.face, facing, time), _objects_of(scene))
+
+
+def _corners_of(source, scene, arguments, face, facing, time) -> Callable[[], np.ndarray]:
+    """A function that gives the world corners of the faces that were hit, (m, 3, 3) float64."""
+    if source_kind(scene).keeps_read:  # a store has no triangles in memory: the same rays find them again
+        own = Arguments(*(np.array(each) for each in arguments))
+        found = lambda: source.surfaces_hit(own, time, facing)[1:]
+    else:
+        triangles = source.accelerated(time).triangles
+        found = lambda: (triangles, face)
+
+    def corners() -> np.ndarray:
+        triangles, index = found()
+        return triangles.vertices[index[index >= 0]].astype(np.float64) + triangles.origin
+
+    return corners
+
+
+def _objects_of(scene) -> Callable[[], np.ndarray]:
+    return lambda: scene.object_of_face
 
 
 def visibility(
-    scene: AnyScene, points: ArrayLike, light: Light, normals: ArrayLike | None = None, *, spp: int = 16,
-    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
+    scene: AnyScene, points: ArrayLike, light: Light | Sequence[Light], normals: ArrayLike | None = None, *,
+    spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
     sampler: str = "larcher-pillichshammer", cull_faces: str | None = None, srdh_rays: SrdhRays | None = None,
-    max_memory: int | None = None,
+    max_memory: int | None = None, progress: Progress | None = None,
 ) -> Visibility:  # fmt: skip
-    """Find which samples of a light are visible from arbitrary points, such as mesh vertices or sensors.
+    """Find which samples of lights are visible from arbitrary points, such as mesh vertices or sensors.
 
     Sample s is occluded if a triangle meets the segment from the point to the sample strictly between its ends.
 
@@ -113,9 +157,9 @@ def visibility(
     scene : Scene or PagedScene
     points : (..., 3) float
         World coordinates, in any array type that supports DLPack.
-    light : a light
-        Ambient occlusion needs `normals`. With `PointLights` or
-        `DirectionalLights` each point tests every light: bit s is light s.
+    light : a light, or a list of lights
+        Of a list, the results have one more axis, the lights. One tree serves all of them. Ambient occlusion needs
+        `normals`. With `PointLights` or `DirectionalLights` each point tests every light: bit s is light s.
     normals : (..., 3) float or None
         For points on surfaces: the surface normals towards the tested side, of any length. They are broadcast against
         the points. Each point is moved off its surface by a few units in the last place, and samples below its horizon
@@ -127,11 +171,14 @@ def visibility(
     max_memory : int or None
         Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB. The scene keeps the chunks
         that were read for the next query with the same plan, threads and memory.
+    progress : function of (done, total), optional
+        Called about ten times a second. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
     Visibility
-        `bits` (..., ceil(spp / 64)) uint64 and `fraction` (...) float32.
+        `bits` (..., ceil(n / 64)) uint64 and `fraction` (...) float32; of a list (..., lights, ceil(n / 64)) and
+        (..., lights). `seen` and `seen_samples` are bool arrays.
 
     Raises
     ------
@@ -142,18 +189,57 @@ def visibility(
     points = as_array(points, "points")
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
-    (light,) = check_lights([light])
-    if isinstance(light, LightList) and light.interleave:
-        light = replace(light, interleave=False)  # points form no 4x4 blocks, so each tests all lights
-    samples = light_samples(light, spp, sampler)
-    if normals is None and light.domain == "hemisphere":
-        raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
-    origins, unit = receivers_of(scene, points, normals)
-    memory = points_memory(len(origins), light, samples)
-    asking = AskingPoints(renderer, time, len(origins) * samples.shape[1], memory)
-    bits = asking.bits(origins, unit, light, samples, cull_value(cull_faces))
-    bits = bits.reshape(*points.shape[:-1], bits.shape[-1])
-    return Visibility(bits, fraction_lit(bits, samples.shape[1]))
+    alone = isinstance(light, Light)
+    lights = [_asked_in_full(each) for each in check_lights(light)]
+    samples = [light_samples(each, spp, sampler) for each in lights]
+    for each in lights:
+        if normals is None and each.domain == "hemisphere":
+            raise InputError(f"{type(each).__name__} is seen around a normal; give the points' normals")
+    receivers = receivers_of(scene, points, normals)
+    asked = _Asked(receivers, lights, samples, cull_value(cull_faces), time)
+    with shown("tracing shadow rays") if progress is None else nullcontext(progress) as heard:
+        found = _answers(renderer, asked, in_turn(heard, len(lights)))
+    counts = np.array([each.shape[1] for each in samples], np.int64)
+    shares = [fraction_lit(bits, n) for bits, n in zip(found, counts.tolist())]
+    words = max(bits.shape[-1] for bits in found)
+    shape = points.shape[:-1] if alone else (*points.shape[:-1], len(lights))
+    bits, fraction = _side_by_side(found, words), np.stack(shares, axis=-1)
+    return Visibility(bits.reshape(*shape, words), fraction.reshape(shape), counts[0] if alone else counts)
+
+
+def _side_by_side(found: list[np.ndarray], words: int) -> np.ndarray:
+    """The bits of the lights, (1, m, lights, words)."""
+    if len(found) == 1:
+        return found[0][:, :, None]
+    bits = np.zeros((*found[0].shape[:2], len(found), words), np.uint64)
+    for k, of_light in enumerate(found):
+        bits[:, :, k, : of_light.shape[-1]] = of_light
+    return bits
+
+
+class _Asked(NamedTuple):
+    """The checked arguments of `visibility`."""
+
+    receivers: tuple[np.ndarray, np.ndarray | None]  # from `receivers_of`
+    lights: list[Light]
+    samples: list[np.ndarray]  # per light (16, n, 3)
+    facing: int  # a value of CULL_FACES
+    time: float  # seconds
+
+
+def _asked_in_full(light: Light) -> Light:
+    """The light as points ask it: they form no 4x4 blocks, so each tests all lights of a list."""
+    return replace(light, interleave=False) if isinstance(light, LightList) and light.interleave else light
+
+
+def _answers(renderer: Renderer, asked: _Asked, progress: Progress | None) -> list[np.ndarray]:
+    """The bits of each light, (1, m, ceil(n / 64)) uint64."""
+    origins, unit = asked.receivers
+    needs = [points_memory(len(origins), light, samples) for light, samples in zip(asked.lights, asked.samples)]
+    rays = len(origins) * sum(samples.shape[1] for samples in asked.samples)
+    asking = AskingPoints(renderer, asked.time, rays, FrameMemory(*map(sum, zip(*needs))))
+    rows = [asking.row(origins, unit, *each, asked.facing) for each in zip(asked.lights, asked.samples)]
+    return asking.answer_all(rows, progress)
 
 
 def renderer_of(scene, plan, threads, srdh_rays, max_memory) -> Renderer:

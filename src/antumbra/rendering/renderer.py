@@ -1,11 +1,13 @@
 """Render one frame, or a sequence of frames with state kept between them, of one scene by one plan."""
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..image.background import skies_of
 from ..kernels.parallel import thread_count
+from ..kernels.progress import shown
 from ..plan import Plan, parse_plan
 from ..query.diffuse import diffuse_passes
 from ..query.gbuffer import GBuffer
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
     from .paged import Paged
 
 
-Progress = Callable[[int, int], object]
+Progress = Callable[[int, int], Any]
 """Hears (rays done, rays), or whatever a tracer counts, about ten times a second."""
 
 
@@ -111,7 +113,8 @@ class Renderer:
             filter is not False and bool(skies_of(lights)),
         )
         self._warm_up(request)
-        return draw(self.source, self.accelerator, request)
+        with shown("tracing") if progress is None else nullcontext(progress) as heard:
+            return draw(self.source, self.accelerator, request._replace(progress=heard))
 
     def _warm_up(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
@@ -181,7 +184,7 @@ def render(
         visibility replaces the old one. At edges the rays are divided among 16 sub-pixels, and the image pixel is
         their mean. Lights with their own numbers of rays keep them, in each sub-pixel too.
     progress : function of (done, total), optional
-        Called about ten times a second while rays are traced.
+        Called about ten times a second while rays are traced. None: terminals and notebooks show a bar after a second.
     srdh_rays : SrdhRays or None
         The rays that the builder `srdh` is shown; None: the rays of 16 x 16 pixels. They never change the bits.
     bounce : int or None

@@ -101,7 +101,9 @@ class RenderSource(Protocol):
         """
         ...
 
-    def surfaces_hit(self, arguments: Arguments, time: float) -> tuple[np.ndarray, Triangles, np.ndarray]:
+    def surfaces_hit(
+        self, arguments: Arguments, time: float, cull_faces: int = 0
+    ) -> tuple[np.ndarray, Triangles, np.ndarray]:
         """The nearest hits of a list of rays: (t, triangles, index of each ray's triangle in them or -1)."""
         ...
 

@@ -1,6 +1,7 @@
 """The common base of scenes: `Scene` has its triangles in memory, a store's `PagedScene` on disk."""
 
 from abc import ABC, abstractmethod
+from html import escape
 
 import numpy as np
 
@@ -178,6 +179,20 @@ class AnyScene(ABC):
         """
         rays = origins, directions, tmin, tmax, skip_face
         return engine.answer("ask", self, False, rays, time, cull_faces, threads)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a table of facts."""
+        size = " x ".join(f"{v:.4g}" for v in self.bounds[1] - self.bounds[0])
+        rows = {
+            "triangles": f"{self.n_triangles:,}",
+            "objects": f"{len(self.objects):,}",
+            "size": f"{size}, {self.up} up",
+            "cameras, lights": f"{len(self._cameras)}, {len(self._lights)}",
+            **({"duration": f"{self.duration:g} s"} if self.animated else {}),
+            **({"left out": "; ".join(self.notes)} if self.notes else {}),
+        }
+        body = "".join(f"<tr><th>{name}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
+        return f"<table><caption>{type(self).__name__} {escape(self.name)}</caption>{body}</table>"
 
     def clamped(self, time) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""

@@ -9,7 +9,7 @@ from .light_list import LightList, rows
 from .lights import DIRECTIONAL, LightPatch, check_distance
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DirectionalLights(LightList):
     """A list of k distant lights without extent, sampled as one light.
 

@@ -1,14 +1,87 @@
 """The answer to closest-hit rays."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import InputError
 
-class Hit(NamedTuple):
-    """Nearest hits of rays; leading shape (...) as the rays had."""
+
+class HitFaces(NamedTuple):
+    """The arrays of a `Hit`."""
 
     t: np.ndarray  # (...) float64, in lengths of the direction; inf on a miss
     face: np.ndarray  # (...) int32, index of the face in the scene; -1 on a miss
     u: np.ndarray  # (...) float32, weight of the face's second corner; 0 on a miss
     v: np.ndarray  # (...) float32, weight of its third corner; 0 on a miss
+
+
+class Hit(HitFaces):
+    """Nearest hits of rays; leading shape (...) as the rays had. It is a tuple (t, face, u, v).
+
+    The first use of `position` and `normal` fetches the triangles that were hit. A `Hit` that was pickled has neither.
+    """
+
+    _corners: Callable[[], np.ndarray] | None = None  # the world corners of the faces of hits, (m, 3, 3) float64
+    _object_of_face: Callable[[], np.ndarray] | None = None
+
+    @classmethod
+    def of_scene(cls, faces: HitFaces, corners: Callable, object_of_face: Callable) -> "Hit":
+        """A `Hit` that can find its triangles and objects."""
+        made = cls(*faces)
+        made._corners, made._object_of_face = corners, object_of_face
+        return made
+
+    @property
+    def mask(self) -> np.ndarray:
+        """(...) bool: whether the ray hits a face."""
+        return self.face >= 0
+
+    @property
+    def position(self) -> np.ndarray:
+        """(..., 3) float64, world: the point of the face that the ray meets; NaN on a miss."""
+        a, b, c = self._corners_of_hits().swapaxes(0, 1)
+        u, v = (w[self.mask].astype(np.float64)[:, None] for w in (self.u, self.v))
+        return self._spread(a + u * (b - a) + v * (c - a))
+
+    @property
+    def normal(self) -> np.ndarray:
+        """(..., 3) float64 of unit length: the normal of the face, by the order of its corners; NaN on a miss.
+
+        The corners are counter-clockwise for those who look against it. The ray may come from either side.
+        """
+        a, b, c = self._corners_of_hits().swapaxes(0, 1)
+        normals = np.cross(b - a, c - a)
+        return self._spread(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+    @property
+    def object(self) -> np.ndarray:
+        """(...) int32: index in `Scene.objects` of the object that the ray meets; -1 on a miss."""
+        if self._object_of_face is None:
+            raise _refusal()
+        found = np.full(self.face.shape, -1, np.int32)
+        found[self.mask] = self._object_of_face()[self.face[self.mask]]
+        return found
+
+    def _corners_of_hits(self) -> np.ndarray:
+        if self._corners is None:
+            raise _refusal()
+        if not hasattr(self, "_kept"):
+            self._kept = self._corners()
+        return self._kept
+
+    def _spread(self, values: np.ndarray) -> np.ndarray:
+        out = np.full((*self.face.shape, 3), np.nan)
+        out[self.mask] = values
+        return out
+
+    def __getstate__(self) -> None:
+        return None  # a pickle has the arrays only
+
+    def __repr__(self) -> str:
+        return f"Hit({self.face.shape} rays, {int(self.mask.sum())} of them hit a face; t, face, u, v)"
+
+
+def _refusal() -> InputError:
+    return InputError("this Hit has no scene, since it was pickled or built by hand; ask scene.closest_hit again")

@@ -11,7 +11,7 @@ from .lights import MAX_SPP, Light
 N_SETS = 16  # sample sets of a query, one for each pixel of a 4x4 block
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LightList(Light):
     """The base class of lists of lights. A subclass has the fields `intensities` and `colours`, one for each light.
 
@@ -34,6 +34,10 @@ class LightList(Light):
     def points(self) -> np.ndarray:
         """(k, 3) float64: the samples (a, b, c) of all lights."""
         raise NotImplementedError
+
+    def __repr__(self) -> str:
+        shared = ", interleave=True" if self.interleave else ""
+        return f"{type(self).__name__}({len(self.points)} lights, intensity={self.intensity:g}{shared})"
 
     def samples(self, spp):
         k = len(self.points)

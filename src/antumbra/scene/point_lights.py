@@ -9,7 +9,7 @@ from .light_list import LightList, rows
 from .lights import LIST, LightPatch
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PointLights(LightList):
     """A list of k point lights, sampled as one light, such as virtual point lights of instant radiosity [Keller 1997].
 

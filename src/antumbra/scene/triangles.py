@@ -14,6 +14,9 @@ class Triangles(NamedTuple):
     face_id: np.ndarray  # (n,) int32, index of the face in the scene; the same at every time
     colour: np.ndarray  # (n, 3) float32, linear base colour in [0, 1]
 
+    def __repr__(self) -> str:
+        return f"Triangles({len(self.vertices)} triangles; {', '.join(self._fields)})"
+
 
 def joined(several: Sequence[Triangles]) -> Triangles:
     """Several soups of the same frame as one."""

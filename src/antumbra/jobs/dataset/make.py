@@ -157,7 +157,7 @@ class _Work:
         frame = renderer.render(camera, self.lights, time=time, **self.quality)
         self._objects = self._objects or objects_of(scene)
         blocked = blocked_by(scene, frame, self.lights, time, threads)
-        seen = frame.gbuffer.face >= 0
+        seen = frame.mask
         about = {
             "made": made,
             "camera": camera_record(camera),

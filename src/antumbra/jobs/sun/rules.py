@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...checks import near
 from ...errors import InputError
 from .positions import Suns
 from .times import month_days
@@ -76,7 +77,7 @@ def passed(rule: Rule, scores: np.ndarray) -> np.ndarray:
 def rule_named(name: str) -> Rule:
     """A rule of `RULES`. Raises InputError with all names if there is none."""
     if name not in RULES:
-        raise InputError(f"rule {name!r} is unknown; use one of {', '.join(RULES)}")
+        raise InputError(f"rule {name!r} is unknown; {near(name, RULES)}use one of {', '.join(RULES)}")
     return RULES[name]
 
 

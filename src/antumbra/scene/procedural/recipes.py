@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import plugins
+from ...checks import near
 from ...errors import InputError
 from .atrium import atrium
 from .city import city
@@ -62,7 +63,8 @@ def find_scene(name: str) -> Recipe:
     if name not in PROCEDURAL:
         add_scenes()
     if name not in PROCEDURAL:
-        raise InputError(f"there is no procedural scene {name!r}; choose one of {', '.join(PROCEDURAL)}")
+        cure = f"{near(name, PROCEDURAL)}choose one of {', '.join(PROCEDURAL)}"
+        raise InputError(f"there is no procedural scene {name!r}; {cure}")
     return PROCEDURAL[name]
 
 

@@ -1,0 +1,77 @@
+"""Progress of work that the library does by itself."""
+
+import io
+import sys
+
+import pytest
+
+from antumbra.kernels import progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+class Cell(io.StringIO):
+    """Standard error of a notebook's cell: no terminal."""
+
+
+Cell.__module__ = "ipykernel.iostream"
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    monkeypatch.setattr(progress, "_DELAY", 0.0)
+    monkeypatch.setattr(progress, "_EVERY", 0.0)
+
+
+@pytest.mark.parametrize("stream", [Terminal, Cell])
+def test_watchers_see_a_bar_and_then_nothing(stream, monkeypatch, at_once):
+    monkeypatch.setattr(sys, "stderr", stream())
+    with progress.shown("tracing") as heard:
+        heard(1, 4)
+        text = sys.stderr.getvalue()
+        heard(4, 4)
+    assert text.startswith("\rantumbra: tracing:  25 % [######------------------] ")
+    lines = sys.stderr.getvalue().split("\r")
+    assert "100 %" in lines[2] and not lines[3].strip() and lines[4] == ""
+
+
+def test_nobody_watches(monkeypatch, at_once):
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with progress.shown("tracing") as heard:
+        assert heard is None
+    monkeypatch.setattr(sys, "stderr", None)
+    with progress.shown("tracing") as heard:
+        assert heard is None
+    assert progress.in_turn(None, 3) is None
+
+
+def test_parts_of_shown_work_are_silent(monkeypatch, at_once):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    told = []
+    with progress.heard_by(lambda *what: told.append(what)), progress.shown("a") as heard:
+        assert heard is None
+    with progress.reported("whole") as whole:
+        with progress.shown("part") as heard:
+            assert heard is None
+        whole(1, 2)
+    assert " 50 %" in sys.stderr.getvalue() and told == []
+    with progress.shown("afterwards") as heard:
+        assert heard is not None
+
+
+def test_short_work_shows_nothing(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress.shown("tracing") as heard:
+        heard(1, 2)
+    assert sys.stderr.getvalue() == ""
+
+
+def test_runs_one_after_the_other():
+    told = []
+    heard = progress.in_turn(lambda done, total: told.append((done, total)), 2, 1, 3)
+    for done in (5, 10, 1, 10):
+        heard(done, 10)
+    assert told == [(25, 60), (30, 60), (31, 60), (40, 60)]
