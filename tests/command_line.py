@@ -22,8 +22,12 @@ class Outcome(NamedTuple):
         return json.loads(self.out)
 
     def refused(self, *words: str) -> None:
-        """Check for bad input: exit code 2, no standard output, one line of standard error with all the words."""
-        assert (self.code, self.out) == (2, ""), self
+        """Check for bad input: exit code 2, one line of standard error with all the words.
+
+        Standard output is empty, or has the same line as JSON.
+        """
+        told = json.dumps({"error": self.err.removeprefix("antumbra: ").rstrip()}) + "\n"  # with --json
+        assert self.code == 2 and self.out in ("", told), self
         assert self.err.startswith("antumbra: ") and self.err.count("\n") == 1, self.err
         for word in words:
             assert word in self.err, (word, self.err)

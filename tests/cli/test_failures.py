@@ -1,3 +1,4 @@
+import json
 import os
 import signal
 import subprocess
@@ -140,3 +141,10 @@ sys.exit(main(["render", "procedural:atrium?triangles=2000", "--size", "32"]))
     assert done.returncode == 130 and done.stdout == ""
     assert [line for line in done.stderr.splitlines() if "compiling" not in line] == ["antumbra: interrupted"]
     assert os.listdir(tmp_path) == []
+
+
+def test_with_json_the_error_is_an_object(cli):
+    told = cli("info", "no.glb", "--json")
+    assert told.code == 2 and json.loads(told.out) == {"error": "no.glb: no such file; check the path"}
+    assert told.err == "antumbra: no.glb: no such file; check the path\n"
+    assert cli("info", "no.glb").out == ""

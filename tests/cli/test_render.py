@@ -131,7 +131,7 @@ def test_exr_and_png_hold_what_the_library_renders(render):
     frame = at.render(scene, scene.cameras[0].resized(32, 32), filter=True)
     with OpenEXR.File("a.exr", separate_channels=True) as file:
         channels = {name: channel.pixels for name, channel in file.channels().items()}
-    assert (channels["visibility.0"] == frame.visibility[0]).all() and 0.0 < frame.visibility[0].mean() < 1.0
+    assert (channels["shadow.quad"] == frame.visibility[0]).all() and 0.0 < frame.visibility[0].mean() < 1.0
     assert (channels["depth.Z"] == frame.gbuffer.depth).all()
     assert (channels["R"] == frame.image[..., 0]).all()
     frame.save("b.png")

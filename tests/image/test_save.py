@@ -7,6 +7,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 
+import antumbra as at
 from antumbra import InputError
 from antumbra.image import save
 from antumbra.image.tonemap import to_srgb8
@@ -52,12 +53,15 @@ def test_exr_holds_every_channel_exactly(frame, tmp_path):
     frame.save(tmp_path / "a.exr", exposure=0.1)
     with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
         channels = {name: channel.pixels for name, channel in file.channels().items()}
-    wanted = {c: frame.image[..., k] for k, c in enumerate("RGB")}
-    wanted |= {f"normal.{c}": frame.gbuffer.normal[..., k] for k, c in enumerate("XYZ")}
-    wanted |= {"depth.Z": frame.gbuffer.depth, "visibility.0": frame.visibility[0], "visibility.1": frame.visibility[1]}
+    g, ids = frame.gbuffer, {"triangle.id"}
+    wanted = {c: frame.image[..., k] for k, c in enumerate("RGB")} | {"A": frame.mask.astype(np.float32)}
+    wanted |= {f"normal.{c}": g.normal[..., k] for k, c in enumerate("XYZ")}
+    wanted |= {f"position.{c}": g.position[..., k] for k, c in enumerate("XYZ")}
+    wanted |= {"depth.Z": g.depth, "shadow.0": frame.visibility[0], "shadow.1": frame.visibility[1]}
+    wanted |= {"triangle.id": g.face.view(np.uint32)}
     assert channels.keys() == wanted.keys()
     for name, values in wanted.items():
-        assert channels[name].dtype == np.float32, name
+        assert channels[name].dtype == (np.uint32 if name in ids else np.float32), name
         assert (channels[name] == values).all(), name
     assert np.isinf(channels["depth.Z"]).any() and not np.isinf(channels["depth.Z"]).all()
     assert entries(tmp_path) == ["a.exr"]
@@ -111,7 +115,7 @@ def test_a_disk_that_is_full_leaves_the_older_file_and_no_other(frame, tmp_path,
 @pytest.mark.parametrize("writer, suffix", [("_write_png", ".png"), ("write_exr", ".exr")])
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 def test_an_interrupted_save_leaves_no_file(frame, tmp_path, monkeypatch, writer, suffix, error):
-    def interrupted(_, path, note):
+    def interrupted(_, path, note, *more):
         path.write_bytes(b"half")
         raise error
 
@@ -138,3 +142,32 @@ def test_what_is_no_picture_has_no_note(tmp_path, capfd):
         (tmp_path / name).write_bytes(b"something else")
         assert save.note_of(tmp_path / name) is None
     assert capfd.readouterr() == ("", "")
+
+
+def test_exr_holds_each_light_by_its_name(tmp_path):
+    scene = at.procedural("atrium", triangles=2000)
+    lamp = at.PointLight((0, 3, 0), intensity=20.0, colour=(1.0, 0.5, 0.2))
+    lights = [scene.lights[0], lamp.named("lamp.left"), lamp, at.DirectionalLight((1, -1, 0))]
+    frame = at.render(scene, scene.cameras[0].resized(40, 30), lights, spp=4, layers=True)
+    frame.save(tmp_path / "a.exr")
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+        header = dict(file.header())
+    names = ["quad", "lamp_left", "point", "sun"]
+    assert list(frame.names) == names and {f"shadow.{name}" for name in names} <= channels.keys()
+    whole = sum(np.stack([channels[f"light.{n}.{c}"] for c in "RGB"], -1) for n in names)
+    rest = frame.image - whole  # ambient light, of one colour
+    assert (rest > -1e-5).all() and (rest[frame.mask] > 0).any() and rest.mean() < whole.mean()
+    assert all(channels[f"light.{name}.R"].max() > 0 for name in names)
+    seen, albedo = frame.mask, np.stack([channels[f"albedo.{c}"] for c in "RGB"], -1)
+    np.testing.assert_array_equal(albedo[seen], scene.colours[frame.gbuffer.face[seen]])
+    assert 0 < seen.mean() < 1 and not albedo[~seen].any()
+    np.testing.assert_array_equal(channels["object.id"], np.where(seen, 0, 2**32 - 1))
+    assert "depth.Z is infinity" in header["background"]
+    assert header["positionOrigin"] == str(scene.origin.tolist())
+
+
+def test_an_exr_without_layers_is_smaller(tmp_path):
+    scene = at.procedural("atrium", triangles=2000)
+    frame = at.render(scene, scene.cameras[0].resized(40, 30), spp=4)
+    assert frame.layers is None and not [name for name in save.exr_channels(frame) if name.startswith("light.")]

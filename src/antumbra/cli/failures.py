@@ -1,5 +1,6 @@
 """Errors on the command line: one line on standard error, and an exit code."""
 
+import json
 import os
 import sys
 from collections.abc import Callable
@@ -18,6 +19,8 @@ _UsageError: Any = typer.BadParameter.__mro__[1]
 
 def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
     """Run ``run(arguments)`` and return its exit code. Any exception becomes one line on standard error.
+
+    With ``--json`` it is a JSON object on standard output too: {"error": line}.
 
     ``--debug`` may stand anywhere, because users add it to a command that has just failed.
     """
@@ -44,6 +47,9 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
             _drop_output()
         line, code = explained(error)
         say(line)
+        if "--json" in before:
+            with suppress(OSError, ValueError):
+                print(json.dumps({"error": line}), flush=True)
         return code
 
 

@@ -138,7 +138,7 @@ class Animation:
         settings = self._settings(path, time)
         if not self.job.overwrite and self._is_finished(path, settings):
             return {"state": "finished", "exposure": self.exposure}
-        shot = asked.shot(scene, self._renderer, time, progress)
+        shot = asked.shot(scene, self._renderer, time, progress, linear)
         if linear:
             self.exposure = None
         elif self.exposure is None:

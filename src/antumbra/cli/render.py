@@ -1,5 +1,6 @@
 """``antumbra render``: renders a scene with exact shadows."""
 
+import json
 from time import perf_counter
 
 from . import arguments, report, summary
@@ -8,6 +9,7 @@ from .options import takes
 from .planreport import print_choices
 from .progress import ProgressDisplay
 from .renderarguments import RenderArguments
+from .renderoptions import scene_digest
 from .sceneinput import open_scene
 
 
@@ -72,9 +74,11 @@ def render(given: RenderArguments) -> int:
         if sequence is not None:
             animation = render_frames(AnimationJob(asked, opened, load, path, given.overwrite), sequence, display)
         else:
-            shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts)
+            linear = path.suffix.lower() == ".exr"
+            shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts, linear)
             display.say("writing the picture")
-            saved = summary.save(shot.frame, path, asked.exposure, background=asked.background)
+            note = json.dumps(asked.settings(opened, scene_digest(asked.spec), shot.time)) if linear else None
+            saved = summary.save(shot.frame, path, asked.exposure, note, background=asked.background)
     if sequence is not None:
         return animation.tell()
     if asked.json:

@@ -98,13 +98,16 @@ class RenderOptions(NamedTuple):
         """The arguments of `Renderer.render` that say how many rays are traced, and what is made of their bits."""
         return {name: getattr(self, name) for name in ("spp", "sampler", "filter", "adaptive", "bounce", "cull_faces")}
 
-    def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress) -> "Shot":
-        """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
+    def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress, layers: bool = False) -> "Shot":
+        """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries.
+
+        layers : whether the frame keeps its image light by light, for an EXR file
+        """
         camera, lights = self.view(scene, time), self.all_lights(scene, time)
         runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
         frame = renderer.render(
             camera, lights, time=time, counters=self.counters, progress=progress("tracing shadow rays", runs),
-            background=self.background is None, **self.quality(),
+            background=self.background is None, layers=layers, **self.quality(),
         )  # fmt: skip
         return Shot(scene.clamped(time), camera, lights, frame)
 

@@ -69,13 +69,14 @@ def light_fields(light) -> dict:
     """A light as names and values. A list of lights has only the number of its lights, a sky a digest of its map."""
     from ..scene.sky import Sky
 
+    kind = {"type": type(light).__name__, **({"name": light.name} if light.name else {})}
     if isinstance(light, Sky):
         digest = hashlib.sha256(light.map.tobytes()).hexdigest()[:16]
         own = {name: getattr(light, name) for name in ("intensity", "colour", "up", "turn", "count")}
-        return {"type": "Sky", "map": digest, **own}
+        return {**kind, "map": digest, **own}
     if light.domain == "list":
-        return {"type": type(light).__name__, "count": len(light.points), "interleave": light.interleave}
-    return {"type": type(light).__name__, **{f.name: getattr(light, f.name) for f in fields(light)}}
+        return {**kind, "count": len(light.points), "interleave": light.interleave}
+    return {**kind, **{f.name: getattr(light, f.name) for f in fields(light)}}
 
 
 def camera_fields(camera) -> dict:

@@ -1,5 +1,6 @@
 """Writes pictures: PNG files for viewing, EXR files for measurements."""
 
+import json
 from io import BytesIO
 from pathlib import Path
 
@@ -40,8 +41,7 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     ----------
     frame : Frame
     path : str or path-like
-        ``.png``: 8-bit sRGB with soft highlights. ``.exr``: linear float32 channels R, G, B; visibility.0, ... (one for
-        each light); depth.Z (infinite where nothing is seen); normal.X, normal.Y, normal.Z.
+        ``.png``: 8-bit sRGB with soft highlights. ``.exr``: the channels of `exr_channels`.
     exposure : float or None
         Factor on the light of a PNG; None: automatic. An EXR has no exposure.
     note : str or None
@@ -64,7 +64,7 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     if path.suffix.lower() == ".png":
         save_png(screen_picture(frame, frame_exposure(frame) if exposure is None else exposure, background), path, note)
     else:
-        save_exr(exr_channels(frame), path, note)
+        save_exr(exr_channels(frame), path, note, exr_header(frame))
 
 
 def screen_picture(frame, exposure: float, background=None) -> np.ndarray:
@@ -84,10 +84,13 @@ def screen_picture(frame, exposure: float, background=None) -> np.ndarray:
     return np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
 
 
-def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None) -> None:
-    """Write channels, (H, W) float32 or uint32 (names in RGB: (H, W, 3)): the complete file, or nothing."""
+def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None, more: dict | None = None) -> None:
+    """Write channels, (H, W) float32 or uint32 (names in RGB: (H, W, 3)): the complete file, or nothing.
+
+    more : further attributes of the header
+    """
     with replacing(path) as temporary:
-        write_exr(channels, temporary, note)
+        write_exr(channels, temporary, note, more)
 
 
 def save_png(rgb: np.ndarray, path: Path, note: str | None = None) -> None:
@@ -104,11 +107,42 @@ def png_bytes(rgb: np.ndarray) -> bytes:
 
 
 def exr_channels(frame) -> dict[str, np.ndarray]:
-    """The channels of an EXR file: name -> (H, W) float32 (RGB: (H, W, 3))."""
-    channels = {"RGB": frame.image, "depth.Z": frame.gbuffer.depth}
-    channels |= {f"normal.{axis}": frame.gbuffer.normal[..., k] for k, axis in enumerate("XYZ")}
-    channels |= {f"visibility.{i}": fraction for i, fraction in enumerate(frame.visibility)}
-    return {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
+    """The channels of an EXR file: name -> (H, W) float32, or uint32 for ids. LAYER.C is channel C of a layer.
+
+    R, G, B, A (1 where a surface is seen); shadow.NAME, the share of each light that is seen; depth.Z, normal.X/Y/Z,
+    position.X/Y/Z, triangle.id. With `Frame.layers` light.NAME.R/G/B, albedo.R/G/B, indirect.R/G/B and object.id.
+    """
+    g, layers = frame.gbuffer, frame.layers
+    names = frame.names or tuple(map(str, range(len(frame.visibility))))
+    channels = {**_split("", frame.image), "A": frame.mask, "depth.Z": g.depth, "triangle.id": g.face}
+    channels |= _split("normal.", g.normal, "XYZ") | _split("position.", g.position, "XYZ")
+    channels |= {f"shadow.{name}": fraction for name, fraction in zip(names, frame.visibility)}
+    if layers is not None:
+        channels |= _split("albedo.", layers.albedo) | {"object.id": layers.object}
+        for name, image in zip(names, layers.lights):
+            channels |= _split(f"light.{name}.", image)
+        if layers.indirect is not None:
+            channels |= _split("indirect.", layers.indirect)
+    return {name: stored(values) for name, values in channels.items()}
+
+
+def exr_header(frame) -> dict:
+    """Attributes of an EXR file that say what its channels cannot."""
+    return {
+        "software": "Antumbra",
+        "background": "A is 0, depth.Z is infinity, shadow.* is 1, ids are 4294967295 (-1), all else is 0",
+        "positionOrigin": json.dumps(frame.gbuffer.origin.tolist()),  # world position = position + this
+    }
+
+
+def stored(values: np.ndarray) -> np.ndarray:
+    """OpenEXR has no signed integers: ids are stored as UINT with the same bits, so -1 becomes 2^32 - 1."""
+    values = np.ascontiguousarray(values)
+    return values.view(np.uint32) if values.dtype == np.int32 else values.astype(np.float32, copy=False)
+
+
+def _split(layer: str, values: np.ndarray, names: str = "RGB") -> dict[str, np.ndarray]:
+    return {f"{layer}{c}": values[..., k] for k, c in enumerate(names)}
 
 
 def note_of(path: Path) -> str | None:
@@ -142,11 +176,11 @@ def _write_png(rgb: np.ndarray, file: Path | BytesIO, note: str | None) -> None:
     Image.fromarray(rgb).save(file, format="PNG", compress_level=1, pnginfo=chunks)
 
 
-def write_exr(channels: dict[str, np.ndarray], path: Path, note: str | None) -> None:
+def write_exr(channels: dict[str, np.ndarray], path: Path, note: str | None, more: dict | None = None) -> None:
     """Write channels, (H, W) or RGB (H, W, 3) float32, to an EXR file. Raises OSError."""
     import OpenEXR
 
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {**(more or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     if note is not None:
         header[_NOTE] = note
     try:

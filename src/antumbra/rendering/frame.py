@@ -11,6 +11,15 @@ from ..query.gbuffer import GBuffer
 PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 
 
+class Layers(NamedTuple):
+    """The parts of a frame's image. Their sum, with ambient light, is the image, but for sub-pixels of edges."""
+
+    albedo: np.ndarray  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
+    lights: list[np.ndarray]  # per light (H, W, 3) float32: the image by this light alone, with its shadows
+    indirect: np.ndarray | None  # (H, W, 3) float32: the image by light that bounced once; None without `bounce`
+    object: np.ndarray  # (H, W) int32: index in `Scene.objects`; -1 in the background
+
+
 class Frame(NamedTuple):
     """A rendered frame. H, W: the camera's height and width."""
 
@@ -28,6 +37,8 @@ class Frame(NamedTuple):
     plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
     choices: list[Choice] | None = None  # the plan "auto" only: how each query was answered, and why
     divided: np.ndarray | None = None  # (H, W) float32: share of each pixel that shows surfaces; None unless adaptive
+    names: tuple[str, ...] = ()  # of the lights, all different: their own, or their kinds, such as "sun"
+    layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
 
     @property
     def coverage(self) -> np.ndarray:
@@ -43,7 +54,11 @@ class Frame(NamedTuple):
         return self.gbuffer.face >= 0
 
     def save(self, path, exposure: float | None = None, background=None) -> None:
-        """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear; image, visibility, depth, normal).
+        """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear).
+
+        An ``.exr`` has the channels R, G, B and A; ``shadow.NAME``, the share of each light that is seen; depth.Z,
+        normal.X/Y/Z, position.X/Y/Z and triangle.id. With `layers` also ``light.NAME.R/G/B``, albedo.R/G/B,
+        indirect.R/G/B and object.id.
 
         Parameters
         ----------

@@ -13,12 +13,14 @@ from ..query.receivers import NOTHING
 from ..query.refine import edges
 from ..query.subpixels import block_copies, block_means
 from ..query.surface import PictureSurfaces, seen_by
+from ..scene.lights import light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerator
 from .frame import Frame
 from .indirect import indirect_light
+from .layers import layers_of
 from .memory import edge_bytes, frame_memory
 from .request import Request, rays_of
 from .source import RenderSource
@@ -39,6 +41,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
         indirect = bounce(state, surfaces, seen, traced)
     image, ambient = shade(state, surfaces, seen, traced, visibility, indirect)
     fill_background(state, surfaces, image)
+    layers = layers_of(state, surfaces, seen, traced, visibility, indirect) if request.layers else None
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
         divide(state, edge, Shown(image, coverage), ambient, indirect)
@@ -48,7 +51,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
         scheduled, source.paging(), str(accelerator.ran(state.ready)), None if chosen is None else chosen.choices,
-        coverage,
+        coverage, tuple(light_names(request.lights)), layers,
     )  # fmt: skip
 
 

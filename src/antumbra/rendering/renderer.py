@@ -89,7 +89,7 @@ class Renderer:
         self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
         counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
         filter: bool | None = None, adaptive: int | None = None, progress: Progress | None = None,
-        bounce: int | None = None, background: bool = True,
+        bounce: int | None = None, background: bool = True, layers: bool = False,
     ) -> Frame:  # fmt: skip
         """Render one frame; `antumbra.render` documents the parameters."""
         lights = check_lights(lights)
@@ -111,6 +111,7 @@ class Renderer:
             passes,
             bool(background),
             filter is not False and bool(skies_of(lights)),
+            bool(layers),
         )
         self._warm_up(request)
         with shown("tracing") if progress is None else nullcontext(progress) as heard:
@@ -143,7 +144,7 @@ def render(
     counters: bool = False, gbuffer: str = "raster", sampler: str = "larcher-pillichshammer",
     cull_faces: str | None = None, filter: bool | None = None, adaptive: int | None = None,
     progress: Progress | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
-    max_memory: int | None = None, background: bool = True,
+    max_memory: int | None = None, background: bool = True, layers: bool = False,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
@@ -194,6 +195,8 @@ def render(
         Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB.
     background : bool
         Whether pixels that see no surface show the skies among the lights. If not, they are black.
+    layers : bool
+        Keep base colours, the image of each light alone, and objects in `Frame.layers`; EXR files then have them.
 
     Returns
     -------
@@ -221,4 +224,5 @@ def render(
         progress=progress,
         bounce=bounce,
         background=background,
+        layers=layers,
     )

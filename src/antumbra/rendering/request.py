@@ -25,6 +25,7 @@ class Request(NamedTuple):
     passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
     background: bool = True  # whether skies are seen
     smooth_skies: bool = False  # whether the light of skies is smoothed, as that of all lights is if `smooth`
+    layers: bool = False  # whether the frame gets its `Layers`
 
 
 def rays_of(request: Request) -> tuple[int, int]:

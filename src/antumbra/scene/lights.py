@@ -1,8 +1,9 @@
 """Lights, and their common form for kernels: a patch seen from a receiver."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -61,9 +62,18 @@ class Light:
     intensity: float = field(default=1.0, kw_only=True)
     colour: Vector = field(default=WHITE, kw_only=True)
 
+    name = ""
+    """The name in a file, or that `named` gave; empty: none. Channels of EXR files have it."""
+
     domain = "point"
     """The domain of (a, b, c). With c = 0: "square" [0, 1]^2, "disk" of radius 1, or "point" (0, 0). Else: "hemisphere"
     above the disk, or "list" of the light's own samples."""
+
+    def named(self, name: str) -> Self:
+        """A copy of this light with a name."""
+        made = copy(self)
+        object.__setattr__(made, "name", str(name))
+        return made
 
     def samples(self, spp: int) -> int:
         """The samples of this light for each receiver of a query with `spp`."""
@@ -313,6 +323,26 @@ def _unit(value, what):
 def _check_radius(light):
     if not (np.isfinite(light.radius) and light.radius > 0.0):
         raise InputError(f"{type(light).__name__} radius is {light.radius!r}; it must be finite and positive")
+
+
+_KINDS = {
+    "PointLight": "point", "QuadLight": "quad", "DiskLight": "disk", "SphereLight": "sphere", "DirectionalLight": "sun",
+    "PointLights": "points", "DirectionalLights": "suns", "AmbientOcclusion": "ambient",
+}  # fmt: skip
+
+
+def light_names(lights: Sequence[Light]) -> list[str]:
+    """A name for each light, all different: its own, or its kind ("sun"), and a number where names repeat ("sun2").
+
+    They can stand in the names of an EXR's channels: dots, which would make layers, become underscores.
+    """
+    found: list[str] = []
+    for light in lights:
+        wanted = light.name or _KINDS.get(type(light).__name__, type(light).__name__)
+        wanted = "".join(c if c.isalnum() or c in "-_" else "_" for c in wanted)[:40] or "light"
+        numbers = ["", *(str(k) for k in range(2, len(lights) + 2))]
+        found.append(next(wanted + k for k in numbers if wanted + k not in found))
+    return found
 
 
 def check_lights(lights) -> list[Light]:

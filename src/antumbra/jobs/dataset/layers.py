@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...image.save import stored
 from ...rendering.frame import Frame
 from ...scene.any_scene import AnyScene
 from ...scene.lights import Light
@@ -56,7 +57,7 @@ def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -
         passes[f"{light_layer(k)}.Visibility.X"] = visibility
         if blocker is not None:
             passes[f"{light_layer(k)}.Blocker.X"] = blocker
-    return {name: _stored(values) for name, values in passes.items()}
+    return {name: stored(values) for name, values in passes.items()}
 
 
 def blocked_by(scene: AnyScene, frame: Frame, lights: list[Light], time: float, threads) -> list[np.ndarray | None]:
@@ -67,9 +68,3 @@ def blocked_by(scene: AnyScene, frame: Frame, lights: list[Light], time: float, 
 def masks(frame: Frame) -> list[np.ndarray]:
     """For each light (H, W) uint8: the share of it that is hidden, 255 for all of it; 0 in the background."""
     return [np.rint(255.0 * (1.0 - v.astype(np.float64))).astype(np.uint8) for v in frame.visibility]
-
-
-def _stored(values: np.ndarray) -> np.ndarray:
-    """OpenEXR has no signed integers: ids are stored as UINT with the same bits, so -1 becomes 2^32 - 1."""
-    values = np.ascontiguousarray(values)
-    return values.view(np.uint32) if values.dtype == np.int32 else values.astype(np.float32, copy=False)

@@ -40,12 +40,14 @@ class Views:
     def lights(self, world: np.ndarray) -> list[Light]:
         """The lights. Directional lights shine along -Z of their nodes."""
         lights: list[Light] = []
-        for node, kind, intensity, colour in self._lights:
+        for node, kind, intensity, colour, name in self._lights:
+            light: Light
             if kind == "directional":
                 direction = -self._axis(world, node, 2)
-                lights.append(DirectionalLight(direction=direction, intensity=intensity, colour=colour))
+                light = DirectionalLight(direction=direction, intensity=intensity, colour=colour)
             else:
-                lights.append(PointLight(position=world[node][:3, 3], intensity=intensity, colour=colour))
+                light = PointLight(position=world[node][:3, 3], intensity=intensity, colour=colour)
+            lights.append(light.named(name))
         return lights
 
     def _axis(self, world: np.ndarray, node: int, column: int) -> np.ndarray:
@@ -73,7 +75,7 @@ class Views:
             placed.append((node, float(vfov), round(HEIGHT * aspect)))
         return placed
 
-    def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple]]:
+    def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple, str]]:
         extension = root.extension(EXTENSION)
         lights, placed = [] if extension is None else extension.objects("lights"), []
         for node in np.flatnonzero(self._nodes.visible).tolist():
@@ -89,5 +91,6 @@ class Views:
             if kind == "spot":
                 self.notes.append(f"{light.where} is a spot light; taken as a point light that shines all around")
             colour = tuple(np.maximum(light.numbers("color", 3, np.ones(3)), 0.0).tolist())
-            placed.append((node, kind, intensity, colour))
+            name = light.text("name", "") or self._nodes.fields[node].text("name", "")
+            placed.append((node, kind, intensity, colour, name))
         return placed
