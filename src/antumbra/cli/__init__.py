@@ -2,11 +2,13 @@
 
 - app: the program and its commands; failures: errors as one line and an exit code
 - render, frames, renderarguments, renderoptions, summary: ``antumbra render``, for pictures and animations
+- page: HTML files of results; renderpage: that of ``render --html``
 - explain, culling: pictures of the work of plans
 - compare, comparearguments, comparesummary, comparepage: ``antumbra compare``, plans side by side
 - bake: ``antumbra bake``, light and occlusion into glTF files
 - sun, los, viewshed, matrix, dataset: the jobs; joboptions: their common options
 - build, info, warmup, plans: stores, contents of scenes, compiling ahead, and the list of methods
+- doctor: the state of the installation; panels: options of help in groups
 - scenes, export: procedural scenes, and their files
 - bench, results, about: the commands of other packages, and the files of their results
 - arguments, options, pictureoptions: parsing, and options that commands share; sceneinput: opens a command's scene

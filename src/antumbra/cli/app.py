@@ -14,6 +14,7 @@ from . import (
     compare,
     culling,
     dataset,
+    doctor,
     explain,
     info,
     los,
@@ -25,13 +26,13 @@ from . import (
     viewshed,
     warmup,
 )
+from .panels import Grouped
 
 app = typer.Typer(
     name="antumbra",
     help="Which points see which lights: exact ray-traced shadows.",
     epilog="Each command explains itself: antumbra render --help",
     rich_markup_mode=None,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("render")(render.render)
@@ -49,6 +50,18 @@ app.command("warmup")(warmup.warmup)
 app.command("culling")(culling.culling)
 app.command("explain")(explain.explain)
 app.command("compare")(compare.compare)
+app.command("render", cls=Grouped)(render.render)
+app.command("build", cls=Grouped)(build.build)
+app.command("dataset", cls=Grouped)(dataset.dataset)
+app.command("info", cls=Grouped)(info.info)
+app.command("scenes", cls=Grouped)(scenes.scenes)
+app.command("plans", cls=Grouped)(plans.plans)
+app.command("warmup", cls=Grouped)(warmup.warmup)
+app.command("doctor", cls=Grouped)(doctor.doctor)
+app.command("sun", cls=Grouped)(sun.sun)
+app.command("culling", cls=Grouped)(culling.culling)
+app.command("explain", cls=Grouped)(explain.explain)
+app.command("compare", cls=Grouped)(compare.compare)
 app.add_typer(bench.app, name="bench")
 
 

@@ -3,7 +3,8 @@
 import json
 from time import perf_counter
 
-from . import arguments, report, summary
+from ..output import checked_output
+from . import arguments, renderpage, report, summary
 from .frames import AnimationJob, output_path, render_frames
 from .options import takes
 from .planreport import print_choices
@@ -48,7 +49,7 @@ def render(given: RenderArguments) -> int:
       antumbra render sponza.glb --size 1920x1080 --spp 64 -o sponza.exr
       antumbra render city.ply --up z --light sun:1,0.5,-1 --camera=-90,-60,40:0,0,5
       antumbra render hall.glb --light point:0,3,0@50 --light sphere:2,1,2:0.2@10 --counters
-      antumbra render hall.glb --ao 2 --spp 64
+      antumbra render hall.glb --ao 2 --spp 64 --counters --html hall.html
       antumbra render hall.glb --vpl 1000
       antumbra render hall.glb --bounce 20 --sampler halton --filter
       antumbra render robot.glb --time 1.5 --filter --adaptive
@@ -63,6 +64,7 @@ def render(given: RenderArguments) -> int:
     asked = given.options()
     sequence = None if given.frames is None else arguments.parse_frames(given.frames, given.time, given.fps)
     path = output_path(given.output, asked.spec.stem, sequence)
+    html = None if given.html is None else checked_output(given.html, (".html",))
     asked.check()
     with ProgressDisplay(asked.quiet) as display:
         display.say("reading the scene")
@@ -79,6 +81,8 @@ def render(given: RenderArguments) -> int:
             display.say("writing the picture")
             note = json.dumps(asked.settings(opened, scene_digest(asked.spec), shot.time)) if linear else None
             saved = summary.save(shot.frame, path, asked.exposure, note, background=asked.background)
+            if html is not None:
+                renderpage.save(asked, opened, load, shot, saved, html)
     if sequence is not None:
         return animation.tell()
     if asked.json:

@@ -56,6 +56,14 @@ class RenderArguments:
             metavar="FILE",
         ),
     ] = None
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a page too: the picture, its settings, times and counters, in one .html file.",
+            metavar="FILE",
+            show_default=False,
+        ),
+    ] = None
     size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "1024x1024"
     camera: CameraOption = None
     light: PictureLightOption = None
@@ -117,6 +125,8 @@ class RenderArguments:
         if self.vpl is not None and self.bounce is not None:
             raise InputError("--vpl and --bounce are both light that bounces once; leave one of them out")
         if self.frames is not None:
+            if self.html is not None:
+                raise InputError("--html shows a single picture; leave it or --frames out")
             if self.explain_plan:
                 raise InputError("--explain-plan explains a single picture; leave it or --frames out")
             return

@@ -1,0 +1,42 @@
+"""What ``antumbra doctor`` says, and the groups of options in help."""
+
+import antumbra as at
+from antumbra.cli import doctor
+from antumbra.cli.panels import PANELS
+
+
+def test_an_installation_in_order(cli):
+    told = cli("doctor", "--json").json()
+    assert told["antumbra"] == at.__version__ and told["check"]["right"] is True
+    assert told["kernels"]["compiled"] > 0 and told["kernels"]["writable"]
+    assert "pvlib" in told["extras"]["sun"] and not {"docs", "test", "dev"} & told["extras"].keys()
+
+
+def test_a_wrong_answer_is_reported(cli, monkeypatch):
+    wrong = {"right": False, "mrays_per_second": 1.0, "plan": "p", "seconds": 1.0}
+    monkeypatch.setattr(doctor, "_check", lambda: wrong)
+    monkeypatch.setattr(doctor, "_extras", lambda: {"bake": {"xatlas": None}})
+    told = cli("doctor")
+    assert told.code == 1 and "WRONG: please report this" in told.out
+    assert "pip install 'antumbra[bake]' adds xatlas" in told.out
+
+
+def test_options_stand_in_groups(cli):
+    told = cli("render", "--help").out
+    places = [told.index(f"\n{title}:\n") for title in PANELS]
+    assert places == sorted(places) and "\nOptions:\n" in told
+    light = told[told.index("\nLight:\n") : told.index("\nQuality:\n")]
+    assert "--vpl" in light and "--spp" not in light
+    assert "\nLight:\n" not in cli("plans", "--help").out
+
+
+def test_completion_names_commands(tmp_path):
+    import os
+    import subprocess
+    import sys
+
+    asks = {"_ANTUMBRA_COMPLETE": "complete_bash", "COMP_WORDS": "antumbra do", "COMP_CWORD": "1"}
+    told = subprocess.run(
+        [sys.executable, "-m", "antumbra"], env={**os.environ, **asks}, capture_output=True, text=True, cwd=tmp_path
+    )
+    assert told.stdout.split() == ["doctor"], told.stderr
