@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Iterator
 from time import perf_counter
+from typing import Any
 
 import typer
 
@@ -28,7 +29,7 @@ def doctor(json: Json = False) -> None:
     """
     from .about import about
 
-    found = {**about(), **_versions(), **_memory(), "kernels": _kernels(), "extras": _extras(), "check": _check()}
+    found: dict[str, Any] = {**about(), **_versions(), **_memory(), "kernels": _kernels(), "extras": _extras(), "check": _check()}
     if json:
         report.print_json(found)
     else:
