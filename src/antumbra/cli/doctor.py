@@ -29,7 +29,14 @@ def doctor(json: Json = False) -> None:
     """
     from .about import about
 
-    found: dict[str, Any] = {**about(), **_versions(), **_memory(), "kernels": _kernels(), "extras": _extras(), "check": _check()}
+    found: dict[str, Any] = {
+        **about(),
+        **_versions(),
+        **_memory(),
+        "kernels": _kernels(),
+        "extras": _extras(),
+        "check": _check(),
+    }
     if json:
         report.print_json(found)
     else:
