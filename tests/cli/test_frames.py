@@ -183,8 +183,8 @@ def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
 def test_a_bug_in_one_frame_is_told_and_the_others_go_on(film, monkeypatch):
     shot = asked.RenderOptions.shot
 
-    def stumbling(self, scene, renderer, time, progress):
-        return shot(self, scene, renderer, time, progress) if time != 2 else 1 / 0
+    def stumbling(self, scene, renderer, time, *more):
+        return shot(self, scene, renderer, time, *more) if time != 2 else 1 / 0
 
     monkeypatch.setattr(asked.RenderOptions, "shot", stumbling)
     done = film("--json")

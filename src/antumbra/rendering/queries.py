@@ -204,7 +204,7 @@ def visibility(
     words = max(bits.shape[-1] for bits in found)
     shape = points.shape[:-1] if alone else (*points.shape[:-1], len(lights))
     bits, fraction = _side_by_side(found, words), np.stack(shares, axis=-1)
-    return Visibility(bits.reshape(*shape, words), fraction.reshape(shape), counts[0] if alone else counts)
+    return Visibility(bits.reshape(*shape, words), fraction.reshape(shape), counts.reshape(()) if alone else counts)
 
 
 def _side_by_side(found: list[np.ndarray], words: int) -> np.ndarray:
