@@ -30,9 +30,7 @@ class Viewshed(NamedTuple):
 
     table: Table  # a row for each sensor: seen, first, nearest, distance
     observers: np.ndarray  # (k, 3) float64, world: the observers' eyes
-    bits: (
-        np.ndarray | None
-    )  # (n, ceil(k / 64)) uint64: bit j of row i is set if observer j sees sensor i; None: not asked
+    bits: np.ndarray | None  # (n, ceil(k / 64)) uint64: bit j of row i: observer j sees sensor i; None: not asked
 
 
 class _Sight(NamedTuple):
