@@ -134,7 +134,7 @@ def _fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
     if not scene.cameras:
         yield "cameras", "none: a camera that shows the whole scene is used"
     if not scene.lights:
-        yield "lights", "none: a square light above the scene is used"
+        yield "lights", "none: sun and sky are used, or a lamp in a closed room"
     for note in scene.notes:
         yield "note", note
 
