@@ -5,7 +5,6 @@ What is in the file stays as it is, byte for byte. Only the JSON objects that a 
 
 import copy
 import json
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,9 @@ import numpy as np
 from ...errors import InputError
 from ...scene.files import sibling
 from ...scene.gltf.accessors import COMPONENTS, WIDTHS
-from ...scene.gltf.document import BINARY_CHUNK, CURE, JSON_CHUNK, Document, is_data_uri, open_document
+from ...scene.gltf.document import CURE, Document, is_data_uri, open_document
+from ...scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, assembled
 
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # constants of glTF
 _CODES = {np.dtype(kind): code for code, kind in COMPONENTS.items()}
 _TYPES = {width: name for name, width in WIDTHS.items() if name != "MAT4"}
 _MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
@@ -89,12 +88,7 @@ class Asset:
         """The file as binary glTF."""
         self.objects("buffers")[:] = [{**(self.objects("buffers") or [{}])[0], "byteLength": len(self.binary)}]
         text = json.dumps(self.json, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
-        chunks = [
-            (JSON_CHUNK, text + b" " * (-len(text) % 4)),
-            (BINARY_CHUNK, self.binary + bytes(-len(self.binary) % 4)),
-        ]
-        body = b"".join(struct.pack("<II", len(data), kind) + bytes(data) for kind, data in chunks)
-        return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
+        return assembled(text, bytes(self.binary))
 
 
 def open_asset(path: Path) -> Asset:

@@ -24,7 +24,11 @@ def views_of(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict:
 
 def packed(root: dict, blocks: Sequence[np.ndarray]) -> bytes:
     """The bytes of a file: its JSON, and arrays whose sizes are multiples of four bytes."""
-    text = json.dumps(root, allow_nan=False).encode()
-    chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", b"".join(block.tobytes() for block in blocks))]
+    return assembled(json.dumps(root, allow_nan=False).encode(), b"".join(block.tobytes() for block in blocks))
+
+
+def assembled(text: bytes, binary: bytes) -> bytes:
+    """The bytes of a file: its JSON as text, and the bytes of its arrays."""
+    chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", binary + bytes(-len(binary) % 4))]
     body = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
