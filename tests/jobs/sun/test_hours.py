@@ -169,6 +169,20 @@ def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
     assert 0 < len(calls) < before + len(sensors) / 256 and not (tmp_path / "kept").exists()
 
 
+def test_parts_of_another_scene_are_not_taken(tmp_path, monkeypatch):
+    from antumbra.jobs.sun import hours
+
+    monkeypatch.setattr(hours, "_PART", 256)
+    scenes, suns = [town(), town(1)], suns_of()
+    sensors = at.raster_sensors(scenes[0], 2.0, 1.0, follow=False)
+    make = lambda scene: ask(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
+    monkeypatch.setattr(hours.Parts, "clear", lambda self: None)  # as if the first job had been interrupted
+    answer(make(scenes[0]), tmp_path)
+    assert list(tmp_path.glob("*/*.npz"))
+    found, true = answer(make(scenes[1]), tmp_path).hours, answer(make(scenes[1])).hours
+    assert np.array_equal(found, true) and (found != answer(make(scenes[0])).hours).any()
+
+
 @pytest.mark.parametrize(
     "given, message",
     [

@@ -13,12 +13,10 @@ import numpy as np
 from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
-from ...store.scene import PagedScene
+from ..scenedigest import scene_digest
 
 FORMAT = 1
 """Version of the manifest's schema, which docs/jobs/dataset.md describes."""
-
-_STORE_HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
 
 
 def scene_record(scene: AnyScene, time: float, threads: int | None) -> dict:
@@ -32,19 +30,6 @@ def scene_record(scene: AnyScene, time: float, threads: int | None) -> dict:
         "bounds": scene.bounds.tolist(),
         "origin": scene.origin.tolist(),
     }
-
-
-def scene_digest(scene: AnyScene, time: float, threads: int | None) -> str:
-    """SHA-256 of the scene's triangles at a time, with their colours and objects; of a store, of its first page."""
-    digest = hashlib.sha256()
-    if isinstance(scene, PagedScene):
-        with scene.store.path.open("rb") as stream:
-            digest.update(stream.read(_STORE_HEADER))
-        return digest.hexdigest()
-    triangles = scene.triangles(time, threads)
-    for array in triangles.vertices, triangles.origin, triangles.colour, scene.object_of_face:
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
 
 
 def object_records(scene: AnyScene) -> list[dict]:

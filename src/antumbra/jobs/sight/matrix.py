@@ -13,6 +13,7 @@ from ...plan import Plan
 from ...query.order import morton_codes
 from ...scene.any_scene import AnyScene
 from ..parts import Parts, digest
+from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bitrows import reordered, transposed, unpacked, words_of
 from .ends import Ends, ends_of, sensors_from
@@ -152,7 +153,7 @@ def _parts(scene: AnyScene, grid: _Grid, time: float, path: Path | None) -> Part
     if path is None:
         return Parts(len(grid.tiles), 1)
     ends = [array for end in (grid.rows, grid.columns) for array in end if array is not None]
-    about = scene.name, scene.n_triangles, scene.bounds, scene.origin, scene.clamped(time), grid.square
+    about = scene_digest(scene, scene.clamped(time)), grid.square
     return Parts(len(grid.tiles), 1, path.with_name(path.name + ".parts"), digest(*about, *ends))
 
 

@@ -1,7 +1,7 @@
 """Sun hours: which suns each sensor sees, and sums over them."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ...scene.any_scene import AnyScene
 from ...scene.directional_lights import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents
 from ..parts import Parts, digest
+from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bundles import BUNDLE, bundled, in_space
 from .matrix import MatrixFile
@@ -84,11 +85,10 @@ def _starts(suns: Suns) -> np.ndarray:
     return begins
 
 
-def answer(asked: Asked, kept: Path | None = None, settings: Any = None, matrix: MatrixFile | None = None) -> Tally:
+def answer(asked: Asked, kept: Path | None = None, matrix: MatrixFile | None = None) -> Tally:
     """Ask all sensors, part by part: the sums of each, in the sensors' own order.
 
     kept : folder in which finished parts wait for the next run of an interrupted job; None: they are not kept
-    settings : all that the results depend on beside the arrays
     matrix : where the bits of each sensor and sun go
     """
     make_ready(tally_job)
@@ -97,7 +97,7 @@ def answer(asked: Asked, kept: Path | None = None, settings: Any = None, matrix:
         return tally_of(np.empty((0, 1), np.uint64), None, asked.calendar, asked.columns)
     order = in_space(sensors.points, sensors.normals)
     shown = [a for a in (sensors.points, sensors.normals, *asked.calendar) if a is not None]
-    parts = Parts(n, _PART, kept, digest(settings, *shown) if kept else "")
+    parts = Parts(n, _PART, kept, digest(scene_digest(asked.scene, 0.0, asked.threads), *shown) if kept else "")
 
     def work(first: int, last: int) -> dict[str, np.ndarray]:
         bits = _bits_of(asked, order[first:last])
@@ -127,13 +127,8 @@ def _bits_of(asked: Asked, which: np.ndarray) -> np.ndarray:
             continue
         lights = DirectionalLights(-asked.towards[places])
         found = visibility(asked.scene, points, lights, normals, plan=asked.plan, threads=asked.threads).bits
-        _put(bits.view(np.uint16), some, found.view(np.uint16))
+        bits.view(np.uint16)[:, some] = found.view(np.uint16)[:, : len(some)]  # a bundle is a word of 16 bits
     return bits
-
-
-def _put(bits: np.ndarray, some: np.ndarray, found: np.ndarray) -> None:
-    """Copy bundles, which are words of 16 bits, to their places."""
-    bits[:, some] = found[:, : len(some)]
 
 
 def _in_front(towards: np.ndarray, normals: np.ndarray | None) -> np.ndarray:

@@ -1,0 +1,23 @@
+"""A digest of a scene, by which jobs know that kept results belong to it."""
+
+import hashlib
+
+import numpy as np
+
+from ..scene.any_scene import AnyScene
+from ..store.scene import PagedScene
+
+_STORE_HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
+
+
+def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> str:
+    """SHA-256 of the scene's triangles at a time, with their colours and objects; of a store, of its first page."""
+    digest = hashlib.sha256()
+    if isinstance(scene, PagedScene):
+        with scene.store.path.open("rb") as stream:
+            digest.update(stream.read(_STORE_HEADER))
+        return digest.hexdigest()
+    triangles = scene.triangles(time, threads)
+    for array in triangles.vertices, triangles.origin, triangles.colour, scene.object_of_face:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
