@@ -74,8 +74,19 @@ def test_a_material_has_its_mean_colour():
     material = trimesh.visual.material.PBRMaterial(
         baseColorFactor=[255, 51, 0, 255], baseColorTexture=Image.fromarray(half)
     )
-    visual = trimesh.visual.TextureVisuals(uv=np.zeros((4, 2)), material=material)
+    visual = trimesh.visual.TextureVisuals(material=material)
     np.testing.assert_allclose(at.load(tetrahedron(visual=visual)).colours, [[0.5, 0.1, 0.0]] * 4, atol=1e-6)
+
+
+@pytest.mark.parametrize(("v", "shade"), [(0.1, 0.0), (0.9, 1.0)])  # trimesh counts v from below
+def test_a_face_has_the_mean_colour_of_its_part_of_a_texture(v, shade):
+    half = np.zeros((2, 2, 3), np.uint8)
+    half[0] = 255
+    uv = np.array([[0.1, v], [0.2, v], [0.1, v + 0.05], [0.2, v + 0.05]])
+    material = trimesh.visual.material.SimpleMaterial(image=Image.fromarray(half), diffuse=[255, 51, 0, 255])
+    scene = at.load(tetrahedron(visual=trimesh.visual.TextureVisuals(uv=uv, material=material)))
+    np.testing.assert_allclose(scene.colours, [[shade, 0.2 * shade, 0.0]] * 4, atol=1e-6)
+    assert scene.appearance.uv.shape == (4, 3, 2) and scene.appearance.textured.all()
 
 
 def test_each_node_of_a_trimesh_scene_is_an_object():

@@ -98,10 +98,10 @@ def test_obj_materials_and_textures_from_the_folder(tmp_path):
     pixels = np.random.default_rng(0).integers(0, 256, (4, 4, 3))
     (tmp_path / "t.png").write_bytes(png(pixels))
     put(tmp_path, "m.mtl", "newmtl red\nKd 1 0 0\nnewmtl wood\nKd 1 1 1\nmap_Kd t.png\n")
-    text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\n"
+    text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0.1 0.1\n"
     text += "usemtl red\nf 1/1 2/1 3/1\nusemtl wood\nf 1/1 2/1 4/1\n"
     scene = load(put(tmp_path, "a.obj", text))
-    mean = [np.mean([linear(v / 255) for v in channel]) for channel in pixels.reshape(-1, 3).T.tolist()]
+    mean = [linear(v / 255) for v in pixels[3, 0].tolist()]  # OBJ counts v from below
     by_corner = {bool(t[..., 2].max() > t[..., 2].min()): c for t, c in zip(scene.triangles().vertices, scene.colours)}
     np.testing.assert_allclose(by_corner[False], [1, 0, 0], atol=1e-6)
     np.testing.assert_allclose(by_corner[True], mean, rtol=1e-6)

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import engine, framing
+from .appearance import Appearance
 from .camera import Camera
 from .cityjson.model import CityModel
 from .hit import Hit
@@ -30,6 +31,7 @@ class AnyScene(ABC):
     city: CityModel | None = None  # of a CityJSON file
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
+    appearance: Appearance | None = None  # textures and shading normals; a store has none
     _view: View | None = None
 
     @property

@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from .colour import mean_of
-from .mesh import Mesh, linear_colours, make_mesh, mean_of_corners
+from .materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
+from .mesh import Mesh, linear_colours, make_mesh
+from .painted import painted
+from .picture import rgba_of
 
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
 _COLOUR_NAMES = "RGBA", "RGB", "rgba", "rgb", "colors", "Colors", "colours"
@@ -27,6 +29,8 @@ class Foreign(NamedTuple):
     faces: Any  # (f, 3) whole numbers
     colours: Any = None  # of the mesh or of each face, as `Scene.from_arrays` takes them
     vertex_colours: Any = None  # of each vertex
+    material: Material = PLAIN
+    uv: Any = None  # (v, 2) numbers: texture coordinates, v down
 
 
 def is_mesh(obj) -> bool:
@@ -59,9 +63,9 @@ def _mesh(given: Foreign, where: str) -> Mesh:
     precision = np.float32 if vertices.dtype in (np.float16, np.float32) else np.float64
     colours = None if given.colours is None else linear_colours(given.colours, where)
     made = make_mesh(given.name, vertices.astype(precision), faces, colours, where)
-    if given.vertex_colours is None:
+    if given.colours is not None:
         return made
-    return made._replace(colour=mean_of_corners(given.vertex_colours, faces, len(vertices), where))
+    return painted(made, faces, len(vertices), given.material, where, given.uv, given.vertex_colours)
 
 
 def _reader(obj):
@@ -107,18 +111,23 @@ def _trimesh(mesh, name: str, notes: list[str]) -> Iterator[Foreign]:
     elif kind == "face":
         yield made._replace(colours=visual.face_colors)
     else:
-        yield made._replace(colours=_of_material(getattr(visual, "material", None)))
+        uv = getattr(visual, "uv", None)
+        uv = None if np.shape(uv) != (len(mesh.vertices), 2) else np.array([0, 1]) + np.array([1, -1]) * uv
+        yield made._replace(material=_material(getattr(visual, "material", None), name), uv=uv)
 
 
-def _of_material(material) -> np.ndarray | None:
-    """The mean linear colour of a trimesh material, (3,) float64. Its numbers are linear, its picture is sRGB."""
+def _material(material, name: str) -> Material:
+    """A trimesh material. Its numbers are linear, its picture is sRGB."""
     first = lambda *names: next((v for n in names if (v := getattr(material, n, None)) is not None), None)
     factor, picture = first("baseColorFactor", "diffuse"), first("baseColorTexture", "image")
-    if factor is None and picture is None:
-        return None
-    factor = np.ones(3) if factor is None else np.asarray(factor)[:3]
-    colour = factor / 255.0 if factor.dtype.kind in "iu" else factor
-    return np.clip(colour if picture is None else colour * mean_of(picture), 0.0, 1.0)
+    factor = np.ones(4) if factor is None else np.asarray(factor)
+    factor = np.append(factor / 255.0 if factor.dtype.kind in "iu" else factor, 1.0)[:4]
+    mode = first("alphaMode")
+    mode = mode if mode in (MASK, BLEND) else OPAQUE
+    texture = None if picture is None else Texture(name, rgba_of(picture), has_alpha=mode != OPAQUE)
+    r, g, b, a = np.clip(factor, 0.0, 1.0).tolist()
+    cutoff = first("alphaCutoff")
+    return Material(name, (r, g, b, a), texture, mode, 0.5 if cutoff is None else float(cutoff))
 
 
 # --- Open3D ------------------------------------------------------------------------------------------------------

@@ -68,6 +68,7 @@ class StreamedCity:
     file = "procedural city"
     duration = 0.0
     animated = False
+    appearance = None
     notes = ()
 
     def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1):

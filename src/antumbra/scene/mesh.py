@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from .colour import BYTE_TO_LINEAR
+from .materials import Look
 
 WHITE = np.ones(3, np.float32)
 
@@ -16,7 +17,8 @@ class Mesh(NamedTuple):
     name: str
     positions: np.ndarray  # (v, 3) float32 or float64; faces use all of them
     faces: np.ndarray | None  # (f, 3) int32; None: every three positions are a face
-    colour: np.ndarray  # (3,) or (f, 3) float32, linear, in [0, 1]
+    colour: np.ndarray  # (3,) or (f, 3) float32, linear, in [0, 1]: the mean of what each face shows
+    look: Look | None = None  # what it shows beyond that
 
 
 class MeshInfo(NamedTuple):
@@ -95,19 +97,10 @@ def face_colours(colour, count: int, where: str) -> np.ndarray:
     return colour
 
 
-def mean_of_corners(colours, faces: np.ndarray | None, n_vertices: int, where: str) -> np.ndarray:
-    """(f, 3) float32: the linear colour of each face, the mean of the colours of its vertices, (v, 3) or (v, 4)."""
-    colours = linear_colours(colours, where)
-    if colours.shape != (n_vertices, 3):
-        raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
-    corners = colours.reshape(-1, 3, 3) if faces is None else colours[faces]
-    return corners.mean(axis=1, dtype=np.float32)
+def linear_colours(colours, where: str, alpha: bool = False) -> np.ndarray:
+    """Colours (..., 3) or (..., 4) as float32, linear light in [0, 1]. Without `alpha`, a fourth number is dropped.
 
-
-def linear_colours(colours, where: str) -> np.ndarray:
-    """Colours (..., 3) or (..., 4) as (..., 3) float32, linear light in [0, 1]. Alpha is dropped.
-
-    uint8: sRGB; floating point: linear light.
+    uint8: sRGB; floating point: linear light. Alpha is linear in both.
     """
     try:
         colours = np.asarray(colours)
@@ -116,9 +109,10 @@ def linear_colours(colours, where: str) -> np.ndarray:
     if not (colours.dtype.kind == "f" or colours.dtype == np.uint8) or colours.shape[-1:] not in ((3,), (4,)):
         kinds = "float (linear light, 0 to 1) or uint8 (sRGB), with 3 or 4 of them for each colour"
         raise InputError(f"{where}: colours must be {kinds}, not {colours.dtype} {colours.shape}")
-    colours = colours[..., :3]
+    colours = colours if alpha else colours[..., :3]
     if colours.dtype == np.uint8:
-        return BYTE_TO_LINEAR.astype(np.float32)[colours]
+        shown = BYTE_TO_LINEAR.astype(np.float32)[colours[..., :3]]
+        return np.concatenate([shown, colours[..., 3:] / np.float32(255.0)], axis=-1)
     if not (colours.size == 0 or (colours.min() >= 0.0 and colours.max() <= 1.0)):
         raise InputError(f"{where}: colours must lie between 0 and 1 (linear light); give uint8 for 0 to 255")
     return colours.astype(np.float32)

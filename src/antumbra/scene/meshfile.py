@@ -9,15 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from .colour import BYTE_TO_LINEAR, mean_linear
 from .files import checked_file, sibling
+from .materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
 from .mesh import Mesh, make_mesh
+from .painted import painted
+from .picture import decoded
 from .source import StaticMeshes
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
 
 MAX_SIDE_FILE = 1 << 28
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
+_OPTIONS = re.compile(r"^(?:-(?:[ost]\s+\S+\s+\S+\s+\S+|mm\s+\S+\s+\S+|\w+\s+\S+)\s+)+")  # before a texture's name
 _OBJ_ZERO = re.compile(rb"^\s*f\s(?:[^\n]*\s)?0+(?=[/\s]|$)", re.MULTILINE)
 
 
@@ -47,15 +50,15 @@ class FolderResolver(Mapping):
 
     def __init__(self, folder: Path, file: str):
         self.notes: list[str] = []
-        self._folder, self._file = folder, file
-        self._means: dict[str, np.ndarray] = {}
+        self._folder, self.file = folder, file
+        self._made: dict[tuple[str, str], Texture | None] = {}
 
     def get(self, name: str, default=None) -> bytes:
         """The contents of the file `name`. An unreadable file is noted and raises OSError."""
-        where = f"{self._file}: file {name[:80]!r}"
+        name = _OPTIONS.sub("", name.strip()).replace("\\", "/")
+        where = f"{self.file}: file {name[:80]!r}"
         try:
-            name = name.strip().replace("\\", "/")
-            path = checked_file(sibling(self._folder, name, f"{self._file}: file"), where)
+            path = checked_file(sibling(self._folder, name, f"{self.file}: file"), where)
             if path.stat().st_size > MAX_SIDE_FILE:
                 raise InputError(f"{where} is too large")
             return path.read_bytes()
@@ -72,40 +75,70 @@ class FolderResolver(Mapping):
     def __len__(self) -> int:
         return 0
 
-    def mean(self, name: str) -> np.ndarray:
-        """The mean linear colour ((3,) float64) of a texture; white if it cannot be read."""
-        if name not in self._means:
-            try:
-                self._means[name] = mean_linear(self.get(name))
-            except OSError:
-                self._means[name] = np.ones(3)
-            except ValueError as error:
-                self.notes.append(f"{self._file}: texture {name[:80]!r} is unusable ({error}); taken as white")
-                self._means[name] = np.ones(3)
-        return self._means[name]
+    def texture(self, colour: str, opacity: str) -> Texture | None:
+        """A texture of the file `colour`, with the brightness of the file `opacity` as alpha; "" for no file.
+
+        None if neither can be read.
+        """
+        if (colour, opacity) not in self._made:
+            data = [self._decodable(name) for name in (colour, opacity)]
+            made = Texture(f"{self.file}: {colour or opacity}", data[0], has_alpha=bool(data[1]), opacity=data[1])
+            self._made[colour, opacity] = made if data[0] or data[1] else None
+        return self._made[colour, opacity]
+
+    def _decodable(self, name: str) -> bytes | None:
+        if not name:
+            return None
+        try:
+            data = self.get(name)
+            decoded(data, 1)
+        except ValueError as error:
+            if not isinstance(error, InputError):
+                self.notes.append(f"{self.file}: texture {name[:80]!r} is unusable ({error}); taken as white")
+            return None
+        except OSError:  # noted by `get`
+            return None
+        return data
 
 
 def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
-    where = f'{textures._file}: mesh "{name}"'
+    where = f'{textures.file}: mesh "{name}"'
     positions, faces = np.asarray(part.vertices), np.asarray(part.faces)
     if positions.ndim != 2 or positions.shape[1] != 3:
         raise InputError(f"{where} has vertices of {positions.shape[-1]} numbers; a vertex is x y z")
-    mesh = make_mesh(name, positions, faces, None, where)  # checks the indices
-    return mesh._replace(colour=_colour(part.visual, faces, textures).astype(np.float32))
+    colours = np.asarray(part.visual.face_colors) if part.visual.kind == "face" else None
+    mesh = make_mesh(name, positions, faces, colours, where)  # checks the indices
+    if colours is not None:
+        return mesh
+    of_vertices = np.asarray(part.visual.vertex_colors) if part.visual.kind == "vertex" else None
+    uv = getattr(part.visual, "uv", None)
+    uv = np.array([0, 1]) + np.array([1, -1]) * uv if np.shape(uv) == (len(positions), 2) else None
+    normals = part.vertex_normals if "vertex_normals" in part._cache else None  # those of the file
+    material = _material(getattr(part.visual, "material", None), textures)
+    return painted(mesh, faces, len(positions), material, where, uv, of_vertices, normals)
 
 
-def _colour(visual, faces: np.ndarray, textures: FolderResolver) -> np.ndarray:
-    """The linear base colour, (3,) or (f, 3). Vertices and faces have sRGB bytes, materials (Kd) linear bytes."""
-    if visual.kind == "vertex":
-        return BYTE_TO_LINEAR[np.asarray(visual.vertex_colors)[:, :3]][faces].mean(axis=1)
-    if visual.kind == "face":
-        return BYTE_TO_LINEAR[np.asarray(visual.face_colors)[:, :3]]
-    material = getattr(visual, "material", None)
-    diffuse = getattr(material, "diffuse", None)
-    colour = np.ones(3) if diffuse is None else np.asarray(diffuse)[:3] / 255.0
-    image = getattr(material, "image", None)
-    texture = None if image is None else image.info.get("file_path")
-    return colour if texture is None else colour * textures.mean(texture)
+def _material(given, textures: FolderResolver) -> Material:
+    """A material of an MTL file: Kd (linear) and d or Tr, with the textures map_Kd and map_d."""
+    if given is None:
+        return PLAIN
+    diffuse, more = getattr(given, "diffuse", None), getattr(given, "kwargs", {})
+    r, g, b = (np.ones(3) if diffuse is None else np.asarray(diffuse)[:3] / 255.0).tolist()
+    image = getattr(given, "image", None)
+    shown = "" if image is None else image.info.get("file_path", "")
+    holes = " ".join(more.get("map_d", ()))
+    alpha = _number(more.get("d"), 1.0) if "d" in more else 1.0 - _number(more.get("tr"), 0.0)
+    texture = textures.texture(shown, holes) if shown or holes else None
+    mode = MASK if texture is not None and texture.has_alpha else BLEND if alpha < 1.0 else OPAQUE
+    return Material(getattr(given, "name", None) or "", (r, g, b, alpha), texture, mode)
+
+
+def _number(words, default: float) -> float:
+    """The number from 0 to 1 of a line of an MTL file."""
+    try:
+        return float(np.clip(float(words[-1]), 0.0, 1.0))
+    except (TypeError, ValueError, IndexError):
+        return default
 
 
 def _check_ply(data: bytes, file: str) -> None:

@@ -5,9 +5,11 @@ import numpy as np
 from ..errors import InputError
 from . import engine
 from .any_scene import AnyScene
+from .appearance import Appearance, appearance_of
 from .camera import Camera
 from .cityjson.model import CityModel
-from .mesh import make_mesh, mean_of_corners
+from .mesh import make_mesh
+from .painted import painted
 from .recentre import frame_origin
 from .sampled import detail, moving_faces, within
 from .source import Source, StaticMeshes
@@ -40,7 +42,7 @@ class Scene(AnyScene):
     origin : (3,) float64, world
         Zero of the frame of the triangles.
     colours : (n, 3) float32
-        Linear base colour of each face, in [0, 1]. Shared with the `Triangles`: do not write to it.
+        Mean linear base colour of each face, in [0, 1]. Shared with the `Triangles`: do not write to it.
     meshes : list of MeshInfo
         Name, triangles and instances of each mesh.
     objects : list of ObjectInfo
@@ -68,7 +70,8 @@ class Scene(AnyScene):
         self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
         self.objects = source.objects
         self._object_of_face: np.ndarray | None = None
-        self.bounds, self.colours = _survey(source)
+        self.bounds, self.colours, self._looks = _survey(source)
+        self._appearance: Appearance | None = None
         self.origin = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
 
@@ -86,7 +89,8 @@ class Scene(AnyScene):
             Base colour of the scene or of each face; white by default. Floats are linear light in [0, 1], uint8 is
             sRGB. A fourth number, alpha, is dropped.
         vertex_colours : (v, 3), optional
-            Colour of each vertex instead; a face has the mean of its three. Of a soup, of each of its 3 n corners.
+            Colour of each vertex instead; pictures interpolate them, and `colours` has the mean of a face. Of a soup,
+            of each of its 3 n corners.
         name : str
             Name of the scene, also in errors.
         up : "y" or "z"
@@ -114,7 +118,7 @@ class Scene(AnyScene):
         positions = positions.reshape(-1, 3)
         mesh = make_mesh(name, positions, indices, colours, name)
         if vertex_colours is not None:
-            mesh = mesh._replace(colour=mean_of_corners(vertex_colours, indices, len(positions), name))
+            mesh = painted(mesh, indices, len(positions), where=name, colours=vertex_colours)
         return cls(StaticMeshes([mesh], name), name=name, up=up)
 
     @classmethod
@@ -126,7 +130,7 @@ class Scene(AnyScene):
         mesh : object
             A trimesh ``Trimesh`` or ``Scene``, a pyvista data set (``PolyData``, or one that has a surface) or
             ``MultiBlock``, a meshio ``Mesh``, or an Open3D ``TriangleMesh`` of either kind. Colours of vertices and
-            faces, and mean colours of materials, are kept. Each node of a trimesh ``Scene`` is an object.
+            faces, and materials with textures of trimesh, are kept. Each node of a trimesh ``Scene`` is an object.
         name : str, optional
             Name of the scene, also in errors; None: the kind of mesh.
         up : "y" or "z"
@@ -168,6 +172,16 @@ class Scene(AnyScene):
             self._object_of_face = objects_of(self.source.pieces(0.0))
         return self._object_of_face
 
+    @property
+    def appearance(self) -> Appearance | None:
+        """Textures, colours of vertices, shading normals and alpha; None if each face has one colour and no more.
+
+        The first use evaluates the geometry once more, piece by piece. Textures are decoded when they are shown.
+        """
+        if self._looks and self._appearance is None:
+            self._appearance = appearance_of(self.source, self.n_triangles)
+        return self._appearance
+
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
 
@@ -208,14 +222,15 @@ def checked_up(up: str) -> str:
     return up
 
 
-def _survey(source: Source) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0."""
-    survey, colours = Survey(source.file), [np.empty((0, 3), np.float32)]
+def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0; whether any mesh has a look."""
+    survey, colours, looks = Survey(source.file), [np.empty((0, 3), np.float32)], False
     for piece in source.pieces(0.0):
         survey.add(piece)
+        looks = looks or piece.look is not None
         shape = piece.vertices.shape[0], faces_of(piece), 3
         colours.append(np.broadcast_to(piece.colour, shape).reshape(-1, 3))
-    return survey.bounds(), np.concatenate(colours)
+    return survey.bounds(), np.concatenate(colours), looks
 
 
 def _as_positions(vertices, name: str) -> np.ndarray:

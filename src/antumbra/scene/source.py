@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from .materials import Look
 from .mesh import Mesh, MeshInfo, ObjectInfo, n_faces
 
 
@@ -18,6 +19,8 @@ class Piece(NamedTuple):
     towards: np.ndarray | None = None  # (k, v, 3): vertices are (1 - share) * vertices + share * towards
     share: float = 0.0
     first: int = 0  # copy i is the object `first + i` of the source
+    look: Look | None = None  # what the mesh shows beyond its colour
+    linear: np.ndarray | None = None  # (k, 3, 3) float64: transforms of the look's normals to world space; None: 1
 
 
 class Source(Protocol):
@@ -51,7 +54,7 @@ class StaticMeshes:
     def pieces(self, time: float) -> Iterator[Piece]:
         for i, mesh in enumerate(self._meshes):
             where = f'{self.file}: mesh "{mesh.name}"'
-            yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i)
+            yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i, look=mesh.look)
 
     def cameras(self, time: float) -> list:
         return []

@@ -89,6 +89,8 @@ class _Build:
             cameras += scene.source.cameras(0.0)
             lights += scene.source.lights(0.0)
             notes += scene.notes
+            if scene.appearance is not None:
+                notes.append(f"{scene.name}: a store keeps the mean colour of each face, without textures and normals")
             if scene.animated:
                 notes.append(f"{scene.name}: moves; the store shows its first moment")
             del scene  # before the next one is opened

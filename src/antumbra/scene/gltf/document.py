@@ -21,6 +21,7 @@ COMPRESSIONS = {
 }
 SUPPORTED = {"KHR_mesh_quantization", "KHR_lights_punctual", "EXT_mesh_gpu_instancing"}
 HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "MSFT_packing_", "KHR_xmp")
+CURE_TEXTURES = "convert it first, for example with: npx @gltf-transform/cli ktxdecompress in.glb out.glb"
 CURE = "decompress it first, for example with: npx @gltf-transform/cli copy in.glb out.glb"
 
 

@@ -1,76 +1,112 @@
-"""Base colours of materials: factor times the texture's mean colour, in linear light."""
+"""Materials of glTF: base colour, its texture, and what alpha means."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import InputError
-from ..colour import mean_linear
 from ..files import checked_file, sibling
-from .document import Document, data_uri_bytes, is_data_uri
+from ..materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
+from .document import CURE_TEXTURES, Document, data_uri_bytes, is_data_uri
 from .fields import Fields
 
 MAX_IMAGE_BYTES = 1 << 28
+_WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
+_NEAREST = 9728
+_TRANSFORM = "KHR_texture_transform"
+_SPECULAR = "KHR_materials_pbrSpecularGlossiness"  # the older model, archived but common
+
+
+class Used(NamedTuple):
+    """A material, and how its texture lies on meshes."""
+
+    material: Material
+    uv_set: str = "TEXCOORD_0"  # attribute with the texture coordinates
+    transform: np.ndarray | None = None  # (2, 3) float64: their KHR_texture_transform; None: none
+
+    def placed(self, uv: np.ndarray) -> np.ndarray:
+        """Texture coordinates ((v, 2)) under the transform."""
+        return uv if self.transform is None else uv @ self.transform[:, :2].T + self.transform[:, 2]
 
 
 class Materials:
-    """Colours of materials. A texture is decoded once, when a material needs it. Unreadable textures are white.
-
-    Alpha is ignored: a cut-out leaf is its whole rectangle.
-    """
+    """The materials of a document. Those with the same image share its bytes. Unreadable textures are white."""
 
     def __init__(self, document: Document):
         self._document = document
         root = document.root
         self._materials, self._textures = root.objects("materials"), root.objects("textures")
         self._images, self._views = root.objects("images"), root.objects("bufferViews")
-        self._colours: dict[int, np.ndarray] = {}
-        self._means: dict[int, np.ndarray] = {}
+        self._samplers = root.objects("samplers")
+        self._used: dict[int, Used] = {}
+        self._bad: set[int] = set()
+        self._made: dict[tuple, Texture] = {}
         self.notes: list[str] = []
 
-    def colour(self, primitive: Fields) -> np.ndarray:
-        """The base colour ((3,) float64 in [0, 1]) of a primitive's material; white without a material."""
+    def used(self, primitive: Fields) -> Used:
+        """The material of a primitive; white without a material."""
         index = primitive.whole("material", None, high=len(self._materials))
         if index is None:
-            return np.ones(3)
-        if index not in self._colours:
-            self._colours[index] = self._base(self._materials[index])
-        return self._colours[index]
+            return Used(PLAIN)
+        if index not in self._used:
+            self._used[index] = self._read(self._materials[index])
+        return self._used[index]
 
-    def _base(self, material: Fields) -> np.ndarray:
-        model, factor, texture = (
-            material.object("pbrMetallicRoughness"),
-            "baseColorFactor",
-            "baseColorTexture",
-        )
-        if model is None:  # the older extension, archived but common
-            model = material.extension("KHR_materials_pbrSpecularGlossiness")
-            factor, texture = "diffuseFactor", "diffuseTexture"
+    def _read(self, fields: Fields) -> Used:
+        model, factor, picture = fields.object("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"
         if model is None:
-            return np.ones(3)
-        colour = np.clip(model.numbers(factor, 4, np.ones(4))[:3], 0.0, 1.0)
-        used = model.object(texture)
-        return colour if used is None else colour * self._mean(used)
+            model, factor, picture = fields.extension(_SPECULAR), "diffuseFactor", "diffuseTexture"
+        mode = fields.text("alphaMode", OPAQUE)
+        if mode not in (OPAQUE, MASK, BLEND):
+            raise fields.bad("alphaMode", f"{OPAQUE}, {MASK} or {BLEND}")
+        made = Material(
+            name=fields.text("name", ""),
+            alpha_mode=mode,
+            cutoff=fields.number("alphaCutoff", 0.5),
+            double_sided=fields.flag("doubleSided"),
+        )
+        if model is None:
+            return Used(made)
+        r, g, b, a = np.clip(model.numbers(factor, 4, np.ones(4)), 0.0, 1.0).tolist()
+        made = made._replace(factor=(r, g, b, a))
+        shown = model.object(picture)
+        if shown is None:
+            return Used(made)
+        texture = self._textures[shown.whole("index", high=len(self._textures))]
+        made = made._replace(texture=self._texture(texture, mode != OPAQUE))
+        transform = shown.extension(_TRANSFORM)
+        uv_set = shown.whole("texCoord", 0)
+        if transform is not None:
+            uv_set = transform.whole("texCoord", uv_set)
+        return Used(made, f"TEXCOORD_{uv_set}", None if transform is None else _matrix(transform))
 
-    def _mean(self, used: Fields) -> np.ndarray:
-        texture = self._textures[used.whole("index", high=len(self._textures))]
+    def _texture(self, texture: Fields, has_alpha: bool) -> Texture | None:
+        """A texture that can be decoded, or None, which is noted once for each image."""
         webp = texture.extension("EXT_texture_webp")
         source = texture if "source" in texture or webp is None else webp
         index = source.whole("source", None, high=len(self._images))
         if index is None:
-            return self._white(texture.where, "its format is not supported")
-        if index not in self._means:
-            image = self._images[index]
+            ktx = texture.extension("KHR_texture_basisu") is not None
+            return self._white(texture.where, f"it is KTX2; {CURE_TEXTURES}" if ktx else "its format is not supported")
+        number = texture.whole("sampler", None, high=len(self._samplers))
+        sampler = Fields({}, texture.where) if number is None else self._samplers[number]
+        wraps = (_WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
+        key = index, *wraps, sampler.whole("magFilter", 0) == _NEAREST, has_alpha
+        image = self._images[index]
+        if key not in self._made and index not in self._bad:
             try:
-                self._means[index] = mean_linear(self._bytes(image))
+                made = Texture(image.where, self._bytes(image), *key[1:4], has_alpha=has_alpha)
+                made.glance  # noqa: B018  # decodes: mean colours need it, and errors are told here
+                self._made[key] = made
             except (OSError, ValueError) as error:  # an InputError is a ValueError
-                self._means[index] = self._white(image.where, str(error))
-        return self._means[index]
+                self._bad.add(index)
+                self._white(image.where, str(error))
+        return self._made.get(key)
 
-    def _white(self, where: str, why: str) -> np.ndarray:
+    def _white(self, where: str, why: str) -> None:
         why = " ".join(why.split())[:160].removeprefix(where + " ")
         self.notes.append(f"{where} cannot be used ({why}); taken as white")
-        return np.ones(3)
 
     def _bytes(self, image: Fields) -> bytes:
         uri = image.text("uri", None)
@@ -90,3 +126,12 @@ class Materials:
         if buffer is None or start + size > len(buffer):
             raise InputError(f"{view.where} reaches beyond its buffer")
         return buffer[start : start + size].tobytes()
+
+
+def _matrix(transform: Fields) -> np.ndarray:
+    """(2, 3) float64: offset times rotation times scale of KHR_texture_transform."""
+    angle = transform.number("rotation", 0.0)
+    x, y = transform.numbers("scale", 2, (1.0, 1.0))
+    u, v = transform.numbers("offset", 2, (0.0, 0.0))
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c * x, s * y, u], [-s * x, c * y, v]])

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
+from ..materials import look_of
+from ..meancolour import mean_colours
 from ..mesh import Mesh, check_finite, n_faces, used_faces
 from .accessors import Accessors
 from .fields import Fields
@@ -52,10 +54,10 @@ def read_primitive(
 
     targets = _targets(fields, accessors, rows)
     joints, weights = _influences(attributes, accessors, rows)
-    colour = _colour(fields, attributes, accessors, rows, faces, materials)
     own = rows(positions)
     check_finite(own, fields.where)
-    return Primitive(Mesh(name, own, faces, colour), fields.where, targets, joints, weights, used, index)
+    colour, look = _shown(fields, attributes, accessors, rows, faces, materials, own)
+    return Primitive(Mesh(name, own, faces, colour, look), fields.where, targets, joints, weights, used, index)
 
 
 def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> np.ndarray | None:
@@ -106,11 +108,15 @@ def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple
     return joint.astype(np.int32), weight / np.where(total == 0.0, 1.0, total)
 
 
-def _colour(fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials) -> np.ndarray:
-    """The base colour: material times the mean of a face's vertex colours; (3,) or (f, 3) float32, linear."""
-    colour = materials.colour(fields)
-    if "COLOR_0" not in attributes:
-        return colour.astype(np.float32)
-    corners = rows(accessors.floats(attributes["COLOR_0"], "VEC3", "VEC4"))[:, :3]
-    corners = np.nan_to_num(corners[faces] if faces is not None else corners.reshape(-1, 3, 3))
-    return np.clip(corners.mean(axis=1, dtype=np.float64) * colour, 0.0, 1.0).astype(np.float32)
+def _shown(fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials, rest) -> tuple:
+    """(mean base colour, (3,) or (f, 3) float32; Look, or None if the mean says everything)."""
+
+    def of(name: str, *kinds: str) -> np.ndarray | None:
+        return rows(accessors.floats(attributes[name], *kinds)) if name in attributes else None
+
+    used = materials.used(fields)
+    uv = None if used.material.texture is None else of(used.uv_set, "VEC2")
+    uv = None if uv is None else used.placed(uv)
+    colours = of("COLOR_0", "VEC3", "VEC4")
+    look = look_of(used.material, uv, colours, of("NORMAL", "VEC3"), rest)
+    return mean_colours(used.material, faces, uv, colours), look

@@ -14,6 +14,7 @@ from .animation import Track, read_tracks, sample
 from .deform import Skin, check_skin, morphed, read_skins, skinned
 from .document import Document, open_document
 from .fields import Fields
+from .ignored import left_out
 from .materials import Materials
 from .nodes import (
     Nodes,
@@ -57,6 +58,7 @@ class Placed(NamedTuple):
     skinned: bool
     vertices: np.ndarray  # (k, v, 3) float64, world; k copies
     first: int  # number of the first copy's object
+    linear: np.ndarray | None  # (k, 3, 3) float64: the copies' transforms without translation; None: a skin moves them
 
 
 class GltfSource:
@@ -73,7 +75,8 @@ class GltfSource:
     def pieces(self, time: float) -> Iterator[Piece]:
         for placed in self.placed(time):
             mesh = placed.primitive.mesh
-            yield Piece(placed.vertices, mesh.faces, mesh.colour, placed.primitive.where, first=placed.first)
+            where, first, linear = placed.primitive.where, placed.first, placed.linear
+            yield Piece(placed.vertices, mesh.faces, mesh.colour, where, first=first, look=mesh.look, linear=linear)
 
     def placed(self, time: float) -> Iterator["Placed"]:
         """The primitives at their nodes, in the order of `pieces`."""
@@ -83,8 +86,8 @@ class GltfSource:
                 skinned = draw.skin is not None and primitive.joints is not None
                 positions = morphed(primitive, weights.get(draw.node, draw.weights))
                 at = draw.first
-                for vertices in _placed(positions, primitive, draw, world):
-                    yield Placed(draw.node, primitive, world[draw.node], skinned, vertices, at)
+                for vertices, linear in _placed(positions, primitive, draw, world):
+                    yield Placed(draw.node, primitive, world[draw.node], skinned, vertices, at, linear)
                     at += len(vertices)
 
     def cameras(self, time: float) -> list:
@@ -120,7 +123,7 @@ def read_gltf(path: Path) -> tuple[GltfSource, list[str]]:
     _check_size(document.file, draws)
     _check_transforms(nodes, draws, tracks, views)
     source = GltfSource(document.file, *_info(meshes, held, nodes, draws), nodes, draws, tracks, views)
-    return source, notes + materials.notes + views.notes
+    return source, notes + materials.notes + views.notes + left_out(root)
 
 
 class _Mesh:
@@ -195,15 +198,16 @@ def _copies(node: Fields, accessors: Accessors) -> np.ndarray | None:
     return copies
 
 
-def _placed(positions: np.ndarray, primitive: Primitive, draw: Draw, world: np.ndarray) -> Iterator[np.ndarray]:
-    """World positions ((k, v, 3) float64) of a primitive, a batch of copies at a time."""
+def _placed(positions: np.ndarray, primitive: Primitive, draw: Draw, world: np.ndarray) -> Iterator[tuple]:
+    """(world positions (k, v, 3) float64, `Placed.linear`) of a primitive, a batch of copies at a time."""
     if draw.skin is not None and primitive.joints is not None:
-        yield skinned(positions, primitive, draw.skin, world)
+        yield skinned(positions, primitive, draw.skin, world), None
         return
     matrices = world[draw.node][None] if draw.copies is None else world[draw.node] @ draw.copies
     batch = max(1, _BATCH // len(positions))
     for a in range(0, len(matrices), batch):
-        yield transformed(positions, matrices[a : a + batch])
+        some = matrices[a : a + batch]
+        yield transformed(positions, some), some[:, :3, :3]
 
 
 def _info(meshes: list[_Mesh], held, nodes: Nodes, draws: list[Draw]) -> tuple[list[MeshInfo], list[ObjectInfo]]:
