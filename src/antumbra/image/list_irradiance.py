@@ -6,6 +6,7 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..query.receivers import NOTHING
 from ..scene.point_lights import PointLights
+from .irradiance import normals_of, softened
 
 
 @kernel
@@ -26,7 +27,7 @@ def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
 
 
 @kernel
-def _rows(ticket, gbuffer, points, distant, normals, candela, least, bits, out):
+def _rows(ticket, gbuffer, normal, geometric, bend, soft, points, distant, normals, candela, least, bits, out):
     facing = len(normals) > 0
     mx = my = mz = 0.0
     y0 = take(ticket)
@@ -39,7 +40,8 @@ def _rows(ticket, gbuffer, points, distant, normals, candela, least, bits, out):
                     px = py = pz = np.float32(0.0)
                     if not distant:
                         px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
-                    nx, ny, nz = gbuffer.normal[y, x, 0], gbuffer.normal[y, x, 1], gbuffer.normal[y, x, 2]
+                    nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
+                    gx, gy, gz = geometric[y, x, 0], geometric[y, x, 1], geometric[y, x, 2]
                     for s in range(points.shape[1]):
                         if bits[y, x, s >> 6] >> np.uint64(s & 63) & np.uint64(1):
                             continue
@@ -47,6 +49,8 @@ def _rows(ticket, gbuffer, points, distant, normals, candela, least, bits, out):
                         if facing:
                             mx, my, mz = normals[k, s, 0], normals[k, s, 1], normals[k, s, 2]
                         e = _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least)
+                        if soft:
+                            e *= softened((0.0, 0.0, 0.0), (gx, gy, gz), (nx, ny, nz), bend[y, x], (wx, wy, wz))
                         red += e * candela[k, s, 0]
                         green += e * candela[k, s, 1]
                         blue += e * candela[k, s, 2]
@@ -54,11 +58,12 @@ def _rows(ticket, gbuffer, points, distant, normals, candela, least, bits, out):
         y0 = take(ticket)
 
 
-def list_irradiance(gbuffer, lights, samples, bits, threads=None) -> np.ndarray:
+def list_irradiance(gbuffer, lights, samples, bits, shading=None, threads=None) -> np.ndarray:
     """(H, W, 3) float32: irradiance of each pixel's surface from a list of lights, shadows included; else 0.
 
     Distant lights are unit vectors: `_falloff` at the origin gives their cosine.
 
+    shading : ShadingNormals; None: the geometric normals
     samples : (16, n, 3) float64 from `light_samples`; bits : (H, W, ceil(n / 64)) uint64, the answer of their query
     """
     out = np.empty((*gbuffer.face.shape, 3), np.float32)
@@ -66,6 +71,6 @@ def list_irradiance(gbuffer, lights, samples, bits, threads=None) -> np.ndarray:
     normals, least = (lights.normals, lights.nearest**2) if near else (None, 0.0)
     normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
     points = samples - gbuffer.origin if near else samples
-    args = gbuffer, points, not near, normals, lights.weights(), least, bits, out
+    args = gbuffer, *normals_of(gbuffer, shading), points, not near, normals, lights.weights(), least, bits, out
     run(_rows, thread_count(threads), new_ticket(len(out), 4), *args)
     return out

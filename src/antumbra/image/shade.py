@@ -25,8 +25,8 @@ _ONE, _SIDEWAYS = np.float32(1.0), np.float32(0.65)
 """Share of the ambient light for surfaces that face up, and for surfaces that face sideways."""
 
 
-def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray:
-    """Irradiance of each pixel's surface from a light, as `shade` takes it.
+def arriving(gbuffer, light, query, bits, seen=None, shading=None, threads=None) -> np.ndarray:
+    """Irradiance of each pixel's surface from a light, as `shade` takes it; `shading`: ShadingNormals or None.
 
     - Lists of lights: (H, W, 3) float32, shadows included. If ``seen`` (of the same G-buffer) is given, the irradiance
       from interleaved lists is smoothed.
@@ -34,11 +34,11 @@ def arriving(gbuffer, light, query, bits, seen=None, threads=None) -> np.ndarray
     - Other lights: (H, W) float32, unoccluded and for intensity 1.
     """
     if light.domain == "list":
-        arrived = list_irradiance(gbuffer, light, query.samples, bits, threads)
+        arrived = list_irradiance(gbuffer, light, query.samples, bits, shading, threads)
         return arrived if seen is None or not light.interleave else smoothed(seen, arrived, threads)
     if light.domain == "hemisphere":
         return np.zeros(gbuffer.face.shape, np.float32)
-    return irradiance(gbuffer, query.light, light.domain, threads)
+    return irradiance(gbuffer, query.light, light.domain, shading, threads)
 
 
 class _Rows(NamedTuple):

@@ -13,6 +13,13 @@ from .receivers import surface_receivers
 from .shadow import ShadowQuery
 
 
+class ShadingNormals(NamedTuple):
+    """Normals for shading alone: shadows stay on the geometric surface."""
+
+    normal: np.ndarray  # (H, W, 3) float32, unit length, towards the camera
+    bend: np.ndarray  # (H, W) float32: sine of the height above their horizon where light ends
+
+
 class Surfaces(NamedTuple):
     """The surfaces that a picture's rays meet, and their triangles."""
 
@@ -20,6 +27,8 @@ class Surfaces(NamedTuple):
     triangles: Triangles  # all triangles of the scene, or only the visible ones
     ids: np.ndarray  # (H, W) int32: index of the face in the scene; -1: background
     box: np.ndarray | None = None  # (2, 3) float32: bounds of the whole scene; None: use the bounds of `triangles`
+    albedo: np.ndarray | None = None  # (H, W, 3) float32: linear base colours; None: those of the faces
+    shading: ShadingNormals | None = None  # None: the geometric normals shade
 
 
 def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
@@ -47,7 +56,7 @@ def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=No
 
 def surface_queries(surfaces: Surfaces, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
     """As `shadow_queries`, for `Surfaces`."""
-    gbuffer, triangles, ids, box = surfaces
+    gbuffer, triangles, ids, box = surfaces[:4]
     shape = gbuffer.face.shape
     corners = triangles.vertices.reshape(-1, 9)
     flat = (

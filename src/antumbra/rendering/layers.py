@@ -6,24 +6,25 @@ from ..image.shade import shade
 from ..query.picture import Surfaces
 from ..query.surface import PictureSurfaces
 from .frame import Layers
-from .state import FrameState, TracedLights, arriving_at
+from .state import FrameState, TracedLights, arriving_at, coloured
 
 
 def layers_of(
     state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, visibility, indirect
 ) -> Layers:
     """The `Layers` of a frame: its surfaces are shaded once more for each light."""
-    request, colour, ids = state.request, surfaces.triangles.colour, surfaces.ids
+    request, ids = state.request, surfaces.ids
+    gbuffer, colour = coloured(surfaces)
     arrived, dark = arriving_at(state, surfaces, traced, seen if request.smooth else None), np.zeros(3, np.float32)
     up = state.source.scene.up
 
     def shaded(lights, arrived, visibility, indirect=None) -> np.ndarray:
-        return shade(surfaces.gbuffer, colour, lights, arrived, visibility, dark, up, indirect, state.threads)
+        return shade(gbuffer, colour, lights, arrived, visibility, dark, up, indirect, state.threads)
 
     alone = [shaded([light], [a], [v]) for light, a, v in zip(request.lights, arrived, visibility)]
     bounced = None if indirect is None else shaded([], [], [], indirect)
     met = ids >= 0
-    albedo = np.where(met[..., None], colour[np.where(met, surfaces.gbuffer.face, 0)], np.float32(0.0))
+    albedo = np.where(met[..., None], colour[np.where(met, gbuffer.face, 0)], np.float32(0.0))
     things = state.source.scene.object_of_face[np.where(met, ids, 0)]
     state.clock.lap("shade")
     return Layers(albedo, alone, bounced, np.where(met, things, np.int32(-1)))

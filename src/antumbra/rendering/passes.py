@@ -11,7 +11,7 @@ from ..image.shade import ambient_light
 from ..query.picture import Surfaces, stacked
 from ..query.receivers import NOTHING
 from ..query.refine import edges
-from ..query.subpixels import block_copies, block_means
+from ..query.subpixels import BLOCK, block_copies, block_means
 from ..query.surface import PictureSurfaces, seen_by
 from ..scene.lights import light_names
 from ..scene.sky import Sky
@@ -25,7 +25,18 @@ from .memory import edge_bytes, frame_memory
 from .request import Request, rays_of
 from .source import RenderSource
 from .srdh_rays import bounced_queries
-from .state import FrameState, TracedLights, accelerate, arriving_at, ask, ask_all, picture, queries_of, shaded
+from .state import (
+    FrameState,
+    TracedLights,
+    accelerate,
+    arriving_at,
+    ask,
+    ask_all,
+    dressed,
+    picture,
+    queries_of,
+    shaded,
+)
 
 
 def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Frame:
@@ -33,6 +44,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
     state = FrameState(source, accelerator, request)
     evaluate(state)
     surfaces, traced = look_and_trace(state)
+    surfaces = dressed(state, surfaces)
     seen, visibility = lit(state, surfaces, traced)
     edge = refined = indirect = coverage = None
     if request.finer is not None:
@@ -129,7 +141,7 @@ def refine(
     """
     finer, more = state.request.finer, lambda query: ask(state, query)
     assert finer is not None
-    edge = edges(seen, state.triangles.colour, state.threads)
+    edge = edges(seen, edge_colours(state), state.threads)
     refined = edge.copy()
     for i, (query, bits, samples) in enumerate(zip(*traced, finer.penumbra)):
         asked, better = refine_penumbra(seen, query, bits, samples, more, state.request.smooth, state.threads)
@@ -138,6 +150,17 @@ def refine(
         refined |= chosen
     state.clock.lap("trace")
     return edge, refined
+
+
+def edge_colours(state: FrameState) -> np.ndarray:
+    """(n, 3) float32: colours of faces that differ where a picture has edges: within a texture they are all the same."""
+    colour, appearance = state.triangles.colour, state.source.scene.appearance
+    if appearance is None or not state.request.textures:
+        return colour
+    factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
+    own = appearance.material_of_face[state.triangles.face_id]
+    varied = appearance.textured[state.triangles.face_id] | (appearance.colours is not None)
+    return np.where((varied & (own >= 0))[:, None], factors[own], colour)
 
 
 def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights) -> np.ndarray:
@@ -215,7 +238,7 @@ def _divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarr
     traced = ask_all(state, queries)
     state.clock.lap("trace")
     around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
-    blocks = picture(state, pixels, traced, ambient, around)
+    blocks = picture(state, dressed(state, pixels, BLOCK), traced, ambient, around)
     covered = (pixels.ids >= 0).astype(np.float32)
     count = int(np.count_nonzero(edge))
     share = block_means(covered, count)

@@ -89,7 +89,8 @@ class Renderer:
         self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
         counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
         filter: bool | None = None, adaptive: int | None = None, progress: Progress | None = None,
-        bounce: int | None = None, background: bool = True, layers: bool = False,
+        bounce: int | None = None, background: bool = True, layers: bool = False, textures: bool = True,
+        smooth_normals: bool = True,
     ) -> Frame:  # fmt: skip
         """Render one frame; `antumbra.render` documents the parameters."""
         lights = check_lights(lights)
@@ -112,6 +113,8 @@ class Renderer:
             bool(background),
             filter is not False and bool(skies_of(lights)),
             bool(layers),
+            bool(textures),
+            bool(smooth_normals),
         )
         self._warm_up(request)
         with shown("tracing") if progress is None else nullcontext(progress) as heard:
@@ -144,7 +147,8 @@ def render(
     counters: bool = False, gbuffer: str = "raster", sampler: str = "larcher-pillichshammer",
     cull_faces: str | None = None, filter: bool | None = None, adaptive: int | None = None,
     progress: Progress | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
-    max_memory: int | None = None, background: bool = True, layers: bool = False,
+    max_memory: int | None = None, background: bool = True, layers: bool = False, textures: bool = True,
+    smooth_normals: bool = True,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
@@ -197,6 +201,11 @@ def render(
         Whether pixels that see no surface show the skies among the lights. If not, they are black.
     layers : bool
         Keep base colours, the image of each light alone, and objects in `Frame.layers`; EXR files then have them.
+    textures : bool
+        Show textures and colours of vertices. If not, each face has its mean colour, `Scene.colours`.
+    smooth_normals : bool
+        Shade with the normals of vertices, if the scene has them. If not, each face has its own. Neither changes the
+        bits or the visibility: shadows stay on the geometric surface.
 
     Returns
     -------
@@ -225,4 +234,6 @@ def render(
         bounce=bounce,
         background=background,
         layers=layers,
+        textures=textures,
+        smooth_normals=smooth_normals,
     )

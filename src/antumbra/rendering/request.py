@@ -26,6 +26,8 @@ class Request(NamedTuple):
     background: bool = True  # whether skies are seen
     smooth_skies: bool = False  # whether the light of skies is smoothed, as that of all lights is if `smooth`
     layers: bool = False  # whether the frame gets its `Layers`
+    textures: bool = True  # whether pixels show textures and colours of vertices, not mean colours of faces
+    smooth_normals: bool = True  # whether the normals of vertices shade, not those of faces
 
 
 def rays_of(request: Request) -> tuple[int, int]:

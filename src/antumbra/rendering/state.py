@@ -4,7 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..image.albedo import albedo, eye_of
+from ..image.corners import places_of
+from ..image.normals import shading_normals
 from ..image.shade import arriving, shade
+from ..query.gbuffer import GBuffer
 from ..query.picture import Surfaces, surface_queries
 from ..query.shadow import ShadowQuery, fraction_lit, ray_count
 from ..scene.camera import CameraRays
@@ -98,15 +102,47 @@ def arriving_at(state: FrameState, surfaces: Surfaces, traced: TracedLights, see
     request = state.request
     smooth = [request.smooth or (request.smooth_skies and isinstance(light, Sky)) for light in request.lights]
     return [
-        arriving(surfaces.gbuffer, light, query, b, seen if own else None, state.threads)
+        arriving(surfaces.gbuffer, light, query, b, seen if own else None, surfaces.shading, state.threads)
         for light, query, b, own in zip(request.lights, *traced, smooth)
     ]
 
 
 def shaded(state: FrameState, surfaces: Surfaces, arrived, visibility, ambient, indirect=None) -> np.ndarray:
     """The shaded image of these surfaces, (H, W, 3) float32."""
-    colour, up, lights = surfaces.triangles.colour, state.source.scene.up, state.request.lights
-    return shade(surfaces.gbuffer, colour, lights, arrived, visibility, ambient, up, indirect, state.threads)
+    up, lights = state.source.scene.up, state.request.lights
+    return shade(*coloured(surfaces), lights, arrived, visibility, ambient, up, indirect, state.threads)
+
+
+def coloured(surfaces: Surfaces) -> tuple[GBuffer, np.ndarray]:
+    """A G-buffer with shading normals, and the colours ((m, 3) float32) that its faces index, for `shade`.
+
+    With textures each pixel has a colour of its own.
+    """
+    gbuffer, albedo = surfaces.gbuffer, surfaces.albedo
+    if surfaces.shading is not None:
+        gbuffer = gbuffer._replace(normal=surfaces.shading.normal)
+    if albedo is None:
+        return gbuffer, surfaces.triangles.colour
+    own = np.arange(gbuffer.face.size, dtype=np.int32).reshape(gbuffer.face.shape)
+    return gbuffer._replace(face=np.where(surfaces.ids >= 0, own, np.int32(-1))), albedo.reshape(-1, 3)
+
+
+def dressed(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
+    """The surfaces with the base colours and normals that pixels see, if the scene has textures or smooth normals.
+
+    parts : sub-pixels along a side of a pixel
+    """
+    appearance, request = state.source.scene.appearance, state.request
+    if appearance is None:
+        return surfaces
+    places = places_of(surfaces)
+    if request.textures and (appearance.textured.any() or appearance.colours is not None):
+        eye = eye_of(state.view, parts)
+        surfaces = surfaces._replace(albedo=albedo(places, surfaces.triangles.colour, appearance, eye, state.threads))
+    if request.smooth_normals and appearance.normals is not None:
+        surfaces = surfaces._replace(shading=shading_normals(places, appearance, state.threads))
+    state.clock.lap("shade")
+    return surfaces
 
 
 def picture(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient, indirect=None) -> np.ndarray:

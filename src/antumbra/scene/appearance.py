@@ -10,6 +10,9 @@ from .materials import Look, Material, Texture
 from .source import Source
 from .survey import faces_of
 
+SHARPEST = 0.35
+"""Sine of 20 degrees: faces that bend more make an edge that stays visible."""
+
 _FLAT = 1e-12  # a matrix whose determinant is less, in cubes of its size, has no inverse
 
 
@@ -22,6 +25,7 @@ class Appearance:
     uv: np.ndarray | None  # (n, 3, 2) float32: texture coordinates of corners; 0 without a texture
     colours: np.ndarray | None  # (n, 3, 4) float32: linear colour and alpha of corners; 1 where a mesh has none
     normals: np.ndarray | None  # (n, 3, 3) float32: normals of corners, see `in_frames`; 0 where a mesh has none
+    bends: np.ndarray | None  # (n, 3) float32: how far faces bend away from these normals, see `_bends`
     textured: np.ndarray  # (n,) bool: whether the face shows a texture
 
     @property
@@ -57,7 +61,7 @@ def appearance_of(source: Source, n: int) -> Appearance | None:
         textured[part.rows] = part.look.uv is not None
     uv = _corners(parts, "uv", np.zeros((n, 3, 2), np.float32))
     colours = _corners(parts, "colours", np.ones((n, 3, 4), np.float32))
-    return Appearance(materials, material_of_face, uv, colours, _normals(parts, n), textured)
+    return Appearance(materials, material_of_face, uv, colours, *_normals(parts, n), textured)
 
 
 def _parts(source: Source) -> Iterator[_Part]:
@@ -78,11 +82,12 @@ def _corners(parts: list[_Part], name: str, out: np.ndarray) -> np.ndarray | Non
     return out if given else None
 
 
-def _normals(parts: list[_Part], n: int) -> np.ndarray | None:
+def _normals(parts: list[_Part], n: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """`Appearance.normals` and `Appearance.bends`."""
     given = [part for part in parts if part.look.normals is not None]
     if not given:
-        return None
-    out = np.zeros((n, 3, 3), np.float32)
+        return None, None
+    out, bends = np.zeros((n, 3, 3), np.float32), np.zeros((n, 3), np.float32)
     for part in given:
         normals, rest = part.look.normals, part.look.rest
         assert normals is not None and rest is not None
@@ -91,8 +96,25 @@ def _normals(parts: list[_Part], n: int) -> np.ndarray | None:
         linear = np.where(flat[:, None, None], np.eye(3), linear)  # scaled to nothing at rest: the file's frame will do
         corners = rest.astype(np.float64) @ linear.transpose(0, 2, 1)
         turned = normals.astype(np.float64) @ np.linalg.inv(linear)  # by the inverse transpose
-        out[part.rows] = in_frames(*(each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned)))
-    return out
+        vectors = [each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned)]
+        out[part.rows] = in_frames(*vectors)
+        vertices = part.faces + len(rest) * np.arange(part.copies)[:, None, None]
+        bends[part.rows] = _bends(*vectors, vertices.reshape(-1, 3), part.copies * len(rest))
+    return out, bends
+
+
+def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_vertices: int) -> np.ndarray:
+    """(f, 3) float64: sine of the widest angle between the normal of a corner and the faces around its vertex.
+
+    A light that is less than this angle above the horizon of the normal is below that of some of these faces.
+    `image.irradiance` ends the light there, on all of them alike, at most at `SHARPEST`.
+    """
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sine = np.linalg.norm(np.cross(normals, across[:, None]), axis=-1)
+    sine /= np.maximum(np.linalg.norm(normals, axis=-1) * np.linalg.norm(across, axis=-1)[:, None], 1e-300)
+    widest = np.zeros(n_vertices)
+    np.maximum.at(widest, vertices.reshape(-1), np.minimum(sine, SHARPEST).reshape(-1))
+    return widest[vertices]
 
 
 def in_frames(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:

@@ -31,7 +31,6 @@ class Texture:
     wrap_s: int = REPEAT
     wrap_t: int = REPEAT
     nearest: bool = False  # whether texels are squares, not interpolated
-    srgb: bool = True  # False: its numbers are linear light
     has_alpha: bool = False  # whether alpha counts: colours of texels without it do not
     opacity: bytes | None = field(default=None, repr=False)  # a second picture, whose brightness is the alpha
 
@@ -43,16 +42,16 @@ class Texture:
     @cached_property
     def mips(self) -> np.ndarray:
         """(n,) uint8: the pixels of all smaller mip levels, one after the other; see `mip_levels`."""
-        levels = mip_levels(self.pixels, self.srgb, self.has_alpha)
-        return np.concatenate([np.empty(0, np.uint8), *(bytes_of(level, self.srgb).reshape(-1) for level in levels)])
+        levels = mip_levels(self.pixels, self.has_alpha)
+        return np.concatenate([np.empty(0, np.uint8), *(bytes_of(level).reshape(-1) for level in levels)])
 
     @cached_property
     def glance(self) -> list[np.ndarray]:
         """Mip levels ((h, w, 4) float32, linear) that serve for mean colours; a large picture begins reduced."""
         pixels = self._decoded(_GLANCE)
-        smaller = mip_levels(pixels, self.srgb, self.has_alpha)
+        smaller = mip_levels(pixels, self.has_alpha)
         if max(pixels.shape[:2]) <= _GLANCE:
-            return [linear_of(pixels, self.srgb), *smaller]
+            return [linear_of(pixels), *smaller]
         return [level for level in smaller if max(level.shape[:2]) <= _GLANCE]
 
     def _decoded(self, side: int | None) -> np.ndarray:

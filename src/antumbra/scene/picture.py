@@ -11,7 +11,9 @@ MAX_PIXELS = 1 << 26
 SMALL_PIXELS = 1 << 22
 PIXELS_PER_BYTE = 2048  # a picture that is not small and has more is a decompression bomb
 
-_LINEAR = BYTE_TO_LINEAR.astype(np.float32)
+LINEAR = BYTE_TO_LINEAR.astype(np.float32)
+"""(256,) float32: the linear light of sRGB bytes."""
+
 _STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: the darkest byte has twenty
 
 
@@ -42,15 +44,14 @@ def rgba_of(image) -> np.ndarray:
     return np.array(image.convert("RGBA"))
 
 
-def linear_of(pixels: np.ndarray, srgb: bool = True) -> np.ndarray:
-    """(h, w, 4) float32: bytes as linear light in [0, 1], and alpha."""
+def linear_of(pixels: np.ndarray) -> np.ndarray:
+    """(h, w, 4) float32: sRGB bytes as linear light in [0, 1], and alpha."""
     out = pixels.astype(np.float32) / np.float32(255.0)
-    if srgb:
-        out[..., :3] = _LINEAR[pixels[..., :3]]
+    out[..., :3] = LINEAR[pixels[..., :3]]
     return out
 
 
-def mip_levels(pixels: np.ndarray, srgb: bool = True, has_alpha: bool = False) -> list[np.ndarray]:
+def mip_levels(pixels: np.ndarray, has_alpha: bool = False) -> list[np.ndarray]:
     """Means of a picture ((h, w, 4) uint8) over 2 x 2, 4 x 4 ... texels, as linear float32, down to a single texel.
 
     An odd number of texels is halved by the exact means of areas. With `has_alpha`, colours count by their alpha, so
@@ -59,7 +60,7 @@ def mip_levels(pixels: np.ndarray, srgb: bool = True, has_alpha: bool = False) -
     if pixels.shape[:2] == (1, 1):
         return []
     whole = len(pixels) if len(pixels) % 2 else _STRIP
-    strips = (linear_of(pixels[y : y + whole], srgb) for y in range(0, len(pixels), whole))
+    strips = (linear_of(pixels[y : y + whole]) for y in range(0, len(pixels), whole))
     weighted = np.concatenate([_quartered(_times_alpha(strip) if has_alpha else strip) for strip in strips])
     levels = [weighted]
     while weighted.shape[:2] != (1, 1):
@@ -102,12 +103,11 @@ def _halved(rows: np.ndarray) -> np.ndarray:
     return ((k - i) * rows[0:-1:2] + k * rows[1::2] + (i + 1) * rows[2::2]) * weights
 
 
-def bytes_of(linear: np.ndarray, srgb: bool = True) -> np.ndarray:
+def bytes_of(linear: np.ndarray) -> np.ndarray:
     """(h, w, 4) uint8: the inverse of `linear_of`."""
     shown = np.clip(linear, 0.0, 1.0)
     out = (shown * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
-    if srgb:
-        out[..., :3] = _TO_BYTE[(shown[..., :3] * np.float32(_STEPS - 1) + np.float32(0.5)).astype(np.uint16)]
+    out[..., :3] = _TO_BYTE[(shown[..., :3] * np.float32(_STEPS - 1) + np.float32(0.5)).astype(np.uint16)]
     return out
 
 

@@ -1,0 +1,140 @@
+"""Texture look-ups: bilinear within a mip level, linear between two, and several along a stretched footprint."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels.jit import inlined
+from ..kernels.simd import get, i32_at, ptr
+from ..scene.materials import CLAMP, MIRROR, Texture
+from ..scene.picture import LINEAR
+
+MOST_TAPS = 8
+"""Look-ups along the longer side of a pixel's footprint, at most. A footprint that is longer still is blurred."""
+
+
+class Pictures(NamedTuple):
+    """Textures for kernels. Their arrays must outlive this."""
+
+    pixels: np.ndarray  # (t,) int64: addresses of the texels, four bytes each, row by row
+    mips: np.ndarray  # (t,) int64: addresses of those of smaller levels, one after the other
+    sizes: np.ndarray  # (t, 2) int32: width and height
+    wraps: np.ndarray  # (t, 2) int32: wrap_s and wrap_t
+    nearest: np.ndarray  # (t,) bool
+    linear: np.ndarray  # (256,) float32: the linear light of bytes
+
+
+def pictures_of(textures: list[Texture | None]) -> Pictures:
+    """The textures; those that are None may not be looked up."""
+    held = [(t.pixels, t.mips, t) if t is not None else None for t in textures]
+    ints = lambda rows, kind: np.array(list(rows), kind)
+    address = lambda k: ints((0 if h is None else h[k].ctypes.data for h in held), np.int64)
+    sizes = ints(((0, 0) if h is None else h[0].shape[1::-1] for h in held), np.int32).reshape(-1, 2)
+    wraps = ints(((0, 0) if h is None else (h[2].wrap_s, h[2].wrap_t) for h in held), np.int32).reshape(-1, 2)
+    nearest = ints((h is not None and h[2].nearest for h in held), np.bool_)
+    return Pictures(address(0), address(1), sizes, wraps, nearest, LINEAR)
+
+
+@inlined
+def _wrapped(i, n, wrap):
+    """Texel i of a line of n texels that continues beyond its ends."""
+    if wrap == CLAMP:
+        return min(max(i, 0), n - 1)
+    if wrap == MIRROR:
+        i %= 2 * n
+        return i if i < n else 2 * n - 1 - i
+    return i % n
+
+
+@inlined
+def _near(u, wrap):
+    """A texture coordinate that shows the same, near 0: so that it can be multiplied by a size."""
+    return min(max(u, -1.0), 2.0) if wrap == CLAMP else u - 2.0 * np.floor(0.5 * u)
+
+
+@inlined
+def _light(linear, texel):
+    """Linear red, green and blue of four bytes."""
+    return (
+        get(linear, texel & 255),
+        get(linear, (texel >> 8) & 255),
+        get(linear, (texel >> 16) & 255),
+    )
+
+
+@inlined
+def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
+    """The picture at (u, v); `texels` and `linear` are pointers."""
+    half = 0.0 if nearest else 0.5
+    x, y = _near(u, wrap_s) * w - half, _near(v, wrap_t) * h - half
+    x0, y0 = np.floor(x), np.floor(y)
+    i, j = np.int64(x0), np.int64(y0)
+    left, top = _wrapped(i, w, wrap_s), _wrapped(j, h, wrap_t) * w
+    if nearest:
+        return _light(linear, np.int64(get(texels, top + left)))
+    right, low = _wrapped(i + 1, w, wrap_s), _wrapped(j + 1, h, wrap_t) * w
+    fx, fy = x - x0, y - y0
+    a, b = _light(linear, np.int64(get(texels, top + left))), _light(linear, np.int64(get(texels, top + right)))
+    c, d = _light(linear, np.int64(get(texels, low + left))), _light(linear, np.int64(get(texels, low + right)))
+    p, q, r, s = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
+    return (
+        p * a[0] + q * b[0] + r * c[0] + s * d[0],
+        p * a[1] + q * b[1] + r * c[1] + s * d[1],
+        p * a[2] + q * b[2] + r * c[2] + s * d[2],
+    )
+
+
+@inlined
+def _at_level(pictures, k, level, u, v, nearest):
+    """Texture k at (u, v), in a mip level."""
+    w, h = np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1])
+    texels, start = i32_at(pictures.pixels[k]), 0
+    if level > 0:
+        for _ in range(level - 1):
+            w, h = max(w >> 1, 1), max(h >> 1, 1)
+            start += w * h
+        w, h = max(w >> 1, 1), max(h >> 1, 1)
+        texels = i32_at(pictures.mips[k] + 4 * start)
+    return _bilinear(
+        texels, ptr(pictures.linear), w, h, pictures.wraps[k, 0], pictures.wraps[k, 1], u, v, nearest
+    )
+
+
+@inlined
+def _between(pictures, k, level, u, v):
+    """Texture k at (u, v), linear between two mip levels; `level` is a float64 that is not negative."""
+    largest = max(pictures.sizes[k, 0], pictures.sizes[k, 1])
+    last = np.int64(np.floor(np.log2(np.float64(largest))))
+    below = min(np.int64(level), last)
+    a = _at_level(pictures, k, below, u, v, False)
+    part = level - below
+    if part <= 0.0 or below == last:
+        return a
+    b = _at_level(pictures, k, below + 1, u, v, False)
+    return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
+
+
+@inlined
+def looked_up(pictures, k, uv, across, along):
+    """(red, green, blue), linear: the mean of texture k around `uv`, over a pixel's footprint.
+
+    across, along : the two sides of the footprint, in texture coordinates
+
+    The longer side is covered by several look-ups, each in the mip level that suits the shorter one. So a floor seen at
+    a grazing angle stays sharp, as with the anisotropic filters of graphics cards.
+    """
+    w, h = np.float64(pictures.sizes[k, 0]), np.float64(pictures.sizes[k, 1])
+    one, two = np.hypot(across[0] * w, across[1] * h), np.hypot(along[0] * w, along[1] * h)
+    side = along if two > one else across
+    longer, shorter = max(one, two), min(one, two)
+    if not longer > 1.0:
+        return _at_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
+    shorter = max(shorter, 1.0)
+    taps = np.int64(min(np.ceil(longer / shorter), MOST_TAPS))
+    level = np.log2(max(longer / taps, shorter))
+    red = green = blue = 0.0
+    for i in range(taps):
+        at = (i + 0.5) / taps - 0.5
+        light = _between(pictures, k, level, uv[0] + at * side[0], uv[1] + at * side[1])
+        red, green, blue = red + light[0], green + light[1], blue + light[2]
+    return red / taps, green / taps, blue / taps
