@@ -128,3 +128,12 @@ ExposureOption = Annotated[
     float | None,
     typer.Option(help="Factor on the light of a .png.  [default: automatic]", show_default=False),
 ]
+TexturesOption = Annotated[
+    bool,
+    typer.Option(
+        "--textures/--no-textures", help="Show textures and colours of vertices, not the mean colour of each face."
+    ),
+]
+FlatOption = Annotated[
+    bool, typer.Option("--flat", help="Shade each face by its own normal, not by those of vertices.")
+]

@@ -30,6 +30,7 @@ from .pictureoptions import (
     CullFacesOption,
     ExposureOption,
     FilterOption,
+    FlatOption,
     GBufferOption,
     PictureLightOption,
     Preset,
@@ -37,6 +38,7 @@ from .pictureoptions import (
     PresetSppOption,
     SamplerOption,
     SkyOption,
+    TexturesOption,
     VplOption,
 )
 from .renderoptions import RenderOptions
@@ -96,6 +98,8 @@ class RenderArguments:
     filter: FilterOption = None
     adaptive: AdaptiveOption = None
     adaptive_spp: AdaptiveSppOption = None
+    textures: TexturesOption = True
+    flat: FlatOption = False
     plan: Annotated[
         str | None,
         typer.Option(
@@ -175,6 +179,8 @@ class RenderArguments:
             counters=self.counters,
             json=self.json,
             quiet=self.quiet,
+            textures=self.textures,
+            flat=self.flat,
         )
         if self.frames is None and asked.srdh_rays is not None and asked.srdh_rays.last_frame:
             raise InputError(

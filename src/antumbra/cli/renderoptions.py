@@ -48,6 +48,8 @@ class RenderOptions(NamedTuple):
     counters: bool
     json: bool
     quiet: bool
+    textures: bool = True
+    flat: bool = False  # whether each face has its own normal
 
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
@@ -107,14 +109,15 @@ class RenderOptions(NamedTuple):
         runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
         frame = renderer.render(
             camera, lights, time=time, counters=self.counters, progress=progress("tracing shadow rays", runs),
-            background=self.background is None, layers=layers, **self.quality(),
+            background=self.background is None, layers=layers, textures=self.textures, smooth_normals=not self.flat,
+            **self.quality(),
         )  # fmt: skip
         return Shot(scene.clamped(time), camera, lights, frame)
 
     def options(self) -> dict:
         """Names and values, for ``--json``."""
         rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
-        more = {name: getattr(self, name) for name in ("plan", "gbuffer", "threads")}
+        more = {name: getattr(self, name) for name in ("plan", "gbuffer", "threads", "textures", "flat")}
         return {**self.quality(), **more, "srdh_rays": rays}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
@@ -143,6 +146,8 @@ class RenderOptions(NamedTuple):
                 "filter": self.filter,
                 "adaptive": self.adaptive,
                 "cull_faces": self.cull_faces,
+                "textures": self.textures,
+                "flat": self.flat,
                 **({} if self.background is None else {"background": self.background}),
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }

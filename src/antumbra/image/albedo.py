@@ -112,7 +112,7 @@ def _painted(places, paints, eye, at, i, k, material):
 
 @kernel
 def _albedo_rows(ticket, places, paints, eye, out):
-    h, w = places.ids.shape
+    w = places.ids.shape[1]
     ids, faces, materials, own = ptr(places.ids), ptr(places.face), ptr(paints.material), ptr(paints.colour)
     shown = ptr(out)
     y0 = take(ticket)

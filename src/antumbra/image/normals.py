@@ -25,7 +25,7 @@ def _evaluated(frame, kept):
 
 @kernel
 def _normal_rows(ticket, places, kept, bends, out):
-    h, w = places.ids.shape
+    w = places.ids.shape[1]
     ids, faces, corners, normals = ptr(places.ids), ptr(places.face), ptr(places.corners), ptr(kept)
     positions, geometric, shown = ptr(places.position), ptr(places.normal), ptr(out.normal)
     sines, ends = ptr(bends), ptr(out.bend)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..kernels.jit import inlined
 from ..kernels.simd import get, i32_at, ptr
-from ..scene.materials import CLAMP, MIRROR, Texture
+from ..scene.materials import CLAMP, MIRROR, REPEAT, Texture
 from ..scene.picture import LINEAR
 
 MOST_TAPS = 8
@@ -37,19 +37,20 @@ def pictures_of(textures: list[Texture | None]) -> Pictures:
 
 @inlined
 def _wrapped(i, n, wrap):
-    """Texel i of a line of n texels that continues beyond its ends."""
-    if wrap == CLAMP:
-        return min(max(i, 0), n - 1)
-    if wrap == MIRROR:
-        i %= 2 * n
-        return i if i < n else 2 * n - 1 - i
-    return i % n
+    """The texel at place i beside a coordinate from `_near`, on a line of n texels."""
+    if wrap == REPEAT:
+        return n - 1 if i < 0 else i if i < n else 0
+    if wrap == MIRROR and i >= n:
+        i = 2 * n - 1 - i
+    return min(max(i, 0), n - 1)
 
 
 @inlined
 def _near(u, wrap):
-    """A texture coordinate that shows the same, near 0: so that it can be multiplied by a size."""
-    return min(max(u, -1.0), 2.0) if wrap == CLAMP else u - 2.0 * np.floor(0.5 * u)
+    """A texture coordinate that shows the same: from 0 to 1, and to 2 if the texture is mirrored."""
+    if wrap == REPEAT:
+        return u - np.floor(u)
+    return min(max(u, 0.0), 1.0) if wrap == CLAMP else u - 2.0 * np.floor(0.5 * u)
 
 
 @inlined
@@ -95,9 +96,7 @@ def _at_level(pictures, k, level, u, v, nearest):
             start += w * h
         w, h = max(w >> 1, 1), max(h >> 1, 1)
         texels = i32_at(pictures.mips[k] + 4 * start)
-    return _bilinear(
-        texels, ptr(pictures.linear), w, h, pictures.wraps[k, 0], pictures.wraps[k, 1], u, v, nearest
-    )
+    return _bilinear(texels, ptr(pictures.linear), w, h, pictures.wraps[k, 0], pictures.wraps[k, 1], u, v, nearest)
 
 
 @inlined

@@ -153,7 +153,7 @@ def refine(
 
 
 def edge_colours(state: FrameState) -> np.ndarray:
-    """(n, 3) float32: colours of faces that differ where a picture has edges: within a texture they are all the same."""
+    """(n, 3) float32: colours of faces that differ at edges; the faces of a texture all have the same."""
     colour, appearance = state.triangles.colour, state.source.scene.appearance
     if appearance is None or not state.request.textures:
         return colour

@@ -74,12 +74,21 @@ def compile_missing(missing: set[Wanted]) -> None:
         compile_all(missing, progress)
 
 
-def small_scene() -> Scene:
-    """Hills of about 10 000 triangles, enough that builders take every code path of large scenes."""
+def small_scene(dressed: bool = False) -> Scene:
+    """Hills of about 10 000 triangles, enough that builders take every code path of large scenes.
+
+    dressed : whether they have a texture, colours of vertices and normals
+    """
     x, z = np.meshgrid(np.linspace(-1, 1, 73), np.linspace(-1, 1, 73))
     a = (np.arange(72)[:, None] * 73 + np.arange(72)).ravel()
     faces = np.concatenate([np.stack([a, a + 73, a + 1], 1), np.stack([a + 1, a + 73, a + 74], 1)])
-    return Scene.from_arrays(np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3), faces)
+    vertices = np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3)
+    if not dressed:
+        return Scene.from_arrays(vertices, faces)
+    white, up = np.full((2, 2, 3), 255, np.uint8), np.broadcast_to((0.0, 1.0, 0.0), vertices.shape)
+    return Scene.from_arrays(
+        vertices, faces, vertex_colours=np.ones(vertices.shape), uv=vertices[:, ::2], texture=white, normals=up
+    )
 
 
 def small_view(quality=False, sky=True) -> tuple[Camera, list]:

@@ -34,6 +34,11 @@ def warm_up_quality() -> None:
     make_ready(quality_job)
 
 
+def warm_up_dressed() -> None:
+    """Compile the kernels of textures and smooth normals; they are the same for every plan."""
+    make_ready(dressed_job)
+
+
 def warm_up_bounce() -> None:
     """Compile the kernels of the diffuse rays that `SrdhRays` can request."""
     make_ready(bounce_job)
@@ -102,14 +107,21 @@ def wide_lights_job() -> Job:
     return fixed_job("cones, wide lights", work)
 
 
+def dressed_job() -> Job:
+    """The job of textures and smooth normals."""
+    return fixed_job("textures and normals", lambda: _render_small(Plan(), "raster", dressed=True))
+
+
 def indirect_job(gbuffer: str = "raster") -> Job:
     """The job of bounced light."""
     return fixed_job(f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, passes=1))
 
 
-def _render_small(plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1):
+def _render_small(
+    plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1, dressed=False
+):
     """Render a frame of the small scene; `passes`: number of diffuse rays, `view`: (camera, lights)."""
-    scene, accelerator = small_scene(), accelerator_of(plan, 2, srdh_rays)
+    scene, accelerator = small_scene(dressed), accelerator_of(plan, 2, srdh_rays)
     camera, lights = view or small_view(quality, sky=not passes)
     request = Request(
         camera,

@@ -24,7 +24,7 @@ from .choosing import accelerator_of
 from .frame import Frame
 from .in_memory import InMemory, see
 from .passes import draw
-from .render_jobs import warm_up, warm_up_bounce, warm_up_indirect, warm_up_quality
+from .render_jobs import warm_up, warm_up_bounce, warm_up_dressed, warm_up_indirect, warm_up_quality
 from .request import Request
 from .srdh_rays import SrdhRays
 
@@ -127,6 +127,8 @@ class Renderer:
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
             warm_up_quality()
+        if (request.textures or request.smooth_normals) and self.scene.appearance is not None:
+            warm_up_dressed()
         if showing is not None and showing.asked.bounce:
             warm_up_bounce()
         if request.passes is not None:

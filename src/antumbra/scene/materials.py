@@ -27,7 +27,7 @@ class Texture:
     name: str  # in errors
     picture: "bytes | np.ndarray | None" = field(
         repr=False
-    )  # encoded PNG, JPEG or WebP; or (h, w, 4) uint8; None: white
+    )  # encoded, in one of `picture.FORMATS`; or (h, w, 4) uint8; None: white
     wrap_s: int = REPEAT
     wrap_t: int = REPEAT
     nearest: bool = False  # whether texels are squares, not interpolated

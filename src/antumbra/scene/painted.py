@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..errors import InputError
-from .materials import PLAIN, Material, look_of
+from .materials import PLAIN, Material, Texture, look_of
 from .meancolour import mean_colours
 from .mesh import Mesh, linear_colours, used_faces
 
@@ -21,7 +21,7 @@ def painted(
     Raises
     ------
     InputError
-        If there are too few or too many colours.
+        If there are too few or too many rows of something.
     ValueError
         If the texture cannot be decoded.
     """
@@ -31,6 +31,25 @@ def painted(
         colours = linear_colours(colours, where, alpha=True)
         if colours.ndim != 2 or len(colours) != n_vertices:
             raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
+    uv, normals = _checked(uv, (n_vertices, 2), f"{where}: uv"), _checked(normals, (n_vertices, 3), f"{where}: normals")
     uv, colours = rows(uv), rows(colours)
     look = look_of(material, uv, colours, rows(normals), mesh.positions)
     return mesh._replace(colour=mean_colours(material, mesh.faces, uv, colours), look=look)
+
+
+def _checked(values, shape: tuple[int, int], where: str) -> np.ndarray | None:
+    if values is None:
+        return None
+    values = np.asarray(values)
+    if values.shape != shape or values.dtype.kind not in "fiu":
+        raise InputError(f"{where} must be numbers {shape}, one row for each vertex, not {values.dtype} {values.shape}")
+    return values
+
+
+def picture_texture(picture, where: str) -> Texture:
+    """A texture of an array (h, w, 3) or (h, w, 4) uint8, sRGB."""
+    pixels = np.asarray(picture)
+    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
+        raise InputError(f"{where}: texture must be (h, w, 3) or (h, w, 4) uint8, not {pixels.dtype} {pixels.shape}")
+    opaque = np.full((*pixels.shape[:2], 1), 255, np.uint8)
+    return Texture(where, np.ascontiguousarray(np.concatenate([pixels, opaque], axis=2)[..., :4]))

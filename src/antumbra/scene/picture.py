@@ -7,6 +7,7 @@ import numpy as np
 
 from .colour import BYTE_TO_LINEAR
 
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA")
 MAX_PIXELS = 1 << 26
 SMALL_PIXELS = 1 << 22
 PIXELS_PER_BYTE = 2048  # a picture that is not small and has more is a decompression bomb
@@ -18,7 +19,7 @@ _STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: the da
 
 
 def decoded(data: bytes, side: int | None = None) -> np.ndarray:
-    """(h, w, 4) uint8: a PNG, JPEG or WebP picture. `side`: a large JPEG may come smaller, but not below this.
+    """(h, w, 4) uint8: a picture of one of `FORMATS`. `side`: a large JPEG may come smaller, but not below this.
 
     Raises ValueError, with the reason, if the picture cannot be decoded or is unreasonably large.
     """
@@ -27,7 +28,7 @@ def decoded(data: bytes, side: int | None = None) -> np.ndarray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as image:
+            with Image.open(io.BytesIO(data), formats=FORMATS) as image:
                 _check_size(image.size, len(data))
                 if side is not None:
                     image.draft("RGB", (side, side))

@@ -8,8 +8,9 @@ from .any_scene import AnyScene
 from .appearance import Appearance, appearance_of
 from .camera import Camera
 from .cityjson.model import CityModel
+from .materials import PLAIN, Material
 from .mesh import make_mesh
-from .painted import painted
+from .painted import painted, picture_texture
 from .recentre import frame_origin
 from .sampled import detail, moving_faces, within
 from .source import Source, StaticMeshes
@@ -76,7 +77,10 @@ class Scene(AnyScene):
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
 
     @classmethod
-    def from_arrays(cls, vertices, faces=None, colours=None, *, vertex_colours=None, name="arrays", up="y") -> "Scene":
+    def from_arrays(
+        cls, vertices, faces=None, colours=None, *, vertex_colours=None, uv=None, texture=None, normals=None,
+        name="arrays", up="y",
+    ) -> "Scene":  # fmt: skip
         """A static scene from arrays.
 
         Parameters
@@ -91,6 +95,13 @@ class Scene(AnyScene):
         vertex_colours : (v, 3), optional
             Colour of each vertex instead; pictures interpolate them, and `colours` has the mean of a face. Of a soup,
             of each of its 3 n corners.
+        uv : (v, 2) float, optional
+            Texture coordinates of each vertex: (0, 0) is the upper left corner of the texture, (1, 1) its lower right
+            one. The texture repeats beyond. Of a soup, of each of its 3 n corners.
+        texture : (h, w, 3) or (h, w, 4) uint8, optional
+            A picture in sRGB, for `uv`. Vertex colours are multiplied with it.
+        normals : (v, 3) float, optional
+            Normals of each vertex, for shading only.
         name : str
             Name of the scene, also in errors.
         up : "y" or "z"
@@ -113,12 +124,15 @@ class Scene(AnyScene):
             indices = np.asarray(faces)
         elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
             raise InputError(f"{name}: {len(positions)} vertices are no multiple of 3; give faces")
-        if colours is not None and vertex_colours is not None:
-            raise InputError(f"{name}: colours and vertex_colours exclude each other; leave one of them out")
         positions = positions.reshape(-1, 3)
         mesh = make_mesh(name, positions, indices, colours, name)
-        if vertex_colours is not None:
-            mesh = painted(mesh, indices, len(positions), where=name, colours=vertex_colours)
+        if any(given is not None for given in (vertex_colours, uv, texture, normals)):
+            if colours is not None:
+                raise InputError(
+                    f"{name}: colours and vertex_colours, uv, texture or normals exclude each other; leave colours out"
+                )
+            material = PLAIN if texture is None else Material(texture=picture_texture(texture, name))
+            mesh = painted(mesh, indices, len(positions), material, name, uv, vertex_colours, normals)
         return cls(StaticMeshes([mesh], name), name=name, up=up)
 
     @classmethod
