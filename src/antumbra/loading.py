@@ -45,8 +45,8 @@ def load(path, *, up: str | None = None, lod: str | None = None) -> "Scene | Pag
     Returns
     -------
     Scene or PagedScene
-        For a store a `PagedScene`, whose triangles stay on disk. Base colours come from vertex colours, material
-        colours and the mean colours of textures. CityJSON is coloured by the types of its surfaces and objects, and
+        For a store a `PagedScene`, whose triangles stay on disk. `Scene.appearance` has materials, textures, colours
+        of vertices and normals; `Scene.colours` has their mean colour of each face. CityJSON is coloured by the types of its surfaces and objects, and
         `Scene.city` names them.
 
     Raises

@@ -7,6 +7,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.cli.progress import ProgressDisplay
+from scene.gltf_files import png
 
 
 def pixels(path):
@@ -361,3 +362,23 @@ def test_a_failing_save_leaves_no_file(render, monkeypatch, tmp_path):
     monkeypatch.setattr("antumbra.image.save._write_png", full)
     render().refused("antumbra.png", "No space left on device")
     assert os.listdir(tmp_path) == []
+
+
+def test_textures_and_smooth_normals_can_be_left_out(render, tmp_path):
+    (tmp_path / "t.png").write_bytes(png(np.random.default_rng(0).integers(0, 256, (8, 8, 3))))
+    (tmp_path / "m.mtl").write_text("newmtl paper\nKd 1 1 1\nmap_Kd t.png\n")
+    corners = (
+        "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn -1 1 -1\nvn 1 1 -1\nvn 1 1 1\n"
+    )
+    faces = "vn -1 1 1\nusemtl paper\nf 3/3/3 2/2/2 1/1/1\nf 4/4/4 3/3/3 1/1/1\n"
+    scene = tmp_path / "paper.obj"
+    scene.write_text(f"mtllib m.mtl\n{corners}{faces}")
+    view = "--camera", "0,2,0:0,0,0:60", "--light", "sun:1,-1,0"
+    shown = {}
+    for options in ((), ("--no-textures",), ("--flat",), ("--no-textures", "--flat")):
+        told = render("--json", *view, *options, scene=scene).json()
+        assert told["textures"] == ("--no-textures" not in options) and told["flat"] == ("--flat" in options)
+        shown[options] = pixels("paper.png")[8:-8, 8:-8]
+    pictures = list(shown.values())
+    assert all((a != b).any() for i, a in enumerate(pictures) for b in pictures[:i])
+    assert len(np.unique(shown["--no-textures", "--flat"].reshape(-1, 3), axis=0)) < 10
