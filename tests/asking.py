@@ -8,7 +8,7 @@ from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
 from antumbra.rendering.choosing import accelerator_of
-from antumbra.rendering.in_memory import see
+from antumbra.rendering.see import see
 
 
 def query_of(scene, camera, light, spp, time=0.0):

@@ -23,7 +23,7 @@ MESH_SUFFIXES = (".obj", ".ply", ".stl")
 CITY_SUFFIXES = (".json", ".jsonl")
 
 
-def load(path, *, up: str | None = None, lod: str | None = None) -> "Scene | PagedScene":
+def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool = True) -> "Scene | PagedScene":
     """Read a scene from a file, or take it from a mesh of another library.
 
     Parameters
@@ -41,6 +41,9 @@ def load(path, *, up: str | None = None, lod: str | None = None) -> "Scene | Pag
     lod : str, optional
         Level of detail of CityJSON, such as "2.2". None: the highest of each object. An object whose parts have a
         higher one, such as a Building of BuildingParts, is left to these parts.
+    cutouts : bool
+        True: rays pass through faces where the alpha of their material says so, texel by texel. The alpha modes MASK
+        and BLEND do; BLEND stops light from alpha 0.5 on. False: all faces are solid, as they are in stores.
 
     Returns
     -------
@@ -68,6 +71,8 @@ def load(path, *, up: str | None = None, lod: str | None = None) -> "Scene | Pag
     else:
         kind = type(path).__name__
         raise InputError(f"scene is a {kind}; give the path of a file, or {KNOWN}; arrays go to Scene.from_arrays")
+    if not cutouts and isinstance(scene, Scene):
+        scene.ignore_alpha()
     for note in scene.notes:
         warnings.warn(note, UserWarning, stacklevel=2)
     return scene

@@ -7,7 +7,7 @@ import numpy as np
 from ..query.diffuse import RayPass
 from ..query.picture import Surfaces, surfaces_of
 from ..scene.camera import CameraRays
-from ..trace.rays.bounce import surfaces_met
+from ..trace.rays.bounce import Show, surfaces_met
 from .trace import Scheduled, camera_hits, nearest_hits
 
 
@@ -18,10 +18,16 @@ def primary_hits(scheduled: Scheduled, rays: CameraRays, threads=None) -> tuple[
 
 
 def nearest_scheduled(
-    passes: Sequence[RayPass], shape, scheduled: Scheduled, triangles, threads=None
+    passes: Sequence[RayPass], shape, scheduled: Scheduled, triangles, threads=None, show: Show | None = None
 ) -> Iterator[Surfaces]:
-    """Yield the surfaces that passes of a picture of this shape meet first; `triangles`: all triangles of the scene."""
+    """Yield the surfaces that passes of a picture of this shape meet first; `triangles`: all triangles of the scene.
+
+    show : as for `trace.rays.bounce.nearest_surfaces`
+    """
     for rays in passes:
         (hits,) = nearest_hits(scheduled, [rays], shape, threads)
-        met = surfaces_met(rays, hits.face.reshape(-1), hits.t.reshape(-1), shape, triangles, threads)
+        found = hits.face.reshape(-1), hits.t.reshape(-1)
+        if show is not None:
+            show(rays, *found)
+        met = surfaces_met(rays, *found, shape, triangles, threads)
         yield surfaces_of(met, triangles)

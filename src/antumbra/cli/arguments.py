@@ -22,6 +22,7 @@ _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
 _LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
+_CUTOUTS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?cutouts=(.*)", re.IGNORECASE)
 _WHOLE = re.compile(r"[0-9]{1,9}")
 _MAX_SIZE = 32768
 
@@ -43,6 +44,7 @@ class SceneSpec(NamedTuple):
     triangles: int | None = None
     seed: int = 0
     lod: str | None = None  # level of detail, of a CityJSON file
+    cutouts: bool = True  # False: faces have no holes
 
     @property
     def stem(self) -> str:
@@ -73,10 +75,14 @@ class Sequence(NamedTuple):
 
 
 def parse_scene(text: str) -> SceneSpec:
-    """Parse a path, ``city.json?lod=2.2``, or ``procedural:NAME?triangles=100k&seed=3``."""
+    """Parse a path, ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, or ``procedural:NAME?triangles=100k&seed=3``."""
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
     if not text.startswith(PROCEDURAL):
+        if match := _CUTOUTS.fullmatch(text):
+            if match[2] not in ("on", "off"):
+                raise InputError(f"{text}: cutouts is {match[2]!r}; it must be on or off")
+            return SceneSpec(Path(match[1]), cutouts=match[2] == "on")
         match = _LOD.fullmatch(text)
         return SceneSpec(Path(match[1]), lod=match[2]) if match else SceneSpec(Path(text))
     name, _, query = text[len(PROCEDURAL) :].partition("?")

@@ -29,7 +29,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
     if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with quietly():  # the notes are printed below
-        scene = load(spec.path, up=up, lod=spec.lod)
+        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts)
     if not quiet:
         for note in scene.notes[:_MOST_NOTES]:
             say(f"note: {note}")

@@ -11,13 +11,19 @@ _STORE_HEADER = 4096  # bytes of a store, which hold the checksum of the checksu
 
 
 def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> str:
-    """SHA-256 of the scene's triangles at a time, with their colours and objects; of a store, of its first page."""
+    """SHA-256 of the scene's triangles at a time, with colours, cut-outs and objects; of a store, of its first page."""
     digest = hashlib.sha256()
     if isinstance(scene, PagedScene):
         with scene.store.path.open("rb") as stream:
             digest.update(stream.read(_STORE_HEADER))
         return digest.hexdigest()
     triangles = scene.triangles(time, threads)
-    for array in triangles.vertices, triangles.origin, triangles.colour, scene.object_of_face:
+    for array in (
+        triangles.vertices,
+        triangles.origin,
+        triangles.colour,
+        scene.object_of_face,
+        *(triangles.cutouts or ()),
+    ):
         digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()

@@ -6,6 +6,7 @@ neighbours stay neighbours. Tracers get the coherent input they need: in multi-f
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -54,11 +55,14 @@ def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays
         first = take(ticket)
 
 
-def subpixel_gbuffer(triangles, rays: CameraRays, wanted: np.ndarray, threads=None) -> GBuffer:
+def subpixel_gbuffer(
+    triangles, rays: CameraRays, wanted: np.ndarray, threads=None, hits: Callable | None = None
+) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels.
 
     wanted : (H, W) bool, with E true entries; row by row they become the blocks of a roughly square picture of
         (4 R, 4 C) pixels, whose last blocks are background if E < R C
+    hits : the (face, t) of a `CameraRays`, where `wanted` is True; None: `rasterise`
 
     The rasteriser finds the surface of each sub-pixel: it shifts the camera's window to put the sub-pixel at the centre
     of its pixel. Rasterising the whole picture sixteen times takes about as long as tracing rays through a few per cent
@@ -71,7 +75,7 @@ def subpixel_gbuffer(triangles, rays: CameraRays, wanted: np.ndarray, threads=No
     corners = triangles.vertices.reshape(-1, 9)
     for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
         shifted = _shifted(rays, row, column)
-        face, t = rasterise(corners, shifted, threads)
+        face, t = rasterise(corners, shifted, threads) if hits is None else hits(shifted)
         ticket = new_ticket(len(pixels), 1024)
         run(_fill_subpixels, threads, ticket, pixels, columns, row, column, face, t, corners, shifted, out)
     return out

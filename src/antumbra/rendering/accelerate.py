@@ -17,6 +17,7 @@ from ..plan import Plan
 from ..query.shadow import ShadowQuery, new_bits
 from ..rayhierarchy.soup import soup_of
 from ..scene.triangles import Triangles
+from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree
 from .srdh_rays import Bounce, Showing, Shown, SrdhRays, check_srdh_rays
 
 
@@ -26,6 +27,7 @@ class Accelerated(NamedTuple):
     triangles: Triangles  # all triangles, including culled ones
     bvh: Bvh | None  # over the triangles left by culling; prim_ids index `triangles`; None: the tracer walks no BVH
     prepared: Any  # the tracer's input: the BVH, a structure made from it, or a `Soup` of the triangles left
+    cutouts: CutoutTree | None = None  # faces with holes, which are not in the BVH; None: there are none
 
     @property
     def scheduled(self) -> Scheduled | None:
@@ -61,6 +63,7 @@ class Accelerator:
         self.one_tree = plan.tracer.builds and self.showing is None  # one BVH for shadow rays and camera rays
         self._kept = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
         self._updated: tuple[Triangles, Bvh] | None = None  # all triangles that the updater saw last, and their BVH
+        self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # those asked for last
         self._rays: Callable | None = None  # (vertices, their BVH) -> Intersections; set while a builder runs
 
     def begin(self, rays: int, later: int = 0) -> None:
@@ -108,6 +111,7 @@ class Accelerator:
         InputError
             If the builder is ray-guided and `shown` is None.
         """
+        culled = solid_of(triangles, culled)
         if not self.plan.tracer.builds:
             return self.prepare(triangles, None, culled)
         if self.showing is not None:
@@ -155,8 +159,16 @@ class Accelerator:
 
     def for_camera(self, triangles: Triangles) -> Accelerated:
         """A `bsah` BVH for camera rays, where the plan has no BVH or one specialised to shadow rays."""
-        bvh = BUILDERS["bsah"].build(triangles.vertices, self.threads)
-        return Accelerated(triangles, bvh, block_tree(bvh, self.threads))
+        bvh = BUILDERS["bsah"].build(solid_vertices(triangles), self.threads)
+        if triangles.cutouts is not None:
+            bvh = bvh._replace(prim_ids=triangles.cutouts.solid[bvh.prim_ids])
+        return Accelerated(triangles, bvh, block_tree(bvh, self.threads), self.cutouts_of(triangles))
+
+    def cutouts_of(self, triangles: Triangles) -> CutoutTree | None:
+        """The tree of faces with holes; None if there are none. The last one is kept."""
+        if self._cutouts is None or self._cutouts[0] is not triangles:
+            self._cutouts = triangles, cutout_tree(triangles, self.threads)
+        return self._cutouts[1]
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
         """Convert the BVH, or the triangles if the tracer walks no BVH, to the input of this plan's tracer.
@@ -164,7 +176,7 @@ class Accelerator:
         `culled`: the triangles left by culling; None: all.
         """
         made = soup_of(triangles, culled) if bvh is None else bvh
-        return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads))
+        return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads), self.cutouts_of(triangles))
 
     def answer(self, accelerated: Accelerated, query: ShadowQuery, tally=None, progress=None) -> np.ndarray:
         """Trace a query with this plan's tracer: (h, w, ceil(spp / 64)) uint64; bit s = sample s is occluded."""
@@ -181,4 +193,24 @@ class Accelerator:
         else:
             for query, found in zip(queries, bits):
                 tracer.trace(prepared, query, found, *rest)
+        if accelerated.cutouts is not None:
+            for query, found in zip(queries, bits):
+                add_shadows(accelerated.cutouts, query, found, self.threads)
         return bits
+
+
+def solid_of(triangles: Triangles, culled: Culled | None) -> Culled | None:
+    """What culling left, without cut-outs and clear faces; None: all triangles."""
+    own = triangles.cutouts
+    if own is None:
+        return culled
+    if culled is None:
+        return Culled(own.solid, solid_vertices(triangles), None, None, 0, 0)
+    left = np.isin(culled.kept, own.solid, assume_unique=True)
+    return culled._replace(kept=culled.kept[left], vertices=np.ascontiguousarray(culled.vertices[left]))
+
+
+def solid_vertices(triangles: Triangles) -> np.ndarray:
+    """(k, 3, 3) float32: the triangles without cut-outs and clear faces."""
+    own = triangles.cutouts
+    return triangles.vertices if own is None else triangles.vertices[own.solid]

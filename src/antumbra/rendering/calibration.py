@@ -18,7 +18,7 @@ from ..query.shadow import ShadowQuery, ray_count
 from ..scene.generated import procedural
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
-from .in_memory import see
+from .see import see
 
 _TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (160, 128), 16, 2
 

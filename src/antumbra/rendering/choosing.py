@@ -81,7 +81,8 @@ class Choosing(Accelerator):
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
         assert bvh is not None
-        return Accelerated(triangles, bvh, Auto(bvh, self.threads, self.memory, self._builder))
+        tracer = Auto(bvh, self.threads, self.memory, self._builder)
+        return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
 
 
 def accelerator_of(plan: Plan, threads: int, srdh_rays: SrdhRays | None = None) -> Accelerator:

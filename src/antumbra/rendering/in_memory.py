@@ -7,25 +7,22 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..auto.ways import WAYS
-from ..bvh.blocks import BlockTree
-from ..chcrt.surfaces import nearest_scheduled, primary_hits
+from ..chcrt.surfaces import nearest_scheduled
 from ..errors import InputError
 from ..plan import DEFAULT_PLAN, Plan
 from ..query.bounds import bounds
-from ..query.gbuffer import GBuffer, from_hits
 from ..query.picture import Surfaces, surfaces_of
-from ..query.raster import rasterise
 from ..query.rays import Arguments, HitArrays, hit_arrays
-from ..query.subpixels import subpixel_gbuffer
 from ..scene.camera import CameraRays
 from ..scene.scene import Scene
 from ..scene.triangles import Triangles
-from ..trace.primary.trace import trace_primary
+from ..trace.cutouts import add_hits, show_cutouts
 from ..trace.rays.batch import trace_batch
 from ..trace.rays.bounce import Nearest, nearest_surfaces
 from .accelerate import Accelerated, Accelerator
 from .memory import FrameMemory
+from .ready import make_ready
+from .see import cutouts_job, see, see_subpixels
 
 
 class InMemory:
@@ -59,7 +56,8 @@ class InMemory:
         self._last: Accelerated | None = None  # of earlier frames, if later frames can reuse it
 
     def warm_up(self) -> None:
-        pass
+        if self.scene.cutouts is not None:
+            make_ready(cutouts_job)
 
     def begin(self, memory: FrameMemory) -> None:
         pass
@@ -111,20 +109,25 @@ class InMemory:
         yield slice(0, height)
 
     def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None, rows=None) -> Surfaces:
-        return surfaces_of(see(triangles, camera, whole if self.gbuffer == "rays" else None, self.threads), triangles)
+        by_rays, cutouts = whole if self.gbuffer == "rays" else None, self._accelerator.cutouts_of(triangles)
+        return surfaces_of(see(triangles, camera, by_rays, self.threads, cutouts), triangles)
 
     def nearest_in(self, whole: Accelerated) -> Nearest:
-        triangles, threads = whole.triangles, self.threads
+        cutouts, threads = whole.cutouts, self.threads
+        show = partial(show_cutouts, cutouts, threads=threads) if cutouts is not None else None
         if whole.scheduled is not None:
-            return partial(nearest_scheduled, scheduled=whole.scheduled, triangles=triangles, threads=threads)
+            scheduled = partial(nearest_scheduled, scheduled=whole.scheduled, show=show)
+            return partial(scheduled, triangles=whole.triangles, threads=threads)
         assert whole.bvh is not None
-        return partial(nearest_surfaces, bvh=whole.bvh, triangles=triangles, threads=threads)
+        return partial(nearest_surfaces, bvh=whole.bvh, triangles=whole.triangles, threads=threads, show=show)
 
     def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
         out = hit_arrays(len(arguments.origins), any_hit)
-        wide = self.accelerated(time).prepared
-        if not trace_batch(wide, arguments.ray_list(cull_faces), any_hit, out, self.threads):
+        ready = self.accelerated(time)
+        if not trace_batch(ready.prepared, arguments.ray_list(cull_faces), any_hit, out, self.threads):
             arguments.check()
+        if ready.cutouts is not None:
+            add_hits(ready.cutouts, arguments, cull_faces, any_hit, out, self.threads)
         return out
 
     def surfaces_hit(
@@ -134,24 +137,11 @@ class InMemory:
         return found.t, self.accelerated(time).triangles, found.face
 
     def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:
-        return surfaces_of(subpixel_gbuffer(triangles, view, edge, self.threads), triangles)
+        cutouts = self._accelerator.cutouts_of(triangles)
+        return surfaces_of(see_subpixels(triangles, view, edge, self.threads, cutouts), triangles)
 
     def box(self, triangles: Triangles) -> np.ndarray:
         return np.stack(bounds(triangles.vertices, self.threads))
 
     def paging(self) -> None:
         return None
-
-
-def see(triangles: Triangles, camera, whole: Accelerated | None = None, threads: int | None = None) -> GBuffer:
-    """The G-buffer of a camera: by rays through `whole`, a BVH of all triangles; by rasterisation if it is None."""
-    rays = camera.rays(triangles.origin)
-    if whole is None:
-        face, t = rasterise(triangles.vertices.reshape(-1, 9), rays, threads)
-    elif whole.scheduled is not None:
-        face, t = primary_hits(whole.scheduled, rays, threads)
-    else:
-        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(WAYS["multifrusta"])
-        tree = blocks if isinstance(blocks, BlockTree) else whole.bvh
-        face, t = trace_primary(tree, rays, threads)
-    return from_hits(face, t, triangles, rays, threads)

@@ -13,10 +13,10 @@ from ..query.shadow import ShadowQuery
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator
-from .in_memory import see
 from .memory import frame_memory
 from .renderer import Renderer, source_kind
 from .request import Request
+from .see import see
 from .srdh_rays import bounced_queries
 
 

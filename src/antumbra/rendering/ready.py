@@ -19,7 +19,9 @@ from ..kernels.crew import Wanted, compile_all
 from ..kernels.loading import events, is_kept, user_cache
 from ..kernels.progress import reported
 from ..scene.camera import Camera
+from ..scene.cutouts import Mask, with_masks
 from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
+from ..scene.materials import REPEAT
 from ..scene.point_lights import PointLights
 from ..scene.scene import Scene
 
@@ -97,3 +99,16 @@ def small_view(quality=False, sky=True) -> tuple[Camera, list]:
     light = SphereLight(above, 0.1) if quality else PointLight(above)
     lights = [light, PointLights(above[None], interleave=quality), *([AmbientOcclusion(1.0)] if sky else [])]
     return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), lights
+
+
+def small_scene_with_cutouts() -> Scene:
+    """The small scene with a sheet of paper full of holes above it."""
+    corners = np.array([[[-1, 1, -1], [1, 1, -1], [1, 1, 1]], [[-1, 1, -1], [1, 1, 1], [-1, 1, 1]]], np.float32)
+    vertices = np.concatenate([small_scene().triangles().vertices, corners])
+    mask = np.full(len(vertices), -1, np.int32)
+    mask[-2:] = 0
+    uv = np.zeros((len(vertices), 3, 2), np.float32)
+    uv[-2:] = corners[..., ::2]
+    scene = Scene.from_arrays(vertices)
+    scene._cutouts = with_masks(uv, mask, [Mask(np.eye(8, dtype=bool), (REPEAT, REPEAT))])
+    return scene

@@ -15,10 +15,11 @@ from ..scene.camera import Camera
 from ..scene.lights import QuadLight
 from ..trace.counters import new_counters
 from .choosing import accelerator_of
-from .in_memory import InMemory, see
+from .in_memory import InMemory
 from .passes import draw
 from .ready import Job, fixed_job, make_ready, small_scene, small_view
 from .request import Request
+from .see import see
 from .srdh_rays import SrdhRays
 
 

@@ -22,10 +22,11 @@ from ..scene.triangles import Triangles
 from .accelerate import Accelerated
 from .choosing import accelerator_of
 from .frame import Frame
-from .in_memory import InMemory, see
+from .in_memory import InMemory
 from .passes import draw
 from .render_jobs import warm_up, warm_up_bounce, warm_up_dressed, warm_up_indirect, warm_up_quality
 from .request import Request
+from .see import see
 from .srdh_rays import SrdhRays
 
 if TYPE_CHECKING:

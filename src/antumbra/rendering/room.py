@@ -16,7 +16,7 @@ from ..scene.room import Room
 from ..scene.sampled import MOST
 from ..scene.scene import Scene
 from ..scene.triangles import Triangles
-from .in_memory import see
+from .see import see
 
 _OUTSIDE, _SIDE = 128, 48  # pixels across of the view from outside, and of a view from inside
 _RICH = 1500  # triangles that a view from outside shows; with more, it is the better view

@@ -8,7 +8,8 @@ from .any_scene import AnyScene
 from .appearance import Appearance, appearance_of
 from .camera import Camera
 from .cityjson.model import CityModel
-from .materials import PLAIN, Material
+from .cutouts import Cutouts, cutouts_of
+from .materials import OPAQUE, PLAIN, Material
 from .mesh import make_mesh
 from .painted import painted, picture_texture
 from .recentre import frame_origin
@@ -71,8 +72,10 @@ class Scene(AnyScene):
         self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
         self.objects = source.objects
         self._object_of_face: np.ndarray | None = None
-        self.bounds, self.colours, self._looks = _survey(source)
+        self.bounds, self.colours, self._looks, alpha = _survey(source)
         self._appearance: Appearance | None = None
+        self._cutouts: Cutouts | None = None
+        self._find_cutouts = alpha
         self.origin = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
 
@@ -196,6 +199,24 @@ class Scene(AnyScene):
             self._appearance = appearance_of(self.source, self.n_triangles)
         return self._appearance
 
+    @property
+    def cutouts(self) -> Cutouts | None:
+        """The faces with holes, which alpha cuts; None: all faces are solid. The first use decodes their textures.
+
+        Raises
+        ------
+        InputError
+            If a texture cannot be decoded.
+        """
+        if self._find_cutouts:
+            assert self.appearance is not None
+            self._cutouts, self._find_cutouts = cutouts_of(self.appearance), False
+        return self._cutouts
+
+    def ignore_alpha(self) -> None:
+        """Make all faces solid. Call it before the first query."""
+        self._cutouts, self._find_cutouts = None, False
+
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
 
@@ -217,7 +238,7 @@ class Scene(AnyScene):
             for piece in self.source.pieces(time):
                 start += gather(piece, self.origin, vertices[start:], threads)
         face_id = np.arange(self.n_triangles, dtype=np.int32)
-        return Triangles(vertices, self.origin.copy(), face_id, self.colours)
+        return Triangles(vertices, self.origin.copy(), face_id, self.colours, self.cutouts)
 
     def _cameras_at(self, time: float) -> list[Camera]:
         return self.source.cameras(time)
@@ -236,15 +257,16 @@ def checked_up(up: str) -> str:
     return up
 
 
-def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0; whether any mesh has a look."""
-    survey, colours, looks = Survey(source.file), [np.empty((0, 3), np.float32)], False
+def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
+    """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0; whether any mesh has a look, and alpha."""
+    survey, colours, looks, alpha = Survey(source.file), [np.empty((0, 3), np.float32)], False, False
     for piece in source.pieces(0.0):
         survey.add(piece)
         looks = looks or piece.look is not None
+        alpha = alpha or (piece.look is not None and piece.look.material.alpha_mode != OPAQUE)
         shape = piece.vertices.shape[0], faces_of(piece), 3
         colours.append(np.broadcast_to(piece.colour, shape).reshape(-1, 3))
-    return survey.bounds(), np.concatenate(colours), looks
+    return survey.bounds(), np.concatenate(colours), looks, alpha
 
 
 def _as_positions(vertices, name: str) -> np.ndarray:

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .cutouts import Cutouts
+
 
 class Triangles(NamedTuple):
     """A triangle soup in the recentred frame of its scene. World position = vertices + origin."""
@@ -13,6 +15,7 @@ class Triangles(NamedTuple):
     origin: np.ndarray  # (3,) float64, world position of the frame's zero
     face_id: np.ndarray  # (n,) int32, index of the face in the scene; the same at every time
     colour: np.ndarray  # (n, 3) float32, linear base colour in [0, 1]
+    cutouts: Cutouts | None = None  # faces with holes, and those without; None: all faces are solid
 
     def __repr__(self) -> str:
         return f"Triangles({len(self.vertices)} triangles; {', '.join(self._fields)})"

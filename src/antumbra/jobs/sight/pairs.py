@@ -5,11 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...bvh.nodes import Bvh
 from ...errors import InputError
 from ...query.rays import as_array
+from ...rendering.accelerate import Accelerated
 from ...rendering.queries import accelerated, receivers_of
 from ...scene.any_scene import AnyScene
+from ...trace.cutouts import all_stops
 from ...trace.rays.intersections import intersections
 from ..parts import Parts
 
@@ -84,11 +85,10 @@ def line_of_sight(
     """
     pairs, shape = _checked(scene, (observers, normals, faces), (targets, target_normals, target_faces))
     ready = accelerated(scene, time, threads, _PLAN)
-    assert ready.bvh is not None
-    bvh, corners, n = ready.bvh, ready.triangles.vertices, len(pairs.begin)
+    n = len(pairs.begin)
     parts = Parts(n, _PART)
-    work = lambda first, last: _blocks(pairs.part(first, last), bvh, corners, threads)
-    found = parts.run(work, f"{n} lines of sight") if n else _blocks(pairs, bvh, corners, threads)
+    work = lambda first, last: _blocks(pairs.part(first, last), ready, threads)
+    found = parts.run(work, f"{n} lines of sight") if n else _blocks(pairs, ready, threads)
     away = pairs.end.astype(np.float64) - pairs.begin
     length, t, face = np.linalg.norm(away, axis=1), found["t"], found["face"]
     point = pairs.begin + t[:, None] * away + scene.origin
@@ -138,14 +138,13 @@ def _as_faces(faces: np.ndarray, count: int) -> np.ndarray:
     return faces.astype(np.int64)
 
 
-def _blocks(pairs: _Pairs, bvh: Bvh, corners: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:
+def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str, np.ndarray]:
     """Where each pair is blocked: t (n,) float64 from 0 to 1, NaN if visible; face (n,) int32."""
     n = len(pairs.begin)
-    met = intersections(bvh, pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads)
-    ray, prim = np.repeat(np.arange(n), np.diff(met.first)), met.prims
+    ray, prim = _met(pairs, ready, threads)
     other = prim != pairs.end_face[ray]
     ray, prim = ray[other], prim[other]
-    t = _parameters(pairs, ray, corners[prim])
+    t = _parameters(pairs, ray, ready.triangles.vertices[prim])
     order = np.lexsort((prim, t, ray))
     blocked, nearest = np.unique(ray[order], return_index=True)
     found, face = np.full(n, np.nan), np.full(n, -1, np.int32)
@@ -161,6 +160,18 @@ def _blocks(pairs: _Pairs, bvh: Bvh, corners: np.ndarray, threads: int | None) -
         hidden &= np.isnan(found) if place else True
         found[hidden], face[hidden] = place, own[hidden]
     return {"t": found, "face": face}
+
+
+def _met(pairs: _Pairs, ready: Accelerated, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of a segment and a triangle that stops it, but for the faces of the segments' beginnings."""
+    assert ready.bvh is not None
+    asked = pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads
+    met = intersections(ready.bvh, *asked)
+    ray, prim = np.repeat(np.arange(len(pairs.begin)), np.diff(met.first)), met.prims
+    if ready.cutouts is None:
+        return ray, prim
+    more = all_stops(ready.cutouts, *asked)
+    return np.concatenate([ray, more[0]]), np.concatenate([prim, more[1]])
 
 
 def _parameters(pairs: _Pairs, ray: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -152,6 +152,17 @@ def exact_t(ray, corners, i):
 
 
 @kernel
+def exact_weights(ray, corners, i):
+    """Weights of the second and third corner where the line meets triangle i, correct to float64's last places."""
+    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    second = third = total = np.float64(0.0)
+    for edge in range(3):
+        value = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _EDGE + edge, 1.0))
+        second, third, total = value if edge == 1 else second, value if edge == 2 else third, total + value
+    return second / total, third / total
+
+
+@kernel
 def exact_plane_side(x, y, z, corners, i):
     """The side of triangle i's plane on which a point lies: 1 where the normal points, -1 behind, 0 on the plane.
 

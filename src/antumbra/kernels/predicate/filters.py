@@ -22,7 +22,7 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..simd import get
-from .exact import exact_meets, exact_plane_side, exact_t
+from .exact import exact_meets, exact_plane_side, exact_t, exact_weights
 
 MISS, UNSURE = 0, 2  # a hit is the sign of d . n: 1 or -1
 
@@ -185,6 +185,16 @@ def hit_t(ray, corners, i):
     if w.t_error <= _T_ACCURACY * abs(w.t) and w.d_error <= _T_ACCURACY * abs(w.d):
         return w.t / w.d
     return exact_t(ray, corners, i)
+
+
+@kernel
+def weights(ray, corners, i):
+    """Weights of the second and third corner where the ray meets triangle i, each with an error of at most 2**-29."""
+    w = volumes64(ray, corners, i)
+    certain = _T_ACCURACY * abs(w.d)
+    if w.e_error <= certain and w.d_error <= certain:
+        return w.e1 / w.d, w.e2 / w.d
+    return exact_weights(ray, corners, i)
 
 
 @inlined

@@ -19,6 +19,9 @@ from .traverse import walk
 Nearest = Callable[[Sequence[RayPass], tuple[int, int]], Iterator[Surfaces]]
 """A function of passes, and of their picture's height and width. It yields the surfaces that each pass meets first."""
 
+Show = Callable[[RayPass, np.ndarray, np.ndarray], None]
+"""A function of a pass, and of the face and t of its hits, (m,) each. It replaces hits by nearer ones."""
+
 
 @kernel
 def _nearest(ticket, bvh, rays, faces, ts):
@@ -82,11 +85,16 @@ def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None =
 
 
 def nearest_surfaces(
-    passes: Sequence[RayPass], shape, bvh: Bvh, triangles, threads: int | None = None
+    passes: Sequence[RayPass], shape, bvh: Bvh, triangles, threads: int | None = None, show: Show | None = None
 ) -> Iterator[Surfaces]:
-    """Yield the surfaces that passes of a picture of this shape meet first in a BVH of all triangles."""
+    """Yield the surfaces that passes of a picture of this shape meet first in a BVH of all triangles.
+
+    show : called with each pass, and the face and t of its hits, to replace some of them
+    """
     for rays in passes:
         found = nearest_hits(bvh, *rays, threads)
+        if show is not None:
+            show(rays, *found)
         yield surfaces_of(surfaces_met(rays, *found, shape, triangles, threads), triangles)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...bvh.nodes import EMPTY, MAX_DEPTH
 from ...kernels.fields import F32x4, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.jit import inlined, kernel, overload
 from ...kernels.predicate.exact import exact_meets
 from ...kernels.predicate.filters import BEYOND, UNSURE, hit_t, is_nearer, verdict, volumes32, volumes64, widest
 from ...kernels.simd import (
@@ -147,11 +147,15 @@ class HitList(NamedTuple):
     room: int  # most triangles; others are left out
 
 
+def passed(listener, ray, corners, slot, prim):
+    """In kernels: True if the walk is to go on as if the ray did not meet the triangle in `slot`.
+
+    The type of the listener decides. None: no triangle is passed. A `HitList` passes all, and notes them.
+    """
+
+
 @kernel
-def collected(hits, prim):
-    """Add a triangle to a `HitList`. False if `hits` is None."""
-    if hits is None:
-        return False
+def _noted(hits, prim):
     n = np.int64(get(hits.count, 0))
     if n < hits.room:
         put(hits.prims, n, prim)
@@ -159,15 +163,24 @@ def collected(hits, prim):
     return True
 
 
+@overload(passed)
+def _passed(listener, ray, corners, slot, prim):
+    if str(listener) == "none":
+        return lambda listener, ray, corners, slot, prim: False
+    if getattr(listener, "instance_class", None) is HitList:
+        return lambda listener, ray, corners, slot, prim: _noted(listener, prim)
+    return None
+
+
 @kernel
-def walk(tree, ray, skip, cull_faces, order, hits, counters):
+def walk(tree, ray, skip, cull_faces, order, listener, counters):
     """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
 
     slot is -1 on a miss. t is computed only for the nearest.
 
     skip : index of a triangle that does not count, or -1
     order : CLOSEST for the nearest hit; otherwise any hit, with the children visited in an order of `orders`
-    hits : None, or a `HitList` that receives all triangles that the ray meets; `walk` then returns a miss
+    listener : None, or what hears of all triangles that the ray meets and may pass them: see `passed`
 
     One instruction tests both boxes of a node. For any-hit, box tests are counted one by one, when the walk comes to a
     box. The second box counts only if the first one's subtree blocks nothing [Feltman et al. 2012, Sec. 3.1].
@@ -207,7 +220,7 @@ def walk(tree, ray, skip, cull_faces, order, hits, counters):
             for slot in range(start, start + (code & 7) + 1):
                 prim = np.int64(get(tree.prim_ids, slot))
                 if prim != skip and triangle_hit(tree.corners, slot, ray, o, d, cull_faces, counters):
-                    if collected(hits, prim):
+                    if passed(listener, ray, tree.corners, slot, prim):
                         continue
                     if order != CLOSEST:
                         return slot, best_t

@@ -1,0 +1,29 @@
+"""The camera's rays as a list, for selected pixels."""
+
+import numpy as np
+
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..scene.camera import CameraRays
+from .diffuse import RayPass
+from .pixels import pixel_direction
+
+
+@kernel
+def _directions(ticket, pixels, rays, directions):
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            d = pixel_direction(rays, pixels[i, 1], pixels[i, 0])
+            directions[i, 0], directions[i, 1], directions[i, 2] = d
+        first = take(ticket)
+
+
+def rays_through(rays: CameraRays, wanted: np.ndarray, threads=None) -> RayPass:
+    """The rays of the pixels that are True in `wanted`, (H, W) bool, row by row."""
+    pixels = np.ascontiguousarray(np.argwhere(wanted))
+    m = len(pixels)
+    directions = np.empty((m, 3), np.float32)
+    run(_directions, thread_count(threads), new_ticket(m, 4096), pixels, rays, directions)
+    origins = np.broadcast_to(rays.origin.astype(np.float32), (m, 3)).copy()
+    return RayPass(origins, directions, np.full(m, -1, np.int32))

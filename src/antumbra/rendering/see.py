@@ -1,0 +1,99 @@
+"""Primary visibility in memory: the surfaces that a camera sees."""
+
+import numpy as np
+
+from ..auto.ways import WAYS
+from ..bvh.blocks import BlockTree
+from ..chcrt.surfaces import primary_hits
+from ..query.camera_rays import rays_through
+from ..query.gbuffer import GBuffer, from_hits
+from ..query.picture import shadow_queries
+from ..query.raster import rasterise
+from ..query.sampling import light_samples
+from ..query.shadow import new_bits
+from ..query.subpixels import subpixel_gbuffer
+from ..scene.camera import CameraRays
+from ..scene.triangles import Triangles
+from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree, show_cutouts
+from ..trace.primary.trace import trace_primary
+from .accelerate import Accelerated, solid_vertices
+from .ready import Job, fixed_job, small_scene_with_cutouts, small_view
+
+
+def see(
+    triangles: Triangles,
+    camera,
+    whole: Accelerated | None = None,
+    threads: int | None = None,
+    cutouts: CutoutTree | None = None,
+) -> GBuffer:
+    """The G-buffer of a camera: by rays through `whole`, a BVH of all triangles; by rasterisation if it is None.
+
+    cutouts : of `whole`, or of the triangles if there is no `whole`; None: they are found if there are any
+    """
+    rays = camera.rays(triangles.origin)
+    if whole is None:
+        face, t = _rasterised(triangles, rays, threads)
+    elif whole.scheduled is not None:
+        face, t = primary_hits(whole.scheduled, rays, threads)
+    else:
+        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(WAYS["multifrusta"])
+        tree = blocks if isinstance(blocks, BlockTree) else whole.bvh
+        face, t = trace_primary(tree, rays, threads)
+    own = cutouts if whole is None else whole.cutouts
+    if own is None:
+        own = cutout_tree(triangles, threads)
+    if own is not None:
+        _show(own, rays, face, t, _in_front(own, rays, face, t, threads), threads)
+    return from_hits(face, t, triangles, rays, threads)
+
+
+def see_subpixels(
+    triangles: Triangles, rays: CameraRays, wanted: np.ndarray, threads: int | None, cutouts: CutoutTree | None
+) -> GBuffer:
+    """The G-buffer of the sub-pixels of selected pixels: see `query.subpixels`."""
+
+    def hits(shifted: CameraRays):
+        face, t = _rasterised(triangles, shifted, threads)
+        if cutouts is not None:
+            _show(cutouts, shifted, face, t, wanted, threads)
+        return face, t
+
+    return subpixel_gbuffer(triangles, rays, wanted, threads, hits)
+
+
+def _rasterised(triangles: Triangles, rays: CameraRays, threads) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest solid triangle at each pixel centre: (face, t)."""
+    face, t = rasterise(solid_vertices(triangles).reshape(-1, 9), rays, threads)
+    if triangles.cutouts is not None:
+        solid = np.append(triangles.cutouts.solid, np.int32(-1))  # the last entry is that of face -1
+        face = solid[face]
+    return face, t
+
+
+def _in_front(cutouts: CutoutTree, rays: CameraRays, face, t, threads) -> np.ndarray:
+    """(H, W) bool: where the triangle of a cut-out, holes and all, is nearer than what is seen."""
+    nearest, depth = trace_primary(cutouts.blocks, rays, threads)
+    return (nearest >= 0) & ((depth < t) | ((depth == t) & (nearest < face)))
+
+
+def _show(cutouts: CutoutTree, rays: CameraRays, face, t, wanted: np.ndarray, threads) -> None:
+    """Replace the hits of selected pixels by those on cut-outs that are nearer."""
+    faces, ts = face[wanted], t[wanted]
+    show_cutouts(cutouts, rays_through(rays, wanted, threads), faces, ts, threads)
+    face[wanted], t[wanted] = faces, ts
+
+
+def cutouts_job() -> Job:
+    """The additional job of scenes with cut-outs."""
+
+    def work():
+        scene, (camera, lights) = small_scene_with_cutouts(), small_view()
+        triangles = scene.triangles(0.0, 2)
+        tree = cutout_tree(triangles, 2)
+        assert tree is not None
+        gbuffer = see(triangles, camera, None, 2, tree)
+        for query in shadow_queries(triangles, gbuffer, lights, [light_samples(light, 1) for light in lights], 0, 2):
+            add_shadows(tree, query, new_bits(query), 2)
+
+    return fixed_job("cut-outs", work)

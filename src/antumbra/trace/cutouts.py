@@ -1,0 +1,192 @@
+"""Cut-outs after everything else: rays that no solid triangle stops are tested against faces with holes.
+
+The solid triangles of a scene are in the plan's own tree, and its tracer knows of no texture. Cut-outs are in a tree
+of their own, the same for every plan. `add_shadows` adds what they block to a tracer's bits, and `add_nearest` puts
+what they show before the nearest solid surfaces. A shadow ray reads texels only if shafts found that it meets a
+cut-out's triangle, and if nothing solid blocks it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh import binned_sah
+from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.nodes import Bvh, tree_of
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.predicate.exact import ray_along, segment
+from ..kernels.predicate.filters import BEYOND, is_nearer, weights
+from ..kernels.simd import get, lowest_bit, ptr
+from ..kernels.vec import scalars
+from ..query.diffuse import RayPass
+from ..query.rays import Arguments, HitArrays
+from ..query.shadow import new_bits, patch_of, query_pointers, sample_of, set_bit
+from ..scene.triangles import Triangles
+from .multifrusta.trace import trace_shadow
+from .rays.intersections import intersections
+from .rays.orders import CLOSEST, LEFT_FIRST
+from .rays.traverse import walk
+from .texels import Texels, is_hole, texel_pointers
+
+
+class CutoutTree(NamedTuple):
+    """The cut-outs of a scene at one moment; triangles have their indices in the whole scene."""
+
+    bvh: Bvh
+    blocks: BlockTree
+    texels: Texels
+
+
+def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree | None:
+    """The `CutoutTree` of a scene's triangles; None if it has no cut-outs."""
+    own = triangles.cutouts
+    if own is None or not len(own.faces):
+        return None
+    bvh = binned_sah.build(triangles.vertices[own.faces], threads)
+    at = bvh.prim_ids
+    bvh = bvh._replace(prim_ids=own.faces[at])
+    texels = Texels(own.uv[at].reshape(-1, 6), own.mask[at], own.shapes, own.first, own.texels)
+    return CutoutTree(bvh, block_tree(bvh, threads), texels)
+
+
+@inlined
+def _ray_to(query, patch, i, s):
+    o, (lx, ly, lz) = scalars(query.origins, 3 * i, 1), sample_of(query, patch, i, s)
+    return segment(o.x, o.y, o.z, lx, ly, lz)
+
+
+@kernel
+def _shadows(ticket, bvh, texels, query, met, bits):
+    """Worker: set the bits of segments in `met` that a solid texel stops, unless they are set."""
+    tree, holes, asked = tree_of(bvh), texel_pointers(texels), query_pointers(query)
+    found, out = ptr(met), ptr(bits)
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            skip = np.int64(get(asked.ids, i))
+            for k in range(asked.words):
+                left = get(found, i * asked.words + k) & ~get(out, i * asked.words + k)
+                if left == 0:
+                    continue
+                patch = patch_of(asked, i)
+                while left != 0:
+                    s = 64 * k + lowest_bit(left)
+                    left &= left - np.uint64(1)
+                    ray = _ray_to(asked, patch, i, s)
+                    if walk(tree, ray, skip, asked.facing, np.int64(LEFT_FIRST), holes, None)[0] >= 0:
+                        set_bit(asked, out, i, s)
+        first = take(ticket)
+
+
+def add_shadows(tree: CutoutTree, query, bits: np.ndarray, threads: int | None = None) -> None:
+    """Set bit s of ``bits[y, x]`` where a cut-out occludes sample s.
+
+    bits : (h, w, ceil(spp / 64)) uint64, the answer of a tracer over the solid triangles
+    """
+    met = new_bits(query)
+    trace_shadow(tree.blocks, query, met, threads)
+    ticket = new_ticket(query.sides.size, 256)
+    run(_shadows, thread_count(threads), ticket, tree.bvh, tree.texels, query, met, bits)
+
+
+class CutoutRays(NamedTuple):
+    """Rays in the recentred frame."""
+
+    origins: np.ndarray  # (m, 3) float32
+    directions: np.ndarray  # (m, 3) float32; zero: no ray
+    skip: np.ndarray  # (m,) int32, a triangle that is not tested; -1: none
+    tmin: np.ndarray  # (m,) float32
+    tmax: np.ndarray  # (m,) float32
+    cull_faces: int = 0  # a value of `query.shadow.CULL_FACES`
+
+
+def rays_of_pass(rays: RayPass) -> CutoutRays:
+    """`CutoutRays` over (0, inf)."""
+    m = len(rays.origins)
+    return CutoutRays(*rays, np.zeros(m, np.float32), np.full(m, np.inf, np.float32))
+
+
+def rays_of_arguments(rays: Arguments, cull_faces: int) -> CutoutRays:
+    """`CutoutRays` of a checked ray list."""
+    f, origins = np.float32, rays.origins - rays.frame
+    single = (rays.directions, rays.skip[:, 0], rays.tmin[:, 0], rays.tmax[:, 0])
+    directions, skip, tmin, tmax = (np.ascontiguousarray(a, np.int32 if a is single[1] else f) for a in single)
+    return CutoutRays(origins.astype(f), directions, skip, tmin, tmax, cull_faces)
+
+
+@kernel
+def _nearest(ticket, bvh, texels, rays, out):
+    tree, holes = tree_of(bvh), texel_pointers(texels)
+    first = take(ticket)
+    while first >= 0:
+        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+            o, d, skip = rays.origins[i], rays.directions[i], np.int64(rays.skip[i])
+            if d[0] == 0.0 and d[1] == 0.0 and d[2] == 0.0:
+                continue
+            tmax = min(np.float64(rays.tmax[i]), out.t[i] * BEYOND)
+            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], tmax)
+            slot, t = walk(tree, ray, skip, rays.cull_faces, np.int64(CLOSEST), holes, None)
+            if slot < 0:
+                continue
+            prim = np.int64(get(tree.prim_ids, slot))
+            if out.face[i] < 0 or is_nearer(t, prim, out.t[i], np.int64(out.face[i])):
+                b, c = weights(ray, tree.corners, slot)
+                out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, np.float32(b), np.float32(c)
+        first = take(ticket)
+
+
+def add_nearest(tree: CutoutTree, rays: CutoutRays, out: HitArrays, threads: int | None = None) -> None:
+    """Replace hits by those on cut-outs that are nearer.
+
+    out : face, t, u and v of the nearest solid triangles: -1 and inf on a miss
+    """
+    ticket = new_ticket(len(rays.origins), 1024)
+    run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, out)
+
+
+def show_cutouts(tree: CutoutTree | None, rays: RayPass, face, t, threads: int | None = None) -> None:
+    """Replace the hits of a pass of rays, face (m,) int32 and t (m,) float64, by those on cut-outs that are nearer."""
+    if tree is not None:
+        add_nearest(tree, rays_of_pass(rays), _hits(face, t), threads)
+
+
+def _hits(face: np.ndarray, t: np.ndarray) -> HitArrays:
+    return HitArrays(np.empty(0, np.bool_), face, t, np.empty(len(face), np.float32), np.empty(len(face), np.float32))
+
+
+def add_hits(
+    tree: CutoutTree, rays: Arguments, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
+) -> None:
+    """Add the hits on cut-outs to those of a checked ray list on solid triangles."""
+    if not any_hit:
+        add_nearest(tree, rays_of_arguments(rays, cull_faces), out, threads)
+        return
+    free = np.flatnonzero(~out.blocked)
+    left = Arguments(*(array[free] for array in rays[:5]), rays.frame)
+    hits = _hits(np.full(len(free), -1, np.int32), np.full(len(free), np.inf))
+    add_nearest(tree, rays_of_arguments(left, cull_faces), hits, threads)
+    out.blocked[free] = hits.face >= 0
+
+
+@kernel
+def _stops(ticket, bvh, texels, origins, ends, rays, slots, stops):
+    """Worker: whether segments that meet cut-outs meet solid texels."""
+    tree, holes = tree_of(bvh), texel_pointers(texels)
+    first = take(ticket)
+    while first >= 0:
+        for k in range(first, min(first + ticket[CHUNK], ticket[N])):
+            o, e = origins[rays[k]], ends[rays[k]]
+            stops[k] = not is_hole(holes, segment(o[0], o[1], o[2], e[0], e[1], e[2]), tree.corners, np.int64(slots[k]))
+        first = take(ticket)
+
+
+def all_stops(tree: CutoutTree, origins, ends, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of a segment and a cut-out that stops it: (segment, triangle), (k,) each; see `intersections`."""
+    met = intersections(tree.bvh, origins, ends, skip, threads)
+    rays = np.repeat(np.arange(len(origins)), np.diff(met.first))
+    order = np.argsort(tree.bvh.prim_ids)
+    slots, stops = order[np.searchsorted(tree.bvh.prim_ids[order], met.prims)], np.empty(len(rays), np.bool_)
+    ticket = new_ticket(len(rays), 1024)
+    run(_stops, thread_count(threads), ticket, tree.bvh, tree.texels, origins, ends, rays, slots, stops)
+    return rays[stops], met.prims[stops]
