@@ -103,9 +103,6 @@ def test_lines_of_sight_pass_through_holes():
     seen = at.line_of_sight(scene, begin, end)
     blocked = scene.occluded(begin, end - begin, tmax=1.0)
     assert (seen.visible == ~blocked).mean() > 0.99  # float32 directions end beside the points
-    assert np.isin(seen.face, scene.cutouts.faces).sum() > 20
-    lights = at.PointLights(end)
-    assert np.array_equal(
-        at.visibility(scene, begin, lights, plan="bsah+single").seen_samples[np.arange(400), np.arange(400)],
-        seen.visible,
-    )
+    assert np.isin(seen.face, scene.cutouts.faces).sum() > 10
+    bits = at.visibility(scene, begin, at.PointLights(end), plan="bsah+single").seen_samples
+    assert np.array_equal(np.diagonal(bits), seen.visible)
