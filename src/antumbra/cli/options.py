@@ -70,7 +70,7 @@ MaxMemoryOption = Annotated[
 
 SCENE_HELP = (
     "A .glb, .gltf, .obj, .ply or .stl file, a CityJSON file (FILE or FILE?lod=N), a folder of vertex frames, "
-    "or procedural:NAME?triangles=N&seed=N."
+    "or procedural:NAME?triangles=N&seed=N. FILE?cutouts=off closes the holes that alpha cuts."
 )
 
 

@@ -92,7 +92,9 @@ def _mask_of(texture: Texture | None, least: int) -> Mask:
     try:
         alpha = texture.pixels[..., 3]
     except ValueError as error:
-        raise InputError(f"{texture.name}: its alpha cannot be read ({error}); load the scene with cutouts=False") from None
+        raise InputError(
+            f"{texture.name}: its alpha cannot be read ({error}); load the scene with cutouts=False"
+        ) from None
     return Mask(alpha >= least, (texture.wrap_s, texture.wrap_t))
 
 

@@ -26,7 +26,7 @@ from ..scene.triangles import Triangles
 from .multifrusta.trace import trace_shadow
 from .rays.intersections import intersections
 from .rays.orders import CLOSEST, LEFT_FIRST
-from .rays.traverse import walk
+from .rays.traverse import triangle_hit, walk
 from .texels import Texels, is_hole, texel_pointers
 
 
@@ -56,11 +56,24 @@ def _ray_to(query, patch, i, s):
     return segment(o.x, o.y, o.z, lx, ly, lz)
 
 
+@inlined
+def _stopper(tree, holes, ray, skip, cull_faces, last):
+    """The slot of a cut-out that stops the ray, or -1. `last`, which stopped the ray before, is tested first."""
+    if last >= 0 and get(tree.prim_ids, last) != skip:
+        o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
+        d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
+        if triangle_hit(tree.corners, last, ray, o, d, cull_faces, None) and not is_hole(
+            holes, ray, tree.corners, last
+        ):
+            return last
+    return walk(tree, ray, skip, cull_faces, np.int64(LEFT_FIRST), holes, None)[0]
+
+
 @kernel
 def _shadows(ticket, bvh, texels, query, met, bits):
     """Worker: set the bits of segments in `met` that a solid texel stops, unless they are set."""
     tree, holes, asked = tree_of(bvh), texel_pointers(texels), query_pointers(query)
-    found, out = ptr(met), ptr(bits)
+    found, out, last = ptr(met), ptr(bits), np.int64(-1)
     first = take(ticket)
     while first >= 0:
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
@@ -73,8 +86,9 @@ def _shadows(ticket, bvh, texels, query, met, bits):
                 while left != 0:
                     s = 64 * k + lowest_bit(left)
                     left &= left - np.uint64(1)
-                    ray = _ray_to(asked, patch, i, s)
-                    if walk(tree, ray, skip, asked.facing, np.int64(LEFT_FIRST), holes, None)[0] >= 0:
+                    slot = _stopper(tree, holes, _ray_to(asked, patch, i, s), skip, asked.facing, last)
+                    if slot >= 0:
+                        last = slot
                         set_bit(asked, out, i, s)
         first = take(ticket)
 
