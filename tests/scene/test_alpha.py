@@ -65,7 +65,7 @@ def test_the_command_line_closes_holes():
 
 def one_face(material, alpha=None):
     colours = None if alpha is None else np.ones((1, 3, 4), np.float32) * [1, 1, 1, alpha]
-    return Appearance([material], np.zeros(1, np.int32), None, colours, None, np.zeros(1, bool))
+    return Appearance([material], np.zeros(1, np.int32), None, colours, None, None, np.zeros(1, bool))
 
 
 @pytest.mark.parametrize("mode", [OPAQUE, MASK, BLEND])
