@@ -72,8 +72,8 @@ def test_bad_sizes(text):
 def test_cameras():
     assert arguments.parse_camera("2") == 2
     assert arguments.parse_camera("0\x1f") == 0  # a blank to patterns, and not to int()
-    position, target, vfov = arguments.parse_camera("1,2,3:4,5,6")
-    assert (position.tolist(), target.tolist(), vfov) == ([1, 2, 3], [4, 5, 6], 60.0)
+    spec = arguments.parse_camera("1,2,3:4,5,6")
+    assert (spec.position.tolist(), spec.target.tolist(), spec.vfov) == ([1, 2, 3], [4, 5, 6], 60.0)
     assert arguments.parse_camera("-1,-2e0,.5:4,5,6:30").vfov == 30.0
 
 
@@ -147,6 +147,39 @@ def test_a_camera_that_looks_straight_down_has_another_up(floor):
     ground = at.Scene.from_arrays([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0]], up="z")
     assert arguments.make_camera(arguments.parse_camera("0,0,5:0,0,0"), ground, 0.0, (4, 3)).up.tolist() == [0, 1, 0]
     assert arguments.make_camera(arguments.parse_camera("0,5,1:0,0,0"), ground, 0.0, (4, 3)).up.tolist() == [0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("text", "projection", "extent"),
+    [
+        ("ortho", "orthographic", None),
+        ("top", "orthographic", None),
+        ("panorama", "panoramic", None),
+        ("ortho:0,5,3:0,0,0:2.5", "orthographic", 2.5),
+        ("ortho:0,5,0:0,0,0:2.5", "orthographic", 2.5),
+        ("panorama:0,1,0:1,1,0", "panoramic", None),
+    ],
+)
+def test_cameras_of_other_kinds(floor, text, projection, extent):
+    camera = arguments.make_camera(arguments.parse_camera(text), floor, 0.0, (8, 4))
+    assert (camera.projection, camera.width, camera.height) == (projection, 8, 4)
+    assert camera.extent == extent if extent else (camera.extent is None) == (projection == "panoramic")
+
+
+def test_a_panorama_is_from_the_camera_of_a_scene():
+    scene = at.procedural("atrium", triangles=2000)
+    camera = arguments.make_camera(arguments.parse_camera("panorama"), scene, 0.0, (8, 4))
+    np.testing.assert_array_equal(camera.position, scene.cameras[0].position)
+    np.testing.assert_allclose(camera.axes, scene.cameras[0].axes, atol=1e-12)
+
+
+def test_cameras_of_other_kinds_that_cannot_be(floor):
+    for text, reason in [
+        ("ortho:0,1,0", "HEIGHT"), ("top:0,0,0:1,1,1", "top"), ("ortho:0,0,1:0,0,0:0", "extent"),
+        ("panorama:0,1,0", "TARGET"), ("panorama:0,1,0:0,0,0", "straight above or below"), ("fisheye", "panorama"),
+    ]:  # fmt: skip
+        with pytest.raises(at.InputError, match=reason):
+            arguments.make_camera(arguments.parse_camera(text), floor, 0.0, (4, 4))
 
 
 def test_cameras_that_cannot_be(floor):

@@ -38,11 +38,20 @@ def test_cameras_move_with_their_nodes(tmp_path):
         scene.camera(1)
 
 
-def test_orthographic_cameras_are_left_out_and_noted(tmp_path):
+def test_orthographic_cameras(tmp_path):
     made = with_camera({"yfov": 1.0, "znear": 0.1})
-    flat = made.add("cameras", type="orthographic", orthographic={"xmag": 1, "ymag": 1, "zfar": 9, "znear": 1})
-    made.node(camera=flat)
-    with pytest.warns(UserWarning, match=r"cameras\[1\] is not a perspective camera"):
+    flat = made.add("cameras", type="orthographic", orthographic={"xmag": 3, "ymag": 1.5, "zfar": 9, "znear": 1})
+    made.node(camera=flat, translation=[1, 2, 3], rotation=Q.tolist())
+    camera = load(made.write(tmp_path)).cameras[1]
+    assert (camera.projection, camera.extent, camera.width, camera.height) == ("orthographic", 3.0, 2048, 1024)
+    np.testing.assert_allclose(camera.position, [1, 2, 3])
+    np.testing.assert_allclose(camera.axes[2], -trs((1, 2, 3), Q)[:3, 2], atol=1e-12)
+
+
+def test_cameras_of_no_known_kind_are_left_out_and_noted(tmp_path):
+    made = with_camera({"yfov": 1.0, "znear": 0.1})
+    made.node(camera=made.add("cameras", type="orthographic"))
+    with pytest.warns(UserWarning, match=r"cameras\[1\] is neither perspective nor orthographic"):
         scene = load(made.write(tmp_path))
     assert len(scene.cameras) == 1
 

@@ -146,7 +146,8 @@ def test_every_light_comes_back_to_the_bit():
         AmbientOcclusion(0.3),
         PointLights(RNG.random((5, 3)), RNG.random(5), normals=RNG.normal(size=(5, 3)), interleave=True),
     ]
-    cameras = [at.Camera((third, 0, 9), (0, 0, 0), vfov=41.3, width=77, height=33)]
+    flat = at.Camera((0, 5, 0.1), (0, 0, 0), projection="orthographic", extent=third)
+    cameras = [at.Camera((third, 0, 9), (0, 0, 0), vfov=41.3, width=77, height=33), flat]
     box = np.float32([[0, 0, third], [1, 2, 3]])
     meta = Meta("näme", "z", 9, RNG.normal(size=(2, 3)), RNG.normal(size=3), box, cameras, lights, ("note",), {"a": 1})
     again = from_json(as_json(meta))

@@ -35,6 +35,12 @@ LIGHT_FORMS = {
 }
 """Kind of light -> its syntax."""
 
+CAMERA_KINDS = {"ortho": "orthographic", "top": "top", "panorama": "panoramic"}
+"""Word for a kind of camera -> its name in `Scene.default_camera`."""
+
+CAMERA_FORMS = "ortho[:POSITION:TARGET:HEIGHT]", "top", "panorama[:POSITION:TARGET]"
+"""Their syntax."""
+
 
 class SceneSpec(NamedTuple):
     """A scene to open: a path, or the name of a procedural scene."""
@@ -56,11 +62,13 @@ class SceneSpec(NamedTuple):
 
 
 class CameraSpec(NamedTuple):
-    """A camera written as position:target[:vfov]."""
+    """A camera written as position:target[:vfov], or as a kind, with or without a place."""
 
-    position: np.ndarray  # (3,) float64
-    target: np.ndarray  # (3,) float64
-    vfov: float
+    position: np.ndarray | None  # (3,) float64; None: the default camera of its kind
+    target: np.ndarray | None  # (3,) float64
+    vfov: float = 60.0
+    kind: str = "perspective"  # one of `scene.view.KINDS`
+    extent: float | None = None  # height of the picture of an orthographic camera at a place
 
 
 class Sequence(NamedTuple):
@@ -168,15 +176,31 @@ def parse_srdh_rays(text: str):
 
 
 def parse_camera(text: str) -> int | CameraSpec:
-    """Parse the index of a camera, or ``px,py,pz:tx,ty,tz[:vfov]``."""
+    """Parse the index of a camera, ``px,py,pz:tx,ty,tz[:vfov]``, or one of `CAMERA_KINDS`."""
     if _INDEX.fullmatch(text):
         return int(text.strip())  # int() keeps some of the blanks that a pattern skips
     parts = text.split(":")
     with _named(f"--camera {text}"):
+        if parts[0].strip() in CAMERA_KINDS:
+            return _other_camera(parts[0].strip(), parts[1:])
         if not 2 <= len(parts) <= 3:
-            raise InputError("write an index, or POSITION:TARGET[:VFOV] such as 0,1.7,8:0,1,0:60")
+            forms = "  ".join(CAMERA_FORMS)
+            raise InputError(f"write an index, POSITION:TARGET[:VFOV] such as 0,1.7,8:0,1,0:60, or one of {forms}")
         position, target = _vector(parts[0], "position"), _vector(parts[1], "target")
         return CameraSpec(position, target, _number(parts[2], "vfov") if parts[2:] else 60.0)
+
+
+def _other_camera(word: str, fields: list[str]) -> CameraSpec:
+    """A camera that is not perspective: its kind, and then its place or nothing."""
+    kind, wanted = CAMERA_KINDS[word], 0 if word == "top" else 3 if word == "ortho" else 2
+    if len(fields) not in (0, wanted):
+        form = next(form for form in CAMERA_FORMS if form.startswith(word))
+        raise InputError(f"write {form}: the kind alone, or all that may follow it")
+    if not fields:
+        return CameraSpec(None, None, kind=kind)
+    position, target = _vector(fields[0], "position"), _vector(fields[1], "target")
+    extent = _number(fields[2], "height") if fields[2:] else None
+    return CameraSpec(position, target, kind=kind, extent=extent)
 
 
 def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[int, int]):
@@ -190,13 +214,19 @@ def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[
         return scene.default_camera(*size)
     if not isinstance(asked, CameraSpec):
         return scene.camera(asked or 0, time).resized(*size)
+    if asked.position is None:
+        if asked.kind == "panoramic" and scene.cameras:
+            return scene.camera(0, time).resized(*size).panoramic()
+        return scene.default_camera(*size, asked.kind)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
     view = asked.target - asked.position
     with np.errstate(over="ignore", invalid="ignore"):  # `Camera` rejects positions that are too far away
         steep = np.linalg.norm(np.cross(view, up)) <= 1e-6 * np.linalg.norm(view)
+    if steep and asked.kind == "panoramic":
+        raise InputError("--camera panorama: its target is straight above or below; it is the heading in the middle")
     if steep:  # the view is straight up or down, so the usual up vector has no direction in the picture
         up = instead
-    return Camera(asked.position, asked.target, up, asked.vfov, *size)
+    return Camera(asked.position, asked.target, up, asked.vfov, *size, projection=asked.kind, extent=asked.extent)
 
 
 def parse_point(text: str, option: str) -> np.ndarray:

@@ -128,7 +128,8 @@ def _fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
     yield "animation", f"{scene.duration:g} seconds" if scene.animated else "none"
     for i, camera in enumerate(scene.cameras):
         place = f"{report.vector(camera.position)} to {report.vector(camera.target)}"
-        yield f"camera {i}", f"{place}, vfov {camera.vfov:.4g}"
+        lens = f"vfov {camera.vfov:.4g}" if camera.extent is None else f"orthographic, {camera.extent:.4g} high"
+        yield f"camera {i}", f"{place}, {lens}"
     for i, light in enumerate(scene.lights):
         yield f"light {i}", _in_words(light)
     if not scene.cameras:

@@ -39,7 +39,12 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but erro
 Threads = Annotated[int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, show_default=False)]
 CameraOption = Annotated[
     str | None,
-    typer.Option("--camera", help="An index, or POSITION:TARGET[:VFOV].", metavar="CAMERA", show_default=False),
+    typer.Option(
+        "--camera",
+        help="An index, POSITION:TARGET[:VFOV], ortho, top or panorama.",
+        metavar="CAMERA",
+        show_default=False,
+    ),
 ]
 
 LightOption = Annotated[

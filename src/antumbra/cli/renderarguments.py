@@ -66,7 +66,14 @@ class RenderArguments:
             show_default=False,
         ),
     ] = None
-    size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "1024x1024"
+    size: Annotated[
+        str | None,
+        typer.Option(
+            help="Size of the picture in pixels.  [default: 1024x1024; of a panorama 2048x1024]",
+            metavar="WxH",
+            show_default=False,
+        ),
+    ] = None
     camera: CameraOption = None
     light: PictureLightOption = None
     sky: SkyOption = None
@@ -153,12 +160,14 @@ class RenderArguments:
         smooth = quality.filter if self.filter is None else self.filter
         refined = (quality.adaptive if self.adaptive is None else self.adaptive) and self.adaptive_spp is None
         adaptive = min(4 * spp, 1024) if refined else self.adaptive_spp
+        camera = given(self.camera, arguments.parse_camera)
+        wide = isinstance(camera, arguments.CameraSpec) and camera.kind == "panoramic"
         asked = RenderOptions(
             source=self.scene,
             spec=arguments.parse_scene(self.scene),
             up=None if self.up is None else self.up.value,
-            size=arguments.parse_size(self.size),
-            camera=given(self.camera, arguments.parse_camera),
+            size=arguments.parse_size(self.size or ("2048x1024" if wide else "1024x1024")),
+            camera=camera,
             lights=[arguments.parse_light(text) for text in self.light or []],
             sky=given(self.sky, arguments.parse_sky),
             background=given(self.background, arguments.parse_background),

@@ -81,7 +81,8 @@ def light_fields(light) -> dict:
 
 def camera_fields(camera) -> dict:
     """A camera as names and values."""
-    return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height")}
+    other = ("projection", "extent") if camera.listed else ()
+    return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height", *other)}
 
 
 def srdh_rays_fields(rays) -> dict:

@@ -14,6 +14,7 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..scene.light_list import N_SETS
 from ..scene.lights import MAX_SPP
+from ..scene.listed_rays import ListedRays
 from .receivers import NOTHING
 from .samples import hemisphere, sample_point
 from .sampling import domain_sets, light_samples
@@ -28,6 +29,18 @@ class RayPass(NamedTuple):
     origins: np.ndarray  # (m, 3) float32, recentred frame
     directions: np.ndarray  # (m, 3) float32, approximately unit length; zero: no ray, counts as a miss
     skip: np.ndarray  # (m,) int32, the triangle under the origin, which is not tested; -1: none
+
+
+def listed_pass(origins: np.ndarray, directions: np.ndarray) -> RayPass:
+    """The rays of a picture's pixels, (..., 3) float32 each, which start on no triangle."""
+    rays = (np.ascontiguousarray(part).reshape(-1, 3) for part in (origins, directions))
+    return RayPass(*rays, np.full(directions.size // 3, -1, np.int32))
+
+
+def camera_pass(rays: ListedRays, rows: slice) -> RayPass:
+    """The rays through the centres of some rows of a camera's pixels."""
+    x, y = np.arange(rays.width) + 0.5, np.arange(rays.height)[rows, None] + 0.5
+    return listed_pass(*rays.through(x, y))
 
 
 class Passes(NamedTuple):

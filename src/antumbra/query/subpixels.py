@@ -14,7 +14,8 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import ptr
 from ..scene.camera import CameraRays
-from .diffuse import RayPass
+from ..scene.listed_rays import ListedRays
+from .diffuse import RayPass, listed_pass
 from .gbuffer import GBuffer, fill_pixel, surface_of
 from .pixels import pixel_direction
 from .raster import rasterise
@@ -93,10 +94,12 @@ def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
         first = take(ticket)
 
 
-def subpixel_rays(rays: CameraRays, wanted: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
+def subpixel_rays(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
     """The rays of the sub-pixels of selected pixels, and the shape of their picture: see `subpixel_gbuffer`."""
     threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(wanted))
     shape = _shape(len(pixels))
+    if isinstance(rays, ListedRays):
+        return _listed_subpixels(rays, pixels, shape), shape
     directions = np.zeros((*shape, 3), np.float32)
     for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
         shifted, ticket = _shifted(rays, row, column), new_ticket(len(pixels), 1024)
@@ -104,6 +107,12 @@ def subpixel_rays(rays: CameraRays, wanted: np.ndarray, threads=None) -> tuple[R
     m = shape[0] * shape[1]
     origins = np.broadcast_to(rays.origin.astype(np.float32), (m, 3)).copy()
     return RayPass(origins, directions.reshape(m, 3), np.full(m, -1, np.int32)), shape
+
+
+def _listed_subpixels(rays: ListedRays, pixels: np.ndarray, shape: tuple[int, int]) -> RayPass:
+    down, right = pixels.T[..., None, None].astype(np.float64)
+    origins, directions = rays.through(right + OFFSETS[..., 0], down + OFFSETS[..., 1])
+    return listed_pass(*(block_values(part, shape) for part in (origins, directions)))
 
 
 def _shape(pixels: int) -> tuple[int, int]:
@@ -126,10 +135,15 @@ def _nothing_seen(h: int, w: int, origin) -> GBuffer:
 
 def block_copies(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """(4 R, 4 C, ...): a picture of sub-pixels with each of n values copied over its block; 0 in the other blocks."""
+    return block_values(values[:, None, None].repeat(BLOCK, 1).repeat(BLOCK, 2), shape)
+
+
+def block_values(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(4 R, 4 C, ...): a picture of sub-pixels from the values of n blocks, (n, 4, 4, ...); 0 in the other blocks."""
     rows, columns = shape[0] // BLOCK, shape[1] // BLOCK
     blocks = np.zeros((rows * columns, *values.shape[1:]), values.dtype)
     blocks[: len(values)] = values
-    return blocks.reshape(rows, columns, *values.shape[1:]).repeat(BLOCK, 0).repeat(BLOCK, 1)
+    return blocks.reshape(rows, columns, *values.shape[1:]).swapaxes(1, 2).reshape(*shape, *values.shape[3:])
 
 
 def block_means(picture: np.ndarray, n: int) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 from ..kernels.fields import F32Ptr, I8Ptr, I32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import get, ptr
+from ..scene.listed_rays import ListedRays
 from .receivers import NOTHING
 
 COSINE = np.float32(np.cos(np.radians(20.0)))
@@ -22,15 +23,21 @@ class PictureSurfaces(NamedTuple):
     position: np.ndarray  # (H, W, 3) float32
     normal: np.ndarray  # (H, W, 3) float32
     face: np.ndarray  # (H, W) int32
-    depth: np.ndarray  # (H, W) float32
+    depth: np.ndarray  # (H, W) float32; 1 everywhere in an orthographic picture, whose pixels have one width
     side: np.ndarray  # (H, W) int8
     pixel: float  # float32, width of a pixel at depth 1
 
 
 def seen_by(gbuffer, rays) -> PictureSurfaces:
-    """The surfaces of a G-buffer that was made with these `CameraRays`."""
-    pixel = np.float32(np.linalg.norm(rays.dy))
-    return PictureSurfaces(gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.depth, gbuffer.side, pixel)
+    """The surfaces of a G-buffer that was made with these `CameraRays` or `ListedRays`."""
+    depth = gbuffer.depth
+    if not isinstance(rays, ListedRays):
+        pixel = np.linalg.norm(rays.dy)
+    elif rays.extent is None:
+        pixel = np.pi / rays.height
+    else:
+        pixel, depth = rays.extent / rays.height, np.ones_like(depth)
+    return PictureSurfaces(gbuffer.position, gbuffer.normal, gbuffer.face, depth, gbuffer.side, np.float32(pixel))
 
 
 class Points(NamedTuple):

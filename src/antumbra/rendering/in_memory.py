@@ -2,27 +2,27 @@
 
 import sys
 from collections.abc import Iterator
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
-from ..chcrt.surfaces import nearest_scheduled
 from ..errors import InputError
 from ..plan import DEFAULT_PLAN, Plan
 from ..query.bounds import bounds
 from ..query.picture import Surfaces, surfaces_of
 from ..query.rays import Arguments, HitArrays, hit_arrays
+from ..query.subpixels import subpixel_rays
 from ..scene.camera import CameraRays
+from ..scene.listed_rays import ListedRays
 from ..scene.scene import Scene
 from ..scene.triangles import Triangles
-from ..trace.cutouts import add_hits, show_cutouts
+from ..trace.cutouts import add_hits
 from ..trace.rays.batch import trace_batch
-from ..trace.rays.bounce import Nearest, nearest_surfaces
+from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated, Accelerator
 from .memory import FrameMemory
 from .ready import make_ready
-from .see import cutouts_job, see, see_subpixels
+from .see import cutouts_job, nearest_in, see, see_subpixels
 
 
 class InMemory:
@@ -109,17 +109,12 @@ class InMemory:
         yield slice(0, height)
 
     def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None, rows=None) -> Surfaces:
-        by_rays, cutouts = whole if self.gbuffer == "rays" else None, self._accelerator.cutouts_of(triangles)
-        return surfaces_of(see(triangles, camera, by_rays, self.threads, cutouts), triangles)
+        tree = whole if self.gbuffer == "rays" or camera.listed else None
+        cutouts = self._accelerator.cutouts_of(triangles)
+        return surfaces_of(see(triangles, camera, tree, self.threads, cutouts), triangles)
 
     def nearest_in(self, whole: Accelerated) -> Nearest:
-        cutouts, threads = whole.cutouts, self.threads
-        show = partial(show_cutouts, cutouts, threads=threads) if cutouts is not None else None
-        if whole.scheduled is not None:
-            scheduled = partial(nearest_scheduled, scheduled=whole.scheduled, show=show)
-            return partial(scheduled, triangles=whole.triangles, threads=threads)
-        assert whole.bvh is not None
-        return partial(nearest_surfaces, bvh=whole.bvh, triangles=whole.triangles, threads=threads, show=show)
+        return nearest_in(whole, self.threads)
 
     def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
         out = hit_arrays(len(arguments.origins), any_hit)
@@ -136,7 +131,13 @@ class InMemory:
         found = self.trace_rays(arguments, False, cull_faces, time)
         return found.t, self.accelerated(time).triangles, found.face
 
-    def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:
+    def subpixels(
+        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
+    ) -> Surfaces:
+        if isinstance(view, ListedRays):
+            assert whole is not None
+            rays, shape = subpixel_rays(view, edge, self.threads)
+            return next(self.nearest_in(whole)([rays], shape))
         cutouts = self._accelerator.cutouts_of(triangles)
         return surfaces_of(see_subpixels(triangles, view, edge, self.threads, cutouts), triangles)
 

@@ -29,7 +29,7 @@ def frame_memory(request: Request) -> FrameMemory:
     """The memory of a frame."""
     pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES + _BAND_BYTES
     bytes_ += sum(LIGHT_BYTES + 16 * (-(-samples.shape[1] // 64)) for samples in request.samples)
-    bytes_ += _SMOOTH_BYTES * request.smooth
+    bytes_ += _SMOOTH_BYTES * request.smooth + PASS_BYTES * request.camera.listed
     cells = sum(_CELL_BYTES * _sets(light, samples) for light, samples in zip(request.lights, request.samples))
     passes = 0
     if request.finer is not None:

@@ -13,12 +13,13 @@ from ..checks import whole_number
 from ..errors import InputError
 from ..methods import BUILDERS
 from ..plan import Plan
-from ..query.diffuse import RayPass
+from ..query.diffuse import RayPass, camera_pass
 from ..query.gbuffer import from_hits
 from ..query.picture import Surfaces
 from ..query.rays import Arguments, HitArrays, hit_arrays
 from ..query.subpixels import subpixel_rays
 from ..scene.camera import CameraRays
+from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles, joined
 from ..store.residency import Copies, Paging, Residency, marked, places
 from ..store.resident import release_freed, resident
@@ -179,6 +180,13 @@ class Paged:
 
     def look(self, camera, triangles=None, whole=None, progress=None, rows: slice | None = None) -> Surfaces:
         """The surfaces that a camera sees; `triangles` and `whole` are not used."""
+        if camera.listed:
+            rows = rows or slice(0, camera.height)
+            passes, shape = [camera_pass(camera.view(self.scene.origin), rows)], (rows.stop - rows.start, camera.width)
+            found = nearest_hits(self.accelerated.prepared, passes, shape, self.threads, progress)
+            surfaces = next(self._met(passes, found, shape))
+            self._looked = self.residency.paging.bytes
+            return surfaces
         rays = camera.rays(self.scene.origin)
         hits = camera_hits(self.accelerated.prepared, rays, self.threads, progress, rows)
         triangles, (face,) = self.hit_triangles([hits])
@@ -192,12 +200,15 @@ class Paged:
     def nearest(
         self, passes: Sequence[RayPass], shape: tuple[int, int], by: Scheduled | None = None
     ) -> Iterator[Surfaces]:
-        """Yield the first surfaces that each of some passes of rays meets. Each chunk is read once for all of them.
+        """The first surfaces that each of some passes of rays meets. Each chunk is read once for all of them.
 
         shape : (H, W) of the picture
         by : another tracer of the same parts; None: the plan's tracer
         """
-        hits = nearest_hits(by or self.accelerated.prepared, passes, shape, self.threads)
+        return self._met(passes, nearest_hits(by or self.accelerated.prepared, passes, shape, self.threads), shape)
+
+    def _met(self, passes: Sequence[RayPass], hits: Sequence[Hits], shape: tuple[int, int]) -> Iterator[Surfaces]:
+        """Yield the surfaces of the hits of passes, the question that has just ended."""
         triangles, faces = self.hit_triangles(hits)
         for rays, met, face in zip(passes, hits, faces):
             gbuffer = surfaces_met(rays, face.reshape(-1), met.t.reshape(-1), shape, triangles, self.threads)
@@ -235,8 +246,10 @@ class Paged:
         self.accelerated.begin()
         return batches(self, arguments, any_hit, cull_faces, max(self.together(RAY_BYTES), LEAST))
 
-    def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:
-        """`triangles` are not used: rays find the surfaces."""
+    def subpixels(
+        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None = None
+    ) -> Surfaces:
+        """`triangles` and `whole` are not used: rays find the surfaces."""
         rays, shape = subpixel_rays(view, edge, self.threads)
         return next(self.nearest([rays], shape))
 

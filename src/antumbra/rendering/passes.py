@@ -69,12 +69,13 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
 
 def evaluate(state: FrameState) -> None:
     """Evaluate the triangles at the frame's time; build their tree if primary visibility uses rays."""
+    by_rays = state.source.gbuffer == "rays" or state.request.camera.listed
     source = state.source
     source.begin(frame_memory(state.request))
     state.accelerator.begin(*rays_of(state.request))
     state.triangles, state.whole = source.moment(state.request.time)
     state.clock.lap("evaluate")
-    if source.gbuffer == "rays" and state.whole is None:
+    if by_rays and state.whole is None:
         state.whole = state.accelerator.of_all(state.triangles)
         state.clock.lap("build")
 
@@ -102,7 +103,7 @@ def look(state: FrameState, rows: slice) -> Surfaces:
     request = state.request
     surfaces = state.source.look(request.camera, state.triangles, state.whole, request.progress, rows)
     state.triangles = surfaces.triangles
-    state.view = state.request.camera.rays(surfaces.triangles.origin)
+    state.view = state.request.camera.view(surfaces.triangles.origin)
     state.clock.lap("gbuffer")
     return surfaces
 
@@ -230,7 +231,7 @@ def divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarra
 def _divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarray, indirect) -> None:
     finer = state.request.finer
     assert finer is not None
-    pixels = state.source.subpixels(state.triangles, state.view, edge)
+    pixels = state.source.subpixels(state.triangles, state.view, edge, state.whole)
     state.clock.lap("gbuffer")
     queries = [as_needed(query) for query in queries_of(state, pixels, finer.edges)]
     state.clock.lap("trace")

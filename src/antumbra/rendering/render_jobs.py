@@ -50,6 +50,11 @@ def warm_up_indirect(gbuffer: str) -> None:
     make_ready(indirect_job, gbuffer)
 
 
+def warm_up_listed() -> None:
+    """Compile the kernels of cameras that are not perspective; they are the same for every plan."""
+    make_ready(listed_job)
+
+
 def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:
     """The job of rendering by a plan. A plan without a record gets the kernels of recorded plans with its methods."""
     name = lambda p: f"{p} ({gbuffer}{', counted' if counters else ''})"
@@ -116,6 +121,17 @@ def dressed_job() -> Job:
 def indirect_job(gbuffer: str = "raster") -> Job:
     """The job of bounced light."""
     return fixed_job(f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, passes=1))
+
+
+def listed_job() -> Job:
+    """The job of cameras whose rays are listed."""
+
+    def work():
+        camera, lights = small_view(True)
+        above = Camera(camera.position, camera.target, width=8, height=8, projection="orthographic", extent=3.0)
+        _render_small(Plan(), "raster", view=(above, lights))
+
+    return fixed_job("orthographic and panoramic cameras", work)
 
 
 def _render_small(

@@ -24,7 +24,14 @@ from .choosing import accelerator_of
 from .frame import Frame
 from .in_memory import InMemory
 from .passes import draw
-from .render_jobs import warm_up, warm_up_bounce, warm_up_dressed, warm_up_indirect, warm_up_quality
+from .render_jobs import (
+    warm_up,
+    warm_up_bounce,
+    warm_up_dressed,
+    warm_up_indirect,
+    warm_up_listed,
+    warm_up_quality,
+)
 from .request import Request
 from .see import see
 from .srdh_rays import SrdhRays
@@ -58,7 +65,8 @@ class Renderer:
     threads : int or None
         None: all cores.
     gbuffer : "raster" or "rays"
-        The method of primary visibility; both give the same bits. A store always uses rays.
+        The method of primary visibility; both give the same bits. A store, and a camera that is not perspective, always
+        use rays.
     srdh_rays : SrdhRays or None
         The rays that a ray-guided builder (`srdh`) is shown; None: the rays of 16 x 16 pixels of each frame.
     max_memory : int or None
@@ -132,6 +140,8 @@ class Renderer:
             warm_up_dressed()
         if showing is not None and showing.asked.bounce:
             warm_up_bounce()
+        if request.camera.listed:
+            warm_up_listed()
         if request.passes is not None:
             warm_up_indirect(gbuffer)
 

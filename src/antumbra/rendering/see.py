@@ -1,11 +1,15 @@
 """Primary visibility in memory: the surfaces that a camera sees."""
 
+from functools import partial
+
 import numpy as np
 
 from ..auto.ways import WAYS
+from ..bvh import lbvh
 from ..bvh.blocks import BlockTree
-from ..chcrt.surfaces import primary_hits
+from ..chcrt.surfaces import nearest_scheduled, primary_hits
 from ..query.camera_rays import rays_through
+from ..query.diffuse import camera_pass
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.picture import shadow_queries
 from ..query.raster import rasterise
@@ -16,6 +20,7 @@ from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
 from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree, show_cutouts
 from ..trace.primary.trace import trace_primary
+from ..trace.rays.bounce import Nearest, nearest_surfaces
 from .accelerate import Accelerated, solid_vertices
 from .ready import Job, fixed_job, small_scene_with_cutouts, small_view
 
@@ -29,8 +34,14 @@ def see(
 ) -> GBuffer:
     """The G-buffer of a camera: by rays through `whole`, a BVH of all triangles; by rasterisation if it is None.
 
+    For a camera that is not perspective, a BVH is built if there is none.
+
     cutouts : of `whole`, or of the triangles if there is no `whole`; None: they are found if there are any
     """
+    if camera.listed:
+        listed = camera_pass(camera.view(triangles.origin), slice(0, camera.height))
+        whole = whole or _any_tree(triangles, threads)
+        return next(nearest_in(whole, threads)([listed], (camera.height, camera.width))).gbuffer
     rays = camera.rays(triangles.origin)
     if whole is None:
         face, t = _rasterised(triangles, rays, threads)
@@ -46,6 +57,25 @@ def see(
     if own is not None:
         _show(own, rays, face, t, _in_front(own, rays, face, t, threads), threads)
     return from_hits(face, t, triangles, rays, threads)
+
+
+def _any_tree(triangles: Triangles, threads: int | None) -> Accelerated:
+    """A tree that is built soon."""
+    bvh = lbvh.build(solid_vertices(triangles), threads)
+    if triangles.cutouts is not None:
+        bvh = bvh._replace(prim_ids=triangles.cutouts.solid[bvh.prim_ids])
+    return Accelerated(triangles, bvh, None, cutout_tree(triangles, threads))
+
+
+def nearest_in(whole: Accelerated, threads: int | None = None) -> Nearest:
+    """The closest-hit function of a tree of all triangles."""
+    cutouts, triangles = whole.cutouts, whole.triangles
+    show = partial(show_cutouts, cutouts, threads=threads) if cutouts is not None else None
+    if whole.scheduled is not None:
+        scheduled = partial(nearest_scheduled, scheduled=whole.scheduled, show=show)
+        return partial(scheduled, triangles=triangles, threads=threads)
+    assert whole.bvh is not None
+    return partial(nearest_surfaces, bvh=whole.bvh, triangles=triangles, threads=threads, show=show)
 
 
 def see_subpixels(

@@ -9,6 +9,7 @@ from ..query.picture import Surfaces
 from ..query.rays import Arguments, HitArrays
 from ..scene.any_scene import AnyScene
 from ..scene.camera import CameraRays
+from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated
@@ -78,7 +79,7 @@ class RenderSource(Protocol):
     ) -> Surfaces:
         """The surfaces that a camera sees.
 
-        whole : a tree of all triangles; None only where `gbuffer` is "raster"
+        whole : a tree of all triangles; None only where `gbuffer` is "raster" and the camera is perspective
         rows : a band of the picture; None: all
         """
         ...
@@ -87,8 +88,10 @@ class RenderSource(Protocol):
         """A closest-hit function: it finds the first surfaces that passes of diffuse rays meet."""
         ...
 
-    def subpixels(self, triangles: Triangles, view: CameraRays, edge: np.ndarray) -> Surfaces:
-        """The surfaces of the sub-pixels of selected pixels: see `query.subpixels`."""
+    def subpixels(
+        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
+    ) -> Surfaces:
+        """The surfaces of the sub-pixels of selected pixels: see `query.subpixels`; `whole`: as in `look`."""
         ...
 
     def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:

@@ -12,6 +12,7 @@ from ..query.gbuffer import GBuffer
 from ..query.picture import Surfaces, surface_queries
 from ..query.shadow import ShadowQuery, fraction_lit, ray_count
 from ..scene.camera import CameraRays
+from ..scene.listed_rays import ListedRays
 from ..scene.sky import Sky
 from ..scene.triangles import Triangles
 from ..trace.counters import new_counters
@@ -43,7 +44,7 @@ class FrameState:
         Shadow rays traced so far.
     triangles : Triangles
         All triangles of the scene; for a store only the visible ones.
-    view : CameraRays
+    view : CameraRays or ListedRays
         The camera's rays, in the frame of the triangles.
     whole : Accelerated or None
         A tree of all triangles, if there is one; it may serve camera rays only.
@@ -54,7 +55,7 @@ class FrameState:
     """
 
     triangles: Triangles
-    view: CameraRays
+    view: CameraRays | ListedRays
     ready: Accelerated
 
     def __init__(self, source: RenderSource, accelerator: Accelerator, request: Request):

@@ -14,7 +14,7 @@ from .hit import Hit
 from .lights import Light
 from .mesh import MeshInfo, ObjectInfo
 from .triangles import Triangles
-from .view import View, skies_with, view_of_box
+from .view import KINDS, View, skies_with, view_of_box
 
 
 class AnyScene(ABC):
@@ -62,7 +62,7 @@ class AnyScene(ABC):
 
     @property
     def cameras(self) -> list[Camera]:
-        """The perspective cameras of the file at time 0, 1024 pixels high."""
+        """The cameras of the file at time 0, 1024 pixels high."""
         return list(self._cameras)
 
     @property
@@ -82,13 +82,18 @@ class AnyScene(ABC):
             raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
         return self._lights_at(self.clamped(time))[index]
 
-    def default_camera(self, width: int = 1024, height: int = 1024) -> Camera:
+    def default_camera(self, width: int = 1024, height: int = 1024, kind: str = "perspective") -> Camera:
         """A three-quarter view from a little above, as near as it shows the scene.
 
         Parts far from all others may lie outside of the picture, and so may a wide ground. An animation is shown as a
         whole. A scene that encloses a room is shown from inside.
+
+        kind : "perspective"; "orthographic", from outside; "top", orthographic from above; or "panoramic", in a room
+            from its middle
         """
-        return self.view.camera(width, height)
+        if kind not in KINDS:
+            raise InputError(f"camera kind is {kind!r}; it must be one of {', '.join(KINDS)}")
+        return self.view.camera(width, height) if kind == "perspective" else self.view.other_camera(kind, width, height)
 
     @property
     def view(self) -> View:

@@ -38,20 +38,41 @@ def fitted_camera(points: np.ndarray, up: str, width: int, height: int) -> Camer
 
     Points in a flat box are seen from higher up.
     """
+    sideways, above, back = _frame(points, up)
+    middle = (points.min(0) + points.max(0)) / 2.0
+    x, y, z = ((points - middle) @ np.stack([sideways, above, back], 1)).T
+    tangent = np.tan(np.radians(VFOV) / 2.0) / _MARGIN
+    distance = 1e-6 * max(float(np.abs(middle).max()), 1.0)
+    for across, slope in ((x, tangent * width / height), (y, tangent)):
+        distance = max(distance, ((across + slope * z).max() + (slope * z - across).max()) / (2.0 * slope))
+    target = middle + _centre(x, distance - z) * sideways + _centre(y, distance - z) * above
+    return Camera(target + distance * back, target, axes(up)[1], VFOV, width, height)
+
+
+def orthographic_camera(points: np.ndarray, up: str, width: int, height: int, from_above: bool = False) -> Camera:
+    """An orthographic camera that shows all `points` ((n, 3), world), with a small margin.
+
+    It looks as `fitted_camera` does, or straight down: then -z is up in the picture, or +y if z points up.
+    """
+    right, upward, towards = axes(up)
+    sideways, above, back = (right, -towards, upward) if from_above else _frame(points, up)
+    middle = (points.min(0) + points.max(0)) / 2.0
+    x, y, z = ((points - middle) @ np.stack([sideways, above, back], 1)).T
+    extent = _MARGIN * max(np.ptp(y), np.ptp(x) * height / width, 1e-6 * max(float(np.abs(middle).max()), 1.0))
+    target = middle + (x.min() + x.max()) / 2.0 * sideways + (y.min() + y.max()) / 2.0 * above
+    position = target + (z.max() + extent) * back
+    return Camera(position, target, above, width=width, height=height, projection="orthographic", extent=extent)
+
+
+def _frame(points: np.ndarray, up: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The unit vectors to the right, upwards and back of a fitted camera."""
     right, upward, towards = axes(up)
     level = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
     size = np.ptp(points, axis=0)
     elevation = STEEP if size @ upward < _FLAT * size.max() else ELEVATION
     back = np.cos(elevation) * level + np.sin(elevation) * upward
     sideways = np.cross(upward, back) / np.linalg.norm(np.cross(upward, back))
-    middle = (points.min(0) + points.max(0)) / 2.0
-    x, y, z = ((points - middle) @ np.stack([sideways, np.cross(back, sideways), back], 1)).T
-    tangent = np.tan(np.radians(VFOV) / 2.0) / _MARGIN
-    distance = 1e-6 * max(float(np.abs(middle).max()), 1.0)
-    for across, slope in ((x, tangent * width / height), (y, tangent)):
-        distance = max(distance, ((across + slope * z).max() + (slope * z - across).max()) / (2.0 * slope))
-    target = middle + _centre(x, distance - z) * sideways + _centre(y, distance - z) * np.cross(back, sideways)
-    return Camera(target + distance * back, target, upward, VFOV, width, height)
+    return sideways, np.cross(back, sideways), back
 
 
 def _centre(across: np.ndarray, depth: np.ndarray) -> float:

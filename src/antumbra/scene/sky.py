@@ -94,7 +94,7 @@ class Sky(LightList):
         fy, fx = (down - y)[..., None], (across - x)[..., None]
         rows = [np.clip(y + k, 0, h - 1).astype(np.int32) for k in (0, 1)]
         columns = [(x.astype(np.int32) + k) % w for k in (0, 1)]
-        (a, b), (c, d) = ((self._tinted[r, k] for k in columns) for r in rows)
+        (a, b), (c, d) = ([self._tinted[r, k] for k in columns] for r in rows)
         return (a + fx * (b - a)) * (1 - fy) + (c + fx * (d - c)) * fy
 
     @cached_property

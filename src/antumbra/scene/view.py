@@ -5,11 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .camera import Camera
-from .framing import AZIMUTH, axes, fitted_camera
+from .framing import AZIMUTH, axes, fitted_camera, orthographic_camera
 from .lights import DirectionalLight, Light, SphereLight
 from .room import Room
 from .sampled import corners_of
 from .sky import Sky
+
+KINDS = "perspective", "orthographic", "top", "panoramic"
 
 _SUN_ELEVATION, _SUN_AZIMUTH = np.radians(48.0), np.radians(-70.0)  # the azimuth is from the viewer, to the left
 _SUN_WIDTH = 1.5  # degrees; a little softer than the sun's 0.53
@@ -29,6 +31,16 @@ class View(NamedTuple):
         if self.room is not None:
             return Camera(self.room.eye, self.room.target, axes(self.up)[1], self.room.vfov, width, height)
         return fitted_camera(self.points, self.up, width, height)
+
+    def other_camera(self, kind: str, width: int, height: int) -> Camera:
+        """The default camera of another kind in `KINDS`; "top" is an orthographic one that looks straight down."""
+        if kind == "panoramic":
+            camera = self.camera(width, height)
+            if self.room is not None:
+                middle = self.room.middle
+                camera = Camera(middle, middle + camera.axes[2], camera.up, width=width, height=height)
+            return camera.panoramic()
+        return orthographic_camera(self.points, self.up, width, height, from_above=kind == "top")
 
     def lights(self) -> list[Light]:
         """Sun and sky; in a closed room a lamp below the ceiling."""

@@ -12,7 +12,7 @@ from ..scene.directional_lights import DirectionalLights
 from ..scene.lights import Light
 from ..scene.point_lights import PointLights
 
-_CAMERA = ("position", "target", "up", "vfov", "width", "height")
+_CAMERA = ("position", "target", "up", "vfov", "width", "height", "projection", "extent")
 
 
 class Meta(NamedTuple):

@@ -304,3 +304,16 @@ def test_progress_names_each_frame(tmp_path):
     at.dataset(SCENE, tmp_path / "set", **ASKED, progress=lambda *said: told.append(said))
     assert told == [(f"frame {k}", k, 3) for k in range(3)]
     assert make.MANIFEST in os.listdir(tmp_path / "set")
+
+
+def test_cameras_that_are_not_perspective_record_their_projection(tmp_path):
+    cameras = [SCENE.default_camera(24, 16, kind) for kind in ("perspective", "top", "panoramic")]
+    at.dataset(SCENE, tmp_path, cameras, LIGHTS[:1], spp=1)
+    told = [frame["camera"] for frame in manifest(tmp_path)["frames"]]
+    assert [camera.get("projection") for camera in told] == [None, "orthographic", "panoramic"]
+    assert ["intrinsics" in camera for camera in told] == [True, False, False]
+    assert told[1]["extent"] == cameras[1].extent and told[2]["extent"] is None
+    for camera, record in zip(cameras, told):
+        matrix = np.array(record["world_to_camera"])
+        np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(matrix @ [*camera.position, 1.0], (0, 0, 0, 1), atol=1e-9)

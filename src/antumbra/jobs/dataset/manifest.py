@@ -47,19 +47,24 @@ def camera_record(camera: Camera) -> dict:
     """A camera as its arguments and as matrices.
 
     ``intrinsics`` (3, 3) and ``world_to_camera`` (4, 4), both by rows, are those of OpenCV: x to the right, y down, z
-    along the view; pixel centres are at half numbers. Both take world coordinates to pixels.
+    along the view; pixel centres are at half numbers. Both take world coordinates to pixels. Cameras that are not
+    perspective have ``projection`` and ``extent`` instead of ``intrinsics``.
     """
     names = "position", "target", "up", "vfov", "width", "height"
-    rays = camera.rays(np.zeros(3))
-    pixel = float(np.linalg.norm(rays.dx))
-    right, down = rays.dx / pixel, rays.dy / np.linalg.norm(rays.dy)
-    view = np.cross(right, down)
-    rotation = np.stack([right, down, view])
+    if camera.listed:
+        view = camera.view(np.zeros(3))
+        rotation, lens = view.axes, {"projection": camera.projection, "extent": camera.extent}
+    else:
+        rays = camera.rays(np.zeros(3))
+        pixel = float(np.linalg.norm(rays.dx))
+        right, down = rays.dx / pixel, rays.dy / np.linalg.norm(rays.dy)
+        rotation = np.stack([right, down, np.cross(right, down)])
+        middle = camera.width / 2.0, camera.height / 2.0
+        lens = {"intrinsics": [[1.0 / pixel, 0.0, middle[0]], [0.0, 1.0 / pixel, middle[1]], [0.0, 0.0, 1.0]]}
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, -rotation @ camera.position
-    intrinsics = [[1.0 / pixel, 0.0, camera.width / 2.0], [0.0, 1.0 / pixel, camera.height / 2.0], [0.0, 0.0, 1.0]]
     values = {name: _plain(getattr(camera, name)) for name in names}
-    return {**values, "intrinsics": intrinsics, "world_to_camera": matrix.tolist()}
+    return {**values, **lens, "world_to_camera": matrix.tolist()}
 
 
 def digest_of(settings: dict) -> str:

@@ -13,7 +13,7 @@ EXTENSION = "KHR_lights_punctual"
 
 
 class Views:
-    """The perspective cameras and the lights of a file's scene, in the order of their nodes."""
+    """The cameras and the lights of a file's scene, in the order of their nodes."""
 
     def __init__(self, root: Fields, nodes: Nodes):
         self.notes: list[str] = []
@@ -23,18 +23,18 @@ class Views:
 
     def holders(self) -> list[int]:
         """Nodes that hold a camera or light."""
-        return [node for node, _, _ in self._cameras] + [node for node, *_ in self._lights]
+        return [node for node, _ in self._cameras] + [node for node, *_ in self._lights]
 
     def cameras(self, world: np.ndarray) -> list[Camera]:
         """The cameras, which look along -Z of their nodes; `world` has the nodes' world matrices."""
         cameras = []
-        for node, vfov, width in self._cameras:
+        for node, lens in self._cameras:
             position, up, backward = (
                 world[node][:3, 3],
                 self._axis(world, node, 1),
                 self._axis(world, node, 2),
             )
-            cameras.append(Camera(position, position - backward, up, vfov, width, HEIGHT))
+            cameras.append(Camera(position, position - backward, up, height=HEIGHT, **lens))
         return cameras
 
     def lights(self, world: np.ndarray) -> list[Light]:
@@ -57,22 +57,19 @@ class Views:
             raise InputError(f"{self._nodes.fields[node].where} holds a camera or light but its transform is flat")
         return axis / length
 
-    def _placed_cameras(self, root: Fields) -> list[tuple[int, float, int]]:
+    def _placed_cameras(self, root: Fields) -> list[tuple[int, dict]]:
         cameras, placed = root.objects("cameras"), []
         for node in np.flatnonzero(self._nodes.visible).tolist():
             index = self._nodes.fields[node].whole("camera", None, high=len(cameras))
             if index is None:
                 continue
-            lens = cameras[index].object("perspective")
-            if lens is None:
-                self.notes.append(f"{cameras[index].where} is not a perspective camera; left out")
-                continue
-            vfov, aspect = np.degrees(lens.number("yfov")), lens.number("aspectRatio", 1.0)
-            if not 0.0 < vfov < 180.0:
-                raise lens.bad("yfov", "an angle between 0 and pi radians")
-            if not 1.0 / HEIGHT <= aspect <= 32.0:
-                raise lens.bad("aspectRatio", f"between 1/{HEIGHT} and 32")
-            placed.append((node, float(vfov), round(HEIGHT * aspect)))
+            perspective, flat = cameras[index].object("perspective"), cameras[index].object("orthographic")
+            if perspective is not None:
+                placed.append((node, _perspective(perspective)))
+            elif flat is not None:
+                placed.append((node, _orthographic(flat)))
+            else:
+                self.notes.append(f"{cameras[index].where} is neither perspective nor orthographic; left out")
         return placed
 
     def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple, str]]:
@@ -94,3 +91,23 @@ class Views:
             name = light.text("name", "") or self._nodes.fields[node].text("name", "")
             placed.append((node, kind, intensity, colour, name))
         return placed
+
+
+def _perspective(lens: Fields) -> dict:
+    """The arguments of a perspective `Camera`."""
+    vfov, aspect = np.degrees(lens.number("yfov")), lens.number("aspectRatio", 1.0)
+    if not 0.0 < vfov < 180.0:
+        raise lens.bad("yfov", "an angle between 0 and pi radians")
+    if not 1.0 / HEIGHT <= aspect <= 32.0:
+        raise lens.bad("aspectRatio", f"between 1/{HEIGHT} and 32")
+    return {"vfov": float(vfov), "width": round(HEIGHT * aspect)}
+
+
+def _orthographic(lens: Fields) -> dict:
+    """The arguments of an orthographic `Camera`. Like those of perspective cameras, its clipping planes are ignored."""
+    across, above = abs(lens.number("xmag")), abs(lens.number("ymag"))  # half the width and half the height
+    if not 0.0 < above < np.inf:
+        raise lens.bad("ymag", "a number other than 0")
+    if not 1.0 / HEIGHT <= across / above <= 32.0:
+        raise lens.bad("xmag", f"between 1/{HEIGHT} and 32 times ymag")
+    return {"projection": "orthographic", "extent": 2.0 * above, "width": round(HEIGHT * across / above)}
