@@ -136,3 +136,47 @@ def test_progress_is_told_of_each_pass():
         progress=lambda done, total: ends.append(done == total),
     )  # fmt: skip
     assert sum(ends) >= 4
+
+
+def _skylit(sky, points, rng):
+    """(3,): mean irradiance of points (n, 3) of a white floor before a red wall at z = -1, from random paths."""
+
+    def seen(directions):  # the texels that directions meet
+        x, y, z = directions.T
+        row = (np.arccos(np.clip(y, -1, 1)) / np.pi * len(sky.map)).astype(int)
+        return sky.map[row, ((np.arctan2(x, -z) / (2 * np.pi) + 0.5) * sky.map.shape[1]).astype(int)]
+
+    d = _cosine(np.broadcast_to((0.0, 1, 0), points.shape), rng)
+    far = (-1 - points[:, 2:]) / d[:, 2:]
+    end = points + far * d
+    on_wall = (far[:, 0] > 0) & (end[:, 1] < 3) & (np.abs(end[:, 0]) < 3)
+    back = _cosine(np.broadcast_to((0.0, 0, 1), points.shape), rng)
+    down = end - end[:, 1:2] / back[:, 1:2] * back
+    on_floor = (back[:, 1] < 0) & (np.abs(down[:, 0]) < 3) & (down[:, 2] < 3)
+    bounced = np.where(on_floor[:, None], 0.0, np.array(RED) * seen(back))
+    return np.pi * np.where(on_wall[:, None], bounced, seen(d)).mean(0)
+
+
+def _cosine(normals, rng):
+    d = rng.normal(size=normals.shape)
+    d = normals + 0.999999 * d / np.linalg.norm(d, axis=1, keepdims=True)
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def test_under_a_sky_all_light_of_one_bounce_arrives_once():
+    """Rays that miss see the sky; it is a light, so what they would bring must not be added again."""
+    floor = [[-3.0, 0, -3], [3, 0, -3], [3, 0, 3], [-3, 0, 3]]
+    wall = [[-3.0, 0, -1], [3, 0, -1], [3, 3, -1], [-3, 3, -1]]
+    faces = np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]])
+    scene = at.Scene.from_arrays(np.array(floor + wall), faces, np.array([WHITE] * 2 + [RED] * 2))
+    image = np.full((4, 8, 3), 0.3) + np.random.default_rng(1).random((4, 8, 3)) * [[[2.0]], [[1.0]], [[0.0]], [[0.0]]]
+    sky = at.Sky(image, count=1024)
+    camera = at.Camera((0, 1, 0.5), (0, 0, 0), up=(0, 0, -1), vfov=20, width=4, height=4)
+    frame = at.render(scene, camera, sky, bounce=128, spp=1, filter=False)
+    assert (frame.gbuffer.face < 2).all()
+    points = (frame.gbuffer.position + frame.gbuffer.origin).reshape(-1, 3)
+    truth = _skylit(sky, np.tile(points, (20_000, 1)), np.random.default_rng(2))
+    found = (frame.image / np.float32(0.8) * np.pi).mean((0, 1))
+    np.testing.assert_allclose(found, truth, rtol=0.02)
+    bounced = frame.indirect.mean((0, 1))
+    assert bounced[0] > 0.05 * truth[0] and bounced[0] > 3 * bounced[2]

@@ -64,6 +64,28 @@ def test_sunlight_reflected_by_a_floor_reaches_a_ceiling():
     np.testing.assert_allclose(frame.image.mean((0, 1)), wanted, rtol=0.03)
 
 
+def test_skylight_reflected_by_a_floor_reaches_a_ceiling():
+    """The irradiance is compared with sums over the sky and the floor."""
+    floor = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
+    ceiling = np.array([[-0.01, 1, -0.01], [0.01, 1, -0.01], [0.01, 1, 0.01], [-0.01, 1, 0.01]])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    colours = np.array([(0.5, 0.25, 1.0)] * 2 + [(1.0, 1.0, 1.0)] * 2)
+    scene = at.Scene.from_arrays(np.concatenate([floor, ceiling]), faces, colours)
+    image = np.random.default_rng(5).random((8, 16, 3)) * np.linspace(3, 0.2, 16)[:, None]
+    image[4:] = 0.0  # no light from below
+    sky = at.Sky(image, intensity=2.0, colour=(1, 0.5, 1), count=1024)
+    lights = at.virtual_point_lights(scene, sky, 8192)
+    camera = at.Camera((0, 0.5, 0), (0, 1, 0), up=(0, 0, 1), vfov=2, width=8, height=8)
+    frame = at.render(scene, camera, [lights])
+    sine = np.sin(np.pi * np.arange(9) / 8)
+    share = 2 * np.pi / 16 * np.maximum(sine[1:] ** 2 - sine[:-1] ** 2, 0) / 2  # integral of the cosine over a texel
+    on_floor = (image * share[:, None, None]).sum((0, 1)) * 2.0 * (1, 0.5, 1)
+    x = (np.arange(400) + 0.5) / 200 - 1
+    form_factor = (1 / (np.pi * (x[:, None] ** 2 + x**2 + 1) ** 2)).sum() * (x[1] - x[0]) ** 2
+    wanted = on_floor * form_factor * (0.5, 0.25, 1.0) / np.pi
+    np.testing.assert_allclose(frame.image.mean((0, 1)), wanted, rtol=0.04)
+
+
 def test_lights_are_off_their_surface_on_the_lit_side_and_depend_on_the_seed_only():
     scene = at.procedural("atrium", triangles=3000)
     one, same, other = (at.virtual_point_lights(scene, scene.lights[0], 200, seed=s) for s in (1, 1, 2))

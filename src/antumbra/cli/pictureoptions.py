@@ -24,7 +24,8 @@ AoOption = Annotated[
 VplOption = Annotated[
     int | None,
     typer.Option(
-        help="Instead of ambient light, light that bounces once: photons of the first light become point lights.",
+        help="Instead of ambient light, light that bounces once: photons of the first light and of a sky become point "
+        "lights.",
         min=1,
         max=16384,
         metavar="PHOTONS",

@@ -90,10 +90,12 @@ class RenderOptions(NamedTuple):
     def all_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, with the virtual point lights made from photons."""
         from .. import virtual_point_lights
+        from ..image.background import skies_of
 
         lights = self.direct_lights(scene, time)
         if self.vpl is not None:
-            lights.append(virtual_point_lights(scene, lights[0], self.vpl, time=time, threads=self.threads))
+            sources = [lights[0], *skies_of(lights[1:])]
+            lights += [virtual_point_lights(scene, s, self.vpl, time=time, threads=self.threads) for s in sources]
         return lights
 
     def quality(self) -> dict:

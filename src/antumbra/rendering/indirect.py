@@ -22,7 +22,7 @@ def indirect_light(state: FrameState, surfaces: Surfaces, origins, nearest: Near
 
     The density of the rays is proportional to the cosine to the normal. So the irradiance is pi times the mean radiance
     of the surfaces they meet. These surfaces are diffuse; the lights alone illuminate them, with shadows. Rays that
-    leave the scene contribute zero.
+    leave the scene contribute zero: a sky that they would meet is a light, so its light has arrived directly.
 
     A store traces as many passes together as memory allows, and then their shadow rays [Mattausch et al. 2015].
     """

@@ -17,6 +17,7 @@ from ..scene.lights import (
     tangents,
 )
 from ..scene.point_lights import PointLights
+from ..scene.sky import Sky
 from .queries import surfaces_hit
 
 
@@ -27,9 +28,10 @@ def virtual_point_lights(
     """Approximate light that has bounced once by point lights: instant radiosity [Keller 1997].
 
     The light emits n photons, distributed by a Sobol sequence. Area lights emit with cosine density, a sphere over its
-    whole surface, and a distant light through a disk that covers the scene. A point light is placed just off each
-    surface point that a photon reaches. Its power is the photon's power times the surface colour, and it shines with
-    the cosine to the normal. All photons carry the same power; photons that leave the scene are lost.
+    whole surface, and a distant light through a disk that covers the scene. A sky emits as its distant lights do. A
+    point light is placed just off each surface point that a photon reaches. Its power is the photon's power times the
+    surface colour, and it shines with the cosine to the normal. All photons carry the same power; photons that leave
+    the scene are lost.
 
     The sum over the lights is an unbiased estimate of the irradiance after one bounce, with one exception. The factor
     1 / distance^2 is clamped (``PointLights.nearest``) at the radius of the disk that one light typically represents.
@@ -39,7 +41,7 @@ def virtual_point_lights(
     ----------
     scene : Scene or PagedScene
     light : a light
-        Any light except ambient occlusion and `PointLights`.
+        Any light except ambient occlusion, `PointLights` and `DirectionalLights`.
     n : int
         Photons, 1 to 16384 (1 to 1024 without `interleave`).
     seed : int
@@ -64,7 +66,8 @@ def virtual_point_lights(
     (light,) = check_lights([light])
     n = whole_number(n, "n", 1, 16384 if interleave else 1024)
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
-    origins, directions, power = _emitted(light, _sobol(n, seed), centre, radius)
+    xi = _sobol(n, seed)
+    origins, directions, power = _emitted(light, xi, centre, radius)
     t, triangles, face = surfaces_hit(scene, origins, directions, scene.clamped(time), threads)
     met = face >= 0
     if not met.any():
@@ -75,7 +78,7 @@ def virtual_point_lights(
     return PointLights(
         positions,
         power / n / np.pi,  # Eq. (4) of docs/design/lights.md: intensity along the normal
-        triangles.colour[face] * np.asarray(light.colour),
+        triangles.colour[face] * _colours(light, xi)[met],
         normals,
         interleave=interleave,
         indirect=True,
@@ -102,6 +105,12 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
     if isinstance(light, SphereLight):
         normal = _on_sphere(a, b)
         return light.center + light.radius * normal, _by_cosine(normal, xi[:, 2:]), 4.0 * np.pi * light.intensity
+    if isinstance(light, Sky):
+        directions = -light.points[_drawn(light, xi)]
+        u, v = (np.stack(axes) for axes in zip(*map(tangents, directions)))
+        x, y = (_on_disk(a, b) * radius).T[..., None]
+        power = np.pi * radius**2 * float(light.intensities.sum()) * light.intensity
+        return centre + x * u + y * v - 2.0 * radius * directions, directions, power
     if isinstance(light, DirectionalLight):
         u, v = tangents(light.direction)
         spread = np.tan(np.radians(light.angular_diameter) / 2.0)
@@ -119,10 +128,23 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
         x, y = (_on_disk(a, b) * light.radius).T[..., None]
         origins, axis = light.center + x * u + y * v, light.normal
     else:
-        raise InputError(f"{type(light).__name__} sends no photons; give a point, quad, disk, sphere or distant light")
+        raise InputError(
+            f"{type(light).__name__} sends no photons; give a point, quad, disk, sphere or distant light, or a sky"
+        )
     side = np.where(xi[:, 2] < 0.5, 1.0, -1.0)[:, None]
     xi = np.stack([2.0 * xi[:, 2] % 1.0, xi[:, 3]], 1)
     return origins, _by_cosine(side * axis, xi), 2.0 * np.pi * light.intensity
+
+
+def _drawn(sky: Sky, xi: np.ndarray) -> np.ndarray:
+    """(n,) int: the light of a sky that emits each photon. All its lights have the same power."""
+    return np.minimum((xi[:, 2] * sky.count).astype(int), sky.count - 1)
+
+
+def _colours(light: Light, xi: np.ndarray) -> np.ndarray:
+    """(n, 3): the colour of each photon."""
+    own = light.colours[_drawn(light, xi)] if isinstance(light, Sky) else np.ones((len(xi), 3))
+    return own * np.asarray(light.colour)
 
 
 def _on_sphere(a, b) -> np.ndarray:

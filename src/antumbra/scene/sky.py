@@ -174,7 +174,7 @@ def _draw(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.nda
 def _inverted(weights: np.ndarray, row: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(index, fraction within it) where the running sum of a row of weights reaches a share of its total."""
     sums = np.concatenate([np.zeros((len(weights), 1)), np.cumsum(weights, 1)], 1)
-    sums /= sums[:, -1:]
+    sums /= np.where(sums[:, -1:] > 0.0, sums[:, -1:], 1.0)  # black rows are never drawn
     index = np.empty(len(row), int)
     for r in np.unique(row):
         own = row == r
