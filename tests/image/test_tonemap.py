@@ -96,3 +96,14 @@ def test_exposure_is_always_a_positive_number(values):
     exposure = automatic_exposure(image, everywhere(image))
     assert 0.0 < exposure < np.inf
     assert to_srgb8(image, exposure).shape == image.shape
+
+
+def test_a_wide_bright_floor_keeps_its_shades():
+    """A dark picture is made brighter, but not so far that a quarter of it is white."""
+    image = np.full((40, 40, 3), 0.02, np.float32)
+    image[30:] = np.linspace(0.5, 1.0, 40)[:, None]
+    floor = to_srgb8(image, automatic_exposure(image, np.ones((40, 40), bool)))[30:, :, 0]
+    assert floor.max() < 245 and np.ptp(floor.astype(int)) > 30
+    image[30:38] = 0.02  # a few bright pixels may roll off
+    narrow = to_srgb8(image, automatic_exposure(image, np.ones((40, 40), bool)))[38:, :, 0]
+    assert narrow.mean() > floor.mean() + 3

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.loading import load
 from antumbra.scene.sampled import looks_z_up
+from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 
 
 def block(lower, upper, inward=False):
@@ -60,3 +62,24 @@ def test_a_town_on_the_ground_tells_up():
     town = np.concatenate([blocks(100, (40, 4, 30)), block((-40, -1, -30), (40, 0, 30))])
     assert not looks_z_up(town)
     assert looks_z_up(town[..., [0, 2, 1]] * (1, -1, 1))
+
+
+def test_a_moment_of_an_animation_fills_its_picture(tmp_path):
+    made = single(TETRAHEDRON, TETRAHEDRON_FACES)
+    made.animate(0, "translation", [0, 1], [[0, 0, 0], [40, 0, 0]])
+    scene = load(made.write(tmp_path))
+    whole, first, last = (scene.default_camera(64, 64, time=time) for time in (None, 0.0, 1.0))
+    shares = [at.render(scene, camera, time=0.0).mask.mean() for camera in (whole, first, last)]
+    assert shares[0] < 0.01 and shares[1] > 0.1 and shares[2] == 0.0
+    assert at.render(scene, time=1.0).mask.mean() > 0.1
+    np.testing.assert_allclose(last.position - first.position, (40, 0, 0), atol=1e-4)
+
+
+def test_a_lamp_hangs_below_the_ceiling_of_its_room_and_lights_most_of_it():
+    around = np.concatenate([block((-5, -1, -3), (5, 3, 3), inward=True), block((-5.2, -1.2, -3.2), (5.2, 3.2, 3.2))])
+    scene = at.Scene.from_arrays(
+        np.concatenate([around, blocks(60, (4, 1, 2.5)), block((-0.5, 1, -0.5), (0.5, 2, 0.5))])
+    )
+    lamp = scene.default_lights()[0]
+    assert 0.5 < lamp.center[1] < 3.0 - lamp.radius and 2.0 < scene.view.room.height < 5.0
+    assert at.render(scene, scene.default_camera(32, 32)).visibility[0].mean() > 0.5

@@ -203,21 +203,24 @@ def _other_camera(word: str, fields: list[str]) -> CameraSpec:
     return CameraSpec(position, target, kind=kind, extent=extent)
 
 
-def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[int, int]):
+def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[int, int], moving: bool = False):
     """The camera of a result of `parse_camera`.
 
-    None is the scene's first camera, or one that shows the whole scene if it has none.
+    None is the scene's first camera, or one that shows the scene if it has none.
+
+    moving : whether the camera is of the frames of an animation, all of which it then shows
     """
+    fitted_to = None if moving else time
     from ..scene.camera import Camera
 
     if asked is None and not scene.cameras:
-        return scene.default_camera(*size)
+        return scene.default_camera(*size, time=fitted_to)
     if not isinstance(asked, CameraSpec):
         return scene.camera(asked or 0, time).resized(*size)
     if asked.position is None:
         if asked.kind == "panoramic" and scene.cameras:
             return scene.camera(0, time).resized(*size).panoramic()
-        return scene.default_camera(*size, asked.kind)
+        return scene.default_camera(*size, asked.kind, time=fitted_to)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
     view = asked.target - asked.position
     with np.errstate(over="ignore", invalid="ignore"):  # `Camera` rejects positions that are too far away

@@ -66,11 +66,10 @@ class Panels:
 
 
 def _rendered(told: Told) -> np.ndarray:
-    from ..image.save import frame_exposure
-    from ..image.tonemap import to_srgb8
+    from ..image.save import frame_exposure, screen_picture
 
     frame, exposure = told.found.frame, told.asked.exposure
-    return to_srgb8(frame.image, frame_exposure(frame) if exposure is None else exposure)
+    return screen_picture(frame, frame_exposure(frame) if exposure is None else exposure)
 
 
 def _label(found: "Comparison", one: "Measured") -> str:

@@ -190,6 +190,7 @@ class RenderArguments:
             quiet=self.quiet,
             textures=self.textures,
             flat=self.flat,
+            moving=self.frames is not None,
         )
         if self.frames is None and asked.srdh_rays is not None and asked.srdh_rays.last_frame:
             raise InputError(

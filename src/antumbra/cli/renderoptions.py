@@ -50,6 +50,7 @@ class RenderOptions(NamedTuple):
     quiet: bool
     textures: bool = True
     flat: bool = False  # whether each face has its own normal
+    moving: bool = False  # whether the pictures are the frames of an animation
 
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
@@ -79,9 +80,13 @@ class RenderOptions(NamedTuple):
         limit_memory(scene, self.max_memory)
         return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays)
 
+    @property
+    def _no_sky(self) -> bool:
+        return isinstance(self.sky, str)
+
     def view(self, scene: "AnyScene", time: float) -> "Camera":
         """The camera at a time."""
-        return arguments.make_camera(self.camera, scene, time, self.size)
+        return arguments.make_camera(self.camera, scene, time, self.size, self.moving)
 
     def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, without the virtual point lights made from photons."""
@@ -111,8 +116,8 @@ class RenderOptions(NamedTuple):
         runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
         frame = renderer.render(
             camera, lights, time=time, counters=self.counters, progress=progress("tracing shadow rays", runs),
-            background=self.background is None, layers=layers, textures=self.textures, smooth_normals=not self.flat,
-            **self.quality(),
+            background=self.background is None and not self._no_sky, layers=layers, textures=self.textures,
+            smooth_normals=not self.flat, **self.quality(),
         )  # fmt: skip
         return Shot(scene.clamped(time), camera, lights, frame)
 
@@ -151,6 +156,7 @@ class RenderOptions(NamedTuple):
                 "textures": self.textures,
                 "flat": self.flat,
                 **({} if self.background is None else {"background": self.background}),
+                **({"sky": "none"} if self._no_sky else {}),
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )

@@ -18,14 +18,13 @@ def save(
     asked: "RenderOptions", scene: "AnyScene", load: float, shot: "Shot", saved: summary.Saved, path: Path
 ) -> None:
     """Write the page whole or not at all."""
-    from ..image.save import frame_exposure
-    from ..image.tonemap import to_srgb8
+    from ..image.save import frame_exposure, screen_picture
     from .about import about
 
     frame = shot.frame
     exposure = asked.exposure if asked.exposure is not None else frame_exposure(frame)
     width = frame.image.shape[1]
-    picture = page.embedded(to_srgb8(frame.image, exposure))
+    picture = page.embedded(screen_picture(frame, exposure, asked.background))
     parts = [
         f'<img style="max-width: {width}px" alt="{escape(scene.name)}" src="{picture}">',
         "<h2>Picture</h2>",

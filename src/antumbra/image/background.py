@@ -1,10 +1,25 @@
-"""What pixels show that see no surface: the light of skies."""
+"""What pixels show that see no surface: the light of skies, or a backdrop."""
 
 import numpy as np
 
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.sky import Sky
+
+BACKDROP = 0.75
+"""Share of white that a backdrop shows where the soft daylight has a radiance of 1."""
+
+
+def backdrop(rays: CameraRays | ListedRays, coverage: np.ndarray, up: str) -> np.ndarray:
+    """(H, W, 3) float32, linear shares of white: a soft daylight behind a scene that no sky lights.
+
+    It sheds no light, and no exposure changes it. It is 0 where surfaces cover the whole pixel.
+
+    coverage : (H, W) float32, the share of each pixel that shows surfaces
+    """
+    out, (rows, columns) = np.zeros((*coverage.shape, 3), np.float32), np.nonzero(coverage < 1.0)
+    out[rows, columns] = sky_behind([Sky(up=up, intensity=BACKDROP)], rays, rows, columns)
+    return out
 
 
 def skies_of(lights) -> list[Sky]:

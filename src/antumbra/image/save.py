@@ -70,18 +70,23 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
 def screen_picture(frame, exposure: float, background=None) -> np.ndarray:
     """(H, W, 3) uint8 sRGB of a frame, or (H, W, 4) with alpha if `background` is "transparent".
 
-    With a background, the colour of pixels that surfaces cover in part is that of the surfaces alone, and is mixed with
-    the background in linear light.
+    Without `background`, it shows the frame's backdrop, if it has one. With either, the colour of pixels that surfaces
+    cover in part is that of the surfaces alone, and is mixed with the background in linear light.
     """
-    if background is None:
+    if background is None and frame.backdrop is None:
         return to_srgb8(frame.image, exposure)
     share = frame.coverage[..., None]
     surfaces = to_srgb8(frame.image / np.maximum(share, 1e-6), exposure)
     if isinstance(background, str):
         return np.concatenate([surfaces, np.round(255.0 * share).astype(np.uint8)], -1)
-    colour, shown = srgb_to_linear(vector(background, "background")), BYTE_TO_LINEAR.astype(np.float32)[surfaces]
-    mixed = share * shown + (1.0 - share) * colour.astype(np.float32)
-    return np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
+    colour = frame.backdrop
+    if background is not None:
+        colour = srgb_to_linear(vector(background, "background")).astype(np.float32)
+    shown = share[..., 0] < 1.0
+    share, colour = share[shown], np.broadcast_to(colour, surfaces.shape)[shown]
+    mixed = share * BYTE_TO_LINEAR.astype(np.float32)[surfaces[shown]] + (1.0 - share) * colour
+    surfaces[shown] = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
+    return surfaces
 
 
 def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None, more: dict | None = None) -> None:

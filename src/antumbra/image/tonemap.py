@@ -11,7 +11,9 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 PERCENTILE = 97.0  # automatic exposure maps this percentile of the luminance of pixels that see a surface ...
 BRIGHT = 0.75  # ... to this share of white: bright, with room above it for highlights
 MIDDLE = 0.4  # ... if the median then has at least this share; a darker picture becomes brighter ...
-MOST_BRIGHTER = 1.7  # ... by at most this factor, and its highlights roll off
+MOST_BRIGHTER = 1.7  # ... by at most this factor, and its highlights roll off, ...
+WIDE = 85.0  # ... but this percentile is at most ...
+WIDE_AT_MOST = 0.75  # ... this share of white: a wide bright floor keeps its shades
 SHOULDER = 0.6  # light below this stays linear; light above it rolls off softly towards white
 
 _TOP = 4.0  # end of the table; the roll-off reaches 8-bit white long before it
@@ -37,8 +39,9 @@ def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if not len(luminance):
         return 1.0
-    middle, high = (max(float(v), 1e-30) for v in np.percentile(luminance, (50.0, PERCENTILE)))
-    return BRIGHT / high * float(np.clip(MIDDLE / (middle * BRIGHT / high), 1.0, MOST_BRIGHTER))
+    middle, wide, high = (max(float(v), 1e-30) for v in np.percentile(luminance, (50.0, WIDE, PERCENTILE)))
+    exposure = BRIGHT / high
+    return exposure * max(1.0, min(MIDDLE / (middle * exposure), WIDE_AT_MOST / (wide * exposure), MOST_BRIGHTER))
 
 
 def roll_off(x: np.ndarray) -> np.ndarray:

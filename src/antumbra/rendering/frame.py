@@ -38,6 +38,7 @@ class Frame(NamedTuple):
     choices: list[Choice] | None = None  # the plan "auto" only: how each query was answered, and why
     divided: np.ndarray | None = None  # (H, W) float32: share of each pixel that shows surfaces; None unless adaptive
     names: tuple[str, ...] = ()  # of the lights, all different: their own, or their kinds, such as "sun"
+    backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: what a PNG shows behind; see `render`
     layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
 
     @property
@@ -80,10 +81,9 @@ class Frame(NamedTuple):
 
     def _repr_png_(self) -> bytes:
         """The picture as a notebook shows it: as `save` writes it to a ``.png``."""
-        from ..image.save import frame_exposure, png_bytes
-        from ..image.tonemap import to_srgb8
+        from ..image.save import frame_exposure, png_bytes, screen_picture
 
-        return png_bytes(to_srgb8(self.image, frame_exposure(self)))
+        return png_bytes(screen_picture(self, frame_exposure(self)))
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..image.background import skies_of, sky_behind
+from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import as_needed, fraction, refine_penumbra
 from ..image.shade import ambient_light
@@ -63,7 +63,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
         scheduled, source.paging(), str(accelerator.ran(state.ready)), None if chosen is None else chosen.choices,
-        coverage, tuple(light_names(request.lights)), layers,
+        coverage, tuple(light_names(request.lights)), behind(state, surfaces, coverage), layers,
     )  # fmt: skip
 
 
@@ -205,6 +205,14 @@ def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray) ->
         rows, columns = np.nonzero(surfaces.ids < 0)
         image[rows, columns] = sky_behind(skies, state.view, rows, columns)
         state.clock.lap("shade")
+
+
+def behind(state: FrameState, surfaces: Surfaces, coverage: np.ndarray | None) -> np.ndarray | None:
+    """The backdrop of a picture whose lights have no sky; None if nothing of it would be seen, or none is wanted."""
+    coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
+    if not state.request.background or _seen_skies(state) or (coverage == 1.0).all():
+        return None
+    return backdrop(state.view, coverage, state.source.scene.up)
 
 
 def _seen_skies(state: FrameState) -> list[Sky]:

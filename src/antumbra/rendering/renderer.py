@@ -172,7 +172,7 @@ def render(
     scene : Scene or PagedScene
         A scene in memory or in a store.
     camera : Camera or None
-        None: ``scene.default_camera()``.
+        None: ``scene.default_camera(time=time)``.
     lights : list of lights, one light, or None
         None: ``scene.default_lights(time)``, the scene's own lights or daylight.
     spp : int
@@ -211,7 +211,8 @@ def render(
     max_memory : int or None
         Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB.
     background : bool
-        Whether pixels that see no surface show the skies among the lights. If not, they are black.
+        Whether pixels that see no surface show the skies among the lights. Without a sky, they are black in the image,
+        and a PNG shows a soft daylight there, which sheds no light. If False, they are black.
     layers : bool
         Keep base colours, the image of each light alone, and objects in `Frame.layers`; EXR files then have them.
     textures : bool
@@ -230,7 +231,7 @@ def render(
     InputError
         If a value is out of range, the plan is unknown, or an argument is not a camera or a light.
     """
-    camera = scene.default_camera() if camera is None else camera
+    camera = scene.default_camera(time=time) if camera is None else camera
     if lights is None:
         lights = scene.default_lights(time)
     return Renderer(scene, plan, threads, gbuffer, srdh_rays, max_memory).render(

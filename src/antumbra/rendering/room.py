@@ -105,7 +105,14 @@ def _room(point: np.ndarray, around: _Around, up: np.ndarray) -> Room:
     eye = point - _FREE * free[(best + _STEPS // 2) % _STEPS] * horizontal[best]
     target = point + 0.5 * free[best] * horizontal[best]
     above = around.directions @ up > 0.9
-    return Room(point, eye, target, _VFOV, float((around.faces[above] < 0).mean()) > _SKY, _free_way(around, up))
+    return Room(point, eye, target, _VFOV, float((around.faces[above] < 0).mean()) > _SKY, _ceiling(around, up))
+
+
+def _ceiling(around: _Around, up: np.ndarray) -> float:
+    """How far above the point the ceiling is. Things that hang below it do not count."""
+    heights = around.directions @ up * around.distances
+    above = heights[(around.directions @ up > 0.9) & np.isfinite(heights)]
+    return float(np.quantile(above, 0.8)) if len(above) else 0.0
 
 
 def _free_way(around: _Around, way: np.ndarray) -> float:

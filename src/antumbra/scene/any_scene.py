@@ -82,18 +82,22 @@ class AnyScene(ABC):
             raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
         return self._lights_at(self.clamped(time))[index]
 
-    def default_camera(self, width: int = 1024, height: int = 1024, kind: str = "perspective") -> Camera:
+    def default_camera(
+        self, width: int = 1024, height: int = 1024, kind: str = "perspective", time: float | None = None
+    ) -> Camera:
         """A three-quarter view from a little above, as near as it shows the scene.
 
-        Parts far from all others may lie outside of the picture, and so may a wide ground. An animation is shown as a
-        whole. A scene that encloses a room is shown from inside.
+        Parts far from all others may lie outside of the picture, and so may a wide ground. A scene that encloses a room
+        is shown from inside.
 
         kind : "perspective"; "orthographic", from outside; "top", orthographic from above; or "panoramic", in a room
             from its middle
+        time : seconds; the camera shows this moment of an animation; None: the whole animation
         """
         if kind not in KINDS:
             raise InputError(f"camera kind is {kind!r}; it must be one of {', '.join(KINDS)}")
-        return self.view.camera(width, height) if kind == "perspective" else self.view.other_camera(kind, width, height)
+        view = self.view if time is None else self._view_at(self.clamped(time))
+        return view.camera(width, height) if kind == "perspective" else view.other_camera(kind, width, height)
 
     @property
     def view(self) -> View:
@@ -104,6 +108,10 @@ class AnyScene(ABC):
 
     def _find_view(self) -> View:
         return view_of_box(self.bounds, self.up)
+
+    def _view_at(self, time: float) -> View:
+        """The view of a moment."""
+        return self.view
 
     def default_lights(self, time: float = 0.0) -> list[Light]:
         """The scene's own lights at a time, or daylight: a sun to the viewer's left, and a `Sky`.

@@ -13,7 +13,7 @@ from .materials import OPAQUE, PLAIN, Material
 from .mesh import make_mesh
 from .painted import painted, picture_texture
 from .recentre import frame_origin
-from .sampled import detail, moving_faces, within
+from .sampled import detail, moving_faces, sampled_faces, within
 from .source import Source, StaticMeshes
 from .survey import Survey, faces_of, objects_of
 from .triangles import Triangles
@@ -178,6 +178,12 @@ class Scene(AnyScene):
         box = detail(faces)
         outside = view_of_box(self.bounds, self.up).camera(1, 1)
         return View(within(faces, box), self.up, engine.answer("room_of", self, outside, box))
+
+    def _view_at(self, time: float) -> View:
+        if not self.animated or self.view.room is not None:
+            return self.view
+        faces = sampled_faces(self.source, self.n_triangles, time)
+        return self.view._replace(points=within(faces, detail(faces)))
 
     @property
     def object_of_face(self) -> np.ndarray:

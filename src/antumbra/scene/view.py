@@ -16,7 +16,12 @@ KINDS = "perspective", "orthographic", "top", "panoramic"
 _SUN_ELEVATION, _SUN_AZIMUTH = np.radians(48.0), np.radians(-70.0)  # the azimuth is from the viewer, to the left
 _SUN_WIDTH = 1.5  # degrees; a little softer than the sun's 0.53
 _SUN, _SUN_COLOUR = 4.5, (1.0, 0.95, 0.87)
-_LAMP_HEIGHT, _LAMP_RADIUS = 0.7, 0.1  # shares of the way from a room's middle to its ceiling
+_LAMP_HEIGHT = 0.8  # share of the way from a room's middle to its ceiling, ...
+_LAMP_REACH = (
+    0.6  # ... but at most this share of the way from the eye to the target: in a shaft it lights the walls too
+)
+_LAMP_BACK = 0.5  # share of the way from the middle to the eye
+_LAMP_RADIUS = 0.15  # share of the lamp's height over the middle
 
 
 class View(NamedTuple):
@@ -46,9 +51,10 @@ class View(NamedTuple):
         """Sun and sky; in a closed room a lamp below the ceiling."""
         if self.room is None or self.room.open:
             return [sun(self.up), Sky(up=self.up)]
-        height, upward = self.room.height, axes(self.up)[1]
-        middle = (self.room.middle + self.room.eye) / 2.0 + _LAMP_HEIGHT * height * upward
-        distance = max(height, float(np.linalg.norm(self.room.target - middle)))
+        room = self.room
+        height = min(_LAMP_HEIGHT * room.height, _LAMP_REACH * float(np.linalg.norm(room.target - room.eye)))
+        middle = room.middle + _LAMP_BACK * (room.eye - room.middle) + height * axes(self.up)[1]
+        distance = max(height, float(np.linalg.norm(room.target - middle)))
         return [SphereLight(middle, _LAMP_RADIUS * height, intensity=np.pi * distance**2), Sky(up=self.up)]
 
 

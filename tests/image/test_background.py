@@ -1,0 +1,72 @@
+"""What pictures show where no surface is seen: skies, backdrops, colours, or nothing."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import antumbra as at
+
+FLOOR = at.Scene.from_arrays(
+    [[-2.0, 0, -2], [2, 0, -2], [2, 0, 2], [-2, 0, 2]], [[0, 2, 1], [0, 3, 2]], colours=(0.7, 0.1, 0.1)
+)
+CAMERA = at.Camera((0, 3, 5), (0, 0.8, 0), width=48, height=40)
+LAMP = at.PointLight((0, 2, 0), intensity=1e-4)
+
+
+def rendered(tmp_path, lights, sky=True, adaptive=None, **saved) -> tuple[at.Frame, np.ndarray]:
+    frame = at.render(FLOOR, CAMERA, lights, spp=4, background=sky, adaptive=adaptive)
+    frame.save(tmp_path / "a.png", **saved)
+    return frame, np.array(Image.open(tmp_path / "a.png"))
+
+
+def test_without_a_sky_there_is_a_backdrop_that_sheds_no_light(tmp_path):
+    frame, shown = rendered(tmp_path, LAMP)
+    dark, black = rendered(tmp_path, LAMP, sky=False)
+    assert dark.backdrop is None and not black[~frame.mask].any()
+    assert frame.mask.any() and shown[~frame.mask].min() > 100
+    assert not frame.image[~frame.mask].any()
+    np.testing.assert_array_equal(frame.image, dark.image)
+    np.testing.assert_array_equal(shown[frame.mask], black[frame.mask])
+    y, x = np.argwhere(~frame.mask).T
+    assert shown[y[y == y.min()], x[y == y.min()], 2].mean() > shown[y[y == y.min()], x[y == y.min()], 0].mean()
+
+
+def test_no_exposure_changes_a_backdrop(tmp_path):
+    frame, shown = rendered(tmp_path, LAMP, exposure=1.0)
+    frame.save(tmp_path / "b.png", exposure=1e4)
+    bright = np.array(Image.open(tmp_path / "b.png"))
+    np.testing.assert_array_equal(shown[~frame.mask], bright[~frame.mask])
+    assert bright[frame.mask].mean() > shown[frame.mask].mean() + 20
+
+
+def test_a_backdrop_shines_through_the_edges(tmp_path):
+    frame, shown = rendered(tmp_path, LAMP, adaptive=16)
+    edge = (frame.coverage > 0.3) & (frame.coverage < 0.7)
+    assert edge.any()
+    red, behind = shown[frame.coverage == 1, 2].max(), shown[frame.coverage == 0, 2].min()
+    print(red, behind, shown[edge, 2])
+    assert red < behind and ((shown[edge, 2] > red) & (shown[edge, 2] < behind)).all()
+
+
+def test_a_sky_and_a_colour_win(tmp_path):
+    frame, _ = rendered(tmp_path, [LAMP, at.Sky((0.2, 0.2, 0.2))])
+    assert frame.backdrop is None and np.allclose(frame.image[~frame.mask], 0.2)
+    frame, shown = rendered(tmp_path, LAMP, background=(0.0, 1.0, 0.0))
+    assert (shown[~frame.mask] == (0, 255, 0)).all()
+    frame, shown = rendered(tmp_path, LAMP, background="transparent")
+    assert (shown[..., 3] == 255 * frame.mask).all()
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_the_horizon_is_level(up):
+    turned = at.Scene.from_arrays([[0.0, 0, 0], [1, 0, 0], [0, 1, 1]], up=up)
+    along, above = ((0, 0, -1), (0, 1, 0)) if up == "y" else ((0, 1, 0), (0, 0, 1))
+    camera = at.Camera((9, 9, 9), np.add((9, 9, 9), along), above, 90, 32, 32)
+    frame = at.render(turned, camera, LAMP)
+    assert not frame.mask.any() and np.ptp(frame.backdrop[15:17], axis=1).max() < 0.05
+    assert frame.backdrop[15].mean() > 1.1 * max(frame.backdrop[0].mean(), frame.backdrop[-1].mean())
+
+
+def test_nothing_is_kept_where_surfaces_fill_the_picture():
+    down = at.Camera((0, 1, 0), (0, 0, 0), up=(0, 0, -1), width=8, height=8)
+    assert at.render(FLOOR, down, LAMP).backdrop is None
