@@ -78,7 +78,7 @@ def test_a_moment_of_an_animation_fills_its_picture(tmp_path):
 def test_a_lamp_hangs_below_the_ceiling_of_its_room_and_lights_most_of_it():
     around = np.concatenate([block((-5, -1, -3), (5, 3, 3), inward=True), block((-5.2, -1.2, -3.2), (5.2, 3.2, 3.2))])
     scene = at.Scene.from_arrays(
-        np.concatenate([around, blocks(60, (4, 1, 2.5)), block((-0.5, 1, -0.5), (0.5, 2, 0.5))])
+        np.concatenate([around, blocks(60, (4, 1, 2.5)), block((-0.2, 1.4, -0.2), (0.2, 2, 0.2))])
     )
     lamp = scene.default_lights()[0]
     assert 0.5 < lamp.center[1] < 3.0 - lamp.radius and 2.0 < scene.view.room.height < 5.0

@@ -111,8 +111,8 @@ def _room(point: np.ndarray, around: _Around, up: np.ndarray) -> Room:
 def _ceiling(around: _Around, up: np.ndarray) -> float:
     """How far above the point the ceiling is. Things that hang below it do not count."""
     heights = around.directions @ up * around.distances
-    above = heights[(around.directions @ up > 0.9) & np.isfinite(heights)]
-    return float(np.quantile(above, 0.8)) if len(above) else 0.0
+    above = heights[(around.directions @ up > 0.3) & np.isfinite(heights)]
+    return float(np.quantile(above, 0.9)) if len(above) else 0.0
 
 
 def _free_way(around: _Around, way: np.ndarray) -> float:
