@@ -9,6 +9,7 @@ first frame.
 import json
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
@@ -35,6 +36,32 @@ class AnimationJob(NamedTuple):
     load: float  # seconds that reading the scene took
     pattern: Path  # path of the pictures, with # for the frame's number
     overwrite: bool  # whether finished frames are rendered again
+    film: Path | None = None  # the film that the pictures become
+
+
+def film_path(output: Path | None, sequence: Sequence | None, asked: RenderOptions) -> Path | None:
+    """The film that `output` names, checked; None if it names pictures."""
+    from ..image.film import SUFFIXES, check_film
+
+    if output is None or output.suffix.lower() not in SUFFIXES:
+        return None
+    if sequence is None:
+        raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
+    if isinstance(asked.background, str):
+        raise InputError("--background transparent is for .png files; films have no alpha, give a colour")
+    return check_film(output)
+
+
+def pictures_of(film: Path) -> Path:
+    """The pattern of a film's pictures while they are rendered."""
+    return film.with_name(film.name + ".frames") / "######.png"
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); the pictures of the film go there") from error
 
 
 def output_path(output: Path | None, stem: str, sequence: Sequence | None) -> Path:
@@ -62,6 +89,8 @@ def render_frames(job: AnimationJob, sequence: Sequence, display: ProgressDispla
     """Render all frames that are not finished."""
     job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
     job.asked.direct_lights(job.scene, 0.0)
+    if job.film is not None:
+        _make_folder(job.pattern.parent)
     last = sequence.time(sequence.numbers[-1])
     if last > job.scene.duration and not job.asked.quiet:
         say(f"note: the animation ends after {job.scene.duration:g} s; frames after that show its end")
@@ -75,6 +104,8 @@ def render_frames(job: AnimationJob, sequence: Sequence, display: ProgressDispla
         done = sum(len(animation.numbers[state]) for state in ("rendered", "finished"))
         say(f"{done} of {len(sequence.numbers)} frames are finished; the same command goes on from there")
         raise
+    if job.film is not None and not animation.numbers["failed"]:
+        animation.write_film(job.film, display)
     return animation
 
 
@@ -177,6 +208,20 @@ class Animation:
         each = sum(self.seconds) / len(self.seconds)
         return f" ({report.duration(self.seconds[-1])} the last, about {report.duration(each * left)} left)"
 
+    def write_film(self, film: Path, display: ProgressDisplay) -> None:
+        """Write the film, and remove its pictures."""
+        from ..image.film import write_film
+
+        numbers = self.sequence.numbers
+        pictures = [numbered(self.job.pattern, number) for number in numbers]
+        told = lambda done, count: display.say("writing the film", done, count)
+        write_film(pictures, film, self.sequence.fps / numbers.step, told)
+        folder = self.job.pattern.parent
+        for picture in folder.glob("[0-9]*.png"):
+            picture.unlink()
+        with suppress(OSError):  # somebody else's files are there
+            folder.rmdir()
+
     def tell(self) -> int:
         """Print a summary of all frames and return the exit code."""
         if self.job.asked.json:
@@ -191,7 +236,7 @@ class Animation:
         asked, numbers, n = self.job.asked, self.sequence.numbers, max(1, len(self.seconds))
         return {
             "frames": {"first": numbers[0], "last": numbers[-1], "step": numbers.step, "fps": self.sequence.fps},
-            "output": str(self.job.pattern),
+            "output": str(self.job.film or self.job.pattern),
             "scene": summary.scene_answer(asked, self.job.scene),
             **asked.options(),
             "exposure": self.exposure,
@@ -204,8 +249,11 @@ class Animation:
     def _fields(self) -> Iterator[tuple[str, str]]:
         asked, numbers = self.job.asked, self.sequence.numbers
         first, last = (numbered(self.job.pattern, numbers[i]) for i in (0, -1))
-        yield "pictures", f"{first} to {last.name}"
-        failed = self.numbers["failed"]
+        failed, film = self.numbers["failed"], self.job.film
+        if film is not None and not failed:
+            yield "film", f"{film}, {len(numbers) * numbers.step / self.sequence.fps:.3g} s"
+        else:
+            yield "pictures", f"{first} to {last.name}" + (f"; {film} is not written" if film else "")
         counts = [f"{len(self.numbers['rendered'])} rendered"]
         counts += [f"{len(self.numbers['finished'])} were finished"] if self.numbers["finished"] else []
         counts += [f"{len(failed)} failed ({', '.join(map(str, failed))})"] if failed else []

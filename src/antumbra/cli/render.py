@@ -5,7 +5,7 @@ from time import perf_counter
 
 from ..output import checked_output
 from . import arguments, renderpage, report, summary
-from .frames import AnimationJob, output_path, render_frames
+from .frames import AnimationJob, film_path, output_path, pictures_of, render_frames
 from .options import takes
 from .planreport import print_choices
 from .progress import ProgressDisplay
@@ -46,7 +46,7 @@ def render(given: RenderArguments) -> int:
     Frame k of --frames shows the time k / fps; later frames show the animation's end. A frame is not rendered again if
     its file exists already, from the same scene and options. So an interrupted command continues when you repeat it.
     All frames have the exposure of the first one, unless --exposure is given. If a frame fails, its error is shown and
-    the others continue; the exit code is then 2.
+    the others continue; the exit code is then 2. A .mp4, .webm or .gif file is a film of the frames.
 
     \b
     Examples
@@ -60,6 +60,7 @@ def render(given: RenderArguments) -> int:
       antumbra render robot.glb --time 1.5 --filter --adaptive
       antumbra render robot.glb --time 1.5 --json
       antumbra render robot.glb --frames 0:240 -o f.####.png
+      antumbra render robot.glb --frames 0:48 --fps 24 -o robot.mp4
       antumbra render robot.glb --frames 0:240 --plan srdh+single --srdh-rays last-frame
       antumbra render "procedural:city?triangles=500k&seed=3"
       antumbra render city.antumbra --max-memory 2G
@@ -68,7 +69,8 @@ def render(given: RenderArguments) -> int:
     given.check()
     asked = given.options()
     sequence = None if given.frames is None else arguments.parse_frames(given.frames, given.time, given.fps)
-    path = output_path(given.output, asked.spec.stem, sequence)
+    film = film_path(given.output, sequence, asked)
+    path = pictures_of(film) if film else output_path(given.output, asked.spec.stem, sequence)
     html = None if given.html is None else checked_output(given.html, (".html",))
     asked.check()
     with ProgressDisplay(asked.quiet) as display:
@@ -79,7 +81,7 @@ def render(given: RenderArguments) -> int:
         load = perf_counter() - start
         display.say("preparing")
         if sequence is not None:
-            animation = render_frames(AnimationJob(asked, opened, load, path, given.overwrite), sequence, display)
+            animation = render_frames(AnimationJob(asked, opened, load, path, given.overwrite, film), sequence, display)
         else:
             linear = path.suffix.lower() == ".exr"
             shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts, linear)

@@ -54,7 +54,8 @@ class RenderArguments:
         typer.Option(
             "--output",
             "-o",
-            help="A .png or .exr file; #### is a frame's number.  [default: SCENE's name.png, here]",
+            help="A .png or .exr file; #### is a frame's number. A .mp4, .webm or .gif file of --frames.  "
+            "[default: SCENE's name.png, here]",
             metavar="FILE",
         ),
     ] = None
