@@ -49,8 +49,8 @@ def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool =
     -------
     Scene or PagedScene
         For a store a `PagedScene`, whose triangles stay on disk. `Scene.appearance` has materials, textures, colours
-        of vertices and normals; `Scene.colours` has their mean colour of each face. CityJSON is coloured by the types of its surfaces and objects, and
-        `Scene.city` names them.
+        of vertices and normals; `Scene.colours` has their mean colour of each face. CityJSON is coloured by the types
+        of its surfaces and objects, and `Scene.city` names them.
 
     Raises
     ------
