@@ -42,7 +42,8 @@ class Eye(NamedTuple):
 
 def eye_of(rays: CameraRays, parts: int) -> Eye:
     """The eye of a camera, in the frame of the triangles; `parts`: sub-pixels along a side of a pixel."""
-    return Eye(*map(float, rays.origin), float(np.linalg.norm(rays.dy)) / parts)
+    x, y, z = map(float, rays.origin)
+    return Eye(x, y, z, float(np.linalg.norm(rays.dy)) / parts)
 
 
 @inlined

@@ -26,13 +26,22 @@ class Pictures(NamedTuple):
 
 def pictures_of(textures: list[Texture | None]) -> Pictures:
     """The textures; those that are None may not be looked up."""
-    held = [(t.pixels, t.mips, t) if t is not None else None for t in textures]
-    ints = lambda rows, kind: np.array(list(rows), kind)
-    address = lambda k: ints((0 if h is None else h[k].ctypes.data for h in held), np.int64)
-    sizes = ints(((0, 0) if h is None else h[0].shape[1::-1] for h in held), np.int32).reshape(-1, 2)
-    wraps = ints(((0, 0) if h is None else (h[2].wrap_s, h[2].wrap_t) for h in held), np.int32).reshape(-1, 2)
-    nearest = ints((h is not None and h[2].nearest for h in held), np.bool_)
-    return Pictures(address(0), address(1), sizes, wraps, nearest, LINEAR)
+    n = len(textures)
+    found = Pictures(
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+        np.zeros((n, 2), np.int32),
+        np.zeros((n, 2), np.int32),
+        np.zeros(n, np.bool_),
+        LINEAR,
+    )
+    for i, texture in enumerate(textures):
+        if texture is not None:
+            found.pixels[i], found.mips[i] = texture.pixels.ctypes.data, texture.mips.ctypes.data
+            found.sizes[i] = texture.pixels.shape[1::-1]
+            found.wraps[i] = texture.wrap_s, texture.wrap_t
+            found.nearest[i] = texture.nearest
+    return found
 
 
 @inlined
@@ -88,13 +97,14 @@ def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
 @inlined
 def _at_level(pictures, k, level, u, v, nearest):
     """Texture k at (u, v), in a mip level."""
+    one = np.int64(1)
     w, h = np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1])
-    texels, start = i32_at(pictures.pixels[k]), 0
+    texels, start = i32_at(pictures.pixels[k]), np.int64(0)
     if level > 0:
         for _ in range(level - 1):
-            w, h = max(w >> 1, 1), max(h >> 1, 1)
+            w, h = max(w >> one, one), max(h >> one, one)
             start += w * h
-        w, h = max(w >> 1, 1), max(h >> 1, 1)
+        w, h = max(w >> one, one), max(h >> one, one)
         texels = i32_at(pictures.mips[k] + 4 * start)
     return _bilinear(texels, ptr(pictures.linear), w, h, pictures.wraps[k, 0], pictures.wraps[k, 1], u, v, nearest)
 

@@ -31,12 +31,16 @@ class AnyScene(ABC):
     city: CityModel | None = None  # of a CityJSON file
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
-    appearance: Appearance | None = None  # textures and shading normals; a store has none
     _view: View | None = None
 
     @property
     @abstractmethod
     def n_triangles(self) -> int: ...
+
+    @property
+    def appearance(self) -> Appearance | None:
+        """Textures, colours of vertices, shading normals and alpha. A store has none."""
+        return None
 
     @property
     @abstractmethod

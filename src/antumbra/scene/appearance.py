@@ -96,10 +96,10 @@ def _normals(parts: list[_Part], n: int) -> tuple[np.ndarray | None, np.ndarray 
         linear = np.where(flat[:, None, None], np.eye(3), linear)  # scaled to nothing at rest: the file's frame will do
         corners = rest.astype(np.float64) @ linear.transpose(0, 2, 1)
         turned = normals.astype(np.float64) @ np.linalg.inv(linear)  # by the inverse transpose
-        vectors = [each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned)]
-        out[part.rows] = in_frames(*vectors)
+        corners, turned = (each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned))
+        out[part.rows] = in_frames(corners, turned)
         vertices = part.faces + len(rest) * np.arange(part.copies)[:, None, None]
-        bends[part.rows] = _bends(*vectors, vertices.reshape(-1, 3), part.copies * len(rest))
+        bends[part.rows] = _bends(corners, turned, vertices.reshape(-1, 3), part.copies * len(rest))
     return out, bends
 
 

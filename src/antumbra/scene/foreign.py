@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 from .materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
 from .mesh import Mesh, linear_colours, make_mesh
-from .painted import painted
+from .painted import painted, upright
 from .picture import rgba_of
 
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
@@ -111,8 +111,7 @@ def _trimesh(mesh, name: str, notes: list[str]) -> Iterator[Foreign]:
     elif kind == "face":
         yield made._replace(colours=visual.face_colors)
     else:
-        uv = getattr(visual, "uv", None)
-        uv = None if np.shape(uv) != (len(mesh.vertices), 2) else np.array([0, 1]) + np.array([1, -1]) * uv
+        uv = upright(getattr(visual, "uv", None), len(mesh.vertices))
         yield made._replace(material=_material(getattr(visual, "material", None), name), uv=uv)
 
 

@@ -14,7 +14,7 @@ REPEAT, CLAMP, MIRROR = 0, 1, 2
 OPAQUE, MASK, BLEND = "OPAQUE", "MASK", "BLEND"
 """What alpha means: nothing; a hole below the cutoff; the share of light that the surface stops."""
 
-_GLANCE = 512  # pixels of a side that are enough for mean colours
+_GLANCE = 256  # pixels of a side that are enough for mean colours
 
 
 @dataclass(frozen=True, eq=False)

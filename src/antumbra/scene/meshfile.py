@@ -12,7 +12,7 @@ from ..errors import InputError
 from .files import checked_file, sibling
 from .materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
 from .mesh import Mesh, make_mesh
-from .painted import painted
+from .painted import painted, upright
 from .picture import decoded
 from .source import StaticMeshes
 
@@ -111,8 +111,7 @@ def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
     if colours is not None:
         return mesh
     of_vertices = np.asarray(part.visual.vertex_colors) if part.visual.kind == "vertex" else None
-    uv = getattr(part.visual, "uv", None)
-    uv = np.array([0, 1]) + np.array([1, -1]) * uv if np.shape(uv) == (len(positions), 2) else None
+    uv = upright(getattr(part.visual, "uv", None), len(positions))
     normals = part.vertex_normals if "vertex_normals" in part._cache else None  # those of the file
     material = _material(getattr(part.visual, "material", None), textures)
     return painted(mesh, faces, len(positions), material, where, uv, of_vertices, normals)

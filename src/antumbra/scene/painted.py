@@ -53,3 +53,9 @@ def picture_texture(picture, where: str) -> Texture:
         raise InputError(f"{where}: texture must be (h, w, 3) or (h, w, 4) uint8, not {pixels.dtype} {pixels.shape}")
     opaque = np.full((*pixels.shape[:2], 1), 255, np.uint8)
     return Texture(where, np.ascontiguousarray(np.concatenate([pixels, opaque], axis=2)[..., :4]))
+
+
+def upright(uv, n_vertices: int) -> np.ndarray | None:
+    """Texture coordinates of trimesh and OBJ, which count v from below, as v down; None unless there are (n, 2)."""
+    given = np.asarray([] if uv is None else uv)
+    return np.array([0, 1]) + np.array([1, -1]) * given if given.shape == (n_vertices, 2) else None

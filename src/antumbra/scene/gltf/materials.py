@@ -88,15 +88,17 @@ class Materials:
         index = source.whole("source", None, high=len(self._images))
         if index is None:
             ktx = texture.extension("KHR_texture_basisu") is not None
-            return self._white(texture.where, f"it is KTX2; {CURE_TEXTURES}" if ktx else "its format is not supported")
+            self._white(texture.where, f"it is KTX2; {CURE_TEXTURES}" if ktx else "its format is not supported")
+            return None
         number = texture.whole("sampler", None, high=len(self._samplers))
         sampler = Fields({}, texture.where) if number is None else self._samplers[number]
-        wraps = (_WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
-        key = index, *wraps, sampler.whole("magFilter", 0) == _NEAREST, has_alpha
+        wrap_s, wrap_t = (_WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
+        nearest = sampler.whole("magFilter", 0) == _NEAREST
+        key = index, wrap_s, wrap_t, nearest, has_alpha
         image = self._images[index]
         if key not in self._made and index not in self._bad:
             try:
-                made = Texture(image.where, self._bytes(image), *key[1:4], has_alpha=has_alpha)
+                made = Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
                 made.glance  # noqa: B018  # decodes: mean colours need it, and errors are told here
                 self._made[key] = made
             except (OSError, ValueError) as error:  # an InputError is a ValueError
