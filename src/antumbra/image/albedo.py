@@ -11,10 +11,12 @@ from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import get, ptr, put
 from ..scene.appearance import Appearance
 from ..scene.camera import CameraRays
+from ..scene.listed_rays import ListedRays
 from ..scene.materials import Texture
 from .corners import Places, along, cross, dot, frame_of, minus, point_at, weights
 from .texels import Pictures, looked_up, pictures_of
 
+_FAR = 1e4  # heights of an orthographic picture
 _GRAZING = 0.02  # a footprint is at most as stretched as at this cosine
 
 
@@ -38,18 +40,24 @@ class Eye(NamedTuple):
     y: float
     z: float
     pixel: float  # width of a pixel at depth 1
+    least: float  # and at depth 0
 
 
-def eye_of(rays: CameraRays, parts: int) -> Eye:
+def eye_of(rays: CameraRays | ListedRays, parts: int) -> Eye:
     """The eye of a camera, in the frame of the triangles; `parts`: sub-pixels along a side of a pixel."""
-    x, y, z = map(float, rays.origin)
-    return Eye(x, y, z, float(np.linalg.norm(rays.dy)) / parts)
+    place = np.asarray(rays.origin, np.float64)
+    if isinstance(rays, CameraRays):
+        return Eye(*place.tolist(), float(np.linalg.norm(rays.dy)) / parts, 0.0)
+    if rays.extent is None:
+        return Eye(*place.tolist(), np.pi / rays.height / parts, 0.0)
+    far = place - _FAR * rays.extent * rays.axes[2]  # where parallel rays come from, about
+    return Eye(*far.tolist(), 0.0, rays.extent / rays.height / parts)
 
 
 @inlined
 def _footprint(frame, n, p, eye, depth):
     """Two vectors in the plane of a triangle (unit normal n): the sides of what a pixel covers around its point p."""
-    size = eye.pixel * depth
+    size = eye.pixel * depth + eye.least
     d = minus(p, (eye.x, eye.y, eye.z))
     distance = np.sqrt(dot(d, d))
     towards = dot(d, n)
