@@ -45,13 +45,17 @@ class Eye(NamedTuple):
 
 def eye_of(rays: CameraRays | ListedRays, parts: int) -> Eye:
     """The eye of a camera, in the frame of the triangles; `parts`: sub-pixels along a side of a pixel."""
-    place = np.asarray(rays.origin, np.float64)
     if isinstance(rays, CameraRays):
-        return Eye(*place.tolist(), float(np.linalg.norm(rays.dy)) / parts, 0.0)
+        return _eye(rays.origin, float(np.linalg.norm(rays.dy)) / parts, 0.0)
     if rays.extent is None:
-        return Eye(*place.tolist(), np.pi / rays.height / parts, 0.0)
-    far = place - _FAR * rays.extent * rays.axes[2]  # where parallel rays come from, about
-    return Eye(*far.tolist(), 0.0, rays.extent / rays.height / parts)
+        return _eye(rays.origin, np.pi / rays.height / parts, 0.0)
+    far = rays.origin - _FAR * rays.extent * rays.axes[2]  # where parallel rays come from, about
+    return _eye(far, 0.0, rays.extent / rays.height / parts)
+
+
+def _eye(place: np.ndarray, pixel: float, least: float) -> Eye:
+    x, y, z = map(float, place)
+    return Eye(x, y, z, pixel, least)
 
 
 @inlined
