@@ -50,6 +50,7 @@ if typing.TYPE_CHECKING:
     from .scene.triangles import Triangles
     from .store.build import BuildReport
     from .store.scene import PagedScene
+    from .viewer.show import Viewer, view
 
 __version__ = "0.1.0"
 
@@ -88,6 +89,7 @@ __all__ = [
     "Suns",
     "Table",
     "Triangles",
+    "Viewer",
     "Viewshed",
     "Visibility",
     "VisibilityMatrix",
@@ -108,6 +110,7 @@ __all__ = [
     "suns_of",
     "times_of",
     "vertex_sensors",
+    "view",
     "viewshed",
     "virtual_point_lights",
     "visibility",
@@ -169,6 +172,7 @@ _HOMES = {
     "store.build": ["BuildReport"],
     "store.scene": ["PagedScene"],
     "rendering.virtual_lights": ["virtual_point_lights"],
+    "viewer.show": ["Viewer", "view"],
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

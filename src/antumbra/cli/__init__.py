@@ -6,6 +6,7 @@
 - explain, culling: pictures of the work of plans
 - compare, comparearguments, comparesummary, comparepage: ``antumbra compare``, plans side by side
 - bake: ``antumbra bake``, light and occlusion into glTF files
+- view: ``antumbra view``, a scene in the browser
 - sun, los, viewshed, matrix, dataset: the jobs; joboptions: their common options
 - build, info, warmup, plans: stores, contents of scenes, compiling ahead, and the list of methods
 - doctor: the state of the installation; panels: options of help in groups

@@ -23,6 +23,7 @@ from . import (
     render,
     scenes,
     sun,
+    view,
     viewshed,
     warmup,
 )
@@ -37,6 +38,7 @@ app = typer.Typer(
 )
 app.command("render")(render.render)
 app.command("sun")(sun.sun)
+app.command("view", cls=Grouped)(view.view)
 app.command("bake")(bake.bake)
 app.command("los")(los.los)
 app.command("viewshed")(viewshed.viewshed)

@@ -21,7 +21,7 @@ from .list_irradiance import list_irradiance
 AMBIENT = 0.12
 """Ambient irradiance as a share of the mean unoccluded direct irradiance of the visible surfaces."""
 
-_ONE, _SIDEWAYS = np.float32(1.0), np.float32(0.65)
+_ONE, SIDEWAYS = np.float32(1.0), np.float32(0.65)
 """Share of the ambient light for surfaces that face up, and for surfaces that face sideways."""
 
 
@@ -62,7 +62,7 @@ def _light_row(rows, normal, up, ambient, start, w, sums):
         open_sky = _ONE
         for k in range(rows.n_skies):
             open_sky *= get(rows.skies, k * rows.step + start + x)
-        sky = (_SIDEWAYS + (_ONE - _SIDEWAYS) * get(normal, 3 * (start + x) + up)) * open_sky
+        sky = (SIDEWAYS + (_ONE - SIDEWAYS) * get(normal, 3 * (start + x) + up)) * open_sky
         for c in range(3):
             put(sums, c * w + x, ambient[c] * sky)
     for k in range(rows.n):

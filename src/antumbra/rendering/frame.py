@@ -40,6 +40,7 @@ class Frame(NamedTuple):
     names: tuple[str, ...] = ()  # of the lights, all different: their own, or their kinds, such as "sun"
     backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: what a PNG shows behind; see `render`
     layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
+    ambient: np.ndarray | None = None  # (3,) float32: ambient irradiance of surfaces that face up; 0 with `indirect`
 
     @property
     def coverage(self) -> np.ndarray:

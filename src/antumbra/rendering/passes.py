@@ -63,7 +63,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
         scheduled, source.paging(), str(accelerator.ran(state.ready)), None if chosen is None else chosen.choices,
-        coverage, tuple(light_names(request.lights)), behind(state, surfaces, coverage), layers,
+        coverage, tuple(light_names(request.lights)), behind(state, surfaces, coverage), layers, ambient,
     )  # fmt: skip
 
 

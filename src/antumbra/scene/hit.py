@@ -20,7 +20,8 @@ class HitFaces(NamedTuple):
 class Hit(HitFaces):
     """Nearest hits of rays; leading shape (...) as the rays had. It is a tuple (t, face, u, v).
 
-    The first use of `position` and `normal` fetches the triangles that were hit. A `Hit` that was pickled has neither.
+    The first use of `position`, `normal` and `corners` fetches the triangles that were hit. A `Hit` that was pickled
+    has none of them.
     """
 
     _corners: Callable[[], np.ndarray] | None = None  # the world corners of the faces of hits, (m, 3, 3) float64
@@ -54,6 +55,13 @@ class Hit(HitFaces):
         a, b, c = self._corners_of_hits().swapaxes(0, 1)
         normals = np.cross(b - a, c - a)
         return self._spread(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(..., 3, 3) float64, world: the three corners of the face; NaN on a miss."""
+        out = np.full((*self.face.shape, 3, 3), np.nan)
+        out[self.mask] = self._corners_of_hits()
+        return out
 
     @property
     def object(self) -> np.ndarray:

@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...image.gathered import gathered
+from ...image.list_irradiance import list_irradiance
 from ...kernels.progress import reported
+from ...query.gbuffer import GBuffer
 from ...query.order import morton_codes
 from ...query.receivers import NOTHING, point_receivers
 from ...query.sampling import light_samples
@@ -154,6 +156,11 @@ class Meter:
             return _directions(gathered(query, bits, threads)[..., 1:], query.normals)
         total = np.zeros((*answered[0][0].sides.shape, self.asked.channels), np.float32)
         for light, (query, bits) in zip(self.asked.lights, answered):
+            if light.domain == "list":
+                total += list_irradiance(
+                    _surfaces(query, self._points.triangles.origin), light, query.samples, bits, threads
+                )
+                continue
             sky = light.domain == "hemisphere"
             arrived = (
                 fraction_lit(bits, query.samples.shape[1], threads) if sky else gathered(query, bits, threads)[..., 0]
@@ -169,6 +176,12 @@ class Meter:
 def _grid(blocks: np.ndarray) -> np.ndarray:
     """(4, 4 m): the receivers of m blocks as a picture four rows high, so that each block has all sample sets."""
     return blocks.reshape(-1, SIDE, SIDE).transpose(1, 0, 2).reshape(SIDE, -1)
+
+
+def _surfaces(query: ShadowQuery, origin: np.ndarray) -> GBuffer:
+    """The receivers of a query as the surfaces of a picture."""
+    zero = np.zeros(query.sides.shape, np.float32)
+    return GBuffer(query.origins, query.normals.astype(np.float32), query.ids, zero, query.sides, origin)
 
 
 def _directions(sums: np.ndarray, normals: np.ndarray) -> np.ndarray:

@@ -1,0 +1,132 @@
+"""`antumbra.view`: opens a scene in the browser."""
+
+import sys
+import webbrowser
+from collections.abc import Sequence
+from html import escape
+from time import sleep
+
+from ..jobs.sun.place import Place
+from ..loading import load
+from ..plan import Plan
+from ..rendering.queries import warm_up_rays
+from ..scene.any_scene import AnyScene
+from ..scene.camera import Camera
+from ..scene.lights import Light
+from .model import Model
+from .page import Page
+from .pictures import STEPS_OF_PICTURES, traced
+
+HOST, PORT = "127.0.0.1", 8080
+
+
+class Viewer:
+    """An open page. `antumbra.view` makes it; as a context manager it closes the page at the end.
+
+    Attributes
+    ----------
+    url : str
+        The address of the page.
+    scene : Scene or PagedScene
+    """
+
+    def __init__(self, page: Page):
+        self._page = page
+        self.url, self.scene = page.url, page.model.scene
+
+    @property
+    def time(self) -> float:
+        """The time that the page shows, in seconds. Setting it moves the animation."""
+        return self._page.model.time
+
+    @time.setter
+    def time(self, time: float) -> None:
+        self._page.model.go_to(time)
+        self._page.changed()
+
+    @property
+    def lights(self) -> list[Light]:
+        """The lights that shine, where the user moved them."""
+        return [lamp.light for lamp in self._page.model.shining]
+
+    def wait(self) -> None:
+        """Wait until the page is closed, or for Ctrl-C."""
+        while self._page is not None:
+            sleep(0.2)
+
+    def close(self) -> None:
+        """End the server. A closed page can be closed again."""
+        page, self._page = self._page, None
+        if page is not None:
+            page.close()
+
+    def __enter__(self) -> "Viewer":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"Viewer({self.scene.name!r}, {self.url if self._page is not None else 'closed'})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the page."""
+        if self._page is None:
+            return f"<p>{escape(repr(self))}</p>"
+        return f'<iframe src="{self.url}" width="100%" height="600" style="border: 0"></iframe>'
+
+
+def view(
+    scene, lights: Sequence[Light] | Light | None = None, *, camera: Camera | None = None, time: float = 0.0,
+    plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
+    place: Place | None = None, port: int = PORT, host: str = HOST, browser: bool | None = None,
+) -> Viewer:  # fmt: skip
+    """Show a scene in the browser: pictures by the tracer, lights that can be moved, and what a clicked point sees.
+
+    While the camera moves, the browser shows a stand-in: triangles with baked light. As soon as it rests, traced
+    pictures appear, from coarse to fine. It needs ``antumbra[view]``.
+
+    Parameters
+    ----------
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    lights : list of lights, one light, or None
+        None: ``scene.default_lights(time)``.
+    camera : Camera or None
+        The first view. None: the scene's first camera, or ``scene.default_camera()``.
+    time : float
+        Seconds into the animation.
+    plan, threads, max_memory
+        As in `antumbra.render`.
+    place : Place or None
+        Where on Earth the scene lies (`antumbra.place_of`). The sun then follows a day and an hour.
+    port : int
+        Port of the server; 0: any free one.
+    host : str
+        Address at which the server listens. The default serves this machine alone. ``0.0.0.0`` serves all who can
+        reach it, without a password.
+    browser : bool or None
+        Whether to open a browser. None: not in a notebook, which shows the page itself.
+
+    Returns
+    -------
+    Viewer
+        It has `url` and `close()`.
+
+    Raises
+    ------
+    InputError
+        If viser is missing, the port is busy, or an argument is wrong.
+    """
+    found = scene if isinstance(scene, AnyScene) else load(scene)
+    model = Model(found, lights, camera, time, plan=plan, threads=threads, max_memory=max_memory, place=place)
+    prepare(model)
+    viewer = Viewer(Page(model, host, port))
+    if "ipykernel" not in sys.modules if browser is None else browser:
+        webbrowser.open(viewer.url)
+    return viewer
+
+
+def prepare(model: Model) -> None:
+    """Compile kernels and build the tree, by a first coarse picture. So the page answers as soon as it opens."""
+    warm_up_rays()
+    traced(model, model.first_camera(512, 512), STEPS_OF_PICTURES[0])

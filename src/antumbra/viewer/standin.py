@@ -1,0 +1,120 @@
+"""The stand-in for traced pictures while the camera moves: triangles with baked light, few enough for any browser."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..image.shade import SIDEWAYS
+from ..image.tonemap import roll_off
+from ..jobs.bake.measure import Asked, Meter, Receivers
+from ..query.order import morton_codes
+from ..scene.triangles import Triangles
+from .model import Model
+
+MOST = 100_000
+"""Triangles of the stand-in, each of which the browser gets once for each side."""
+
+_SPP = 8  # rays to each light
+_AT_ONCE = 1 << 14  # receivers between two checks
+_FINER = 1.25  # factor between two sizes that are tried
+_SHORTEST = 1e-3  # of edges of divided faces, as a share of the longest edge
+
+
+class Pieces(NamedTuple):
+    """The triangles of a stand-in, and where their light is measured."""
+
+    corners: np.ndarray  # (n, 3, 3) float32, recentred frame
+    points: np.ndarray  # (n, 3) float64, world: on the face of the scene that the piece stands for
+    normals: np.ndarray  # (n, 3) float64, unit
+    faces: np.ndarray  # (n,) int64: that face
+
+
+def pieces_of(triangles: Triangles, most: int = MOST) -> Pieces:
+    """At most `most` pieces: small faces put together, and then large ones divided."""
+    corners = triangles.vertices
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
+    length = np.linalg.norm(across, axis=1)
+    faces = np.flatnonzero(length > 0.0)
+    if not len(faces):
+        return Pieces(corners[:0], np.empty((0, 3)), np.empty((0, 3)), faces)
+    shown, faces = (corners[faces], faces) if len(faces) <= most else _clustered(corners, faces, most // 2)
+    both = np.concatenate([shown, corners[faces]], 2)  # light is measured on the face: the piece may lie within a wall
+    both, faces = _divided(both, faces, most)
+    points = both[:, :, 3:].astype(np.float64).mean(1) + triangles.origin
+    order = np.argsort(morton_codes(points - points.mean(0)), kind="stable")
+    faces = faces[order]
+    return Pieces(both[order, :, :3], points[order], across[faces] / length[faces, None], faces)
+
+
+def _divided(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Faces cut in four again and again, until edges are short: the pieces (m, 3, k) and their faces (m,).
+
+    corners : (n, 3, k); the first three coordinates count for the length of edges
+    """
+    longest = np.linalg.norm(np.roll(corners[..., :3], 1, 1) - corners[..., :3], axis=2).max(1)
+    size = float(longest.max())
+
+    def times(edge: float) -> np.ndarray:
+        return np.ceil(np.log2(np.maximum(longest / edge, 1.0)))
+
+    while size > _SHORTEST * longest.max() and (4.0 ** times(size / _FINER)).sum() <= most:
+        size /= _FINER
+    left, done = times(size), []
+    while len(corners):
+        last = left <= 0
+        done.append((corners[last], faces[last]))
+        a, b, c = corners[~last].swapaxes(0, 1)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        four = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        corners = np.concatenate([np.stack(each, 1) for each in four])
+        faces, left = np.tile(faces[~last], 4), np.tile(left[~last] - 1, 4)
+    return np.concatenate([pieces for pieces, _ in done]), np.concatenate([owner for _, owner in done])
+
+
+def _clustered(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Faces whose corners move to the middles of the cells of a grid, as coarse as necessary; each triangle once.
+
+    Faces that become lines or points vanish [Rossignac and Borrel 1993].
+    """
+    low, extent = corners.min((0, 1)), float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    cells = 1024.0
+    while True:
+        at = np.floor((corners[faces] - low) * (cells / extent)).astype(np.int64)
+        keys = (at[..., 0] << 42) | (at[..., 1] << 21) | at[..., 2]
+        a, b, c = keys.T
+        whole = np.flatnonzero((a != b) & (b != c) & (c != a))
+        _, first = np.unique(np.sort(keys[whole], 1), axis=0, return_index=True)
+        if len(first) <= most:
+            kept = whole[first]
+            return ((at[kept] + 0.5) * (extent / cells) + low).astype(np.float32), faces[kept]
+        cells /= max(_FINER, (len(first) / most) ** 0.5)
+
+
+def light_of(model: Model, pieces: Pieces, check: Callable = lambda *_: None) -> np.ndarray:
+    """(2, n, 3) float32: the irradiance of the front and of the back of each piece.
+
+    check : called between parts of the work; it may raise an exception to end it
+    """
+    lights, n = [lamp.light for lamp in model.shining], len(pieces.points)
+    asked = Asked("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
+    meter = Meter(model.scene, asked, 2 * n)
+    out = np.zeros((2, n, 3), np.float32)
+    for side, sign in enumerate((1.0, -1.0)):
+        for start in range(0, n, _AT_ONCE):
+            check()
+            part = slice(start, start + _AT_ONCE)
+            receivers = Receivers(pieces.points[part], sign * pieces.normals[part])
+            out[side, part] = meter.values(receivers, what=None)
+    return out
+
+
+def colours_of(light: np.ndarray, normals: np.ndarray, base: np.ndarray, model: Model) -> np.ndarray:
+    """(2, n, 3) float32, linear, in [0, 1]: how pieces look on the screen in this light, as in pictures.
+
+    light : (2, n, 3) float32, irradiance of fronts and backs
+    normals : (n, 3), of the fronts; base : (n, 3) float32, base colours
+    """
+    upwards = normals @ model.stage.up
+    ambient = (SIDEWAYS + (1.0 - SIDEWAYS) * np.stack([upwards, -upwards]))[..., None] * model.ambient
+    return roll_off((light + ambient) * base * ((model.exposure or 1.0) / np.pi)).astype(np.float32)
