@@ -55,11 +55,13 @@ class Marks:
         self._scene.add_icosphere("/point", _POINT, color=_SEEN, position=to_page(found.position))
         lines, colours = sight_lines(found)
         if len(lines):
-            self._scene.add_line_segments("/sights", to_page(lines), colours, line_width=2.5)
+            self._draw("/sights", to_page(lines), colours, 2.5)
         rings = [sight.blocker.corners for sight in found.sights if sight.blocker is not None]
         if rings:
             edges = np.concatenate([np.stack([ring, np.roll(ring, -1, 0)], 1) for ring in rings])
-            self._scene.add_line_segments("/blockers", to_page(edges), _BLOCKED, line_width=4.0)
+            self._scene.add_line_segments(
+                "/blockers", to_page(edges), _BLOCKED, thickness=4.0, thickness_units="screen"
+            )
 
     def _put(self, lamp: lamps.Lamp, place: np.ndarray) -> None:
         on, path = self._shown and lamp.on, f"/lights/{lamp.name}"
@@ -75,7 +77,12 @@ class Marks:
             handle.position = place
         lines = lamps.outline(lamp.light, self._model.stage)
         if len(lines):
-            self._scene.add_line_segments(f"/outlines/{lamp.name}", lines, _LIGHT, line_width=2.0, visible=on)
+            self._scene.add_line_segments(
+                f"/outlines/{lamp.name}", lines, _LIGHT, thickness=2.0, thickness_units="screen", visible=on
+            )
+
+    def _draw(self, name: str, lines: np.ndarray, colours: Any, pixels: float, visible: bool = True) -> None:
+        self._scene.add_line_segments(name, lines, colours, thickness=pixels, thickness_units="screen", visible=visible)
 
     def _mover(self, name: str) -> Callable:
         async def moved(event: Any) -> None:

@@ -86,7 +86,7 @@ class Model:
         """The lights that are on; never none: without any, the first one with intensity 0."""
         found = self.lamps
         on = [lamp for lamp in found if lamp.on and not self._has_set(lamp)]
-        return on or [found[0]._replace(light=replace(found[0].light, intensity=0.0))]
+        return on or [found[0]._replace(light=replace(found[0].light, intensity=0.0), on=False)]
 
     @property
     def sun(self) -> Lamp | None:

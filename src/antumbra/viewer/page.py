@@ -144,7 +144,7 @@ def checked_port(host: str, port: int) -> int:
     except (OSError, OverflowError) as error:
         number = getattr(error, "errno", None)
         if number == errno.EADDRINUSE:
-            raise InputError(f"port {port} is busy; give another one, or 0 for any free port") from None
+            raise InputError(f"port {port} is busy; give another one by --port or port=, 0 for any free port") from None
         if number == errno.EACCES:
             raise InputError(f"port {port} is reserved; give one from 1024 to 65535, or 0 for any free port") from None
         raise InputError(f"cannot listen at {host}, port {port} ({error}); 127.0.0.1 is this machine") from None

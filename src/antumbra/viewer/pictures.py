@@ -80,11 +80,12 @@ def traced(model: Model, camera: Camera, step: Step, check: Check = lambda *_: N
         adaptive=step.spp if step.adaptive else None, progress=check,
     )  # fmt: skip
     model.learn(frame)
-    names = [lamp.name for lamp in model.shining]
     image, note = to_srgb8(frame.image, model.exposure), ""
     if model.looks.show.startswith(SEEN):
         name = model.looks.show.removeprefix(SEEN)
-        image, note = _share(frame, names.index(name) if name in names else None), f"white: all of {name} is seen"
+        shining = [lamp.name if lamp.on else None for lamp in model.shining]
+        share = frame.visibility[shining.index(name)] if name in shining else np.zeros(frame.mask.shape)
+        image, note = _grey(share, frame.mask), f"white: all of {name} is seen"
     return Traced(image, step, perf_counter() - start, frame.rays, note)
 
 
@@ -101,8 +102,7 @@ def shrunk(camera: Camera, coarse: int) -> Camera:
     return camera.resized(*(max(1, round(n / side)) for n in (camera.width, camera.height)))
 
 
-def _share(frame, index: int | None) -> np.ndarray:
-    """(h, w, 3) uint8: the share of a light that each surface sees, from black to white; None: a light that is off."""
-    share = np.zeros(frame.mask.shape) if index is None else frame.visibility[index]
+def _grey(share: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(h, w, 3) uint8: shares from black to white, where a surface is seen."""
     grey = np.round(255.0 * share).astype(np.uint8)[..., None]
-    return np.where(frame.mask[..., None], grey, _UNLIT)
+    return np.where(seen[..., None], grey, _UNLIT)

@@ -1,0 +1,110 @@
+"""`antumbra view`."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+import webbrowser
+
+import pytest
+
+from command_line import TRIANGLES
+
+SCENE = f"procedural:atrium?triangles={TRIANGLES}"
+
+
+@pytest.fixture(autouse=True)
+def _viser():
+    pytest.importorskip("viser", reason="no viser: antumbra view is NOT tested")
+
+
+class Opened:
+    """What a browser was asked to open, instead of opening one."""
+
+    def __init__(self, monkeypatch, found=True):
+        self.pages = []
+        monkeypatch.setattr(webbrowser, "open", lambda url: self.pages.append(url) or found)
+
+
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Ctrl-C comes as soon as the page is open; the list has the viewers."""
+    from antumbra.viewer.show import Viewer
+
+    seen = []
+
+    def wait(viewer):
+        with urllib.request.urlopen(viewer.url, timeout=20) as answer:
+            seen.append((viewer, answer.read(20000).lower()))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Viewer, "wait", wait)
+    return seen
+
+
+def test_the_page_is_opened_and_ctrl_c_ends_it(cli, interrupted, monkeypatch):
+    opened = Opened(monkeypatch)
+    told = cli("view", SCENE, "--port", "0", "--light", "sun:1,-1,0.2")
+    assert told.code == 0 and told.err == ""
+    ((viewer, page),) = interrupted
+    assert b"<html" in page and opened.pages == [viewer.url] and viewer.url in told.out and "Ctrl-C" in told.out
+    assert "closed" in repr(viewer)
+
+
+def test_options_reach_the_page(cli, interrupted, monkeypatch):
+    opened = Opened(monkeypatch)
+    made = []
+    from antumbra.viewer import show
+
+    monkeypatch.setattr(show, "prepare", lambda model: made.append(model))
+    position = "--latitude", "52", "--longitude", "4.4", "--timezone", "+01:00"
+    told = cli("view", SCENE, "--port", "0", "--no-browser", "--quiet", "--sky", "white", "--plan", "bsah+wide",
+               "--camera=0,2,5:0,1,0:40", *position)  # fmt: skip
+    assert told.code == 0 and told.out == told.err == "" and not opened.pages
+    (model,) = made
+    assert model.place.latitude == 52.0 and model.place.timezone == "+01:00" and model.plan == "bsah+wide"
+    assert model.first_camera(10, 10).vfov == 40.0 and "Sky" in [type(lamp.light).__name__ for lamp in model.lamps]
+
+
+def test_without_a_browser_the_address_is_said(cli, interrupted, monkeypatch):
+    Opened(monkeypatch, found=False)
+    told = cli("view", SCENE, "--port", "0")
+    assert told.code == 0 and "no browser was found; open http://127.0.0.1:" in told.err
+
+
+def test_a_busy_port_is_one_line(cli):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        cli("view", SCENE, "--port", taken.getsockname()[1]).refused("is busy", "--port")
+
+
+def test_bad_input_is_refused_before_the_page(cli):
+    cli("view", "missing.glb").refused("missing.glb")
+    cli("view", SCENE, "--port", "70000").refused("port")
+    cli("view", SCENE, "--port", "0", "--timezone", "UTC").refused("--timezone", "--latitude")
+    cli("view", SCENE, "--port", "0", "--plan", "nothing").refused("nothing")
+    cli("view", SCENE, "--host", "192.0.2.1").refused("192.0.2.1", "127.0.0.1")
+
+
+def test_a_missing_package_is_named(cli, monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    cli("view", SCENE).refused("antumbra view needs viser", "antumbra[view]")
+
+
+def test_the_process_ends_cleanly(tmp_path):
+    command = [sys.executable, "-m", "antumbra", "view", SCENE, "--port", "0", "--no-browser"]
+    env = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as process:
+        line = process.stdout.readline()
+        assert "http://127.0.0.1:" in line, process.stderr.read()
+        url = next(word for word in line.split() if word.startswith("http"))
+        with urllib.request.urlopen(url, timeout=60) as answer:
+            assert answer.status == 200
+        time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 0 and out == "" and "Traceback" not in err and "rror" not in err

@@ -1,0 +1,117 @@
+"""The page in headless Chromium, and its server."""
+
+import io
+import socket
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import antumbra as at
+from antumbra.viewer.page import checked_port
+from viewer.pages import CAMERA, SUN, box_on_floor, opened, playwright
+
+WAIT = 60.0  # seconds, at most
+
+
+@pytest.fixture
+def viewer():
+    playwright()  # skips first
+    with at.view(box_on_floor(), SUN, camera=CAMERA, port=0, browser=False) as made:
+        yield made
+
+
+def pixels(page):
+    """(h, w, 3) int of the page."""
+    return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
+
+
+def shown(page, viewer, condition):
+    """The pixels of the page as soon as the condition holds for them."""
+    end = time.monotonic() + WAIT
+    while True:
+        viewer._page.worker.wait(WAIT)
+        found = pixels(page)
+        if condition(found):
+            return found
+        assert time.monotonic() < end, "the page does not show it"
+        time.sleep(0.2)
+
+
+def red(found, y, x):
+    r, g, b = found[y, x]
+    return r > 2 * g and r > 2 * b and r > 60
+
+
+MIDDLE, NORTH, SOUTH = (200, 500), (140, 500), (262, 500)
+"""Places of the page: the top of the box, and the floor beside it."""
+
+
+def bright(found, place):
+    return found[place].min() > 150
+
+
+def dark(found, place):
+    return found[place].max() < 110
+
+
+def test_the_page_shows_the_scene_and_the_sun_moves_its_shadow(viewer):
+    with opened(viewer) as page:
+        found = shown(page, viewer, lambda p: red(p, *MIDDLE) and bright(p, SOUTH) and dark(p, NORTH))
+        assert len(np.unique(found.reshape(-1, 3), axis=0)) > 20
+        _, bearing, _ = page.get_by_role("slider").all()  # exposure, bearing, elevation
+        bearing.press("Home")  # 0 degrees: the sun in the north
+        shown(page, viewer, lambda p: bright(p, NORTH) and dark(p, SOUTH))
+
+
+def test_a_click_says_what_the_point_sees(viewer):
+    with opened(viewer) as page:
+        shown(page, viewer, lambda p: red(p, *MIDDLE))
+        assert page.get_by_text("Click a surface").count() == 1
+        page.mouse.click(*NORTH[::-1])
+        page.get_by_text("behind face").wait_for(timeout=1000 * WAIT)
+        assert page.get_by_text("0 % of 256").count() == 1
+        line = lambda p: ((p[..., 0] > 200) & (p[..., 1] < 120) & (p[..., 2] < 120)).sum() > 20
+        shown(page, viewer, line)
+        page.mouse.click(*SOUTH[::-1])
+        page.get_by_text("100 % of 256").wait_for(timeout=1000 * WAIT)
+
+
+def test_turning_shows_the_stand_in_and_then_the_picture(viewer):
+    with opened(viewer) as page:
+        shown(page, viewer, lambda p: red(p, *MIDDLE))
+        rest = pixels(page)
+        page.mouse.move(400, 330)
+        page.mouse.down()
+        page.mouse.move(460, 250, steps=3)
+        page.mouse.up()
+        turned = shown(page, viewer, lambda p: (np.abs(p - rest).max(2) > 30).mean() > 0.05)
+        reds = (turned[..., 0] > 2 * turned[..., 1]) & (turned[..., 0] > 60)
+        assert reds.sum() > 500  # the box is still there
+
+
+def test_the_viewer_is_a_handle(viewer):
+    assert viewer.url.startswith("http://127.0.0.1:") and viewer.url in repr(viewer)
+    assert viewer.url in viewer._repr_html_() and "iframe" in viewer._repr_html_()
+    (sun,) = viewer.lights
+    assert (sun.direction == SUN.direction).all() and viewer.time == 0.0
+    viewer.time = 5.0
+    assert viewer.time == 0.0  # the scene does not move
+    viewer.close()
+    viewer.close()
+    assert "closed" in repr(viewer) and "iframe" not in viewer._repr_html_()
+    checked_port("127.0.0.1", int(viewer.url.rpartition(":")[2]))  # free again
+    viewer.wait()
+
+
+def test_busy_and_impossible_ports_have_a_cure():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(at.InputError, match=f"port {port} is busy; give another one by --port"):
+            checked_port("127.0.0.1", port)
+    assert 0 < checked_port("127.0.0.1", 0) < 65536
+    with pytest.raises(at.InputError, match="is this machine"):
+        checked_port("192.0.2.1", 8080)

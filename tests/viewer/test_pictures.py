@@ -1,0 +1,107 @@
+"""Traced pictures of a page."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.viewer.model import SEEN, STEPS, Model
+from antumbra.viewer.pictures import MOST_PIXELS, STEPS_OF_PICTURES, Step, at_quality, shrunk, steps_of, traced
+from viewer.pages import CAMERA, SUN, box_on_floor
+
+FINE, SIZE = Step(1, 4), (80, 80)
+
+
+@pytest.fixture
+def model():
+    return Model(box_on_floor(), SUN, CAMERA)
+
+
+@pytest.fixture
+def camera():
+    return CAMERA.resized(*SIZE)
+
+
+def brightness(picture, row, column):
+    return int(picture.image[row, column].astype(int).sum())
+
+
+def test_the_picture_is_the_one_that_render_makes(model, camera):
+    from antumbra.image.tonemap import to_srgb8
+
+    picture = traced(model, camera, FINE)
+    frame = at.render(model.scene, camera, SUN, spp=4, filter=True)
+    assert (picture.image == to_srgb8(frame.image, model.exposure)).all() and picture.rays == frame.rays
+
+
+def test_shadows_follow_the_sun(model, camera):
+    north, south = (28, 40), (52, 40)  # rows count from the top of the picture, which is north
+    picture = traced(model, camera, FINE)
+    assert brightness(picture, *south) > 2 * brightness(picture, *north)
+    model.aim_sun(0.0, 45.0)
+    picture = traced(model, camera, FINE)
+    assert brightness(picture, *north) > 2 * brightness(picture, *south)
+
+
+def test_pictures_become_finer(model, camera):
+    sizes = [traced(model, camera, step).image.shape[:2] for step in STEPS_OF_PICTURES]
+    assert sizes == [(10, 10), (20, 20), (40, 40), (80, 80), (80, 80), (80, 80)]
+    assert [step.spp for step in STEPS_OF_PICTURES] == sorted(step.spp for step in STEPS_OF_PICTURES)
+
+
+def test_large_pages_get_smaller_pictures():
+    small = shrunk(CAMERA.resized(8000, 4000), 1)
+    assert small.width * small.height == pytest.approx(
+        MOST_PIXELS, rel=0.01
+    ) and small.width / small.height == pytest.approx(2, rel=0.01)
+    assert (shrunk(CAMERA.resized(8000, 4000), 8).width, shrunk(CAMERA.resized(3, 3), 8).height) == (1000, 1)
+
+
+def test_a_share_is_white_where_all_of_a_light_is_seen(model, camera):
+    model.looks = model.looks._replace(show=SEEN + "sun")
+    picture = traced(model, camera, FINE)
+    assert picture.image[52, 40].tolist() == [255] * 3 and picture.image[28, 40].tolist() == [0] * 3
+    assert "sun" in picture.note
+    model.switch("sun", False)
+    assert traced(model, camera, FINE).image[52, 40].tolist() == [0] * 3
+
+
+def test_work_is_shown_with_a_legend(model, camera):
+    model.looks = model.looks._replace(show=STEPS)
+    picture = traced(model, camera, steps_of(model)[1])
+    assert picture.image.shape == (20, 20, 3) and len(np.unique(picture.image.reshape(-1, 3), axis=0)) > 2
+    assert "bsah+single" in picture.note and picture.legend.shape[1] == 320
+    model.looks = model.looks._replace(plan="bsah+nothing")
+    with pytest.raises(at.InputError, match="nothing"):
+        traced(model, camera, FINE)
+
+
+def test_the_exposure_stays_until_the_user_changes_it(model, camera):
+    traced(model, camera, FINE)
+    first = model.exposure
+    model.aim_sun(180.0, 5.0)
+    traced(model, camera, FINE)
+    assert model.exposure == first
+    model.looks = model.looks._replace(stops=1.0)
+    assert model.exposure == 2.0 * first
+    model.expose_anew()
+    assert model.exposure is None and model.looks.stops == 0.0
+    traced(model, camera, FINE)
+    assert model.exposure > first
+
+
+def test_coarse_pictures_have_coarse_skies():
+    sky = at.Sky(count=256).named("sky")
+    assert [at_quality(sky, spp).count for spp in (1, 4, 64)] == [16, 64, 256] and at_quality(sky, 1).name == "sky"
+    assert at_quality(SUN, 1) is SUN
+
+
+def test_a_picture_can_be_interrupted(model):
+    class Stop(Exception):
+        pass
+
+    def check(*_):
+        raise Stop
+
+    with pytest.raises(Stop):
+        traced(model, CAMERA.resized(256, 256), Step(1, 16), check)
+    assert traced(model, CAMERA.resized(*SIZE), FINE).image.max() > 0

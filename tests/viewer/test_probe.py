@@ -1,0 +1,73 @@
+"""What a clicked point sees."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.viewer.controls import described
+from antumbra.viewer.marks import sight_lines
+from antumbra.viewer.model import Model
+from antumbra.viewer.probe import probe
+from viewer.pages import CAMERA, SUN, box_on_floor
+
+DOWN = np.array([0.0, -1.0, 0.0])
+
+
+@pytest.fixture
+def model():
+    return Model(box_on_floor(), [SUN, at.Sky(), at.PointLight((0, 9, 0)).named("lamp")], CAMERA)
+
+
+def test_a_point_in_the_shadow_says_what_blocks_it(model):
+    found = probe(model, np.array([0.0, 9.0, -1.2]), DOWN)
+    np.testing.assert_allclose(found.position, (0, 0, -1.2), atol=1e-6)
+    np.testing.assert_allclose(found.normal, (0, 1, 0), atol=1e-6)
+    sun, sky, lamp = found.sights
+    assert (sun.name, sun.share) == ("sun", 0.0) and sun.blocker is not None
+    box = sun.blocker.corners
+    assert np.abs(box).max() <= 2.0 and box[:, 1].max() == 2.0  # a face of the box, and not the floor
+    np.testing.assert_allclose(sun.at, (0, 0.2, -1), atol=1e-5)  # 45 degrees up from z = -1.2 to the side z = -1
+    assert sky.end is None and 0.3 < sky.share < 1.0 and sky.samples == 256
+    assert lamp.share == 0.0 and lamp.blocker is not None
+
+
+def test_a_point_in_the_light_sees_it(model):
+    found = probe(model, np.array([0.0, 9.0, 4.0]), DOWN)
+    sun, _, lamp = found.sights
+    assert sun.share == lamp.share == 1.0 and sun.blocker is None and lamp.at is None
+    np.testing.assert_allclose(lamp.end, (0, 9, 0), atol=1e-5)
+    away = sun.end - found.position
+    np.testing.assert_allclose(away / np.linalg.norm(away), -SUN.direction, atol=1e-6)
+
+
+def test_a_surface_that_faces_away_blocks_itself(model):
+    found = probe(model, np.array([0.0, 1.0, -9.0]), np.array([0.0, 0.0, 1.0]))
+    assert found.sights[0].share == 0.0 and found.sights[0].blocker == found.face
+
+
+def test_the_other_side_of_a_surface_is_asked_if_one_looks_at_it(model):
+    found = probe(model, np.array([4.0, -5.0, 4.0]), -DOWN)
+    assert found.normal[1] == pytest.approx(-1.0) and not any(sight.share for sight in found.sights[::2])
+
+
+def test_beside_the_scene_there_is_nothing(model):
+    assert probe(model, np.array([0.0, 9.0, 0.0]), -DOWN) is None
+    assert "Click a surface" in described(None)
+
+
+def test_the_panel_names_lights_and_blockers(model):
+    found = probe(model, np.array([0.0, 9.0, -1.2]), DOWN)
+    text = described(found)
+    for word in "sun", "Sky", "lamp", "0 % of 256", f"behind face {found.sights[0].blocker.index}", "box &amp; floor":
+        assert word in text, word
+    assert "<td>seen</td>" in described(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
+
+
+def test_lines_end_at_lights_and_blockers(model):
+    found = probe(model, np.array([0.0, 9.0, -1.2]), DOWN)
+    lines, colours = sight_lines(found)
+    assert lines.shape == (4, 2, 3) and colours.shape == (4, 2, 3)  # two for the sun, two for the lamp
+    np.testing.assert_allclose(lines[0], [found.position, found.sights[0].at])
+    np.testing.assert_allclose(lines[1], [found.sights[0].at, found.sights[0].end])
+    lit, yellow = sight_lines(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
+    assert len(lit) == 2 and (yellow == yellow[0, 0]).all() and (yellow[0, 0] != colours[0, 0]).any()

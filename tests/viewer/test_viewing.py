@@ -1,0 +1,95 @@
+"""What one browser gets, with a stand-in for the browser."""
+
+import asyncio
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from antumbra.viewer import viewing as viewings
+from antumbra.viewer.model import Model
+from antumbra.viewer.pictures import STEPS_OF_PICTURES
+from antumbra.viewer.viewing import Viewing, pose_of
+from antumbra.viewer.worker import Worker
+from viewer.pages import CAMERA, SUN, box_on_floor
+
+
+class Browser:
+    """Writes down what a browser would get."""
+
+    client_id = 3
+
+    def __init__(self):
+        self.scene, self.got = self, []
+        self.standin = SimpleNamespace(visible=None)
+
+    def set_background_image(self, image, *_, **__):
+        self.got.append(None if image is None else image.shape[:2])
+
+    def add_glb(self, name, data, visible):
+        self.standin.visible = visible
+        return self.standin
+
+
+def looking(x=0.0, width=64, height=48):
+    """A camera as viser has it, which looks along -z from (x, 0, 20)."""
+    return SimpleNamespace(
+        wxyz=(0.0, 1.0, 0.0, 0.0), position=(x, 0.0, 20.0), fov=0.8, image_width=width, image_height=height
+    )
+
+
+@pytest.fixture
+def viewing(monkeypatch):
+    monkeypatch.setattr(viewings, "REST", 0.02)
+    monkeypatch.setattr(viewings, "_SHOWN", 0.0)
+    worker, drawn = Worker(lambda error: drawn.append(error)), []
+    made = Viewing(Model(box_on_floor(), SUN, CAMERA), worker, Browser(), drawn.append)
+    made.worker, made.drawn, made.browser = worker, drawn, made._client
+    yield made
+    worker.close()
+
+
+def test_poses_come_from_the_browser():
+    pose = pose_of(looking(2.0))
+    np.testing.assert_allclose(pose.target - pose.position, (0, 0, -1), atol=1e-12)
+    np.testing.assert_allclose(pose.up, (0, 1, 0), atol=1e-12)
+    assert (pose.width, pose.height, pose.vfov) == (64, 48, 0.8) and pose_of(looking(width=0)) is None
+
+
+def test_pictures_become_finer_until_the_last(viewing):
+    asyncio.run(viewing.look(looking()))
+    assert viewing.worker.wait(60.0)
+    assert [picture.step for picture in viewing.drawn] == list(STEPS_OF_PICTURES)
+    assert viewing.browser.got == [(6, 8), (12, 16), (24, 32), (48, 64), (48, 64), (48, 64)]
+
+
+def test_a_move_begins_anew_and_other_pixels_do_not(viewing):
+    asyncio.run(viewing.look(looking()))
+    assert viewing.worker.wait(60.0)
+    n = len(viewing.drawn)
+    asyncio.run(viewing.look(looking(width=32, height=24)))
+    assert viewing.worker.wait(60.0) and len(viewing.drawn) == n
+    asyncio.run(viewing.look(looking(1.0)))
+    assert viewing.worker.wait(60.0) and len(viewing.drawn) == 2 * n
+    viewing.begin(0.0)
+    assert viewing.worker.wait(60.0) and len(viewing.drawn) == 3 * n
+
+
+def test_the_stand_in_is_seen_while_the_camera_moves(viewing):
+    asyncio.run(viewing.look(looking()))
+    assert viewing.worker.wait(60.0)
+    viewing.put_standin(b"")
+    assert viewing.browser.standin.visible is False
+    viewing.browser.got.clear()
+    viewings.REST = 1000.0
+    for x in (1.0, 2.0, 3.0):
+        asyncio.run(viewing.look(looking(x)))
+    assert viewing.browser.standin.visible is True and viewing.browser.got == [None]
+    viewings.REST = 0.0
+    asyncio.run(viewing.look(looking(4.0)))
+    assert viewing.worker.wait(60.0) and len(viewing.browser.got) == 1 + len(STEPS_OF_PICTURES)
+    for _ in range(200):
+        if viewing.browser.standin.visible is False:
+            break
+        asyncio.run(asyncio.sleep(0.01))
+    assert viewing.browser.standin.visible is False

@@ -1,0 +1,102 @@
+"""The thread that traces."""
+
+import threading
+
+import pytest
+
+from antumbra.viewer.worker import CLICK, FINE, PICTURE, Interrupted, Worker
+
+
+@pytest.fixture
+def worker():
+    made = Worker()
+    yield made
+    made.close()
+
+
+def until(event):
+    assert event.wait(20.0)
+
+
+def test_the_latest_of_one_name_replaces_earlier_ones(worker):
+    hold, begun, done = threading.Event(), threading.Event(), []
+
+    def first(check):
+        begun.set()
+        until(hold)
+
+    worker.ask("other", PICTURE, first)
+    until(begun)
+    for k in range(5):
+        worker.ask("x", PICTURE, lambda check, k=k: done.append(k))
+    hold.set()
+    assert worker.wait(20.0) and done == [4]
+
+
+def test_work_that_became_void_ends_at_its_check(worker):
+    begun, again, ended = threading.Event(), threading.Event(), []
+
+    def void(check):
+        begun.set()
+        until(again)
+        try:
+            check()
+        except Interrupted:
+            ended.append("void")
+            raise
+
+    worker.ask("x", PICTURE, void)
+    until(begun)
+    worker.ask("x", PICTURE, lambda check: ended.append("new"))
+    again.set()
+    assert worker.wait(20.0) and ended == ["void", "new"]
+
+
+def test_a_click_overtakes_and_the_rest_goes_on(worker):
+    begun, clicked, order, left = threading.Event(), threading.Event(), [], [1, 2, 3]
+
+    def fine(check):
+        begun.set()
+        while left:
+            if len(left) == 2:
+                until(clicked)
+            check()
+            order.append(left.pop(0))
+
+    worker.ask("x", FINE, fine)
+    until(begun)
+    worker.ask("click", CLICK, lambda check: order.append("click"))
+    clicked.set()
+    assert worker.wait(20.0) and order.count("click") == 1 and [k for k in order if k != "click"] == [1, 2, 3]
+    assert order.index("click") <= 2
+
+
+def test_errors_are_told_and_the_thread_lives(worker):
+    told, done = [], threading.Event()
+    failing = Worker(told.append)
+    error = ValueError("no")
+
+    def fail(check):
+        raise error
+
+    failing.ask("x", PICTURE, fail)
+    failing.ask("y", FINE, lambda check: done.set())
+    until(done)
+    failing.close()
+    assert told == [error] and not failing.has("x")
+
+
+def test_work_waits_until_it_is_due(worker):
+    done = []
+    worker.ask("x", PICTURE, lambda check: done.append("late"), after=0.3)
+    worker.ask("y", FINE, lambda check: done.append("soon"))
+    assert worker.wait(20.0) and done == ["soon", "late"]
+
+
+def test_closing_drops_what_waits():
+    worker, done = Worker(), []
+    worker.ask("x", PICTURE, lambda check: done.append(1), after=1000.0)
+    worker.drop("y")
+    assert worker.has("x")
+    worker.close()
+    assert not done and not worker.has("x")
