@@ -103,6 +103,18 @@ def test_the_viewer_is_a_handle(viewer):
     assert "closed" in repr(viewer) and "iframe" not in viewer._repr_html_()
     checked_port("127.0.0.1", int(viewer.url.rpartition(":")[2]))  # free again
     viewer.wait()
+    assert (viewer.camera.position == CAMERA.position).all() and len(viewer.lights) == 1
+
+
+def test_what_the_user_left_can_be_rendered(viewer):
+    with opened(viewer) as page:
+        shown(page, viewer, lambda p: red(p, *MIDDLE))
+        viewer._page.model.aim_sun(0.0, 45.0)
+    np.testing.assert_allclose(viewer.camera.position, CAMERA.position, atol=1e-5)
+    assert (viewer.camera.width, viewer.camera.height) == (1000, 400)
+    frame = at.render(viewer.scene, viewer.camera, viewer.lights, spp=1)
+    lit = frame.visibility[0]
+    assert lit[NORTH] == 1.0 and lit[SOUTH] == 0.0 and frame.mask[MIDDLE]
 
 
 def test_busy_and_impossible_ports_have_a_cure():

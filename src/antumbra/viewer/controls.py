@@ -147,11 +147,11 @@ def described(found: Probe | None) -> str:
         return f"<div style='{_STYLE}'>{_HINT}</div>"
     place = ", ".join(f"{c:.6g}" for c in found.position)
     rows = "".join(
-        f"<tr><td>{escape(sight.name)}</td><td>{100.0 * sight.share:.3g} % of {sight.samples}</td>"
+        f"<tr><td>{escape(sight.name)}</td><td style='white-space: nowrap'>{100.0 * sight.share:.3g} % of {sight.samples}</td>"
         f"<td>{_blocked(sight)}</td></tr>"
         for sight in found.sights
     )
-    head = "<tr><th>light</th><th>samples seen</th><th>centre</th></tr>"
+    head = "<tr><th>light</th><th>seen</th><th>its centre</th></tr>"
     table = f"<table style='border-spacing: 0.5em 0.1em; margin-left: -0.5em'>{head}{rows}</table>"
     return f"<div style='{_STYLE}'>{_face(found.face)}<br>at {place}{table}</div>"
 

@@ -11,7 +11,7 @@ from ..scene.framing import axes
 from ..scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight, tangents
 from .stage import RADIUS, Stage
 
-FAR = 1.2 * RADIUS
+FAR = RADIUS
 """Distance of the handles of suns from the middle of the page."""
 
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 33)
@@ -59,7 +59,7 @@ def outline(light: Light, stage: Stage) -> np.ndarray:
         rings = [_lines(stage.to_page(_ring(light.center, light.radius, axis))) for axis in np.eye(3)]
         return np.concatenate(rings)
     if isinstance(light, DirectionalLight):
-        return np.stack([-FAR * light.direction, -RADIUS * light.direction])[None]
+        return np.stack([-FAR * light.direction, -0.8 * FAR * light.direction])[None]
     return np.empty((0, 2, 3))
 
 

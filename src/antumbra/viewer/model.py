@@ -68,6 +68,7 @@ class Model:
         self._moved: dict[str, Light] = {}
         self._off: set[str] = set()
         self._camera = camera
+        self.seen_by: Camera | None = None  # the camera of the browser that moved last
         self._exposure: float | None = None
         self.ambient = np.zeros(3, np.float32)  # irradiance, as in the latest frame
 

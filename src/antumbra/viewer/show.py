@@ -28,26 +28,35 @@ class Viewer:
     url : str
         The address of the page.
     scene : Scene or PagedScene
+
+    Its camera, lights and time outlive the page: ``at.render(scene, viewer.camera, viewer.lights, time=viewer.time)``.
     """
 
     def __init__(self, page: Page):
-        self._page = page
+        self._page: Page | None = page
+        self._model = page.model
         self.url, self.scene = page.url, page.model.scene
 
     @property
     def time(self) -> float:
         """The time that the page shows, in seconds. Setting it moves the animation."""
-        return self._page.model.time
+        return self._model.time
 
     @time.setter
     def time(self, time: float) -> None:
-        self._page.model.go_to(time)
-        self._page.changed()
+        self._model.go_to(time)
+        if self._page is not None:
+            self._page.changed()
 
     @property
     def lights(self) -> list[Light]:
         """The lights that shine, where the user moved them."""
-        return [lamp.light for lamp in self._page.model.shining]
+        return [lamp.light for lamp in self._model.shining]
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the browser that moved last; before the first one, that of the first view."""
+        return self._model.seen_by or self._model.first_camera(1024, 1024)
 
     def wait(self) -> None:
         """Wait until the page is closed, or for Ctrl-C."""

@@ -19,6 +19,8 @@ _SPP = 8  # rays to each light
 _AT_ONCE = 1 << 14  # receivers between two checks
 _FINER = 1.25  # factor between two sizes that are tried
 _SHORTEST = 1e-3  # of edges of divided faces, as a share of the longest edge
+_MIXED = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64).astype(np.int64)
+"""Odd factors by which three numbers become one, which is very likely another one for three other numbers."""
 
 
 class Pieces(NamedTuple):
@@ -84,7 +86,7 @@ def _clustered(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.nd
         keys = (at[..., 0] << 42) | (at[..., 1] << 21) | at[..., 2]
         a, b, c = keys.T
         whole = np.flatnonzero((a != b) & (b != c) & (c != a))
-        _, first = np.unique(np.sort(keys[whole], 1), axis=0, return_index=True)
+        _, first = np.unique(np.sort(keys[whole], 1) @ _MIXED, return_index=True)
         if len(first) <= most:
             kept = whole[first]
             return ((at[kept] + 0.5) * (extent / cells) + low).astype(np.float32), faces[kept]

@@ -45,6 +45,7 @@ class Viewing:
         if pose is None or (self.pose is not None and same(pose, self.pose)):
             return
         first, self.pose = self.pose is None, pose
+        self.model.seen_by = self.model.stage.camera(pose)
         if self._standin is not None and not self._navigating:
             self._navigating = True
             self._standin.visible = True
