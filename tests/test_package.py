@@ -75,20 +75,8 @@ def test_version():
 # Imports
 
 NAMES_OF_IMPORTS = {"PIL": "pillow"}
-OPTIONAL = {
-    "embreex",
-    "matplotlib",
-    "pvlib",
-    "pandas",
-    "pyproj",
-    "pyarrow",
-    "rasterio",
-    "xatlas",
-    "mitsuba",
-    "open3d",
-    "viser",
-}
-OPTIONAL |= {"drjit"}  # it comes with mitsuba
+OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "pyproj", "pyarrow", "rasterio", "xatlas", "mitsuba", "open3d"}
+OPTIONAL |= {"viser", "drjit"}  # drjit comes with mitsuba
 OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, but does not require it
 
 

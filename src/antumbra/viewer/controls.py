@@ -14,6 +14,7 @@ from .probe import Face, Probe
 
 _HINT = "Click a surface: the panel says which lights it sees, and what blocks them."
 _STYLE = "margin: 0 1em; font-size: 0.8em; text-align: left"
+_UNBROKEN = "white-space: nowrap"
 _STOPS = 6.0  # of exposure, each way
 
 
@@ -147,7 +148,7 @@ def described(found: Probe | None) -> str:
         return f"<div style='{_STYLE}'>{_HINT}</div>"
     place = ", ".join(f"{c:.6g}" for c in found.position)
     rows = "".join(
-        f"<tr><td>{escape(sight.name)}</td><td style='white-space: nowrap'>{100.0 * sight.share:.3g} % of {sight.samples}</td>"
+        f"<tr><td>{escape(sight.name)}</td><td style='{_UNBROKEN}'>{100.0 * sight.share:.3g} % of {sight.samples}</td>"
         f"<td>{_blocked(sight)}</td></tr>"
         for sight in found.sights
     )
