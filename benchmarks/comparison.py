@@ -69,7 +69,9 @@ def start(main: Callable[[], None]) -> None:
 
 def compare(options: argparse.Namespace, measure: Callable, looked_at: Callable = views) -> None:
     """Call ``measure(view, options)`` for each view of ``looked_at``; print and write the rows that it returns."""
-    about = {**machine(max(options.threads)), "isa": options.isa or "native", "embree": describe_embree(options.isa)}
+    command = " ".join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]])
+    about = {"command": command, **machine(max(options.threads)), "isa": options.isa or "native"}
+    about["embree"] = describe_embree(options.isa)
     print(", ".join(f"{k} {v}" for k, v in about.items()), flush=True)
     found = []
     for view in looked_at(options.scene, options.size):

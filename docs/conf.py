@@ -5,7 +5,8 @@ from pathlib import Path
 
 import antumbra
 
-sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent / "scripts")]
 
 project = "Antumbra"
 author = "the Antumbra authors"
@@ -20,6 +21,7 @@ extensions = [
     "fields",
     "help",
     "labels",
+    "pictures",
 ]
 exclude_patterns = ["_build"]
 nitpick_ignore_regex = [("py:.*", ".*")]
@@ -37,3 +39,5 @@ bibtex_default_style = "author-year"
 
 html_theme = "furo"
 html_title = f"Antumbra {release}"
+html_static_path = ["_static"]
+html_css_files = ["antumbra.css"]

@@ -1,13 +1,16 @@
-"""Runs the examples of the documents: the README's commands, and the Python blocks of any page.
+"""Runs the examples of the documents: the README's commands, and the blocks of any page.
 
 python scripts/snippets.py command README.md pytest   prints the one command line that ends with pytest
 python scripts/snippets.py run README.md docs/*.md    runs the Python blocks of each page, as one program
+python scripts/snippets.py all docs/tutorials/*.md    runs the shell blocks (sh) too, all blocks in their order
 """
 
 import os
 import re
+import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -45,10 +48,41 @@ def run(paths: list[Path]) -> None:
         if source.strip():
             print(f"-- {path}", flush=True)
             code = compile(source, str(path), "exec")
-            with tempfile.TemporaryDirectory() as folder:
-                os.chdir(folder)
+            with empty_folder():
                 exec(code, {"__name__": "__main__"})
-                os.chdir(os.path.dirname(folder))
+
+
+def run_all(paths: list[Path]) -> None:
+    """Run the Python and shell blocks of each page in their order, in an empty folder."""
+    for path in paths:
+        print(f"-- {path}", flush=True)
+        text, names = path.read_text(), {"__name__": "__main__"}
+        with empty_folder():
+            for match in _BLOCK.finditer(text):
+                if match[1] == "python":
+                    source = "\n" * text.count("\n", 0, match.start(2)) + match[2]
+                    exec(compile(source, str(path), "exec"), names)
+                elif match[1] == "sh":
+                    run_shell(match[2], Path.cwd())
+
+
+def run_shell(text: str, folder: Path, **options) -> None:
+    """Run shell commands in a folder, with the antumbra and the Python of this process."""
+    tools = {"antumbra": "-m antumbra ", "python": ""}
+    head = "".join(f'{name}() {{ "{sys.executable}" {first}"$@"; }}\n' for name, first in tools.items())
+    subprocess.run(["bash", "-euc", head + text], cwd=folder, check=True, **options)
+
+
+@contextmanager
+def empty_folder():
+    """A new folder as the current one."""
+    before = os.getcwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            yield Path(folder)
+        finally:
+            os.chdir(before)
 
 
 def main(action: str, *arguments: str) -> None:
@@ -56,6 +90,8 @@ def main(action: str, *arguments: str) -> None:
         print(command(Path(arguments[0]), arguments[1]))
     elif action == "run":
         run([Path(a).resolve() for a in arguments])
+    elif action == "all":
+        run_all([Path(a).resolve() for a in arguments])
     else:
         raise SystemExit(__doc__)
 

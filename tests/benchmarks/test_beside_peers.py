@@ -1,7 +1,10 @@
 """Benchmarks with peers run with the installed ones, and without the others."""
 
+import json
+
 import pytest
 
+import wrong_elsewhere
 from antumbra.methods import BUILDERS, own_methods
 
 SMALL = ("--size", 24, 24, "--rounds", 1, "--threads", 1)
@@ -109,3 +112,27 @@ def test_sun(run, small, hidden):
     assert ways == ({"sun_hours"} if without_embree(hidden) else {"sun_hours", "embree numpy", "embree bare"})
     assert all(row["million_pairs_per_second"] > 0 for row in done.rows)
     check_left_out(done, *(["Embree"] if without_embree(hidden) else []))
+
+
+def test_wrong_elsewhere(run, hidden, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{wrong_elsewhere.BEGIN}old\n{wrong_elsewhere.END}after\n")
+    done = run("wrong_elsewhere", "--rays", 30, "--write", page, without=f"{hidden},warp,rtree")
+    names = {row["case"]: row["wrong"] for row in done.rows}
+    assert len(names) == len(done.rows) == 10
+    assert all(wrong["Antumbra"] == 0 for wrong in names.values())
+    assert all(("Embree" in wrong) != without_embree(hidden) for wrong in names.values())
+    assert 0 < sum(row["blocked"] < row["rays"] for row in done.rows) and all(row["blocked"] for row in done.rows)
+    text = page.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
+    assert text.count("\n| ") == 11 and "python benchmarks/wrong_elsewhere.py --rays 30" in text
+
+
+def test_peer_chart(run, tmp_path):
+    pytest.importorskip("matplotlib", reason="no Matplotlib, so no chart: pip install 'antumbra[plot]'")
+    case = {"scene": "forest", "light": "small", "threads": 1, "rounds": 1}
+    rates = {"antumbra": 3.0, "Embree": 2.0}
+    rows = [{**case, "family": family, "mrays": rate} for family, rate in rates.items()]
+    (tmp_path / "in.json").write_text(json.dumps({"machine": {"processor": "some"}, "rows": rows}))
+    run("peer_chart", tmp_path / "in.json", "-o", tmp_path / "chart.svg", rows=False)
+    assert (tmp_path / "chart.svg").read_text().count("<path") > 10

@@ -1,0 +1,76 @@
+"""Draws the shadow rays a second of Antumbra and its peers as bars, from rows that `soft_shadows` wrote.
+
+    python benchmarks/soft_shadows.py --plans bsah+auto --threads 1 --clock cpu --json rows.json
+    python benchmarks/peer_chart.py rows.json ... -o docs/images/peers.svg
+
+Each bar is the median of the best mode of a library. The command, the processor and the versions stand below.
+"""
+
+import argparse
+import json
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from antumbra.extras import needed
+from antumbra.papers.peers.contest import OURS
+
+COLOURS = {OURS: "#d9480f", "Embree": "#1c7ed6", "Mitsuba": "#7048e8", "Open3D": "#868e96"}
+PACKAGES = {"embreex": "Embree", "mitsuba": "Mitsuba", "open3d": "Open3D"}
+
+
+def best(rows: list[dict]) -> dict[tuple[str, int], dict[str, float]]:
+    """(scene and light, threads) -> million rays a second of each family's best mode."""
+    found: dict = {}
+    for row in rows:
+        if row["rounds"]:
+            case = found.setdefault((f"{row['scene']}\n{row['light']} light", row["threads"]), {})
+            case[row["family"]] = max(case.get(row["family"], 0.0), row["mrays"])
+    return found
+
+
+def told(about: dict) -> str:
+    """The lines below the bars."""
+    names = []
+    for package, name in PACKAGES.items():
+        try:
+            names.append(f"{name} ({package} {version(package)})")
+        except PackageNotFoundError:
+            continue
+    command = about.get("command", "python benchmarks/soft_shadows.py").split(" --json")[0]
+    return f"{command}\n{about['processor']}; {', '.join(names)}; best mode of each, medians"
+
+
+def draw(rows: list[dict], about: dict, output: Path) -> None:
+    """Write the chart."""
+    pyplot = needed("matplotlib.pyplot", "the chart", "plot")
+    cases = best(rows)
+    families = [name for name in COLOURS if any(name in case for case in cases.values())]
+    threads = {threads for _, threads in cases}
+    figure, axes = pyplot.subplots(figsize=(8, 3.6), layout="constrained")
+    width = 0.8 / len(families)
+    for k, family in enumerate(families):
+        at = [i + (k - (len(families) - 1) / 2) * width for i in range(len(cases))]
+        heights = [case.get(family, 0.0) for case in cases.values()]
+        bars = axes.bar(at, heights, 0.92 * width, color=COLOURS[family], label=family.replace(OURS, "Antumbra"))
+        axes.bar_label(bars, [f"{height:.1f}" if height else "" for height in heights], fontsize=7, padding=1)
+    axes.set_xticks(range(len(cases)), [name for name, _ in cases], fontsize=8)
+    axes.set_ylabel("million shadow rays a second", fontsize=8)
+    axes.set_title(f"Soft shadows, {' and '.join(map(str, sorted(threads)))} thread(s): more is better", fontsize=10)
+    axes.legend(fontsize=8, frameon=False, ncols=len(families))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_ylim(top=1.18 * max(max(case.values()) for case in cases.values()))
+    figure.supxlabel(told(about), fontsize=6, color="#555555")
+    figure.savefig(output, metadata={"Date": None} if output.suffix == ".svg" else None)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("rows", nargs="+", type=Path, help="files of soft_shadows --json")
+    parser.add_argument("-o", "--output", type=Path, default=Path("peers.svg"))
+    options = parser.parse_args()
+    files = [json.loads(path.read_text()) for path in options.rows]
+    draw([row for file in files for row in file["rows"]], files[0]["machine"], options.output)
+
+
+if __name__ == "__main__":
+    main()

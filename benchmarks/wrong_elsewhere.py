@@ -1,0 +1,198 @@
+"""Wrong answers about rays and shadows: ours and those of peers, counted against exact arithmetic.
+
+    python benchmarks/wrong_elsewhere.py [--rays N] [--seed N] [--threads N] [--json FILE] [--write PAGE]
+
+All get the same float32 triangles, origins and directions (`zoo` makes them), and say which rays are blocked. The truth is
+real arithmetic on these numbers (`zoo_truth`). It says too that no ray leaves a closed mesh.
+
+Points on surfaces have no such truth, because float32 rounds them off their faces. So these meshes are convex: from
+outside, a point sees the sun exactly if the sun is in front of its face, and from inside it never does. Peers must move
+such points first. They get the offset of Mitsuba's `spawn_ray`, and a fixed one of 1e-4, along the normal; the better of
+the two counts. Antumbra gets the points as they are, with their normals.
+
+--write puts the table into a page, between two marks.
+"""
+
+import argparse
+import json
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+import antumbra as at
+from antumbra.errors import InputError
+from antumbra.papers.peers import embree, embree_rays
+from antumbra.papers.peers.ray_sets import ray_set
+from common import has_embree, installed, machine
+from comparison import start
+from peers import mitsuba_rays, open3d_rays, warp_rays
+from zoo import CASES, Case
+from zoo_truth import above, blocked
+
+BEGIN, END = "<!-- benchmarks/wrong_elsewhere.py writes this table -->\n", "<!-- end of the table -->\n"
+RAY_EPSILON = 1500 * 2.0**-24  # of Mitsuba 3
+FIXED = 1e-4
+Peer = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def ours(case: Case) -> np.ndarray:
+    """(n,) bool: Antumbra's answers."""
+    faces = np.arange(3 * len(case.vertices)).reshape(-1, 3)
+    scene = at.Scene.from_arrays(case.vertices.reshape(-1, 3).astype(np.float64), faces)
+    kept = scene.triangles().vertices.astype(np.float64) + scene.origin
+    assert np.array_equal(kept, case.vertices), f"{case.name}: the scene is not the input"
+    if case.faces is None:
+        return scene.occluded(case.origins.astype(np.float64), case.directions)
+    hidden = np.zeros(len(case.origins), bool)
+    for sun in np.unique(case.directions, axis=0):
+        these = (case.directions == sun).all(1)
+        light, points = at.DirectionalLight(-sun.astype(np.float64), angular_diameter=0.0), case.origins[these]
+        seen = at.visibility(scene, points.astype(np.float64), light, normals=normals_of(case)[these], spp=1).seen
+        hidden[these] = ~seen
+    return hidden
+
+
+def normals_of(case: Case) -> np.ndarray:
+    """(n, 3) float64: the unit normals of the points' faces."""
+    a, b, c = case.vertices[case.faces].astype(np.float64).transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def truth(case: Case) -> np.ndarray:
+    """(n,) bool: the right answers."""
+    if case.faces is None:
+        found = blocked(case.vertices, case.origins, case.directions)
+        assert found.all() or not case.inside, f"{case.name}: a ray leaves a closed mesh"
+        return found
+    return case.inside | ~above(case.vertices[case.faces], case.directions)
+
+
+def wrong(peer: Peer, case: Case, right: np.ndarray) -> int:
+    """Wrong answers of a peer; of points on faces with the better of two offsets."""
+    if case.faces is None:
+        return int((peer(case.vertices, case.origins, case.directions) != right).sum())
+    normals, points = normals_of(case), case.origins.astype(np.float64)
+    behind = (normals * case.directions).sum(1) <= 0  # no renderer traces these: the face itself is in the way
+    counts = []
+    for length in (RAY_EPSILON * (1 + np.abs(points).max(1)), np.full(len(points), FIXED)):
+        moved = (points + normals * length[:, None]).astype(np.float32)
+        counts.append(int(((peer(case.vertices, moved, case.directions) | behind) != right).sum()))
+    return min(counts)
+
+
+def _embree(flags: int) -> Peer:
+    def ask(vertices, origins, directions):
+        with embree.Device() as device, embree.EmbreeScene(device, vertices, flags=flags) as scene:
+            return embree_rays.occluded(scene, origins, directions)
+
+    return ask
+
+
+def _trimesh(kind: str) -> Peer:
+    def ask(vertices, origins, directions):
+        import trimesh
+        from trimesh.ray import ray_pyembree, ray_triangle
+
+        mesh = trimesh.Trimesh(vertices.reshape(-1, 3), np.arange(3 * len(vertices)).reshape(-1, 3), process=False)
+        module = {"embree": ray_pyembree, "numpy": ray_triangle}[kind]
+        return module.RayMeshIntersector(mesh).intersects_any(origins, directions)
+
+    return ask
+
+
+def _open3d(vertices, origins, directions):
+    scene = open3d_rays.Open3DScene(vertices)
+    return np.array(scene.trace(scene.write(ray_set(origins, directions), np.arange(len(origins))), np.inf).numpy())
+
+
+def _mitsuba(robust: bool) -> Peer:
+    def ask(vertices, origins, directions):
+        rays, ids = ray_set(origins, directions), np.arange(len(origins))
+        scene = mitsuba_rays.MitsubaScene(vertices, robust)
+        return mitsuba_rays.occluded_of(rays, ids, scene.trace(scene.write(rays, ids)))
+
+    return ask
+
+
+def _rtree():
+    try:
+        import rtree
+    except ImportError as error:
+        raise InputError(f"trimesh without Embree needs rtree ({error}): pip install rtree") from None
+    return rtree
+
+
+def peers() -> dict[str, Peer]:
+    """The installed peers by name; a line names each that is left out."""
+    found: dict[str, Peer] = {}
+    if has_embree():
+        found |= {"Embree": _embree(0), "Embree, robust": _embree(embree.ROBUST), "trimesh, Embree": _trimesh("embree")}
+    if installed(_rtree):
+        found["trimesh, numpy"] = _trimesh("numpy")
+    if installed(open3d_rays.library):
+        found["Open3D"] = _open3d
+    if installed(mitsuba_rays.library):
+        found |= {"Mitsuba": _mitsuba(False), "Mitsuba, robust": _mitsuba(True)}
+    if installed(warp_rays.library):
+        found["Warp"] = warp_rays.occluded
+    return found
+
+
+def count(n: int, seed: int) -> list[dict]:
+    """A row for each case: its name, rays, triangles, blocked rays, and the wrong answers of each contender."""
+    rows, others = [], peers()
+    for make in CASES:
+        case = make(np.random.default_rng(seed), n)
+        right = truth(case)
+        row = {"case": case.name, "triangles": len(case.vertices), "rays": len(right), "blocked": int(right.sum())}
+        row["wrong"] = {"Antumbra": int((ours(case) != right).sum())}
+        row["wrong"] |= {name: wrong(peer, case, right) for name, peer in others.items()}
+        print(f"{case.name}: {row['rays']} rays, {row['blocked']} blocked; wrong: {row['wrong']}", flush=True)
+        rows.append(row)
+    return rows
+
+
+def table(rows: list[dict]) -> str:
+    """The rows as Markdown, a column for each contender."""
+    names = list(rows[0]["wrong"])
+    lines = [f"| case | rays | {' | '.join(names)} |", f"|---|---:|{'---:|' * len(names)}"]
+    for row in rows:
+        counts = " | ".join(f"{row['wrong'][name]:,}" for name in names)
+        lines.append(f"| {row['case']} | {row['rays']:,} | {counts} |")
+    return "\n".join(lines) + "\n"
+
+
+def versions() -> str:
+    """The versions of all libraries that are installed."""
+    found = []
+    for name in ("embreex", "trimesh", "open3d", "mitsuba", "warp-lang"):
+        try:
+            found.append(f"{name} {version(name)}")
+        except ModuleNotFoundError:
+            continue
+    return ", ".join(found)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rays", type=int, default=10_000, help="of each case")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="a page with the marks of the table")
+    options = parser.parse_args()
+    rows = count(options.rays, options.seed)
+    about = {**machine(0), "versions": versions()}
+    if options.json:
+        options.json.write_text(json.dumps({"machine": about, "rows": rows}, indent=1))
+    if options.write:
+        head, _, rest = options.write.read_text(encoding="utf-8").partition(BEGIN)
+        tail = rest.partition(END)[2]
+        told = f"`python benchmarks/wrong_elsewhere.py --rays {options.rays}`, {about['processor']}; {versions()}."
+        options.write.write_text(f"{head}{BEGIN}{table(rows)}\n{told}\n\n{END}{tail}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    start(main)

@@ -1,0 +1,17 @@
+"""Ambient occlusion
+
+The share of the sky that each point sees, weighted by the cosine. No light, no material: only visibility.
+"""
+
+import numpy as np
+from PIL import Image
+
+import antumbra as at
+
+SIZE = 1280, 800
+SPP = 128
+scene = at.load("macross_city.glb")
+camera = scene.default_camera(*SIZE)
+frame = at.render(scene, camera, at.AmbientOcclusion(np.inf), spp=SPP, filter=True)
+picture = np.where(frame.mask, frame.visibility[0] ** 0.7, 0.93)
+Image.fromarray(np.uint8(np.rint(255 * picture))).convert("RGB").save("ambient_occlusion.png")

@@ -1,0 +1,206 @@
+"""Makes the pictures of the docs: runs the programs of docs/gallery/ and examples/, and keeps what they draw.
+
+    python scripts/gallery.py [--only NAME ...] [--quick] [--output FOLDER]
+
+A program of docs/gallery/ writes NAME.png into the current folder; docs/images/gallery/ gets it as NAME.webp, and
+small/NAME.webp. Of examples/NAME.py (its name here), docs/images/examples/ gets the picture and the printed lines.
+
+Programs of real scenes find them in the folder that ANTUMBRA_SCENES names. Without it they are skipped, with a line, and
+their old pictures stay. --quick makes tiny pictures, as the tests do; FOLDER takes the place of docs/images.
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+from snippets import run_shell
+
+ROOT = Path(__file__).resolve().parents[1]
+PROGRAMS, EXAMPLES = ROOT / "docs" / "gallery", ROOT / "examples"
+IMAGES = ROOT / "docs" / "images"
+THUMBNAIL = 400, 250  # pixels
+WIDEST = 1280  # pixels of a picture
+
+CREDITS = {
+    "Fox": 'Model: "Fox" by PixelMannen, CC0; rigging and animation by tomkranis, CC-BY 4.0.',
+    "delft_city": "Model: a part of Delft, by 3dfier of TU Delft, from the open data BGT and AHN.",
+    "godot_room": "Model: of the Godot demo projects, MIT licence.",
+    "japanese_temple": 'Model: "Japanese Temple Model" by Aditya3D, CC-BY 4.0.',
+    "macross_city": 'Model: "SD Macross City Standoff Diorama" by tipatat, CC-BY 4.0.',
+    "robot": "Model: of the raylib examples, CC0.",
+    "sanmiguel_lite": "Model: a part of San Miguel by Guillermo M. Leal Llaguno, CC-BY 3.0.",
+    "stanford_bunny": "Model: from the Stanford Computer Graphics Laboratory.",
+    "truck_town": "Model: of the Godot demo projects, MIT licence.",
+    "zdm2": "Model: map zdm2 of Cube 2: Sauerbraten, CC-BY 4.0.",
+}
+"""Real scenes by the names of their files in programs, with the credits that their licences ask for."""
+
+_QUICK = {
+    r"^SIZE = .*$": "SIZE = 48, 32",
+    r"^(SPP|BOUNCE) = .*$": r"\1 = 4",
+    r"^TRIANGLES = .*$": "TRIANGLES = 5_000",
+    r"--size \d+x\d+": "--size 48x32",
+    r"--bounce \d+": "--bounce 4",
+    r"--preset final": "--preset draft",
+    r"triangles=\d\w*": "triangles=5k",
+    r"grid:[\d.]+": "grid:20",
+}
+"""Patterns in programs, and what --quick puts in their place."""
+
+
+class Program(NamedTuple):
+    """A program of docs/gallery/ or examples/."""
+
+    path: Path
+    title: str
+    caption: str
+    code: str  # without the title and the caption
+    scenes: list[str]  # names of CREDITS that it loads
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+    @property
+    def place(self) -> str:
+        """The path in the repository."""
+        return self.path.relative_to(ROOT).as_posix()
+
+    @property
+    def picture(self) -> Path:
+        return IMAGES / self.path.parent.name / f"{self.name}.webp"
+
+    @property
+    def thumbnail(self) -> Path:
+        return self.picture.parent / "small" / self.picture.name
+
+    @property
+    def printed(self) -> Path:
+        return self.picture.with_suffix(".txt")
+
+
+def programs() -> list[Program]:
+    """The programs of docs/gallery/, by name."""
+    return [_program(path) for path in sorted(PROGRAMS.iterdir()) if path.suffix in (".py", ".sh")]
+
+
+def examples() -> list[Program]:
+    """The programs of examples/, by name. Their title ends with the command that runs them."""
+    found = [_program(path) for path in sorted(EXAMPLES.glob("*.py"))]
+    return [each._replace(title=re.sub(r"[:.] python examples/.*", "", each.title)) for each in found]
+
+
+def _program(path: Path) -> Program:
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        _, about, code = text.split('"""', 2)
+    else:
+        head = re.match(r"(#.*\n)+", text)[0]
+        about, code = re.sub(r"^# ?", "", head, flags=re.MULTILINE), text[len(head) :]
+    title, _, caption = about.strip().partition("\n")
+    scenes = [name for name in CREDITS if re.search(rf"\b{name}\.glb\b", code)]
+    return Program(path, title, " ".join(caption.split()), code.strip() + "\n", scenes)
+
+
+def scene_file(name: str) -> Path | None:
+    """The file of a real scene; None if this machine has none."""
+    folder = Path(os.environ.get("ANTUMBRA_SCENES", "nowhere"))
+    files = folder / name / "scene.glb", folder / "gltf" / f"{name}.glb"
+    return next((file.resolve() for file in files if file.is_file()), None)
+
+
+def missing(program: Program) -> list[str]:
+    """The real scenes that a program needs and this machine lacks."""
+    return [name for name in program.scenes if scene_file(name) is None]
+
+
+def drawn(program: Program, folder: Path, quick: bool = False) -> Path:
+    """Run a program of docs/gallery/ in a folder. Returns the picture that it has written there."""
+    for name in program.scenes:
+        (folder / f"{name}.glb").symlink_to(scene_file(name))
+    text = program.path.read_text(encoding="utf-8")
+    text = quickened(text) if quick else text
+    if program.path.suffix == ".sh":
+        run_shell(text, folder, stdout=subprocess.DEVNULL)
+    else:
+        _run_python(text, program.path, folder)
+    return folder / f"{program.name}.png"
+
+
+def quickened(text: str) -> str:
+    """A program with a tiny picture, few rays and few triangles."""
+    for pattern, value in _QUICK.items():
+        text = re.sub(pattern, value, text, flags=re.MULTILINE)
+    return text
+
+
+def _run_python(text: str, path: Path, folder: Path) -> None:
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
+    finally:
+        os.chdir(before)
+
+
+def run_example(program: Program, folder: Path) -> tuple[str, Path | None]:
+    """Run a program of examples/. Returns what it prints, and the first picture that it writes."""
+    command = [sys.executable, program.path, folder]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, cwd=folder)
+    return done.stdout.replace(str(folder), "FOLDER"), next(iter(sorted(folder.glob("*.png"))), None)
+
+
+def keep(picture: Path, target: Path, thumbnail: Path | None = None) -> None:
+    """Write a picture as WebP, and its thumbnail."""
+    from PIL import Image, ImageOps
+
+    image = Image.open(picture).convert("RGB")
+    image.thumbnail((WIDEST, 4 * WIDEST), Image.Resampling.LANCZOS)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    image.save(target, quality=82, method=6)
+    if thumbnail is not None:
+        thumbnail.parent.mkdir(parents=True, exist_ok=True)
+        ImageOps.fit(image, THUMBNAIL, Image.Resampling.LANCZOS).save(thumbnail, quality=78, method=6)
+
+
+def make(program: Program, quick: bool, output: Path) -> None:
+    """Run a program, and keep what it makes."""
+    target, thumbnail = (output / path.relative_to(IMAGES) for path in (program.picture, program.thumbnail))
+    with tempfile.TemporaryDirectory() as folder:
+        if program.path.parent == PROGRAMS:
+            keep(drawn(program, Path(folder), quick), target, thumbnail)
+            return
+        printed, picture = run_example(program, Path(folder))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.with_suffix(".txt").write_text(printed, encoding="utf-8")
+        if picture is not None:
+            keep(picture, target)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="soft_shadows, examples/minimal.py, ...; default: all")
+    parser.add_argument("--quick", action="store_true", help="tiny pictures")
+    parser.add_argument("--output", type=Path, default=IMAGES, metavar="FOLDER")
+    options = parser.parse_args()
+    known = {each.name: each for each in programs()} | {each.place: each for each in examples()}
+    if unknown := set(options.only or ()) - set(known):
+        parser.error(f"no program {', '.join(sorted(unknown))}; there are {', '.join(known)}")
+    for name in options.only or known:
+        if lacking := missing(known[name]):
+            lacks = ", ".join(lacking)
+            print(f"{name}: SKIPPED, {lacks} is not in ANTUMBRA_SCENES; its old picture stays", file=sys.stderr)
+            continue
+        start = time.perf_counter()
+        make(known[name], options.quick, options.output)
+        print(f"{name}: {time.perf_counter() - start:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()

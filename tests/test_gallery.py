@@ -1,0 +1,93 @@
+"""The programs of the docs' gallery run, and the gallery's pictures belong to programs."""
+
+import subprocess
+import sys
+
+import pytest
+from PIL import Image
+
+from test_package import ROOT, _tool
+
+sys.path.append(str(ROOT / "scripts"))  # gallery imports snippets
+gallery = _tool(ROOT / "scripts" / "gallery.py")
+pages = _tool(ROOT / "scripts" / "pages.py")
+PROGRAMS = {program.name: program for program in gallery.programs()}
+NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "sky_view": "pvlib", "day": "pvlib"}
+NEEDS |= {"ray_hierarchy": "matplotlib"}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_program_draws_its_picture(name, tmp_path):
+    if name in NEEDS:
+        pytest.importorskip(NEEDS[name], reason=f"{name} needs {NEEDS[name]}, which is not installed")
+    if lacking := gallery.missing(PROGRAMS[name]):
+        pytest.skip(f"the picture {name} is NOT tried: {', '.join(lacking)} is not in ANTUMBRA_SCENES")
+    text = PROGRAMS[name].path.read_text(encoding="utf-8")
+    assert gallery.quickened(text) != text or name == "ray_hierarchy"
+    picture = Image.open(gallery.drawn(PROGRAMS[name], tmp_path, quick=True)).convert("RGB")
+    assert len(picture.getcolors(1 << 24)) > 20
+
+
+def test_the_gallery_has_programs_with_titles_captions_and_pictures():
+    assert len(PROGRAMS) >= 20
+    for program in PROGRAMS.values():
+        assert program.title and program.caption.endswith(".") and len(program.code.splitlines()) <= 30, program.name
+        assert Image.open(program.picture).width <= gallery.WIDEST
+        assert Image.open(program.thumbnail).size == gallery.THUMBNAIL
+    kept = {path.stem for path in (gallery.IMAGES / "gallery").rglob("*.webp")}
+    assert kept == set(PROGRAMS), "pictures without a program"
+    assert sum(path.stat().st_size for path in (gallery.IMAGES / "gallery").rglob("*.webp")) < 6e6
+
+
+def test_the_gallery_page_lists_all_programs():
+    listed = (ROOT / "docs" / "gallery.md").read_text().partition("```{gallery}\n")[2].partition("```")[0]
+    names = [name for line in listed.splitlines() for name in line.partition(": ")[2].split()]
+    assert sorted(names) == sorted(PROGRAMS)
+
+
+def test_examples_have_what_they_print():
+    for example in gallery.examples():
+        assert example.title and "examples/" not in example.title
+        assert example.printed.read_text(encoding="utf-8").strip(), example.place
+
+
+def test_credits_name_scenes_that_programs_use():
+    used = {name for program in PROGRAMS.values() for name in program.scenes}
+    assert used == set(gallery.CREDITS)
+
+
+def test_without_scenes_programs_are_skipped_with_a_line(tmp_path):
+    command = [sys.executable, ROOT / "scripts" / "gallery.py", "--only", "sun_and_sky", "--output", tmp_path / "out"]
+    done = subprocess.run(command, capture_output=True, text=True, env={"ANTUMBRA_SCENES": str(tmp_path)})
+    assert done.returncode == 0 and not (tmp_path / "out").exists()
+    assert done.stderr == (
+        "sun_and_sky: SKIPPED, japanese_temple is not in ANTUMBRA_SCENES; its old picture stays\n"
+    )
+
+
+# scripts/pages.py
+
+
+def site(folder, body: str):
+    """A site of one page, with an index of the words of `pages.WORDS`."""
+    names = sorted(set(pages.WORDS.values()))
+    terms = {word: names.index(page) for word, page in pages.WORDS.items()}
+    index = f'Search.setIndex({{"docnames": {names!r}, "terms": {terms!r}, "titleterms": {{}}}})'.replace("'", '"')
+    (folder / "searchindex.js").write_text(index)
+    (folder / "page.html").write_text(f'<!doctype html><meta name="viewport" content="width=device-width">{body}')
+    return folder
+
+
+def test_words_that_no_page_has_are_told(tmp_path):
+    assert pages.unfound(site(tmp_path, "")) == []
+    (tmp_path / "searchindex.js").write_text('Search.setIndex({"docnames": ["a"], "terms": {}, "titleterms": {}})')
+    assert len(pages.unfound(tmp_path)) == len(pages.WORDS)
+
+
+def test_pages_that_scroll_sideways_are_told(tmp_path):
+    if pages.chromium() is None:
+        pytest.skip("no Chromium: the widths of pages are NOT checked")
+    site(tmp_path, '<article><p>narrow</p></article><article><div style="width: 500px">wide</div></article>')
+    (tmp_path / "good.html").write_text("<!doctype html><article><p>narrow</p></article>")
+    lines = pages.faults(pages.looked_at(tmp_path, pages.chromium(), None))
+    assert len(lines) == 1 and lines[0].startswith("page.html is ") and "at 390" in lines[0]
