@@ -1,14 +1,14 @@
 """Wrong answers about rays and shadows: ours and those of peers, counted against exact arithmetic.
 
-    python benchmarks/wrong_elsewhere.py [--rays N] [--seed N] [--threads N] [--json FILE] [--write PAGE]
+    python benchmarks/wrong_elsewhere.py [--rays N] [--seed N] [--json FILE] [--write PAGE]
 
-All get the same float32 triangles, origins and directions (`zoo` makes them), and say which rays are blocked. The truth is
-real arithmetic on these numbers (`zoo_truth`). It says too that no ray leaves a closed mesh.
+All get the same float32 triangles, origins and directions (`zoo` makes them), and say which rays are blocked. The truth
+is real arithmetic on these numbers (`zoo_truth`). It says too that no ray leaves a closed mesh.
 
 Points on surfaces have no such truth, because float32 rounds them off their faces. So these meshes are convex: from
 outside, a point sees the sun exactly if the sun is in front of its face, and from inside it never does. Peers must move
-such points first. They get the offset of Mitsuba's `spawn_ray`, and a fixed one of 1e-4, along the normal; the better of
-the two counts. Antumbra gets the points as they are, with their normals.
+such points first. They get the offset of Mitsuba's `spawn_ray`, and a fixed one of 1e-4, along the normal; the better
+of the two counts. Antumbra gets the points as they are, with their normals.
 
 --write puts the table into a page, between two marks.
 """

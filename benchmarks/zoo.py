@@ -109,7 +109,9 @@ def silhouettes(rng, n: int) -> Case:
     vertices, faces = _ball(rng)
     eye = _stepped(3.0 * rng.normal(size=3) / np.sqrt(3) + 2.0, 8.0)
     corners = vertices[faces]
-    front = ((np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * (eye - corners[:, 0])).sum(1)) > 0
+    front = (
+        (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * (eye - corners[:, 0])).sum(1)
+    ) > 0
     edges = {}
     for face, is_front in zip(faces, front):
         for i, j in zip(face, np.roll(face, -1)):

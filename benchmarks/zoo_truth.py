@@ -1,7 +1,7 @@
 """Exact answers for rays and triangles of float32, by integers: the truth of `wrong_elsewhere`.
 
-Every float32 is a whole number of steps of 2^-149. So all sums and products are exact in Python's integers, and signs of
-determinants decide everything. This file shares no formula's code with the package.
+Every float32 is a whole number of steps of 2^-149. So all sums and products are exact in Python's integers, and signs
+of determinants decide everything. This file shares no formula's code with the package.
 """
 
 import numpy as np
@@ -18,9 +18,7 @@ def _integers(values) -> np.ndarray:
 
 
 def _det(a, b, c):
-    return (
-        a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
-    )
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
 
 
 def _columns(rows: np.ndarray) -> list:

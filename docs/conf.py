@@ -22,6 +22,7 @@ extensions = [
     "help",
     "labels",
     "pictures",
+    "shown",
 ]
 exclude_patterns = ["_build"]
 nitpick_ignore_regex = [("py:.*", ".*")]

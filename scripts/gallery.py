@@ -5,8 +5,8 @@
 A program of docs/gallery/ writes NAME.png into the current folder; docs/images/gallery/ gets it as NAME.webp, and
 small/NAME.webp. Of examples/NAME.py (its name here), docs/images/examples/ gets the picture and the printed lines.
 
-Programs of real scenes find them in the folder that ANTUMBRA_SCENES names. Without it they are skipped, with a line, and
-their old pictures stay. --quick makes tiny pictures, as the tests do; FOLDER takes the place of docs/images.
+Programs of real scenes find them in the folder that ANTUMBRA_SCENES names. Without it they are skipped, with a line,
+and their old pictures stay. --quick makes tiny pictures, as the tests do; FOLDER takes the place of docs/images.
 """
 
 import argparse
@@ -185,7 +185,9 @@ def make(program: Program, quick: bool, output: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="soft_shadows, examples/minimal.py, ...; default: all")
+    parser.add_argument(
+        "--only", nargs="+", metavar="NAME", help="soft_shadows, examples/minimal.py, ...; default: all"
+    )
     parser.add_argument("--quick", action="store_true", help="tiny pictures")
     parser.add_argument("--output", type=Path, default=IMAGES, metavar="FOLDER")
     options = parser.parse_args()

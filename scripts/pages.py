@@ -62,10 +62,9 @@ async function load(page, width) {
 
 
 class _Server(http.server.SimpleHTTPRequestHandler):
-    """Serves the site, the page that checks it, and nothing to the terminal. The page posts what it has found."""
+    """Serves the site and the page that checks it, without lines on the terminal."""
 
     check = ""
-    found: list = []
 
     def do_GET(self):
         if self.path == "/_check.html":
@@ -122,7 +121,9 @@ def _shoot(browser: str, address: str, pages: list[str], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for page in pages:
         for width in WIDTHS:
-            _Server.check = f'<body style="margin:0"><iframe src="{page}" style="border:0;width:{width}px;height:1600px">'
+            _Server.check = (
+                f'<body style="margin:0"><iframe src="{page}" style="border:0;width:{width}px;height:1600px">'
+            )
             name = f"{page.removesuffix('.html').replace('/', '-')}-{width}.png"
             size = f"--window-size={max(width, 500)},1600"
             _run(browser, size, "--virtual-time-budget=4000", f"--screenshot={folder / name}", f"{address}_check.html")
@@ -130,7 +131,9 @@ def _shoot(browser: str, address: str, pages: list[str], folder: Path) -> None:
 
 def faults(found: list[dict]) -> list[str]:
     """Lines about pages that scroll sideways, and pictures that are missing."""
-    lines = [f"{f['page']} is {f['wide']} pixels wide at {f['width']}: {f['past']}" for f in found if f["wide"] > f["width"]]
+    lines = [
+        f"{f['page']} is {f['wide']} pixels wide at {f['width']}: {f['past']}" for f in found if f["wide"] > f["width"]
+    ]
     return lines + [f"{f['page']} lacks {f['broken']}" for f in found if f["broken"] and f["width"] == WIDTHS[0]]
 
 

@@ -12,7 +12,7 @@ sys.path.append(str(ROOT / "scripts"))  # gallery imports snippets
 gallery = _tool(ROOT / "scripts" / "gallery.py")
 pages = _tool(ROOT / "scripts" / "pages.py")
 PROGRAMS = {program.name: program for program in gallery.programs()}
-NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "sky_view": "pvlib", "day": "pvlib"}
+NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "day": "pvlib"}
 NEEDS |= {"ray_hierarchy": "matplotlib"}
 
 
@@ -60,9 +60,7 @@ def test_without_scenes_programs_are_skipped_with_a_line(tmp_path):
     command = [sys.executable, ROOT / "scripts" / "gallery.py", "--only", "sun_and_sky", "--output", tmp_path / "out"]
     done = subprocess.run(command, capture_output=True, text=True, env={"ANTUMBRA_SCENES": str(tmp_path)})
     assert done.returncode == 0 and not (tmp_path / "out").exists()
-    assert done.stderr == (
-        "sun_and_sky: SKIPPED, japanese_temple is not in ANTUMBRA_SCENES; its old picture stays\n"
-    )
+    assert done.stderr == ("sun_and_sky: SKIPPED, japanese_temple is not in ANTUMBRA_SCENES; its old picture stays\n")
 
 
 # scripts/pages.py

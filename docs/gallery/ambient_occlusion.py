@@ -9,7 +9,7 @@ from PIL import Image
 import antumbra as at
 
 SIZE = 1280, 800
-SPP = 128
+SPP = 64
 scene = at.load("macross_city.glb")
 camera = scene.default_camera(*SIZE)
 frame = at.render(scene, camera, at.AmbientOcclusion(np.inf), spp=SPP, filter=True)

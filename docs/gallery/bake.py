@@ -11,7 +11,7 @@ import antumbra as at
 from antumbra.image.tonemap import to_srgb8
 
 SIZE = 640, 800
-SPP = 64
+SPP = 16
 lights = at.load("japanese_temple.glb").default_lights()
 at.bake("japanese_temple.glb", "baked.glb", what="light", lights=lights, spp=SPP)
 halves = []

@@ -1,6 +1,6 @@
 """Light that bounces
 
-A bedroom behind blinds. On the left, ambient light is a constant; on the right, 32 diffuse rays from each pixel bring
+A bedroom behind blinds. On the left, ambient light is a constant; on the right, 64 diffuse rays from each pixel bring
 the light that floor and walls return.
 """
 
@@ -10,7 +10,7 @@ import antumbra as at
 
 SIZE = 640, 720
 SPP = 64
-BOUNCE = 32
+BOUNCE = 64
 scene = at.procedural("blinds")
 camera = scene.cameras[0].resized(*SIZE)
 sheet = Image.new("RGB", (2 * SIZE[0], SIZE[1]))

@@ -7,7 +7,7 @@ import numpy as np
 
 import antumbra as at
 
-SIZE = 1280, 800
+SIZE = 1024, 640
 SPP = 64
 scene = at.load("stanford_bunny.glb")
 centre, size = scene.bounds.mean(0), np.ptp(scene.bounds, axis=0).max()

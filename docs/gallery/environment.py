@@ -8,7 +8,7 @@ import numpy as np
 
 import antumbra as at
 
-SIZE = 1280, 800
+SIZE = 1024, 640
 SPP = 16
 height, turn = np.meshgrid(np.linspace(np.pi / 2, -np.pi / 2, 64), np.linspace(-np.pi, np.pi, 128), indexing="ij")
 low = np.exp(-6 * np.abs(height))[..., None]

@@ -9,7 +9,7 @@ import numpy as np
 
 import antumbra as at
 
-SIZE = 1280, 800
+SIZE = 1024, 640
 COUNT = 600
 TRIANGLES = 200_000
 scene = at.procedural("atrium", triangles=TRIANGLES)

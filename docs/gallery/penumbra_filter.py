@@ -15,6 +15,6 @@ scene = at.procedural("atrium", triangles=TRIANGLES)
 camera = at.Camera((x, y, z), (0.4, 1.0, 0), vfov=16, width=SIZE[0], height=SIZE[1])
 sheet = Image.new("RGB", (3 * SIZE[0], SIZE[1]))
 for k, (spp, smooth) in enumerate([(4, False), (4, True), (256, False)]):
-    at.render(scene, camera, light, spp=spp, filter=smooth).save("panel.png", exposure=0.012)
+    at.render(scene, camera, light, spp=spp, filter=smooth).save("panel.png")
     sheet.paste(Image.open("panel.png"), (k * SIZE[0], 0))
 sheet.save("penumbra_filter.png")

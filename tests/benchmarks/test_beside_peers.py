@@ -122,7 +122,7 @@ def test_wrong_elsewhere(run, hidden, tmp_path):
     assert len(names) == len(done.rows) == 10
     assert all(wrong["Antumbra"] == 0 for wrong in names.values())
     assert all(("Embree" in wrong) != without_embree(hidden) for wrong in names.values())
-    assert 0 < sum(row["blocked"] < row["rays"] for row in done.rows) and all(row["blocked"] for row in done.rows)
+    assert sum(row["blocked"] < row["rays"] for row in done.rows) > 0 and all(row["blocked"] for row in done.rows)
     text = page.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
     assert text.count("\n| ") == 11 and "python benchmarks/wrong_elsewhere.py --rays 30" in text
