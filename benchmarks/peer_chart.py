@@ -19,12 +19,13 @@ PACKAGES = {"embreex": "Embree", "mitsuba": "Mitsuba", "open3d": "Open3D"}
 
 
 def best(rows: list[dict]) -> dict[tuple[str, int], dict[str, float]]:
-    """(scene and light, threads) -> million rays a second of each family's best mode."""
+    """(scene and light, threads) -> million rays a second of each library's best mode."""
     found: dict = {}
     for row in rows:
         if row["rounds"]:
             case = found.setdefault((f"{row['scene']}\n{row['light']} light", row["threads"]), {})
-            case[row["family"]] = max(case.get(row["family"], 0.0), row["mrays"])
+            library = row["family"].partition(" ")[0]
+            case[library] = max(case.get(library, 0.0), row["mrays"])
     return found
 
 

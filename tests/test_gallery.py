@@ -6,11 +6,11 @@ import sys
 import pytest
 from PIL import Image
 
-from test_package import ROOT, _tool
+from repository import ROOT, tool
 
 sys.path.append(str(ROOT / "scripts"))  # gallery imports snippets
-gallery = _tool(ROOT / "scripts" / "gallery.py")
-pages = _tool(ROOT / "scripts" / "pages.py")
+gallery = tool(ROOT / "scripts" / "gallery.py")
+pages = tool(ROOT / "scripts" / "pages.py")
 PROGRAMS = {program.name: program for program in gallery.programs()}
 NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "day": "pvlib"}
 NEEDS |= {"ray_hierarchy": "matplotlib"}

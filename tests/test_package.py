@@ -3,7 +3,6 @@
 import ast
 import doctest
 import importlib.metadata
-import importlib.util
 import inspect
 import re
 import subprocess
@@ -11,29 +10,20 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from pathlib import Path
 
 import pytest
 
 import antumbra as at
+from repository import ROOT, tool
 
-ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SOURCES = sorted((ROOT / "src" / "antumbra").rglob("*.py"))
 PAGES = [*ROOT.glob("*.md"), *(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)]
 
 
-def _tool(path):
-    """Import a Python file of the repository that is in no package."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-fields = _tool(ROOT / "docs" / "_ext" / "fields.py")
-paper_pages = _tool(ROOT / "scripts" / "paper_pages.py")
-snippets = _tool(ROOT / "scripts" / "snippets.py")
+fields = tool(ROOT / "docs" / "_ext" / "fields.py")
+paper_pages = tool(ROOT / "scripts" / "paper_pages.py")
+snippets = tool(ROOT / "scripts" / "snippets.py")
 
 
 # Names
