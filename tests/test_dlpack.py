@@ -23,7 +23,8 @@ def arrays() -> dict[str, np.ndarray]:
         frame.gbuffer, at.visibility(SCENE, origins, point), SCENE.closest_hit(origins, (0.0, -1.0, 0.0)),
         SCENE.triangles(),
     ):  # fmt: skip
-        told |= {f"{type(result).__name__}.{name}": value for name, value in result._asdict().items()}
+        fields = {name: value for name, value in result._asdict().items() if value is not None}
+        told |= {f"{type(result).__name__}.{name}": value for name, value in fields.items()}
     return told
 
 

@@ -29,6 +29,7 @@ from antumbra.kernels.simd import (
     i32_at,
     load4,
     load8,
+    load16x3,
     mask_from_bits8,
     popcount,
     prefetch,
@@ -42,6 +43,8 @@ from antumbra.kernels.simd import (
     stack_i32,
     stack_i64,
     store,
+    to_f32,
+    to_f64,
 )
 
 
@@ -343,3 +346,21 @@ def test_compress():
             out = np.zeros_like(values)
             n = compressed(mask, values, out)
             np.testing.assert_array_equal(out[:n], values[[k for k in range(8) if mask >> k & 1]])
+
+
+def test_interleaved_vectors_and_wider_numbers():
+    @compiled
+    def columns(a, b, out):
+        x = load16x3(a, 1)
+        y = load16x3(b, 2)
+        for k in range(3):
+            store(out, 16 * k, x[k])
+            store(out, 48 + 16 * k, to_f32(y[k] - to_f64(x[k])))
+
+    a = np.arange(60, dtype=np.float32) / 3
+    b = np.arange(60, dtype=np.float64) / 7
+    out = np.full(96, np.nan, np.float32)
+    columns(a, b, out)
+    first, second = a[1:49].reshape(16, 3), b[2:50].reshape(16, 3)
+    np.testing.assert_array_equal(out[:48].reshape(3, 16), first.T)
+    np.testing.assert_array_equal(out[48:].reshape(3, 16), (second - first).astype(np.float32).T)

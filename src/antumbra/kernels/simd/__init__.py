@@ -30,7 +30,7 @@ An example::
 
 Types
     ``f32xN`` (float32), ``i32xN`` (int32), ``maskN`` (one bit per lane), for N = 4, 8, 16. ``f64xN`` (float64) has
-    `load`, `broadcast`, ``+ - *`` and `to_f32` only. Vectors of different
+    `load`, `broadcast`, ``+ - *``, `to_f32` and `to_f64` only. Vectors of different
     widths do not mix. A vector that is wider than the processor's registers is split into several.
 Operators
     ``+ - *`` and comparisons on f32 and i32, ``/`` on f32, ``<< >>`` on i32, ``& | ^ ~`` on i32 and masks,
@@ -40,14 +40,14 @@ Make
     `splat4` (a scalar), `iota4` (0, 1, 2, ...), `mask_from_bits4`, `load4` and `broadcast4` (from memory).
     All exist for 8 and 16 lanes too.
 Lanes
-    `minimum`, `maximum`, `fma`, `absolute`, `square_root`, `flip_sign`, `select`, `to_f32`, `to_i32`; `swap_halves`,
-    `shuffle`, `join`, `compress`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for masks `bits`, `any_lane`,
-    `all_lanes`.
+    `minimum`, `maximum`, `fma`, `absolute`, `square_root`, `flip_sign`, `select`, `to_f32`, `to_f64`, `to_i32`;
+    `swap_halves`, `shuffle`, `join`, `compress`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for masks
+    `bits`, `any_lane`, `all_lanes`.
 Memory
-    `load4`, `broadcast4`, `gather`, `store`, `get` and `put` work on arrays and pointers. `ptr`, `ptr_at`, `as_f32` and
-    `as_i32` make pointers; `f32_at`, `f64_at` and `i32_at` make them from an address. `stack_f32`, `stack_f64`,
-    `stack_i32` and `stack_i64` give scratch memory, `stack_array` an array of it. There are `prefetch`, `atomic_add`,
-    `atomic_and` and `atomic_or` too.
+    `load4`, `broadcast4`, `gather`, `store`, `get` and `put` work on arrays and pointers, and so does `load16x3`, which
+    takes interleaved vectors apart. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`, `f64_at` and
+    `i32_at` make them from an address. `stack_f32`, `stack_f64`, `stack_i32` and `stack_i64` give scratch memory,
+    `stack_array` an array of it. There are `prefetch`, `atomic_add`, `atomic_and` and `atomic_or` too.
 Bits of an int64
     `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to walk the lanes of ``bits(mask)``.
 
@@ -98,11 +98,11 @@ _HOMES = {
     "lanes": """
         absolute all_lanes any_lane bits compress extract flip_sign fma iota4 iota8 iota16 join mask_from_bits4
         mask_from_bits8 mask_from_bits16 maximum minimum reduce_and reduce_max reduce_min select shuffle splat4
-        splat8 splat16 square_root swap_halves to_f32 to_i32
+        splat8 splat16 square_root swap_halves to_f32 to_f64 to_i32
     """,
     "memory": """
         as_f32 as_i32 atomic_add atomic_and atomic_or broadcast4 broadcast8 broadcast16 f32_at f64_at gather get
-        i32_at load4 load8 load16 prefetch ptr ptr_at put stack_array stack_f32 stack_f64 stack_i32 stack_i64
+        i32_at load4 load8 load16 load16x3 prefetch ptr ptr_at put stack_array stack_f32 stack_f64 stack_i32 stack_i64
         store
     """,
     "scalars": """
@@ -145,6 +145,7 @@ __all__ = [
     "load4",
     "load8",
     "load16",
+    "load16x3",
     "lowest_bit",
     "mask_from_bits4",
     "mask_from_bits8",
@@ -173,5 +174,6 @@ __all__ = [
     "store",
     "swap_halves",
     "to_f32",
+    "to_f64",
     "to_i32",
 ]

@@ -189,6 +189,18 @@ def to_f32(typingctx, v):
 
 
 @intrinsic
+def to_f64(typingctx, v):
+    """Convert f32 to f64, exactly."""
+    _check_vector("to_f64", v, types.float32)
+    result = Vector(types.float64, v.lanes)
+
+    def codegen(context, builder, sig, values):
+        return builder.fpext(values[0], llvm_type(result))
+
+    return result(v), codegen
+
+
+@intrinsic
 def to_i32(typingctx, v):
     """Convert f32 to i32, truncated towards zero; unspecified for NaN and for values outside int32."""
     _check_vector("to_i32", v, types.float32)

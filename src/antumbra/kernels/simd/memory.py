@@ -84,6 +84,27 @@ broadcast4, broadcast8, broadcast16 = (_make_broadcast(lanes) for lanes in (4, 8
 
 
 @intrinsic
+def load16x3(typingctx, a, i):
+    """Three vectors of 16 lanes from 48 elements: lane l of vector k is element i + 3 l + k of `a`; any alignment."""
+    _check("load16x3", a, i)
+    vector = _vector_of("load16x3", a, 16, types.float64)
+
+    def codegen(context, builder, sig, values):
+        row = ir.VectorType(context.get_data_type(a.dtype), 48)
+        elements = builder.load(builder.bitcast(_address(context, builder, sig, values), row.as_pointer()), align=4)
+        lanes = ir.VectorType(ir.IntType(32), 16)
+        columns = [
+            builder.shuffle_vector(
+                elements, ir.Constant(row, ir.Undefined), ir.Constant(lanes, [3 * lane + k for lane in range(16)])
+            )
+            for k in range(3)
+        ]
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(vector, 3)(a, i), codegen
+
+
+@intrinsic
 def gather(typingctx, a, i):
     """Elements of `a` at the i32 indices `i`, one a lane. All lanes are loaded."""
     _check("gather", a)

@@ -16,6 +16,7 @@ from ...kernels.simd import (
     get,
     i32_at,
     load16,
+    load16x3,
     maximum,
     put,
     splat16,
@@ -24,6 +25,8 @@ from ...kernels.simd import (
     stack_i32,
     stack_i64,
     store,
+    to_f32,
+    to_f64,
 )
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .interleaved import walk_interleaved
@@ -60,56 +63,78 @@ def _operand(rays, k):
 
 
 @inlined
-def _copy(operand, first, last, columns, rows, at):
-    """Copy a float32 argument of rays first .. first + 15 to rows of a block from word `at`."""
-    if operand.row == 0:
-        for k in range(columns):
-            store(rows, at + LANES * k, splat16(get(f32_at(operand.address + k * operand.column), 0)))
-    elif first + LANES - 1 <= last:
-        begin = operand.address + first * operand.row
-        for i in range(LANES):
-            for k in range(columns):
-                put(rows, at + LANES * k + i, get(f32_at(begin + i * operand.row + k * operand.column), 0))
-    else:
-        for i in range(LANES):
-            begin = operand.address + min(first + i, last) * operand.row
-            for k in range(columns):
-                put(rows, at + LANES * k + i, get(f32_at(begin + k * operand.column), 0))
+def _moved(x, shift, k):
+    """A column of a block as float32, minus component k of `shift`, subtracted in float64."""
+    return x if shift is None else to_f32(to_f64(x) - shift[k])
 
 
 @inlined
-def _move(rows, at, shift):
-    """Subtract `shift` from a row in float64, and round. LLVM vectorises this."""
-    for i in range(LANES):
-        put(rows, at + i, np.float32(np.float64(get(rows, at + i)) - shift))
+def _fill_vectors(operand, first, shift, rows, at):
+    """`_fill` for rows of three numbers that lie side by side in memory, as arrays of vectors do."""
+    begin = operand.address + first * operand.row
+    if operand.double:
+        columns = load16x3(f64_at(begin), 0)
+        for k in range(3):
+            x = columns[k]
+            store(rows, at + LANES * k, to_f32(x if shift is None else x - shift[k]))
+    else:
+        columns = load16x3(f32_at(begin), 0)
+        for k in range(3):
+            store(rows, at + LANES * k, _moved(columns[k], shift, k))
+
+
+@inlined
+def _single(x, shift, k):
+    return np.float32(x if shift is None else np.float64(x) - shift[k])
 
 
 @inlined
 def _fill(operand, first, last, columns, shift, rows, at):
     """Write an argument of rays first .. first + 15, minus `shift` and rounded, to rows of a block from word `at`."""
-    if operand.double:
-        for i in range(LANES):
-            begin = operand.address + min(first + i, last) * operand.row
+    for i in range(LANES):
+        begin = operand.address + min(first + i, last) * operand.row
+        if operand.double:
             for k in range(columns):
-                x = get(f64_at(begin + k * operand.column), 0)
-                put(rows, at + LANES * k + i, np.float32(x if shift is None else x - shift[k]))
-        return
-    _copy(operand, first, last, columns, rows, at)
-    if shift is not None:
-        for k in range(columns):
-            _move(rows, at + LANES * k, shift[k])
+                put(rows, at + LANES * k + i, _single(get(f64_at(begin + k * operand.column), 0), shift, k))
+        else:
+            for k in range(columns):
+                put(rows, at + LANES * k + i, _single(get(f32_at(begin + k * operand.column), 0), shift, k))
+
+
+@inlined
+def _fill_number(operand, first, last, rows, at):
+    """`_fill` of one column, which rays often share."""
+    if operand.row != 0:
+        _fill(operand, first, last, 1, None, rows, at)
+    elif operand.double:
+        store(rows, at, splat16(np.float32(get(f64_at(operand.address), 0))))
+    else:
+        store(rows, at, splat16(get(f32_at(operand.address), 0)))
+
+
+@inlined
+def _fill_points(operand, first, last, shift, rows, at):
+    """`_fill` of three columns."""
+    side_by_side = operand.column == 4 << operand.double and operand.row == 3 * operand.column
+    if side_by_side and first + LANES - 1 <= last:
+        _fill_vectors(operand, first, shift, rows, at)
+    else:
+        _fill(operand, first, last, 3, shift, rows, at)
 
 
 @inlined
 def _load(args, frame, first, last, rows, skip):
     """Convert rays first .. first + 15, and repeat the `last` one beyond the end. Return whether all are legal."""
     f = np.float32
-    _fill(args.origins, first, last, 3, frame, rows, OX)
-    _fill(args.directions, first, last, 3, None, rows, DX)
-    _fill(args.tmin, first, last, 1, None, rows, TMIN)
-    _fill(args.tmax, first, last, 1, None, rows, TMAX)
-    for i in range(LANES):
-        put(skip, i, get(i32_at(args.skip.address + min(first + i, last) * args.skip.row), 0))
+    _fill_points(args.origins, first, last, frame, rows, OX)
+    _fill_points(args.directions, first, last, None, rows, DX)
+    _fill_number(args.tmin, first, last, rows, TMIN)
+    _fill_number(args.tmax, first, last, rows, TMAX)
+    if args.skip.row == 0:
+        store(skip, 0, splat16(get(i32_at(args.skip.address), 0)))
+    else:
+        for i in range(LANES):
+            put(skip, i, get(i32_at(args.skip.address + min(first + i, last) * args.skip.row), 0))
     tmin, tmax = load16(rows, TMIN), load16(rows, TMAX)
     good = (tmin >= f(0.0)) & (tmin <= _FINITE) & (tmax == tmax)
     for k in range(6):
