@@ -240,7 +240,7 @@ def test_every_kind_of_light_is_explained_and_understood(cli):
 
 def test_lights_of_the_scene(floor):
     made = arguments.make_lights([], floor, 0.0)
-    assert [type(light) for light in made] == [at.QuadLight]
+    assert [type(light) for light in made] == [at.DirectionalLight, at.Sky]
     with pytest.raises(at.InputError, match="no light 0"):
         arguments.make_lights([0], floor, 0.0)
     mine = arguments.parse_light("point:0,1,0")

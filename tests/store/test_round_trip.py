@@ -138,7 +138,7 @@ def test_every_light_comes_back_to_the_bit():
     third = 1 / 3
     lights = [
         PointLight((third, 2, 3), intensity=0.1, colour=(0.1, third, 1.0)),
-        QuadLight((0, third, 0), (1, 0, 0), (0, -0.0, 1)),
+        QuadLight((0, third, 0), (1, 0, 0), (0, -0.0, 1)).named("Lämp"),
         DiskLight((0, 1, 2), (1, third, 7), 0.7),
         SphereLight((0, 1, 2), 0.1),
         *(DirectionalLight(RNG.normal(size=3), 0.53) for _ in range(50)),
@@ -153,7 +153,7 @@ def test_every_light_comes_back_to_the_bit():
     again = from_json(as_json(meta))
     assert as_json(again) == as_json(meta) and json.loads(as_json(meta))["name"] == "näme"
     for a, b in zip(lights, again.lights, strict=True):
-        assert type(a) is type(b) and repr(a) == repr(b)
+        assert type(a) is type(b) and repr(a) == repr(b) and a.name == b.name
         assert all(getattr(a, n).tobytes() == getattr(b, n).tobytes() for n in vars(a) if hasattr(vars(a)[n], "dtype"))
     assert same_bits(again.bounds, meta.bounds) and same_bits(again.box, box)
     assert repr(again.cameras) == repr(cameras) and (again.notes, again.built) == (("note",), {"a": 1})

@@ -276,11 +276,11 @@ def parse_ambient(text: str):
 def make_lights(asked: list, scene, time: float) -> list:
     """The lights of results of `parse_light`.
 
-    An empty list means the scene's own lights, or one light above the scene if it has none.
+    An empty list means the scene's default lights: its own ones, or daylight, or the lamp of a closed room.
     """
     if asked:
         return [scene.light(a, time) if isinstance(a, int) else a for a in asked]
-    return [scene.light(i, time) for i in range(len(scene.lights))] or [scene.default_light()]
+    return scene.default_lights(time)
 
 
 def parse_sky(text: str) -> "str | Path | np.ndarray":
@@ -320,11 +320,13 @@ def make_picture_lights(asked: list, sky: "str | Path | np.ndarray | None", scen
     """
     from ..scene.sky import Sky
 
+    lights = make_lights(asked, scene, time)
     if sky is None:
-        return make_lights(asked, scene, time) if asked else scene.default_lights(time)
+        return lights
+    others = [light for light in lights if not isinstance(light, Sky)]
     if isinstance(sky, str):
-        return make_lights(asked, scene, time)
-    return [*(make_lights(asked, scene, time) if asked or scene.lights else []), Sky(sky, up=scene.up)]
+        return others
+    return [*(others if asked or scene.lights else []), Sky(sky, up=scene.up)]
 
 
 def _light(kind: str, fields: list[str], more: dict):

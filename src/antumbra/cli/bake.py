@@ -126,7 +126,7 @@ def bake(given: BakeArguments) -> int:
 
     \b
     LIGHT
-      As in antumbra render.  [default: the lights of SCENE, or a square light above it]
+      As in antumbra render.  [default: the lights of SCENE, or daylight]
 
     \b
     Examples
@@ -164,12 +164,13 @@ def bake(given: BakeArguments) -> int:
 def _lights(given: BakeArguments, asked: list, scene) -> list | None:
     """The lights that were asked for; None: the bake chooses."""
     from ..scene.lights import AmbientOcclusion
+    from ..scene.sky import Sky
 
     sky = [] if given.sky is None else [AmbientOcclusion(intensity=given.sky)]
     if not asked and not sky:
         return None
     own = arguments.make_lights(asked, scene, given.time) if asked or scene.lights else []
-    return own + sky
+    return [light for light in own if not isinstance(light, Sky)] + sky
 
 
 def _fields(made: "Baked") -> Iterator[tuple[str, str]]:

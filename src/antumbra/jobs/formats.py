@@ -91,7 +91,7 @@ def _geo(table) -> dict:
     from pyproj import CRS
 
     low, high = table.sensors.points.min(0), table.sensors.points.max(0)
-    column = {"encoding": "WKB", "geometry_types": ["Point Z"], "bbox": [*low.tolist(), *high.tolist()]}
+    column: dict = {"encoding": "WKB", "geometry_types": ["Point Z"], "bbox": [*low.tolist(), *high.tolist()]}
     column["crs"] = CRS.from_user_input(table.about["crs"]).to_json_dict()
     return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
 

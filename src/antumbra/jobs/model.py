@@ -69,7 +69,7 @@ def _squares(sensors, colours: np.ndarray, origin: np.ndarray) -> Part:
 
 def glb(parts: list[Part], up: str, extras: dict) -> bytes:
     """A binary glTF 2.0 file of coloured meshes, one node each, without light."""
-    blocks, accessors, meshes = [], [], []
+    blocks, accessors, meshes = list[np.ndarray](), list[dict](), list[dict]()
     for part in parts:
         vertices, colours = (np.ascontiguousarray(a, "<f4") for a in (part.vertices, part.colours))
         first, floats = len(accessors), {"componentType": FLOAT, "type": "VEC3", "count": len(vertices)}

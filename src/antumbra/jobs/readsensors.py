@@ -28,9 +28,14 @@ def check_sensors(text: str, option: str = "--sensors") -> None:
     """Raise an InputError, before a scene is read, unless `sensors_of` knows this form."""
     if text in ("face", "vertex") or _GRID.fullmatch(text) or _RASTER.fullmatch(text):
         return
+    check_point_file(text, option, FORMS)
+
+
+def check_point_file(text: str, option: str, forms: str) -> None:
+    """Raise an InputError unless the text of an option names a file of points; `forms`: what it may be."""
     path = Path(text)
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{option} is {text!r}; it must be {FORMS}")
+        raise InputError(f"{option} is {text!r}; it must be {forms}")
     checked_file(path, path.name)
 
 

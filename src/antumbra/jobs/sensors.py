@@ -237,10 +237,10 @@ def raster_sensors(
     raster = Raster(float(low[0]), float(low[1] + rows * spacing), spacing, columns, rows)
     x = raster.west + (np.arange(columns) + 0.5) * spacing
     north = raster.north - (np.arange(rows) + 0.5) * spacing
-    at = np.zeros((rows, columns, 3))
-    at[..., 0] = x
-    at += north[:, None, None] * to_north
-    at = at.reshape(-1, 3)
+    grid = np.zeros((rows, columns, 3))
+    grid[..., 0] = x
+    grid += north[:, None, None] * to_north
+    at = grid.reshape(-1, 3)
     faces = np.full(len(at), -1, np.int64)
     if follow:
         at[:, up], faces = on_top(scene, at, time, threads)
@@ -275,18 +275,18 @@ def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayL
     areas : (n,) float, optional
         Square world units.
     """
-    where = points(at, "points of sensors")
+    where, unit, sizes = points(at, "points of sensors"), None, None
     if normals is not None:
         directions = points(normals, "normals of sensors")
         length = np.linalg.norm(directions, axis=1, keepdims=True)
         if directions.shape != where.shape or not (length > 0.0).all():
             raise InputError("normals of sensors must be one for each point, and none of them zero")
-        normals = directions / length
+        unit = directions / length
     if areas is not None:
-        areas = np.asarray(areas, np.float64)
-        if areas.shape != where.shape[:1] or not (np.isfinite(areas) & (areas >= 0.0)).all():
+        sizes = np.asarray(areas, np.float64)
+        if sizes.shape != where.shape[:1] or not (np.isfinite(sizes) & (sizes >= 0.0)).all():
             raise InputError("areas of sensors must be one for each point, finite and not negative")
-    return Sensors(where, normals, areas, None, "points")
+    return Sensors(where, unit, sizes, None, "points")
 
 
 def _check_count(count: float, spacing: float) -> None:

@@ -112,15 +112,20 @@ class Camera:
         right = right / np.linalg.norm(right)
         return np.stack([right, np.cross(view, right), view])
 
+    @property
+    def frame(self) -> np.ndarray:
+        """As `axes`; of a panorama, whose horizon is level, down is away from the zenith."""
+        if self.projection != "panoramic":
+            return self.axes
+        right, zenith = self.axes[0], self.up / np.linalg.norm(self.up)
+        return np.stack([right, -zenith, np.cross(zenith, right)])
+
     def view(self, origin) -> "CameraRays | ListedRays":
         """The pixels' rays in the frame whose zero is at world position ``origin`` ((3,) float64)."""
         if not self.listed:
             return self.rays(origin)
-        axes, size = self.axes, (self.width, self.height)
-        if self.projection == "panoramic":
-            zenith = self.up / np.linalg.norm(self.up)
-            axes = np.stack([axes[0], -zenith, np.cross(zenith, axes[0])])
-        return ListedRays(self.position - np.asarray(origin, np.float64), axes, *size, self.extent)
+        position = self.position - np.asarray(origin, np.float64)
+        return ListedRays(position, self.frame, self.width, self.height, self.extent)
 
     def rays(self, origin) -> CameraRays:
         """As `view`, of a perspective camera. Raises InputError for other projections."""

@@ -55,13 +55,14 @@ def _plain(value):
 
 
 def _light_fields(light: Light) -> dict:
-    return {"type": type(light).__name__} | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
+    named = {"name": light.name} if light.name else {}
+    return {"type": type(light).__name__} | named | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
 
 
 def _light(values: dict) -> Light:
-    name, values["colour"] = values.pop("type"), tuple(values["colour"])
+    kind, name, values["colour"] = values.pop("type"), values.pop("name", ""), tuple(values["colour"])
     kinds = {kind.__name__: kind for kind in (PointLights, DirectionalLights)}
-    light = (kinds.get(name) or getattr(lights_module, name))(**values)
+    light = (kinds.get(kind) or getattr(lights_module, kind))(**values)
     for key, value in values.items():  # overwrite: normalising a direction again could change its last bit
         object.__setattr__(light, key, np.array(value) if isinstance(getattr(light, key), np.ndarray) else value)
-    return light
+    return light.named(name)

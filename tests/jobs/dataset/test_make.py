@@ -4,8 +4,6 @@ import hashlib
 import json
 import os
 import re
-import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from PIL import Image
 import antumbra as at
 from antumbra.jobs.dataset import make
 from antumbra.jobs.dataset.sheet import contact_sheet
+from killed import run, run_killed
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf
 
 SCENE = at.procedural("atrium", triangles=2000)
@@ -156,24 +155,6 @@ def test_a_lost_or_short_file_is_made_again(whole, tmp_path, name):
         assert contents(tmp_path / "set") == contents(whole)
 
 
-KILLED = """
-import os, signal, sys
-from antumbra.cli import main
-from antumbra.image import save
-
-write, seen = save.{writer}, 0
-
-def killed(*arguments):
-    # The process sends the signal to itself, so that nothing depends on how fast it is.
-    global seen
-    write(*arguments)
-    seen += 1
-    if seen == 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-save.{writer} = killed
-sys.exit(main(sys.argv[1:]))
-"""
 COMMAND = ["dataset", "procedural:atrium?triangles=2000", "-o", "set", "--orbit", "1", "--random", "2"]
 COMMAND += ["--random-lights", "2", "--seed", "7", "--size", "24x16", "--spp", "4", "--json"]
 
@@ -181,12 +162,9 @@ COMMAND += ["--random-lights", "2", "--seed", "7", "--size", "24x16", "--spp", "
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are different on Windows")
 @pytest.mark.parametrize("kind", ["exr", "png"])
 def test_a_killed_command_goes_on_and_ends_with_the_same_bytes(whole, tmp_path, kind):
-    run = lambda *words: subprocess.run(
-        [sys.executable, *words, *COMMAND], capture_output=True, text=True, cwd=tmp_path
-    )
-    assert run("-c", KILLED.format(writer="write_exr" if kind == "exr" else "_write_png")).returncode == -signal.SIGKILL
+    run_killed(tmp_path, "write_exr" if kind == "exr" else "_write_png", *COMMAND)
     assert not manifest(tmp_path / "set")["complete"] and any(n.endswith(".tmp") for n in contents(tmp_path / "set"))
-    done = run("-m", "antumbra")
+    done = run(tmp_path, *COMMAND)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["complete"] and told["rendered"] + told["finished"] == 3

@@ -64,7 +64,7 @@ class Asset:
         else:
             data = values.tobytes()
         view = self.view(data, **more, target=ELEMENT_ARRAY_BUFFER if indices else ARRAY_BUFFER)
-        fields = {"bufferView": view, "componentType": _CODES[values.dtype], "count": len(values)}
+        fields: dict = {"bufferView": view, "componentType": _CODES[values.dtype], "count": len(values)}
         fields["type"] = _TYPES[width]
         if normalized:
             fields["normalized"] = True
@@ -80,7 +80,7 @@ class Asset:
 
     def uses(self, extension: str) -> None:
         """Name an extension among those that the file uses."""
-        used = self.objects("extensionsUsed")
+        used: list = self.objects("extensionsUsed")
         if extension not in used:
             used.append(extension)
 

@@ -36,7 +36,7 @@ def bake(
         lights that is visible. ``sun``: the same of one sun, times the cosine. ``light``: the irradiance of all
         lights, linear RGB. ``bent-normal``: the mean open direction.
     lights : lights, optional
-        For shadow, sun and light. None: the scene's own lights, or one above the scene. `AmbientOcclusion` among the
+        For shadow, sun and light. None: `Scene.default_lights`. `AmbientOcclusion` among the
         lights of ``light`` is a sky.
     radius : float, optional
         For ao and bent-normal: blockers farther away do not count, in world units. None: all count.

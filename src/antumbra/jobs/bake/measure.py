@@ -120,7 +120,7 @@ class Meter:
             out[:, places] = found.T
         return out
 
-    def _asked_blocks(self, receivers: Receivers, blocks, what: str, use: Callable):
+    def _asked_blocks(self, receivers: Receivers, blocks, what: str | None, use: Callable):
         """Yield (places, result of `use` for the receivers there), batch by batch."""
         blocks = curve_blocks(receivers.positions) if blocks is None else blocks
         with reported(what) if what else nullcontext(lambda done, total: None) as progress:

@@ -1,7 +1,7 @@
 """The arguments of a bake, checked."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.sampling import sample_sets
 from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
 from ...scene.scene import Scene
+from ...scene.view import sun
 from .measure import QUANTITIES, Asked
 
 MAX_TEXTURE = 16384
@@ -39,13 +40,11 @@ class Options(NamedTuple):
 
 
 def own_lights(scene: Scene, what: str, time: float) -> list[Light]:
-    """The lights of a scene, or one above it."""
-    own: list[Any] = [scene.light(i, time) for i in range(len(scene.lights))]
-    if what == "sun":
-        own = [light for light in own if isinstance(light, DirectionalLight)][:1]
-        above = scene.default_light()
-        return own or [DirectionalLight(scene.bounds.mean(0) - (above.corner + (above.u + above.v) / 2.0))]
-    return own or [scene.default_light()]
+    """The default lights of a scene; of what a sun lights, its first sun, or that of default pictures."""
+    lights = scene.default_lights(time)
+    if what != "sun":
+        return lights
+    return [next((light for light in lights if isinstance(light, DirectionalLight)), sun(scene.up))]
 
 
 def exposure_of(values: np.ndarray, options: Options) -> float:

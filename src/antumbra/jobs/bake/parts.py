@@ -1,7 +1,7 @@
 """Parts of a scene: the primitives of a glTF file at their nodes, with world positions and normals."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,11 +16,11 @@ class Part(NamedTuple):
     """A primitive at a node, as it is at the time of a bake."""
 
     node: int
-    index: int  # of the primitive in its mesh
+    index: int  # type: ignore[assignment]  # of the primitive in its mesh
     where: str  # name in errors
     json: dict  # the primitive in the file
     rows: np.ndarray  # (v,) int64: rows of the accessors that its faces use, in order
-    count: int  # rows of the accessors
+    count: int  # type: ignore[assignment]  # rows of the accessors
     positions: np.ndarray  # (v, 3) float64, world
     normals: np.ndarray  # (v, 3) float64, unit, world
     faces: np.ndarray  # (f, 3) int32 into `positions`
@@ -37,7 +37,8 @@ def read_parts(scene: Scene, asset: Asset, time: float) -> list[Part]:
     accessors = accessors_of(asset, scene.name)
     meshes, nodes = asset.json.get("meshes", []), asset.json.get("nodes", [])
     parts = []
-    for placed in scene.source.placed(scene.clamped(time)):
+    source: Any = scene.source  # of a glTF file
+    for placed in source.placed(scene.clamped(time)):
         primitive, (positions,) = placed.primitive, placed.vertices
         json = meshes[nodes[placed.node]["mesh"]]["primitives"][primitive.place]
         count = asset.json["accessors"][json["attributes"]["POSITION"]]["count"]

@@ -4,6 +4,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ def opened(scene, time: float, up: str = "y") -> Iterator[tuple[Scene, Asset]]:
     """
     path = None if isinstance(scene, AnyScene) else Path(scene)
     if path is not None and path.suffix.lower() in GLTF_SUFFIXES and up == "y":
-        found = load(path)
+        found: Any = load(path)  # a Scene: no store is a glTF file
         asset = open_asset(path)
         if not _has_copies(asset):
             yield found, asset
@@ -47,7 +48,8 @@ def opened(scene, time: float, up: str = "y") -> Iterator[tuple[Scene, Asset]]:
     with tempfile.TemporaryDirectory(prefix="antumbra-") as folder:
         written = Path(folder) / f"{path.stem if path else found.name}.glb".replace("/", "-")
         written.write_bytes(asset.glb())
-        yield load(written), asset
+        found = load(written)
+        yield found, asset
 
 
 def asset_of(scene: Scene, time: float) -> Asset:

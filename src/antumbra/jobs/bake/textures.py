@@ -84,9 +84,9 @@ def image_of(cover: Cover, values: np.ndarray) -> np.ndarray:
     """(size, size, c) float32: texels without a value have that of the nearest texel that has one."""
     from scipy.ndimage import distance_transform_edt
 
-    image = np.full((cover.size * cover.size, values.shape[1]), np.nan, np.float32)
-    image[cover.texel] = values
-    image = image.reshape(cover.size, cover.size, -1)
+    texels = np.full((cover.size * cover.size, values.shape[1]), np.nan, np.float32)
+    texels[cover.texel] = values
+    image = texels.reshape(cover.size, cover.size, -1)
     empty = np.isnan(image[..., 0])
     if empty.all():
         return np.ones_like(image)
@@ -194,7 +194,7 @@ def _smoothed(sheet: Sheet, surface: Surface, receivers: Receivers, counts: np.n
         picture(cover.face.astype(np.int32), np.int32(-1)),
         picture(width.astype(np.float32), np.float32(0)),
         picture(np.ones(len(width), np.int8), np.int8(NOTHING)),
-        np.float32(1.0),
+        np.float32(1.0),  # type: ignore[arg-type]
     )
     smooth = filtered(seen, picture(counts, np.int32(0)), spp, meter.asked.threads).reshape(-1)[cover.texel]
     return np.where(_beside_others(sheet), np.float32(1.0) - counts / np.float32(spp), smooth).astype(np.float32)

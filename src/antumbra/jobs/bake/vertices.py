@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...kernels.progress import reported
+from ...scene.lights import AmbientOcclusion
 from .hidden import Solids
 from .measure import Meter, Receivers
 from .parts import Part, face_vectors
@@ -46,9 +47,9 @@ def vertex_values(parts: Sequence[Part], meter: Meter, solids: Solids | None) ->
 def suspects(values: np.ndarray, meter: Meter) -> np.ndarray:
     """(n,) bool: receivers that may be inside a solid, since no ray leaves it; all, if rays end before its wall."""
     what, light = meter.asked.what, meter.asked.lights[0]
-    if what == "bent-normal" or (light.domain == "hemisphere" and light.radius is not None):
+    if what == "bent-normal" or (isinstance(light, AmbientOcclusion) and light.radius is not None):
         return np.ones(len(values), bool)
-    return (values <= 1.0 / meter.asked.spp).all(-1)
+    return np.asarray((values <= 1.0 / meter.asked.spp).all(-1))
 
 
 def _faces_of(parts: Sequence[Part]) -> Faces:

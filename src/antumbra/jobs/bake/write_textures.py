@@ -24,6 +24,7 @@ from .textures import image_of, seam_differences, texel_values
 def bake_textures(scene: Scene, asset: Asset, parts: list[Part], options: Options, output: Path, clock: Clock) -> Baked:
     """Measure the texels of all sheets, and write the files."""
     accessors, size = accessors_of(asset, scene.name), options.texture
+    assert size is not None
     sheets = atlas(parts, size) if options.uv is None else existing(parts, accessors, options.uv, size)
     clock.lap("unwrap")
     meter = Meter(scene, options.asked, sum(len(sheet.cover.texel) for sheet in sheets))

@@ -57,7 +57,7 @@ def dataset(
         None: the scene's own cameras, or its default camera if it has none; no such camera if `orbit` or `random` is
         given.
     lights : list of lights, one light, or None
-        None: the scene's own lights, or its default light; no such light if `random_lights` is given.
+        None: `Scene.default_lights`; no such light if `random_lights` is given.
     orbit : int
         Number of cameras that stand around the scene at equal angles.
     random : int

@@ -52,8 +52,8 @@ def camera_record(camera: Camera) -> dict:
     """
     names = "position", "target", "up", "vfov", "width", "height"
     if camera.listed:
-        view = camera.view(np.zeros(3))
-        rotation, lens = view.axes, {"projection": camera.projection, "extent": camera.extent}
+        lens: dict = {"projection": camera.projection, "extent": camera.extent}
+        rotation = camera.frame
     else:
         rays = camera.rays(np.zeros(3))
         pixel = float(np.linalg.norm(rays.dx))

@@ -68,11 +68,10 @@ def views_of(scene: AnyScene, cameras: Sequence[Camera] | None, orbit, random, s
 
 
 def lights_of(place: Place, lights: Sequence[Light] | Light | None, random, seed) -> list[Light]:
-    """The given lights, then random ones. If nothing is asked for: the scene's own lights, or its default light."""
+    """The given lights, then random ones. If nothing is asked for: the scene's default lights."""
     random, scene = whole_number(random, "random_lights", 0, MOST_LIGHTS), place.scene
     if lights is None:
-        own = [] if random else [scene.light(i, place.time) for i in range(len(scene.lights))]
-        lights = own if own or random else [scene.default_light()]
+        lights = [] if random else scene.default_lights(place.time)
     given = [lights] if isinstance(lights, Light) else list(lights)
     found = check_lights(given + [random_light(place, seed, k) for k in range(random)])
     if len(found) > MOST_LIGHTS:

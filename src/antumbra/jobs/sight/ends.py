@@ -17,7 +17,7 @@ class Ends(NamedTuple):
     at: np.ndarray  # (n, 3) float32, recentred, moved off their surfaces
     unit: np.ndarray | None  # (n, 3) float64 unit normals; ends see nothing below them. None: free points
 
-    def __len__(self) -> int:  # type: ignore[override]
+    def __len__(self) -> int:
         return len(self.at)
 
     def take(self, places) -> "Ends":

@@ -1,6 +1,6 @@
 """Lines of sight between pairs of points, and what blocks them."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +40,8 @@ class _Pairs(NamedTuple):
     end_face: np.ndarray
 
     def part(self, first: int, last: int) -> "_Pairs":
-        return _Pairs(*(None if array is None else array[first:last] for array in self))
+        some: list[Any] = [None if array is None else array[first:last] for array in self]
+        return _Pairs(*some)
 
 
 def line_of_sight(

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...scene.files import checked_file
-from ..readsensors import SUFFIXES, read_array, read_columns
+from ..readsensors import SUFFIXES, check_point_file, read_array, read_columns
 from ..sensors import Sensors
 
 _ENDS = "x1", "y1", "z1", "x2", "y2", "z2"
@@ -31,10 +30,7 @@ def check_pairs(text: str) -> None:
     """Raise an InputError, before a scene is read, unless `--pairs` is "all", "zip" or a file that can be read."""
     if text in ("all", "zip"):
         return
-    path = Path(text)
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"--pairs is {text!r}; it must be all, zip, or a {', '.join(SUFFIXES)} file")
-    checked_file(path, path.name)
+    check_point_file(text, "--pairs", f"all, zip, or a {', '.join(SUFFIXES)} file")
 
 
 def read_pairs(path: Path) -> PairList:

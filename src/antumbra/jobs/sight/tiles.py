@@ -43,6 +43,7 @@ class Tracing:
 
     def _below(self, ends: Ends, others: Ends) -> np.ndarray:
         """(n, words of m) uint64: bit j of row i is set where the surface of end i hides point j."""
+        assert ends.unit is not None
         found = [self._asking.below(ends.at, ends.unit, light, _samples(light)) for _, light in self._lists(others)]
         return np.hstack(found)
 

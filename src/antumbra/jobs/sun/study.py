@@ -158,7 +158,7 @@ class _Bins:
     """Columns of hours: months, hours of the day, and criteria of a rule. Suns that count for none go to the last."""
 
     def __init__(self, study: Study):
-        suns, self.names, columns = study.suns, [], []
+        suns, self.names, columns = study.suns, list[str](), list[np.ndarray]()
         if "month" in study.by:
             columns.append(self._add([f"hours_{name}" for name in MONTHS]) + _month(suns))
         if "hour" in study.by:

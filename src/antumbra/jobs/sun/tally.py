@@ -33,7 +33,7 @@ class Tally(NamedTuple):
 @inlined
 def _seen(row, places, k):
     """The share of the samples of sun k that a sensor sees."""
-    samples, seen = places.shape[1], 0
+    samples, seen = places.shape[1], np.int64(0)
     for s in range(samples):
         at = places[k, s]
         seen += 1 - np.int64(row[at >> 6] >> np.uint64(at & 63) & np.uint64(1))
@@ -85,8 +85,8 @@ def tally_of(bits: np.ndarray, normals: np.ndarray | None, calendar: Calendar, c
     columns : number of bins
     """
     n = len(bits)
-    numbers = [np.zeros(n), np.zeros((n, columns)), np.zeros(n), np.zeros(n)]
-    tally = Tally(*numbers, np.zeros(n, np.int32), np.zeros(n, np.int32))
+    hours, binned, energy, longest = np.zeros(n), np.zeros((n, columns)), np.zeros(n), np.zeros(n)
+    tally = Tally(hours, binned, energy, longest, np.zeros(n, np.int32), np.zeros(n, np.int32))
     normals = np.empty((0, 3)) if normals is None else np.ascontiguousarray(normals, np.float64)
     run(_tally_rows, thread_count(threads), new_ticket(n, 64), bits, normals, calendar, tally)
     return tally
