@@ -112,7 +112,20 @@ JSON = {
     "component type": (put("componentType", 5130, "accessors", 0), "accessors[0].componentType is 5130"),
     "float indices": (put("componentType", 5126, "accessors", 1), "accessors[1]"),
     "signed indices": (put("componentType", 5122, "accessors", 1), "accessors[1].componentType is 5122"),
-    "draco": (put("extensionsRequired", ["KHR_draco_mesh_compression"]), "compressed with Draco"),
+    "draco without a view": (
+        lambda j: (
+            j["accessors"][0].pop("bufferView"),
+            put("extensions", {"KHR_draco_mesh_compression": {"bufferView": 9, "attributes": {}}}, *PRIMITIVE)(j),
+        ),
+        "KHR_draco_mesh_compression.bufferView is 9",
+    ),
+    "draco that is none": (
+        lambda j: (
+            j["accessors"][0].pop("bufferView"),
+            put("extensions", {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {}}}, *PRIMITIVE)(j),
+        ),
+        "Draco data cannot be decoded",
+    ),
     "meshopt": (put("extensionsRequired", ["EXT_meshopt_compression"]), "compressed with meshopt"),
     "unknown extension": (put("extensionsRequired", ["A_b"]), "extensionsRequired has 'A_b'"),
     "old version": (put("asset", {"version": "1.0"}), "asset.version is '1.0'"),

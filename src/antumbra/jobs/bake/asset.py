@@ -100,6 +100,8 @@ def open_asset(path: Path) -> Asset:
         If it cannot be read, or a buffer has no data.
     """
     document = open_document(path)
+    if "KHR_draco_mesh_compression" in document.root.texts("extensionsUsed"):
+        raise InputError(f"{document.file}: the meshes are compressed with Draco; {CURE}")
     asset = Asset(copy.deepcopy(document.root.data), bytearray())
     starts = [_append(asset.binary, buffer, document.file, i) for i, buffer in enumerate(document.buffers)]
     for view in asset.json.get("bufferViews", []):

@@ -5,6 +5,7 @@ field and invent defaults for required fields. They need 2.8 s for 0.4 MB that `
 
 - read: `read_gltf`, a file as the source of a scene
 - document, fields: the file with its buffers, and checked reading of JSON objects
+- draco: compressed meshes; ignored: what is left out, in one line
 - accessors: numbers in buffers; primitives: triangles, strips and fans
 - nodes, animation: world matrices of nodes, and keyframes over time
 - deform: morph targets and skins

@@ -23,6 +23,25 @@ class Accessors:
     def __len__(self) -> int:
         return len(self._fields)
 
+    def has_data(self, index: int) -> bool:
+        """Whether the file holds values for it, and not only zeros."""
+        return "bufferView" in self._fields[index] or "sparse" in self._fields[index]
+
+    def supply(self, index: int, values: np.ndarray) -> None:
+        """Set the values ((count, width) numbers) of an accessor whose data are elsewhere in the file."""
+        fields = self._fields[index]
+        shape = fields.whole("count"), WIDTHS.get(fields.text("type"), 0)
+        if values.shape != shape:
+            raise InputError(f"{fields.where} says {shape}, the compressed data are {values.shape}; export it again")
+        self._decoded[index] = values.astype(self._dtype(fields))
+
+    def view_bytes(self, holder: Fields, key: str) -> bytes:
+        """The bytes of the bufferView that a field names."""
+        view = self._views[holder.whole(key, high=len(self._views))]
+        size = view.whole("byteLength", low=1)
+        flat = Fields({**holder.data, "byteOffset": 0}, holder.where)
+        return self._view(flat, size, 1, np.dtype(np.uint8)).tobytes()
+
     def stored(self, index: int) -> np.ndarray:
         """(count, width): the numbers as they are stored."""
         return self._raw(index, tuple(WIDTHS))

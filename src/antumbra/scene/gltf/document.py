@@ -19,7 +19,7 @@ COMPRESSIONS = {
     "EXT_meshopt_compression": "meshopt",
     "KHR_meshopt_compression": "meshopt",
 }
-SUPPORTED = {"KHR_mesh_quantization", "KHR_lights_punctual", "EXT_mesh_gpu_instancing"}
+SUPPORTED = {"KHR_draco_mesh_compression", "KHR_mesh_quantization", "KHR_lights_punctual", "EXT_mesh_gpu_instancing"}
 HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "MSFT_packing_", "KHR_xmp")
 CURE_TEXTURES = "convert it first, for example with: npx @gltf-transform/cli ktxdecompress in.glb out.glb"
 CURE = "decompress it first, for example with: npx @gltf-transform/cli copy in.glb out.glb"
@@ -131,7 +131,7 @@ def _check_version(root: Fields) -> None:
 
 def _check_extensions(root: Fields) -> None:
     for name in root.texts("extensionsRequired"):
-        if name in COMPRESSIONS:
+        if name in COMPRESSIONS and name not in SUPPORTED:
             raise InputError(f"{root.where} the meshes are compressed with {COMPRESSIONS[name]} ({name}); {CURE}")
         if name not in SUPPORTED and not name.startswith(HARMLESS):
             raise InputError(

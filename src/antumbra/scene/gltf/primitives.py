@@ -9,6 +9,7 @@ from ..materials import look_of
 from ..meancolour import mean_colours
 from ..mesh import Mesh, check_finite, n_faces, used_faces
 from .accessors import Accessors
+from .draco import decompress
 from .fields import Fields
 from .materials import Materials
 
@@ -35,6 +36,7 @@ def read_primitive(
     fields: Fields, name: str, accessors: Accessors, materials: Materials, index: int
 ) -> Primitive | None:
     """A primitive, or None if it has no triangles, as points and lines."""
+    decompress(fields, accessors)
     mode = fields.whole("mode", TRIANGLES, high=7)
     attributes = fields.mapping("attributes", len(accessors))
     if mode < TRIANGLES or "POSITION" not in attributes:
