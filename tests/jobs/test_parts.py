@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.jobs.engines import Whole
 from antumbra.jobs.parts import Parts, digest
 
 
@@ -21,58 +22,75 @@ class Work:
 
 
 RANGES = [(0, 4), (4, 8), (8, 10)]
+NAMES = "squares", "rows"
+SQUARES = [k * k for k in range(10)]
+
+
+def parts(folder, work, name="a"):
+    return Parts("work", 10, 4, work, folder, {"what": name})
+
+
+def finished(made):
+    Whole().finish([made])
+    return made.joined(NAMES)
 
 
 @pytest.mark.parametrize("kept", [True, False])
 def test_parts_are_joined_in_order(tmp_path, kept):
     work = Work()
-    made = Parts(10, 4, tmp_path if kept else None, "a").run(work, "work")
+    made = finished(parts(tmp_path if kept else None, work))
     assert work.asked == RANGES
-    assert made["squares"].tolist() == [k * k for k in range(10)] and made["rows"].shape == (10, 2)
+    assert made["squares"].tolist() == SQUARES and made["rows"].shape == (10, 2)
 
 
 def test_work_goes_on(tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        Parts(10, 4, tmp_path, "a").run(Work(stop=8), "work")
+        finished(parts(tmp_path, Work(stop=8)))
     work = Work()
-    made = Parts(10, 4, tmp_path, "a").run(work, "work")
-    assert work.asked == RANGES[2:] and made["squares"].tolist() == [k * k for k in range(10)]
+    assert finished(parts(tmp_path, work))["squares"].tolist() == SQUARES and work.asked == RANGES[2:]
     other = Work()
-    Parts(10, 4, tmp_path, "b").run(other, "work")
+    finished(parts(tmp_path, other, "b"))
     assert other.asked == RANGES  # of other settings
 
 
 def test_damaged_parts_are_done_again(tmp_path):
-    Parts(10, 4, tmp_path, "a").run(Work(), "work")
-    files = sorted((tmp_path / "a").iterdir())
+    made = parts(tmp_path, Work())
+    finished(made)
+    files = [tmp_path / made.files(k)[0] for k in range(3)]
     files[0].write_bytes(files[0].read_bytes()[:40])
     files[1].write_bytes(b"")
     work = Work()
-    assert Parts(10, 4, tmp_path, "a").run(work, "work")["squares"].tolist() == [k * k for k in range(10)]
+    assert finished(parts(tmp_path, work))["squares"].tolist() == SQUARES
     assert work.asked == RANGES[:2]
 
 
+def test_files_of_other_parts_are_not_taken(tmp_path):
+    made, other = parts(tmp_path, Work()), parts(tmp_path, Work(), "b")
+    finished(made)
+    finished(other)
+    own = [tmp_path / made.files(k)[0] for k in range(3)]
+    own[0].write_bytes(own[1].read_bytes())
+    own[1].write_bytes((tmp_path / other.files(1)[0]).read_bytes())
+    assert [made.done(k) for k in range(3)] == [False, False, True]
+
+
 def test_single_parts_and_missing_ones(tmp_path):
-    parts = Parts(10, 4, tmp_path, "a")
+    made = parts(tmp_path, Work())
     with pytest.raises(at.InputError, match="part 1 is missing"):
-        parts[1]
-    parts.finish(Work(), "work")
-    assert parts[1]["squares"].tolist() == [16, 25, 36, 49]
+        made[1]
+    finished(made)
+    assert made[1]["squares"].tolist() == [16, 25, 36, 49]
 
 
 def test_clear_removes_only_its_own(tmp_path):
     folder = tmp_path / "kept"
-    first, second = (Parts(10, 4, folder, name) for name in "ab")
-    for parts in first, second:
-        parts.run(Work(), "work")
+    first, second = (parts(folder, Work(), name) for name in "ab")
+    for made in first, second:
+        finished(made)
     first.clear()
-    assert [path.name for path in folder.iterdir()] == ["b"]
+    assert [path.name for path in folder.iterdir()] == [second.name]
     second.clear()
     assert not folder.exists()
-
-
-def test_no_items():
-    assert Parts(0, 4).run(Work(), "work") == {}
 
 
 def test_digests_tell_settings_apart():

@@ -19,6 +19,7 @@ from . import (
     info,
     los,
     matrix,
+    merge,
     plans,
     render,
     scenes,
@@ -28,6 +29,7 @@ from . import (
     warmup,
 )
 from .panels import Grouped
+from .sharing import words
 
 app = typer.Typer(
     name="antumbra",
@@ -44,6 +46,7 @@ app.command("los")(los.los)
 app.command("viewshed")(viewshed.viewshed)
 app.command("matrix")(matrix.matrix)
 app.command("dataset")(dataset.dataset)
+app.command("merge")(merge.merge)
 app.command("build")(build.build)
 app.command("info")(info.info)
 app.command("scenes")(scenes.scenes)
@@ -89,4 +92,5 @@ def _top(
 
 def run(arguments: list[str]) -> object:
     """Run the command that the arguments name; return its exit code or its return value."""
+    words.set(tuple(arguments))
     return typer.main.get_command(app).main(arguments, prog_name="antumbra", standalone_mode=False)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -14,6 +15,7 @@ from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, tak
 from .pictureoptions import PictureLightOption, SamplerOption
 from .progress import ProgressDisplay
 from .sceneinput import open_scene, quietly
+from .sharing import MergeOption, ShardOption, engine_for, tell_shard
 
 if TYPE_CHECKING:
     from ..jobs.bake import Baked
@@ -91,6 +93,8 @@ class BakeArguments:
         typer.Option(help="The methods that answer; see antumbra plans.  [default: auto]", show_default=False),
     ] = None
     threads: Threads = None
+    shard: ShardOption = None
+    merge: MergeOption = None
     json: Json = False
     quiet: Quiet = False
 
@@ -146,14 +150,18 @@ def bake(given: BakeArguments) -> int:
     from ..jobs.bake import baking
 
     baking.check_output(given.output)
+    engine = engine_for(given, given.output)
     baking.check(given.what.value, lights=[a for a in asked if not isinstance(a, int)] or None, **given.options())
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
         scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
         lights = _lights(given, asked, scene)
         source = scene if spec.path is None or not baking.is_gltf(spec.path) or given.up is not None else spec.path
+        start, keep = perf_counter(), engine or given.output.with_suffix(".parts")
         with quietly():
-            made = baking.bake(source, given.output, given.what.value, lights=lights, **given.options())
+            made = baking.bake(source, given.output, given.what.value, lights=lights, keep=keep, **given.options())
+        if made is None:
+            return tell_shard(engine, given, perf_counter() - start)
     if given.json:
         report.print_json(made._asdict())
     elif not given.quiet:

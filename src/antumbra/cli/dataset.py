@@ -1,6 +1,5 @@
 """``antumbra dataset``: renders a scene by many cameras and lights, with ids, to a folder."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from ..errors import InputError
 from . import arguments, report
 from .arguments import CameraSpec, SceneSpec
 from .failures import say
@@ -26,12 +24,12 @@ from .options import (
 from .pictureoptions import AoOption, PictureLightOption, SamplerOption
 from .progress import ProgressDisplay
 from .sceneinput import limit_memory, open_scene
+from .sharing import MergeOption, ShardOption, engine_for, parse_shard
 
 if TYPE_CHECKING:
     from ..jobs.dataset.make import Dataset
+    from ..jobs.engines import Share
     from ..scene.any_scene import AnyScene
-
-_SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
 
 
 @dataclass(frozen=True)
@@ -69,14 +67,8 @@ class DatasetArguments:
     ] = None
     threads: Threads = None
     max_memory: MaxMemoryOption = None
-    shard: Annotated[
-        str | None,
-        typer.Option(
-            help="Render frames I, I+N, I+2N, ... only; other processes render the others.  [default: 0/1]",
-            metavar="I/N",
-            show_default=False,
-        ),
-    ] = None
+    shard: ShardOption = None
+    merge: MergeOption = None
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a data set of other settings, and finished frames.")
     ] = False
@@ -100,7 +92,7 @@ class DatasetArguments:
             [arguments.parse_light(text) for text in self.light or []],
             [] if self.ao is None else [arguments.parse_ambient(self.ao)],
             None if self.max_memory is None else arguments.parse_bytes(self.max_memory, "--max-memory"),
-            _parse_shard(self.shard),
+            parse_shard(self.shard),
         )
 
 
@@ -111,7 +103,7 @@ class _Parsed(NamedTuple):
     lights: list  # lights, and indices of the scene's own
     ambient: list  # ambient occlusion, or nothing
     memory: int | None  # bytes
-    shard: tuple[int, int]
+    shard: "Share | None"
 
 
 @takes(DatasetArguments)
@@ -145,11 +137,11 @@ def dataset(given: DatasetArguments) -> int:
         except KeyboardInterrupt:
             say("frames that are finished stay; the same command goes on from there")
             raise
-        if given.sheet is not None:
+        if given.sheet is not None and (asked.shard is None or asked.shard.index == 0):
             from ..image.save import save_png
             from ..jobs.dataset.sheet import contact_sheet
 
-            save_png(contact_sheet(made.folder, asked.shard[0]), given.sheet)
+            save_png(contact_sheet(made.folder), given.sheet)
     if given.json:
         report.print_json({**made._asdict(), "folder": str(made.folder), "scene": scene.name})
     elif not given.quiet:
@@ -178,26 +170,18 @@ def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display:
         plan=given.plan,
         threads=given.threads,
         max_memory=asked.memory,
-        shard=asked.shard,
+        engine=engine_for(given, given.output),
         overwrite=given.overwrite,
         progress=display.say,
     )
 
 
-def _parse_shard(text: str | None) -> tuple[int, int]:
-    match = _SHARD.fullmatch("0/1" if text is None else text.strip())
-    first, step = (int(n) for n in match.groups()) if match else (0, 0)
-    if not first < step:
-        raise InputError(f"--shard is {text!r}; write I/N with I below N, such as 0/4")
-    return first, step
-
-
-def _fields(made: "Dataset", scene: "AnyScene", shard: tuple[int, int]) -> Iterator[tuple[str, str]]:
+def _fields(made: "Dataset", scene: "AnyScene", shard: "Share | None") -> Iterator[tuple[str, str]]:
     yield "data set", str(made.folder / "manifest.json")
     yield "scene", f"{scene.name}, {scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
     yield "frames", f"{made.frames:,}, each with {made.lights} light{'s' * (made.lights != 1)}"
     found = f", {made.finished:,} were finished" if made.finished else ""
-    part = "" if shard == (0, 1) else f" (shard {shard[0]}/{shard[1]})"
+    part = "" if shard is None else f" (shard {shard})"
     yield "rendered", f"{made.rendered:,}{found}{part}"
     if not made.complete:
         yield "", "other shards have frames to render; the last one completes the manifest"

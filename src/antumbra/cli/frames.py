@@ -22,7 +22,9 @@ from .progress import ProgressDisplay
 from .renderoptions import RenderOptions, scene_digest
 
 if TYPE_CHECKING:
+    from ..jobs.engines import Engine
     from ..scene.any_scene import AnyScene
+    from .renderoptions import Shot
 
 _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
@@ -85,8 +87,8 @@ def numbered(pattern: Path, number: int) -> Path:
     return pattern.with_name(_HASHES.sub(lambda hashes: f"{number:0{len(hashes[0])}d}", pattern.name))
 
 
-def render_frames(job: AnimationJob, sequence: Sequence, display: ProgressDisplay) -> "Animation":
-    """Render all frames that are not finished."""
+def render_frames(job: AnimationJob, sequence: Sequence, display: ProgressDisplay, engine: "Engine") -> "Animation":
+    """Render all frames that are not finished, or those that the engine leaves to this process."""
     job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
     job.asked.direct_lights(job.scene, 0.0)
     if job.film is not None:
@@ -94,12 +96,9 @@ def render_frames(job: AnimationJob, sequence: Sequence, display: ProgressDispla
     last = sequence.time(sequence.numbers[-1])
     if last > job.scene.duration and not job.asked.quiet:
         say(f"note: the animation ends after {job.scene.duration:g} s; frames after that show its end")
-    animation = Animation(job, sequence)
+    animation = Animation(job, sequence, display)
     try:
-        for i, number in enumerate(sequence.numbers):
-            answer = animation.add(number, display, i)
-            if job.asked.json:
-                report.print_json(answer)
+        animation.complete = engine.finish([animation])
     except KeyboardInterrupt:
         done = sum(len(animation.numbers[state]) for state in ("rendered", "finished"))
         say(f"{done} of {len(sequence.numbers)} frames are finished; the same command goes on from there")
@@ -110,10 +109,13 @@ def render_frames(job: AnimationJob, sequence: Sequence, display: ProgressDispla
 
 
 class Animation:
-    """The frames of a run so far."""
+    """The frames of a run so far: units of work, one for each frame."""
 
-    def __init__(self, job: AnimationJob, sequence: Sequence):
-        self.job, self.sequence = job, sequence
+    what = ""
+
+    def __init__(self, job: AnimationJob, sequence: Sequence, display: ProgressDisplay):
+        self.job, self.sequence, self._display = job, sequence, display
+        self.complete = False  # whether no frame is left to other processes
         self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
         self.exposure = job.asked.exposure
         self.seconds: list[float] = []  # time of each rendered frame, with saving, without compilation
@@ -123,8 +125,35 @@ class Animation:
         self._digest = scene_digest(job.asked.spec)
         self._renderer = job.asked.renderer(job.scene)
         self._replaces = False  # whether the user has been told that older pictures are replaced
+        self._again = set(sequence.numbers) if job.overwrite else set[int]()  # frames to render, finished or not
         if self.exposure is None and not job.overwrite:
             self.exposure = self._first_exposure()
+
+    @property
+    def root(self) -> Path:
+        return self.job.pattern.parent
+
+    def root_of(self, folder: Path) -> Path:
+        return folder.parent
+
+    def __len__(self) -> int:
+        return len(self.sequence.numbers)
+
+    def files(self, k: int) -> list[str]:
+        return [numbered(self.job.pattern, self.sequence.numbers[k]).name]
+
+    def done(self, k: int, root: Path | None = None) -> bool:
+        number = self.sequence.numbers[k]
+        if root is None and number in self._again:
+            return False
+        path = (root or self.root) / self.files(k)[0]
+        return self._is_finished(path, self._settings(path, self.sequence.time(number)), root is None)
+
+    def found(self, k: int) -> None:
+        self._tell(k, {"state": "finished", "exposure": self.exposure})
+
+    def clear(self) -> None:
+        """All files are results."""
 
     def _settings(self, path: Path, time: float) -> dict:
         """The settings that the picture of a time depends on."""
@@ -144,47 +173,77 @@ class Animation:
                 return found["exposed"]
         return None
 
-    def add(self, number: int, display: ProgressDisplay, index: int) -> dict:
-        """Render a frame if it is not finished; return its fields for ``--json``. An error is printed, not raised."""
-        path, time, count = numbered(self.job.pattern, number), self.sequence.time(number), len(self.sequence.numbers)
-        text = f"frame {number}{self._forecast(count - index)}"
-        display.say(text, index, count)
-        answer = {"frame": number, "output": str(path), "time": self.job.scene.clamped(time)}
+    def do(self, k: int) -> None:
+        """Render a frame. An error is printed, not raised."""
+        number, count = self.sequence.numbers[k], len(self)
+        text = f"frame {number}{self._forecast(count - k)}"
+        self._display.say(text, k, count)
+        progress = lambda _, runs: self._display.parts(text, runs, k, count)
         try:
-            outcome = self._picture(path, time, lambda _, runs: display.parts(text, runs, index, count))
+            if self.exposure is None and not self._linear:
+                self._find_exposure(k, progress)
+            outcome = self._picture(number, progress)
         except Exception as error:
             reason, code = explained(error)
             say(f"frame {number}: {reason}")
             if code != BAD_INPUT:
                 self.unforeseen = self.unforeseen or error
             outcome = {"state": "failed", "reason": reason}
-        self.numbers[outcome["state"]].append(number)
-        return {**answer, **outcome}
+        self._again.discard(number)
+        self._tell(k, outcome)
 
-    def _picture(self, path: Path, time: float, progress) -> dict:
+    def _tell(self, k: int, outcome: dict) -> None:
+        """Count the outcome of a frame, and print its fields for ``--json``."""
+        number = self.sequence.numbers[k]
+        self.numbers[outcome["state"]].append(number)
+        if self.job.asked.json:
+            time = self.job.scene.clamped(self.sequence.time(number))
+            report.print_json({"frame": number, "output": str(self._path(number)), "time": time, **outcome})
+
+    @property
+    def _linear(self) -> bool:
+        return self.job.pattern.suffix.lower() == ".exr"
+
+    def _path(self, number: int) -> Path:
+        return numbered(self.job.pattern, number)
+
+    def _find_exposure(self, k: int, progress) -> None:
+        """Find the exposure of the first frame that can be rendered, if that is before frame k.
+
+        Other processes save the frames before k. A run of all frames comes here with none that it has not tried.
+        """
         from ..image.save import frame_exposure
 
-        asked, scene = self.job.asked, self.job.scene
-        linear = path.suffix.lower() == ".exr"
-        settings = self._settings(path, time)
-        if not self.job.overwrite and self._is_finished(path, settings):
-            return {"state": "finished", "exposure": self.exposure}
-        shot = asked.shot(scene, self._renderer, time, progress, linear)
-        if linear:
+        for number in self.sequence.numbers[:k]:
+            if number not in self.numbers["failed"]:
+                with suppress(Exception):  # the process whose frame it is shows the error
+                    self.exposure = frame_exposure(self._shot(number, progress).frame)
+                    return
+
+    def _shot(self, number: int, progress) -> "Shot":
+        return self.job.asked.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
+
+    def _picture(self, number: int, progress) -> dict:
+        from ..image.save import frame_exposure
+
+        path = self._path(number)
+        settings = self._settings(path, self.sequence.time(number))
+        shot = self._shot(number, progress)
+        if self._linear:
             self.exposure = None
         elif self.exposure is None:
             self.exposure = frame_exposure(shot.frame)
         note = json.dumps({**settings, "exposed": self.exposure})
-        saved = summary.save(shot.frame, path, self.exposure, note, asked.background)
+        saved = summary.save(shot.frame, path, self.exposure, note, self.job.asked.background)
         self.seconds.append(shot.frame.timings["total"] + saved.seconds)
         for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
             self.timings[name] = self.timings.get(name, 0.0) + seconds
         return {"state": "rendered", **summary.shot_answer(shot, saved)}
 
-    def _is_finished(self, path: Path, settings: dict) -> bool:
+    def _is_finished(self, path: Path, settings: dict, own: bool) -> bool:
         """Whether the file exists with these settings and the exposure of the other frames.
 
-        If no exposure is fixed yet, the frames get the exposure of this file.
+        If no exposure is fixed yet, the frames get the exposure of this file. `own`: another picture is replaced.
         """
         if not path.exists():
             return False
@@ -192,7 +251,7 @@ class Animation:
         differ = [name for name, value in settings.items() if found.get(name) != value]
         if not differ and self.exposure is not None and found["exposed"] not in (None, self.exposure):
             differ = ["exposure"]
-        if differ and not self._replaces:
+        if differ and own and not self._replaces:
             self._replaces = True
             how = f"with other settings ({', '.join(differ)})" if found else "but not of an animation"
             if not self.job.asked.quiet:

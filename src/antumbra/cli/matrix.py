@@ -1,28 +1,36 @@
 """``antumbra matrix``: which of many points see which others."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..errors import InputError
 from . import arguments, report
 from .joboptions import SensorsOption
-from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption
+from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, takes
 from .progress import ProgressDisplay
 from .sceneinput import open_scene
+from .sharing import MergeOption, ShardOption, engine_for, tell_shard
+
+if TYPE_CHECKING:
+    from ..jobs.sight.matrix import VisibilityMatrix
 
 _BITS, _SPARSE = ".npy", ".npz"
 
 
-def matrix(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
-    sensors: SensorsOption = "face",
+@dataclass(frozen=True)
+class MatrixArguments:
+    """The arguments of the command line."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    sensors: SensorsOption = "face"
     targets: Annotated[
         str | None,
         typer.Option(help="The same forms as --sensors.  [default: the sensors themselves]", show_default=False),
-    ] = None,
+    ] = None
     output: Annotated[
         Path | None,
         typer.Option(
@@ -31,11 +39,11 @@ def matrix(
             help="A .npy file of bits, 64 targets in a word; it goes on where it stopped.",
             show_default=False,
         ),
-    ] = None,
+    ] = None
     sparse: Annotated[
         Path | None,
         typer.Option(help="A .npz file of the visible pairs, for scipy.sparse.load_npz.", show_default=False),
-    ] = None,
+    ] = None
     counts: Annotated[
         list[Path] | None,
         typer.Option(
@@ -43,16 +51,21 @@ def matrix(
             ".png, .glb or .tif.",
             show_default=False,
         ),
-    ] = None,
+    ] = None
     plan: Annotated[
         str | None, typer.Option(help="Methods; see antumbra plans.  [default: auto]", show_default=False)
-    ] = None,
-    time: TimeOption = 0.0,
-    up: UpOption = None,
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = None
+    time: TimeOption = 0.0
+    up: UpOption = None
+    threads: Threads = None
+    shard: ShardOption = None
+    merge: MergeOption = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(MatrixArguments)
+def matrix(given: MatrixArguments) -> int:
     """Find which sensors of SCENE see which targets: one bit for each pair.
 
     Sensors on surfaces are seen from their outer side only. Bit j % 64 of word j // 64 of row i says whether sensor i
@@ -64,45 +77,64 @@ def matrix(
       antumbra matrix hall.glb --sensors grid:0.5 -o seen.npy --counts seen.png
       antumbra matrix city.glb --up z --sensors people.csv --targets face -o seen.npy --sparse seen.npz
     """
-    spec = arguments.parse_scene(scene)
+    spec = arguments.parse_scene(given.scene)
 
-    from ..jobs.formats import writer_of
-    from ..jobs.readsensors import check_sensors, kind_of, sensors_of
+    from ..jobs.readsensors import check_sensors, sensors_of
     from ..jobs.sight.matrix import visibility_matrix
     from ..jobs.table import Column, Table
-    from ..output import checked_output
 
-    check_sensors(sensors)
-    if targets is not None:
-        check_sensors(targets, "--targets")
-    bits = None if output is None else checked_output(output, (_BITS,))
-    pairs = None if sparse is None else checked_output(sparse, (_SPARSE,))
-    for path in counts or []:
-        writer_of(path, kind_of(sensors))
-    if bits is None and pairs is None and not counts:
-        raise InputError("there is nothing to write: give --output, --sparse or --counts")
-    with ProgressDisplay(quiet) as display:
+    check_sensors(given.sensors)
+    if given.targets is not None:
+        check_sensors(given.targets, "--targets")
+    bits, pairs, tables = _checked_outputs(given)
+    outputs = [path for path in (bits, pairs, *tables) if path is not None]
+    engine = engine_for(given, outputs[0])
+    with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if up is None else up.value, quiet)
+        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
         display.say("preparing")
-        own = sensors_of(sensors, opened, threads)
-        others = None if targets is None else sensors_of(targets, opened, threads)
+        own = sensors_of(given.sensors, opened, given.threads)
+        others = None if given.targets is None else sensors_of(given.targets, opened, given.threads)
         start = perf_counter()
-        found = visibility_matrix(opened, own, others, output=bits, plan=plan, time=time, threads=threads)
+        found = visibility_matrix(
+            opened, own, others, output=bits, plan=given.plan, time=given.time, threads=given.threads, keep=engine
+        )
         seconds = perf_counter() - start
+        if found is None:
+            return tell_shard(engine, given, seconds)
         display.say("writing the results")
         if pairs is not None:
             found.save(pairs)
         column = Column(found.counts, "", f"targets that it sees, of {found.columns}")
-        for path in counts or []:
+        for path in tables:
             Table(own, {"seen": column}, {"job": "matrix"}, opened).save(path)
-    written = [str(path) for path in [bits, pairs, *(counts or [])] if path is not None]
+    _tell(given, opened.name, found, seconds, [str(path) for path in outputs])
+    return 0
+
+
+def _checked_outputs(given: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
+    """The files to write, checked before a scene is read: of bits, of pairs, and of counts."""
+    from ..jobs.formats import writer_of
+    from ..jobs.readsensors import kind_of
+    from ..output import checked_output
+
+    bits = None if given.output is None else checked_output(given.output, (_BITS,))
+    pairs = None if given.sparse is None else checked_output(given.sparse, (_SPARSE,))
+    tables = given.counts or []
+    for path in tables:
+        writer_of(path, kind_of(given.sensors))
+    if bits is None and pairs is None and not tables:
+        raise InputError("there is nothing to write: give --output, --sparse or --counts")
+    return bits, pairs, tables
+
+
+def _tell(given: MatrixArguments, name: str, found: "VisibilityMatrix", seconds: float, written: list[str]) -> None:
     rows, columns = found.shape
     visible = int(found.counts.sum())
-    if json:
-        answer = {"scene": opened.name, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
+    if given.json:
+        answer = {"scene": name, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
         report.print_json({**answer, "outputs": written})
-    elif not quiet:
+    elif not given.quiet:
         share = 100.0 * visible / max(rows * columns, 1)
         fields = [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
         fields.append(("time", report.duration(seconds)))

@@ -10,8 +10,9 @@ from .options import takes
 from .planreport import print_choices
 from .progress import ProgressDisplay
 from .renderarguments import RenderArguments
-from .renderoptions import scene_digest
+from .renderoptions import Shot, scene_digest
 from .sceneinput import open_scene
+from .sharing import engine_for, tell_shard
 
 
 @takes(RenderArguments)
@@ -66,6 +67,8 @@ def render(given: RenderArguments) -> int:
       antumbra render city.antumbra --max-memory 2G
       antumbra render sponza.glb --ao 2 --explain-plan
     """
+    from ..jobs.engines import Whole
+
     given.check()
     asked = given.options()
     sequence = None if given.frames is None else arguments.parse_frames(given.frames, given.time, given.fps)
@@ -73,6 +76,7 @@ def render(given: RenderArguments) -> int:
     path = pictures_of(film) if film else output_path(given.output, asked.spec.stem, sequence)
     html = None if given.html is None else checked_output(given.html, (".html",))
     asked.check()
+    engine = engine_for(given, path)
     with ProgressDisplay(asked.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
@@ -81,17 +85,26 @@ def render(given: RenderArguments) -> int:
         load = perf_counter() - start
         display.say("preparing")
         if sequence is not None:
-            animation = render_frames(AnimationJob(asked, opened, load, path, given.overwrite, film), sequence, display)
+            job = AnimationJob(asked, opened, load, path, given.overwrite, film)
+            animation = render_frames(job, sequence, display, engine or Whole())
         else:
             linear = path.suffix.lower() == ".exr"
-            shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts, linear)
+            digest = scene_digest(asked.spec) if linear or engine else ""
+            shot: Shot | None
+            if engine is None:
+                shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts, linear)
+            else:
+                shot = asked.shot_in_bands(opened, given.time or 0.0, engine, digest, linear)
+            if shot is None:  # a shard
+                return tell_shard(engine, given, perf_counter() - start - load)
             display.say("writing the picture")
-            note = json.dumps(asked.settings(opened, scene_digest(asked.spec), shot.time)) if linear else None
+            note = json.dumps(asked.settings(opened, digest, shot.time)) if linear else None
             saved = summary.save(shot.frame, path, asked.exposure, note, background=asked.background)
             if html is not None:
                 renderpage.save(asked, opened, load, shot, saved, html)
     if sequence is not None:
         return animation.tell()
+    assert shot is not None
     if asked.json:
         report.print_json(summary.picture_answer(asked, opened, load, shot, saved))
     elif not asked.quiet:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
+from ..plan import parse_plan
 from . import arguments
 from .options import (
     SCENE_HELP,
@@ -42,6 +43,7 @@ from .pictureoptions import (
     VplOption,
 )
 from .renderoptions import RenderOptions
+from .sharing import MergeOption, ShardOption
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,8 @@ class RenderArguments:
     threads: Threads = None
     max_memory: MaxMemoryOption = None
     exposure: ExposureOption = None
+    shard: ShardOption = None
+    merge: MergeOption = None
     counters: Annotated[bool, typer.Option("--counters", help="Count rays, nodes and tests exactly.")] = False
     json: Json = False
     quiet: Quiet = False
@@ -136,6 +140,8 @@ class RenderArguments:
                 raise InputError(f"--ao dims the ambient light that {name} replaces; leave one of them out")
         if self.vpl is not None and self.bounce is not None:
             raise InputError("--vpl and --bounce are both light that bounces once; leave one of them out")
+        if self.shard is not None or self.merge:
+            self._check_shared()
         if self.frames is not None:
             if self.html is not None:
                 raise InputError("--html shows a single picture; leave it or --frames out")
@@ -146,6 +152,15 @@ class RenderArguments:
             raise InputError("--fps belongs to --frames FIRST:LAST; leave it out")
         if self.overwrite:
             raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
+
+    def _check_shared(self) -> None:
+        """Raise an InputError for options of pictures that one process makes."""
+        alone = {"--html": self.html, "--explain-plan": self.explain_plan, "--counters": self.counters}
+        for name, given in alone.items():
+            if given:
+                raise InputError(f"{name} tells of the work of one process; leave it or --shard out")
+        if self.plan is not None and not parse_plan(self.plan).tracer.exact:
+            raise InputError(f"--plan {self.plan} depends on the work before; --shard needs an exact plan")
 
     def options(self) -> RenderOptions:
         """Parse the arguments.

@@ -11,6 +11,7 @@ from .sceneinput import limit_memory
 if TYPE_CHECKING:
     import numpy as np
 
+    from ..jobs.engines import Engine
     from ..plan import Plan
     from ..rendering.frame import Frame
     from ..rendering.renderer import Renderer
@@ -112,14 +113,29 @@ class RenderOptions(NamedTuple):
 
         layers : whether the frame keeps its image light by light, for an EXR file
         """
-        camera, lights = self.view(scene, time), self.all_lights(scene, time)
+        camera, lights, asked = self._asked(scene, time, layers)
         runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
-        frame = renderer.render(
-            camera, lights, time=time, counters=self.counters, progress=progress("tracing shadow rays", runs),
-            background=self.background is None and not self._no_sky, layers=layers, textures=self.textures,
-            smooth_normals=not self.flat, **self.quality(),
-        )  # fmt: skip
+        frame = renderer.render(camera, lights, progress=progress("tracing shadow rays", runs), **asked)
         return Shot(scene.clamped(time), camera, lights, frame)
+
+    def shot_in_bands(
+        self, scene: "AnyScene", time: float, engine: "Engine", digest: str, layers: bool = False
+    ) -> "Shot | None":
+        """The same frame, whose rays an engine traces; None if it leaves some to other processes."""
+        from ..jobs.bands import render_bands
+
+        camera, lights, asked = self._asked(scene, time, layers)
+        settings = self.settings(scene, digest, time)
+        frame = render_bands(self.renderer(scene), camera, lights, engine, digest, settings, **asked)
+        return None if frame is None else Shot(scene.clamped(time), camera, lights, frame)
+
+    def _asked(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], dict]":
+        """The arguments of `Renderer.render`."""
+        more = {
+            "time": time, "counters": self.counters, "background": self.background is None and not self._no_sky,
+            "layers": layers, "textures": self.textures, "smooth_normals": not self.flat,
+        }  # fmt: skip
+        return self.view(scene, time), self.all_lights(scene, time), {**more, **self.quality()}
 
     def options(self) -> dict:
         """Names and values, for ``--json``."""

@@ -12,6 +12,7 @@ from .arguments import SceneSpec, parse_bytes, parse_scene
 from .options import takes
 from .progress import ProgressDisplay
 from .sceneinput import limit_memory, open_scene
+from .sharing import engine_for, tell_shard
 from .sunarguments import SunArguments
 
 
@@ -49,6 +50,7 @@ def sun(given: SunArguments) -> int:
     parse_plan(given.plan)
     memory = None if given.max_memory is None else parse_bytes(given.max_memory, "--max-memory")
     outputs = _checked_outputs(given, spec)
+    engine = engine_for(given, outputs[0])
     if given.city_output is not None:
         checked_output(given.city_output, (".json",))
     with ProgressDisplay(given.quiet) as display:
@@ -71,8 +73,11 @@ def sun(given: SunArguments) -> int:
         if given.column is not None:
             ask(sensors=sensors.part(0, 0)).shown(given.column)  # an unknown column is found before the long work
         start = perf_counter()
-        table = ask(sensors=sensors, matrix=given.matrix, keep=outputs[0].with_suffix(".parts"))
+        keep = engine or outputs[0].with_suffix(".parts")
+        table = ask(sensors=sensors, matrix=given.matrix, keep=keep)
         seconds = perf_counter() - start
+        if table is None:
+            return tell_shard(engine, given, seconds)
         city = getattr(scene, "city", None)
         crs = given.crs or (None if city is None else city.crs)
         table.about |= {"scene": given.scene, "sensors": given.sensors, "plan": given.plan}

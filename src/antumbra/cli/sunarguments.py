@@ -10,6 +10,7 @@ import typer
 from ..plan import DEFAULT_PLAN
 from .joboptions import ColumnOption, OutputsOption, SensorsOption
 from .options import SCENE_HELP, Json, MaxMemoryOption, Quiet, Threads, UpOption
+from .sharing import MergeOption, ShardOption
 
 
 class By(StrEnum):
@@ -79,5 +80,7 @@ class SunArguments:
     threads: Threads = None
     max_memory: MaxMemoryOption = None
     up: UpOption = None
+    shard: ShardOption = None
+    merge: MergeOption = None
     json: Json = False
     quiet: Quiet = False

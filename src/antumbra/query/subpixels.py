@@ -151,3 +151,18 @@ def block_means(picture: np.ndarray, n: int) -> np.ndarray:
     h, w = picture.shape[:2]
     blocks = picture.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK, *picture.shape[2:])
     return blocks.mean((1, 3), dtype=np.float64).reshape(-1, *picture.shape[2:])[:n].astype(picture.dtype)
+
+
+def blocks_of(picture: np.ndarray) -> np.ndarray:
+    """(R C, 4, 4, ...): the blocks of a picture (4 R, 4 C, ...) of sub-pixels, row by row."""
+    h, w, *more = picture.shape
+    blocks = picture.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK, *more).swapaxes(1, 2)
+    return blocks.reshape(-1, BLOCK, BLOCK, *more)
+
+
+def picture_of(blocks: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(4 R, 4 C, ...): the picture of `shape` with these blocks, row by row; 0 in blocks that are left."""
+    rows, columns, more = shape[0] // BLOCK, shape[1] // BLOCK, blocks.shape[3:]
+    out = np.zeros((rows * columns, BLOCK, BLOCK, *more), blocks.dtype)
+    out[: len(blocks)] = blocks
+    return out.reshape(rows, columns, BLOCK, BLOCK, *more).swapaxes(1, 2).reshape(*shape, *more)

@@ -1,5 +1,6 @@
 """One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and the sub-pixels of edges."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,8 @@ from ..image.shade import ambient_light
 from ..query.picture import Surfaces, stacked
 from ..query.receivers import NOTHING
 from ..query.refine import edges
-from ..query.subpixels import BLOCK, block_copies, block_means
+from ..query.shadow import ShadowQuery
+from ..query.subpixels import BLOCK, block_copies, block_means, picture_of
 from ..query.surface import PictureSurfaces, seen_by
 from ..scene.lights import light_names
 from ..scene.sky import Sky
@@ -27,6 +29,7 @@ from .source import RenderSource
 from .srdh_rays import bounced_queries
 from .state import (
     FrameState,
+    KeptRows,
     TracedLights,
     accelerate,
     arriving_at,
@@ -36,12 +39,16 @@ from .state import (
     picture,
     queries_of,
     shaded,
+    traced_before,
 )
 
 
-def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Frame:
-    """Render a frame. Its kernels should be compiled already, or compilation counts in the timings."""
-    state = FrameState(source, accelerator, request)
+def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept: KeptRows | None = None) -> Frame:
+    """Render a frame. Its kernels should be compiled already, or compilation counts in the timings.
+
+    kept : what the rays of this frame found, if they were traced before; no tree is built then
+    """
+    state = FrameState(source, accelerator, request, kept)
     evaluate(state)
     surfaces, traced = look_and_trace(state)
     surfaces = dressed(state, surfaces)
@@ -59,12 +66,21 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request) -> Fr
         divide(state, edge, Shown(image, coverage), ambient, indirect)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
-    chosen, scheduled = state.ready.chosen, None if state.ready.scheduled is None else state.ready.scheduled.statistics
+    ran, choices, scheduled = _ran(state)
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
-        scheduled, source.paging(), str(accelerator.ran(state.ready)), None if chosen is None else chosen.choices,
-        coverage, tuple(light_names(request.lights)), behind(state, surfaces, coverage), layers, ambient,
+        scheduled, source.paging(), ran, choices, coverage, tuple(light_names(request.lights)),
+        behind(state, surfaces, coverage), layers, ambient,
     )  # fmt: skip
+
+
+def _ran(state: FrameState) -> tuple[str, list | None, list | None]:
+    """The methods that ran, what the plan `auto` chose, and the statistics of CHC+RT."""
+    if state.kept is not None:
+        return str(state.accelerator.plan), None, None
+    chosen, scheduled = state.ready.chosen, state.ready.scheduled
+    choices = None if chosen is None else chosen.choices
+    return str(state.accelerator.ran(state.ready)), choices, None if scheduled is None else scheduled.statistics
 
 
 def evaluate(state: FrameState) -> None:
@@ -87,7 +103,7 @@ def look_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
     bands, bits = list[Surfaces](), list[list[np.ndarray]]()
     for rows in state.source.bands(state.request.camera.height):
         surfaces = look(state, rows)
-        traced = trace(state, surfaces)
+        traced = trace(state, surfaces, rows)
         bands.append(surfaces)
         bits.append(traced.bits)
     if len(bands) == 1:
@@ -108,11 +124,13 @@ def look(state: FrameState, rows: slice) -> Surfaces:
     return surfaces
 
 
-def trace(state: FrameState, surfaces: Surfaces) -> TracedLights:
+def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
     """Trace the shadow rays of a band's pixels. The tree also serves the later rays of refined penumbrae."""
     request, maker, whole = state.request, state.accelerator, state.whole
     queries = queries_of(state, surfaces, request.samples)
     state.clock.lap("trace")
+    if state.kept is not None:
+        return traced_before(state, queries, [bits[rows] for bits in state.kept.bits])
     finer = [] if request.finer is None else [q._replace(samples=s) for q, s in zip(queries, request.finer.penumbra)]
     around = bounced_queries(
         maker.showing, state.triangles, surfaces.gbuffer, request.lights, request.samples, request.facing
@@ -140,11 +158,12 @@ def refine(
 
     Returns two (H, W) bool masks: edge pixels, which `divide` splits into sub-pixels; and all refined pixels.
     """
-    finer, more = state.request.finer, lambda query: ask(state, query)
+    finer, kept = state.request.finer, state.kept
     assert finer is not None
     edge = edges(seen, edge_colours(state), state.threads)
     refined = edge.copy()
     for i, (query, bits, samples) in enumerate(zip(*traced, finer.penumbra)):
+        more = partial(ask, state) if kept is None else partial(_known, state, kept.finer[i])
         asked, better = refine_penumbra(seen, query, bits, samples, more, state.request.smooth, state.threads)
         chosen = asked.sides != NOTHING
         visibility[i] = np.where(chosen, better, visibility[i])
@@ -164,11 +183,19 @@ def edge_colours(state: FrameState) -> np.ndarray:
     return np.where((varied & (own >= 0))[:, None], factors[own], colour)
 
 
+def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> np.ndarray:
+    return traced_before(state, [query], [bits]).bits[0]
+
+
 def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights) -> np.ndarray:
     """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
-    nearest = open_to_all(state)
-    indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
-    state.clock.lap("trace")
+    if state.kept is None:
+        nearest = open_to_all(state)
+        indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
+        state.clock.lap("trace")
+    else:
+        assert state.kept.indirect is not None
+        indirect = state.kept.indirect
     if state.request.smooth:
         indirect = smoothed(seen, indirect, state.threads)
         state.clock.lap("filter")
@@ -233,18 +260,24 @@ def divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarra
     for first in range(0, len(rows), most):
         some = np.zeros_like(edge)
         some[rows[first : first + most], columns[first : first + most]] = True
-        _divide(state, some, shown, ambient, indirect)
+        _divide(state, some, first, shown, ambient, indirect)
 
 
-def _divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarray, indirect) -> None:
+def _divide(state: FrameState, edge: np.ndarray, first: int, shown: Shown, ambient: np.ndarray, indirect) -> None:
+    """Divide the pixels of `edge`, of which `first` is the number of the first one among all edges."""
     finer = state.request.finer
     assert finer is not None
     pixels = state.source.subpixels(state.triangles, state.view, edge, state.whole)
     state.clock.lap("gbuffer")
     queries = [as_needed(query) for query in queries_of(state, pixels, finer.edges)]
     state.clock.lap("trace")
-    accelerate(state, queries, state.ready)
-    traced = ask_all(state, queries)
+    if state.kept is None:
+        accelerate(state, queries, state.ready)
+        traced = ask_all(state, queries)
+    else:
+        some = slice(first, first + int(np.count_nonzero(edge)))
+        bits = [picture_of(blocks[some], pixels.ids.shape) for blocks in state.kept.edges]
+        traced = traced_before(state, queries, bits)
     state.clock.lap("trace")
     around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
     blocks = picture(state, dressed(state, pixels, BLOCK), traced, ambient, around)

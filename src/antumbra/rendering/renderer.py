@@ -33,8 +33,10 @@ from .render_jobs import (
     warm_up_quality,
 )
 from .request import Request
+from .rows import Rows
 from .see import see
 from .srdh_rays import SrdhRays
+from .state import KeptRows
 
 if TYPE_CHECKING:
     from .paged import Paged
@@ -102,6 +104,29 @@ class Renderer:
         smooth_normals: bool = True,
     ) -> Frame:  # fmt: skip
         """Render one frame; `antumbra.render` documents the parameters."""
+        request = self.request(
+            camera, lights, spp=spp, time=time, counters=counters, sampler=sampler, cull_faces=cull_faces,
+            filter=filter, adaptive=adaptive, bounce=bounce, background=background, layers=layers, textures=textures,
+            smooth_normals=smooth_normals,
+        )  # fmt: skip
+        with shown("tracing") if progress is None else nullcontext(progress) as heard:
+            return draw(self.source, self.accelerator, request._replace(progress=heard))
+
+    def rows(self, request: Request) -> Rows:
+        """The picture of a request in bands of rows, to be traced one by one, in any order and in any process."""
+        return Rows(self.source, self.accelerator, request)
+
+    def from_rows(self, request: Request, kept: KeptRows) -> Frame:
+        """The frame of a request whose rays were traced before. It equals that of `render`, but for its timings."""
+        return draw(self.source, self.accelerator, request, kept)
+
+    def request(
+        self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
+        counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
+        filter: bool | None = None, adaptive: int | None = None, bounce: int | None = None, background: bool = True,
+        layers: bool = False, textures: bool = True, smooth_normals: bool = True,
+    ) -> Request:  # fmt: skip
+        """The checked arguments of `render`. The kernels that they need are compiled."""
         lights = check_lights(lights)
         if not isinstance(camera, Camera):
             raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
@@ -115,7 +140,7 @@ class Renderer:
             facing,
             time,
             counters,
-            progress,
+            None,
             bool(filter),
             finer,
             passes,
@@ -126,8 +151,7 @@ class Renderer:
             bool(smooth_normals),
         )
         self._warm_up(request)
-        with shown("tracing") if progress is None else nullcontext(progress) as heard:
-            return draw(self.source, self.accelerator, request._replace(progress=heard))
+        return request
 
     def _warm_up(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""

@@ -30,6 +30,15 @@ class TracedLights(NamedTuple):
     bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64
 
 
+class KeptRows(NamedTuple):
+    """What the rays of a picture found."""
+
+    bits: list[np.ndarray]  # per light (H, W, words) uint64
+    finer: list[np.ndarray]  # per light (H, W, words) uint64, of refined penumbrae; empty without refinement
+    edges: list[np.ndarray]  # per light (edges, 4, 4, words) uint64, of the sub-pixels of edges, row by row
+    indirect: np.ndarray | None  # (H, W, 3) float32, irradiance after one bounce, unfiltered
+
+
 class FrameState:
     """The state of one frame during rendering.
 
@@ -52,18 +61,21 @@ class FrameState:
         The rays that the builder is shown for this frame; None if it takes none.
     ready : Accelerated
         Answers the shadow queries last passed to `accelerate`.
+    kept : KeptRows or None
+        What the rays found, if all of them were traced before.
     """
 
     triangles: Triangles
     view: CameraRays | ListedRays
     ready: Accelerated
 
-    def __init__(self, source: RenderSource, accelerator: Accelerator, request: Request):
+    def __init__(self, source: RenderSource, accelerator: Accelerator, request: Request, kept: KeptRows | None = None):
         self.source, self.accelerator, self.request = source, accelerator, request
         self.clock, self.threads, self.rays = Clock(), accelerator.threads, 0
         self.tally = new_counters() if request.counters else None
         self.whole: Accelerated | None = None
         self.shown: Shown | None = None
+        self.kept = kept
 
 
 def queries_of(state: FrameState, surfaces: Surfaces, samples) -> list[ShadowQuery]:
@@ -89,10 +101,14 @@ def ask(state: FrameState, query: ShadowQuery) -> np.ndarray:
 
 def ask_all(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
     """Trace several queries of pictures of the same shape."""
+    answer = state.accelerator.answer_all
+    return traced_before(state, queries, answer(state.ready, queries, state.tally, state.request.progress))
+
+
+def traced_before(state: FrameState, queries: list[ShadowQuery], bits: list[np.ndarray]) -> TracedLights:
+    """Queries whose bits are known. Their rays are counted."""
     state.rays += sum(ray_count(query) for query in queries)
-    return TracedLights(
-        queries, state.accelerator.answer_all(state.ready, queries, state.tally, state.request.progress)
-    )
+    return TracedLights(queries, bits)
 
 
 def arriving_at(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:

@@ -13,6 +13,7 @@ from antumbra.jobs.bake.asset import open_asset
 from antumbra.jobs.bake.measure import Asked, Meter
 from antumbra.jobs.bake.parts import Part, accessors_of, read_parts
 from antumbra.jobs.bake.texels import cover
+from antumbra.jobs.engines import Whole
 from jobs.bake.baked_files import Glb, box, grid, primitive, scene_file
 from scene.gltf_files import Gltf, png
 
@@ -130,7 +131,9 @@ def test_a_texture_of_a_wall_has_the_closed_form_everywhere(tmp_path):
     parts = read_parts(at.load(path), asset, 0.0)
     (sheet,) = charts.existing(parts, accessors_of(asset, "x"), 0, 64)
     meter = Meter(wall, Asked("ao", [at.AmbientOcclusion()], 1024, "hammersley", None, 0.0, None), 4096)
-    values, hidden = textures.texel_values(sheet, meter, None, True)
+    texels = textures.Texels(sheet, meter, True)
+    Whole().finish([texels.parts])
+    values, hidden = texels.values(None)
     d = 0.2 + 4.0 * (sheet.cover.texel % 64 + 0.5) / 64
     error = values[:, 0] - 0.5 * (1.0 + d / np.hypot(d, 2.0))
     assert hidden == 0 and np.abs(error).max() < 2.5e-3 and np.sqrt((error**2).mean()) < 1e-3

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from ...scene.lights import Light
+from ..engines import engine_of
 from .options import check, check_output, is_gltf, own_lights
 from .parts import read_parts
 from .report import Baked, Clock
@@ -18,7 +19,7 @@ def bake(
     spp: int = 256, attribute: str | None = None, multiply: bool = False, texture: int | None = None,
     uv: int | None = None, bits: int = 8, exr: bool = False, denoise: bool = False, exposure: float | None = None,
     keep_hidden: bool = False, time: float = 0.0, up: str = "y", plan: str | None = None,
-    sampler: str = "hammersley", threads: int | None = None,
+    sampler: str = "hammersley", threads: int | None = None, keep=None,
 ) -> Baked:  # fmt: skip
     """Measure what the surfaces of a scene receive, and write it into a copy of its glTF file.
 
@@ -67,10 +68,13 @@ def bake(
         The axis that points up in a file that is not glTF.
     plan, sampler, threads
         As in `render`. On a hemisphere ``hammersley`` has half the error of the default of pictures.
+    keep : str, path-like or engine, optional
+        Folder in which an interrupted bake keeps its finished parts; or who does them, see `antumbra.jobs.engines`.
 
     Returns
     -------
     Baked
+        None if the engine leaves parts to others.
 
     Raises
     ------
@@ -90,4 +94,4 @@ def bake(
         parts = read_parts(found, asset, time)
         clock.lap("read")
         job = bake_textures if options.texture else bake_vertices
-        return job(found, asset, parts, options, output, clock)
+        return job(found, asset, parts, options, output, clock, engine_of(keep))

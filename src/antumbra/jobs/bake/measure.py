@@ -4,15 +4,13 @@ Each receiver of a block has a sample set of its own, and neighbours share packe
 are made along a space-filling curve, and those of texels are 4 x 4 texels.
 """
 
-from collections.abc import Callable
-from contextlib import nullcontext
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ...image.gathered import gathered
 from ...image.list_irradiance import list_irradiance
-from ...kernels.progress import reported
 from ...query.gbuffer import GBuffer
 from ...query.order import morton_codes
 from ...query.receivers import NOTHING, point_receivers
@@ -23,10 +21,13 @@ from ...rendering.points import PointQueries
 from ...rendering.renderer import Renderer
 from ...scene.lights import Light
 from ...scene.scene import Scene
+from ..dataset.manifest import light_record
+from ..parts import Parts, about_parts, inexact
+from ..scenedigest import scene_digest
 
 SIDE = 4  # receivers along the side of a block
 BLOCK = SIDE * SIDE
-_BATCH = 1 << 14  # blocks that are asked at once
+_PART = 1 << 12  # blocks of a part, which are asked at once
 
 QUANTITIES = {
     "ao": "the share of the sky that is open, weighted by the cosine",
@@ -100,41 +101,18 @@ class Meter:
         self._points = PointQueries(Renderer(scene, asked.plan, asked.threads), total, asked.time)
         self._points.begin(points_memory(0, asked.lights[0], self._samples[0]))
 
-    def values(
-        self, receivers: Receivers, blocks: np.ndarray | None = None, what: str | None = "tracing rays"
-    ) -> np.ndarray:
-        """(n, c) float32: what each receiver gets; 0 where no block has it.
-
-        what : name of the work, for users; None: say nothing
-        """
+    def values(self, receivers: Receivers) -> np.ndarray:
+        """(n, c) float32: what each of a few receivers gets, at once."""
         out = np.zeros((len(receivers.positions), self.asked.channels), np.float32)
-        for places, found in self._asked_blocks(receivers, blocks, what, self._values):
-            out[places] = found
+        grid = _grid(curve_blocks(receivers.positions))
+        there = grid >= 0
+        out[grid[there]] = self.worth(self.answered(receivers, grid, there))[there]
         return out
 
-    def counts(self, receivers: Receivers, blocks: np.ndarray) -> np.ndarray:
-        """(lights, n) int32: the number of each light's samples that are occluded."""
-        out = np.zeros((len(self.asked.lights), len(receivers.positions)), np.int32)
-        count = lambda queries: np.stack([np.bitwise_count(b).sum(-1, dtype=np.int32) for _, b in queries], -1)
-        for places, found in self._asked_blocks(receivers, blocks, "tracing rays", count):
-            out[:, places] = found.T
-        return out
-
-    def _asked_blocks(self, receivers: Receivers, blocks, what: str | None, use: Callable):
-        """Yield (places, result of `use` for the receivers there), batch by batch."""
-        blocks = curve_blocks(receivers.positions) if blocks is None else blocks
-        with reported(what) if what else nullcontext(lambda done, total: None) as progress:
-            for start in range(0, len(blocks), _BATCH):
-                progress(start, len(blocks))
-                grid = _grid(blocks[start : start + _BATCH])
-                there = grid >= 0
-                found = use(self._answered(receivers, grid, there))
-                yield grid[there], found[there]
-            progress(len(blocks), len(blocks))
-
-    def _answered(
+    def answered(
         self, receivers: Receivers, grid: np.ndarray, there: np.ndarray
     ) -> list[tuple[ShadowQuery, np.ndarray]]:
+        """The query and the bits of each light, of the receivers of a grid."""
         world, normals = receivers.positions[grid], np.ascontiguousarray(receivers.normals[grid])
         flat = world.reshape(-1, 3)
         origins = point_receivers(flat - self._points.triangles.origin, normals.reshape(-1, 3), flat, False)
@@ -146,7 +124,7 @@ class Meter:
             self.rays += int(there.sum()) * samples.shape[1]
         return found
 
-    def _values(self, answered: list[tuple[ShadowQuery, np.ndarray]]) -> np.ndarray:
+    def worth(self, answered: list[tuple[ShadowQuery, np.ndarray]]) -> np.ndarray:
         """(h, w, c) float32, from the bits of each light."""
         what, threads = self.asked.what, self.asked.threads
         if what in ("ao", "shadow"):
@@ -157,9 +135,8 @@ class Meter:
         total = np.zeros((*answered[0][0].sides.shape, self.asked.channels), np.float32)
         for light, (query, bits) in zip(self.asked.lights, answered):
             if light.domain == "list":
-                total += list_irradiance(
-                    _surfaces(query, self._points.triangles.origin), light, query.samples, bits, threads
-                )
+                surfaces = _surfaces(query, self._points.triangles.origin)
+                total += list_irradiance(surfaces, light, query.samples, bits, threads)
                 continue
             sky = light.domain == "hemisphere"
             arrived = (
@@ -171,6 +148,52 @@ class Meter:
 
     def _shares(self, answered) -> np.ndarray:
         return np.stack([fraction_lit(b, q.samples.shape[1], self.asked.threads) for q, b in answered], -1)
+
+
+class Measurement:
+    """A measurement of many receivers, part by part.
+
+    meter : Meter
+    receivers : Receivers
+    blocks : (m, 16) int64
+        From `curve_blocks`, or blocks of texels.
+    counted : bool
+        Whether the number of each light's samples that are occluded is measured, instead of values.
+    folder : Path or None
+        Where parts are kept; None: in memory.
+    """
+
+    def __init__(self, meter: Meter, receivers: Receivers, blocks: np.ndarray, counted: bool, folder: Path | None):
+        self.receivers, self.blocks = receivers, blocks
+        self._meter, self._counted = meter, counted
+        asked, about = meter.asked, None
+        if folder is not None:
+            lights = [light_record(light) for light in asked.lights]
+            settings = asked.what, lights, asked.spp, asked.sampler, inexact(asked.plan), counted
+            scene = scene_digest(meter.scene, meter.scene.clamped(asked.time), asked.threads)
+            about = about_parts("bake", scene, *settings, *receivers, blocks)
+        self.parts = Parts("tracing rays", len(blocks), _PART, self._part, folder, about)
+
+    def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
+        grid = _grid(self.blocks[first:last])
+        there, meter = grid >= 0, self._meter
+        answered = meter.answered(self.receivers, grid, there)
+        return {"found": (_counts(answered) if self._counted else meter.worth(answered))[there]}
+
+    def result(self) -> np.ndarray:
+        """(n, c) float32 values, or (n, lights) int32 counts, when all parts are done; 0 where no block has it."""
+        kind, asked = (np.int32 if self._counted else np.float32), self._meter.asked
+        width = len(asked.lights) if self._counted else asked.channels
+        out = np.zeros((len(self.receivers.positions), width), kind)
+        for k, (first, last) in enumerate(self.parts.ranges):
+            grid = _grid(self.blocks[first:last])
+            out[grid[grid >= 0]] = self.parts[k]["found"]
+        return out
+
+
+def _counts(answered: list[tuple[ShadowQuery, np.ndarray]]) -> np.ndarray:
+    """(h, w, lights) int32: the number of each light's samples that are occluded."""
+    return np.stack([np.bitwise_count(bits).sum(-1, dtype=np.int32) for _, bits in answered], -1)
 
 
 def _grid(blocks: np.ndarray) -> np.ndarray:

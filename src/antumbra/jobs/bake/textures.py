@@ -1,6 +1,7 @@
 """Values at the texels of a sheet, and the image that viewers interpolate."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from ...query.receivers import NOTHING
 from ...query.surface import PictureSurfaces
 from .charts import Sheet, Unwrapped, chart_of_faces, corners_of
 from .hidden import Solids
-from .measure import SIDE, Meter, Receivers, nearby
+from .measure import SIDE, Measurement, Meter, Receivers, nearby
 from .parts import face_vectors
 from .texels import Cover, closest_weights
 from .vertices import suspects
@@ -49,25 +50,35 @@ def receivers_at(surface: Surface, face: np.ndarray, weights: np.ndarray) -> Rec
     return Receivers(points - np.einsum("nk,nk,nki->ni", weights, below, normals), normal)
 
 
-def texel_values(sheet: Sheet, meter: Meter, solids: Solids | None, denoise: bool) -> tuple[np.ndarray, int]:
-    """((n, c) float32 of the texels of the sheet's cover, number of texels that nobody sees).
+class Texels:
+    """The texels of a sheet, and their measurement.
 
-    A texel inside a solid is sampled elsewhere in its square. If all of it is inside, it is NaN.
+    denoise : whether the filter smooths them
+    folder : where parts are kept; None: in memory
     """
-    cover, surface = sheet.cover, surface_of(sheet)
-    receivers = receivers_at(surface, cover.face, cover.weights)
-    blocks = texel_blocks(cover, receivers.positions)
-    if denoise:
-        counts = meter.counts(receivers, blocks)
-        values = np.mean([_smoothed(sheet, surface, receivers, c, meter) for c in counts], 0)[:, None]
-    else:
-        values = meter.values(receivers, blocks)
-    if solids is None:
-        return values, 0
-    with reported("moving hidden texels"):
-        hidden = np.flatnonzero(suspects(values, meter))
-        hidden = hidden[solids.hold(receivers.at(hidden))]
-        return values, _push_out(values, hidden, cover, surface, meter, solids)
+
+    def __init__(self, sheet: Sheet, meter: Meter, denoise: bool, folder: Path | None = None):
+        self._sheet, self._meter, self._denoise = sheet, meter, denoise
+        self._surface = surface_of(sheet)
+        receivers = receivers_at(self._surface, sheet.cover.face, sheet.cover.weights)
+        self._asked = Measurement(meter, receivers, texel_blocks(sheet.cover, receivers.positions), denoise, folder)
+        self.parts = self._asked.parts
+
+    def values(self, solids: Solids | None) -> tuple[np.ndarray, int]:
+        """((n, c) float32 of the texels of the sheet's cover, number of texels that nobody sees), from all parts.
+
+        A texel inside a solid is sampled elsewhere in its square. If all of it is inside, it is NaN.
+        """
+        values, receivers = self._asked.result(), self._asked.receivers
+        sheet, surface, meter = self._sheet, self._surface, self._meter
+        if self._denoise:
+            values = np.mean([_smoothed(sheet, surface, receivers, c, meter) for c in values.T], 0)[:, None]
+        if solids is None:
+            return values, 0
+        with reported("moving hidden texels"):
+            hidden = np.flatnonzero(suspects(values, meter))
+            hidden = hidden[solids.hold(receivers.at(hidden))]
+            return values, _push_out(values, hidden, sheet.cover, surface, meter, solids)
 
 
 def texel_blocks(cover: Cover, positions: np.ndarray) -> np.ndarray:
@@ -167,7 +178,7 @@ def _push_out(
         places = np.stack([texel % cover.size, texel // cover.size], 1) + 0.5 + offset
         points = receivers_at(surface, face, closest_weights(places, surface.uv[face]))
         seen = ~solids.hold(points)
-        values[hidden[seen]] = meter.values(points.at(seen), what=None)
+        values[hidden[seen]] = meter.values(points.at(seen))
         inside[hidden[seen]] = False
         hidden = hidden[~seen]
     values[inside] = np.nan

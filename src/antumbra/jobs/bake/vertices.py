@@ -27,21 +27,22 @@ def receivers_of(parts: Sequence[Part]) -> Receivers:
     return Receivers(np.concatenate([p.positions for p in parts]), np.concatenate([p.normals for p in parts]))
 
 
-def vertex_values(parts: Sequence[Part], meter: Meter, solids: Solids | None) -> tuple[np.ndarray, int]:
-    """((n, c) float32 of the vertices of all parts, number of hidden ones).
+def replace_hidden(
+    values: np.ndarray, receivers: Receivers, parts: Sequence[Part], meter: Meter, solids: Solids | None
+) -> int:
+    """Replace the values of vertices inside solids; return how many these are.
 
+    values : (n, c) float32, as measured at the vertices of all parts
     solids : None: vertices inside solids keep their own values
     """
-    receivers = receivers_of(parts)
-    values = meter.values(receivers)
     if solids is None:
-        return values, 0
+        return 0
     with reported("moving hidden points"):
         candidates = np.flatnonzero(suspects(values, meter))
         hidden = candidates[solids.hold(receivers.at(candidates))]
         if len(hidden):
             _replace(values, hidden, receivers, _faces_of(parts), meter, solids)
-    return values, len(hidden)
+    return len(hidden)
 
 
 def suspects(values: np.ndarray, meter: Meter) -> np.ndarray:
@@ -76,7 +77,7 @@ def _replace(values, hidden: np.ndarray, receivers: Receivers, all_faces: Faces,
         points = Receivers((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
         seen = ~solids.hold(points)
         if seen.any():
-            found, weight = meter.values(points.at(seen), what=None), all_faces.areas[face[seen]]
+            found, weight = meter.values(points.at(seen)), all_faces.areas[face[seen]]
             total = np.bincount(vertex[seen], weight, len(values))
             done = waiting & (total > 0.0)
             for c in range(values.shape[1]):

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...output import replacing
 from ...scene.scene import Scene
+from ..engines import Engine
 from .asset import Asset
 from .base import base_texels
 from .charts import Sheet, atlas, existing
@@ -18,18 +19,24 @@ from .measure import Meter
 from .options import Options, exposure_of
 from .parts import Part, accessors_of, to_local
 from .report import Baked, Clock
-from .textures import image_of, seam_differences, texel_values
+from .textures import Texels, image_of, seam_differences
 
 
-def bake_textures(scene: Scene, asset: Asset, parts: list[Part], options: Options, output: Path, clock: Clock) -> Baked:
-    """Measure the texels of all sheets, and write the files."""
+def bake_textures(
+    scene: Scene, asset: Asset, parts: list[Part], options: Options, output: Path, clock: Clock, engine: Engine
+) -> Baked | None:
+    """Measure the texels of all sheets, and write the files; None if the engine leaves texels to others."""
     accessors, size = accessors_of(asset, scene.name), options.texture
     assert size is not None
     sheets = atlas(parts, size) if options.uv is None else existing(parts, accessors, options.uv, size)
     clock.lap("unwrap")
     meter = Meter(scene, options.asked, sum(len(sheet.cover.texel) for sheet in sheets))
+    texels = [Texels(sheet, meter, options.denoise, engine.folder) for sheet in sheets]
+    job = [each.parts for each in texels]
+    if not engine.finish(job):
+        return None
     solids = None if options.keep_hidden else Solids(scene, options.asked.time, options.asked.threads)
-    measured = [texel_values(sheet, meter, solids, options.denoise) for sheet in sheets]
+    measured = [each.values(solids) for each in texels]
     if options.asked.what == "bent-normal":
         measured = [(_local_texels(sheet, values), hidden) for sheet, (values, hidden) in zip(sheets, measured)]
     clock.lap("trace")
@@ -53,6 +60,7 @@ def bake_textures(scene: Scene, asset: Asset, parts: list[Part], options: Option
         for path, image in images:
             save_exr(image, files.enter_context(replacing(path)))
         files.enter_context(replacing(output)).write_bytes(asset.glb())
+    engine.end(job)
     clock.lap("write")
     seam = np.concatenate(seams)
     return Baked(

@@ -6,21 +6,29 @@ import numpy as np
 
 from ...output import replacing
 from ...scene.scene import Scene
+from ..engines import Engine
 from .asset import Asset
 from .edit import all_rows, change_materials, make_unlit, own_primitives, write_colours
 from .hidden import Solids
-from .measure import Meter
+from .measure import Measurement, Meter, curve_blocks
 from .options import Options, exposure_of
 from .parts import Part, accessors_of, to_local
 from .report import Baked, Clock
-from .vertices import vertex_values
+from .vertices import receivers_of, replace_hidden
 
 
-def bake_vertices(scene: Scene, asset: Asset, parts: list[Part], options: Options, output: Path, clock: Clock) -> Baked:
-    """Measure the vertices of all parts, and write the file."""
+def bake_vertices(
+    scene: Scene, asset: Asset, parts: list[Part], options: Options, output: Path, clock: Clock, engine: Engine
+) -> Baked | None:
+    """Measure the vertices of all parts, and write the file; None if the engine leaves vertices to others."""
     meter = Meter(scene, options.asked, sum(len(p.positions) for p in parts))
+    receivers = receivers_of(parts)
+    measured = Measurement(meter, receivers, curve_blocks(receivers.positions), False, engine.folder)
+    if not engine.finish([measured.parts]):
+        return None
     solids = None if options.keep_hidden else Solids(scene, options.asked.time, options.asked.threads)
-    values, hidden = vertex_values(parts, meter, solids)
+    values = measured.result()
+    hidden = replace_hidden(values, receivers, parts, meter, solids)
     clock.lap("trace")
     exposure = exposure_of(values, options)
     accessors, primitives = accessors_of(asset, scene.name), own_primitives(asset, parts)
@@ -37,6 +45,7 @@ def bake_vertices(scene: Scene, asset: Asset, parts: list[Part], options: Option
         change_materials(asset, primitives, [None] * len(primitives), lambda material, _: make_unlit(asset, material))
     with replacing(output) as file:
         file.write_bytes(asset.glb())
+    engine.end([measured.parts])
     clock.lap("write")
     return Baked(output, [], options.asked.what, options.attribute, len(parts), len(values), hidden, meter.rays,
                  float(values.mean()), exposure, None, clock.seconds)  # fmt: skip

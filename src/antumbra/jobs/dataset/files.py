@@ -40,6 +40,14 @@ class Folder:
         masks = {light_layer(i): f"masks/{self.name(k)}.{light_layer(i)}.png" for i in range(self.lights)}
         return {"exr": f"frames/{self.name(k)}.exr", **masks}
 
+    def files(self, k: int) -> list[str]:
+        """All files of frame k in the folder; the last one is its record."""
+        return [*self.pictures(k).values(), f"frames/{self.name(k)}.json"]
+
+    def at(self, path: Path) -> "Folder":
+        """Another folder of the same settings."""
+        return Folder(path, self.digest, self.frames, self.lights)
+
     def record(self, k: int) -> dict | None:
         """The record of frame k; None if it is not finished with these settings."""
         found = read_json(self._record(k))
@@ -77,7 +85,7 @@ class Folder:
                 path.unlink()
 
     def _record(self, k: int) -> Path:
-        return self.path / "frames" / f"{self.name(k)}.json"
+        return self.path / self.files(k)[-1]
 
     def _size(self, path: str) -> int:
         try:

@@ -3,17 +3,19 @@
 import json
 import os
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
 from ...errors import InputError
-from ...plan import Plan
+from ...kernels.progress import heard_by
 from ...query.sampling import sample_sets
 from ...rendering.renderer import Renderer
 from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
+from ..engines import Engine, checked_share, do_all
 from .drawn import Place, place_of
 from .files import MANIFEST, Folder, read_json, write_json
 from .layers import Objects, blocked_by, channels, light_layer, masks, objects_of
@@ -21,7 +23,7 @@ from .manifest import FORMAT, camera_record, differences, digest_of, light_recor
 from .views import Views, lights_of, views_of
 
 Progress = Callable[[str, int, int], object]
-"""Called with the name of the step, the number of frames done, and their total."""
+"""Called with the name of the work, the number of frames done, and their total."""
 
 
 class Dataset(NamedTuple):
@@ -41,7 +43,7 @@ def dataset(
     orbit: int = 0, random: int = 0, random_lights: int = 0, seed: int = 0, size: tuple[int, int] = (512, 512),
     spp: int = 16, sampler: str = "larcher-pillichshammer", time: float = 0.0, plan=None, threads: int | None = None,
     max_memory: int | None = None, shard: tuple[int, int] = (0, 1), overwrite: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | None = None, engine: Engine | None = None,
 ) -> Dataset:  # fmt: skip
     """Render a data set: for each camera an EXR file with a layer for each light, and a mask of each light's shadow.
 
@@ -76,7 +78,9 @@ def dataset(
     overwrite : bool
         Render all frames of the shard again, also if the folder has a data set of other settings, which is removed.
     progress : function of (text, done, total), optional
-        Called before each frame.
+        Called after each frame.
+    engine : engine, optional
+        Who renders the frames, see `antumbra.jobs.engines`. None: this process.
 
     Returns
     -------
@@ -90,35 +94,36 @@ def dataset(
     """
     start = perf_counter()
     sample_sets(spp, sampler)
-    first, step = _checked_shard(shard)
+    share = checked_share(shard)
     place = place_of(scene, scene.clamped(time), threads)
     views = views_of(scene, cameras, orbit, random, seed, size, place.time)
     path = _checked_folder(folder)
     renderer, quality = Renderer(scene, plan, threads, max_memory=max_memory), {"spp": spp, "sampler": sampler}
-    work = _Work(place, views, lights_of(place, lights, random_lights, seed), quality, renderer.plan)
-    kept = work.open(path, overwrite)
-    rendered = finished = 0
-    numbers = range(first, views.total, step)
-    for done, k in enumerate(numbers):
-        if progress is not None:
-            progress(f"frame {k}", done, len(numbers))
-        if not overwrite and kept.record(k) is not None:
-            finished += 1
-        else:
-            work.render(renderer, kept, k)
-            rendered += 1
-    complete = work.close(kept)
-    return Dataset(path, views.total, len(work.lights), rendered, finished, complete, perf_counter() - start)
+    work = _Work(place, views, lights_of(place, lights, random_lights, seed), quality, renderer)
+    work.open(path, overwrite)
+    with nullcontext() if progress is None else heard_by(progress):
+        if engine is None:
+            do_all(work, range(share.index, len(work), share.of))
+        elif engine.finish([work]):
+            engine.end([work])
+    complete, seconds = work.close(), perf_counter() - start
+    return Dataset(path, views.total, len(work.lights), work.rendered, work.finished, complete, seconds)
 
 
 class _Work:
-    """A data set that is being made: what its frames share."""
+    """A data set that is being made: units of work, one for each frame."""
 
-    def __init__(self, place: Place, views: Views, lights: list[Light], quality: dict, plan: Plan):
+    what = "frames"
+    folder: Folder
+
+    def __init__(self, place: Place, views: Views, lights: list[Light], quality: dict, renderer: Renderer):
         from ... import __version__
 
         self.place, self.views, self.lights, self.quality = place, views, lights, quality
+        self.rendered = self.finished = 0  # frames
+        self._renderer, self._again = renderer, set[int]()  # frames to render, finished or not
         self._objects: Objects | None = None
+        plan = renderer.plan
         settings = {
             "version": __version__,
             "scene": scene_record(place.scene, place.time, place.threads),
@@ -130,9 +135,37 @@ class _Work:
         }
         self.settings = json.loads(json.dumps(settings))
 
-    def open(self, path: Path, overwrite: bool) -> Folder:
-        """The folder, with a manifest of these settings."""
-        folder = Folder(path, digest_of(self.settings), self.views.total, len(self.lights))
+    def __len__(self) -> int:
+        return self.views.total
+
+    @property
+    def root(self) -> Path:
+        return self.folder.path.parent
+
+    def root_of(self, folder: Path) -> Path:
+        return folder.parent
+
+    def files(self, k: int) -> list[str]:
+        return [f"{self.folder.path.name}/{file}" for file in self.folder.files(k)]
+
+    def done(self, k: int, root: Path | None = None) -> bool:
+        folder = self.folder if root is None else self.folder.at(root / self.folder.path.name)
+        return not (root is None and k in self._again) and folder.record(k) is not None
+
+    def found(self, k: int) -> None:
+        self.finished += 1
+
+    def do(self, k: int) -> None:
+        self._render(k)
+        self._again.discard(k)
+        self.rendered += 1
+
+    def clear(self) -> None:
+        """All files are results."""
+
+    def open(self, path: Path, overwrite: bool) -> None:
+        """Open the folder, with a manifest of these settings."""
+        self.folder = folder = Folder(path, digest_of(self.settings), self.views.total, len(self.lights))
         found = (read_json(path / MANIFEST) or {}).get("settings")
         found = found if isinstance(found, dict) else None
         if found is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
@@ -148,13 +181,14 @@ class _Work:
             folder.drop_others()
             write_json(self._manifest([]), path / MANIFEST)
         folder.prepare("frames", "masks")
-        return folder
+        if overwrite:
+            self._again.update(range(len(self)))
 
-    def render(self, renderer: Renderer, folder: Folder, k: int) -> None:
+    def _render(self, k: int) -> None:
         """Render and write frame k."""
         scene, time, threads = self.place[:3]
         made, camera = self.views.camera(self.place, k)
-        frame = renderer.render(camera, self.lights, time=time, **self.quality)
+        frame = self._renderer.render(camera, self.lights, time=time, **self.quality)
         self._objects = self._objects or objects_of(scene)
         blocked = blocked_by(scene, frame, self.lights, time, threads)
         seen = frame.mask
@@ -165,17 +199,17 @@ class _Work:
             "seen": float(seen.mean()),
             "lit": [float(v[seen].mean(dtype=float)) if seen.any() else None for v in frame.visibility],
         }
-        folder.write(k, channels(frame, self._objects, blocked), masks(frame), about)
+        self.folder.write(k, channels(frame, self._objects, blocked), masks(frame), about)
 
-    def close(self, folder: Folder) -> bool:
+    def close(self) -> bool:
         """Complete the manifest if all frames are finished; return whether they are."""
         frames = []
         for k in range(self.views.total):
-            record = folder.record(k)
+            record = self.folder.record(k)
             if record is None:
                 return False
             frames.append(record)
-        write_json(self._manifest(frames), folder.path / MANIFEST)
+        write_json(self._manifest(frames), self.folder.path / MANIFEST)
         return True
 
     def _manifest(self, frames: list[dict]) -> dict:
@@ -187,16 +221,6 @@ class _Work:
             "objects": object_records(self.place.scene),
             "frames": frames,
         }
-
-
-def _checked_shard(shard) -> tuple[int, int]:
-    try:
-        first, step = (int(i) for i in shard)
-        if 0 <= first < step and (first, step) == tuple(shard):
-            return first, step
-    except (TypeError, ValueError):
-        pass
-    raise InputError(f"shard is {shard!r}; it must be (i, n) with 0 <= i < n, such as (0, 4)")
 
 
 def _checked_folder(folder) -> Path:

@@ -1,6 +1,7 @@
 """Visibility matrices: which of many points see which others, one bit for each pair."""
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,8 @@ from ...output import checked_output, replacing
 from ...plan import Plan
 from ...query.order import morton_codes
 from ...scene.any_scene import AnyScene
-from ..parts import Parts, digest
+from ..engines import engine_of
+from ..parts import Parts, about_parts, inexact
 from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bitrows import reordered, transposed, unpacked, words_of
@@ -86,7 +88,7 @@ class _Grid(NamedTuple):
 def visibility_matrix(
     scene: AnyScene, points: ArrayLike | Sensors, targets: ArrayLike | Sensors | None = None, *,
     normals: ArrayLike | None = None, target_normals: ArrayLike | None = None, output=None,
-    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
+    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None, keep=None,
 ) -> VisibilityMatrix:  # fmt: skip
     """Find which points see which targets. Every answer is exact.
 
@@ -108,10 +110,13 @@ def visibility_matrix(
         beside it, and the same call goes on after an interruption. None: the matrix is made in memory.
     plan, time, threads
         As in `antumbra.visibility`.
+    keep : str, path-like or engine, optional
+        Folder of finished tiles, instead of the one beside `output`; or who does them, see `antumbra.jobs.engines`.
 
     Returns
     -------
     VisibilityMatrix
+        None if the engine leaves tiles to others.
 
     Raises
     ------
@@ -128,18 +133,24 @@ def visibility_matrix(
         raise InputError(f"a matrix of {n} x {m} bits takes {n * m / 8e9:.1f} GB; give an output to stream it to")
     rows = ends_of(scene, own)
     grid = _grid(rows, rows if others is None else ends_of(scene, others), others is None)
-    parts = _parts(scene, grid, time, path)
-    if len(parts.ranges):
-        tracing = Tracing(scene, plan, time, threads, len(grid.tiles) * STRIP * STRIP)
-        parts.finish(lambda first, last: {"bits": _tile(tracing, grid, first)}, f"{n} x {m} lines of sight")
+    if keep is None and path is not None:
+        keep = path.with_name(path.name + ".parts")
+    engine = engine_of(keep)
+    tracing = cache(lambda: Tracing(scene, plan, time, threads, len(grid.tiles) * STRIP * STRIP))  # if there is a tile
+    work = lambda first, last: {"bits": _tile(tracing(), grid, first)}
+    about = None if engine.folder is None else _about(scene, grid, time, plan)
+    parts = Parts(f"{n} x {m} lines of sight", len(grid.tiles), 1, work, engine.folder, about)
+    if not engine.finish([parts]):
+        return None
     if path is None:
         bits = np.empty((n, words_of(m)), np.uint64)
         counts = _put_together(grid, parts, bits)
-        return VisibilityMatrix(bits, m, counts)
-    with replacing(path) as temporary:
-        counts = _streamed(grid, parts, temporary, (n, words_of(m)))
-    parts.clear()
-    return VisibilityMatrix(np.load(path, mmap_mode="r"), m, counts)
+    else:
+        with replacing(path) as temporary:
+            counts = _streamed(grid, parts, temporary, (n, words_of(m)))
+        bits = np.load(path, mmap_mode="r")
+    engine.end([parts])
+    return VisibilityMatrix(bits, m, counts)
 
 
 def _grid(rows: Ends, columns: Ends, square: bool) -> _Grid:
@@ -149,12 +160,9 @@ def _grid(rows: Ends, columns: Ends, square: bool) -> _Grid:
     return _Grid(rows.take(row_order), columns.take(column_order), row_order, column_order, tiles, square)
 
 
-def _parts(scene: AnyScene, grid: _Grid, time: float, path: Path | None) -> Parts:
-    if path is None:
-        return Parts(len(grid.tiles), 1)
+def _about(scene: AnyScene, grid: _Grid, time: float, plan) -> dict[str, str]:
     ends = [array for end in (grid.rows, grid.columns) for array in end if array is not None]
-    about = scene_digest(scene, scene.clamped(time)), grid.square
-    return Parts(len(grid.tiles), 1, path.with_name(path.name + ".parts"), digest(*about, *ends))
+    return about_parts("lines of sight", scene_digest(scene, scene.clamped(time)), inexact(plan), grid.square, *ends)
 
 
 def _tile(tracing: Tracing, grid: _Grid, k: int) -> np.ndarray:

@@ -12,6 +12,7 @@ from ...rendering.queries import accelerated, receivers_of
 from ...scene.any_scene import AnyScene
 from ...trace.cutouts import all_stops
 from ...trace.rays.intersections import intersections
+from ..engines import Whole
 from ..parts import Parts
 
 _PLAN = "bsah+wide"  # its tree is also that of ray queries
@@ -87,9 +88,10 @@ def line_of_sight(
     pairs, shape = _checked(scene, (observers, normals, faces), (targets, target_normals, target_faces))
     ready = accelerated(scene, time, threads, _PLAN)
     n = len(pairs.begin)
-    parts = Parts(n, _PART)
     work = lambda first, last: _blocks(pairs.part(first, last), ready, threads)
-    found = parts.run(work, f"{n} lines of sight") if n else _blocks(pairs, ready, threads)
+    parts = Parts(f"{n} lines of sight", n, _PART, work)
+    Whole().finish([parts])
+    found = parts.joined(("t", "face")) if n else _blocks(pairs, ready, threads)
     away = pairs.end.astype(np.float64) - pairs.begin
     length, t, face = np.linalg.norm(away, axis=1), found["t"], found["face"]
     point = pairs.begin + t[:, None] * away + scene.origin

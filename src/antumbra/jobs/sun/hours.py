@@ -11,11 +11,12 @@ from ...rendering.ready import Job, fixed_job, make_ready
 from ...scene.any_scene import AnyScene
 from ...scene.directional_lights import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents
-from ..parts import Parts, digest
+from ..engines import Whole
+from ..parts import Parts, about_parts, inexact
 from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bundles import BUNDLE, bundled, in_space
-from .matrix import MatrixFile
+from .matrix import matrix_rows
 from .positions import Suns
 from .tally import Calendar, Tally, tally_of
 
@@ -85,32 +86,60 @@ def _starts(suns: Suns) -> np.ndarray:
     return begins
 
 
-def answer(asked: Asked, kept: Path | None = None, matrix: MatrixFile | None = None) -> Tally:
-    """Ask all sensors, part by part: the sums of each, in the sensors' own order.
+class Sums:
+    """The sums of all sensors, made part by part.
+
+    what : name of the work, for users
+    folder : where parts are kept; None: in memory
+    matrix : whether the parts hold the bits of each sensor and sun too
+    """
+
+    def __init__(self, asked: Asked, what: str, folder: Path | None = None, matrix: bool = False):
+        make_ready(tally_job)
+        self._asked, self._matrix, sensors = asked, matrix, asked.sensors
+        n = len(sensors)
+        self._order = in_space(sensors.points, sensors.normals) if n else np.empty(0, np.int64)
+        about = None
+        if folder is not None:
+            shown = [a for a in (sensors.points, sensors.normals, *asked.calendar) if a is not None]
+            of = scene_digest(asked.scene, 0.0, asked.threads)
+            about = about_parts(what, of, inexact(asked.plan), asked.columns, matrix, *shown)
+        title = f"{what}: {n:,} sensors x {len(asked.calendar.hours):,} directions"
+        self.parts = Parts(title, n, _PART, self._part, folder, about)
+
+    def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
+        asked, some = self._asked, self._order[first:last]
+        bits = _bits_of(asked, some)
+        normals = None if asked.sensors.normals is None else asked.sensors.normals[some]
+        found = tally_of(bits, normals, asked.calendar, asked.columns, asked.threads)._asdict()
+        return {**found, "matrix": matrix_rows(bits, asked.calendar.places)} if self._matrix else found
+
+    def tally(self) -> Tally:
+        """The sums of each sensor, in the sensors' own order, when all parts are done."""
+        if not len(self._order):
+            return tally_of(np.empty((0, 1), np.uint64), None, self._asked.calendar, self._asked.columns)
+        done = self.parts.joined(Tally._fields)
+        return Tally(**{name: values[np.argsort(self._order)] for name, values in done.items()})
+
+    def write_matrix(self, path: Path) -> None:
+        """Write the bits of each sensor and sun, when all parts are done: see `matrix.matrix_rows`."""
+        shape = len(self._order), -(-len(self._asked.calendar.hours) // 64)
+        rows = np.lib.format.open_memmap(path, "w+", np.uint64, shape)
+        for k, (first, last) in enumerate(self.parts.ranges):
+            rows[self._order[first:last]] = self.parts[k]["matrix"]
+        rows.flush()
+
+
+def answer(asked: Asked, kept: Path | None = None) -> Tally:
+    """Ask all sensors: the sums of each, in the sensors' own order.
 
     kept : folder in which finished parts wait for the next run of an interrupted job; None: they are not kept
-    matrix : where the bits of each sensor and sun go
     """
-    make_ready(tally_job)
-    sensors, n = asked.sensors, len(asked.sensors)
-    if not n:
-        return tally_of(np.empty((0, 1), np.uint64), None, asked.calendar, asked.columns)
-    order = in_space(sensors.points, sensors.normals)
-    shown = [a for a in (sensors.points, sensors.normals, *asked.calendar) if a is not None]
-    parts = Parts(n, _PART, kept, digest(scene_digest(asked.scene, 0.0, asked.threads), *shown) if kept else "")
-
-    def work(first: int, last: int) -> dict[str, np.ndarray]:
-        bits = _bits_of(asked, order[first:last])
-        normals = None if sensors.normals is None else sensors.normals[order[first:last]]
-        if matrix is not None:
-            matrix.write(order[first:last], bits, asked.calendar.places)
-        return tally_of(bits, normals, asked.calendar, asked.columns, asked.threads)._asdict()
-
-    done = parts.run(work, f"{n:,} sensors x {len(asked.calendar.hours):,} suns")
-    back = np.empty_like(order)
-    back[order] = np.arange(n)
-    parts.clear()
-    return Tally(**{name: values[back] for name, values in done.items()})
+    engine, sums = Whole(kept), Sums(asked, "suns", kept)
+    engine.finish([sums.parts])
+    tally = sums.tally()
+    engine.end([sums.parts])
+    return tally
 
 
 def _bits_of(asked: Asked, which: np.ndarray) -> np.ndarray:

@@ -5,8 +5,9 @@ import numpy as np
 from ...plan import Plan
 from ...scene.any_scene import AnyScene
 from ..sensors import Sensors
-from .hours import answer, ask
+from .hours import Asked, answer, ask
 from .positions import Suns
+from .tally import Tally
 
 
 def sky_directions(count: int, up: str) -> np.ndarray:
@@ -28,9 +29,18 @@ def sky_view(
 
     count : directions of the sky
     """
+    return share_of_sky(answer(asked_sky(scene, sensors, count, plan, threads)))
+
+
+def asked_sky(scene: AnyScene, sensors: Sensors, count: int, plan, threads) -> Asked:
+    """The directions of the sky as suns, whose energy is that of a uniform sky."""
     towards = sky_directions(count, scene.up)
     zeros, times = np.zeros(count), np.zeros(count, "datetime64[s]")
     suns = Suns(times, times, np.ones(count), towards, zeros, zeros)
     energy = np.full(count, 1.0 if sensors.normals is None else 2.0) / count
-    asked = ask(scene, sensors, suns, np.empty((count, 0), np.int64), 1, energy=energy, plan=plan, threads=threads)
-    return np.minimum(answer(asked).energy, 1.0)
+    return ask(scene, sensors, suns, np.empty((count, 0), np.int64), 1, energy=energy, plan=plan, threads=threads)
+
+
+def share_of_sky(tally: Tally) -> np.ndarray:
+    """(n,) float64 in [0, 1]: the sky-view factor, from the sums over the directions of `asked_sky`."""
+    return np.minimum(tally.energy, 1.0)

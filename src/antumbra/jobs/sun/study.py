@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from datetime import date
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,15 +11,15 @@ from ...errors import InputError
 from ...output import checked_output, replacing
 from ...plan import Plan
 from ...scene.any_scene import AnyScene
+from ..engines import engine_of
 from ..readsensors import sensors_of
 from ..sensors import Sensors
 from ..table import Column, Table
-from .hours import answer, ask
-from .matrix import MatrixFile
+from .hours import Sums, ask
 from .place import Place, place_of
 from .positions import Suns, suns_of
 from .rules import Rule, passed, rule_named, weights_of
-from .sky import sky_view
+from .sky import asked_sky, share_of_sky
 from .tally import Tally
 from .times import parse_days, times_of, zone_of
 from .weather import TYPICAL_YEAR, clear_sky, on_days, read_epw
@@ -82,15 +81,15 @@ def sun_hours(
         A .npy file for the bits of each sensor and sun, (n, ceil(k / 64)) uint64: bit s is set if sun s is hidden.
     plan, threads
         As in `antumbra.render`.
-    keep : str or path-like, optional
-        Folder in which an interrupted job keeps its finished parts.
+    keep : str, path-like or engine, optional
+        Folder in which an interrupted job keeps its finished parts; or who does them, see `antumbra.jobs.engines`.
 
     Returns
     -------
     Table
         Columns "sun_hours" (h); "sun_share" of the hours with the sun above the horizon; "longest" (h), the longest
         stretch without a break; "first" and "last", the middle of the first and last interval with sun (wall clock);
-        and those that were asked for.
+        and those that were asked for. None if the engine leaves parts to others.
 
     Raises
     ------
@@ -98,7 +97,7 @@ def sun_hours(
         If the place or the days are unknown, a text has another form, a package is missing (``antumbra[sun]``), or no
         sun is above the horizon.
     """
-    samples = whole_number(samples, "samples", 1, MOST_SAMPLES)
+    samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, 1024)
     study = studied(scene, days, place=place, step=step, rule=rule, epw=epw, energy=energy, by=by)
     if isinstance(sensors, str):
         sensors = sensors_of(sensors, scene, threads)
@@ -108,17 +107,23 @@ def sun_hours(
         scene, sensors, suns, bins.of_suns, bins.count, samples=samples,
         energy=None if suns.dni is None else suns.dni * suns.hours, plan=plan, threads=threads,
     )  # fmt: skip
-    kept = None if keep is None or target is not None else Path(keep)  # a matrix is written whole
-    if target is None:
-        tally = answer(asked, kept)
-    else:
-        with replacing(target) as temporary:
-            rows = MatrixFile(temporary, len(sensors), len(suns.hours))
-            tally = answer(asked, None, matrix=rows)
-            rows.close()
+    if keep is None and target is not None:
+        keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
+    engine = engine_of(keep)
+    sums = [Sums(asked, "suns", engine.folder, matrix=target is not None)]
+    if count:
+        sums.append(Sums(asked_sky(scene, sensors, count, plan, threads), "sky", engine.folder))
+    job = [each.parts for each in sums]
+    if not engine.finish(job):
+        return None
+    tally, *of_sky = [each.tally() for each in sums]
     table = Table(sensors, _columns(study, bins, tally), _about(study, step, samples), scene)
-    if sky:
-        _add_sky(table, study, whole_number(sky, "sky", 0, 1024), plan, threads)
+    if of_sky:
+        _add_sky(table, study, share_of_sky(*of_sky))
+    if target is not None:
+        with replacing(target) as temporary:
+            sums[0].write_matrix(temporary)
+    engine.end(job)
     return table
 
 
@@ -223,9 +228,7 @@ def _moment(suns: Suns, which: np.ndarray) -> np.ndarray:
     return np.where(which >= 0, suns.local[np.maximum(which, 0)], np.datetime64("NaT"))
 
 
-def _add_sky(table: Table, study: Study, count: int, plan, threads) -> None:
-    assert table.scene is not None
-    view = sky_view(table.scene, table.sensors, count, plan=plan, threads=threads)
+def _add_sky(table: Table, study: Study, view: np.ndarray) -> None:
     table.columns["sky_view"] = Column(view, "", "sky-view factor: share of a uniform sky's light that arrives")
     if study.diffuse is not None:
         values = view * (study.diffuse.sum() / 1000.0)

@@ -1,0 +1,36 @@
+"""A picture whose rays are traced in bands of rows, by any engine."""
+
+from collections.abc import Sequence
+
+from ..rendering.frame import Frame
+from ..rendering.renderer import Renderer
+from ..rendering.rows import BAND, kept_rows, names_of
+from ..scene.camera import Camera
+from ..scene.lights import Light
+from .engines import Engine
+from .parts import Parts, about_parts
+
+
+def render_bands(
+    renderer: Renderer, camera: Camera, lights: Sequence[Light], engine: Engine, scene: str, settings: dict, **asked
+) -> Frame | None:
+    """The frame of `Renderer.render`, whose rays an engine traces; None if it leaves bands to others.
+
+    scene, settings : the digest of the scene, and all that the bits depend on besides it, as JSON can hold them
+    asked : the other arguments of `Renderer.render`
+    """
+    request = renderer.request(camera, lights, **asked)
+    rows = None
+
+    def band(first: int, last: int):
+        nonlocal rows
+        rows = rows or renderer.rows(request)
+        return rows.band(first, last)
+
+    about = about_parts("picture", scene, settings)
+    parts = Parts("bands of the picture", camera.height, BAND, band, engine.folder, about)
+    if not engine.finish([parts]):
+        return None
+    frame = renderer.from_rows(request, kept_rows(parts.joined(names_of(request))))
+    engine.end([parts])  # the bits are in memory
+    return frame

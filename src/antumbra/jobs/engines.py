@@ -1,0 +1,198 @@
+"""Who does the units of a job: this process all of them, this process a shard of them, or others before.
+
+A unit is one file, or a few. It depends on the job and its number alone, so it may be done twice, and anywhere.
+docs/design/shards.md gives the reasons.
+"""
+
+import json
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from ..errors import InputError
+from ..kernels.progress import reported
+from ..output import replacing
+
+JOB = "job.json"
+"""The file in a folder of shards that says which command made them."""
+
+
+class Units(Protocol):
+    """Work in units, numbered from 0. Their files lie below `root`; the work is done when all of them are there."""
+
+    what: str  # name of the work, for users; empty: it shows its own progress
+
+    @property
+    def root(self) -> Path | None: ...  # None: units are kept in memory
+
+    def root_of(self, folder: Path) -> Path:
+        """The root in which another run has its files, if it keeps its shards in `folder`."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def files(self, k: int) -> list[str]:
+        """The files of unit k, below the root."""
+        ...
+
+    def done(self, k: int, root: Path | None = None) -> bool:
+        """Whether the files of unit k are there, whole, and of this work; `root`: another root to look at."""
+        ...
+
+    def do(self, k: int) -> None:
+        """Do unit k, and write its files."""
+        ...
+
+    def found(self, k: int) -> None:
+        """Hear that unit k was done before."""
+
+    def clear(self) -> None:
+        """Remove files that are no results, when the results have been written."""
+
+
+class Engine(Protocol):
+    """Does the units of a job."""
+
+    @property
+    def folder(self) -> Path | None:
+        """Where units are kept that are no results; None: in memory, if there is room."""
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        """Do what this engine has to do; return whether all units are done, so that the job can end."""
+        ...
+
+    def end(self, job: Sequence[Units]) -> None:
+        """The job's results have been written."""
+
+
+def engine_of(keep) -> Engine:
+    """The engine that an argument `keep` means: an engine, or the folder of one that does everything itself."""
+    return Whole(None if keep is None else Path(keep)) if keep is None or isinstance(keep, (str, Path)) else keep
+
+
+class Whole:
+    """Does all units that are not done yet."""
+
+    def __init__(self, folder: Path | None = None):
+        self.folder = folder
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        for units in job:
+            do_all(units, range(len(units)))
+        return True
+
+    def end(self, job: Sequence[Units]) -> None:
+        for units in job:
+            units.clear()
+
+
+def do_all(units: Units, numbers: Sequence[int]) -> int:
+    """Do those of the numbered units that are not done yet; return how many they were."""
+    did = 0
+    if not len(numbers):
+        return did
+    with reported(units.what) if units.what else nullcontext(lambda done, total: None) as progress:
+        for i, k in enumerate(numbers):
+            if units.done(k):
+                units.found(k)
+            else:
+                units.do(k)
+                did += 1
+            progress(i + 1, len(numbers))
+    return did
+
+
+class Share(NamedTuple):
+    """Shard `index` of `of`: the units index, index + of, index + 2 of, ... of a job."""
+
+    index: int  # from 0
+    of: int
+
+    def __str__(self) -> str:
+        return f"{self.index}/{self.of}"
+
+
+def checked_share(shard) -> Share:
+    """`shard`, (i, n) with 0 <= i < n; otherwise an InputError."""
+    try:
+        index, of = (int(i) for i in shard)
+        if 0 <= index < of and (index, of) == tuple(shard):
+            return Share(index, of)
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f"shard is {shard!r}; it must be (i, n) with 0 <= i < n, such as (0, 4)")
+
+
+class Shard:
+    """Does one shard of a job, and leaves the rest to others.
+
+    folder : where its units are kept
+    command : the words of the command, which `merge` repeats; they identify the job
+    """
+
+    def __init__(self, folder: Path, share: Share, command: Sequence[str]):
+        self.folder, self.share, self._command = folder, share, list(command)
+        self.units = self.did = 0  # of this shard; and how many of them were not done before
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        write_job(self.folder, self._command, self.share.of)
+        start = 0
+        for units in job:
+            first = (self.share.index - start) % self.share.of
+            numbers = range(first, len(units), self.share.of)
+            self.did += do_all(units, numbers)
+            self.units += len(numbers)
+            start += len(units)
+        return False
+
+    def end(self, job: Sequence[Units]) -> None:
+        raise AssertionError("a shard writes no results")
+
+
+class Recorded(NamedTuple):
+    """What a folder of shards says of itself."""
+
+    command: list[str]
+    of: int  # shards of the last one that began
+
+
+def write_job(folder: Path, command: Sequence[str], of: int) -> None:
+    """Say which command a folder belongs to.
+
+    Raises
+    ------
+    InputError
+        If it belongs to another command, or cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another output") from None
+    if (folder / JOB).exists():
+        found = read_job(folder)
+        if found.command != list(command):
+            raise InputError(f"{folder}: has shards of another command ({shlex.join(found.command)}); remove it")
+        if found.of == of:
+            return
+    with replacing(folder / JOB) as temporary:
+        temporary.write_text(json.dumps({"format": 1, "command": list(command), "of": of}) + "\n")
+
+
+def read_job(folder: Path) -> Recorded:
+    """What `write_job` wrote. Raises InputError if the folder has no shards."""
+    try:
+        found: dict[str, Any] = json.loads((folder / JOB).read_text())
+        return Recorded([str(word) for word in found["command"]], int(found["of"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(f"{folder}: holds no shards; name the folder NAME.shards that --shard made") from None
+
+
+def numbered(job: Sequence[Units]) -> Iterator[tuple[int, Units, int]]:
+    """Yield (number in the job, units, number in them) of each unit of a job."""
+    total = 0
+    for units in job:
+        for k in range(len(units)):
+            yield total, units, k
+            total += 1

@@ -1,0 +1,156 @@
+"""One picture in bands of rows: the bits that each band's rays find, and a picture made from the bits of all bands.
+
+A band holds bits, and no colours. So the filter, ambient light and exposure see the whole picture, as if no band
+existed. docs/design/shards.md compares this with bands that hold finished pixels.
+"""
+
+import numpy as np
+
+from ..image.fraction import as_needed, refine_penumbra
+from ..query.picture import Surfaces
+from ..query.receivers import NOTHING
+from ..query.refine import edges
+from ..query.subpixels import blocks_of, picture_of
+from ..query.surface import seen_by
+from ..trace.rays.bounce import Nearest
+from .accelerate import Accelerated, Accelerator
+from .indirect import indirect_light
+from .passes import edge_colours, evaluate, look, open_to_all, trace
+from .request import Request
+from .source import RenderSource
+from .state import FrameState, KeptRows, TracedLights, accelerate, ask, ask_all, queries_of
+
+BAND = 32
+"""Rows of a band: a multiple of 4, so that each pixel has the sample set that it has in the picture."""
+
+_ABOVE, _BELOW = 4, 1  # more rows that a band looks at; the penumbra's test sees one row on each side
+
+
+def names_of(request: Request) -> list[str]:
+    """The names of a band's arrays."""
+    lights = range(len(request.lights))
+    kinds = ["bits"] if request.finer is None else ["bits", "finer", "edges"]
+    return [f"{kind} {i}" for kind in kinds for i in lights] + ([] if request.passes is None else ["indirect"])
+
+
+def kept_rows(found: dict[str, np.ndarray]) -> KeptRows:
+    """The arrays of all bands, each joined, as a picture takes them."""
+    named = lambda kind: [values for name, values in found.items() if name.startswith(f"{kind} ")]
+    return KeptRows(named("bits"), named("finer"), named("edges"), found.get("indirect"))
+
+
+class Rows:
+    """Traces bands of one picture. They share the surfaces that the camera sees, and the tree if the plan allows it.
+
+    A store has no such picture of surfaces: it reads only what a band's rays meet.
+    """
+
+    def __init__(self, source: RenderSource, accelerator: Accelerator, request: Request):
+        self._state = FrameState(source, accelerator, request)
+        evaluate(self._state)
+        self._seen: Surfaces | None = None  # by the whole picture
+        self._edges: tuple[np.ndarray, Surfaces] | None = None  # all of them, (H, W) bool, and their sub-pixels
+        self._open: tuple[Nearest, Accelerated] | None = None  # for rays that bounce
+
+    def band(self, first: int, last: int) -> dict[str, np.ndarray]:
+        """The arrays `names_of` of the rows from `first`, a multiple of 4, to `last`, excluded."""
+        request = self._state.request
+        near = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
+        if request.finer is None:
+            near = slice(first, last)
+        own = slice(first - near.start, last - near.start)
+        surfaces = self._look(near)
+        surfaces.gbuffer.side[: max(own.start - 1, 0)] = NOTHING
+        traced = self._trace(surfaces)
+        made = {f"bits {i}": bits[own] for i, bits in enumerate(traced.bits)}
+        if request.finer is not None:
+            made |= self._finer(surfaces, traced, own) | self._divided(surfaces, traced, near, own)
+        if request.passes is not None:
+            made["indirect"] = self._indirect(_rows(surfaces, own), traced.queries[0].origins[own])
+        return made
+
+    def _look(self, rows: slice) -> Surfaces:
+        state = self._state
+        if state.source.keeps_read:
+            return look(state, rows)
+        if self._seen is None:
+            self._seen = look(state, slice(0, state.request.camera.height))
+        return _rows(self._seen, rows)
+
+    def _trace(self, surfaces: Surfaces) -> TracedLights:
+        state, maker = self._state, self._state.accelerator
+        if state.whole is not None:
+            if maker.outgrown(state.whole):
+                state.whole = None
+            else:
+                state.whole.begin()
+        traced = trace(state, surfaces, slice(0))
+        if maker.one_tree and not maker.plan.cull:
+            state.whole = state.ready
+        return traced
+
+    def _finer(self, surfaces: Surfaces, traced: TracedLights, own: slice) -> dict[str, np.ndarray]:
+        """The bits of finer samples in penumbrae."""
+        state, made = self._state, {}
+        assert state.request.finer is not None
+        seen = seen_by(surfaces.gbuffer, state.view)
+        for i, (query, bits, samples) in enumerate(zip(*traced, state.request.finer.penumbra)):
+
+            def more(finer, name=f"finer {i}"):
+                sides = np.full_like(finer.sides, NOTHING)
+                sides[own] = finer.sides[own]
+                bits = ask(state, finer._replace(sides=sides))
+                made[name] = bits[own]
+                return bits
+
+            refine_penumbra(seen, query, bits, samples, more, False, state.threads)
+        return made
+
+    def _divided(self, surfaces: Surfaces, traced: TracedLights, near: slice, own: slice) -> dict[str, np.ndarray]:
+        """The bits of the sub-pixels of edges."""
+        state, finer = self._state, self._state.request.finer
+        assert finer is not None
+        pixels, blocks = self._subpixels(surfaces, near, own)
+        if not len(blocks):
+            needed = [as_needed(query._replace(samples=s)) for query, s in zip(traced.queries, finer.edges)]
+            words = [-(-query.samples.shape[1] // 64) for query in needed]
+            return {f"edges {i}": np.zeros((0, 4, 4, n), np.uint64) for i, n in enumerate(words)}
+        g = pixels.gbuffer
+        row = lambda array: picture_of(blocks_of(array)[blocks], (4, 4 * len(blocks)))
+        gbuffer = g._replace(
+            **{name: row(getattr(g, name)) for name in ("position", "normal", "face", "depth", "side")}
+        )
+        queries = queries_of(state, pixels._replace(gbuffer=gbuffer, ids=row(pixels.ids)), finer.edges)
+        queries = [as_needed(query) for query in queries]
+        accelerate(state, queries, state.ready)
+        return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(ask_all(state, queries).bits)}
+
+    def _subpixels(self, surfaces: Surfaces, near: slice, own: slice) -> tuple[Surfaces, range]:
+        """The sub-pixels of edges; and the blocks that are the band's own."""
+        state, shape = self._state, (self._state.request.camera.height, self._state.request.camera.width)
+        rows = slice(near.start + own.start, near.start + own.stop)
+        if self._seen is None:
+            edge = np.zeros(shape, np.bool_)
+            edge[rows] = edges(seen_by(surfaces.gbuffer, state.view), edge_colours(state), state.threads)[own]
+            count = np.count_nonzero(edge)
+            return (state.source.subpixels(state.triangles, state.view, edge, state.whole) if count else surfaces), range(count)
+        if self._edges is None:
+            edge = edges(seen_by(self._seen.gbuffer, state.view), edge_colours(state), state.threads)
+            self._edges = edge, state.source.subpixels(state.triangles, state.view, edge, state.whole)
+        edge, pixels = self._edges
+        before = np.count_nonzero(edge[: rows.start])
+        return pixels, range(before, before + np.count_nonzero(edge[rows]))
+
+    def _indirect(self, surfaces: Surfaces, origins: np.ndarray) -> np.ndarray:
+        state = self._state
+        if self._open is None:
+            self._open = open_to_all(state), state.ready
+        nearest, state.ready = self._open
+        return indirect_light(state, surfaces, np.ascontiguousarray(origins), nearest)
+
+
+def _rows(surfaces: Surfaces, rows: slice) -> Surfaces:
+    """Some rows of a picture of surfaces, as copies."""
+    g = surfaces.gbuffer
+    gbuffer = g._replace(**{n: getattr(g, n)[rows].copy() for n in ("position", "normal", "face", "depth", "side")})
+    return surfaces._replace(gbuffer=gbuffer, ids=surfaces.ids[rows].copy())

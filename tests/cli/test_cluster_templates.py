@@ -1,0 +1,116 @@
+"""The templates of examples/cluster: their shell parts run as a scheduler would run them."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TEMPLATES = Path(__file__).resolve().parents[2] / "examples" / "cluster"
+JOB = ("render", "procedural:atrium?triangles=2000", "--size", "48x70", "--spp", "4", "-o", "a b.png")
+SBATCH = """#!/usr/bin/env bash
+# A scheduler that runs each job at once: it understands the options of the template, and refuses others.
+set -euo pipefail
+array= wrap=
+while [ $# -gt 0 ]; do
+    case $1 in
+    --parsable | --requeue) shift ;;
+    --array=*) array=${1#*=} && shift ;;
+    --dependency=afterok:41) shift ;;
+    --wrap=*) wrap=${1#*=} && shift ;;
+    --*) echo "sbatch: $1" >&2 && exit 1 ;;
+    *) break ;;
+    esac
+done
+echo "$array|$wrap" >>sbatch.log
+if [ -n "$wrap" ]; then
+    sh -c "$wrap" >&2
+else
+    for i in $(seq "${array%-*}" "${array#*-}"); do SLURM_ARRAY_TASK_ID=$i SLURM_CPUS_ON_NODE=1 "$@" >&2; done
+fi
+echo 41
+"""
+
+pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="the templates are for bash")
+
+
+@pytest.fixture
+def shell(tmp_path, monkeypatch):
+    """Runs words in a folder where ``antumbra`` is this one; returns the folder."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    put(programs / "antumbra", f'#!/usr/bin/env bash\nexec "{sys.executable}" -m antumbra "$@"\n')
+    put(programs / "sbatch", SBATCH)
+    folder = tmp_path / "it's a folder"
+    folder.mkdir()
+    environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"}
+
+    def run(*words, code=0):
+        done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
+        assert done.returncode == code, done.stderr
+        return done
+
+    run.folder = folder
+    return run
+
+
+def put(path, text):
+    path.write_text(text)
+    path.chmod(0o755)
+
+
+def whole(shell) -> bytes:
+    """The picture without shards, which is removed."""
+    shell("antumbra", *JOB, "--quiet")
+    found = (shell.folder / "a b.png").read_bytes()
+    (shell.folder / "a b.png").unlink()
+    return found
+
+
+def test_slurm(shell):
+    picture = whole(shell)
+    shell(TEMPLATES / "slurm.sh", "3", "a b.shards", *JOB)
+    assert (shell.folder / "a b.png").read_bytes() == picture
+    assert (shell.folder / "sbatch.log").read_text().splitlines() == ["0-2|", "|antumbra merge a\\ b.shards"]
+    assert "usage" in shell(TEMPLATES / "slurm.sh", code=2).stderr
+
+
+def test_parallel(shell):
+    """By GNU parallel if it is here, else by xargs."""
+    picture = whole(shell)
+    shell(TEMPLATES / "parallel.sh", "2", "a b.shards", *JOB)
+    assert (shell.folder / "a b.png").read_bytes() == picture
+    assert "usage" in shell(TEMPLATES / "parallel.sh", code=2).stderr
+
+
+FLAMENCO = """
+const author = {
+    Task: (name, type) => ({ name, type, commands: [], after: [],
+        addCommand(c) { this.commands.push(c); }, addDependency(t) { this.after.push(t.name); } }),
+    Command: (name, parameters) => ({ name, parameters }),
+};
+const source = require("fs").readFileSync(process.argv[1], "utf8");
+const [type, compile] = new Function("author", source + "; return [JOB_TYPE, compileJob];")(author);
+const tasks = [];
+compile({ settings: JSON.parse(process.argv[2]), addTask: (task) => tasks.push(task) });
+console.log(JSON.stringify({ type, tasks }));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="Flamenco's job type needs node: apt install nodejs")
+def test_flamenco(shell):
+    picture = whole(shell)
+    words = 'render "procedural:atrium?triangles=2000" --size 48x70 --spp 4 -o "a b.png"'
+    asked = {"folder": str(shell.folder), "command": words, "shards": 2, "shards_folder": "a b.shards"}
+    told = json.loads(shell("node", "-e", FLAMENCO, TEMPLATES / "antumbra.js", json.dumps(asked)).stdout)
+    assert {each["key"] for each in told["type"]["settings"]} == set(asked)
+    assert [task["name"] for task in told["tasks"]] == ["shard-0", "shard-1", "merge"]
+    assert told["tasks"][2]["after"] == ["shard-0", "shard-1"]
+    for task in told["tasks"]:
+        (command,) = task["commands"]
+        assert command["name"] == "exec" and task["type"] == "misc"
+        shell(command["parameters"]["exe"], *command["parameters"]["args"])
+    assert (shell.folder / "a b.png").read_bytes() == picture

@@ -1,0 +1,169 @@
+"""Shards of every command, and their merge: the bytes of the whole, and errors that name what is wrong."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+CITY = "procedural:city?triangles=3000"
+SUN = (
+    "sun",
+    CITY,
+    "--latitude",
+    52,
+    "--longitude",
+    4.36,
+    "--days",
+    "2026-03-21",
+    "--step",
+    120,
+    "--sensors",
+    "raster:8",
+)
+PICTURE = ("render", CITY, "--size", "70x75", "--spp", 4)
+JOBS = {
+    "sun": (*SUN, "-o", "a.csv", "-o", "a.png"),
+    "sky and matrix": (*SUN, "--sky", 32, "-o", "a.npz", "--matrix", "m.npy"),
+    "vertices": ("bake", "procedural:atrium?triangles=1000", "-o", "a.glb", "--spp", 8),
+    "light": ("bake", "procedural:atrium?triangles=1000", "-o", "a.glb", "--what", "light", "--spp", 4),
+    "visibility": ("matrix", CITY, "--sensors", "raster:10", "-o", "a.npy", "--sparse", "b.npz", "--counts", "c.csv"),
+    "png": (*PICTURE, "-o", "a.png"),
+    "adaptive": (*PICTURE, "--adaptive", "--adaptive-spp", 16, "-o", "a.exr"),
+    "bounce": (*PICTURE, "--bounce", 2, "--no-filter", "-o", "a.exr"),
+    "frames": ("render", CITY, "--size", "24", "--frames", "3:9:2", "-o", "f.##.png", "--spp", 4),
+    "data set": ("dataset", CITY, "-o", "set", "--random", 3, "--random-lights", 1, "--size", "24x24", "--spp", 2),
+}
+
+
+@pytest.fixture
+def small_parts(monkeypatch):
+    """Parts so small that the jobs of these tests have several."""
+    from antumbra.jobs import bands
+    from antumbra.jobs.bake import measure
+    from antumbra.jobs.sight import matrix
+    from antumbra.jobs.sun import hours
+
+    monkeypatch.setattr(hours, "_PART", 100)
+    monkeypatch.setattr(measure, "_PART", 60)
+    monkeypatch.setattr(bands, "BAND", 16)
+    monkeypatch.setattr(matrix, "STRIP", 128)
+
+
+def contents(folder) -> dict[str, bytes]:
+    files = (path for path in Path(folder).rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.fixture
+def run(cli, tmp_path, monkeypatch):
+    """Runs a command in a folder of its own: run("name", "sun", ...)."""
+
+    def run(folder, *words, code=0):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        monkeypatch.chdir(tmp_path / folder)
+        done = cli(*words)
+        assert done.code == code, done
+        return done
+
+    return run
+
+
+def shards_of(folder) -> Path:
+    (found,) = Path(folder).glob("*.shards")
+    return found
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_merged_shards_are_the_bytes_of_the_whole(run, tmp_path, small_parts, job):
+    words = JOBS[job]
+    run("whole", *words, "--quiet")
+    whole = contents(tmp_path / "whole")
+    assert whole and not any(".parts" in name for name in whole)
+    for n in (2, 7):
+        folder, parts = tmp_path / f"of {n}", []
+        for i in reversed(range(n)):
+            run(folder.name, *words, "--shard", f"{i}/{n}", "--quiet")
+            parts.append(len(list(folder.rglob("0*.npz"))))
+        if job not in ("frames", "data set"):  # their results are their parts
+            assert not set(contents(folder)) & set(whole)
+            assert parts[-1] >= 3 and (n == 2 or parts[-1] < 7 or job == "sky and matrix")
+        run(folder.name, "merge", shards_of(folder), "--quiet")
+        shutil.rmtree(shards_of(folder))
+        assert contents(folder) == whole, (job, n)
+
+
+@pytest.mark.parametrize("job", ["sun", "png", "frames", "data set"])
+def test_shards_of_several_machines_are_merged(run, tmp_path, small_parts, job):
+    words = JOBS[job]
+    run("whole", *words, "--quiet")
+    for i in range(3):
+        run(f"node{i}", *words, "--shard", f"{i}/3", "--quiet")
+    folders = [shards_of(tmp_path / f"node{i}") for i in range(3)]
+    told = run("merged", "merge", *folders[:2], "-q", code=2)
+    told.refused("shard 2/3 is not complete", "--shard 2/3")
+    told = run("merged", "merge", *folders, folders[1].parent / "." / folders[1].name, "--quiet")
+    assert contents(tmp_path / "merged") == contents(tmp_path / "whole")
+    twice = tmp_path / "twice" / folders[0].name
+    shutil.copytree(folders[0].parent, twice.parent)
+    run("again", "merge", *folders, twice, "-q", code=2).refused("is there twice", str(twice.parent))
+
+
+def test_a_shard_goes_on_and_says_what_it_did(run, tmp_path, small_parts):
+    words = (*JOBS["sun"], "--shard", "1/2")
+    first = run("a", *words, "--json").json()
+    assert first["shard"] == "1/2" and first["done"] == first["parts"] > 1
+    file = next((tmp_path / "a").rglob("0*.npz"))
+    before = file.read_bytes()
+    file.write_bytes(before[:100])
+    again = run("a", *words, "--json").json()
+    assert again["done"] == 1 and again["parts"] == first["parts"] and file.read_bytes() == before
+    told = run("a", *words)
+    assert "1/2" in told.out and "were done before" in told.out and "antumbra merge a.shards" in told.out
+
+
+def test_foreign_and_stale_shards_are_refused_by_name(run, tmp_path, small_parts):
+    (tmp_path / "a").mkdir()
+    model = tmp_path / "a" / "model.obj"
+    model.write_text("v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nv 0 1 0\nf 3 2 1\nf 4 3 1\nf 1 2 5\n")
+    words = ("sun", "model.obj", *SUN[2:-1], "raster:0.1", "-o", "a.csv")
+    run("a", *words, "--shard", "0/1", "-q")
+    run("a", *words, "--step", 60, "--shard", "0/1", code=2).refused("a.shards", "another command")
+    model.write_text(model.read_text().replace("v 0 1 0", "v 0 2 0"))
+    told = run("a", "merge", "a.shards", code=2)
+    told.refused("a.shards/", "stale", "scene as it was before")
+    run("a", *words, "--shard", "0/1", "-q")
+    run("a", "merge", "a.shards", code=2).refused("stale", "remove it")
+    stale = told.err.split()[1].rstrip(":")
+    shutil.rmtree(tmp_path / "a" / stale)
+    run("a", "merge", "a.shards", "-q")
+    assert (tmp_path / "a" / "a.csv").exists()
+    part = next((tmp_path / "a" / "a.shards").rglob("000001.npz"))
+    part.write_bytes((part.parent / "000000.npz").read_bytes())
+    run("a", "merge", "a.shards", code=2).refused("shard 0/1", "000001.npz is damaged, or of another job")
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        ((*SUN, "-o", "a.csv", "--shard", "2/2"), ("--shard is '2/2'", "0/4")),
+        ((*SUN, "-o", "a.csv", "--shard", "half"), ("--shard is 'half'", "I/N")),
+        ((*PICTURE, "--counters", "--shard", "0/2"), ("--counters",)),
+        ((*PICTURE, "--html", "a.html", "--shard", "0/2"), ("--html",)),
+        ((*PICTURE, "--plan", "bsah+chcrt:20", "--shard", "0/2"), ("exact plan",)),
+        (("merge", "nothing"), ("nothing", "holds no shards")),
+    ],
+)
+def test_bad_input(cli, words, told):
+    cli(*words).refused(*told)
+
+
+def test_frames_of_shards_have_the_exposure_of_the_first(run, tmp_path):
+    """Shard 1 has the second frame only: it finds the exposure of the first, although nobody has rendered it yet."""
+    from antumbra.cli.frames import _noted
+
+    words = JOBS["frames"]
+    run("a", *words, "--shard", "1/4", "-q")
+    run("whole", *words, "-q")
+    found = _noted(tmp_path / "a" / "f.05.png")
+    assert found["exposed"] == _noted(tmp_path / "whole" / "f.03.png")["exposed"]
+    assert not (tmp_path / "a" / "f.03.png").exists()
