@@ -15,7 +15,7 @@ from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, tak
 from .pictureoptions import PictureLightOption, SamplerOption
 from .progress import ProgressDisplay
 from .sceneinput import open_scene, quietly
-from .sharing import MergeOption, ShardOption, engine_for, tell_shard
+from .sharing import MergeOption, RayOption, ShardOption, engine_for, tell_shard
 
 if TYPE_CHECKING:
     from ..jobs.bake import Baked
@@ -94,6 +94,7 @@ class BakeArguments:
     ] = None
     threads: Threads = None
     shard: ShardOption = None
+    ray: RayOption = None
     merge: MergeOption = None
     json: Json = False
     quiet: Quiet = False

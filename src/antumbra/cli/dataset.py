@@ -24,7 +24,7 @@ from .options import (
 from .pictureoptions import AoOption, PictureLightOption, SamplerOption
 from .progress import ProgressDisplay
 from .sceneinput import limit_memory, open_scene
-from .sharing import MergeOption, ShardOption, engine_for, parse_shard
+from .sharing import MergeOption, RayOption, ShardOption, engine_for, parse_shard
 
 if TYPE_CHECKING:
     from ..jobs.dataset.make import Dataset
@@ -68,6 +68,7 @@ class DatasetArguments:
     threads: Threads = None
     max_memory: MaxMemoryOption = None
     shard: ShardOption = None
+    ray: RayOption = None
     merge: MergeOption = None
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a data set of other settings, and finished frames.")
@@ -170,7 +171,7 @@ def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display:
         plan=given.plan,
         threads=given.threads,
         max_memory=asked.memory,
-        engine=engine_for(given, given.output),
+        keep=engine_for(given, given.output),
         overwrite=given.overwrite,
         progress=display.say,
     )

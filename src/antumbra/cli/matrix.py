@@ -13,7 +13,7 @@ from .joboptions import SensorsOption
 from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, takes
 from .progress import ProgressDisplay
 from .sceneinput import open_scene
-from .sharing import MergeOption, ShardOption, engine_for, tell_shard
+from .sharing import MergeOption, RayOption, ShardOption, engine_for, tell_shard
 
 if TYPE_CHECKING:
     from ..jobs.sight.matrix import VisibilityMatrix
@@ -59,6 +59,7 @@ class MatrixArguments:
     up: UpOption = None
     threads: Threads = None
     shard: ShardOption = None
+    ray: RayOption = None
     merge: MergeOption = None
     json: Json = False
     quiet: Quiet = False

@@ -99,6 +99,7 @@ def takes(arguments: type) -> Callable:
         )
         found.__annotations__ = {f.name: f.type for f in fields(arguments)}
         found.__doc__, found.__name__ = command.__doc__, command.__name__
+        found.command, arguments.home = command, (command.__module__, command.__name__)  # type: ignore[attr-defined]
         return found
 
     return wrap

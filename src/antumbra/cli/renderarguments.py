@@ -43,7 +43,7 @@ from .pictureoptions import (
     VplOption,
 )
 from .renderoptions import RenderOptions
-from .sharing import MergeOption, ShardOption
+from .sharing import MergeOption, RayOption, ShardOption
 
 
 @dataclass(frozen=True)
@@ -128,6 +128,7 @@ class RenderArguments:
     max_memory: MaxMemoryOption = None
     exposure: ExposureOption = None
     shard: ShardOption = None
+    ray: RayOption = None
     merge: MergeOption = None
     counters: Annotated[bool, typer.Option("--counters", help="Count rays, nodes and tests exactly.")] = False
     json: Json = False
@@ -140,7 +141,7 @@ class RenderArguments:
                 raise InputError(f"--ao dims the ambient light that {name} replaces; leave one of them out")
         if self.vpl is not None and self.bounce is not None:
             raise InputError("--vpl and --bounce are both light that bounces once; leave one of them out")
-        if self.shard is not None or self.merge:
+        if self.shard is not None or self.ray is not None or self.merge:
             self._check_shared()
         if self.frames is not None:
             if self.html is not None:
@@ -158,9 +159,9 @@ class RenderArguments:
         alone = {"--html": self.html, "--explain-plan": self.explain_plan, "--counters": self.counters}
         for name, given in alone.items():
             if given:
-                raise InputError(f"{name} tells of the work of one process; leave it or --shard out")
+                raise InputError(f"{name} tells of the work of one process; leave it, or --shard and --ray, out")
         if self.plan is not None and not parse_plan(self.plan).tracer.exact:
-            raise InputError(f"--plan {self.plan} depends on the work before; --shard needs an exact plan")
+            raise InputError(f"--plan {self.plan} depends on the work before; --shard and --ray need an exact plan")
 
     def options(self) -> RenderOptions:
         """Parse the arguments.

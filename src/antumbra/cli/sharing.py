@@ -1,7 +1,10 @@
-"""``--shard`` and ``merge``: the engine that a command's options ask for, and the folder where it keeps its shards."""
+"""``--shard``, ``--ray`` and ``merge``: the engine that a command's options ask for, and the folder where it keeps its shards."""
 
 import re
 from contextvars import ContextVar
+from dataclasses import fields, replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +14,7 @@ from ..errors import InputError
 from . import report
 
 if TYPE_CHECKING:
-    from ..jobs.engines import Engine, Share
+    from ..jobs.engines import Asked, Engine, Share
 
 ShardOption = Annotated[
     str | None,
@@ -22,6 +25,15 @@ ShardOption = Annotated[
         show_default=False,
     ),
 ]
+RayOption = Annotated[
+    str | None,
+    typer.Option(
+        "--ray",
+        help="Work on the nodes of a Ray cluster: auto or HOST:PORT; local: of this machine.",
+        metavar="ADDRESS|local",
+        show_default=False,
+    ),
+]
 MergeOption = Annotated[list[Path] | None, typer.Option("--merge", hidden=True)]  # from ``antumbra merge``
 
 words: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
@@ -29,7 +41,12 @@ words: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
 
 _SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
 _NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # that of a frame, at the end of a name
-_VALUED = "--shard", "--merge", "--threads"  # options that change no result, with a value
+asked: ContextVar["Asked | None"] = ContextVar("asked", default=None)
+"""The engine of a command that begins on a node of a cluster."""
+
+_OUTPUTS = "output", "city_output", "matrix", "sparse", "counts"
+_LEFT_OUT = "sheet", "html"  # pictures of a whole job
+_VALUED = "--ray", "--shard", "--merge", "--threads"  # options that change no result, with a value
 _FLAGS = "--json", "--quiet", "-q", "--debug"
 
 
@@ -66,25 +83,71 @@ def command_words() -> list[str]:
 
 
 def engine_for(given: Any, output: Path) -> "Engine | None":
-    """The engine that the options --shard and --merge ask for; None if there are none.
+    """The engine that the options --shard, --ray and --merge ask for; None if there are none.
 
-    given : arguments with the fields `shard` and `merge`
+    given : arguments with the fields `shard`, `ray` and `merge`
     output : a file or a folder; shards are kept beside it
     """
     from ..jobs.engines import Shard
     from ..jobs.merging import Merge
 
     share, folder = parse_shard(given.shard), shards_folder(output)
+    if (own := asked.get()) is not None:
+        return own
     if given.merge:
         return Merge(folder, given.merge)
+    if given.ray is not None:
+        from ..cluster.engine import Cluster
+
+        if share is not None:
+            raise InputError("--ray makes shards of its own; leave it or --shard out")
+        prepare = partial(begin, type(given).home, replace(given, json=False, quiet=True, ray=None))
+        plan = getattr(given, "plan", None)
+        return Cluster(folder, given.ray, prepare, _files(given), plan, None if not given.quiet else lambda line: None)
     return None if share is None else Shard(folder, share, command_words())
+
+
+def _files(given: Any) -> dict[str, Path]:
+    """The fields of arguments that name files or folders to read."""
+    found = {}
+    for field in fields(given):
+        value = getattr(given, field.name)
+        if field.name not in (*_OUTPUTS, *_LEFT_OUT) and isinstance(value, (str, Path)):
+            path = Path(str(value).partition("?")[0])
+            if path.exists():
+                found[field.name] = path
+    return found
+
+
+def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int, engine: "Asked") -> None:
+    """Begin a command on a node of a cluster: the engine gets its units. Results have their names, in this folder.
+
+    home : module and name of the command
+    paths : field -> the path of its file on this node
+    """
+    changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(given, name)}
+    for name in _OUTPUTS:
+        value = getattr(given, name, None)
+        if value is not None:
+            changed[name] = [Path(path.name) for path in value] if isinstance(value, list) else Path(value.name)
+    for name, path in paths.items():
+        value = getattr(given, name)
+        _, mark, query = str(value).partition("?")
+        changed[name] = type(value)(f"{path}{mark}{query}") if isinstance(value, str) else Path(path)
+    token = asked.set(engine)
+    try:
+        command = getattr(import_module(home[0]), home[1]).command
+        command(replace(given, threads=given.threads or threads, **changed))
+    finally:
+        asked.reset(token)
 
 
 def tell_shard(shard: "Engine | None", given: Any, seconds: float) -> int:
     """Say what a shard did, which wrote no results; return the exit code."""
     from ..jobs.engines import Shard
 
-    assert isinstance(shard, Shard)
+    if not isinstance(shard, Shard):  # on a node of a cluster
+        return 0
     if given.json:
         found = {"shard": str(shard.share), "folder": str(shard.folder), "parts": shard.units, "done": shard.did}
         report.print_json({**found, "seconds": seconds})

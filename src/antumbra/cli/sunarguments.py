@@ -10,7 +10,7 @@ import typer
 from ..plan import DEFAULT_PLAN
 from .joboptions import ColumnOption, OutputsOption, SensorsOption
 from .options import SCENE_HELP, Json, MaxMemoryOption, Quiet, Threads, UpOption
-from .sharing import MergeOption, ShardOption
+from .sharing import MergeOption, RayOption, ShardOption
 
 
 class By(StrEnum):
@@ -81,6 +81,7 @@ class SunArguments:
     max_memory: MaxMemoryOption = None
     up: UpOption = None
     shard: ShardOption = None
+    ray: RayOption = None
     merge: MergeOption = None
     json: Json = False
     quiet: Quiet = False

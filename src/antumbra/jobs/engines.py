@@ -151,6 +151,21 @@ class Shard:
         raise AssertionError("a shard writes no results")
 
 
+class Asked:
+    """An engine that does nothing: it learns the units of a job, which others ask for one by one."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.job: list[Units] = []
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        self.job = list(job)
+        return False
+
+    def end(self, job: Sequence[Units]) -> None:
+        raise AssertionError("it writes no results")
+
+
 class Recorded(NamedTuple):
     """What a folder of shards says of itself."""
 

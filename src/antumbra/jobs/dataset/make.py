@@ -43,7 +43,7 @@ def dataset(
     orbit: int = 0, random: int = 0, random_lights: int = 0, seed: int = 0, size: tuple[int, int] = (512, 512),
     spp: int = 16, sampler: str = "larcher-pillichshammer", time: float = 0.0, plan=None, threads: int | None = None,
     max_memory: int | None = None, shard: tuple[int, int] = (0, 1), overwrite: bool = False,
-    progress: Progress | None = None, engine: Engine | None = None,
+    progress: Progress | None = None, keep: Engine | None = None,
 ) -> Dataset:  # fmt: skip
     """Render a data set: for each camera an EXR file with a layer for each light, and a mask of each light's shadow.
 
@@ -79,7 +79,7 @@ def dataset(
         Render all frames of the shard again, also if the folder has a data set of other settings, which is removed.
     progress : function of (text, done, total), optional
         Called after each frame.
-    engine : engine, optional
+    keep : engine, optional
         Who renders the frames, see `antumbra.jobs.engines`. None: this process.
 
     Returns
@@ -102,10 +102,10 @@ def dataset(
     work = _Work(place, views, lights_of(place, lights, random_lights, seed), quality, renderer)
     work.open(path, overwrite)
     with nullcontext() if progress is None else heard_by(progress):
-        if engine is None:
+        if keep is None:
             do_all(work, range(share.index, len(work), share.of))
-        elif engine.finish([work]):
-            engine.end([work])
+        elif keep.finish([work]):
+            keep.end([work])
     complete, seconds = work.close(), perf_counter() - start
     return Dataset(path, views.total, len(work.lights), work.rendered, work.finished, complete, seconds)
 

@@ -1,0 +1,11 @@
+"""Jobs on the nodes of a Ray cluster (``pip install 'antumbra[ray]'``).
+
+- calls: `run`, a function of this package on a cluster
+- engine: the engine, which needs Ray when it works; crew: hands units to nodes, hears of them, and replaces lost workers
+- node: what happens on a node; inputs: its files, by path or fetched
+"""
+
+from .calls import run
+from .engine import Cluster, connected
+
+__all__ = ["Cluster", "connected", "run"]

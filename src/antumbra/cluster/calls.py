@@ -1,0 +1,67 @@
+"""A function of this package on a cluster: the Python side of ``--ray``."""
+
+import inspect
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from ..errors import InputError
+from ..jobs.engines import Asked
+from ..loading import load
+from .engine import Cluster
+
+_OUTPUTS = "output", "matrix", "folder"
+
+
+def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> Any:
+    """Call a function of this package on a Ray cluster (needs ``antumbra[ray]``).
+
+    Each node opens the scene by its path, or fetches the file once to its disk, and does parts of the work. The result
+    equals that of ``function(load(scene), *args, **kwargs)``.
+
+    Parameters
+    ----------
+    function : function
+        `antumbra.sun_hours`, `antumbra.visibility_matrix`, `antumbra.bake` or `antumbra.dataset`.
+    scene : str or path-like
+        The path of the scene.
+    *args, **kwargs
+        The other arguments, without `keep` and `threads`: each node uses all of its cores.
+    address : str
+        "local": a cluster of this machine alone. "auto", or HOST:PORT: a cluster that runs.
+
+    Raises
+    ------
+    InputError
+        If Ray is missing, there is no such cluster, or an argument is wrong.
+
+    Examples
+    --------
+    >>> table = at.cluster.run(at.sun_hours, "city.glb", days="year:2026", address="auto")  # doctest: +SKIP
+    """
+    if "keep" not in inspect.signature(function).parameters:
+        raise InputError(f"{function.__name__} has no parts; use sun_hours, visibility_matrix, bake or dataset")
+    home = function.__module__, function.__name__
+    with TemporaryDirectory(prefix="antumbra-") as folder:
+        prepare = partial(_prepare, home, args, kwargs)
+        plan = None if kwargs.get("plan") is None else str(kwargs["plan"])
+        engine = Cluster(Path(folder) / "parts", address, prepare, {"scene": Path(scene)}, plan)
+        return function(_opened(function, scene), *args, keep=engine, **kwargs)
+
+
+def _opened(function: Callable, scene):
+    """The scene as a function takes it: `bake` keeps what else is in the file."""
+    return scene if function.__name__ == "bake" else load(scene)
+
+
+def _prepare(home: tuple[str, str], args, kwargs, paths: dict[str, str], threads: int, engine: Asked) -> None:
+    """Begin the call on a node. Its results go to the current folder."""
+    function = getattr(import_module(home[0]), home[1])
+    named = inspect.signature(function).bind(_opened(function, paths["scene"]), *args, **kwargs).arguments
+    for name in _OUTPUTS:
+        if named.get(name) is not None:
+            named[name] = Path(named[name]).name
+    function(**named, threads=threads, keep=engine)

@@ -1,0 +1,92 @@
+"""The engine that hands a job's units to a Ray cluster."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..errors import InputError
+from ..extras import needed
+from ..jobs.engines import Units, numbered
+from .inputs import input_of
+
+_STORE = 256 << 20  # bytes of the object store of a local cluster
+
+
+def _say(line: str) -> None:
+    print(f"antumbra: {line}", file=sys.stderr, flush=True)
+
+
+class Cluster:
+    """Does the units of a job on the nodes of a Ray cluster, and writes the files that they send.
+
+    folder : where units are kept that are no results
+    address : "local": a cluster of this machine alone; "auto", or HOST:PORT: one that runs
+    prepare : begins the job on a node, see `node.Prepare`
+    inputs : the files that the job reads, by names that `prepare` knows
+    plan : whose kernels are compiled before the first unit
+    say : tells the user a line; None: on standard error
+    """
+
+    def __init__(
+        self, folder: Path, address: str, prepare, inputs: dict[str, Path], plan: str | None = None,
+        say: Callable[[str], None] | None = None,
+    ):  # fmt: skip
+        needed("ray", "a cluster", "ray")
+        self.folder, self.address, self._say = folder, address, say or _say
+        self._prepare, self._inputs, self._plan = prepare, inputs, plan
+        self.nodes = 0  # that did units
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        from .crew import Crew
+        from .node import NodeJob
+
+        todo = []
+        for number, units, k in numbered(job):
+            if units.done(k):
+                units.found(k)
+            else:
+                todo.append(number)
+        if todo:
+            inputs = {name: input_of(path) for name, path in self._inputs.items()}
+            sent = NodeJob(self._prepare, inputs, self._plan, self.folder.name)
+            with connected(self.address) as ray:
+                crew = Crew(ray, job, sent, self._say)
+                crew.do(todo)
+                self.nodes = len(crew.hosts)
+        return True
+
+    def end(self, job: Sequence[Units]) -> None:
+        for units in job:
+            units.clear()
+
+
+@contextmanager
+def connected(address: str) -> Iterator:
+    """The module ``ray``, connected to a cluster. A connection that exists already is used, and stays.
+
+    Raises
+    ------
+    InputError
+        If Ray is missing, or there is no cluster at the address.
+    """
+    ray = needed("ray", "a cluster", "ray")
+    if ray.is_initialized():
+        yield ray
+        return
+    if "://" in address:
+        raise InputError(f"--ray is {address!r}; run the command on a node of the cluster, with --ray auto")
+    own = {}
+    if address == "local":
+        own = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        ray.init(address=address, log_to_driver=False, logging_level="ERROR", **own)
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        reason = " ".join(str(error).split())[:160]
+        raise InputError(f"--ray {address}: cannot be reached ({reason}); look at: ray status") from None
+    try:
+        yield ray
+    finally:
+        ray.shutdown()

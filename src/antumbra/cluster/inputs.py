@@ -1,0 +1,103 @@
+"""The input files of a job on a node: by path where the node has them, else fetched once to its disk."""
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from ..errors import InputError
+from ..kernels.locks import held
+from ..output import replacing
+from ..store.layout import STORE_SUFFIX
+
+PIECE = 8 << 20  # bytes that are fetched at once
+
+_HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
+_WITH_MORE = ".gltf", ".obj"  # files that may name others
+
+
+class Input(NamedTuple):
+    """A file that a job reads, as the driver has it."""
+
+    path: str  # absolute
+    size: int  # bytes; -1: a folder
+    sha256: str  # of the whole file
+    header: str  # of a store: SHA-256 of its first page, by which a file is known without reading it; else empty
+
+
+def input_of(path: Path) -> Input:
+    """What identifies a file, or a folder."""
+    path = path.resolve()
+    if path.is_dir():
+        return Input(str(path), -1, "", "")
+    header = _header(path) if path.suffix.lower() == STORE_SUFFIX else ""
+    return Input(str(path), path.stat().st_size, _sum(path), header)
+
+
+def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | None = None) -> str:
+    """The path of an input on this node.
+
+    The file is opened by path if it is there and is the same. Otherwise it is fetched, unless an earlier job did so.
+
+    read : function of (path, offset) that returns up to `PIECE` bytes of the driver's file
+    folder : where fetched files are kept. None: in the folder for temporary files
+
+    Raises
+    ------
+    InputError
+        If a file that refers to others, or a folder, is not there, or if the fetched file has another sum.
+    """
+    path = Path(wanted.path)
+    if (wanted.size < 0 and path.is_dir()) or _is_same(path, wanted):
+        return wanted.path
+    if wanted.size < 0 or path.suffix.lower() in _WITH_MORE:
+        raise InputError(f"{path}: is not on node {os.uname().nodename}, and names other files; share it, or use .glb")
+    folder = (folder or Path(tempfile.gettempdir()) / f"antumbra-inputs-{os.getuid()}") / wanted.sha256
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / path.name
+    with held(folder / "fetching.lock"):  # another worker of this machine may be fetching it
+        if not (target.exists() and target.stat().st_size == wanted.size):
+            _fetch(wanted, read, target)
+    return str(target)
+
+
+def _fetch(wanted: Input, read: Callable[[str, int], bytes], target: Path) -> None:
+    if shutil.disk_usage(target.parent).free < wanted.size:
+        raise InputError(f"{target.parent}: has no room for {wanted.path} ({wanted.size >> 20} MiB); set TMPDIR")
+    digest = hashlib.sha256()
+    with replacing(target) as temporary, open(temporary, "wb") as out:
+        for offset in range(0, wanted.size, PIECE):
+            piece = read(wanted.path, offset)
+            digest.update(piece)
+            out.write(piece)
+        if digest.hexdigest() != wanted.sha256:
+            raise InputError(f"{wanted.path}: changed while it was fetched; run the command again")
+
+
+def piece_of(path: str, offset: int) -> bytes:
+    """Up to `PIECE` bytes of a file."""
+    with open(path, "rb") as file:
+        file.seek(offset)
+        return file.read(PIECE)
+
+
+def _is_same(path: Path, wanted: Input) -> bool:
+    try:
+        if path.stat().st_size != wanted.size:
+            return False
+        return _header(path) == wanted.header if wanted.header else _sum(path) == wanted.sha256
+    except OSError:
+        return False
+
+
+def _header(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.sha256(file.read(_HEADER)).hexdigest()
+
+
+def _sum(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

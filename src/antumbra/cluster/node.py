@@ -1,0 +1,90 @@
+"""A node of a cluster: one process that owns its cores, opens the scene once, and does units of a job."""
+
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..jobs.engines import Asked, Units, numbered
+from ..jobs.warm import jobs
+from ..kernels.locks import held
+from ..kernels.progress import heard_by
+from ..plan import DEFAULT_PLAN, parse_plan
+from ..rendering.ready import compile_missing, missing_of
+from .inputs import Input, local_path
+
+Prepare = Callable[[dict[str, str], int, Asked], Any]
+"""prepare(paths of inputs by name, threads, engine): begin a job, and give its units to the engine."""
+
+
+class NodeJob(NamedTuple):
+    """A job as nodes get it."""
+
+    prepare: Prepare
+    inputs: dict[str, Input]
+    plan: str | None
+    folder: str  # name of the folder of units
+
+
+def signature(job: Sequence[Units]) -> list[tuple[int, list[str]]]:
+    """What tells a job from others: numbers of units, and names of files, which have digests."""
+    return [(len(units), units.files(0) if len(units) else []) for units in job]
+
+
+class Node:
+    """The worker of a node. Files are written in a folder of its own, and sent from there."""
+
+    def __init__(self, threads: int):
+        self._threads, self._own = threads, tempfile.TemporaryDirectory(prefix="antumbra-node-")
+        self._units: list[tuple[Units, int]] = []
+
+    def begin(self, job: NodeJob, read: Callable[[str, int], bytes] | None) -> list[tuple[int, list[str]]]:
+        """Open the inputs, compile what is missing, and prepare the job; return its `signature`.
+
+        read : reads a piece of a file of the driver, see `inputs.local_path`
+        """
+        with heard_by(lambda what, done, total: None):
+            paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
+            os.chdir(self._own.name)  # results of a job have relative names here
+            warm(job.plan)
+            asked = Asked(Path(job.folder))
+            job.prepare(paths, self._threads, asked)
+        self._units = [(units, k) for _, units, k in numbered(asked.job)]
+        return signature(asked.job)
+
+    def do(self, number: int) -> dict[str, bytes]:
+        """Do a unit: its files by their names. There are none if it cannot be done."""
+        units, k = self._units[number]
+        with heard_by(lambda what, done, total: None):
+            units.do(k)
+        assert units.root is not None
+        files = {name: units.root / name for name in units.files(k)}
+        if not all(path.exists() for path in files.values()):
+            return {}
+        found = {name: path.read_bytes() for name, path in files.items()}
+        for path in files.values():
+            path.unlink()
+        return found
+
+    def about(self) -> dict[str, Any]:
+        """What this node has, for ``antumbra doctor``."""
+        from .. import __version__
+
+        return {"host": os.uname().nodename, "threads": self._threads, "pid": os.getpid(), "antumbra": __version__}
+
+    def leave(self) -> None:
+        """Remove the node's own files."""
+        os.chdir(tempfile.gettempdir())
+        with suppress(OSError):
+            self._own.cleanup()
+
+
+def warm(plan: str | None) -> None:
+    """Compile the kernels of a plan that are missing on this machine. Its other workers wait, and find them."""
+    wanted = {each for job in jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
+    if missing_of(wanted):
+        with held(Path(tempfile.gettempdir()) / f"antumbra-warm-{os.getuid()}.lock"):
+            if missing := missing_of(wanted):
+                compile_missing(missing)
