@@ -14,6 +14,7 @@ from .fielddocs import describe as _describe
 from .scene import engine
 
 if typing.TYPE_CHECKING:
+    from . import cluster
     from .errors import InputError
     from .jobs.bake import Baked, bake
     from .jobs.dataset.make import Dataset, dataset
@@ -95,6 +96,7 @@ __all__ = [
     "VisibilityMatrix",
     "bake",
     "build_store",
+    "cluster",
     "dataset",
     "face_sensors",
     "grid_sensors",
@@ -174,6 +176,7 @@ _HOMES = {
     "rendering.virtual_lights": ["virtual_point_lights"],
     "viewer.show": ["Viewer", "view"],
 }
+_MODULES = ("cluster",)  # parts of the public face that are modules
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 engine.use("ask", lambda: importlib.import_module(f"{__name__}.rendering.queries").ask)
@@ -183,6 +186,8 @@ engine.use("room_of", lambda: importlib.import_module(f"{__name__}.rendering.roo
 if not typing.TYPE_CHECKING:  # hidden from type checkers, so that unknown names are errors
 
     def __getattr__(name):
+        if name in _MODULES:
+            return importlib.import_module(f"{__name__}.{name}")
         if name not in _HOME:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)

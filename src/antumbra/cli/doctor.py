@@ -3,9 +3,11 @@
 import importlib.metadata
 import os
 import re
+import shutil
+import tempfile
 from collections.abc import Iterator
 from time import perf_counter
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
@@ -17,7 +19,13 @@ _EXTRA = re.compile(r"^([\w.-]+)[^;]*;.*extra == [\"']([\w-]+)[\"']")
 _CORE = "numba", "llvmlite", "numpy", "scipy", "trimesh", "pillow", "OpenEXR", "typer", "rich"
 
 
-def doctor(json: Json = False) -> None:
+def doctor(
+    ray: Annotated[
+        str | None,
+        typer.Option(help="Also say what each node of a Ray cluster has.", metavar="ADDRESS|local", show_default=False),
+    ] = None,
+    json: Json = False,
+) -> None:
     """Check this installation: versions, processor, kernels on disk, optional packages, and a small query.
 
     The exit code is 1 if the query has a wrong answer. Bug reports should contain what it prints.
@@ -26,6 +34,7 @@ def doctor(json: Json = False) -> None:
     Examples
       antumbra doctor
       antumbra doctor --json
+      antumbra doctor --ray auto
     """
     from .about import about
 
@@ -37,6 +46,8 @@ def doctor(json: Json = False) -> None:
         "extras": _extras(),
         "check": _check(),
     }
+    if ray is not None:
+        found["nodes"] = _nodes(ray)
     if json:
         report.print_json(found)
     else:
@@ -50,11 +61,31 @@ def _versions() -> dict[str, str]:
 
 
 def _memory() -> dict[str, str]:
+    room = {"room for temporary files": f"{shutil.disk_usage(tempfile.gettempdir()).free / 2**30:.1f} GiB"}
     try:
         free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):  # not on Windows
-        return {}
-    return {"free memory": f"{free / 2**30:.1f} GiB"}
+        return room
+    return {"free memory": f"{free / 2**30:.1f} GiB", **room}
+
+
+def _nodes(address: str) -> list[dict]:
+    """What the nodes of a cluster have; see `cluster.survey`."""
+    from ..cluster.engine import connected
+    from ..cluster.survey import survey
+
+    with connected(address) as cluster:
+        return survey(cluster)
+
+
+def _node_text(node: dict) -> str:
+    if "error" in node:
+        return f"{node['host']}: {node['error']}"
+    memory = "" if node["memory"] is None else f"{node['memory']:.0f} GiB of memory, "
+    kernels = f"{node['missing']} kernels missing" if node["missing"] else "all kernels compiled"
+    return (
+        f"{node['host']}: {node['cores']} cores, {memory}{node['room']:.0f} GiB of room, {node['antumbra']}, {kernels}"
+    )
 
 
 def _kernels() -> dict:
@@ -111,7 +142,7 @@ def _check() -> dict:
 def _lines(found: dict) -> Iterator[tuple[str, str]]:
     kernels, check = found["kernels"], found["check"]
     for name, value in found.items():
-        if name not in ("kernels", "extras", "check"):
+        if name not in ("kernels", "extras", "check", "nodes"):
             yield name, str(value)
     cure = "; antumbra warmup compiles the rest" if kernels["missing"] else ""
     yield "kernels", f"{kernels['compiled']} compiled, {kernels['missing']} missing{cure}"
@@ -120,6 +151,8 @@ def _lines(found: dict) -> Iterator[tuple[str, str]]:
         lacking = [name for name, version in packages.items() if version is None]
         there = ", ".join(f"{name} {version}" for name, version in packages.items() if version is not None)
         yield f"[{extra}]", there if not lacking else f"pip install 'antumbra[{extra}]' adds {', '.join(lacking)}"
+    for node in found.get("nodes", []):
+        yield "node", _node_text(node)
     verdict = "right" if check["right"] else "WRONG: please report this"
     yield "query", f"1000 points, 2 lamps: {verdict}"
     yield "picture", f"{check['mrays_per_second']:.1f} million rays a second by {check['plan']}"

@@ -11,6 +11,7 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Quality": ("spp", "sampler", "filter", "adaptive", "adaptive_spp", "cull_faces", "textures", "flat"),
     "Animation": ("frames", "fps", "overwrite"),
     "Speed": ("plan", "explain_plan", "srdh_rays", "gbuffer", "threads", "max_memory"),
+    "Machines": ("shard", "ray"),
     "Output": ("output", "html", "counters", "json", "quiet"),
 }
 """Title -> the parameters below it. Other options stand below "Options"."""

@@ -1,4 +1,4 @@
-"""``--shard``, ``--ray`` and ``merge``: the engine that a command's options ask for, and the folder where it keeps its shards."""
+"""``--shard``, ``--ray`` and ``merge``: the engine that a command asks for, and the folder where it keeps shards."""
 
 import re
 from contextvars import ContextVar

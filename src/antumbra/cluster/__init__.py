@@ -1,8 +1,9 @@
 """Jobs on the nodes of a Ray cluster (``pip install 'antumbra[ray]'``).
 
 - calls: `run`, a function of this package on a cluster
-- engine: the engine, which needs Ray when it works; crew: hands units to nodes, hears of them, and replaces lost workers
+- engine: the engine; crew: hands units to nodes, hears of them, and replaces workers that are lost
 - node: what happens on a node; inputs: its files, by path or fetched
+- survey: what nodes have
 """
 
 from .calls import run

@@ -4,7 +4,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from time import monotonic
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import InputError
 from ..jobs.engines import Units, numbered
@@ -17,6 +17,14 @@ _AHEAD = 2  # units that a worker has: one that it does, and the next one
 _TRIES = 4  # losses of a unit with its worker, or of workers of a node, until nobody tries again
 _POLL, _LOOK = 0.2, 2.0  # seconds between two looks at results, and at the nodes of the cluster
 _PATIENCE = 120.0  # seconds without any worker
+
+
+class Log(NamedTuple):
+    """What a crew did, for measurements. Times are those of `time.monotonic`, or seconds."""
+
+    ready: dict[str, float]  # node -> when its worker was ready
+    seconds: dict[int, float]  # unit -> how long a node took
+    written: list[float]  # when the files of each unit had been written
 
 
 class Worker:
@@ -45,7 +53,7 @@ class Crew:
         self._tries: Counter[int] = Counter()  # by unit
         self._looked = -_LOOK
         self._reader = self._read = None
-        self.hosts: set[str] = set()  # that did units
+        self.log = Log({}, {}, [])
 
     def do(self, numbers: Sequence[int]) -> None:
         """Do the units of these numbers."""
@@ -72,7 +80,7 @@ class Crew:
         if not self._sent.inputs:
             return
         remote, here = self._ray.remote(_Reader), self._ray.get_runtime_context().get_node_id()
-        self._reader = remote.options(num_cpus=0, scheduling_strategy=_on(self._ray, here)).remote()
+        self._reader = remote.options(num_cpus=0, scheduling_strategy=on_node(self._ray, here)).remote()
 
     def _look_for_nodes(self) -> None:
         """Start a worker on each node that has none."""
@@ -83,7 +91,7 @@ class Crew:
             name, cores = node["NodeID"], int(node["Resources"].get("CPU", 0))
             if node["Alive"] and cores and name not in self._workers and self._losses[name] < _TRIES:
                 actor = self._ray.remote(Node).options(
-                    num_cpus=cores, max_restarts=0, scheduling_strategy=_on(self._ray, name)
+                    num_cpus=cores, max_restarts=0, scheduling_strategy=on_node(self._ray, name)
                 )
                 worker = Worker(name, node["NodeManagerHostname"], actor.remote(cores))
                 self._workers[name] = worker
@@ -116,7 +124,9 @@ class Crew:
             if number is None:
                 self._check(worker, answer)
             else:
-                self._write(number, answer, worker)
+                self._write(number, answer.files, worker)
+                self.log.seconds[number] = answer.seconds
+                self.log.written.append(monotonic())
                 done.append(number)
         return done
 
@@ -153,7 +163,7 @@ class Crew:
                 f"{worker.host} would do other work than this machine; install the same version of antumbra there"
             )
         worker.ready = True
-        self.hosts.add(worker.node)
+        self.log.ready[worker.node] = monotonic()
 
     def _write(self, number: int, files: dict[str, bytes], worker: Worker) -> None:
         units, k = self._units[number]
@@ -181,7 +191,7 @@ class Crew:
                 self._ray.kill(actor)
 
 
-def _on(ray, node: str):
+def on_node(ray, node: str):
     """The strategy that places an actor on a node."""
     return ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(node, soft=False)
 

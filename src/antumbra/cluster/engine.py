@@ -5,11 +5,15 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..extras import needed
 from ..jobs.engines import Units, numbered
 from .inputs import input_of
+
+if TYPE_CHECKING:
+    from .crew import Log
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
 
@@ -36,7 +40,7 @@ class Cluster:
         needed("ray", "a cluster", "ray")
         self.folder, self.address, self._say = folder, address, say or _say
         self._prepare, self._inputs, self._plan = prepare, inputs, plan
-        self.nodes = 0  # that did units
+        self.log: Log | None = None  # of the last job
 
     def finish(self, job: Sequence[Units]) -> bool:
         from .crew import Crew
@@ -54,7 +58,7 @@ class Cluster:
             with connected(self.address) as ray:
                 crew = Crew(ray, job, sent, self._say)
                 crew.do(todo)
-                self.nodes = len(crew.hosts)
+                self.log = crew.log
         return True
 
     def end(self, job: Sequence[Units]) -> None:

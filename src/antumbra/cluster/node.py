@@ -5,6 +5,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple
 
 from ..jobs.engines import Asked, Units, numbered
@@ -26,6 +27,13 @@ class NodeJob(NamedTuple):
     inputs: dict[str, Input]
     plan: str | None
     folder: str  # name of the folder of units
+
+
+class Done(NamedTuple):
+    """A unit that a node has done."""
+
+    files: dict[str, bytes]  # by their names below the root; none if it cannot be done
+    seconds: float
 
 
 def signature(job: Sequence[Units]) -> list[tuple[int, list[str]]]:
@@ -54,25 +62,20 @@ class Node:
         self._units = [(units, k) for _, units, k in numbered(asked.job)]
         return signature(asked.job)
 
-    def do(self, number: int) -> dict[str, bytes]:
-        """Do a unit: its files by their names. There are none if it cannot be done."""
+    def do(self, number: int) -> Done:
+        """Do a unit."""
         units, k = self._units[number]
+        start = perf_counter()
         with heard_by(lambda what, done, total: None):
             units.do(k)
         assert units.root is not None
         files = {name: units.root / name for name in units.files(k)}
         if not all(path.exists() for path in files.values()):
-            return {}
+            return Done({}, perf_counter() - start)
         found = {name: path.read_bytes() for name, path in files.items()}
         for path in files.values():
             path.unlink()
-        return found
-
-    def about(self) -> dict[str, Any]:
-        """What this node has, for ``antumbra doctor``."""
-        from .. import __version__
-
-        return {"host": os.uname().nodename, "threads": self._threads, "pid": os.getpid(), "antumbra": __version__}
+        return Done(found, perf_counter() - start)
 
     def leave(self) -> None:
         """Remove the node's own files."""

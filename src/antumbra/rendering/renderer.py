@@ -117,8 +117,9 @@ class Renderer:
         return Rows(self.source, self.accelerator, request)
 
     def from_rows(self, request: Request, kept: KeptRows) -> Frame:
-        """The frame of a request whose rays were traced before. It equals that of `render`, but for its timings."""
-        return draw(self.source, self.accelerator, request, kept)
+        """The frame of a request whose rays were traced before: that of `render`, without the time of tracing."""
+        frame = draw(self.source, self.accelerator, request, kept)
+        return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(
         self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
