@@ -1,6 +1,6 @@
 """One job in shards, as several machines would do it: python examples/cluster.py [FOLDER] [--ray]
 
-It measures hours of sun in a city ($ANTUMBRA_SCENES/delft_lod22, else a procedural one) in three processes, merges
+It measures hours of sun in a city ($ANTUMBRA_SCENES/delft_city, else a procedural one) in three processes, merges
 their shards, and compares the file with that of one process. With --ray, a Ray cluster of this machine does it again.
 """
 
@@ -11,8 +11,9 @@ import tempfile
 from pathlib import Path
 
 SHARDS = 3
-CITY = Path(os.environ.get("ANTUMBRA_SCENES", "")) / "delft_lod22" / "scene.glb"
-SCENE = [str(CITY), "--up", "z"] if "ANTUMBRA_SCENES" in os.environ and CITY.exists() else ["procedural:city?triangles=20k"]
+CITY = Path(os.environ.get("ANTUMBRA_SCENES", "")) / "delft_city" / "scene.glb"
+REAL = "ANTUMBRA_SCENES" in os.environ and CITY.exists()
+SCENE = [str(CITY), "--up", "z"] if REAL else ["procedural:city?triangles=20k"]
 JOB = ["sun", *SCENE, "--latitude", "52.0", "--longitude", "4.36", "--days", "2026-03-21", "--sensors", "raster:4"]
 JOB += ["-o", "sun.csv", "-o", "sun.png", "--quiet"]
 

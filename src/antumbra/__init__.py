@@ -53,7 +53,7 @@ if typing.TYPE_CHECKING:
     from .store.scene import PagedScene
     from .viewer.show import Viewer, view
 
-__version__ = "0.1.0"
+from .version import __version__
 
 __all__ = [
     "AmbientOcclusion",

@@ -82,14 +82,6 @@ def same(cli, tmp_path, monkeypatch, nodes):
     return run
 
 
-@pytest.fixture
-def small_parts(monkeypatch):
-    """Parts so small that a picture has several bands. Workers read the same setting."""
-    from antumbra.jobs import bands
-
-    monkeypatch.setattr(bands, "BAND", 32)
-
-
 JOBS = {
     "sun": ("sun", CITY, "--latitude", 52, "--longitude", 4.36, "--days", "2026-03-21", "--sky", 16, "-o", "a.csv"),
     "bake": ("bake", CITY, "-o", "a.glb", "--spp", 4),
@@ -103,13 +95,6 @@ JOBS = {
 @pytest.mark.parametrize("job", JOBS)
 def test_every_job_has_the_bytes_of_the_whole(same, job):
     same(*JOBS[job], "-q")
-
-
-def pids() -> list[int]:
-    """The processes of the workers that are at work."""
-    from ray.util.state import list_actors
-
-    return [actor.pid for actor in list_actors(detail=True) if actor.class_name == "Node" and actor.state == "ALIVE"]
 
 
 class Disturbing:
@@ -178,7 +163,7 @@ def _actor_pids(nodes) -> list[int]:
 
 
 def test_nothing_is_left_running(nodes, same):
-    same(*FRAMES[:5], "--frames", "0:1", *FRAMES[7:], "-q")
+    same("render", CITY, "--size", "80x100", "-o", "a.png", "-q")
     for _ in range(100):
         if not _actor_pids(nodes) and ray.available_resources().get("CPU") == 2.0:
             break
@@ -222,15 +207,39 @@ def test_python(tmp_path, nodes):
 
 def test_a_part_that_cannot_be_done_is_an_error_here(cli, tmp_path, nodes):
     (tmp_path / "moving").mkdir()
-    moments = np.array([[[-2, 0, -2], [2, 0, -2], [2, 0, 2]]] * 3, np.float32)
-    moments[1, 0, 1] = np.nan
+    square = np.array([[-2, 0, -2], [2, 0, -2], [2, 0, 2], [-2, 0, 2]], np.float32)
+    moments = np.stack([np.concatenate([square, 0.3 * square + np.float32((k / 4, 1, 0))]) for k in range(3)])
+    moments[1, 5, 1] = np.nan
     np.save(tmp_path / "moving" / "frames.npy", moments)
-    np.save(tmp_path / "moving" / "faces.npy", np.array([[2, 1, 0]], np.int32))
+    np.save(tmp_path / "moving" / "faces.npy", np.array([[2, 1, 0], [3, 2, 0], [6, 5, 4], [7, 6, 4]], np.int32))
     (tmp_path / "moving" / "info.json").write_text('{"times": [0.0, 1.0, 2.0]}')
-    words = ("moving", "--size", 16, "--frames", "0:2", "--fps", 1, "--camera", "0,6,0.1:0,0,0", "-o", "f.#.png", "-q")
+    words = (
+        "moving",
+        "--size",
+        16,
+        "--frames",
+        "0:2",
+        "--fps",
+        1,
+        "--camera",
+        "0,6,0.1:0,0,0",
+        "--light",
+        "point:0,4,0",
+        "-o",
+        "f.#.png",
+        "-q",
+    )
     done = cli("render", *words, "--ray", nodes.cluster.address)
     assert done.code == 2 and "frame 1:" in done.err
     assert sorted(path.name for path in tmp_path.glob("f.*")) == ["f.0.png", "f.2.png"]
+
+
+def test_the_doctor_names_the_nodes(nodes):
+    from antumbra.cluster.survey import survey
+
+    found = survey(ray)
+    assert sorted(node["cores"] for node in found) == [0, 1, 1]
+    assert all(node["antumbra"] == at.__version__ and node["room"] > 0 for node in found)
 
 
 def test_bad_addresses(cli):

@@ -8,6 +8,7 @@
 - bake: ``antumbra bake``, light and occlusion into glTF files
 - view: ``antumbra view``, a scene in the browser
 - sun, los, viewshed, matrix, dataset: the jobs; joboptions: their common options
+- sharing, merge: the options --shard and --ray of jobs and pictures, and ``antumbra merge``
 - build, info, warmup, plans: stores, contents of scenes, compiling ahead, and the list of methods
 - doctor: the state of the installation; panels: options of help in groups
 - scenes, export: procedural scenes, and their files

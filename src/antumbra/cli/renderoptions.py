@@ -149,8 +149,8 @@ class RenderOptions(NamedTuple):
         An exact plan, its rays, the method of the G-buffer and the threads change no bit, and are left out. So is the
         exposure.
         """
-        from .. import __version__
         from ..plan import parse_plan
+        from ..version import __version__
 
         plan = None if self.plan is None else parse_plan(self.plan)
 

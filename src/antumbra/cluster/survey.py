@@ -14,7 +14,7 @@ from .crew import on_node
 
 def about_node() -> dict[str, Any]:
     """What this machine has for a job: cores, memory and room in GiB, this package, and its compiled kernels."""
-    from .. import __version__
+    from ..version import __version__
 
     wanted = needs.read(needs.FILE).kernels
     found: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
@@ -31,11 +31,11 @@ def _memory() -> float | None:
 
 def survey(ray, seconds: float = 60.0) -> list[dict[str, Any]]:
     """What each node of the cluster has, in the order of hosts; "error" of those that do not answer."""
-    ask = ray.remote(about_node).options(num_cpus=0, max_retries=0)
+    ask = ray.remote(about_node)
     calls = {}
     for node in ray.nodes():
         if node["Alive"]:
-            call = ask.options(scheduling_strategy=on_node(ray, node["NodeID"])).remote()
+            call = ask.options(num_cpus=0, max_retries=0, scheduling_strategy=on_node(ray, node["NodeID"])).remote()
             calls[call] = node["NodeManagerHostname"], int(node["Resources"].get("CPU", 0))
     ready, late = ray.wait(list(calls), num_returns=len(calls), timeout=seconds)
     found = [{"host": calls[call][0], "error": f"no answer in {seconds:g} s"} for call in late]

@@ -105,13 +105,13 @@ def do_all(units: Units, numbers: Sequence[int]) -> int:
 
 
 class Share(NamedTuple):
-    """Shard `index` of `of`: the units index, index + of, index + 2 of, ... of a job."""
+    """Shard `number` of `of`: the units number, number + of, number + 2 of, ... of a job."""
 
-    index: int  # from 0
+    number: int  # from 0
     of: int
 
     def __str__(self) -> str:
-        return f"{self.index}/{self.of}"
+        return f"{self.number}/{self.of}"
 
 
 def checked_share(shard) -> Share:
@@ -140,7 +140,7 @@ class Shard:
         write_job(self.folder, self._command, self.share.of)
         start = 0
         for units in job:
-            first = (self.share.index - start) % self.share.of
+            first = (self.share.number - start) % self.share.of
             numbers = range(first, len(units), self.share.of)
             self.did += do_all(units, numbers)
             self.units += len(numbers)

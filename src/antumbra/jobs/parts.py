@@ -44,7 +44,7 @@ def digest(*settings: Any) -> str:
 
 def about_parts(what: str, scene: str, *settings: Any) -> dict[str, str]:
     """What parts depend on, for `Parts`: the kind of work, the digest of a scene, settings, and this version."""
-    from .. import __version__
+    from ..version import __version__
 
     return {"what": what, "version": __version__, "scene": scene, "settings": digest(*settings)}
 

@@ -133,7 +133,9 @@ class Rows:
             edge = np.zeros(shape, np.bool_)
             edge[rows] = edges(seen_by(surfaces.gbuffer, state.view), edge_colours(state), state.threads)[own]
             count = np.count_nonzero(edge)
-            return (state.source.subpixels(state.triangles, state.view, edge, state.whole) if count else surfaces), range(count)
+            return (
+                state.source.subpixels(state.triangles, state.view, edge, state.whole) if count else surfaces
+            ), range(count)
         if self._edges is None:
             edge = edges(seen_by(self._seen.gbuffer, state.view), edge_colours(state), state.threads)
             self._edges = edge, state.source.subpixels(state.triangles, state.view, edge, state.whole)

@@ -94,4 +94,5 @@ def bake(
         parts = read_parts(found, asset, time)
         clock.lap("read")
         job = bake_textures if options.texture else bake_vertices
-        return job(found, asset, parts, options, output, clock, engine_of(keep))
+        made = job(found, asset, parts, options, output, clock, engine_of(keep))
+        return made  # type: ignore[return-value]  # None: a shard, of a command

@@ -103,7 +103,7 @@ def dataset(
     work.open(path, overwrite)
     with nullcontext() if progress is None else heard_by(progress):
         if keep is None:
-            do_all(work, range(share.index, len(work), share.of))
+            do_all(work, range(share.number, len(work), share.of))
         elif keep.finish([work]):
             keep.end([work])
     complete, seconds = work.close(), perf_counter() - start
@@ -117,7 +117,7 @@ class _Work:
     folder: Folder
 
     def __init__(self, place: Place, views: Views, lights: list[Light], quality: dict, renderer: Renderer):
-        from ... import __version__
+        from ...version import __version__
 
         self.place, self.views, self.lights, self.quality = place, views, lights, quality
         self.rendered = self.finished = 0  # frames

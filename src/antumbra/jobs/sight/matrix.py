@@ -141,7 +141,7 @@ def visibility_matrix(
     about = None if engine.folder is None else _about(scene, grid, time, plan)
     parts = Parts(f"{n} x {m} lines of sight", len(grid.tiles), 1, work, engine.folder, about)
     if not engine.finish([parts]):
-        return None
+        return None  # type: ignore[return-value]  # a shard, of a command
     if path is None:
         bits = np.empty((n, words_of(m)), np.uint64)
         counts = _put_together(grid, parts, bits)

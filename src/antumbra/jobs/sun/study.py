@@ -115,7 +115,7 @@ def sun_hours(
         sums.append(Sums(asked_sky(scene, sensors, count, plan, threads), "sky", engine.folder))
     job = [each.parts for each in sums]
     if not engine.finish(job):
-        return None
+        return None  # type: ignore[return-value]  # a shard, of a command
     tally, *of_sky = [each.tally() for each in sums]
     table = Table(sensors, _columns(study, bins, tally), _about(study, step, samples), scene)
     if of_sky:
