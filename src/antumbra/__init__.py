@@ -53,7 +53,7 @@ if typing.TYPE_CHECKING:
     from .store.scene import PagedScene
     from .viewer.show import Viewer, view
 
-from .version import __version__
+from .version import __version__ as __version__
 
 __all__ = [
     "AmbientOcclusion",

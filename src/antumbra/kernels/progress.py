@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import Any
 
-Say = Callable[[str, int, int], None]
+Say = Callable[[str, int, int], object]
 """Function of (name of the work, amount done, total amount)."""
 
 Heard = Callable[[int, int], Any]
