@@ -64,15 +64,15 @@ def test_version():
 
 # Imports
 
-NAMES_OF_IMPORTS = {"PIL": "pillow"}
+NAMES_OF_IMPORTS = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "pyproj", "pyarrow", "rasterio", "xatlas", "mitsuba", "open3d"}
-OPTIONAL |= {"viser", "drjit"}  # drjit comes with mitsuba
+OPTIONAL |= {"viser", "imageio-ffmpeg", "ray", "DracoPy", "drjit"}  # drjit comes with mitsuba
 OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, but does not require it
 
 
 def test_import_is_light():
     # Numba imports the bare scipy package, which is fast; its subpackages are slow.
-    heavy = "scipy.stats", "scipy.linalg", "trimesh", "typer", "rich", "PIL", "OpenEXR", *sorted(OPTIONAL)
+    heavy = "scipy.stats", "scipy.linalg", "trimesh", "typer", "rich", "PIL", "OpenEXR", *sorted(OPTIONAL), "imageio_ffmpeg"
     code = f"import sys, antumbra; print(*(m for m in {heavy} if m in sys.modules))"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.split() == []
