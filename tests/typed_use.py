@@ -34,4 +34,5 @@ def use() -> None:
     if city is not None:
         assert_type(city, at.CityModel)
         at.write_attributes("city.json", "out.json", {"hours": np.zeros(len(city.object_of_face))})
+    assert_type(at.view(scene, lights, port=0).url, str)
     assert_type(str(at.Plan(trace="single")), str)

@@ -27,26 +27,16 @@ def box_on_floor():
     return at.Scene.from_arrays(np.array(corners), colours=colours, name="box & floor")
 
 
-def playwright():
-    """(Playwright, the path of Chromium); skips the test where one is missing."""
+@contextmanager
+def headless():
+    """Chromium without a window, whose WebGL is drawn by software; skips the test where something is missing."""
     module = pytest.importorskip("playwright.sync_api", reason="no playwright: the viewer is NOT tested in a browser")
     pytest.importorskip("viser", reason="no viser: the viewer is NOT tested in a browser")
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    if path is None:
         pytest.skip("no chromium: the viewer is NOT tested in a browser")
-    return module.sync_playwright, browser
-
-
-@contextmanager
-def opened(viewer, width=1000, height=400):
-    """The page of a viewer in headless Chromium, whose WebGL is drawn by software."""
-    start, browser = playwright()
     options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-    with start() as started:
-        chromium = started.chromium.launch(executable_path=browser, args=options)
-        try:
-            page = chromium.new_page(viewport={"width": width, "height": height})
-            page.goto(viewer.url)
-            yield page
-        finally:
-            chromium.close()
+    with module.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=path, args=options)
+        yield chromium
+        chromium.close()

@@ -10,16 +10,29 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.viewer.page import checked_port
-from viewer.pages import CAMERA, SUN, box_on_floor, opened, playwright
+from viewer.pages import CAMERA, SUN, box_on_floor, headless
 
 WAIT = 60.0  # seconds, at most
 
 
+@pytest.fixture(scope="module")
+def chromium():
+    with headless() as started:
+        yield started
+
+
 @pytest.fixture
-def viewer():
-    playwright()  # skips first
+def viewer(chromium):
     with at.view(box_on_floor(), SUN, camera=CAMERA, port=0, browser=False) as made:
         yield made
+
+
+@pytest.fixture
+def page(chromium, viewer):
+    opened = chromium.new_page(viewport={"width": 1000, "height": 400})
+    opened.goto(viewer.url)
+    yield opened
+    opened.close()
 
 
 def pixels(page):
@@ -27,11 +40,10 @@ def pixels(page):
     return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
 
 
-def shown(page, viewer, condition):
+def shown(page, condition):
     """The pixels of the page as soon as the condition holds for them."""
     end = time.monotonic() + WAIT
     while True:
-        viewer._page.worker.wait(WAIT)
         found = pixels(page)
         if condition(found):
             return found
@@ -56,39 +68,36 @@ def dark(found, place):
     return found[place].max() < 110
 
 
-def test_the_page_shows_the_scene_and_the_sun_moves_its_shadow(viewer):
-    with opened(viewer) as page:
-        found = shown(page, viewer, lambda p: red(p, *MIDDLE) and bright(p, SOUTH) and dark(p, NORTH))
-        assert len(np.unique(found.reshape(-1, 3), axis=0)) > 20
-        _, bearing, _ = page.get_by_role("slider").all()  # exposure, bearing, elevation
-        bearing.press("Home")  # 0 degrees: the sun in the north
-        shown(page, viewer, lambda p: bright(p, NORTH) and dark(p, SOUTH))
+def test_the_page_shows_the_scene_and_the_sun_moves_its_shadow(page):
+    found = shown(page, lambda p: red(p, *MIDDLE) and bright(p, SOUTH) and dark(p, NORTH))
+    assert len(np.unique(found.reshape(-1, 3), axis=0)) > 20
+    _, bearing, _ = page.get_by_role("slider").all()  # exposure, bearing, elevation
+    bearing.press("Home")  # 0 degrees: the sun in the north
+    shown(page, lambda p: bright(p, NORTH) and dark(p, SOUTH))
 
 
-def test_a_click_says_what_the_point_sees(viewer):
-    with opened(viewer) as page:
-        shown(page, viewer, lambda p: red(p, *MIDDLE))
-        assert page.get_by_text("Click a surface").count() == 1
-        page.mouse.click(*NORTH[::-1])
-        page.get_by_text("behind face").wait_for(timeout=1000 * WAIT)
-        assert page.get_by_text("0 % of 256").count() == 1
-        line = lambda p: ((p[..., 0] > 200) & (p[..., 1] < 120) & (p[..., 2] < 120)).sum() > 20
-        shown(page, viewer, line)
-        page.mouse.click(*SOUTH[::-1])
-        page.get_by_text("100 % of 256").wait_for(timeout=1000 * WAIT)
+def test_a_click_says_what_the_point_sees(page):
+    shown(page, lambda p: red(p, *MIDDLE))
+    assert page.get_by_text("Click a surface").count() == 1
+    page.mouse.click(*NORTH[::-1])
+    page.get_by_text("behind face").wait_for(timeout=1000 * WAIT)
+    assert page.get_by_text("0 % of 256").count() == 1
+    line = lambda p: ((p[..., 0] > 200) & (p[..., 1] < 120) & (p[..., 2] < 120)).sum() > 20
+    shown(page, line)
+    page.mouse.click(*SOUTH[::-1])
+    page.get_by_text("100 % of 256").wait_for(timeout=1000 * WAIT)
 
 
-def test_turning_shows_the_stand_in_and_then_the_picture(viewer):
-    with opened(viewer) as page:
-        shown(page, viewer, lambda p: red(p, *MIDDLE))
-        rest = pixels(page)
-        page.mouse.move(400, 330)
-        page.mouse.down()
-        page.mouse.move(460, 250, steps=3)
-        page.mouse.up()
-        turned = shown(page, viewer, lambda p: (np.abs(p - rest).max(2) > 30).mean() > 0.05)
-        reds = (turned[..., 0] > 2 * turned[..., 1]) & (turned[..., 0] > 60)
-        assert reds.sum() > 500  # the box is still there
+def test_turning_shows_the_stand_in_and_then_the_picture(page):
+    shown(page, lambda p: red(p, *MIDDLE))
+    rest = pixels(page)
+    page.mouse.move(400, 330)
+    page.mouse.down()
+    page.mouse.move(460, 250, steps=3)
+    page.mouse.up()
+    turned = shown(page, lambda p: (np.abs(p - rest).max(2) > 30).mean() > 0.05)
+    reds = (turned[..., 0] > 2 * turned[..., 1]) & (turned[..., 0] > 60)
+    assert reds.sum() > 500  # the box is still there
 
 
 def test_the_viewer_is_a_handle(viewer):
@@ -106,10 +115,9 @@ def test_the_viewer_is_a_handle(viewer):
     assert (viewer.camera.position == CAMERA.position).all() and len(viewer.lights) == 1
 
 
-def test_what_the_user_left_can_be_rendered(viewer):
-    with opened(viewer) as page:
-        shown(page, viewer, lambda p: red(p, *MIDDLE))
-        viewer._page.model.aim_sun(0.0, 45.0)
+def test_what_the_user_left_can_be_rendered(page, viewer):
+    shown(page, lambda p: red(p, *MIDDLE))
+    viewer._page.model.aim_sun(0.0, 45.0)
     np.testing.assert_allclose(viewer.camera.position, CAMERA.position, atol=1e-5)
     assert (viewer.camera.width, viewer.camera.height) == (1000, 400)
     frame = at.render(viewer.scene, viewer.camera, viewer.lights, spp=1)

@@ -62,7 +62,15 @@ def test_a_share_is_white_where_all_of_a_light_is_seen(model, camera):
     assert picture.image[52, 40].tolist() == [255] * 3 and picture.image[28, 40].tolist() == [0] * 3
     assert "sun" in picture.note
     model.switch("sun", False)
-    assert traced(model, camera, FINE).image[52, 40].tolist() == [0] * 3
+    assert traced(model, camera, FINE).image[52, 40].tolist() == [255] * 3  # lights that are off can be studied, too
+
+
+def test_the_share_of_a_sky_is_smooth(camera):
+    model = Model(box_on_floor(), [SUN, at.Sky()], CAMERA)
+    model.looks = model.looks._replace(show=SEEN + "Sky")
+    grey = traced(model, camera, FINE).image[..., 0].astype(int)
+    near, far = grey[31:33, 38:42], grey[12:14, 38:42]  # of the box
+    assert 20 < near.max() < far.min() and np.ptp(far) < 25
 
 
 def test_work_is_shown_with_a_legend(model, camera):

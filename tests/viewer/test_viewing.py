@@ -75,6 +75,15 @@ def test_a_move_begins_anew_and_other_pixels_do_not(viewing):
     assert viewing.worker.wait(60.0) and len(viewing.drawn) == 3 * n
 
 
+def test_a_browser_that_has_gone_gets_nothing(viewing):
+    asyncio.run(viewing.look(looking()))
+    viewing.leave()
+    assert viewing.worker.wait(60.0)
+    n = len(viewing.browser.got)
+    viewing.begin(0.0)
+    assert viewing.worker.wait(60.0) and len(viewing.browser.got) == n < len(STEPS_OF_PICTURES)
+
+
 def test_the_stand_in_is_seen_while_the_camera_moves(viewing):
     asyncio.run(viewing.look(looking()))
     assert viewing.worker.wait(60.0)

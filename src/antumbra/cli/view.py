@@ -22,7 +22,7 @@ from .options import (
 )
 from .pictureoptions import PictureLightOption, SkyOption
 from .progress import ProgressDisplay
-from .sceneinput import open_scene
+from .sceneinput import limit_memory, open_scene
 
 _SIZE = 1024, 1024  # of the camera before the browser says its own
 
@@ -101,6 +101,7 @@ def view(given: ViewArguments) -> int:
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
+        limit_memory(opened, memory)
         position = {name: getattr(given, name) for name in ("crs", "latitude", "longitude", "north", "timezone")}
         place = place_of(opened, **position)
         if place is None and (given.north is not None or given.timezone is not None):

@@ -10,7 +10,7 @@ from . import lamps
 from .model import Model
 from .probe import Probe
 
-_LIGHT, _SEEN, _BLOCKED, _BEYOND = (255, 196, 60), (255, 214, 64), (255, 64, 64), (120, 120, 130)
+_LIGHT, _SEEN, _BLOCKED, _BEYOND = (255, 196, 60), (255, 214, 64), (255, 64, 64), (150, 40, 60)
 _HANDLE = 0.9  # page units: length of a handle's arrows
 _POINT = 0.03  # page units: radius of a clicked point
 

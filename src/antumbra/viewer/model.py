@@ -82,6 +82,13 @@ class Model:
             Lamp(name, self._moved.get(name, light), name not in self._off) for name, light in self._found[1].items()
         ]
 
+    def lamp(self, name: str) -> Lamp:
+        """The light of a name."""
+        for lamp in self.lamps:
+            if lamp.name == name:
+                return lamp
+        raise InputError(f"there is no light {name!r}; there are {', '.join(lamp.name for lamp in self.lamps)}")
+
     @property
     def shining(self) -> list[Lamp]:
         """The lights that are on; never none: without any, the first one with intensity 0."""
@@ -130,12 +137,12 @@ class Model:
 
     def switch(self, name: str, on: bool) -> None:
         """Switch a light on or off."""
-        self._known(name)
+        self.lamp(name)
         (self._off.discard if on else self._off.add)(name)
 
     def move(self, name: str, to: np.ndarray) -> None:
         """Move a light so that its handle is at a place ((3,), page)."""
-        self._moved[name] = lamps.moved(self._known(name).light, self.stage, to)
+        self._moved[name] = lamps.moved(self.lamp(name).light, self.stage, to)
 
     def aim_sun(self, bearing: float, elevation: float) -> None:
         """Move the sun to a bearing, clockwise from the scene's north axis, and an elevation, in degrees."""
@@ -171,9 +178,3 @@ class Model:
             and isinstance(sun, DirectionalLight)
             and lamps.sun_angles(sun, self.scene.up)[1] <= 0.0
         )
-
-    def _known(self, name: str) -> Lamp:
-        for lamp in self.lamps:
-            if lamp.name == name:
-                return lamp
-        raise InputError(f"there is no light {name!r}; there are {', '.join(lamp.name for lamp in self.lamps)}")

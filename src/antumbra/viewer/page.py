@@ -95,7 +95,7 @@ class Page:
 
     async def _leave(self, client: Any) -> None:
         if viewing := self._viewings.pop(client.client_id, None):
-            self.worker.drop(viewing.name)
+            viewing.leave()
 
     def _drawn(self, picture: Traced) -> None:
         self.controls.tell(picture)

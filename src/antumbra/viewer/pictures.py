@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..image.tonemap import to_srgb8
+from ..rendering.frame import Frame
 from ..scene.camera import Camera
 from ..scene.light_list import N_SETS
 from ..scene.lights import Light
@@ -70,23 +71,26 @@ def traced(model: Model, camera: Camera, step: Step, check: Check = lambda *_: N
     InputError
         If the plan of the work is unknown, or has no tree.
     """
-    start = perf_counter()
-    camera, lights = shrunk(camera, step.coarse), [at_quality(lamp.light, step.spp) for lamp in model.shining]
+    start, camera = perf_counter(), shrunk(camera, step.coarse)
     if model.looks.show == STEPS:
-        work = work_picture(model, camera, lights, step.spp)
+        work = work_picture(model, camera, [at_quality(lamp.light, step.spp) for lamp in model.shining], step.spp)
         return Traced(work.image, step, perf_counter() - start, work.rays, work.each, work.legend)
-    frame = model.renderer.render(
+    if model.looks.show.startswith(SEEN):
+        name = model.looks.show.removeprefix(SEEN)
+        frame = _frame(model, camera, [in_full(model.lamp(name).light, step.spp)], step, check)
+        image, note = _grey(frame.visibility[0], frame.mask), f"white: all of {name} is seen"
+    else:
+        frame = _frame(model, camera, [at_quality(lamp.light, step.spp) for lamp in model.shining], step, check)
+        model.learn(frame)
+        image, note = to_srgb8(frame.image, model.exposure), ""
+    return Traced(image, step, perf_counter() - start, frame.rays, note)
+
+
+def _frame(model: Model, camera: Camera, lights: list[Light], step: Step, check: Check) -> Frame:
+    return model.renderer.render(
         camera, lights, spp=step.spp, time=model.time, filter=not step.adaptive or None,
         adaptive=step.spp if step.adaptive else None, progress=check,
     )  # fmt: skip
-    model.learn(frame)
-    image, note = to_srgb8(frame.image, model.exposure), ""
-    if model.looks.show.startswith(SEEN):
-        name = model.looks.show.removeprefix(SEEN)
-        shining = [lamp.name if lamp.on else None for lamp in model.shining]
-        share = frame.visibility[shining.index(name)] if name in shining else np.zeros(frame.mask.shape)
-        image, note = _grey(share, frame.mask), f"white: all of {name} is seen"
-    return Traced(image, step, perf_counter() - start, frame.rays, note)
 
 
 def at_quality(light: Light, spp: int) -> Light:
@@ -94,6 +98,13 @@ def at_quality(light: Light, spp: int) -> Light:
     if not isinstance(light, Sky) or not light.interleave:
         return light
     return replace(light, count=min(N_SETS * spp, light.count)).named(light.name)
+
+
+def in_full(light: Light, spp: int) -> Light:
+    """The light such that each pixel tests all of it: a sky of few distant lights."""
+    if not isinstance(light, Sky):
+        return light
+    return replace(light, interleave=False, count=min(N_SETS + 4 * spp, light.count)).named(light.name)
 
 
 def shrunk(camera: Camera, coarse: int) -> Camera:

@@ -7,15 +7,18 @@ from html import escape
 from time import sleep
 
 from ..jobs.sun.place import Place
+from ..jobs.warm import points_job
 from ..loading import load
 from ..plan import Plan
 from ..rendering.queries import warm_up_rays
+from ..rendering.ready import make_ready
+from ..rendering.render_jobs import warm_up_quality
 from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from .model import Model
 from .page import Page
-from .pictures import STEPS_OF_PICTURES, traced
+from .pictures import Step, traced
 
 HOST, PORT = "127.0.0.1", 8080
 
@@ -136,6 +139,8 @@ def view(
 
 
 def prepare(model: Model) -> None:
-    """Compile kernels and build the tree, by a first coarse picture. So the page answers as soon as it opens."""
+    """Compile the kernels, and build the tree by a first coarse picture. So the page answers as soon as it opens."""
     warm_up_rays()
-    traced(model, model.first_camera(512, 512), STEPS_OF_PICTURES[0])
+    warm_up_quality()
+    make_ready(points_job)
+    traced(model, model.first_camera(1280, 800), Step(4, 4))

@@ -57,6 +57,11 @@ class Viewing:
         self._level, self._changes = 0, self._changes + 1
         self._worker.ask(self.name, PICTURE, self._draw_quick, after)
 
+    def leave(self) -> None:
+        """The browser has gone: it gets nothing more."""
+        self.pose = None
+        self._worker.drop(self.name)
+
     def put_standin(self, data: bytes) -> None:
         """Give the browser the stand-in, a GLB file."""
         self._standin = self._client.scene.add_glb("/stand-in", data, visible=self._navigating)
@@ -75,7 +80,7 @@ class Viewing:
                 return
             camera = self.model.stage.camera(pose)
             picture = traced(self.model, camera, step, check if self._level else lambda *_: None)
-            if self.pose is not pose and self._standin is not None:
+            if self.pose is None or (self.pose is not pose and self._standin is not None):
                 return
             self._send(picture)
             if self._changes == changes:
