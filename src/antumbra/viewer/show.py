@@ -31,8 +31,16 @@ class Viewer:
     url : str
         The address of the page.
     scene : Scene or PagedScene
+    time : float
+        Seconds. Setting it moves the animation.
+    lights : list of lights
+        The lights that shine, where the user moved them.
+    camera : Camera
+        That of the browser that moved last.
 
-    Its camera, lights and time outlive the page: ``at.render(scene, viewer.camera, viewer.lights, time=viewer.time)``.
+    Notes
+    -----
+    What the user left outlives the page: ``at.render(scene, viewer.camera, viewer.lights, time=viewer.time)``.
     """
 
     def __init__(self, page: Page):
