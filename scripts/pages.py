@@ -10,15 +10,17 @@ import argparse
 import functools
 import http.server
 import json
-import re
+import queue
 import shutil
 import subprocess
 import sys
 import tempfile
 import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 WIDTHS = 390, 1280  # pixels
+LONGEST = 900  # seconds for all pages
 NAMES = "chromium", "chromium-browser", "google-chrome", "chrome"
 WORDS = {
     "viewshed": "jobs/line-of-sight",
@@ -52,19 +54,16 @@ async function load(page, width) {
 }
 (async () => {
   for (const page of pages) for (const width of widths) await load(page, width);
-  const told = document.createElement("pre");
-  told.id = "found";
-  told.textContent = JSON.stringify(found);
-  document.body.replaceChildren(told);
-  document.title = "done";
+  await fetch("/_found", {method: "POST", body: JSON.stringify(found)});
 })();
 </script>"""
 
 
 class _Server(http.server.SimpleHTTPRequestHandler):
-    """Serves the site and the page that checks it, without lines on the terminal."""
+    """Serves the site and the page that checks it, which posts what it has found. Without lines on the terminal."""
 
     check = ""
+    told: queue.SimpleQueue = queue.SimpleQueue()
 
     def do_GET(self):
         if self.path == "/_check.html":
@@ -75,6 +74,11 @@ class _Server(http.server.SimpleHTTPRequestHandler):
             self.wfile.write(body)
         else:
             super().do_GET()
+
+    def do_POST(self):
+        self.told.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        self.send_response(204)
+        self.end_headers()
 
     def log_message(self, *_):
         pass
@@ -99,21 +103,37 @@ def looked_at(site: Path, browser: str, shots: Path | None) -> list[dict]:
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}/"
-        told = _run(browser, "--dump-dom", "--virtual-time-budget=600000", f"{address}_check.html")
+        with _opened(browser, f"{address}_check.html") as window:
+            found = _waited(window)
         if shots is not None:
             _shoot(browser, address, pages, shots)
         server.shutdown()
-    found = re.search(r'<pre id="found">(.*?)</pre>', told, re.DOTALL)
-    if not found:
-        sys.exit("pages.py: the browser has not finished")
-    return json.loads(found[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+    return found
 
 
-def _run(browser: str, *options: str) -> str:
-    with tempfile.TemporaryDirectory() as profile:
-        always = "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={profile}"
-        done = subprocess.run([browser, *always, *options], capture_output=True, text=True, timeout=900)
-        return done.stdout
+def _waited(window: subprocess.Popen) -> list[dict]:
+    """What the page posts."""
+    for _ in range(LONGEST):
+        try:
+            return _Server.told.get(timeout=1)
+        except queue.Empty:
+            if window.poll() is not None:
+                break
+    sys.exit(f"pages.py: the browser has not finished (exit code {window.poll()})")
+
+
+@contextmanager
+def _opened(browser: str, *options: str):
+    """A browser without a window, that ends with the block."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        always = ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={profile}"]
+        always.append("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")  # formulas come from elsewhere
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        with subprocess.Popen([browser, *always, *options], **quiet) as window:
+            try:
+                yield window
+            finally:
+                window.terminate()
 
 
 def _shoot(browser: str, address: str, pages: list[str], folder: Path) -> None:
@@ -126,7 +146,8 @@ def _shoot(browser: str, address: str, pages: list[str], folder: Path) -> None:
             )
             name = f"{page.removesuffix('.html').replace('/', '-')}-{width}.png"
             size = f"--window-size={max(width, 500)},1600"
-            _run(browser, size, "--virtual-time-budget=4000", f"--screenshot={folder / name}", f"{address}_check.html")
+            with _opened(browser, size, f"--screenshot={folder / name}", f"{address}_check.html") as window:
+                window.wait()
 
 
 def faults(found: list[dict]) -> list[str]:

@@ -53,9 +53,9 @@ class Gallery(_Programs):
             grid = nodes.container("", *map(self._thumbnail, chosen), classes=["thumbnails"])
             thumbnails += [nodes.rubric("", group), grid]
             sections += map(self._shown, chosen)
-            shown += chosen
-        if left := set(known.values()) - set(shown):
-            raise self.error(f"not in the gallery: {', '.join(program.name for program in left)}")
+            shown += names.split()
+        if left := set(known) - set(shown):
+            raise self.error(f"not in the gallery: {', '.join(sorted(left))}")
         return [*thumbnails, *sections]
 
     def _thumbnail(self, program) -> nodes.paragraph:

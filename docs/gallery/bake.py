@@ -12,7 +12,8 @@ from antumbra.image.tonemap import to_srgb8
 
 SIZE = 640, 800
 SPP = 16
-lights = at.load("japanese_temple.glb").default_lights()
+sun = at.load("japanese_temple.glb").default_lights()[0]
+lights = [sun, at.AmbientOcclusion(np.inf, intensity=2)]
 at.bake("japanese_temple.glb", "baked.glb", what="light", lights=lights, spp=SPP)
 halves = []
 for file in ("japanese_temple.glb", "baked.glb"):

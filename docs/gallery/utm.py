@@ -1,7 +1,7 @@
-"""A city in UTM coordinates
+"""A street in UTM coordinates
 
-Delft as it lies in its map, 5,763 km north of the equator. On the left, coordinates are rounded to float32, as in many
-programs: one step is half a metre. On the right, Antumbra recentres in float64 first. Moving a scene changes no bit.
+A city put where maps put it, 5,763 km north of the equator. On the left, coordinates are rounded to float32, as in many
+programs: one step is half a metre. On the right, Antumbra recentres in float64 first, and a move changes no bit.
 """
 
 import numpy as np
@@ -11,13 +11,16 @@ import antumbra as at
 
 SIZE = 640, 720
 SPP = 16
-utm = np.array([592_770.0, 5_763_170.0, 0.0])
-model = at.load("delft_city.glb", up="z").triangles()
+TRIANGLES = 100_000
+utm = np.array([592_770.0, 0.0, -5_763_170.0])
+model = at.procedural("city", triangles=TRIANGLES).triangles()
 vertices = model.vertices.astype(float) + model.origin + utm
+faces = np.arange(3 * len(vertices)).reshape(-1, 3)
 sheet = Image.new("RGB", (2 * SIZE[0], SIZE[1]))
 for k, made in enumerate([vertices.astype(np.float32), vertices]):
-    scene = at.Scene.from_arrays(made.reshape(-1, 3), np.arange(3 * len(made)).reshape(-1, 3), model.colour, up="z")
-    camera = at.Camera(utm + (-60, -90, 40), utm + (5, -15, 4), (0, 0, 1), 35, *SIZE)
-    at.render(scene, camera, spp=SPP, adaptive=SPP).save("half.png")
+    scene = at.Scene.from_arrays(made.reshape(-1, 3), faces, colours=model.colour)
+    camera = at.Camera(utm + (7, 5, 30), utm + (2, 0, 8), (0, 1, 0), 50, *SIZE)
+    sun = at.DirectionalLight((0.8, -0.9, -0.5), intensity=4)
+    at.render(scene, camera, [sun, at.Sky()], spp=SPP, adaptive=SPP).save("half.png")
     sheet.paste(Image.open("half.png"), (k * SIZE[0], 0))
 sheet.save("utm.png")

@@ -119,13 +119,13 @@ def test_wrong_elsewhere(run, hidden, tmp_path):
     page.write_text(f"before\n{wrong_elsewhere.BEGIN}old\n{wrong_elsewhere.END}after\n")
     done = run("wrong_elsewhere", "--rays", 30, "--write", page, without=f"{hidden},warp,rtree")
     names = {row["case"]: row["wrong"] for row in done.rows}
-    assert len(names) == len(done.rows) == 10
+    assert len(names) == len(done.rows) == 13
     assert all(wrong["Antumbra"] == 0 for wrong in names.values())
     assert all(("Embree" in wrong) != without_embree(hidden) for wrong in names.values())
     assert sum(row["blocked"] < row["rays"] for row in done.rows) > 0 and all(row["blocked"] for row in done.rows)
     text = page.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
-    assert text.count("\n| ") == 11 and "python benchmarks/wrong_elsewhere.py --rays 30" in text
+    assert text.count("\n| ") == 14 and "python benchmarks/wrong_elsewhere.py --rays 30" in text
 
 
 def test_peer_chart(run, tmp_path):
