@@ -24,6 +24,7 @@ from time import monotonic
 
 import numpy as np
 
+from antumbra.cli import render
 from antumbra.cli.sharing import begin
 from antumbra.cluster import Cluster, connected
 from antumbra.jobs.engines import Asked, numbered
@@ -69,7 +70,7 @@ def asked_of(words: list[str]):
 
     names = dict(zip(words[1::2], words[2::2]))
     values = {"scene": words[0], "size": names["--size"], "spp": int(names["--spp"]), "output": Path("a.exr")}
-    return RenderArguments.home, RenderArguments(**values, quiet=True)
+    return (render.__name__, "render"), RenderArguments(**values, quiet=True)
 
 
 def simulated(parts: list[float], nodes: int, store: float, seed: int = 1) -> dict:

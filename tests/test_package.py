@@ -72,7 +72,17 @@ OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files tha
 
 def test_import_is_light():
     # Numba imports the bare scipy package, which is fast; its subpackages are slow.
-    heavy = "scipy.stats", "scipy.linalg", "trimesh", "typer", "rich", "PIL", "OpenEXR", *sorted(OPTIONAL), "imageio_ffmpeg"
+    heavy = (
+        "scipy.stats",
+        "scipy.linalg",
+        "trimesh",
+        "typer",
+        "rich",
+        "PIL",
+        "OpenEXR",
+        *sorted(OPTIONAL),
+        "imageio_ffmpeg",
+    )
     code = f"import sys, antumbra; print(*(m for m in {heavy} if m in sys.modules))"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.split() == []

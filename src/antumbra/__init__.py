@@ -12,6 +12,7 @@ import typing
 
 from .fielddocs import describe as _describe
 from .scene import engine
+from .version import VERSION
 
 if typing.TYPE_CHECKING:
     from . import cluster
@@ -53,7 +54,7 @@ if typing.TYPE_CHECKING:
     from .store.scene import PagedScene
     from .viewer.show import Viewer, view
 
-from .version import __version__ as __version__
+__version__ = VERSION
 
 __all__ = [
     "AmbientOcclusion",

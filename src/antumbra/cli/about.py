@@ -6,7 +6,7 @@ import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
-from ..version import __version__
+from ..version import VERSION as __version__
 
 
 def about() -> dict[str, str | int]:

@@ -72,7 +72,7 @@ app.add_typer(bench.app, name="bench")
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from ..version import __version__
+        from ..version import VERSION as __version__
 
         print(f"antumbra {__version__}")
         raise typer.Exit

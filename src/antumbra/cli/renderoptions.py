@@ -150,7 +150,7 @@ class RenderOptions(NamedTuple):
         exposure.
         """
         from ..plan import parse_plan
-        from ..version import __version__
+        from ..version import VERSION as __version__
 
         plan = None if self.plan is None else parse_plan(self.plan)
 

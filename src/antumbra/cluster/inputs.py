@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import platform
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -54,14 +55,19 @@ def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | 
     if (wanted.size < 0 and path.is_dir()) or _is_same(path, wanted):
         return wanted.path
     if wanted.size < 0 or path.suffix.lower() in _WITH_MORE:
-        raise InputError(f"{path}: is not on node {os.uname().nodename}, and names other files; share it, or use .glb")
-    folder = (folder or Path(tempfile.gettempdir()) / f"antumbra-inputs-{os.getuid()}") / wanted.sha256
+        raise InputError(f"{path}: is not on node {platform.node()}, and names other files; share it, or use .glb")
+    folder = (folder or own_temporary("inputs")) / wanted.sha256
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / path.name
     with held(folder / "fetching.lock"):  # another worker of this machine may be fetching it
-        if not (target.exists() and target.stat().st_size == wanted.size):
+        if not _is_same(target, wanted):
             _fetch(wanted, read, target)
     return str(target)
+
+
+def own_temporary(name: str) -> Path:
+    """A path of this user among the temporary files."""
+    return Path(tempfile.gettempdir()) / f"antumbra-{name}-{getattr(os, 'getuid', int)()}"  # Windows has no ids
 
 
 def _fetch(wanted: Input, read: Callable[[str, int], bytes], target: Path) -> None:

@@ -14,7 +14,7 @@ from ..kernels.locks import held
 from ..kernels.progress import heard_by
 from ..plan import DEFAULT_PLAN, parse_plan
 from ..rendering.ready import compile_missing, missing_of
-from .inputs import Input, local_path
+from .inputs import Input, local_path, own_temporary
 
 Prepare = Callable[[dict[str, str], int, Asked], Any]
 """prepare(paths of inputs by name, threads, engine): begin a job, and give its units to the engine."""
@@ -88,6 +88,6 @@ def warm(plan: str | None) -> None:
     """Compile the kernels of a plan that are missing on this machine. Its other workers wait, and find them."""
     wanted = {each for job in jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
     if missing_of(wanted):
-        with held(Path(tempfile.gettempdir()) / f"antumbra-warm-{os.getuid()}.lock"):
+        with held(own_temporary("warm.lock")):
             if missing := missing_of(wanted):
                 compile_missing(missing)

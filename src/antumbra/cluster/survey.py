@@ -9,16 +9,15 @@ from typing import Any
 from ..kernels import needs
 from ..kernels.loading import user_cache
 from ..rendering.ready import missing_of
+from ..version import VERSION
 from .crew import on_node
 
 
 def about_node() -> dict[str, Any]:
     """What this machine has for a job: cores, memory and room in GiB, this package, and its compiled kernels."""
-    from ..version import __version__
-
     wanted = needs.read(needs.FILE).kernels
     found: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
-    found |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": __version__}
+    found |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
     return {**found, "missing": len(missing_of(wanted)), "cache": str(user_cache().path)}
 
 

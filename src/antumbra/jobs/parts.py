@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import InputError
 from ..output import replacing
 from ..plan import Plan, parse_plan
+from ..version import VERSION
 
 Arrays = dict[str, np.ndarray]
 Work = Callable[[int, int], Arrays]
@@ -44,9 +45,7 @@ def digest(*settings: Any) -> str:
 
 def about_parts(what: str, scene: str, *settings: Any) -> dict[str, str]:
     """What parts depend on, for `Parts`: the kind of work, the digest of a scene, settings, and this version."""
-    from ..version import __version__
-
-    return {"what": what, "version": __version__, "scene": scene, "settings": digest(*settings)}
+    return {"what": what, "version": VERSION, "scene": scene, "settings": digest(*settings)}
 
 
 def inexact(plan: str | Plan | None) -> str | None:

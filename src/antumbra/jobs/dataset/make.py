@@ -15,6 +15,7 @@ from ...rendering.renderer import Renderer
 from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
+from ...version import VERSION
 from ..engines import Engine, checked_share, do_all
 from .drawn import Place, place_of
 from .files import MANIFEST, Folder, read_json, write_json
@@ -117,15 +118,13 @@ class _Work:
     folder: Folder
 
     def __init__(self, place: Place, views: Views, lights: list[Light], quality: dict, renderer: Renderer):
-        from ...version import __version__
-
         self.place, self.views, self.lights, self.quality = place, views, lights, quality
         self.rendered = self.finished = 0  # frames
         self._renderer, self._again = renderer, set[int]()  # frames to render, finished or not
         self._objects: Objects | None = None
         plan = renderer.plan
         settings = {
-            "version": __version__,
+            "version": VERSION,
             "scene": scene_record(place.scene, place.time, place.threads),
             "seed": views.seed,
             "cameras": views.record(),
