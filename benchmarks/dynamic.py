@@ -121,7 +121,7 @@ class EmbreeFrames:
         lap("trace")
         visibility = fraction_lit(bits, self.spp, self.threads)
         lap("filter")
-        arrived = [irradiance(hits.gbuffer, light.patch(triangles.origin, 1.0), light.domain, self.threads)]
+        arrived = [irradiance(hits.gbuffer, light.patch(triangles.origin, 1.0), light.domain, threads=self.threads)]
         ambient = ambient_light(hits.gbuffer, [light], arrived)
         colour, up = triangles.colour, view.scene.up
         shade(hits.gbuffer, colour, [light], arrived, [visibility], ambient, up, threads=self.threads)

@@ -8,6 +8,8 @@ import os
 import sys
 from pathlib import Path
 
+import numpy as np
+
 import antumbra as at
 from antumbra.plan import Plan
 from antumbra.rendering.queries import accelerated
@@ -31,7 +33,8 @@ def main() -> None:
     made = accelerated(scene, plan=Plan())
     gc.collect()
     grown = resident() - before
-    arrays = {name: a.nbytes for part in made for name, a in part._asdict().items() if name != "links"}
+    held = {name: a for part in made if part is not None for name, a in part._asdict().items()}
+    arrays = {name: a.nbytes for name, a in held.items() if isinstance(a, np.ndarray) and name != "links"}
     n = scene.n_triangles
     print(f"{path}: {n} triangles")
     for name, size in arrays.items():

@@ -45,18 +45,18 @@ def test_warmup_is_for_every_method(cli, done):
     told = cli("warmup")
     assert told.code == 0 and f"{len(done)} jobs are ready, 3 of them new" in told.out.replace("\n", " ")
     kinds = [1 + plan.tracer.counts_apart for plan in covering_plans()]  # of kernels: most tracers count in all
-    assert len(done) == len(set(done)) == 11 + 2 * sum(kinds) and set(kinds) == {1, 2}
+    assert len(done) == len(set(done)) == 14 + 2 * sum(kinds) and set(kinds) == {1, 2}
 
 
 def test_warmup_of_one_plan(cli, done):
     told = cli("warmup", "--plan", "bsah+single", "--plan", "bsah+single", "--json").json()
     assert told["jobs"] == done and told["compiled"] == 3 and told["folder"] and told["seconds"] >= 0.0
-    assert len(done) == 13 and sum("bsah+single" in name for name in done) == 4  # `single` has kernels that count
+    assert len(done) == 16 and sum("bsah+single" in name for name in done) == 4  # `single` has kernels that count
 
 
 def test_warmup_of_a_builder_that_wants_rays(cli, done):
     assert cli("warmup", "--plan", "srdh+single", "--plan", "srdh+wide", "--quiet").code == 0
-    assert done.count("a diffuse bounce") == 1 and len(done) == 10 + 4 + 2
+    assert done.count("a diffuse bounce") == 1 and len(done) == 13 + 4 + 2
 
 
 def test_warmup_quietly(cli, done):

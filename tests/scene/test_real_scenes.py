@@ -186,9 +186,8 @@ def test_instances():
 
 def test_cameras():
     path = scene_path("gltf/Cameras.gltf")
-    with pytest.warns(UserWarning, match="not a perspective camera"):
-        scene = load(path)
-    (camera,) = scene.cameras
+    camera, above = load(path).cameras
+    assert (camera.projection, above.projection) == ("perspective", "orthographic")
     np.testing.assert_allclose(camera.position, [0.5, 0.5, 3])
     np.testing.assert_allclose(camera.target - camera.position, [0, 0, -1])
     assert camera.vfov == pytest.approx(np.degrees(0.7))

@@ -10,6 +10,7 @@ from . import engine, framing
 from .appearance import Appearance
 from .camera import Camera
 from .cityjson.model import CityModel
+from .cutouts import Cutouts
 from .hit import Hit
 from .lights import Light
 from .mesh import MeshInfo, ObjectInfo
@@ -41,6 +42,14 @@ class AnyScene(ABC):
     def appearance(self) -> Appearance | None:
         """Textures, colours of vertices, shading normals and alpha. A store has none."""
         return None
+
+    @property
+    def cutouts(self) -> Cutouts | None:
+        """The faces with holes, which alpha cuts; None: all faces are solid, as those of a store."""
+        return None
+
+    def ignore_alpha(self) -> None:
+        """Make all faces solid. Call it before the first query."""
 
     @property
     @abstractmethod
