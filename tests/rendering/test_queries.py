@@ -144,3 +144,12 @@ def _two_boxes():
     scene.add_geometry(box, node_name="here", geom_name="box")
     scene.graph.update("there", geometry="box", matrix=trimesh.transformations.translation_matrix([5.0, 0.0, 0.0]))
     return scene
+
+
+def test_hits_know_the_corners_of_their_faces():
+    corners = np.array([[[5e5, 0, 0], [5e5 + 2, 0, 0], [5e5, 2, 0]], [[5e5, 0, -3], [5e5 + 9, 0, -3], [5e5, 9, -3.0]]])
+    scene = at.Scene.from_arrays(corners)
+    hit = scene.closest_hit(np.array([[5e5 + 0.5, 0.5, 9], [5e5 + 4, 4, 9], [5e5 - 1, 0, 9]]), (0.0, 0.0, -1.0))
+    assert hit.face.tolist() == [0, 1, -1]
+    np.testing.assert_allclose(hit.corners[:2], corners, atol=1e-6)
+    assert hit.corners.shape == (3, 3, 3) and np.isnan(hit.corners[2]).all()
