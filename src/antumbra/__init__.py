@@ -12,7 +12,7 @@ import typing
 
 from .fielddocs import describe as _describe
 from .scene import engine
-from .version import VERSION
+from .version import VERSION as _VERSION
 
 if typing.TYPE_CHECKING:
     from . import cluster
@@ -54,7 +54,7 @@ if typing.TYPE_CHECKING:
     from .store.scene import PagedScene
     from .viewer.show import Viewer, view
 
-__version__ = VERSION
+__version__ = _VERSION
 
 __all__ = [
     "AmbientOcclusion",
