@@ -50,6 +50,7 @@ class AnyScene(ABC):
 
     def ignore_alpha(self) -> None:
         """Make all faces solid. Call it before the first query."""
+        assert self.cutouts is None, "only scenes in memory have cut-outs"
 
     @property
     @abstractmethod
