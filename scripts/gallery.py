@@ -37,7 +37,6 @@ CREDITS = {
     "sanmiguel_lite": "Model: a part of San Miguel by Guillermo M. Leal Llaguno, CC-BY 3.0.",
     "stanford_bunny": "Model: from the Stanford Computer Graphics Laboratory.",
     "truck_town": "Model: of the Godot demo projects, MIT licence.",
-    "zdm2": "Model: map zdm2 of Cube 2: Sauerbraten, CC-BY 4.0.",
 }
 """Real scenes by the names of their files in programs, with the credits that their licences ask for."""
 

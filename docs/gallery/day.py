@@ -11,16 +11,16 @@ from PIL import Image
 import antumbra as at
 from antumbra.jobs.sun.times import zone_of
 
-SIZE = 426, 320
+SIZE = 320, 320
 SPP = 16
 TRIANGLES = 200_000
 scene = at.procedural("city", triangles=TRIANGLES)
 camera = at.Camera((60, 85, 60), (0, 0, 0), vfov=36, width=SIZE[0], height=SIZE[1])
 place = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
 suns = at.suns_of(place, at.times_of([date(2026, 6, 21)], zone_of(place), step=60), "y")
-sheet = Image.new("RGB", (3 * SIZE[0], 3 * SIZE[1]))
-for k, towards in enumerate(suns.directions[1:-1:2][:9]):
+sheet = Image.new("RGB", (4 * SIZE[0], 2 * SIZE[1]))
+for k, towards in enumerate(suns.directions[1:-1:2][:8]):
     sun = at.DirectionalLight(-towards, angular_diameter=0.53, intensity=4)
     at.render(scene, camera, [sun, at.Sky()], spp=SPP, adaptive=SPP).save("hour.png")
-    sheet.paste(Image.open("hour.png"), (k % 3 * SIZE[0], k // 3 * SIZE[1]))
+    sheet.paste(Image.open("hour.png"), (k % 4 * SIZE[0], k // 4 * SIZE[1]))
 sheet.save("day.png")

@@ -1,7 +1,7 @@
 """Light from a panorama
 
-The sky is an array: a sunset of 128 x 64 pixels. Its directions are drawn by importance, and each casts a shadow. Files
-in .hdr and .exr work the same way: `at.Sky("studio.hdr")`.
+The sky is an array: a sunset of 512 x 256 pixels. Its directions are drawn by importance, and each casts a shadow.
+Files in .hdr and .exr work the same way: `at.Sky("studio.hdr")`.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import antumbra as at
 
 SIZE = 1024, 640
 SPP = 16
-height, turn = np.meshgrid(np.linspace(np.pi / 2, -np.pi / 2, 64), np.linspace(-np.pi, np.pi, 128), indexing="ij")
+height, turn = np.meshgrid(np.linspace(np.pi / 2, -np.pi / 2, 256), np.linspace(-np.pi, np.pi, 512), indexing="ij")
 low = np.exp(-6 * np.abs(height))[..., None]
 sun = np.exp(-90 * ((height - 0.3) ** 2 + (turn + 0.9) ** 2))[..., None]
 sunset = 0.25 * np.array([0.2, 0.35, 0.8]) + low * (0.9, 0.45, 0.35) + 60 * sun * (1.0, 0.5, 0.2)

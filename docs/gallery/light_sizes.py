@@ -12,10 +12,10 @@ SIZE = 640, 480
 SPP = 64
 scene = at.load("stanford_bunny.glb")
 camera, size = scene.default_camera(*SIZE), (scene.bounds[1] - scene.bounds[0]).max()
-centre = scene.bounds.mean(0) + size * np.array([0.5, 0.9, 0.6])
+centre = scene.bounds.mean(0) + size * np.array([1.1, 1.0, 0.6])
 sheet = Image.new("RGB", (2 * SIZE[0], 2 * SIZE[1]))
 for k, radius in enumerate([0.001, 0.03, 0.1, 0.3]):
     lamp = at.SphereLight(centre, radius * size, intensity=4 * size**2)
-    at.render(scene, camera, [lamp, at.Sky(intensity=0.3)], spp=SPP, filter=True, adaptive=SPP).save("panel.png")
+    at.render(scene, camera, [lamp, at.Sky(intensity=0.15)], spp=SPP, filter=True, adaptive=SPP).save("panel.png")
     sheet.paste(Image.open("panel.png"), (k % 2 * SIZE[0], k // 2 * SIZE[1]))
 sheet.save("light_sizes.png")

@@ -1,6 +1,7 @@
 """Many lights
 
-An atrium at night under 600 coloured bulbs. They are one light, `PointLights`, and each bulb has exact shadows.
+An atrium under 600 bulbs, whose colours change across the court. They are one light, `PointLights`, and each bulb has
+exact shadows.
 """
 
 import colorsys
@@ -16,6 +17,6 @@ scene = at.procedural("atrium", triangles=TRIANGLES)
 rng = np.random.default_rng(4)
 (x0, _, z0), (x1, _, z1) = scene.bounds
 places = np.stack([rng.uniform(0.8 * x0, 0.8 * x1, COUNT), rng.uniform(1, 6, COUNT), rng.uniform(z0, z1, COUNT)], 1)
-colours = [colorsys.hsv_to_rgb(hue, 0.75, 1.0) for hue in rng.random(COUNT)]
-bulbs = at.PointLights(places, colours=colours, nearest=0.3)
-at.render(scene, scene.cameras[0].resized(*SIZE), bulbs, adaptive=16).save("many_lights.png")
+colours = [colorsys.hsv_to_rgb(hue, 0.85, 1.0) for hue in (places[:, 0] - x0) / (x1 - x0)]
+bulbs = at.PointLights(places, colours=colours, nearest=0.3, interleave=True)
+at.render(scene, scene.cameras[0].resized(*SIZE), bulbs, filter=True).save("many_lights.png")

@@ -19,7 +19,7 @@ faces = np.arange(3 * len(vertices)).reshape(-1, 3)
 sheet = Image.new("RGB", (2 * SIZE[0], SIZE[1]))
 for k, made in enumerate([vertices.astype(np.float32), vertices]):
     scene = at.Scene.from_arrays(made.reshape(-1, 3), faces, colours=model.colour)
-    camera = at.Camera(utm + (7, 5, 30), utm + (2, 0, 8), (0, 1, 0), 50, *SIZE)
+    camera = at.Camera(utm + (6, 4, 24), utm + (11, 2.5, 17), (0, 1, 0), 50, *SIZE)
     sun = at.DirectionalLight((0.8, -0.9, -0.5), intensity=4)
     at.render(scene, camera, [sun, at.Sky()], spp=SPP, adaptive=SPP).save("half.png")
     sheet.paste(Image.open("half.png"), (k * SIZE[0], 0))
