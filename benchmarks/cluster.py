@@ -5,9 +5,9 @@
 It starts a Ray cluster of N nodes with one core each on this machine, for each N, and renders one picture in bands of
 rows with ``--ray``. A machine should have a core more than there are nodes, and nothing else to do.
 
-- `work`: seconds from the moment when all workers are ready until the last part is written
-- `parts`: the sum of the seconds that nodes took for parts, without handing out and sending
-- `of ideal`: parts / (nodes x work)
+- `work`: seconds from the moment when a worker is ready until the last part is written, summed over workers
+- `parts`: the sum of the seconds that nodes took for parts, without handing out, sending, and waiting for the last one
+- `of ideal`: parts / work
 
 The simulation takes the measured seconds of the parts, repeats them to the number of parts of a larger job, and hands
 them out as the engine does. Nodes become ready after the start of a worker, and the fetch of a store from one machine.
@@ -58,10 +58,11 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
     finally:
         cluster.shutdown()
     log = engine.log
-    work = max(log.written) - max(log.ready.values())
+    end = max(log.written)
+    work = sum(end - moment for moment in log.ready.values())
     parts = [log.seconds[number] for number, _, _ in numbered(own.job)]
     ready = sorted(moment - start for moment in log.ready.values())
-    return {"nodes": nodes, "ready": ready, "work": work, "parts": parts, "of_ideal": sum(parts) / (nodes * work)}
+    return {"nodes": nodes, "ready": ready, "work": work, "parts": parts, "of_ideal": sum(parts) / work}
 
 
 def asked_of(words: list[str]):
