@@ -81,8 +81,10 @@ class Examples(_Programs):
         parts = [self._words(program.caption)] if program.caption else []
         if program.picture.is_file():
             parts.append(self._image(program, program.picture))
-        parts += [self._code(program.code, "python"), self._words("It prints:")]
-        return self._section(program, *parts, self._code(program.printed.read_text(encoding="utf-8"), "text"))
+        parts.append(self._code(program.code, "python"))
+        if program.printed.is_file():
+            parts += [self._words("It prints:"), self._code(program.printed.read_text(encoding="utf-8"), "text")]
+        return self._section(program, *parts)
 
 
 def _anchor(program) -> str:
