@@ -34,6 +34,7 @@ CREDITS = {
     "japanese_temple": 'Model: "Japanese Temple Model" by Aditya3D, CC-BY 4.0.',
     "macross_city": 'Model: "SD Macross City Standoff Diorama" by tipatat, CC-BY 4.0.',
     "robot": "Model: of the raylib examples, CC0.",
+    "sanmiguel_lite": "Model: a part of San Miguel by Guillermo M. Leal Llaguno, CC-BY 3.0.",
     "stanford_bunny": "Model: from the Stanford Computer Graphics Laboratory.",
     "truck_town": "Model: of the Godot demo projects, MIT licence.",
 }
