@@ -5,6 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.auto import choose, trace
+from antumbra.auto.rates import GOOD, QUICK
 from antumbra.auto.ways import WAYS
 from antumbra.methods import BUILDERS
 from antumbra.plan import parse_plan
@@ -111,3 +112,24 @@ def test_the_oracle_agrees_over_all_of_the_plan(scene):
     triangles, query = query_of(scene, scene.cameras[0].resized(24, 20), LAMP, 8)
     truth, asked = true_occlusion(triangles, query)
     np.testing.assert_array_equal(answer("auto", triangles, query)[asked], truth[asked])
+
+
+@pytest.mark.parametrize(("slow", "builder"), [(1e9, GOOD), (1e-9, QUICK)])
+def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, slow, builder):
+    monkeypatch.setattr(trace, "sampled_rate", lambda way, forms, query, threads: slow)
+    monkeypatch.setattr(trace, "_DOUBT", 1e9)  # predictions are never believed
+    triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
+    truth, asked = true_occlusion(triangles, query)
+    better = lambda: BUILDERS[GOOD].build(triangles.vertices, 2)
+    auto = trace.Auto(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
+    bits = np.zeros((16, 20, 1), np.uint64)
+    trace.trace_shadow(auto, query, bits, 2)
+    np.testing.assert_array_equal(unpack(bits, 4)[asked], truth[asked])
+    assert auto.builder == builder
+
+
+def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
+    monkeypatch.setattr(trace, "better_seconds", lambda way, triangles: -1.0)
+    renderer = at.Renderer(scene)
+    plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
+    assert all(parse_plan(plan).build == GOOD for plan in plans)

@@ -148,9 +148,7 @@ def try_ways(query, forms: Forms, ways: list[str], facts: Facts, of_ray: float, 
     of_ray : predicted seconds for a ray
     """
     rays_of_window = _WINDOW * min(facts.samples, STRATA)
-    least = max(_WINDOWS, _SHARE * facts.receivers / _WINDOW, _SAMPLE / (of_ray * rays_of_window))
-    windows = ceil(min(least, _MOST * facts.receivers / _WINDOW))
-    first, sample = sample_of(query, 1), sample_of(query, windows)
+    first, sample = sample_of(query, 1), _sample(query, facts.receivers, _SAMPLE / (of_ray * rays_of_window))
     found: dict[str, float] = {}
     for name in sorted(ways, key=lambda name: name in _RISKY):
         forms.of(WAYS[name])
@@ -158,6 +156,18 @@ def try_ways(query, forms: Forms, ways: list[str], facts: Facts, of_ray: float, 
             continue
         found[name] = _rate_of(name, forms, sample, threads)
     return found
+
+
+def _sample(query: ShadowQuery, receivers: int, windows: float) -> ShadowQuery:
+    """A sample of about so many windows, within its limits."""
+    least = max(_WINDOWS, _SHARE * receivers / _WINDOW, windows)
+    return sample_of(query, ceil(min(least, _MOST * receivers / _WINDOW)))
+
+
+def sampled_rate(way: str, forms: Forms, query: ShadowQuery, threads: int) -> float:
+    """Nanoseconds a ray of a way, on a sample of the query."""
+    receivers = int(np.count_nonzero(query.sides))
+    return _rate_of(way, forms, _sample(query, receivers, _WINDOWS), threads)
 
 
 def _rate_of(way: str, forms: Forms, query: ShadowQuery, threads: int) -> float:

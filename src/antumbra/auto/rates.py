@@ -109,6 +109,16 @@ def lost_share(way: str) -> float:
     return _LOST.get(way, _OTHERS_LOSE)
 
 
+def lost_in_quick(way: str, seconds: float) -> float:
+    """Seconds of a query that takes so many in a tree of QUICK, and that it would not take in one of GOOD."""
+    return seconds * lost_share(way) / (1.0 + lost_share(way))
+
+
+def better_seconds(way: str, triangles: int) -> float:
+    """Predicted seconds to build a tree of GOOD, and its form for a way, where a tree of QUICK is there."""
+    return build_seconds(GOOD, triangles) + form_seconds(way, triangles)
+
+
 def good_pays(lost: float, triangles: int) -> bool:
     """Is a tree of GOOD built sooner than its rays are slower in a tree of QUICK? `lost`: seconds."""
     return lost > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)

@@ -1,5 +1,6 @@
 """The tracer `auto`: it answers each query in the way that should be fastest."""
 
+from collections.abc import Callable
 from time import perf_counter
 
 import numpy as np
@@ -7,10 +8,13 @@ import numpy as np
 from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
 from ..query.shadow import ShadowQuery
-from .choose import Choice, Memory, choose, likeness, sorting_pays, suited_ways
+from .choose import Choice, Memory, choose, likeness, sampled_rate, sorting_pays, suited_ways
 from .facts import facts_of
 from .order import in_order, sorted_places
+from .rates import GOOD, better_seconds, lost_in_quick
 from .ways import WAYS, Forms
+
+_DOUBT = 4.0  # predictions from counts alone are wrong by this factor at times
 
 
 class Auto:
@@ -22,14 +26,34 @@ class Auto:
         Outlives the tree in a sequence of frames.
     builder : str or None
         Name of the tree's builder, if it was chosen, too.
+    better : function, optional
+        Builds a tree of GOOD of the same triangles; None: the tree is as good as it gets.
     """
 
-    def __init__(self, bvh: Bvh, threads: int | None = None, memory: Memory | None = None, builder: str | None = None):
+    def __init__(
+        self, bvh: Bvh, threads: int | None = None, memory: Memory | None = None, builder: str | None = None,
+        better: Callable[[], Bvh] | None = None,
+    ):  # fmt: skip
         self.forms, self.memory, self.builder = Forms(bvh, thread_count(threads)), memory or Memory(), builder
+        self._better = better
 
     def begin(self) -> None:
         """Begin a frame, or a query of points."""
         self.memory.begin()
+
+    def improve(self, query: ShadowQuery, choice: Choice, threads: int) -> None:
+        """Build a better tree if the query would lose more time in this one than that takes.
+
+        What was predicted from counts alone is measured by a sample first, unless it is far from mattering.
+        """
+        if self._better is None:
+            return
+        way, triangles = choice.way, self.forms.triangles
+        seconds = choice.predicted
+        if not choice.tried and lost_in_quick(way, seconds) * _DOUBT > better_seconds(way, triangles):
+            seconds = 1e-9 * sampled_rate(way, self.forms, query, threads) * choice.rays
+        if lost_in_quick(way, seconds) > better_seconds(way, triangles):
+            self.forms, self.builder, self._better = Forms(self._better(), self.forms.threads), GOOD, None
 
     @property
     def choices(self) -> list[Choice]:
@@ -52,7 +76,8 @@ def trace_shadow(auto: Auto, query: ShadowQuery, bits, threads=None, counters=No
         query = in_order(query, places)
         facts = facts_of(query, forms.triangles, forms.box)
     choice = choose(query, forms, facts, suited, threads, memory.rates(key))
-    form, start = forms.of(WAYS[choice.way]), perf_counter()
+    auto.improve(query, choice, threads)
+    form, start = auto.forms.of(WAYS[choice.way]), perf_counter()
     out = bits if places is None else np.zeros_like(bits)
     WAYS[choice.way].trace(form, query, out, threads, counters, progress)
     if places is not None:

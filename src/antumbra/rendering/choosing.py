@@ -1,5 +1,7 @@
 """The plan `auto`: it chooses the builder of each frame's tree, and its tracer chooses the way of each query."""
 
+from functools import partial
+
 import numpy as np
 
 from ..auto.choose import Memory, suited_ways
@@ -12,7 +14,7 @@ from ..methods import TRACERS, UPDATERS
 from ..plan import Plan
 from ..query.bounds import bounds
 from ..scene.triangles import Triangles
-from .accelerate import Accelerated, Accelerator
+from .accelerate import Accelerated, Accelerator, solid_of
 from .srdh_rays import Shown, SrdhRays
 
 _RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
@@ -81,8 +83,14 @@ class Choosing(Accelerator):
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
         assert bvh is not None
-        tracer = Auto(bvh, self.threads, self.memory, self._builder)
+        better = partial(self._better, triangles) if self._builder == QUICK and self._kept is None else None
+        tracer = Auto(bvh, self.threads, self.memory, self._builder, better)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
+
+    def _better(self, triangles: Triangles) -> Bvh:
+        """A tree of GOOD, which a query needs after all."""
+        self._builder = GOOD
+        return self._tree(triangles, solid_of(triangles, None))
 
 
 def accelerator_of(plan: Plan, threads: int, srdh_rays: SrdhRays | None = None) -> Accelerator:
