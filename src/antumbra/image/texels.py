@@ -140,7 +140,7 @@ def looked_up(pictures, k, uv, across, along):
         return _at_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
     shorter = max(shorter, 1.0)
     taps = np.int64(min(np.ceil(longer / shorter), MOST_TAPS))
-    level = np.log2(max(longer / taps, shorter))
+    level = min(np.log2(max(longer / taps, shorter)), 64.0)
     red = green = blue = 0.0
     for i in range(taps):
         at = (i + 0.5) / taps - 0.5
