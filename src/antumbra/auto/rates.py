@@ -8,6 +8,7 @@ worth a try, and decides alone for queries that are done at once.
 import json
 from functools import cache
 from importlib.resources import files
+from math import log2
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ QUICK, GOOD = "lbvh", "bsah"
 _STRATA = 16
 _LOST = {"multifrusta": 0.2}  # way -> see `lost_share`
 _OTHERS_LOSE = 0.4
+_ROOM = 1 << 18  # triangles that the cells of QUICK keep apart
 
 
 def terms(facts: Facts) -> np.ndarray:
@@ -109,9 +111,10 @@ def lost_share(way: str) -> float:
     return _LOST.get(way, _OTHERS_LOSE)
 
 
-def lost_in_quick(way: str, seconds: float) -> float:
+def lost_in_quick(way: str, seconds: float, triangles: int) -> float:
     """Seconds of a query that takes so many in a tree of QUICK, and that it would not take in one of GOOD."""
-    return seconds * lost_share(way) / (1.0 + lost_share(way))
+    share = lost_share(way) * _crowded(triangles)
+    return seconds * share / (1.0 + share)
 
 
 def better_seconds(way: str, triangles: int) -> float:
@@ -120,5 +123,16 @@ def better_seconds(way: str, triangles: int) -> float:
 
 
 def good_pays(lost: float, triangles: int) -> bool:
-    """Is a tree of GOOD built sooner than its rays are slower in a tree of QUICK? `lost`: seconds."""
-    return lost > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)
+    """Is a tree of GOOD built sooner than its rays are slower in a tree of QUICK?
+
+    lost : seconds, by `lost_share`
+    """
+    return lost * _crowded(triangles) > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)
+
+
+def _crowded(triangles: int) -> float:
+    """How much more than `lost_share` a tree of QUICK loses in a large scene.
+
+    Its Morton codes have 1024 cells along an axis, so triangles of a large scene share cells.
+    """
+    return 1.0 + 0.5 * max(0.0, log2(max(triangles, 1) / _ROOM))

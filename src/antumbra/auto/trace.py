@@ -14,7 +14,7 @@ from .order import in_order, sorted_places
 from .rates import GOOD, better_seconds, lost_in_quick
 from .ways import WAYS, Forms
 
-_DOUBT = 4.0  # predictions from counts alone are wrong by this factor at times
+_DOUBT = 16.0  # predictions from counts alone, for a reference machine, may be wrong by this factor
 
 
 class Auto:
@@ -50,9 +50,9 @@ class Auto:
             return
         way, triangles = choice.way, self.forms.triangles
         seconds = choice.predicted
-        if not choice.tried and lost_in_quick(way, seconds) * _DOUBT > better_seconds(way, triangles):
+        if not choice.tried and lost_in_quick(way, seconds, triangles) * _DOUBT > better_seconds(way, triangles):
             seconds = 1e-9 * sampled_rate(way, self.forms, query, threads) * choice.rays
-        if lost_in_quick(way, seconds) > better_seconds(way, triangles):
+        if lost_in_quick(way, seconds, triangles) > better_seconds(way, triangles):
             self.forms, self.builder, self._better = Forms(self._better(), self.forms.threads), GOOD, None
 
     @property
