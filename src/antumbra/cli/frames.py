@@ -91,6 +91,7 @@ def render_frames(job: AnimationJob, sequence: Sequence, display: ProgressDispla
     """Render all frames that are not finished, or those that the engine leaves to this process."""
     job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
     job.asked.direct_lights(job.scene, 0.0)
+    job.asked.ground_height(job.scene, 0.0)
     if job.film is not None:
         _make_folder(job.pattern.parent)
     last = sequence.time(sequence.numbers[-1])

@@ -5,7 +5,7 @@ from typing import Any
 from typer.core import TyperCommand
 
 PANELS: dict[str, tuple[str, ...]] = {
-    "Scene": ("time", "up"),
+    "Scene": ("time", "up", "ground"),
     "Camera": ("camera", "size"),
     "Light": ("light", "ao", "vpl", "bounce", "exposure"),
     "Quality": ("spp", "sampler", "filter", "adaptive", "adaptive_spp", "cull_faces", "textures", "flat"),

@@ -92,6 +92,14 @@ BackgroundOption = Annotated[
         show_default=False,
     ),
 ]
+GroundOption = Annotated[
+    str,
+    typer.Option(
+        help="A ground below the scene, of which only the shadows are seen: on, off, a height, or auto: under scenes "
+        "seen from outside that have none.",
+        metavar="auto|on|off|HEIGHT",
+    ),
+]
 PresetSppOption = Annotated[
     int | None,
     typer.Option(

@@ -9,6 +9,7 @@ import typer
 from ..errors import InputError
 from ..plan import parse_plan
 from . import arguments
+from .ground import parse_ground
 from .options import (
     SCENE_HELP,
     CameraOption,
@@ -33,6 +34,7 @@ from .pictureoptions import (
     FilterOption,
     FlatOption,
     GBufferOption,
+    GroundOption,
     PictureLightOption,
     Preset,
     PresetOption,
@@ -81,6 +83,7 @@ class RenderArguments:
     light: PictureLightOption = None
     sky: SkyOption = None
     background: BackgroundOption = None
+    ground: GroundOption = "auto"
     ao: AoOption = None
     vpl: VplOption = None
     bounce: BounceOption = None
@@ -208,6 +211,7 @@ class RenderArguments:
             textures=self.textures,
             flat=self.flat,
             moving=self.frames is not None,
+            ground=parse_ground(self.ground),
         )
         if self.frames is None and asked.srdh_rays is not None and asked.srdh_rays.last_frame:
             raise InputError(

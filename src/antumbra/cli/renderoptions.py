@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from . import arguments, report
 from .arguments import CameraSpec, SceneSpec
+from .ground import ground_of
 from .sceneinput import limit_memory
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class RenderOptions(NamedTuple):
     textures: bool = True
     flat: bool = False  # whether each face has its own normal
     moving: bool = False  # whether the pictures are the frames of an animation
+    ground: str | float = "off"  # from `parse_ground`
 
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
@@ -89,6 +91,12 @@ class RenderOptions(NamedTuple):
         """The camera at a time."""
         return arguments.make_camera(self.camera, scene, time, self.size, self.moving)
 
+    def ground_height(self, scene: "AnyScene", time: float) -> float | None:
+        """The height of the ground at a time; None: there is none. All frames of an animation have the same."""
+        if self.moving:
+            return ground_of(self.ground, scene, self.view(scene, 0.0), None)
+        return ground_of(self.ground, scene, self.view(scene, time), time)
+
     def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, without the virtual point lights made from photons."""
         return arguments.make_picture_lights(self.lights, self.sky, scene, time) + self.ambient
@@ -114,7 +122,8 @@ class RenderOptions(NamedTuple):
         layers : whether the frame keeps its image light by light, for an EXR file
         """
         camera, lights, asked = self._asked(scene, time, layers)
-        runs = len(lights) * ((1 if self.adaptive is None else 3) + (self.bounce or 0)) + renderer.source.looks
+        pictures = (1 if self.adaptive is None else 3) * (1 if asked["ground"] is False else 2)
+        runs = len(lights) * (pictures + (self.bounce or 0)) + renderer.source.looks
         frame = renderer.render(camera, lights, progress=progress("tracing shadow rays", runs), **asked)
         return Shot(scene.clamped(time), camera, lights, frame)
 
@@ -131,9 +140,11 @@ class RenderOptions(NamedTuple):
 
     def _asked(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], dict]":
         """The arguments of `Renderer.render`."""
+        ground = self.ground_height(scene, time)
         more = {
             "time": time, "counters": self.counters, "background": self.background is None and not self._no_sky,
             "layers": layers, "textures": self.textures, "smooth_normals": not self.flat,
+            "ground": False if ground is None else ground,
         }  # fmt: skip
         return self.view(scene, time), self.all_lights(scene, time), {**more, **self.quality()}
 
@@ -153,7 +164,7 @@ class RenderOptions(NamedTuple):
         from ..version import VERSION as __version__
 
         plan = None if self.plan is None else parse_plan(self.plan)
-
+        ground = self.ground_height(scene, time)
         return report.plain(
             {
                 "version": __version__,
@@ -173,6 +184,7 @@ class RenderOptions(NamedTuple):
                 "flat": self.flat,
                 **({} if self.background is None else {"background": self.background}),
                 **({"sky": "none"} if self._no_sky else {}),
+                **({} if ground is None else {"ground": ground}),
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )

@@ -60,6 +60,7 @@ def shot_answer(shot: "Shot", saved: Saved) -> dict:
         "time": shot.time,
         "camera": report.camera_fields(shot.camera),
         "lights": [report.light_fields(light) for light in shot.lights],
+        "ground": None if frame.ground is None else frame.ground.height,
         "exposure": saved.exposure,
         "seen": int(seen.sum()),
         "lit": [float(v[seen].mean()) if seen.any() else None for v in frame.visibility],
@@ -124,6 +125,9 @@ def view_fields(asked: "RenderOptions", shot: "Shot", speed: float | None = None
     """The names and values from the camera to the rays; `speed`: million rays a second."""
     camera, frame, spp = shot.camera, shot.frame, asked.spp
     yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
+    if frame.ground is not None:
+        share = frame.ground.mask.mean()
+        yield "ground", f"at height {frame.ground.height:.4g}; {share:.0%} of the picture sees it, by its shadows alone"
     yield "lights", ", ".join(_light_text(light) for light in shot.lights)
     if not frame.mask.any():
         yield "", "the camera sees no surface"

@@ -71,22 +71,40 @@ def screen_picture(frame, exposure: float, background=None) -> np.ndarray:
     """(H, W, 3) uint8 sRGB of a frame, or (H, W, 4) with alpha if `background` is "transparent".
 
     Without `background`, it shows the frame's backdrop, if it has one. With either, the colour of pixels that surfaces
-    cover in part is that of the surfaces alone, and is mixed with the background in linear light.
+    cover in part is that of the surfaces alone, and is mixed with the background in linear light. Shadows on the ground
+    dim the background; a transparent one becomes black, as `_transparent` says.
     """
     if background is None and frame.backdrop is None:
         return to_srgb8(frame.image, exposure)
     share = frame.coverage[..., None]
     surfaces = to_srgb8(frame.image / np.maximum(share, 1e-6), exposure)
     if isinstance(background, str):
-        return np.concatenate([surfaces, np.round(255.0 * share).astype(np.uint8)], -1)
+        return _transparent(surfaces, share, None if frame.ground is None else frame.ground.lost)
     colour = frame.backdrop
     if background is not None:
         colour = srgb_to_linear(vector(background, "background")).astype(np.float32)
+        colour = colour if frame.ground is None else colour * frame.ground.share
     shown = share[..., 0] < 1.0
     share, colour = share[shown], np.broadcast_to(colour, surfaces.shape)[shown]
     mixed = share * BYTE_TO_LINEAR.astype(np.float32)[surfaces[shown]] + (1.0 - share) * colour
     surfaces[shown] = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
     return surfaces
+
+
+def _transparent(surfaces: np.ndarray, share: np.ndarray, lost: np.ndarray | None) -> np.ndarray:
+    """(H, W, 4) uint8 sRGB with alpha: surfaces that cover a share of each pixel, and black shadows behind them.
+
+    lost : (H, W) float32, `Ground.lost`; None: there are no shadows
+
+    Viewers mix the sRGB values of a PNG. So the alpha of a shadow is the loss in sRGB: a background that loses a share
+    of its linear light then looks as in a picture that shows it.
+    """
+    alpha = share
+    if lost is not None:
+        dark = (1.0 - linear_to_srgb(1.0 - lost))[..., None]
+        alpha = share + (1.0 - share) * dark
+        surfaces = np.round(surfaces * (share / np.maximum(alpha, 1e-6))).astype(np.uint8)
+    return np.concatenate([surfaces, np.round(255.0 * alpha).astype(np.uint8)], -1)
 
 
 def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None, more: dict | None = None) -> None:
@@ -115,11 +133,15 @@ def exr_channels(frame) -> dict[str, np.ndarray]:
     """The channels of an EXR file: name -> (H, W) float32, or uint32 for ids. LAYER.C is channel C of a layer.
 
     R, G, B, A (1 where a surface is seen); shadow.NAME, the share of each light that is seen; depth.Z, normal.X/Y/Z,
-    position.X/Y/Z, triangle.id. With `Frame.layers` light.NAME.R/G/B, albedo.R/G/B, indirect.R/G/B and object.id.
+    position.X/Y/Z, triangle.id. With a ground, A is `Ground.lost` elsewhere, and ground.R/G/B is `Ground.share`. With
+    `Frame.layers` light.NAME.R/G/B, albedo.R/G/B, indirect.R/G/B and object.id.
     """
     g, layers = frame.gbuffer, frame.layers
     names = frame.names or tuple(map(str, range(len(frame.visibility))))
     channels = {**_split("", frame.image), "A": frame.mask, "depth.Z": g.depth, "triangle.id": g.face}
+    if frame.ground is not None:
+        channels |= {"A": np.where(frame.mask, np.float32(1.0), frame.ground.lost)}
+        channels |= _split("ground.", frame.ground.share)
     channels |= _split("normal.", g.normal, "XYZ") | _split("position.", g.position, "XYZ")
     channels |= {f"shadow.{name}": fraction for name, fraction in zip(names, frame.visibility)}
     if layers is not None:
@@ -133,9 +155,10 @@ def exr_channels(frame) -> dict[str, np.ndarray]:
 
 def exr_header(frame) -> dict:
     """Attributes of an EXR file that say what its channels cannot."""
+    caught = "" if frame.ground is None else " (the share of light lost where the ground is in shadow, see ground.*)"
     return {
         "software": "Antumbra",
-        "background": "A is 0, depth.Z is infinity, shadow.* is 1, ids are 4294967295 (-1), all else is 0",
+        "background": f"A is 0{caught}, depth.Z is infinity, shadow.* is 1, ids are 4294967295 (-1), all else is 0",
         "positionOrigin": json.dumps(frame.gbuffer.origin.tolist()),  # world position = position + this
     }
 

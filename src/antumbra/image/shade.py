@@ -14,6 +14,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import get, ptr, ptr_at, put
 from ..query.receivers import NOTHING
+from ..scene.lights import is_bounced
 from .filter import smoothed
 from .irradiance import irradiance
 from .list_irradiance import list_irradiance
@@ -131,7 +132,7 @@ def ambient_light(gbuffer, lights, arrived) -> np.ndarray:
     """
     open_skies = [light for light in lights if light.domain == "hemisphere"]
     skies = _tints(open_skies).prod(0)
-    if any(getattr(light, "indirect", False) for light in lights):
+    if any(is_bounced(light) for light in lights):
         return np.zeros(3, np.float32)
     shape, shining = gbuffer.face.shape, _shining(lights)
     total = _stack([arrived[k] for k in shining], shape).sum(axis=(1, 2), dtype=np.float64)

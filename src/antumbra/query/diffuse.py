@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..scene.light_list import N_SETS
-from ..scene.lights import MAX_SPP
+from ..scene.lights import MAX_SPP, is_bounced
 from ..scene.listed_rays import ListedRays
 from .receivers import NOTHING
 from .samples import hemisphere, sample_point
@@ -67,7 +67,7 @@ def diffuse_passes(lights, n: int, sampler: str) -> Passes:
         name = type(light).__name__
         if light.domain == "hemisphere":
             raise InputError(f"{name} dims the ambient light that bounce replaces; leave one of them out")
-        if getattr(light, "indirect", False):
+        if is_bounced(light):
             raise InputError(f"{name} with indirect=True and bounce are both light that has bounced; leave one out")
     # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
     directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..auto.choose import Choice
+from ..image.tonemap import LUMINANCE
 from ..query.gbuffer import GBuffer
 
 PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
@@ -18,6 +19,25 @@ class Layers(NamedTuple):
     lights: list[np.ndarray]  # per light (H, W, 3) float32: the image by this light alone, with its shadows
     indirect: np.ndarray | None  # (H, W, 3) float32: the image by light that bounced once; None without `bounce`
     object: np.ndarray  # (H, W) int32: index in `Scene.objects`; -1 in the background
+
+
+class Ground(NamedTuple):
+    """The ground that catches shadows, where the centre of a pixel sees no surface but this ground.
+
+    Lists of lights, and their bits, are as in `Frame`, without lights that stand for bounced light.
+    """
+
+    height: float  # along the scene's up axis, world
+    mask: np.ndarray  # (H, W) bool: pixels whose centre sees the ground
+    position: np.ndarray  # (H, W, 3) float32, recentred frame, as `GBuffer.position`; 0 elsewhere
+    visibility: list[np.ndarray]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 elsewhere
+    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 elsewhere
+    share: np.ndarray  # (H, W, 3) float32: light with shadows over light without, of what shows no surface; 1 elsewhere
+
+    @property
+    def lost(self) -> np.ndarray:
+        """(H, W) float32: the share of the light's luminance that is lost; 0 where no shadow is."""
+        return np.float32(1.0) - self.share @ LUMINANCE
 
 
 class Frame(NamedTuple):
@@ -38,9 +58,10 @@ class Frame(NamedTuple):
     choices: list[Choice] | None = None  # the plan "auto" only: how each query was answered, and why
     divided: np.ndarray | None = None  # (H, W) float32: share of each pixel that shows surfaces; None unless adaptive
     names: tuple[str, ...] = ()  # of the lights, all different: their own, or their kinds, such as "sun"
-    backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: what a PNG shows behind; see `render`
+    backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: what a PNG shows behind, with shadows
     layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
     ambient: np.ndarray | None = None  # (3,) float32: ambient irradiance of surfaces that face up; 0 with `indirect`
+    ground: Ground | None = None  # the shadows on the ground; None unless requested
 
     @property
     def coverage(self) -> np.ndarray:
@@ -59,7 +80,8 @@ class Frame(NamedTuple):
         """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear).
 
         An ``.exr`` has the channels R, G, B and A; ``shadow.NAME``, the share of each light that is seen; depth.Z,
-        normal.X/Y/Z, position.X/Y/Z and triangle.id. With `layers` also ``light.NAME.R/G/B``, albedo.R/G/B,
+        normal.X/Y/Z, position.X/Y/Z and triangle.id. With a ground also ground.R/G/B, `Ground.share`; A then has
+        `Ground.lost` where no surface is seen. With `layers` also ``light.NAME.R/G/B``, albedo.R/G/B,
         indirect.R/G/B and object.id.
 
         Parameters

@@ -15,12 +15,13 @@ from ..query.refine import edges
 from ..query.shadow import ShadowQuery
 from ..query.subpixels import BLOCK, block_copies, block_means, picture_of
 from ..query.surface import PictureSurfaces, seen_by
-from ..scene.lights import light_names
+from ..scene.lights import is_bounced, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerator
-from .frame import Frame
+from .frame import Frame, Ground
+from .ground import ShadowCatcher
 from .indirect import indirect_light
 from .layers import layers_of
 from .memory import edge_bytes, frame_memory
@@ -58,19 +59,21 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
         edge, refined = refine(state, seen, traced, visibility)
     if request.passes is not None:
         indirect = bounce(state, surfaces, seen, traced)
-    image, ambient = shade(state, surfaces, seen, traced, visibility, indirect)
-    fill_background(state, surfaces, image)
+    image, ambient, fill = shade(state, surfaces, seen, traced, visibility, indirect)
+    catcher = None if request.ground is None else ShadowCatcher(state, fill)
+    ground = None if catcher is None else catcher.picture(surfaces)
+    fill_background(state, surfaces, image, ground)
     layers = layers_of(state, surfaces, seen, traced, visibility, indirect) if request.layers else None
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
-        divide(state, edge, Shown(image, coverage), ambient, indirect)
+        divide(state, edge, Shown(image, coverage, ground, catcher), ambient, indirect)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
     ran, choices, scheduled = _ran(state)
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
         scheduled, source.paging(), ran, choices, coverage, tuple(light_names(request.lights)),
-        behind(state, surfaces, coverage), layers, ambient,
+        behind(state, surfaces, coverage, ground), layers, ambient, ground,
     )  # fmt: skip
 
 
@@ -215,31 +218,38 @@ def open_to_all(state: FrameState) -> Nearest:
 
 def shade(
     state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, visibility, indirect
-) -> tuple[np.ndarray, np.ndarray]:
-    """The image, (H, W, 3) float32; and its ambient light, (3,) float32, zero if the frame has bounced light."""
-    arrived = arriving_at(state, surfaces, traced, seen)
-    ambient = np.zeros(3, np.float32)
-    if indirect is None:
-        ambient = ambient_light(surfaces.gbuffer, state.request.lights, arrived)
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The image, (H, W, 3) float32; its ambient light, (3,) float32; and the ambient light of the ground.
+
+    The ambient light is zero if the frame has bounced light. That of the ground still stands for it then.
+    """
+    arrived, lights = arriving_at(state, surfaces, traced, seen), state.request.lights
+    direct = [k for k, light in enumerate(lights) if not is_bounced(light)]
+    fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct])
+    ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
     image = shaded(state, surfaces, arrived, visibility, ambient, indirect)
     state.clock.lap("shade")
-    return image, ambient
+    return image, ambient, fill
 
 
-def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray) -> None:
-    """Write the light of skies to the pixels that see no surface."""
+def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray, ground: Ground | None) -> None:
+    """Write the light of skies, dimmed by shadows on the ground, to the pixels that see no surface."""
     if skies := _seen_skies(state):
         rows, columns = np.nonzero(surfaces.ids < 0)
-        image[rows, columns] = sky_behind(skies, state.view, rows, columns)
+        shown = sky_behind(skies, state.view, rows, columns)
+        image[rows, columns] = shown if ground is None else shown * ground.share[rows, columns]
         state.clock.lap("shade")
 
 
-def behind(state: FrameState, surfaces: Surfaces, coverage: np.ndarray | None) -> np.ndarray | None:
+def behind(
+    state: FrameState, surfaces: Surfaces, coverage: np.ndarray | None, ground: Ground | None
+) -> np.ndarray | None:
     """The backdrop of a picture whose lights have no sky; None if nothing of it would be seen, or none is wanted."""
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
     if not state.request.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
-    return backdrop(state.view, coverage, state.source.scene.up)
+    shown = backdrop(state.view, coverage, state.source.scene.up)
+    return shown if ground is None else shown * ground.share
 
 
 def _seen_skies(state: FrameState) -> list[Sky]:
@@ -251,6 +261,8 @@ class Shown(NamedTuple):
 
     image: np.ndarray  # (H, W, 3) float32
     coverage: np.ndarray  # (H, W) float32: share of each pixel that shows surfaces
+    ground: Ground | None  # its `share`
+    catcher: ShadowCatcher | None  # of the ground
 
 
 def divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarray, indirect) -> None:
@@ -285,6 +297,9 @@ def _divide(state: FrameState, edge: np.ndarray, first: int, shown: Shown, ambie
     count = int(np.count_nonzero(edge))
     share = block_means(covered, count)
     behind = sky_behind(_seen_skies(state), state.view, *np.nonzero(edge))
+    if shown.catcher is not None and shown.ground is not None:
+        shown.ground.share[edge] = dimmed = shown.catcher.between(edge, pixels)
+        behind = behind * dimmed
     shown.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * behind
     shown.coverage[edge] = share
     state.clock.lap("shade")

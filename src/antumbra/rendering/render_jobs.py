@@ -55,6 +55,11 @@ def warm_up_listed() -> None:
     make_ready(listed_job)
 
 
+def warm_up_ground() -> None:
+    """Compile the kernels of a ground that catches shadows; they are the same for every plan."""
+    make_ready(ground_job)
+
+
 def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:
     """The job of rendering by a plan. A plan without a record gets the kernels of recorded plans with its methods."""
     name = lambda p: f"{p} ({gbuffer}{', counted' if counters else ''})"
@@ -134,9 +139,15 @@ def listed_job() -> Job:
     return fixed_job("orthographic and panoramic cameras", work)
 
 
+def ground_job() -> Job:
+    """The job of a ground that catches shadows, with lights that are partly below it."""
+    return fixed_job("a ground", lambda: _render_small(Plan(), "raster", quality=True, ground=1.95))
+
+
 def _render_small(
-    plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1, dressed=False
-):
+    plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1, dressed=False,
+    ground=None,
+):  # fmt: skip
     """Render a frame of the small scene; `passes`: number of diffuse rays, `view`: (camera, lights)."""
     scene, accelerator = small_scene(dressed), accelerator_of(plan, 2, srdh_rays)
     camera, lights = view or small_view(quality, sky=not passes)
@@ -148,6 +159,7 @@ def _render_small(
         smooth=quality,
         finer=finer_samples(lights, 2, "hammersley") if quality else None,
         passes=diffuse_passes(lights, passes, "hammersley") if passes else None,
+        ground=ground,
     )
     if accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
         accelerator.build(scene.triangles(0.0, 2))

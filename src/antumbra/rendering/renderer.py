@@ -4,6 +4,9 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..checks import number
 from ..errors import InputError
 from ..image.background import skies_of
 from ..kernels.parallel import thread_count
@@ -28,6 +31,7 @@ from .render_jobs import (
     warm_up,
     warm_up_bounce,
     warm_up_dressed,
+    warm_up_ground,
     warm_up_indirect,
     warm_up_listed,
     warm_up_quality,
@@ -101,7 +105,7 @@ class Renderer:
         counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
         filter: bool | None = None, adaptive: int | None = None, progress: Progress | None = None,
         bounce: int | None = None, background: bool = True, layers: bool = False, textures: bool = True,
-        smooth_normals: bool = True,
+        smooth_normals: bool = True, ground: bool | float = False,
     ) -> Frame:  # fmt: skip
         """Render one frame; `antumbra.render` documents the parameters."""
         request = self.request(
@@ -150,9 +154,20 @@ class Renderer:
             bool(layers),
             bool(textures),
             bool(smooth_normals),
+            self._ground(ground, time),
         )
         self._warm_up(request)
         return request
+
+    def _ground(self, ground: bool | float, time: float) -> float | None:
+        """The height of the ground that the argument `ground` of `render` asks for."""
+        if ground is False or ground is None:
+            return None
+        if self.source.keeps_read:
+            raise InputError(f"{self.scene.name}: no ground catches the shadows of a scene in a store; leave it out")
+        if ground is True:
+            return self.scene.ground_height(time)
+        return number(ground, "ground (height)", -np.inf, np.inf)
 
     def _warm_up(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
@@ -169,6 +184,8 @@ class Renderer:
             warm_up_listed()
         if request.passes is not None:
             warm_up_indirect(gbuffer)
+        if request.ground is not None:
+            warm_up_ground()
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time in seconds, with their BVH if the plan has one."""
@@ -186,7 +203,7 @@ def render(
     cull_faces: str | None = None, filter: bool | None = None, adaptive: int | None = None,
     progress: Progress | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
     max_memory: int | None = None, background: bool = True, layers: bool = False, textures: bool = True,
-    smooth_normals: bool = True,
+    smooth_normals: bool = True, ground: bool | float = False,
 ) -> Frame:  # fmt: skip
     """Render one frame with exact shadows.
 
@@ -245,6 +262,12 @@ def render(
     smooth_normals : bool
         Shade with the normals of vertices, if the scene has them. If not, each face has its own. Neither changes the
         bits or the visibility: shadows stay on the geometric surface.
+    ground : bool or float
+        A level ground below the scene, of which only the shadows are seen. True: just under the lowest point of this
+        moment; a number: at this height along the scene's up axis, in world units (see `Scene.ground_height`). Pixels
+        that see it show what is behind, times the light that arrives over the light that would without shadows.
+        `Frame.ground` has its visibility. It blocks no ray, changes no other pixel and is not in `Frame.mask`. It is
+        not seen from below, and a store has none.
 
     Returns
     -------
@@ -275,4 +298,5 @@ def render(
         layers=layers,
         textures=textures,
         smooth_normals=smooth_normals,
+        ground=ground,
     )

@@ -28,6 +28,7 @@ class Request(NamedTuple):
     layers: bool = False  # whether the frame gets its `Layers`
     textures: bool = True  # whether pixels show textures and colours of vertices, not mean colours of faces
     smooth_normals: bool = True  # whether the normals of vertices shade, not those of faces
+    ground: float | None = None  # height of the ground that catches shadows, world; None: there is none
 
 
 def rays_of(request: Request) -> tuple[int, int]:

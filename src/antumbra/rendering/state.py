@@ -12,6 +12,7 @@ from ..query.gbuffer import GBuffer
 from ..query.picture import Surfaces, surface_queries
 from ..query.shadow import ShadowQuery, fraction_lit, ray_count
 from ..scene.camera import CameraRays
+from ..scene.lights import Light
 from ..scene.listed_rays import ListedRays
 from ..scene.sky import Sky
 from ..scene.triangles import Triangles
@@ -117,11 +118,18 @@ def arriving_at(state: FrameState, surfaces: Surfaces, traced: TracedLights, see
     seen : the surfaces, for lights whose irradiance is smoothed; None: nothing is smoothed
     """
     request = state.request
-    smooth = [request.smooth or (request.smooth_skies and isinstance(light, Sky)) for light in request.lights]
     return [
-        arriving(surfaces.gbuffer, light, query, b, seen if own else None, surfaces.shading, state.threads)
-        for light, query, b, own in zip(request.lights, *traced, smooth)
-    ]
+        arriving(
+            surfaces.gbuffer, light, query, b, seen if smooths(request, light) else None, surfaces.shading,
+            state.threads,
+        )
+        for light, query, b in zip(request.lights, *traced)
+    ]  # fmt: skip
+
+
+def smooths(request: Request, light: Light) -> bool:
+    """Whether the irradiance from a list of lights is smoothed."""
+    return request.smooth or (request.smooth_skies and isinstance(light, Sky))
 
 
 def shaded(state: FrameState, surfaces: Surfaces, arrived, visibility, ambient, indirect=None) -> np.ndarray:

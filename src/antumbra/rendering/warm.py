@@ -11,6 +11,7 @@ from .ready import Job
 from .render_jobs import (
     bounce_job,
     dressed_job,
+    ground_job,
     indirect_job,
     listed_job,
     quality_job,
@@ -27,7 +28,15 @@ def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]
     papers : cover the methods added by packages too; they come last
     """
     plans = list(dict.fromkeys(covering_plans(papers) if plans is None else plans))
-    found = [rays_job(), quality_job(), dressed_job(), listed_job(), indirect_job("raster"), indirect_job("rays")]
+    found = [
+        rays_job(),
+        quality_job(),
+        dressed_job(),
+        ground_job(),
+        listed_job(),
+        indirect_job("raster"),
+        indirect_job("rays"),
+    ]
     found += [steps_job(), store_job(), paged_job(), cutouts_job()]
     found += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
     found += [bounce_job()] if any(plan.wants_rays for plan in plans) else []

@@ -17,6 +17,8 @@ from .mesh import MeshInfo, ObjectInfo
 from .triangles import Triangles
 from .view import KINDS, View, skies_with, view_of_box
 
+_GAP = 1e-5  # under a scene, as a share of its size: less than a picture shows, and more than float32 rounds
+
 
 class AnyScene(ABC):
     """Name, bounds, cameras and lights of a scene, and ray queries. `Scene` documents the attributes."""
@@ -126,6 +128,18 @@ class AnyScene(ABC):
     def _view_at(self, time: float) -> View:
         """The view of a moment."""
         return self.view
+
+    def ground_height(self, time: float | None = None) -> float:
+        """The height, along the up axis, of a level ground just under the scene, in world units.
+
+        time : seconds; under the scene at this moment of an animation; None: at moments all over the animation
+        """
+        gap = _GAP * float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+        return self._lowest(None if time is None else self.clamped(time)) - gap
+
+    def _lowest(self, time: float | None) -> float:
+        """The lowest height of the scene, world."""
+        return float(self.bounds[0, "xyz".index(self.up)])
 
     def default_lights(self, time: float = 0.0) -> list[Light]:
         """The scene's own lights at a time, or daylight: a sun to the viewer's left, and a `Sky`.

@@ -304,6 +304,11 @@ def is_list(patch: LightPatch) -> bool:
     return patch.kind == LIST or (patch.kind == DIRECTIONAL and bool(patch.w.any()))
 
 
+def is_bounced(light: Light) -> bool:
+    """Whether a light stands for light that surfaces reflect."""
+    return bool(getattr(light, "indirect", False))
+
+
 def tangents(n) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors at right angles to the unit vector n and each other [Duff et al. 2017]."""
     s = np.copysign(1.0, n[2])

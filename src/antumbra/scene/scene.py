@@ -19,6 +19,8 @@ from .survey import Survey, faces_of, objects_of
 from .triangles import Triangles
 from .view import View, view_of_box
 
+_MOMENTS = 25  # of an animation, at which its lowest point is looked for
+
 
 class Scene(AnyScene):
     """Triangles, cameras and lights in world space, at any time between 0 and `duration`.
@@ -184,6 +186,13 @@ class Scene(AnyScene):
             return self.view
         faces = sampled_faces(self.source, self.n_triangles, time)
         return self.view._replace(points=within(faces, detail(faces)))
+
+    def _lowest(self, time: float | None) -> float:
+        if not self.animated:
+            return super()._lowest(time)
+        axis = "xyz".index(self.up)
+        times = np.linspace(0.0, self.duration, _MOMENTS) if time is None else [time]
+        return float(min(self.triangles(t).vertices[..., axis].min() for t in times) + self.origin[axis])
 
     @property
     def object_of_face(self) -> np.ndarray:

@@ -1,0 +1,149 @@
+"""A ground that is seen by its shadows alone, where pixels see no surface: a *shadow catcher*, or *matte*.
+
+It is no triangle. Its points are receivers of additional queries, which the frame's own tracer answers. So no tree and
+no bit of a surface changes, and the ground blocks no ray. The light that a sky sends from below to the undersides of
+surfaces stands for the light that the ground would reflect: it is the colour that the ground shows.
+"""
+
+import numpy as np
+
+from ..cull.targets import targets_of
+from ..image.fraction import fraction, refine_penumbra
+from ..image.shade import arriving, shade
+from ..query.bounds import reach_of
+from ..query.gbuffer import GBuffer
+from ..query.ground import ground_gbuffer, plane_below, rays_of
+from ..query.horizon import below_horizon
+from ..query.picture import Surfaces
+from ..query.receivers import NOTHING, point_receivers
+from ..query.shadow import ShadowQuery, fraction_lit
+from ..query.subpixels import block_means, subpixel_rays
+from ..query.surface import PictureSurfaces, seen_by
+from ..scene.lights import is_bounced
+from .frame import Ground
+from .state import FrameState, TracedLights, accelerate, ask, ask_all, smooths
+
+_WHITE = np.ones((1, 3), np.float32)
+
+
+class ShadowCatcher:
+    """The ground of a frame.
+
+    Parameters
+    ----------
+    state : FrameState
+        Its request has a ground.
+    ambient : (3,) float32
+        Ambient irradiance of surfaces that face up. It also stands for light that bounces, which the ground ignores.
+    """
+
+    def __init__(self, state: FrameState, ambient: np.ndarray):
+        assert state.request.ground is not None
+        up, origin = state.source.scene.up, state.triangles.origin
+        self._state, self._ambient, self._up = state, ambient, up
+        self._box = state.source.box(state.triangles)
+        self._plane = plane_below(self._box, up, state.request.ground - origin["xyz".index(up)])
+        self._chosen = [k for k, light in enumerate(state.request.lights) if not is_bounced(light)]
+        self._lights = [state.request.lights[k] for k in self._chosen]
+
+    def picture(self, surfaces: Surfaces) -> Ground:
+        """The ground where the centres of pixels see no surface."""
+        state, request = self._state, self._state.request
+        free = surfaces.ids < 0
+        gbuffer = ground_gbuffer(self._plane, rays_of(state.view, free, state.threads), free, surfaces.gbuffer.origin)
+        state.clock.lap("gbuffer")
+        queries = self._queries(gbuffer, request.samples)
+        finer = [] if request.finer is None else [request.finer.penumbra[k] for k in self._chosen]
+        accelerate(state, [*queries, *(q._replace(samples=s) for q, s in zip(queries, finer))], state.ready)
+        traced = ask_all(state, queries)
+        state.clock.lap("trace")
+        seen = seen_by(gbuffer, state.view)
+        visibility = [fraction(seen, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
+        state.clock.lap("filter")
+        for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
+            more = lambda asked: ask(state, asked)
+            asked, better = refine_penumbra(seen, query, bits, samples, more, request.smooth, state.threads)
+            visibility[i] = np.where(asked.sides != NOTHING, better, visibility[i])
+            state.clock.lap("trace")
+        lit, unshadowed = self._light(gbuffer, traced, visibility, seen)
+        kept = self._plane.fading(gbuffer.position)[..., None]
+        share = np.float32(1.0) - kept * (np.float32(1.0) - _ratio(lit, unshadowed))
+        mask = gbuffer.side != NOTHING
+        share[~mask] = 1.0
+        state.clock.lap("shade")
+        return Ground(request.ground, mask, gbuffer.position, visibility, traced.bits, share)
+
+    def between(self, edge: np.ndarray, pixels: Surfaces) -> np.ndarray:
+        """(E, 3) float32: `Ground.share` where edge pixels see no surface; `pixels`: their sub-pixels."""
+        state, finer = self._state, self._state.request.finer
+        assert finer is not None
+        count = int(np.count_nonzero(edge))
+        rays, shape = subpixel_rays(state.view, edge, state.threads)
+        free = (pixels.ids < 0) & rays.directions.any(-1).reshape(shape)
+        rays = type(rays)(*(part[free.reshape(-1)] for part in rays))
+        gbuffer = ground_gbuffer(self._plane, rays, free, pixels.gbuffer.origin)
+        state.clock.lap("gbuffer")
+        queries = self._queries(gbuffer, finer.edges)
+        accelerate(state, queries, state.ready)
+        traced = ask_all(state, queries)
+        state.clock.lap("trace")
+        visibility = [fraction_lit(b, q.samples.shape[1], state.threads) for q, b in zip(*traced)]
+        lit, unshadowed = (block_means(part, count) for part in self._light(gbuffer, traced, visibility, None))
+        kept = self._plane.fading(gbuffer.position) * (gbuffer.side != NOTHING)
+        kept = block_means(kept, count) / np.maximum(block_means(free.astype(np.float32), count), np.float32(1e-6))
+        return np.float32(1.0) - kept[:, None] * (np.float32(1.0) - _ratio(lit, unshadowed))
+
+    def _queries(self, gbuffer: GBuffer, samples) -> list[ShadowQuery]:
+        """A query for each light, at the points of the ground; `samples`: of all lights of the request."""
+        state, mask = self._state, gbuffer.side != NOTHING
+        local = gbuffer.position[mask].astype(np.float64)
+        normals = gbuffer.normal.astype(np.float64)
+        origins = np.zeros_like(gbuffer.position)
+        if len(local):
+            origins[mask] = point_receivers(local, normals[mask], local + gbuffer.origin, False)
+        reach = reach_of(self._box, origins[mask], state.threads) if len(local) else 1.0
+        corners = state.triangles.vertices.reshape(-1, 9)
+        patches = [light.patch(state.triangles.origin, reach) for light in self._lights]
+        return [
+            ShadowQuery(
+                origins, gbuffer.face, gbuffer.side, normals, corners, patch, samples[k], state.request.facing,
+                gbuffer.face,
+            )
+            for k, patch in zip(self._chosen, patches)
+        ]  # fmt: skip
+
+    def _light(
+        self, gbuffer: GBuffer, traced: TracedLights, visibility: list[np.ndarray], seen: PictureSurfaces | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The light that arrives, (H, W, 3) float32, and the light that would arrive if nothing cast a shadow."""
+        arrived, unshadowed, unhidden = [], [], []
+        for light, query, bits in zip(self._lights, *traced):
+            own = seen if smooths(self._state.request, light) else None
+            args = gbuffer, light, query
+            arrived.append(arriving(*args, bits, own, None, self._state.threads))
+            free = arrived[-1]
+            if light.domain == "list":
+                free = arriving(*args, np.zeros_like(bits), own, None, self._state.threads)
+            unshadowed.append(free)
+            unhidden.append(self._above(light, query))
+        return self._sum(gbuffer, arrived, visibility), self._sum(gbuffer, unshadowed, unhidden)
+
+    def _sum(self, gbuffer: GBuffer, arrived: list[np.ndarray], visibility: list[np.ndarray]) -> np.ndarray:
+        white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
+        return shade(
+            white, _WHITE, self._lights, arrived, visibility, self._ambient, self._up, threads=self._state.threads
+        )
+
+    def _above(self, light, query: ShadowQuery) -> np.ndarray:
+        """(H, W) float32: the share of a light that is not below the ground."""
+        boxes, relative = targets_of(query, np.full(3, np.inf))
+        lowest = boxes[:, 0, self._plane.axis].min()
+        if light.domain in ("list", "hemisphere") or lowest > (0.0 if relative else self._plane.height):
+            return np.ones(query.sides.shape, np.float32)
+        return fraction_lit(below_horizon(query, self._state.threads), query.samples.shape[1], self._state.threads)
+
+
+def _ratio(lit: np.ndarray, unshadowed: np.ndarray) -> np.ndarray:
+    """Light as a share, at most 1, of the light without shadows; 1 where there is none."""
+    share = np.divide(lit, unshadowed, out=np.ones_like(lit), where=unshadowed > 0.0)
+    return np.minimum(share, np.float32(1.0))
