@@ -180,12 +180,12 @@ def test_half_a_light_below_the_ground_dims_nothing():
 def test_refined_edges_include_the_ground():
     box = np.array([[[-1.0, 0, 0], [1, 0, 0], [1, 2, 0]], [[-1, 0, 0], [1, 2, 0], [-1, 2, 0]]])
     scene = at.Scene.from_arrays(box)
-    view = at.Camera((0.5, 5, 5), (0, 1, 0), width=48, height=36)
+    view = at.Camera((0.5, 5, 5), (0, 1, 0), vfov=30.0, width=96, height=72)
     lights = [at.DirectionalLight((0, -0.5, -1), intensity=10.0), at.Sky()]  # the shadow is behind it
     frame = at.render(scene, view, lights, adaptive=16, ground=True)
-    big = at.render(scene, view.resized(48 * 8, 36 * 8), lights, ground=True)
+    big = at.render(scene, view.resized(96 * 8, 72 * 8), lights, ground=True)
     edge = (frame.coverage > 0.0) & (frame.coverage < 1.0)
-    truth = big.image.reshape(36, 8, 48, 8, 3).mean((1, 3))
+    truth = big.image.reshape(72, 8, 96, 8, 3).mean((1, 3))
     shaded = edge & (frame.ground.share[..., 0] < 0.7)
     assert shaded.sum() > 10
     assert np.abs(frame.image - truth)[shaded].mean() < 0.05 * truth[shaded].mean()
