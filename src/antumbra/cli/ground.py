@@ -50,5 +50,9 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
 
     if not isinstance(scene, Scene) or camera.projection == "panoramic":
         return False
-    inside = ((camera.position > scene.bounds[0]) & (camera.position < scene.bounds[1])).all()
-    return not inside and scene.view.room is None
+    if ((camera.position > scene.bounds[0]) & (camera.position < scene.bounds[1])).all():
+        return False
+    try:
+        return scene.view.room is None
+    except InputError:  # a moment of the animation has no triangles: its frame shows the error
+        return False

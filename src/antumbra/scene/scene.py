@@ -1,5 +1,8 @@
 """A scene: triangles, cameras and lights as a function of time."""
 
+from contextlib import suppress
+from functools import cached_property
+
 import numpy as np
 
 from ..errors import InputError
@@ -190,9 +193,18 @@ class Scene(AnyScene):
     def _lowest(self, time: float | None) -> float:
         if not self.animated:
             return super()._lowest(time)
+        if time is None:
+            return self._lowest_ever
         axis = "xyz".index(self.up)
-        times = np.linspace(0.0, self.duration, _MOMENTS) if time is None else [time]
-        return float(min(self.triangles(t).vertices[..., axis].min() for t in times) + self.origin[axis])
+        return float(self.triangles(time).vertices[..., axis].min() + self.origin[axis])
+
+    @cached_property
+    def _lowest_ever(self) -> float:
+        found = [self._lowest(0.0)]
+        for time in np.linspace(0.0, self.duration, _MOMENTS)[1:]:
+            with suppress(InputError):  # a moment that has no triangles shows its error when it is rendered
+                found.append(self._lowest(time))
+        return min(found)
 
     @property
     def object_of_face(self) -> np.ndarray:
