@@ -54,7 +54,8 @@ class ShadowCatcher:
         state.clock.lap("gbuffer")
         queries = self._queries(gbuffer, request.samples)
         finer = [] if request.finer is None else [request.finer.penumbra[k] for k in self._chosen]
-        accelerate(state, [*queries, *(q._replace(samples=s) for q, s in zip(queries, finer))], state.ready)
+        tree = state.ready if state.kept is None else None  # rays that were traced before left no tree
+        accelerate(state, [*queries, *(q._replace(samples=s) for q, s in zip(queries, finer))], tree)
         traced = ask_all(state, queries)
         state.clock.lap("trace")
         seen = seen_by(gbuffer, state.view)

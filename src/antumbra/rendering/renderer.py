@@ -111,7 +111,7 @@ class Renderer:
         request = self.request(
             camera, lights, spp=spp, time=time, counters=counters, sampler=sampler, cull_faces=cull_faces,
             filter=filter, adaptive=adaptive, bounce=bounce, background=background, layers=layers, textures=textures,
-            smooth_normals=smooth_normals,
+            smooth_normals=smooth_normals, ground=ground,
         )  # fmt: skip
         with shown("tracing") if progress is None else nullcontext(progress) as heard:
             return draw(self.source, self.accelerator, request._replace(progress=heard))
@@ -129,7 +129,7 @@ class Renderer:
         self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
         counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
         filter: bool | None = None, adaptive: int | None = None, bounce: int | None = None, background: bool = True,
-        layers: bool = False, textures: bool = True, smooth_normals: bool = True,
+        layers: bool = False, textures: bool = True, smooth_normals: bool = True, ground: bool | float = False,
     ) -> Request:  # fmt: skip
         """The checked arguments of `render`. The kernels that they need are compiled."""
         lights = check_lights(lights)
