@@ -20,6 +20,16 @@ FRAMES = ("render", CITY, "--size", "40", "--frames", "0:11", "-o", "f.##.png", 
 _MEMORY = 80 << 20  # bytes of a node's object store
 
 
+def started(start):
+    """What `start` starts. Ray waits half a minute for a node, and a machine with other work may take longer."""
+    for _ in range(3):
+        try:
+            return start()
+        except Exception as error:
+            failed = error
+    raise failed
+
+
 class Nodes:
     """A cluster of nodes with one core each."""
 
@@ -28,12 +38,12 @@ class Nodes:
 
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
         head = {"num_cpus": 0, "object_store_memory": _MEMORY, "include_dashboard": False}
-        self.cluster = Cluster(initialize_head=True, connect=False, head_node_args=head)
+        self.cluster = started(lambda: Cluster(initialize_head=True, connect=False, head_node_args=head))
         self.nodes = [self.add(), self.add()]
         ray.init(address=self.cluster.address, log_to_driver=False, logging_level="ERROR")
 
     def add(self):
-        return self.cluster.add_node(num_cpus=1, object_store_memory=_MEMORY)
+        return started(lambda: self.cluster.add_node(num_cpus=1, object_store_memory=_MEMORY))
 
     def remove(self):
         """Kill a node, with all of its processes."""
