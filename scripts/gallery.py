@@ -47,7 +47,7 @@ _QUICK = {
     r"--size \d+x\d+": "--size 48x32",
     r"--bounce \d+": "--bounce 4",
     r"--preset final": "--preset draft",
-    r"triangles=\d\w*": "triangles=5k",
+    r"\?triangles=\d\w*": "?triangles=5k",
     r"grid:[\d.]+": "grid:20",
 }
 """Patterns in programs, and what --quick puts in their place."""

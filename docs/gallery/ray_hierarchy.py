@@ -11,8 +11,9 @@ import numpy as np
 import antumbra as at
 
 SIZE = 1280, 300
+TRIANGLES = 100_000
 x, lamp = 0.35, np.array([0.35, 7.0, 1.0])
-scene = at.procedural("atrium", triangles=100_000)
+scene = at.procedural("atrium", triangles=TRIANGLES)
 floor = np.stack([np.full(64, x), np.full(64, 0.02), np.linspace(-13, 13, 64)], 1)
 seen = at.visibility(scene, floor, at.PointLight(lamp), normals=(0, 1, 0)).seen
 

@@ -107,7 +107,7 @@ def light_of(model: Model, pieces: Pieces, check: Callable = lambda *_: None) ->
             check()
             part = slice(start, start + _AT_ONCE)
             receivers = Receivers(pieces.points[part], sign * pieces.normals[part])
-            out[side, part] = meter.values(receivers, what=None)
+            out[side, part] = meter.values(receivers)
     return out
 
 
