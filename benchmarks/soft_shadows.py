@@ -39,19 +39,20 @@ from antumbra.rendering.render_jobs import warm_up
 from comparison import HEAD, compare, line, options_of, progress, start
 from peer_contenders import embree_scenes, other_peers
 
+QUALITY = "bsah"
+
 
 def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
     """Plan -> the acceleration structure of its tracer. Prints the times to build and prepare it."""
     made, trees = {}, {}
     for plan in plans:
+        build = plan.build or (QUALITY if plan.tracer.builds else None)  # the plan auto would choose among two
         start = time.perf_counter()
-        if plan.build not in trees:
-            trees[plan.build] = (
-                BUILDERS[plan.build].build(triangles.vertices, None) if plan.build else soup_of(triangles)
-            )
-            print(f"  {plan.build or 'triangles'}: built in {1e3 * (time.perf_counter() - start):.0f} ms", end="")
+        if build not in trees:
+            trees[build] = BUILDERS[build].build(triangles.vertices, None) if build else soup_of(triangles)
+            print(f"  {build or 'triangles'}: built in {1e3 * (time.perf_counter() - start):.0f} ms", end="")
             start = time.perf_counter()
-        made[plan] = plan.tracer.prepare(trees[plan.build], thread_count(None))
+        made[plan] = plan.tracer.prepare(trees[build], thread_count(None))
         print(f"; {plan.trace}: prepared in {1e3 * (time.perf_counter() - start):.0f} ms")
     return made
 
