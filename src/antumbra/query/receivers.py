@@ -16,7 +16,7 @@ from ..kernels.simd import get, ptr, put
 
 NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point without a surface
 
-_SHIFT = np.float64(2.0**-21)  # eight units of float32 roundoff: rounding of position and normal, and of neighbours
+SHIFT = np.float64(2.0**-21)  # eight units of float32 roundoff: rounding of position and normal, and of neighbours
 _MAX_DOUBLINGS = 60  # a triangle without area has no side; it is never seen, but the loop must end
 
 
@@ -35,7 +35,7 @@ def _moved_off(p, n, side, corners, face):
     f, zero = np.float32, np.float64(0.0)
     v0, normal, error = plane(corners, face, zero, zero, zero)
     near, far = widest(p), _magnitude(corners, face)
-    shift = _SHIFT * (near if near > far else far)  # Eq. (1) of docs/design/receivers.md
+    shift = SHIFT * (near if near > far else far)  # Eq. (1) of docs/design/receivers.md
     x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
     for _ in range(_MAX_DOUBLINGS):
         if side_of(v0, normal, error, x, y, z, corners, face) == side:
@@ -86,7 +86,7 @@ def point_receivers(points, normals, world, single: bool) -> np.ndarray:
     points : (m, 3) float64, recentred; normals : (m, 3) float64, unit length
     world : (m, 3) float64 world positions; `single`: they were passed as float32, so their own error counts
     """
-    shift = _SHIFT * np.abs(points).max(-1, keepdims=True)  # Eq. (2) of docs/design/receivers.md
+    shift = SHIFT * np.abs(points).max(-1, keepdims=True)  # Eq. (2) of docs/design/receivers.md
     if single:
-        shift = shift + _SHIFT / 4 * np.abs(world).max(-1, keepdims=True)
+        shift = shift + SHIFT / 4 * np.abs(world).max(-1, keepdims=True)
     return np.ascontiguousarray((points + shift * normals).astype(np.float32))

@@ -12,10 +12,10 @@ from ..image.fraction import fraction, refine_penumbra
 from ..image.shade import arriving, shade
 from ..query.bounds import reach_of
 from ..query.gbuffer import GBuffer
-from ..query.ground import ground_gbuffer, plane_below, rays_of
+from ..query.ground import SeenGround, plane_below, rays_of, seen_ground
 from ..query.horizon import below_horizon
 from ..query.picture import Surfaces
-from ..query.receivers import NOTHING, point_receivers
+from ..query.receivers import NOTHING
 from ..query.shadow import ShadowQuery, fraction_lit
 from ..query.subpixels import block_means, subpixel_rays
 from ..query.surface import PictureSurfaces, seen_by
@@ -50,9 +50,11 @@ class ShadowCatcher:
         """The ground where the centres of pixels see no surface."""
         state, request = self._state, self._state.request
         free = surfaces.ids < 0
-        gbuffer = ground_gbuffer(self._plane, rays_of(state.view, free, state.threads), free, surfaces.gbuffer.origin)
+        rays = rays_of(state.view, free, state.threads)
+        found = seen_ground(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
+        gbuffer = found.gbuffer
         state.clock.lap("gbuffer")
-        queries = self._queries(gbuffer, request.samples)
+        queries = self._queries(found, request.samples)
         finer = [] if request.finer is None else [request.finer.penumbra[k] for k in self._chosen]
         tree = state.ready if state.kept is None else None  # rays that were traced before left no tree
         accelerate(state, [*queries, *(q._replace(samples=s) for q, s in zip(queries, finer))], tree)
@@ -67,12 +69,9 @@ class ShadowCatcher:
             visibility[i] = np.where(asked.sides != NOTHING, better, visibility[i])
             state.clock.lap("trace")
         lit, unshadowed = self._light(gbuffer, traced, visibility, seen)
-        kept = self._plane.fading(gbuffer.position)[..., None]
-        share = np.float32(1.0) - kept * (np.float32(1.0) - _ratio(lit, unshadowed))
-        mask = gbuffer.side != NOTHING
-        share[~mask] = 1.0
+        share = np.float32(1.0) - found.kept[..., None] * (np.float32(1.0) - _ratio(lit, unshadowed))
         state.clock.lap("shade")
-        return Ground(request.ground, mask, gbuffer.position, visibility, traced.bits, share)
+        return Ground(request.ground, gbuffer.side != NOTHING, gbuffer.position, visibility, traced.bits, share)
 
     def between(self, edge: np.ndarray, pixels: Surfaces) -> np.ndarray:
         """(E, 3) float32: `Ground.share` where edge pixels see no surface; `pixels`: their sub-pixels."""
@@ -82,27 +81,25 @@ class ShadowCatcher:
         rays, shape = subpixel_rays(state.view, edge, state.threads)
         free = (pixels.ids < 0) & rays.directions.any(-1).reshape(shape)
         rays = type(rays)(*(part[free.reshape(-1)] for part in rays))
-        gbuffer = ground_gbuffer(self._plane, rays, free, pixels.gbuffer.origin)
+        found = seen_ground(self._plane, rays, free, pixels.gbuffer.origin, state.threads)
         state.clock.lap("gbuffer")
-        queries = self._queries(gbuffer, finer.edges)
+        queries = self._queries(found, finer.edges)
         accelerate(state, queries, state.ready)
         traced = ask_all(state, queries)
         state.clock.lap("trace")
         visibility = [fraction_lit(b, q.samples.shape[1], state.threads) for q, b in zip(*traced)]
-        lit, unshadowed = (block_means(part, count) for part in self._light(gbuffer, traced, visibility, None))
-        kept = self._plane.fading(gbuffer.position) * (gbuffer.side != NOTHING)
-        kept = block_means(kept, count) / np.maximum(block_means(free.astype(np.float32), count), np.float32(1e-6))
+        lit, unshadowed = (block_means(part, count) for part in self._light(found.gbuffer, traced, visibility, None))
+        kept = block_means(found.kept, count) / np.maximum(
+            block_means(free.astype(np.float32), count), np.float32(1e-6)
+        )
         return np.float32(1.0) - kept[:, None] * (np.float32(1.0) - _ratio(lit, unshadowed))
 
-    def _queries(self, gbuffer: GBuffer, samples) -> list[ShadowQuery]:
+    def _queries(self, found: SeenGround, samples) -> list[ShadowQuery]:
         """A query for each light, at the points of the ground; `samples`: of all lights of the request."""
-        state, mask = self._state, gbuffer.side != NOTHING
-        local = gbuffer.position[mask].astype(np.float64)
+        state, (gbuffer, origins, _) = self._state, found
+        asking = origins[gbuffer.side != NOTHING]
+        reach = reach_of(self._box, asking, state.threads) if len(asking) else 1.0
         normals = gbuffer.normal.astype(np.float64)
-        origins = np.zeros_like(gbuffer.position)
-        if len(local):
-            origins[mask] = point_receivers(local, normals[mask], local + gbuffer.origin, False)
-        reach = reach_of(self._box, origins[mask], state.threads) if len(local) else 1.0
         corners = state.triangles.vertices.reshape(-1, 9)
         patches = [light.patch(state.triangles.origin, reach) for light in self._lights]
         return [
