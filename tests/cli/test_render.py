@@ -1,3 +1,4 @@
+import json
 import os
 
 import numpy as np
@@ -382,3 +383,83 @@ def test_textures_and_smooth_normals_can_be_left_out(render, tmp_path):
     pictures = list(shown.values())
     assert all((a != b).any() for i, a in enumerate(pictures) for b in pictures[:i])
     assert len(np.unique(shown["--no-textures", "--flat"].reshape(-1, 3), axis=0)) < 10
+
+
+@pytest.fixture
+def table(tmp_path):
+    """A file with a table top, 2 wide, at y = 1, on one thin leg that reaches down to y = 0."""
+    path = tmp_path / "table.obj"
+    path.write_text("v -1 1 -1\nv 1 1 -1\nv 1 1 1\nv -1 1 1\nv 0 0 0\nf 3 2 1\nf 4 3 1\nf 5 1 2\n")
+    return path
+
+
+_HIGH = "--camera", "0,8,6:0,0.5,0", "--light", "sun:0.3,-1,0:1@3"
+
+
+def test_a_scene_stands_on_a_ground_by_default(render, table):
+    told = render("--json", *_HIGH, "-o", "a.png", scene=table).json()
+    assert told["ground"] == pytest.approx(0.0, abs=1e-3) and told["ground"] < 0.0
+    assert render("--json", "--ground", "off", *_HIGH, "-o", "b.png", scene=table).json()["ground"] is None
+    assert render("--json", "--ground", "-0.5", *_HIGH, "-o", "c.png", scene=table).json()["ground"] == -0.5
+    assert "sees it, by its shadows alone" in render(*_HIGH, scene=table).out
+    a, b, c = (pixels(name).astype(int) for name in ("a.png", "b.png", "c.png"))
+    assert (a <= b + 1).all() and (a < b - 20).any() and (a != c).any()
+
+
+@pytest.mark.parametrize(
+    "more", [["--camera", "panorama"], ["--camera", "0.1,0.5,0.1:5,0,0"], ["--camera", "0,-4,0.1:0,0,0"]]
+)
+def test_pictures_that_show_no_ground(render, table, more):
+    outcome = render("--json", *more, "-o", "a.png", scene=table)
+    if outcome.json()["ground"] is not None:  # below it, there is nothing to be seen
+        assert render(*more, "--ground", "off", "-o", "b.png", scene=table).code == 0
+        assert (pixels("a.png") == pixels("b.png")).all()
+
+
+def test_rooms_have_no_ground(render):
+    assert render("--json", "-o", "a.png").json()["ground"] is None
+
+
+def test_a_store_has_no_ground(cli, render, table):
+    assert cli("build", table, "-o", "table.antumbra").code == 0
+    assert render("--json", *_HIGH, "-o", "a.png", scene="table.antumbra").json()["ground"] is None
+    render("--ground", "on", scene="table.antumbra").refused("--ground on", "store", "leave it out")
+
+
+@pytest.mark.parametrize("text", ["below", "", "nan", "1e40"])
+def test_a_ground_that_cannot_be(render, table, text):
+    render("--ground", text, scene=table).refused("--ground", "auto, on, off or a height")
+
+
+def test_all_frames_have_one_ground(render, tmp_path):
+    folder = tmp_path / "moving"
+    folder.mkdir()
+    moments = np.array([[[0, y, 0], [1, y + 1, 0], [0, y + 1, 1]] for y in (0.0, -3.0, 1.0)], np.float32)
+    np.save(folder / "frames.npy", moments)
+    np.save(folder / "faces.npy", np.array([[0, 1, 2]], np.int32))
+    (folder / "info.json").write_text('{"times": [0.0, 1.0, 2.0]}')
+    done = render("--frames", "0:2", "--fps", 1, "-o", "f.#.png", "--json", scene=folder)
+    told = [json.loads(line) for line in done.out.splitlines()][:3]
+    assert [frame["state"] for frame in told] == ["rendered"] * 3
+    assert len({frame["ground"] for frame in told}) == 1
+    assert told[0]["ground"] == pytest.approx(-3.0, abs=1e-3)
+    assert render("--time", 2, "--json", scene=folder).json()["ground"] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_shadows_are_in_the_alpha(render, table):
+    assert render("--background", "transparent", *_HIGH, "-o", "a.png", scene=table).code == 0
+    assert render("--background", "white", *_HIGH, "-o", "b.png", scene=table).code == 0
+    assert render("--background", "transparent", *_HIGH, "-o", "c.exr", scene=table).code == 0
+    clear, white = pixels("a.png").astype(float), pixels("b.png").astype(float)
+    with OpenEXR.File("c.exr", separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+        assert "light lost" in file.header()["background"]
+    alpha = clear[..., 3:] / 255.0
+    over_white = alpha * clear[..., :3] + (1.0 - alpha) * 255.0
+    shadow = (alpha[..., 0] > 0.1) & (alpha[..., 0] < 1.0)
+    assert shadow.any() and (clear[shadow][:, :3] == 0).all()
+    assert np.abs(over_white - white).mean(-1)[shadow].max() < 25.0  # the shadow is bluish where it is not black
+    seen = channels["triangle.id"] != 2**32 - 1
+    assert (channels["A"][seen] == 1.0).all() and 0.2 < channels["A"][~seen].max() < 1.0
+    luminance = sum(w * channels[f"ground.{c}"] for w, c in zip((0.2126, 0.7152, 0.0722), "RGB"))
+    np.testing.assert_allclose(1.0 - luminance[~seen], channels["A"][~seen], atol=1e-5)
