@@ -106,9 +106,15 @@ class AnyScene(ABC):
         Parts far from all others may lie outside of the picture, and so may a wide ground. A scene that encloses a room
         is shown from inside.
 
-        kind : "perspective"; "orthographic", from outside; "top", orthographic from above; or "panoramic", in a room
-            from its middle
-        time : seconds; the camera shows this moment of an animation; None: the whole animation
+        Parameters
+        ----------
+        width, height : int
+            Pixels.
+        kind : str
+            "perspective"; "orthographic", from outside; "top", orthographic from above; or "panoramic", in a room from
+            its middle.
+        time : float or None
+            Seconds; the camera shows this moment of an animation. None: the whole animation.
         """
         if kind not in KINDS:
             raise InputError(f"camera kind is {kind!r}; it must be one of {', '.join(KINDS)}")
