@@ -7,5 +7,5 @@
 - sampling: sets of light samples; samples: the point of a sample, for a receiver, in kernels
 - shadow: `ShadowQuery`; picture: the queries of a picture
 - surface: whether two pixels see the same surface; refine: pixels that get more rays; subpixels: points inside a pixel
-- diffuse: passes of diffuse rays
+- diffuse: passes of diffuse rays; ground: the points of a level ground that rays meet
 """

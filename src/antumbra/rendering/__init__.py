@@ -3,6 +3,7 @@
 - renderer, frame: `render` and `Renderer`; queries: `visibility`, `Scene.occluded`
 - request, passes, state: one frame, pass by pass; indirect, virtual_lights: light that bounces
 - rows: a picture traced in bands of rows, in several processes
+- ground: a ground below the scene, of which only the shadows are seen
 - source: the protocol by which a frame reads a scene; in_memory: triangles in memory; paged: a scene in a store
 - memory: what a frame takes; paged_rays, paged_tree: ray lists through a store, and its tree
 - accelerate: builds and prepares the structure that a plan's tracer takes; srdh_rays: the rays shown to builders

@@ -5,9 +5,12 @@ no bit of a surface changes, and the ground blocks no ray. The light that a sky 
 surfaces stands for the light that the ground would reflect: it is the colour that the ground shows.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..cull.targets import targets_of
+from ..image.filter import smoothed
 from ..image.fraction import fraction, refine_penumbra
 from ..image.shade import arriving, shade
 from ..query.bounds import reach_of
@@ -19,7 +22,7 @@ from ..query.receivers import NOTHING
 from ..query.shadow import ShadowQuery, fraction_lit
 from ..query.subpixels import block_means, subpixel_rays
 from ..query.surface import PictureSurfaces, seen_by
-from ..scene.lights import is_bounced
+from ..scene.lights import DIRECTIONAL, is_bounced
 from .frame import Ground
 from .state import FrameState, TracedLights, accelerate, ask, ask_all, smooths
 
@@ -114,19 +117,43 @@ class ShadowCatcher:
         self, gbuffer: GBuffer, traced: TracedLights, visibility: list[np.ndarray], seen: PictureSurfaces | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The light that arrives, (H, W, 3) float32, and the light that would arrive if nothing cast a shadow."""
-        arrived, unshadowed, unhidden = [], [], []
-        for light, query, bits in zip(self._lights, *traced):
-            own = seen if smooths(self._state.request, light) else None
-            args = gbuffer, light, query
-            arrived.append(arriving(*args, bits, own, None, self._state.threads))
-            free = arrived[-1]
-            if light.domain == "list":
-                free = arriving(*args, np.zeros_like(bits), own, None, self._state.threads)
-            unshadowed.append(free)
-            unhidden.append(self._above(light, query))
-        return self._sum(gbuffer, arrived, visibility), self._sum(gbuffer, unshadowed, unhidden)
+        arrived, unshadowed = zip(
+            *(self._arriving(gbuffer, *of_light, seen) for of_light in zip(self._lights, *traced))
+        )
+        above = [self._above(light, query) for light, query in zip(self._lights, traced.queries)]
+        return self._sum(gbuffer, arrived, visibility), self._sum(gbuffer, unshadowed, above)
 
-    def _sum(self, gbuffer: GBuffer, arrived: list[np.ndarray], visibility: list[np.ndarray]) -> np.ndarray:
+    def _arriving(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, seen) -> tuple[np.ndarray, np.ndarray]:
+        """The light of one light source as `image.shade.arriving` gives it, and without shadows."""
+        threads, own = self._state.threads, seen if smooths(self._state.request, light) else None
+        if query.light.kind == DIRECTIONAL and light.domain == "list":
+            return self._arriving_far(gbuffer, light, query, bits, own)
+        arrived = arriving(gbuffer, light, query, bits, own, None, threads)
+        if light.domain != "list":
+            return arrived, arrived
+        return arrived, arriving(gbuffer, light, query, np.zeros_like(bits), own, None, threads)
+
+    def _arriving_far(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, own) -> tuple[np.ndarray, np.ndarray]:
+        """As `_arriving`, of a list of distant lights. Without shadows, a block of 4 x 4 pixels is like any other.
+
+        What shadows take away is smoothed, not what they leave. So nothing changes where no shadow is near.
+        """
+        (h, w), threads = gbuffer.side.shape, self._state.threads
+        one = np.ones((4, 4), np.int8)
+        normal = np.zeros((4, 4, 3), np.float32)
+        normal[..., self._plane.axis] = 1.0
+        block = GBuffer(
+            np.zeros_like(normal), normal, one.astype(np.int32), one.astype(np.float32), one, gbuffer.origin
+        )
+        each = arriving(block, light, query, np.zeros((4, 4, bits.shape[-1]), np.uint64), None, None, threads)
+        free = np.tile(each, (-(-h // 4), -(-w // 4), 1))[:h, :w]
+        raw = arriving(gbuffer, light, query, bits, None, None, threads)
+        if own is None or not light.interleave:
+            return raw, free
+        mean = each.mean((0, 1))
+        return mean - smoothed(own, free - raw, threads), np.ascontiguousarray(np.broadcast_to(mean, raw.shape))
+
+    def _sum(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], visibility: list[np.ndarray]) -> np.ndarray:
         white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
         return shade(
             white, _WHITE, self._lights, arrived, visibility, self._ambient, self._up, threads=self._state.threads
