@@ -28,6 +28,28 @@ ColumnOption = Annotated[
     str | None,
     typer.Option(help="Column that a picture or model shows.  [default: the first]", show_default=False),
 ]
+PlanOption = Annotated[
+    str | None, typer.Option(help="Methods; see antumbra plans.  [default: auto]", show_default=False)
+]
+
+# The place of a scene on Earth
+CrsOption = Annotated[
+    str | None, typer.Option(help="A CRS, such as EPSG:28992.  [default: the file's]", show_default=False)
+]
+DegreesOption = Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)]
+NorthOption = Annotated[
+    float | None,
+    typer.Option(
+        help="True north, degrees clockwise from +Y (+Z up) or -Z (+Y up).  [default: by the CRS, or 0]",
+        show_default=False,
+    ),
+]
+TimezoneOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Europe/Amsterdam, UTC or +01:00.  [default: the whole hour of the longitude]", show_default=False
+    ),
+]
 
 
 def points_or_file(given: list[str] | None, file: Path | None, one: str, many: str):

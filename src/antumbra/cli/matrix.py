@@ -9,7 +9,7 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .joboptions import SensorsOption
+from .joboptions import PlanOption, SensorsOption
 from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, takes
 from .progress import ProgressDisplay
 from .sceneinput import open_scene
@@ -52,9 +52,7 @@ class MatrixArguments:
             show_default=False,
         ),
     ] = None
-    plan: Annotated[
-        str | None, typer.Option(help="Methods; see antumbra plans.  [default: auto]", show_default=False)
-    ] = None
+    plan: PlanOption = None
     time: TimeOption = 0.0
     up: UpOption = None
     threads: Threads = None

@@ -8,7 +8,15 @@ from typing import Annotated
 import typer
 
 from ..plan import DEFAULT_PLAN
-from .joboptions import ColumnOption, OutputsOption, SensorsOption
+from .joboptions import (
+    ColumnOption,
+    CrsOption,
+    DegreesOption,
+    NorthOption,
+    OutputsOption,
+    SensorsOption,
+    TimezoneOption,
+)
 from .options import SCENE_HELP, Json, MaxMemoryOption, Quiet, Threads, UpOption
 from .sharing import MergeOption, RayOption, ShardOption
 
@@ -41,25 +49,11 @@ class SunArguments:
         Path | None,
         typer.Option(help="Weather file: place, days, direct and diffuse radiation.", metavar="FILE"),
     ] = None
-    crs: Annotated[
-        str | None,
-        typer.Option(help="A CRS, such as EPSG:28992.  [default: the file's]", show_default=False),
-    ] = None
-    latitude: Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)] = None
-    longitude: Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)] = None
-    north: Annotated[
-        float | None,
-        typer.Option(
-            help="True north, degrees clockwise from +Y (+Z up) or -Z (+Y up).  [default: by the CRS, or 0]",
-            show_default=False,
-        ),
-    ] = None
-    timezone: Annotated[
-        str | None,
-        typer.Option(
-            help="Europe/Amsterdam, UTC or +01:00.  [default: the whole hour of the longitude]", show_default=False
-        ),
-    ] = None
+    crs: CrsOption = None
+    latitude: DegreesOption = None
+    longitude: DegreesOption = None
+    north: NorthOption = None
+    timezone: TimezoneOption = None
     energy: Annotated[bool, typer.Option("--energy", help="Add the energy of direct light under a clear sky.")] = False
     sky: Annotated[
         int, typer.Option(help="Add the sky-view factor, by so many directions.", min=0, max=1024, metavar="N")

@@ -10,6 +10,7 @@ import typer
 from ..errors import InputError
 from . import arguments
 from .failures import say
+from .joboptions import CrsOption, DegreesOption, NorthOption, PlanOption, TimezoneOption
 from .options import (
     SCENE_HELP,
     CameraOption,
@@ -42,27 +43,12 @@ class ViewArguments:
     sky: SkyOption = None
     time: TimeOption = 0.0
     up: UpOption = None
-    crs: Annotated[
-        str | None, typer.Option(help="A CRS, such as EPSG:28992.  [default: the file's]", show_default=False)
-    ] = None
-    latitude: Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)] = None
-    longitude: Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)] = None
-    north: Annotated[
-        float | None,
-        typer.Option(
-            help="True north, degrees clockwise from +Y (+Z up) or -Z (+Y up).  [default: by the CRS, or 0]",
-            show_default=False,
-        ),
-    ] = None
-    timezone: Annotated[
-        str | None,
-        typer.Option(
-            help="Europe/Amsterdam, UTC or +01:00.  [default: the whole hour of the longitude]", show_default=False
-        ),
-    ] = None
-    plan: Annotated[
-        str | None, typer.Option(help="Methods; see antumbra plans.  [default: auto]", show_default=False)
-    ] = None
+    crs: CrsOption = None
+    latitude: DegreesOption = None
+    longitude: DegreesOption = None
+    north: NorthOption = None
+    timezone: TimezoneOption = None
+    plan: PlanOption = None
     threads: Threads = None
     max_memory: MaxMemoryOption = None
     quiet: Quiet = False

@@ -10,7 +10,7 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .joboptions import ColumnOption, OutputsOption, SensorsOption, points_or_file
+from .joboptions import ColumnOption, OutputsOption, PlanOption, SensorsOption, points_or_file
 from .options import SCENE_HELP, CameraOption, Json, Quiet, Threads, TimeOption, UpOption, takes
 from .progress import ProgressDisplay
 from .sceneinput import open_scene
@@ -53,9 +53,7 @@ class ViewshedArguments:
         Path | None,
         typer.Option(help="A .npy file: which observer sees which sensor, 64 observers in a word.", show_default=False),
     ] = None
-    plan: Annotated[
-        str | None, typer.Option(help="Methods; see antumbra plans.  [default: auto]", show_default=False)
-    ] = None
+    plan: PlanOption = None
     time: TimeOption = 0.0
     up: UpOption = None
     threads: Threads = None
