@@ -5,7 +5,8 @@ import numpy as np
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..scene.camera import CameraRays
-from .diffuse import RayPass
+from ..scene.listed_rays import ListedRays
+from .diffuse import RayPass, camera_pass
 from .pixels import pixel_direction
 
 
@@ -19,8 +20,10 @@ def _directions(ticket, pixels, rays, directions):
         first = take(ticket)
 
 
-def rays_through(rays: CameraRays, wanted: np.ndarray, threads=None) -> RayPass:
-    """The rays of the pixels that are True in `wanted`, (H, W) bool, row by row."""
+def rays_through(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> RayPass:
+    """The rays through the centres of the pixels that are True in `wanted`, (H, W) bool, row by row."""
+    if isinstance(rays, ListedRays):
+        return RayPass(*(part[wanted.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
     pixels = np.ascontiguousarray(np.argwhere(wanted))
     m = len(pixels)
     directions = np.empty((m, 3), np.float32)

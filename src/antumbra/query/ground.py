@@ -6,10 +6,7 @@ import numpy as np
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..scene.camera import CameraRays
-from ..scene.listed_rays import ListedRays
-from .camera_rays import rays_through
-from .diffuse import RayPass, camera_pass
+from .diffuse import RayPass
 from .gbuffer import GBuffer
 from .receivers import NOTHING, SHIFT
 
@@ -42,13 +39,6 @@ def plane_below(box: np.ndarray, up: str, height: float) -> Plane:
     axis = "xyz".index(up)
     x, y = np.delete((lower + upper) / 2.0, axis).tolist()
     return Plane(axis, float(np.float32(height)), x, y, _FAR * radius)
-
-
-def rays_of(view: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> RayPass:
-    """The rays through the centres of the pixels that are True in `wanted`, (H, W) bool, row by row."""
-    if isinstance(view, CameraRays):
-        return rays_through(view, wanted, threads)
-    return RayPass(*(part[wanted.reshape(-1)] for part in camera_pass(view, slice(0, view.height))))
 
 
 @kernel

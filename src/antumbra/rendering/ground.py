@@ -14,8 +14,9 @@ from ..image.filter import smoothed
 from ..image.fraction import fraction, refine_penumbra
 from ..image.shade import arriving, shade
 from ..query.bounds import reach_of
+from ..query.camera_rays import rays_through
 from ..query.gbuffer import GBuffer
-from ..query.ground import SeenGround, plane_below, rays_of, seen_ground
+from ..query.ground import SeenGround, plane_below, seen_ground
 from ..query.horizon import below_horizon
 from ..query.picture import Surfaces
 from ..query.receivers import NOTHING
@@ -53,7 +54,7 @@ class ShadowCatcher:
         """The ground where the centres of pixels see no surface."""
         state, request = self._state, self._state.request
         free = surfaces.ids < 0
-        rays = rays_of(state.view, free, state.threads)
+        rays = rays_through(state.view, free, state.threads)
         found = seen_ground(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
         gbuffer = found.gbuffer
         state.clock.lap("gbuffer")
