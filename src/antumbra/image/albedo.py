@@ -8,12 +8,14 @@ import numpy as np
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, ptr, put
+from ..query.shadow import three_at
 from ..scene.appearance import Appearance
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.materials import Texture
-from .corners import Places, along, cross, dot, frame_of, minus, point_at, weights
+from .corners import Places, along, frame_of, minus, weights
 from .texels import Pictures, looked_up, pictures_of
 
 _FAR = 1e4  # heights of an orthographic picture
@@ -99,14 +101,14 @@ def _mixed(values, at, step, b, c):
 def _painted(places, paints, eye, at, i, k, material):
     """(red, green, blue) of pixel `at`, which sees triangle i and face k of the scene."""
     corners = ptr(places.corners)
-    p, frame = point_at(ptr(places.position), at), frame_of(corners, i)
+    p, frame = three_at(ptr(places.position), at), frame_of(corners, i)
     b = weights(frame, corners, i, p)
     factors = ptr(paints.factors)
     r, g, blue = get(factors, 3 * material), get(factors, 3 * material + 1), get(factors, 3 * material + 2)
     red, green, blue = np.float64(r), np.float64(g), np.float64(blue)
     if paints.textured[k] and paints.texture[material] and frame.g2 > 0.0:
         uv, depth = ptr(paints.uv), np.float64(get(ptr(places.depth), at))
-        across, stretched = _footprint(frame, point_at(ptr(places.normal), at), p, eye, depth)
+        across, stretched = _footprint(frame, three_at(ptr(places.normal), at), p, eye, depth)
         light = looked_up(
             paints.pictures,
             np.int64(material),

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr
 from ..kernels.jit import inlined
-from ..kernels.simd import get
+from ..kernels.predicate.filters import cross, dot
 from ..query.picture import Surfaces
+from ..query.shadow import three_at
 
 
 class Places(NamedTuple):
@@ -36,22 +36,6 @@ class Frame3(NamedTuple):
 
 
 @inlined
-def cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def point_at(pointer: F32Ptr, i):
-    """Row i of an (n, 3) float32 array, as float64."""
-    return np.float64(get(pointer, 3 * i)), np.float64(get(pointer, 3 * i + 1)), np.float64(get(pointer, 3 * i + 2))
-
-
-@inlined
 def minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
@@ -59,8 +43,8 @@ def minus(a, b):
 @inlined
 def frame_of(corners, i):
     """The `Frame3` of triangle i; `corners` is a pointer."""
-    c0 = point_at(corners, 3 * i)
-    e1, e2 = minus(point_at(corners, 3 * i + 1), c0), minus(point_at(corners, 3 * i + 2), c0)
+    c0 = three_at(corners, 3 * i)
+    e1, e2 = minus(three_at(corners, 3 * i + 1), c0), minus(three_at(corners, 3 * i + 2), c0)
     g = cross(e1, e2)
     return Frame3(e1, e2, g, dot(g, g))
 
@@ -76,7 +60,7 @@ def weights(frame, corners, i, p):
     """(b0, b1, b2): the weights of the corners of triangle i at its point p, in [0, 1]; a third each without area."""
     if not frame.g2 > 0.0:
         return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
-    b1, b2 = along(frame, minus(p, point_at(corners, 3 * i)))
+    b1, b2 = along(frame, minus(p, three_at(corners, 3 * i)))
     b1 = min(max(b1, 0.0), 1.0)
     b2 = min(max(b2, 0.0), 1.0 - b1)
     return 1.0 - b1 - b2, b1, b2

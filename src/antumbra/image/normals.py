@@ -4,10 +4,12 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.predicate.filters import dot
 from ..kernels.simd import get, ptr, put
 from ..query.picture import ShadingNormals
+from ..query.shadow import three_at
 from ..scene.appearance import Appearance
-from .corners import Places, dot, frame_of, point_at, weights
+from .corners import Places, frame_of, weights
 
 
 @inlined
@@ -32,12 +34,12 @@ def _normal_rows(ticket, places, kept, bends, out):
     y0 = take(ticket)
     while y0 >= 0:
         for at in range(y0 * w, min(y0 + ticket[CHUNK], ticket[N]) * w):
-            n, k, bend = point_at(geometric, at), np.int64(get(ids, at)), 0.0
+            n, k, bend = three_at(geometric, at), np.int64(get(ids, at)), 0.0
             if k >= 0:
                 i = np.int64(get(faces, at))
                 frame = frame_of(corners, i)
-                b0, b1, b2 = weights(frame, corners, i, point_at(positions, at))
-                p, q, r = point_at(normals, 3 * k), point_at(normals, 3 * k + 1), point_at(normals, 3 * k + 2)
+                b0, b1, b2 = weights(frame, corners, i, three_at(positions, at))
+                p, q, r = three_at(normals, 3 * k), three_at(normals, 3 * k + 1), three_at(normals, 3 * k + 2)
                 m = _evaluated(
                     frame,
                     (
