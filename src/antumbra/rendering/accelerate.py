@@ -159,9 +159,7 @@ class Accelerator:
 
     def for_camera(self, triangles: Triangles) -> Accelerated:
         """A `bsah` BVH for camera rays, where the plan has no BVH or one specialised to shadow rays."""
-        bvh = BUILDERS["bsah"].build(solid_vertices(triangles), self.threads)
-        if triangles.cutouts is not None:
-            bvh = bvh._replace(prim_ids=triangles.cutouts.solid[bvh.prim_ids])
+        bvh = solid_tree(BUILDERS["bsah"].build, triangles, self.threads)
         return Accelerated(triangles, bvh, block_tree(bvh, self.threads), self.cutouts_of(triangles))
 
     def cutouts_of(self, triangles: Triangles) -> CutoutTree | None:
@@ -214,3 +212,10 @@ def solid_vertices(triangles: Triangles) -> np.ndarray:
     """(k, 3, 3) float32: the triangles without cut-outs and clear faces."""
     own = triangles.cutouts
     return triangles.vertices if own is None else triangles.vertices[own.solid]
+
+
+def solid_tree(build: Callable, triangles: Triangles, threads: int | None) -> Bvh:
+    """A tree of the triangles without cut-outs and clear faces, by a builder's function."""
+    bvh = build(solid_vertices(triangles), threads)
+    own = triangles.cutouts
+    return bvh if own is None else bvh._replace(prim_ids=own.solid[bvh.prim_ids])

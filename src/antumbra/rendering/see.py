@@ -21,7 +21,7 @@ from ..scene.triangles import Triangles
 from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree, show_cutouts
 from ..trace.primary.trace import trace_primary
 from ..trace.rays.bounce import Nearest, nearest_surfaces
-from .accelerate import Accelerated, solid_vertices
+from .accelerate import Accelerated, solid_tree, solid_vertices
 from .ready import Job, fixed_job, small_scene_with_cutouts, small_view
 
 
@@ -44,7 +44,7 @@ def see(
         return next(nearest_in(whole, threads)([listed], (camera.height, camera.width))).gbuffer
     rays = camera.rays(triangles.origin)
     if whole is None:
-        face, t = _rasterised(triangles, rays, threads)
+        face, t = _rasterised(triangles, solid_vertices(triangles), rays, threads)
     elif whole.scheduled is not None:
         face, t = primary_hits(whole.scheduled, rays, threads)
     else:
@@ -61,9 +61,7 @@ def see(
 
 def _any_tree(triangles: Triangles, threads: int | None) -> Accelerated:
     """A tree that is built soon."""
-    bvh = lbvh.build(solid_vertices(triangles), threads)
-    if triangles.cutouts is not None:
-        bvh = bvh._replace(prim_ids=triangles.cutouts.solid[bvh.prim_ids])
+    bvh = solid_tree(lbvh.build, triangles, threads)
     return Accelerated(triangles, bvh, None, cutout_tree(triangles, threads))
 
 
@@ -82,9 +80,10 @@ def see_subpixels(
     triangles: Triangles, rays: CameraRays, wanted: np.ndarray, threads: int | None, cutouts: CutoutTree | None
 ) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels: see `query.subpixels`."""
+    solid = solid_vertices(triangles)
 
     def hits(shifted: CameraRays):
-        face, t = _rasterised(triangles, shifted, threads)
+        face, t = _rasterised(triangles, solid, shifted, threads)
         if cutouts is not None:
             _show(cutouts, shifted, face, t, wanted, threads)
         return face, t
@@ -92,12 +91,11 @@ def see_subpixels(
     return subpixel_gbuffer(triangles, rays, wanted, threads, hits)
 
 
-def _rasterised(triangles: Triangles, rays: CameraRays, threads) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest solid triangle at each pixel centre: (face, t)."""
-    face, t = rasterise(solid_vertices(triangles).reshape(-1, 9), rays, threads)
+def _rasterised(triangles: Triangles, solid: np.ndarray, rays: CameraRays, threads) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest solid triangle at each pixel centre: (face, t); `solid`: `solid_vertices` of the triangles."""
+    face, t = rasterise(solid.reshape(-1, 9), rays, threads)
     if triangles.cutouts is not None:
-        solid = np.append(triangles.cutouts.solid, np.int32(-1))  # the last entry is that of face -1
-        face = solid[face]
+        face = np.append(triangles.cutouts.solid, np.int32(-1))[face]  # the last entry is that of face -1
     return face, t
 
 
