@@ -19,11 +19,13 @@ from ..kernels.crew import Wanted, compile_all
 from ..kernels.loading import events, is_kept, user_cache
 from ..kernels.progress import reported
 from ..scene.camera import Camera
-from ..scene.cutouts import Mask, with_masks
 from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
-from ..scene.materials import REPEAT
+from ..scene.materials import MASK, Material, Texture
+from ..scene.mesh import make_mesh
+from ..scene.painted import painted
 from ..scene.point_lights import PointLights
 from ..scene.scene import Scene
+from ..scene.source import StaticMeshes
 
 
 class Job(NamedTuple):
@@ -104,11 +106,10 @@ def small_view(quality=False, sky=True) -> tuple[Camera, list]:
 def small_scene_with_cutouts() -> Scene:
     """The small scene with a sheet of paper full of holes above it."""
     corners = np.array([[[-1, 1, -1], [1, 1, -1], [1, 1, 1]], [[-1, 1, -1], [1, 1, 1], [-1, 1, 1]]], np.float32)
-    vertices = np.concatenate([small_scene().triangles().vertices, corners])
-    mask = np.full(len(vertices), -1, np.int32)
-    mask[-2:] = 0
-    uv = np.zeros((len(vertices), 3, 2), np.float32)
-    uv[-2:] = corners[..., ::2]
-    scene = Scene.from_arrays(vertices)
-    scene._cutouts = with_masks(uv, mask, [Mask(np.eye(8, dtype=bool), (REPEAT, REPEAT))])
-    return scene
+    pixels = np.full((8, 8, 4), 255, np.uint8)
+    pixels[..., 3] = 255 * np.eye(8)
+    material = Material(texture=Texture("paper", pixels, has_alpha=True), alpha_mode=MASK)
+    sheet = make_mesh("paper", corners.reshape(-1, 3), None, None, "paper")
+    paper = painted(sheet, None, 6, material, "paper", uv=corners[..., ::2].reshape(-1, 2))
+    hills = make_mesh("hills", small_scene().triangles().vertices.reshape(-1, 3), None, None, "hills")
+    return Scene(StaticMeshes([hills, paper], "small"))
