@@ -18,12 +18,7 @@ def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> st
             digest.update(stream.read(_STORE_HEADER))
         return digest.hexdigest()
     triangles = scene.triangles(time, threads)
-    for array in (
-        triangles.vertices,
-        triangles.origin,
-        triangles.colour,
-        scene.object_of_face,
-        *(triangles.cutouts or ()),
-    ):
+    arrays = triangles.vertices, triangles.origin, triangles.colour, scene.object_of_face
+    for array in *arrays, *(triangles.cutouts or ()):
         digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()

@@ -63,12 +63,6 @@ def _operand(rays, k):
 
 
 @inlined
-def _moved(x, shift, k):
-    """A column of a block as float32, minus component k of `shift`, subtracted in float64."""
-    return x if shift is None else to_f32(to_f64(x) - shift[k])
-
-
-@inlined
 def _fill_vectors(operand, first, shift, rows, at):
     """`_fill` for rows of three numbers that lie side by side in memory, as arrays of vectors do."""
     begin = operand.address + first * operand.row
@@ -80,7 +74,8 @@ def _fill_vectors(operand, first, shift, rows, at):
     else:
         columns = load16x3(f32_at(begin), 0)
         for k in range(3):
-            store(rows, at + LANES * k, _moved(columns[k], shift, k))
+            x = columns[k]
+            store(rows, at + LANES * k, x if shift is None else to_f32(to_f64(x) - shift[k]))
 
 
 @inlined
