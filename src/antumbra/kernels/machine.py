@@ -4,6 +4,8 @@ from functools import cache
 
 import llvmlite.binding as llvm
 
+from .simd.by_level import is_missing, source_of
+
 _TRIPLES = {"x86_64": ("x86-64", "x86_64-unknown-linux-gnu"), "aarch64": ("aarch64", "aarch64-unknown-linux-gnu")}
 """Architecture: (prefix of its levels' names, LLVM's target triple), for compiling on another architecture."""
 
@@ -32,6 +34,8 @@ def optimised(module: llvm.ModuleRef, level: str) -> llvm.ModuleRef:
     none is contracted or reordered.
     """
     machine = _target_machine(level)
+    if any(function.is_declaration and is_missing(function.name) for function in module.functions):
+        module.link_in(llvm.parse_assembly(source_of(level)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     for cheap in True, False:
         options = llvm.create_pipeline_tuning_options()

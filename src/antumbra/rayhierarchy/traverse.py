@@ -15,7 +15,6 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, take
 from ..kernels.simd import (
     atomic_and,
-    compress,
     get,
     iota16,
     lowest_bit,
@@ -28,6 +27,7 @@ from ..kernels.simd import (
     stack_f32,
     stack_i64,
     store,
+    store_compressed,
 )
 from ..trace.counters import CANDIDATES, COVERED, N_COUNTERS, NODES, add_counters, cleared, count
 from ..trace.raytest import triangle_in
@@ -179,7 +179,7 @@ def _work_off(tree, part, level, leaves, rows, queues, how, counters):
         first = g * tree.ways
         found = _visit(tree, part, leaves, level, start + g, first, row_at(rows, row), how, counters)
         store(to_rows, below, splat16(np.int32(row)))
-        store(to_groups, below, compress(mask_from_bits16(found), iota16() + np.int32(first)))
+        store_compressed(to_groups, below, mask_from_bits16(found), iota16() + np.int32(first))
         below += popcount(found)
     put(queues.counts, level + 1, n)
     put(queues.counts, level, below)
@@ -280,7 +280,7 @@ def _queue_block(tree, part, block, rows, found, queues):
         return
     queue = level + 1
     at = queue * queues.step + np.int64(get(queues.counts, queue))
-    store(queues.rows, at, compress(mask_from_bits16(found), iota16() + np.int32(block * LANES)))
+    store_compressed(queues.rows, at, mask_from_bits16(found), iota16() + np.int32(block * LANES))
     store(queues.groups, at, splat16(np.int32(g)))
     put(queues.counts, queue, get(queues.counts, queue) + popcount(found))
 

@@ -18,9 +18,7 @@ from antumbra.kernels.simd import (
     atomic_add,
     atomic_and,
     atomic_or,
-    bits,
     broadcast4,
-    compress,
     extract,
     f32_at,
     f64_at,
@@ -29,9 +27,10 @@ from antumbra.kernels.simd import (
     i32_at,
     load4,
     load8,
+    load16,
     load16x3,
     mask_from_bits8,
-    popcount,
+    mask_from_bits16,
     prefetch,
     ptr,
     ptr_at,
@@ -43,6 +42,7 @@ from antumbra.kernels.simd import (
     stack_i32,
     stack_i64,
     store,
+    store_compressed,
     to_f32,
     to_f64,
 )
@@ -334,18 +334,28 @@ def test_addresses_and_float64_scratch():
     np.testing.assert_array_equal(out, [np.float32(0.1), 0.1, -7])
 
 
-def test_compress():
-    @compiled
-    def compressed(mask, values, out):
-        m = mask_from_bits8(mask)
-        store(out, 0, compress(m, load8(values, 0)))
-        return popcount(bits(m))
+@pytest.mark.parametrize("lanes", [8, 16])
+@pytest.mark.parametrize("dtype", [np.int32, np.float32])
+def test_store_compressed(lanes, dtype):
+    load, mask_from_bits = (load8, mask_from_bits8) if lanes == 8 else (load16, mask_from_bits16)
 
-    for values in (np.arange(8, dtype=np.int32) - 3, np.linspace(-1, 1, 8, dtype=np.float32)):
-        for mask in (0, 1, 0b10100110, 0b11111111, 0b10000000):
-            out = np.zeros_like(values)
-            n = compressed(mask, values, out)
-            np.testing.assert_array_equal(out[:n], values[[k for k in range(8) if mask >> k & 1]])
+    @compiled
+    def compressed(masks, values, out):
+        for k in range(len(masks)):
+            store_compressed(out[k], 2, mask_from_bits(masks[k]), load(values, 0))
+
+    masks = (
+        np.arange(256)
+        if lanes == 8
+        else np.r_[0, 0xFFFF, 0xFF00, 0x00FF, np.random.default_rng(1).integers(0, 1 << 16, 500)]
+    )
+    values = np.linspace(-7, 9, lanes).astype(dtype)
+    out = np.full((len(masks), lanes + 4), 99, dtype)
+    compressed(masks, values, out)
+    for mask, row in zip(masks, out):
+        chosen = values[[lane for lane in range(lanes) if mask >> lane & 1]]
+        np.testing.assert_array_equal(row[2 : 2 + len(chosen)], chosen)
+        assert (row[:2] == 99).all() and (row[2 + lanes :] == 99).all()
 
 
 def test_interleaved_vectors_and_wider_numbers():

@@ -7,7 +7,7 @@ Python sees only arrays.
 
 - vectors: the types, and the conversion of arguments to vectors
 - operators: Python's operators on vectors; lanes: operations on the lanes of vectors
-- memory: loads, stores, pointers, and memory on the stack
+- memory: loads, stores, pointers, and memory on the stack; by_level: what LLVM lowers badly at some level
 - scalars: operations on the bits of an int64
 
 An example::
@@ -41,11 +41,11 @@ Make
     All exist for 8 and 16 lanes too.
 Lanes
     `minimum`, `maximum`, `fma`, `absolute`, `square_root`, `flip_sign`, `select`, `to_f32`, `to_f64`, `to_i32`;
-    `swap_halves`, `shuffle`, `join`, `compress`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for masks
+    `swap_halves`, `shuffle`, `join`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for masks
     `bits`, `any_lane`, `all_lanes`.
 Memory
-    `load4`, `broadcast4`, `gather`, `store`, `get` and `put` work on arrays and pointers, and so does `load16x3`, which
-    takes interleaved vectors apart. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`, `f64_at` and
+    `load4`, `broadcast4`, `gather`, `store`, `store_compressed`, `get` and `put` work on arrays and pointers, and so does
+    `load16x3`, which takes interleaved vectors apart. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`, `f64_at` and
     `i32_at` make them from an address. `stack_f32`, `stack_f64`, `stack_i32` and `stack_i64` give scratch memory,
     `stack_array` an array of it. There are `prefetch`, `atomic_add`, `atomic_and` and `atomic_or` too.
 Bits of an int64
@@ -96,14 +96,14 @@ if typing.TYPE_CHECKING:
 
 _HOMES = {
     "lanes": """
-        absolute all_lanes any_lane bits compress extract flip_sign fma iota4 iota8 iota16 join mask_from_bits4
+        absolute all_lanes any_lane bits extract flip_sign fma iota4 iota8 iota16 join mask_from_bits4
         mask_from_bits8 mask_from_bits16 maximum minimum reduce_and reduce_max reduce_min select shuffle splat4
         splat8 splat16 square_root swap_halves to_f32 to_f64 to_i32
     """,
     "memory": """
         as_f32 as_i32 atomic_add atomic_and atomic_or broadcast4 broadcast8 broadcast16 f32_at f64_at gather get
         i32_at load4 load8 load16 load16x3 prefetch ptr ptr_at put stack_array stack_f32 stack_f64 stack_i32 stack_i64
-        store
+        store store_compressed
     """,
     "scalars": """
         highest_bit lowest_bit popcount
@@ -128,7 +128,6 @@ __all__ = [
     "broadcast4",
     "broadcast8",
     "broadcast16",
-    "compress",
     "extract",
     "f32_at",
     "f64_at",
@@ -172,6 +171,7 @@ __all__ = [
     "stack_i32",
     "stack_i64",
     "store",
+    "store_compressed",
     "swap_halves",
     "to_f32",
     "to_f64",

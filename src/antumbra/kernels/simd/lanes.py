@@ -246,19 +246,6 @@ def join(typingctx, a, b):
     return Vector(a.element, 2 * a.lanes)(a, b), codegen
 
 
-@intrinsic
-def compress(typingctx, mask, v):
-    """The lanes of `v` where the mask is set, moved to the front in order. All lanes after them are unspecified."""
-    if not isinstance(v, Vector) or v.element == types.boolean or mask != Vector(types.boolean, v.lanes):
-        reject("compress", mask, v, cure="needs a mask and a vector of float32 or int32 of as many lanes")
-
-    def codegen(context, builder, sig, values):
-        args = [values[1], values[0], ir.Constant(values[1].type, ir.Undefined)]
-        return call_llvm(builder, f"llvm.experimental.vector.compress.{v.suffix}", values[1].type, args)
-
-    return v(mask, v), codegen
-
-
 @intrinsic(prefer_literal=True)
 def shuffle(typingctx, v, *indices):
     """Lane k of the result is lane ``indices[k]`` of `v`; the indices are literals, one per lane."""

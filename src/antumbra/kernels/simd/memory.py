@@ -12,6 +12,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from .by_level import name_of_store_compressed
 from .vectors import I32, I64, Vector, call_llvm, llvm_type, reject, repeat
 
 _STACK_ALIGNMENT = 64  # bytes: one cache line, one AVX-512 register
@@ -140,6 +141,28 @@ def store(typingctx, a, i, v):
         return context.get_dummy_value()
 
     return types.void(a, i, v), codegen
+
+
+@intrinsic
+def store_compressed(typingctx, a, i, mask, v):
+    """Write the lanes of `v` where the mask is set to elements i, i + 1, ... of `a`, in order; any alignment.
+
+    The elements after them, up to as many as `v` has lanes, are unspecified.
+    """
+    _check("store_compressed", a, i, writes=True)
+    if not isinstance(v, Vector) or v.element != a.dtype or mask != Vector(types.boolean, v.lanes):
+        reject("store_compressed", a, i, mask, v, cure="needs a mask, and a vector of the array's own element type")
+    if v.lanes == 4:
+        reject("store_compressed", a, i, mask, v, cure="needs 8 or 16 lanes")
+    lanes, name = ir.VectorType(I32, v.lanes), name_of_store_compressed(v.lanes)
+
+    def codegen(context, builder, sig, values):
+        pointer = builder.bitcast(_address(context, builder, sig, values), lanes.as_pointer())
+        args = [pointer, values[2], builder.bitcast(values[3], lanes)]
+        call_llvm(builder, name, ir.VoidType(), args)
+        return context.get_dummy_value()
+
+    return types.void(a, i, mask, v), codegen
 
 
 @intrinsic

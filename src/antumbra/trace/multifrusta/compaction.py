@@ -13,7 +13,6 @@ from ...kernels.jit import inlined
 from ...kernels.simd import (
     as_i32,
     bits,
-    compress,
     get,
     iota16,
     load16,
@@ -23,6 +22,7 @@ from ...kernels.simd import (
     ptr_at,
     splat16,
     store,
+    store_compressed,
 )
 from ...kernels.vec import broadcasts, minus, rows
 from ..blocktest import blocks_ray, numbers_of, slot_of
@@ -57,10 +57,10 @@ def gather(rays, n, tile, s, receivers):
     """Append the rays from some receivers (bits) of a tile to stratum s to n gathered rays. Return the new count."""
     mask = mask_from_bits16(receivers)
     for k in range(3):
-        store(rays.origins, k * _ROW + n, compress(mask, load16(tile.origins, 16 * k)))
-        store(rays.points, k * _ROW + n, compress(mask, load16(tile.points, s * 48 + 16 * k)))
-    store(rays.places, n, compress(mask, iota16() + splat16(np.int32(tile.number << 8 | s << 4))))
-    store(rays.faces, n, compress(mask, load16(tile.faces, 0)))
+        store_compressed(rays.origins, k * _ROW + n, mask, load16(tile.origins, 16 * k))
+        store_compressed(rays.points, k * _ROW + n, mask, load16(tile.points, s * 48 + 16 * k))
+    store_compressed(rays.places, n, mask, iota16() + splat16(np.int32(tile.number << 8 | s << 4)))
+    store_compressed(rays.faces, n, mask, load16(tile.faces, 0))
     return n + popcount(receivers)
 
 

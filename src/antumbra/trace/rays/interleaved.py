@@ -12,7 +12,6 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.simd import (
     bits,
     broadcast8,
-    compress,
     get,
     load8,
     lowest_bit,
@@ -28,6 +27,7 @@ from ...kernels.simd import (
     stack_i32,
     stack_i64,
     store,
+    store_compressed,
 )
 from ..counters import BOX_TESTS, NODES, count
 from .packetbox import enter_each
@@ -59,7 +59,7 @@ def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters
     entered, near = enter(tree.nodes, at, slabs_of(rays.rows, i), broadcast8(rays.rows, LIMIT + i))
     hits = bits(entered)
     if query.any_hit:
-        store(stack, height, compress(mask_from_bits8(hits), load8(tree.links, at + LINKS)))
+        store_compressed(stack, height, mask_from_bits8(hits), load8(tree.links, at + LINKS))
         return height + popcount(hits)
     store(nears, 0, near)
     return push_sorted(stack, entry, height, ptr_at(tree.links, at + LINKS), nears, hits)
@@ -84,7 +84,7 @@ def _open_root(tree, rays, alive, stacks, heights, counters):
         turn &= turn - 1
         inside = np.int64(get(hits, i))
         height = popcount(inside)
-        store(stacks, i * STACK, compress(mask_from_bits8(inside), links))
+        store_compressed(stacks, i * STACK, mask_from_bits8(inside), links)
         put(heights, i, height)
         fetch(tree, np.int64(get(stacks, i * STACK + height - 1)))
     return alive
