@@ -40,7 +40,9 @@ _F = np.float32
 _INFO, _FACES, _DEAD, _SHAFTS = 48, 64, 80, 96
 _BEAMS = _SHAFTS + SHAFT_FLOATS
 _OWN = _BEAMS + BEAM_FLOATS  # floats of a tile besides its light samples
-TILE_FLOATS = _OWN + 2 * POINTS + GROUPS + TARGETS
+_INVERSES = _OWN + 2 * POINTS + GROUPS + TARGETS
+_INVERSE_FLOATS = 32 + POINTS
+TILE_FLOATS = _INVERSES + _INVERSE_FLOATS
 SPLIT = _F(0.75)
 
 
@@ -58,6 +60,7 @@ class Tile(NamedTuple):
     groups: F32Ptr  # float32
     targets: F32Ptr  # float32
     by_lane: F32Ptr  # float32
+    inverses: F32Ptr  # float32, see `segmentbox`
 
 
 @inlined
@@ -75,7 +78,7 @@ def tile_at(scratch, g, chunk):
         )
     return Tile(
         np.int64(g), own, ptr_at(own, _INFO), as_i32(ptr_at(own, _FACES)), as_i32(ptr_at(own, _DEAD)),
-        ptr_at(own, _SHAFTS), ptr_at(own, _BEAMS), points, groups, targets, by_lane,
+        ptr_at(own, _SHAFTS), ptr_at(own, _BEAMS), points, groups, targets, by_lane, ptr_at(own, _INVERSES),
     )  # fmt: skip
 
 

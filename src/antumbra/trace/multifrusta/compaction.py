@@ -21,7 +21,6 @@ from ...kernels.simd import (
     popcount,
     ptr_at,
     splat16,
-    store,
     store_compressed,
 )
 from ...kernels.vec import broadcasts, minus, rows

@@ -1,4 +1,4 @@
-"""Separating-axis tests of a tile's rays, shafts and beams against the box of a block.
+"""Separating-axis tests of a tile's shafts and beams against the box of a block.
 
 The axes are the three axes of the box, and their cross products with the segments. A segment may meet the box if no
 axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most 4u of the
@@ -55,14 +55,6 @@ def shafts_in_box(o, v, near, far, c, e):
     t = minimum(fma(maximum(t, splat16(_ZERO)), splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), splat16(_ONE))
     width = plus(near, Vec(t * far.x, t * far.y, t * far.z))
     return _in_box(m, v, Vec(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
-
-
-@inlined
-def rays_in_box(tile, s, c, e):
-    """Bits of the receivers whose segment to stratum s meets the box with middle c and half extents e."""
-    o, l = rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16)
-    pad = fma(maximum(maximum(largest(o), largest(l)), largest(c)), splat16(_PAD), splat16(_TINY))
-    return _in_box(minus(c, o), minus(l, o), Vec(e.x + pad, e.y + pad, e.z + pad))
 
 
 @inlined

@@ -38,7 +38,8 @@ from ..deferred import defer
 from ..lighttable import group_of
 from ..raytest import LANES, decide, keep_lanes, kept_lane
 from ..tile import finished_strata
-from .shaftbox import beams_in_box, rays_in_box, strata_in_box
+from .segmentbox import box_at, rays_in_box
+from .shaftbox import beams_in_box, strata_in_box
 from .shaftcull import CULL_WORK, cull_beams, cull_block, cull_strata, plane_of, receiver_lanes, triangle_lanes
 
 WORK = CULL_WORK + LANES  # float32 of scratch memory
@@ -224,13 +225,13 @@ def _trace_row(tile, b, s, rays, triangles, counters):
 
 
 @kernel
-def _trace_stratum(tile, b, s, c, e, counters):
-    """Test the rays of stratum s against a block whose box is c -+ e.
+def _trace_stratum(tile, b, s, box, counters):
+    """Test the rays of stratum s against a block with its `Box`.
 
     Few rays are tested one by one. Otherwise the stratum's shaft culls triangles first.
     """
     dead = np.int64(get(tile.dead, s))
-    rays = rays_in_box(tile, s, c, e) & b.valid & ~dead
+    rays = rays_in_box(tile, s, box) & b.valid & ~dead
     if popcount(rays) > _FEW_RAYS:
         left = cull_block(tile, numbers_of(b), 16 + s, b.facing, b.work) & b.present
         count(counters, CANDIDATES, popcount(left))
@@ -249,8 +250,9 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, defe
     # In: tile, tree, number, triangles, strata, valid, facing. Out: work, deferred, counters, `tile.dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, deferred)
     count(counters, TRIANGLES, triangles)
-    box = ptr_at(tree.bounds, b.number * 8)
-    c, e, near = broadcasts(box, 0, 1), broadcasts(box, 4, 1), is_near(tile.shafts, tile.info, box)
+    bounds = ptr_at(tree.bounds, b.number * 8)
+    box, near = box_at(bounds), is_near(tile.shafts, tile.info, bounds)
+    c, e = box.middle, box.half
     if near:
         live, few = valid & ~np.int64(reduce_and(load16(tile.dead, 0))) & beams_in_box(tile, c, e), _FEW_BEAMS
     else:
@@ -262,7 +264,7 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, defe
             if near:
                 _trace_receiver(tile, b, k, strata, counters)
             else:
-                _trace_stratum(tile, b, k, c, e, counters)
+                _trace_stratum(tile, b, k, box, counters)
         return
     left = cull_block(tile, numbers_of(b), group_of(strata), facing, work) & b.present
     count(counters, CANDIDATES, popcount(left))

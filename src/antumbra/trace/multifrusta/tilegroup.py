@@ -39,7 +39,8 @@ from ..lighttable import ALL_GROUPS, STRATA
 from ..shafts import HALF, D, N, make_shafts
 from ..tile import Tile, finished_strata, tile_at
 from .compaction import COMPACTED_FLOATS, Compacted, compacted_at, gather, test_one_by_one, test_together
-from .shaftbox import rays_in_box, shafts_in_box
+from .segmentbox import box_at, rays_in_box
+from .shaftbox import shafts_in_box
 from .shaftcull import cull_block, cull_tiles
 
 _F = np.float32
@@ -76,7 +77,7 @@ def tile_in(tile_group, g, chunk):
     t = tile_at(tile_group.tiles, g, chunk)
     return Tile(
         t.number, t.origins, tile_group.whole.info, t.faces, t.dead, tile_group.whole.shafts, t.beams, t.points,
-        t.groups, t.targets, t.by_lane,
+        t.groups, t.targets, t.by_lane, t.inverses,
     )  # fmt: skip
 
 
@@ -209,14 +210,14 @@ def _blocked_rays(tile_group, s, first, rays, chunk):
 
 
 @inlined
-def _rays_in_box(tile_group, s, live, chunk, c, e):
+def _rays_in_box(tile_group, s, live, chunk, box):
     """Gather the rays of some tiles (bits) to stratum s that meet a box and are not blocked. Return their number."""
     n = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
         tile = tile_at(tile_group.tiles, g, chunk)
-        left = rays_in_box(tile, s, c, e) & np.int64(get(tile_group.valid, g)) & ~np.int64(get(tile.dead, s))
+        left = rays_in_box(tile, s, box) & np.int64(get(tile_group.valid, g)) & ~np.int64(get(tile.dead, s))
         if left != 0:
             n = gather(tile_group.rays, n, tile, s, left)
     return n
@@ -241,9 +242,9 @@ def _cover(tile_group, b, s, live, left, chunk, counters):
 
 
 @inlined
-def _trace_far(tile_group, b, s, live, chunk, c, e, counters):
+def _trace_far(tile_group, b, s, live, chunk, box, counters):
     """Test a block against the segments from some tiles (bits) to stratum s."""
-    n = _rays_in_box(tile_group, s, live, chunk, c, e)
+    n = _rays_in_box(tile_group, s, live, chunk, box)
     if n <= _FEW_RAYS:
         _blocked_rays(tile_group, s, np.int64(0), test_one_by_one(tile_group.rays, n, b, counters), chunk)
         return
@@ -252,7 +253,7 @@ def _trace_far(tile_group, b, s, live, chunk, c, e, counters):
     if n >= _MANY_RAYS:
         not_covered = _cover(tile_group, b, s, live, left, chunk, counters)
         if not_covered != live:
-            n = _rays_in_box(tile_group, s, not_covered, chunk, c, e)
+            n = _rays_in_box(tile_group, s, not_covered, chunk, box)
     for first in range(0, n, 16):
         blocked = test_together(tile_group.rays, first, min(n - first, 16), b, left, counters)
         _blocked_rays(tile_group, s, first, blocked, chunk)
@@ -279,12 +280,11 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     """
     # In: tile_group, tree, number, triangles, strata, chunk. Out: work, deferred, counters, and the tiles' `dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), chunk.query.facing, work, deferred)
-    box = ptr_at(tree.bounds, b.number * 8)
-    c, e = broadcasts(box, 0, 1), broadcasts(box, 4, 1)
+    box = box_at(ptr_at(tree.bounds, b.number * 8))
     count(counters, TRIANGLES, triangles)
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
-        live = np.int64(get(tile_group.open, s)) & _tiles_in_box(tile_group, s, c, e)
+        live = np.int64(get(tile_group.open, s)) & _tiles_in_box(tile_group, s, box.middle, box.half)
         if live != 0:
-            _trace_far(tile_group, b, s, live, chunk, c, e, counters)
+            _trace_far(tile_group, b, s, live, chunk, box, counters)

@@ -46,6 +46,7 @@ from .bundle import (
     tiles_to_fill,
 )
 from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
+from .segmentbox import forget_inverses
 from .shaftleaf import WORK, trace_block
 from .tilegroup import TILE_GROUP_FLOATS, close, finished, make_tile_group, tile_in, tiles_by_beams, trace_tile_group
 
@@ -182,6 +183,7 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
     if finished_strata(tile, valid) == 0xFFFF:
         return False
     make_beams(tile)
+    forget_inverses(tile)
     return True
 
 
