@@ -21,7 +21,9 @@ LANES = 12 * 16
 STACK = 4 * MAX_DEPTH
 PLACES = 2 * MAX_TILES
 WAITING = TREE + 1
-AT = WAITING + 2
+BLOCKERS = WAITING + 2
+N_BLOCKERS = 4
+AT = BLOCKERS + 1 + N_BLOCKERS
 DEFERRED_INTS = deferred_ints(MAX_TILES)
 
 
@@ -47,7 +49,7 @@ class Scratch(NamedTuple):
     left: I32Ptr  # int32: of each tile of the region, bits of the receivers not traced yet
     places: I32Ptr  # int32: y and x of each tile's first pixel
     planes: F32Ptr  # float32, for `horizon`
-    at: I32Ptr  # int32: a walk as `descent.save` writes it; at TREE the tree's number; at WAITING a leaf and its lanes
+    at: I32Ptr  # int32: a walk as `descent.save` writes it; at TREE the tree's number; at WAITING a leaf and its lanes; at BLOCKERS see `trace`
     deferred: I32Ptr  # int32, see `deferred`
 
 

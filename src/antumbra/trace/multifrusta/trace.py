@@ -28,9 +28,11 @@ from ..shafts import make_shafts
 from ..tile import bound_receivers, finished_strata, first_pixel, move_light, read_bits, tile_at, write_bits
 from .bundle import (
     AT,
+    BLOCKERS,
     DEFERRED_INTS,
     LANES,
     MAX_TILES,
+    N_BLOCKERS,
     PLACES,
     STACK,
     TILES,
@@ -116,25 +118,62 @@ def _by_job(tree, slabs, at, alive, job, scratch, counters):
 
 
 @inlined
+def _forget_blockers(scratch, tree):
+    """Note that no block of a tree is known to block all segments of a lane."""
+    put(scratch.at, BLOCKERS, tree)
+    for k in range(N_BLOCKERS):
+        put(scratch.at, BLOCKERS + 1 + k, -1)
+
+
+@inlined
+def _remember_blocker(scratch, code):
+    """Put a block that blocks all segments of a lane in front of those known."""
+    moved = np.int32(code)
+    for k in range(N_BLOCKERS):
+        old = get(scratch.at, BLOCKERS + 1 + k)
+        put(scratch.at, BLOCKERS + 1 + k, moved)
+        if old == code:
+            return
+        moved = old
+
+
+@inlined
 def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
-    """`walk_tree` of a bundle. It prefetches a block when it finds it, and tests it when it finds the next one."""
+    """`walk_tree` of a bundle. It prefetches a block when it finds it, and tests it when it finds the next one.
+
+    First it tests blocks that blocked all segments of a lane in the bundles before.
+    """
     code, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
+    known = np.int64(N_BLOCKERS)
+    if at.place == -1:
+        known = np.int64(0)
+        if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
+            _forget_blockers(scratch, np.int64(get(scratch.at, TREE)))
     while True:
-        at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
-        if at.mask != 0:
-            prefetch(tree.bounds, (~at.link >> 5) * 8)
-            fetch(tree, at.link)
+        if known >= N_BLOCKERS:
+            at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
+            if at.mask != 0:
+                prefetch(tree.bounds, (~at.link >> 5) * 8)
+                fetch(tree, at.link)
         if mask & alive != 0:
             if np.int64(get(scratch.deferred, 0)) > DEFERRED:
                 put(scratch.at, WAITING, code)
                 put(scratch.at, WAITING + 1, mask)
                 return at, alive
-            alive &= ~_leaf(tree, code, mask & alive, job.chunk, job.bundle, scratch, counters)
-        if at.mask == 0:
+            done = _leaf(tree, code, mask & alive, job.chunk, job.bundle, scratch, counters)
+            if done != 0:
+                _remember_blocker(scratch, code)
+                alive &= ~done
+        if alive == 0 or (known >= N_BLOCKERS and at.mask == 0):
             put(scratch.at, WAITING + 1, 0)
             return nowhere(), alive
-        code, mask = ~at.link, at.mask if ~at.link & 31 != 0 else np.int64(0)
-        at = left(at)
+        if known < N_BLOCKERS:
+            code = np.int64(get(scratch.at, BLOCKERS + 1 + known))
+            mask = alive if code >= 0 else np.int64(0)
+            known += 1
+        else:
+            code, mask = ~at.link, at.mask if ~at.link & 31 != 0 else np.int64(0)
+            at = left(at)
 
 
 @kernel
@@ -277,6 +316,7 @@ def _trace_regions(ticket, arrays, query, table, shape, layout, k, n_samples, ou
         for g in range(MAX_TILES):
             put(scratch.left, g, np.int32(0 if idle else 0xFFFF))
         n = next_parts(chunk, layout, y, x, scratch)
+        _forget_blockers(scratch, np.int64(-1))
         while n > 0:
             _trace_parts(forest, n, chunk, scratch, places, mine)
             for g in range(n):
