@@ -8,7 +8,7 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Scene": ("time", "up", "ground"),
     "Camera": ("camera", "size"),
     "Light": ("light", "ao", "vpl", "bounce", "exposure"),
-    "Quality": ("spp", "sampler", "filter", "adaptive", "adaptive_spp", "cull_faces", "textures", "flat"),
+    "Quality": ("spp", "sampler", "filter", "antialias", "adaptive", "adaptive_spp", "cull_faces", "textures", "flat"),
     "Animation": ("frames", "fps", "overwrite"),
     "Speed": ("plan", "explain_plan", "srdh_rays", "gbuffer", "threads", "max_memory"),
     "Machines": ("shard", "ray"),

@@ -112,6 +112,10 @@ FilterOption = Annotated[
         "--filter/--no-filter", help="Smooth noise in penumbrae over 4x4 pixels.  [default: filter]", show_default=False
     ),
 ]
+AntialiasOption = Annotated[
+    bool,
+    typer.Option("--aa/--no-aa", help="Smooth edges by colours of pixels beside them; --adaptive does it better."),
+]
 AdaptiveOption = Annotated[
     bool | None,
     typer.Option(

@@ -26,6 +26,7 @@ from .pictureoptions import (
     QUALITIES,
     AdaptiveOption,
     AdaptiveSppOption,
+    AntialiasOption,
     AoOption,
     BackgroundOption,
     BounceOption,
@@ -109,6 +110,7 @@ class RenderArguments:
     spp: PresetSppOption = None
     sampler: SamplerOption = "larcher-pillichshammer"
     filter: FilterOption = None
+    antialias: AntialiasOption = True
     adaptive: AdaptiveOption = None
     adaptive_spp: AdaptiveSppOption = None
     textures: TexturesOption = True
@@ -210,6 +212,7 @@ class RenderArguments:
             quiet=self.quiet,
             textures=self.textures,
             flat=self.flat,
+            antialias=self.antialias,
             moving=self.frames is not None,
             ground=parse_ground(self.ground),
         )

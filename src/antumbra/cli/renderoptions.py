@@ -52,6 +52,7 @@ class RenderOptions(NamedTuple):
     quiet: bool
     textures: bool = True
     flat: bool = False  # whether each face has its own normal
+    antialias: bool = True  # whether edges are smoothed without another ray
     moving: bool = False  # whether the pictures are the frames of an animation
     ground: str | float = "off"  # from `parse_ground`
 
@@ -144,14 +145,14 @@ class RenderOptions(NamedTuple):
         more = {
             "time": time, "counters": self.counters, "background": self.background is None and not self._no_sky,
             "layers": layers, "textures": self.textures, "smooth_normals": not self.flat,
-            "ground": False if ground is None else ground,
+            "ground": False if ground is None else ground, "antialias": self.antialias,
         }  # fmt: skip
         return self.view(scene, time), self.all_lights(scene, time), {**more, **self.quality()}
 
     def options(self) -> dict:
         """Names and values, for ``--json``."""
         rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
-        more = {name: getattr(self, name) for name in ("plan", "gbuffer", "threads", "textures", "flat")}
+        more = {name: getattr(self, name) for name in ("plan", "gbuffer", "threads", "textures", "flat", "antialias")}
         return {**self.quality(), **more, "srdh_rays": rays}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
@@ -182,6 +183,7 @@ class RenderOptions(NamedTuple):
                 "cull_faces": self.cull_faces,
                 "textures": self.textures,
                 "flat": self.flat,
+                "antialias": self.antialias and self.adaptive is None,
                 **({} if self.background is None else {"background": self.background}),
                 **({"sky": "none"} if self._no_sky else {}),
                 **({} if ground is None else {"ground": ground}),

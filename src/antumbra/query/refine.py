@@ -80,19 +80,32 @@ def _other_colour(colour, i, k):
 
 
 @kernel
-def _edge_rows(ticket, seen, colour, out):
+def _boundary_rows(ticket, seen, colour, below, right):
     points = points_of(seen)
-    h, w = out.shape
+    h, w = below.shape
     y0 = take(ticket)
     while y0 >= 0:
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
             for x in range(w):
-                found, face = False, seen.face[y, x]
-                for v, u in ((y - 1, x), (y, x - 1), (y, x + 1), (y + 1, x)):
-                    if not found and v >= 0 and u >= 0 and v < h and u < w and seen.face[v, u] != face:
+                face = seen.face[y, x]
+                for v, u, out in ((y + 1, x, below), (y, x + 1, right)):
+                    found = v < h and u < w and seen.face[v, u] != face
+                    if found:
                         found = _other_colour(colour, face, seen.face[v, u]) or not same_surface(points, y, x, v, u)
-                out[y, x] = found
+                    out[y, x] = found
         y0 = take(ticket)
+
+
+def boundaries(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> tuple[np.ndarray, np.ndarray]:
+    """Two (H, W) bool: whether the pixel below, and the pixel to the right, shows something else.
+
+    That is another surface, another colour, or background beside a surface. Beyond the picture nothing is else.
+
+    colour : (n, 3) float32, linear base colour of each face
+    """
+    below, right = (np.empty(seen.face.shape, np.bool_) for _ in range(2))
+    run(_boundary_rows, thread_count(threads), new_ticket(len(below), 8), seen, colour, below, right)
+    return below, right
 
 
 def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray:
@@ -105,6 +118,8 @@ def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray
     The G-buffer test needs no adjacency of triangles, and does not mark hidden silhouettes. It misses objects narrower
     than a pixel that pass between all pixel centres.
     """
-    out = np.empty(seen.face.shape, np.bool_)
-    run(_edge_rows, thread_count(threads), new_ticket(len(out), 8), seen, colour, out)
+    below, right = boundaries(seen, colour, threads)
+    out = below | right
+    out[1:] |= below[:-1]
+    out[:, 1:] |= right[:, :-1]
     return out

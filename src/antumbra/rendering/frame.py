@@ -13,7 +13,7 @@ PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 
 
 class Layers(NamedTuple):
-    """The parts of a frame's image. Their sum, with ambient light, is the image, but for sub-pixels of edges."""
+    """The parts of a frame's image. Their sum, with ambient light, is the image, but for smoothed edges."""
 
     albedo: np.ndarray  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
     lights: list[np.ndarray]  # per light (H, W, 3) float32: the image by this light alone, with its shadows
@@ -56,7 +56,7 @@ class Frame(NamedTuple):
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.residency.Paging`
     plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
     choices: list[Choice] | None = None  # the plan "auto" only: how each query was answered, and why
-    divided: np.ndarray | None = None  # (H, W) float32: share of each pixel that shows surfaces; None unless adaptive
+    divided: np.ndarray | None = None  # (H, W) float32: share of each pixel with surfaces; None: edges not smoothed
     names: tuple[str, ...] = ()  # of the lights, all different: their own, or their kinds, such as "sun"
     backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: what a PNG shows behind, with shadows
     layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
@@ -65,7 +65,7 @@ class Frame(NamedTuple):
 
     @property
     def coverage(self) -> np.ndarray:
-        """(H, W) float32: the share of each pixel that shows surfaces: 0 or 1, and between them at refined edges."""
+        """(H, W) float32: the share of each pixel that shows surfaces: 0 or 1, and between them at smoothed edges."""
         return self.mask.astype(np.float32) if self.divided is None else self.divided
 
     @property

@@ -13,6 +13,7 @@ _CELL_BYTES = 4  # of the cells of a ray set, for each pixel
 _PICTURE_BYTES = 72  # of rays, hits, surfaces, receivers, the triangles that pixels see, the image and its inputs
 _BAND_BYTES = 40  # of surfaces in bands, while they are put together
 _SMOOTH_BYTES = 64
+_EDGE_BYTES = 40  # of smoothed edges: their boundaries, and the shares of neighbours
 _FINER_BYTES = 96  # of the pixels whose penumbrae are refined
 _BOUNCE_BYTES = 80
 
@@ -30,6 +31,7 @@ def frame_memory(request: Request) -> FrameMemory:
     pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES + _BAND_BYTES
     bytes_ += sum(LIGHT_BYTES + 16 * (-(-samples.shape[1] // 64)) for samples in request.samples)
     bytes_ += _SMOOTH_BYTES * request.smooth + PASS_BYTES * request.camera.listed
+    bytes_ += _EDGE_BYTES * (request.antialias and request.finer is None)
     cells = sum(_CELL_BYTES * _sets(light, samples) for light, samples in zip(request.lights, request.samples))
     passes = 0
     if request.finer is not None:

@@ -1,10 +1,11 @@
-"""One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and the sub-pixels of edges."""
+"""One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and smooth edges."""
 
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from ..image.antialias import mixture
 from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import as_needed, fraction, refine_penumbra
@@ -67,6 +68,8 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
         divide(state, edge, Shown(image, coverage, ground, catcher), ambient, indirect)
+    if request.antialias and edge is None:
+        coverage = antialias(state, surfaces, seen, image, ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
     ran, choices, scheduled = _ran(state)
@@ -254,6 +257,22 @@ def behind(
 
 def _seen_skies(state: FrameState) -> list[Sky]:
     return skies_of(state.request.lights) if state.request.background else []
+
+
+def antialias(
+    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, image: np.ndarray, ground: Ground | None
+) -> np.ndarray:
+    """Mix the pixels at edges with those across. Returns (H, W) float32: the share of each that shows surfaces."""
+    coverage = (surfaces.ids >= 0).astype(np.float32)
+    mixed, free = mixture(seen, edge_colours(state), state.threads), np.float32(1.0) - coverage
+    coverage.reshape(-1)[mixed.pixels] = mixed.of(coverage)
+    image.reshape(-1, 3)[mixed.pixels] = mixed.of(image)
+    if ground is not None:
+        some = mixed.of(free)
+        kept = mixed.of(free[..., None] * ground.share)
+        ground.share.reshape(-1, 3)[mixed.pixels] = np.where(some[:, None] > 0.0, kept / some, 1.0)
+    state.clock.lap("shade")
+    return coverage
 
 
 class Shown(NamedTuple):

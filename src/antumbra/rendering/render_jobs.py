@@ -35,6 +35,11 @@ def warm_up_quality() -> None:
     make_ready(quality_job)
 
 
+def warm_up_antialias() -> None:
+    """Compile the kernels of anti-aliasing; they are the same for every plan."""
+    make_ready(antialias_job)
+
+
 def warm_up_dressed() -> None:
     """Compile the kernels of textures and smooth normals; they are the same for every plan."""
     make_ready(dressed_job)
@@ -101,6 +106,11 @@ def quality_job() -> Job:
     return fixed_job("filter and refinement", lambda: _render_small(Plan(), "raster", quality=True))
 
 
+def antialias_job() -> Job:
+    """The job of anti-aliasing."""
+    return fixed_job("anti-aliasing", lambda: _render_small(Plan(), "raster", antialias=True))
+
+
 def bounce_job() -> Job:
     """The job of the diffuse rays that a builder is shown."""
     plan = parse_plan("srdh+single")
@@ -146,7 +156,7 @@ def ground_job() -> Job:
 
 def _render_small(
     plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1, dressed=False,
-    ground=None,
+    ground=None, antialias=False,
 ):  # fmt: skip
     """Render a frame of the small scene; `passes`: number of diffuse rays, `view`: (camera, lights)."""
     scene, accelerator = small_scene(dressed), accelerator_of(plan, 2, srdh_rays)
@@ -160,6 +170,7 @@ def _render_small(
         finer=finer_samples(lights, 2, "hammersley") if quality else None,
         passes=diffuse_passes(lights, passes, "hammersley") if passes else None,
         ground=ground,
+        antialias=antialias,
     )
     if accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
         accelerator.build(scene.triangles(0.0, 2))

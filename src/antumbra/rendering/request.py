@@ -29,6 +29,7 @@ class Request(NamedTuple):
     textures: bool = True  # whether pixels show textures and colours of vertices, not mean colours of faces
     smooth_normals: bool = True  # whether the normals of vertices shade, not those of faces
     ground: float | None = None  # height of the ground that catches shadows, world; None: there is none
+    antialias: bool = True  # whether edges are smoothed without another ray
 
 
 def rays_of(request: Request) -> tuple[int, int]:

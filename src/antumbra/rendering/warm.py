@@ -9,6 +9,7 @@ from .paged import paged_job
 from .queries import rays_job
 from .ready import Job
 from .render_jobs import (
+    antialias_job,
     bounce_job,
     dressed_job,
     ground_job,
@@ -31,6 +32,7 @@ def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]
     found = [
         rays_job(),
         quality_job(),
+        antialias_job(),
         dressed_job(),
         ground_job(),
         listed_job(),

@@ -1,0 +1,123 @@
+"""Morphological anti-aliasing [Reshetov 2009]: smooth edges from the pixels' surfaces alone, without another ray.
+
+The boundary between two surfaces is a staircase of straight runs of pixel sides. Where it steps to one side at the end
+of a run, the edge itself crosses the middle of the step, and reaches the run at its middle. So it cuts off a known
+share of each pixel beside the run, which gets the colour of the pixel across. The paper finds boundaries by
+differences of colour; here the surfaces are known.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..query.refine import boundaries
+from ..query.surface import PictureSurfaces
+
+_UP, _DOWN, _NOWHERE = 1, -1, 0
+
+
+@inlined
+def _step(right, y, x, length):
+    """Where a run between rows y and y + 1, so long, steps at its end, the sides to the right of column x.
+
+    A step higher than the run is long is no step of a staircase along it, but the end of something, or part of an edge
+    that is steeper than this run.
+    """
+    up, down = right[y, x], right[y + 1, x]
+    if up == down:
+        return _NOWHERE
+    turn, v, height = (-1, y, 0) if up else (1, y + 1, 0)
+    while height <= length and 0 <= v < len(right) and right[v, x]:
+        v, height = v + turn, height + 1
+    if height > length:
+        return _NOWHERE
+    return _UP if up else _DOWN
+
+
+@inlined
+def _cut(k, length):
+    """The share that is cut off pixel k from the end of a run, by a line from half a pixel at the end to its middle."""
+    middle = np.float32(0.5) * np.float32(length)
+    a, b = np.float32(k), min(np.float32(k + 1), middle)
+    return np.float32(0.5) * (b - a) * (np.float32(1.0) - (a + b) / (np.float32(2.0) * middle))
+
+
+@inlined
+def _cut_run(right, y, start, stop, above, under):
+    """Write the shares of the pixels on both sides of the run from column `start` to `stop`, between rows y and y + 1.
+
+    A run that steps to the same side at both ends is left alone. Smoothing would wear down what is small.
+    """
+    length = stop - start
+    before = _step(right, y, start - 1, length) if start > 0 else _NOWHERE
+    after = _step(right, y, stop - 1, length)  # no side is right of the last column
+    if before == after:
+        return
+    for k in range((length + 1) // 2):
+        cut = _cut(k, length)
+        for step, x in ((before, start + k), (after, stop - 1 - k)):
+            if step == _UP:
+                above[y, x] += cut
+            elif step == _DOWN:
+                under[y + 1, x] += cut
+
+
+@kernel
+def _cut_rows(ticket, below, right, above, under):
+    """Worker: write the share that each pixel gets of the pixel below it (`above`) and of that above it (`under`)."""
+    w = below.shape[1]
+    y0 = take(ticket)
+    while y0 >= 0:
+        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+            x = 0
+            while x < w:
+                start = x
+                while x < w and below[y, x]:
+                    x += 1
+                if x > start:
+                    _cut_run(right, y, start, x, above, under)
+                x += 1
+        y0 = take(ticket)
+
+
+class Mixture(NamedTuple):
+    """The pixels at edges, and what they are mixed of."""
+
+    pixels: np.ndarray  # (E,) int64: indices in the flat picture
+    others: np.ndarray  # (4, E) int64: the pixels below, above, to the right and to the left
+    shares: np.ndarray  # (4, E) float32: of these neighbours; the pixel itself has the rest
+
+    def of(self, picture: np.ndarray) -> np.ndarray:
+        """(E, ...) float32: the mixed values of a picture (H, W, ...)."""
+        flat = picture.reshape(-1, *picture.shape[2:])
+        shape = self.pixels.shape + (1,) * (flat.ndim - 1)
+        mixed = (np.float32(1.0) - self.shares.sum(0)).reshape(shape) * flat[self.pixels]
+        for other, share in zip(self.others, self.shares):
+            mixed += share.reshape(shape) * flat[other]
+        return mixed
+
+
+def mixture(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> Mixture:
+    """How pixels at edges are mixed of themselves and their neighbours.
+
+    colour : (n, 3) float32, linear colours of the faces that `seen` indexes
+    """
+    below, right = boundaries(seen, colour, threads)
+    h, w = below.shape
+    flat, upright = _cuts(below, right, threads), _cuts(right.T, below.T, threads)
+    cut = np.stack([*flat, *(shares.T for shares in upright)]).reshape(4, -1)
+    pixels = np.flatnonzero(cut.any(0))
+    shares = cut[:, pixels]
+    shares /= np.maximum(shares.sum(0), np.float32(1.0))
+    others = pixels + np.array([w, -w, 1, -1])[:, None]
+    return Mixture(pixels, np.clip(others, 0, h * w - 1), shares)
+
+
+def _cuts(below: np.ndarray, right: np.ndarray, threads) -> tuple[np.ndarray, np.ndarray]:
+    """Two (H, W) float32: the shares that pixels get of the pixels below and above them."""
+    above, under = (np.zeros(below.shape, np.float32) for _ in range(2))
+    below, right = np.ascontiguousarray(below), np.ascontiguousarray(right)
+    run(_cut_rows, thread_count(threads), new_ticket(len(below) - 1, 8), below, right, above, under)
+    return above, under

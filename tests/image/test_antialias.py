@@ -1,0 +1,126 @@
+"""Anti-aliasing of edges by the colours of pixels beside them."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+
+SIZE = 48
+LIGHT = at.DirectionalLight((0.3, -1.0, -0.4))
+
+
+def board(turn: float = 0.2) -> at.Scene:
+    """A white square, turned in the picture's plane, before nothing."""
+    c, s = np.cos(turn), np.sin(turn)
+    corners = np.array([[c, s, 0], [-s, c, 0], [-c, -s, 0], [s, -c, 0]])
+    return at.Scene.from_arrays(corners, [[0, 1, 2], [0, 2, 3]])
+
+
+def rendered(scene, k: int = 1, **asked) -> at.Frame:
+    camera = at.Camera((0, 0, 4), (0, 0, 0), width=SIZE * k, height=SIZE * k)
+    return at.render(scene, camera, [at.DirectionalLight((0, 0, -1))], spp=4, **asked)
+
+
+def test_coverage_is_near_the_true_share_of_each_pixel():
+    truth = rendered(board(), 8).mask.reshape(SIZE, 8, SIZE, 8).mean((1, 3))
+    plain, smooth = rendered(board()), rendered(board(), antialias=True)
+    error = [np.sqrt(((frame.coverage - truth) ** 2).mean()) for frame in (plain, smooth)]
+    assert error[1] < 0.5 * error[0]
+    assert set(np.unique(smooth.coverage)) == {0.0, 0.25, 0.5, 0.75, 1.0}
+
+
+def test_the_image_is_the_surfaces_light_times_its_share():
+    plain, smooth = rendered(board()), rendered(board(), antialias=True)
+    white = plain.image[SIZE // 2, SIZE // 2]
+    np.testing.assert_allclose(smooth.image, smooth.coverage[..., None] * white, rtol=1e-3, atol=1e-6)
+
+
+def test_bits_visibility_and_surfaces_stay():
+    scene, how = at.procedural("city", triangles=3_000), dict(spp=4, filter=True)
+    camera = scene.default_camera(64, 64)
+    plain, smooth = (at.render(scene, camera, LIGHT, **how, antialias=a) for a in (False, True))
+    assert (plain.image != smooth.image).any()
+    assert plain.rays == smooth.rays
+    for one, other in zip(
+        (*plain.bits, *plain.visibility, *plain.gbuffer), (*smooth.bits, *smooth.visibility, *smooth.gbuffer)
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("how", [dict(gbuffer="rays"), dict(plan="grid32+bsah+single"), dict(threads=1)], ids=str)
+def test_no_method_changes_the_picture(how):
+    scene = at.procedural("city", triangles=3_000)
+    camera = scene.default_camera(64, 64)
+    one, other = (at.render(scene, camera, LIGHT, spp=4, antialias=True, **more) for more in ({}, how))
+    np.testing.assert_array_equal(one.image, other.image)
+    np.testing.assert_array_equal(one.coverage, other.coverage)
+
+
+def test_rays_and_raster_find_the_same_sub_pixels(monkeypatch):
+    from antumbra.rendering import antialias
+
+    scene, images = at.procedural("city", triangles=3_000), []
+    for tree in (antialias._tree, lambda state, count: None):
+        monkeypatch.setattr(antialias, "_tree", tree)
+        images.append(at.render(scene, scene.default_camera(64, 64), LIGHT, spp=4, antialias=True).image)
+    np.testing.assert_array_equal(*images)
+
+
+def test_a_store_gives_the_same_picture(tmp_path):
+    scene = at.procedural("city", triangles=3_000)
+    at.build_store(scene, tmp_path / "city.antumbra")
+    camera = scene.default_camera(64, 64)
+    one, other = (
+        at.render(s, camera, LIGHT, spp=4, antialias=True) for s in (scene, at.load(tmp_path / "city.antumbra"))
+    )
+    np.testing.assert_array_equal(one.image, other.image)
+
+
+@pytest.mark.parametrize("kind", ["orthographic", "panoramic"])
+def test_cameras_that_are_not_perspective(kind):
+    more = dict(extent=3.0) if kind == "orthographic" else {}
+    camera = at.Camera((0, 0, 4), (0, 0, 0), width=64, height=32, projection=kind, **more)
+    frame = at.render(board(), camera, [at.DirectionalLight((0, 0, -1))], spp=4, antialias=True)
+    assert ((frame.coverage > 0.0) & (frame.coverage < 1.0)).any()
+
+
+def test_a_sky_is_mixed_with_the_surfaces():
+    frame = rendered(board(), antialias=True)
+    camera = at.Camera((0, 0, 4), (0, 0, 0), width=SIZE, height=SIZE)
+    lights = [at.DirectionalLight((0, 0, -1)), at.Sky((0.0, 0.0, 1.0))]
+    plain, mixed = (at.render(board(), camera, lights, spp=4, antialias=a) for a in (False, True))
+    part = (frame.coverage > 0.0) & (frame.coverage < 1.0)
+    share, red = frame.coverage[part], plain.image[SIZE // 2, SIZE // 2, 0]
+    np.testing.assert_allclose(mixed.image[part][:, 0], share * red, rtol=1e-2)
+    assert (mixed.image[part][:, 2] > 0.0).all()
+
+
+def test_adaptive_wins():
+    one, other = (rendered(board(), adaptive=16, antialias=a) for a in (False, True))
+    np.testing.assert_array_equal(one.image, other.image)
+
+
+def test_edges_of_colours_on_one_plane():
+    """Coplanar faces of two colours mix in the pixels between them, and nowhere else."""
+    corners = [[-4, -4, 0], [0.13, -4, 0], [-0.31, 4, 0], [-4, 4, 0], [4, -4, 0], [4, 4, 0]]
+    faces = [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]]
+    scene = at.Scene.from_arrays(corners, faces, colours=np.array([[1.0, 0, 0]] * 2 + [[0, 0, 1.0]] * 2))
+    image = rendered(scene, antialias=True).image
+    mixed = (image[..., 0] > 0) & (image[..., 2] > 0)
+    assert mixed.any(1).mean() > 0.5
+    assert mixed.sum(1).max() <= 2
+
+
+def test_frames_from_rows_are_the_same():
+    from antumbra.rendering.renderer import Renderer
+    from antumbra.rendering.rows import BAND, kept_rows
+
+    scene = at.procedural("city", triangles=3_000)
+    renderer, camera = Renderer(scene), scene.default_camera(64, 64)
+    request = renderer.request(camera, [LIGHT], spp=4, antialias=True)
+    rows = renderer.rows(request)
+    bands = [rows.band(y, min(y + BAND, 64)) for y in range(0, 64, BAND)]
+    kept = kept_rows({name: np.concatenate([band[name] for band in bands]) for name in bands[0]})
+    made, whole = Renderer(scene).from_rows(request, kept), renderer.render(camera, [LIGHT], spp=4, antialias=True)
+    np.testing.assert_array_equal(made.image, whole.image)
+    np.testing.assert_array_equal(made.coverage, whole.coverage)
