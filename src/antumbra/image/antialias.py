@@ -3,7 +3,8 @@
 The boundary between two surfaces is a staircase of straight runs of pixel sides. Where it steps to one side at the end
 of a run, the edge itself crosses the middle of the step, and reaches the run at its middle. So it cuts off a known
 share of each pixel beside the run, which gets the colour of the pixel across. The paper finds boundaries by
-differences of colour; here the surfaces are known.
+differences of colour; here the surfaces are known. A run ends where an outline against the background becomes a
+boundary between two surfaces, and outlines are steps where creases end too, as in fine meshes at silhouettes.
 """
 
 from typing import NamedTuple
@@ -12,15 +13,15 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
-from ..query.refine import boundaries
+from ..query.refine import NO_BOUNDARY, boundaries
 from ..query.surface import PictureSurfaces
 
 _UP, _DOWN, _NOWHERE = 1, -1, 0
 
 
 @inlined
-def _step(right, y, x, length):
-    """Where a run between rows y and y + 1, so long, steps at its end, the sides to the right of column x.
+def _step(right, y, x, highest):
+    """Where a run between rows y and y + 1 steps at its end, the sides to the right of column x; at most so high.
 
     A step higher than the run is long is no step of a staircase along it, but the end of something, or part of an edge
     that is steeper than this run.
@@ -28,12 +29,12 @@ def _step(right, y, x, length):
     up, down = right[y, x], right[y + 1, x]
     if up == down:
         return _NOWHERE
-    turn, v, height = (-1, y, 0) if up else (1, y + 1, 0)
-    while height <= length and 0 <= v < len(right) and right[v, x]:
+    turn, v, height = (-1, y, 0) if up > down else (1, y + 1, 0)
+    while height <= highest and 0 <= v < len(right) and right[v, x] == max(up, down):
         v, height = v + turn, height + 1
-    if height > length:
+    if height > highest:
         return _NOWHERE
-    return _UP if up else _DOWN
+    return _UP if up > down else _DOWN
 
 
 @inlined
@@ -45,14 +46,15 @@ def _cut(k, length):
 
 
 @inlined
-def _cut_run(right, y, start, stop, above, under):
+def _cut_run(right, y, start, stop, less, above, under):
     """Write the shares of the pixels on both sides of the run from column `start` to `stop`, between rows y and y + 1.
 
-    A run that steps to the same side at both ends is left alone. Smoothing would wear down what is small.
+    Steps are lower than the run is long by `less`, at least. A run that steps to the same side at both ends is left
+    alone. Smoothing would wear down what is small.
     """
     length = stop - start
-    before = _step(right, y, start - 1, length) if start > 0 else _NOWHERE
-    after = _step(right, y, stop - 1, length)  # no side is right of the last column
+    before = _step(right, y, start - 1, length - less) if start > 0 else _NOWHERE
+    after = _step(right, y, stop - 1, length - less)  # no side is right of the last column
     if before == after:
         return
     for k in range((length + 1) // 2):
@@ -65,7 +67,7 @@ def _cut_run(right, y, start, stop, above, under):
 
 
 @kernel
-def _cut_rows(ticket, below, right, above, under):
+def _cut_rows(ticket, below, right, less, above, under):
     """Worker: write the share that each pixel gets of the pixel below it (`above`) and of that above it (`under`)."""
     w = below.shape[1]
     y0 = take(ticket)
@@ -73,12 +75,11 @@ def _cut_rows(ticket, below, right, above, under):
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
             x = 0
             while x < w:
-                start = x
-                while x < w and below[y, x]:
+                start, kind = x, below[y, x]
+                while x < w and below[y, x] == kind:
                     x += 1
-                if x > start:
-                    _cut_run(right, y, start, x, above, under)
-                x += 1
+                if kind != NO_BOUNDARY:
+                    _cut_run(right, y, start, x, less, above, under)
         y0 = take(ticket)
 
 
@@ -106,7 +107,8 @@ def mixture(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> Mixture:
     """
     below, right = boundaries(seen, colour, threads)
     h, w = below.shape
-    flat, upright = _cuts(below, right, threads), _cuts(right.T, below.T, threads)
+    flat = _cuts(below, right, 0, threads)
+    upright = _cuts(right.T, below.T, 1, threads)  # where both directions have runs of the same length, only one counts
     cut = np.stack([*flat, *(shares.T for shares in upright)]).reshape(4, -1)
     pixels = np.flatnonzero(cut.any(0))
     shares = cut[:, pixels]
@@ -115,9 +117,9 @@ def mixture(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> Mixture:
     return Mixture(pixels, np.clip(others, 0, h * w - 1), shares)
 
 
-def _cuts(below: np.ndarray, right: np.ndarray, threads) -> tuple[np.ndarray, np.ndarray]:
-    """Two (H, W) float32: the shares that pixels get of the pixels below and above them."""
+def _cuts(below: np.ndarray, right: np.ndarray, less: int, threads) -> tuple[np.ndarray, np.ndarray]:
+    """Two (H, W) float32: the shares that pixels get of the pixels below and above them; `less`: see `_cut_run`."""
     above, under = (np.zeros(below.shape, np.float32) for _ in range(2))
     below, right = np.ascontiguousarray(below), np.ascontiguousarray(right)
-    run(_cut_rows, thread_count(threads), new_ticket(len(below) - 1, 8), below, right, above, under)
+    run(_cut_rows, thread_count(threads), new_ticket(len(below) - 1, 8), below, right, less, above, under)
     return above, under

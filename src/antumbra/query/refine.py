@@ -16,6 +16,9 @@ from .surface import PictureSurfaces, points_of, same_surface
 VISIBLE = np.float32(1.0 / 16.0)
 """Largest difference in red, green or blue of linear base colours that makes no edge."""
 
+NO_BOUNDARY, INNER, OUTLINE = np.int8(0), np.int8(1), np.int8(2)
+"""What lies between two neighbouring pixels; see `boundaries`."""
+
 
 class FinerSamples(NamedTuple):
     """The samples of refined pixels, of each light."""
@@ -89,21 +92,24 @@ def _boundary_rows(ticket, seen, colour, below, right):
             for x in range(w):
                 face = seen.face[y, x]
                 for v, u, out in ((y + 1, x, below), (y, x + 1, right)):
-                    found = v < h and u < w and seen.face[v, u] != face
-                    if found:
-                        found = _other_colour(colour, face, seen.face[v, u]) or not same_surface(points, y, x, v, u)
-                    out[y, x] = found
+                    out[y, x] = NO_BOUNDARY
+                    if v < h and u < w and seen.face[v, u] != face:
+                        other = seen.face[v, u]
+                        if min(face, other) < 0:
+                            out[y, x] = OUTLINE
+                        elif _other_colour(colour, face, other) or not same_surface(points, y, x, v, u):
+                            out[y, x] = INNER
         y0 = take(ticket)
 
 
 def boundaries(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> tuple[np.ndarray, np.ndarray]:
-    """Two (H, W) bool: whether the pixel below, and the pixel to the right, shows something else.
+    """Two (H, W) int8: what lies between each pixel and that below, and that to the right of it.
 
-    That is another surface, another colour, or background beside a surface. Beyond the picture nothing is else.
+    It is INNER between two surfaces or colours, OUTLINE between a surface and the background, or else NO_BOUNDARY.
 
     colour : (n, 3) float32, linear base colour of each face
     """
-    below, right = (np.empty(seen.face.shape, np.bool_) for _ in range(2))
+    below, right = (np.empty(seen.face.shape, np.int8) for _ in range(2))
     run(_boundary_rows, thread_count(threads), new_ticket(len(below), 8), seen, colour, below, right)
     return below, right
 
@@ -119,7 +125,7 @@ def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray
     than a pixel that pass between all pixel centres.
     """
     below, right = boundaries(seen, colour, threads)
-    out = below | right
-    out[1:] |= below[:-1]
-    out[:, 1:] |= right[:, :-1]
+    out = (below | right) > 0
+    out[1:] |= below[:-1] > 0
+    out[:, 1:] |= right[:, :-1] > 0
     return out

@@ -264,13 +264,13 @@ def antialias(
 ) -> np.ndarray:
     """Mix the pixels at edges with those across. Returns (H, W) float32: the share of each that shows surfaces."""
     coverage = (surfaces.ids >= 0).astype(np.float32)
-    mixed, free = mixture(seen, edge_colours(state), state.threads), np.float32(1.0) - coverage
+    mixed, free = mixture(seen, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
     coverage.reshape(-1)[mixed.pixels] = mixed.of(coverage)
     image.reshape(-1, 3)[mixed.pixels] = mixed.of(image)
     if ground is not None:
-        some = mixed.of(free)
-        kept = mixed.of(free[..., None] * ground.share)
-        ground.share.reshape(-1, 3)[mixed.pixels] = np.where(some[:, None] > 0.0, kept / some, 1.0)
+        kept, whole = mixed.of(free * ground.share), mixed.of(free)
+        share = np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
+        ground.share.reshape(-1, 3)[mixed.pixels] = share
     state.clock.lap("shade")
     return coverage
 
