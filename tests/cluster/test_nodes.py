@@ -5,6 +5,7 @@ pytest -n 0 -m cluster
 
 import os
 import signal
+import socket
 from pathlib import Path
 
 import numpy as np
@@ -254,3 +255,14 @@ def test_the_doctor_names_the_nodes(nodes):
 
 def test_bad_addresses(cli):
     cli(*FRAMES, "--shard", "0/2", "--ray", "local").refused("--ray", "--shard")
+    failed = cli(*FRAMES, "--ray", "head")
+    assert failed.code == 2 and "--ray is 'head'; write auto, local, or HOST:PORT" in failed.err
+
+
+def test_an_address_where_nothing_listens(cli):
+    """The command ends at once. Ray itself tries for a long time, and writes warnings of its own."""
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))  # nobody else gets this port, and it does not listen
+        failed = cli(*FRAMES, "--ray", f"127.0.0.1:{bound.getsockname()[1]}")
+    assert failed.code == 2 and "cannot be reached (" in failed.err.splitlines()[-1]
+    assert all(line.startswith("antumbra: ") for line in failed.err.splitlines())

@@ -1,6 +1,8 @@
 """The engine that hands a job's units to a Ray cluster."""
 
 import os
+import re
+import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
     from .crew import Log
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
+_PATIENCE = 5.0  # seconds until a head node answers
+_PLACE = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
 def _say(line: str) -> None:
@@ -82,6 +86,8 @@ def connected(address: str) -> Iterator:
     if "://" in address:
         raise InputError(f"--ray is {address!r}; run the command on a node of the cluster, with --ray auto")
     own = {}
+    if address not in ("auto", "local"):
+        _check_place(ray, address)
     if address == "local":
         own = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -94,3 +100,21 @@ def connected(address: str) -> Iterator:
         yield ray
     finally:
         ray.shutdown()
+
+
+def _check_place(ray, address: str) -> None:
+    """Raise InputError unless something listens at HOST:PORT. Ray itself tries for more than half a minute."""
+    match = _PLACE.fullmatch(address.strip())
+    if match is None or not 0 < int(match[2]) < 65536:
+        raise InputError(f"--ray is {address!r}; write auto, local, or HOST:PORT of the head node")
+    hosts = [match[1]]
+    if match[1] in ("localhost", "127.0.0.1"):
+        hosts.append(ray.util.get_node_ip_address())  # as Ray itself reads it
+    reason = ""
+    for host in hosts:
+        try:
+            socket.create_connection((host, int(match[2])), _PATIENCE).close()
+            return
+        except OSError as error:
+            reason = error.strerror or str(error)
+    raise InputError(f"--ray {address}: cannot be reached ({reason}); look at: ray status")
