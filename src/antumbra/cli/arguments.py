@@ -292,7 +292,7 @@ def parse_sky(text: str) -> "str | Path | np.ndarray":
     if text.lower().endswith(SUFFIXES):
         return Path(text)
     with _named(f"--sky {text}"):
-        return srgb_to_linear(parse_colour(text, f"a file that ends in {' or '.join(SUFFIXES)}, none"))
+        return srgb_to_linear(parse_colour(text, f"a {' or '.join(SUFFIXES)} file, or none"))
 
 
 def parse_background(text: str) -> "str | np.ndarray":
