@@ -65,7 +65,7 @@ def rendered(*scene, noise=filter.NOISE, **method):
     """Render a frame with the filter's `NOISE` set to `noise`."""
     kept, filter.NOISE = filter.NOISE, noise
     try:
-        return at.render(*scene, **method)
+        return at.render(*scene, antialias=False, **method)
     finally:
         filter.NOISE = kept
 
@@ -73,7 +73,7 @@ def rendered(*scene, noise=filter.NOISE, **method):
 def supersampled(scene, camera, lights, threads) -> np.ndarray:
     """A picture with 4 x 4 times as many pixels, averaged over blocks of 4 x 4."""
     big = camera.resized(4 * camera.width, 4 * camera.height)
-    image = at.render(scene, big, lights, threads=threads).image
+    image = at.render(scene, big, lights, threads=threads, antialias=False).image
     return image.reshape(camera.height, 4, camera.width, 4, 3).mean((1, 3), dtype=np.float64).astype(np.float32)
 
 

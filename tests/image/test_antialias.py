@@ -155,3 +155,13 @@ def test_the_ground_is_mixed_beside_surfaces():
     np.testing.assert_array_equal(smooth.ground.mask, plain.ground.mask)
     untouched = smooth.coverage == plain.coverage
     np.testing.assert_array_equal(smooth.ground.share[untouched], plain.ground.share[untouched])
+
+
+def test_the_light_of_each_layer_is_mixed_too():
+    """With and without smooth edges, the layers and the ambient light add up to the image."""
+    scene = at.procedural("city", triangles=3_000)
+    camera, lights = scene.default_camera(64, 64), [LIGHT, at.PointLight((0, 50, 0), intensity=1e4)]
+    for smooth in (False, True):
+        frame = at.render(scene, camera, lights, spp=4, bounce=1, layers=True, antialias=smooth, background=False)
+        assert not frame.ambient.any()
+        np.testing.assert_allclose(sum(frame.layers.images), frame.image, rtol=1e-4, atol=1e-6)

@@ -14,7 +14,7 @@ LAMP = at.PointLight((0, 2, 0), intensity=1e-4)
 
 
 def rendered(tmp_path, lights, sky=True, adaptive=None, **saved) -> tuple[at.Frame, np.ndarray]:
-    frame = at.render(FLOOR, CAMERA, lights, spp=4, background=sky, adaptive=adaptive)
+    frame = at.render(FLOOR, CAMERA, lights, spp=4, background=sky, adaptive=adaptive, antialias=False)
     frame.save(tmp_path / "a.png", **saved)
     return frame, np.array(Image.open(tmp_path / "a.png"))
 

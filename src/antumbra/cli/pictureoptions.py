@@ -114,7 +114,7 @@ FilterOption = Annotated[
 ]
 AntialiasOption = Annotated[
     bool,
-    typer.Option("--aa/--no-aa", help="Smooth edges by colours of pixels beside them; --adaptive does it better."),
+    typer.Option("--aa/--no-aa", help="Smooth edges of surfaces by their shape; --adaptive looks at them more closely."),
 ]
 AdaptiveOption = Annotated[
     bool | None,

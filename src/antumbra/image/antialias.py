@@ -99,6 +99,10 @@ class Mixture(NamedTuple):
             mixed += share.reshape(shape) * flat[other]
         return mixed
 
+    def mix(self, picture: np.ndarray) -> None:
+        """Write the mixed values to a contiguous picture (H, W, ...)."""
+        picture.reshape(-1, *picture.shape[2:])[self.pixels] = self.of(picture)
+
 
 def mixture(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> Mixture:
     """How pixels at edges are mixed of themselves and their neighbours.

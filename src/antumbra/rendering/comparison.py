@@ -100,7 +100,8 @@ class _Work(NamedTuple):
 
     def draw(self, plan: Plan, counters: bool = False) -> Frame:
         time, camera, lights = self.moment
-        return self.renderer(plan).render(camera, lights, time=time, counters=counters, **self.asked)
+        asked = {"antialias": False, **self.asked}  # a pixel that differs shows in no other pixel
+        return self.renderer(plan).render(camera, lights, time=time, counters=counters, **asked)
 
 
 def compare(
@@ -120,7 +121,7 @@ def compare(
         As in `antumbra.render`; `srdh_rays` are for the plans that want rays.
     say : function of (what is done, steps done, all steps), optional
     **asked
-        Further arguments of `Renderer.render`: spp, sampler, filter, adaptive, bounce, cull_faces.
+        Further arguments of `Renderer.render`: spp, sampler, filter, adaptive, bounce, cull_faces, antialias (False).
 
     Raises
     ------

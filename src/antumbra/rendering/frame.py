@@ -13,12 +13,17 @@ PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 
 
 class Layers(NamedTuple):
-    """The parts of a frame's image. Their sum, with ambient light, is the image, but for smoothed edges."""
+    """The parts of a frame's image. Their sum, with ambient light, is the image, but for divided edges."""
 
     albedo: np.ndarray  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
     lights: list[np.ndarray]  # per light (H, W, 3) float32: the image by this light alone, with its shadows
     indirect: np.ndarray | None  # (H, W, 3) float32: the image by light that bounced once; None without `bounce`
     object: np.ndarray  # (H, W) int32: index in `Scene.objects`; -1 in the background
+
+    @property
+    def images(self) -> list[np.ndarray]:
+        """The images by a part of the light."""
+        return self.lights if self.indirect is None else [*self.lights, self.indirect]
 
 
 class Ground(NamedTuple):

@@ -69,7 +69,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
         coverage = (surfaces.ids >= 0).astype(np.float32)
         divide(state, edge, Shown(image, coverage, ground, catcher), ambient, indirect)
     if request.antialias and edge is None:
-        coverage = antialias(state, surfaces, seen, image, ground)
+        coverage = antialias(state, surfaces, seen, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
     ran, choices, scheduled = _ran(state)
@@ -260,13 +260,13 @@ def _seen_skies(state: FrameState) -> list[Sky]:
 
 
 def antialias(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, image: np.ndarray, ground: Ground | None
+    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, pictures: list[np.ndarray], ground: Ground | None
 ) -> np.ndarray:
-    """Mix the pixels at edges with those across. Returns (H, W) float32: the share of each that shows surfaces."""
+    """Mix the pixels at edges of pictures with those across. Returns (H, W) float32: the share that shows surfaces."""
     coverage = (surfaces.ids >= 0).astype(np.float32)
     mixed, free = mixture(seen, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
-    coverage.reshape(-1)[mixed.pixels] = mixed.of(coverage)
-    image.reshape(-1, 3)[mixed.pixels] = mixed.of(image)
+    for picture in [coverage, *pictures]:
+        mixed.mix(picture)
     if ground is not None:
         kept, whole = mixed.of(free * ground.share), mixed.of(free)
         share = np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)

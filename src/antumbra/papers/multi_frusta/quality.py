@@ -40,7 +40,9 @@ def measure(case: Case, say: Callable[[str], None]) -> Quality:
     renderer, frames = Renderer(case.view.scene), {}
     for name, asked in FRAMES.items():
         say(f"{case.name}, Figures 5 and 7, {name}")
-        frames[name] = renderer.render(case.view.camera, case.view.lights, cull_faces=case.cull_faces, **asked)
+        frames[name] = renderer.render(
+            case.view.camera, case.view.lights, cull_faces=case.cull_faces, antialias=False, **asked
+        )
     seen, many = case.gbuffer.face >= 0, frames["256 samples"]
     colours = case.view.scene.colours
     edge = edges(seen_by(case.gbuffer, case.rays), colours) & seen
