@@ -88,9 +88,7 @@ def test_a_store_gives_the_same_picture(tmp_path):
     scene = at.procedural("city", triangles=3_000)
     at.build_store(scene, tmp_path / "city.antumbra")
     camera = scene.default_camera(64, 64)
-    one, other = (
-        at.render(s, camera, LIGHT, spp=4) for s in (scene, at.load(tmp_path / "city.antumbra"))
-    )
+    one, other = (at.render(s, camera, LIGHT, spp=4) for s in (scene, at.load(tmp_path / "city.antumbra")))
     np.testing.assert_array_equal(one.image, other.image)
 
 

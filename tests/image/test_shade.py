@@ -21,7 +21,8 @@ def scene():
 
 
 def _frame(scene, *lights, spp=16, size=(40, 32)):
-    return at.render(scene, at.Camera((0, 3, 9), (0, -0.5, 0), width=size[0], height=size[1]), lights, spp=spp, antialias=False)
+    camera = at.Camera((0, 3, 9), (0, -0.5, 0), width=size[0], height=size[1])
+    return at.render(scene, camera, lights, spp=spp, antialias=False)
 
 
 def test_ambient_occlusion_scales_the_ambient_light_and_nothing_else(scene):

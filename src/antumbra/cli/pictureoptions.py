@@ -114,7 +114,9 @@ FilterOption = Annotated[
 ]
 AntialiasOption = Annotated[
     bool,
-    typer.Option("--aa/--no-aa", help="Smooth edges of surfaces by their shape; --adaptive looks at them more closely."),
+    typer.Option(
+        "--aa/--no-aa", help="Smooth edges of surfaces by their shape; --adaptive looks at them more closely."
+    ),
 ]
 AdaptiveOption = Annotated[
     bool | None,

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..image.antialias import mixture
 from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import as_needed, fraction, refine_penumbra
@@ -21,6 +20,7 @@ from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerator
+from .antialias import antialias
 from .frame import Frame, Ground
 from .ground import ShadowCatcher
 from .indirect import indirect_light
@@ -38,6 +38,7 @@ from .state import (
     ask,
     ask_all,
     dressed,
+    edge_colours,
     picture,
     queries_of,
     shaded,
@@ -178,17 +179,6 @@ def refine(
     return edge, refined
 
 
-def edge_colours(state: FrameState) -> np.ndarray:
-    """(n, 3) float32: colours of faces that differ at edges; the faces of a texture all have the same."""
-    colour, appearance = state.triangles.colour, state.source.scene.appearance
-    if appearance is None or not state.request.textures:
-        return colour
-    factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
-    own = appearance.material_of_face[state.triangles.face_id]
-    varied = appearance.textured[state.triangles.face_id] | (appearance.colours is not None)
-    return np.where((varied & (own >= 0))[:, None], factors[own], colour)
-
-
 def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> np.ndarray:
     return traced_before(state, [query], [bits]).bits[0]
 
@@ -257,22 +247,6 @@ def behind(
 
 def _seen_skies(state: FrameState) -> list[Sky]:
     return skies_of(state.request.lights) if state.request.background else []
-
-
-def antialias(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, pictures: list[np.ndarray], ground: Ground | None
-) -> np.ndarray:
-    """Mix the pixels at edges of pictures with those across. Returns (H, W) float32: the share that shows surfaces."""
-    coverage = (surfaces.ids >= 0).astype(np.float32)
-    mixed, free = mixture(seen, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
-    for picture in [coverage, *pictures]:
-        mixed.mix(picture)
-    if ground is not None:
-        kept, whole = mixed.of(free * ground.share), mixed.of(free)
-        share = np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
-        ground.share.reshape(-1, 3)[mixed.pixels] = share
-    state.clock.lap("shade")
-    return coverage
 
 
 class Shown(NamedTuple):

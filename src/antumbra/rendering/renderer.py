@@ -274,9 +274,10 @@ def render(
         `Frame.ground` has its visibility. It blocks no ray, changes no other pixel and is not in `Frame.mask`. It is
         not seen from below, and a store has none.
     antialias : bool
-        Smooth the edges of surfaces in the image and in its coverage, at next to no cost: pixels at an edge are mixed with
-        their neighbours across it, by the shape of the edge. No ray is traced, and neither bits, visibility nor G-buffer
-        change. `adaptive` smooths edges better, and replaces it. If False, each pixel shows what its centre sees.
+        Smooth the edges of surfaces in the image, its coverage and the light of its layers, at next to no cost: pixels
+        at an edge are mixed with their neighbours across it, by the shape of the edge. No ray is traced, and neither
+        bits, visibility nor G-buffer change. `adaptive` smooths edges better, and replaces it. If False, each pixel
+        shows what its centre sees.
 
     Returns
     -------

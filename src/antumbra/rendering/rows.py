@@ -15,10 +15,10 @@ from ..query.surface import seen_by
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated, Accelerator
 from .indirect import indirect_light
-from .passes import edge_colours, evaluate, look, open_to_all, trace
+from .passes import evaluate, look, open_to_all, trace
 from .request import Request
 from .source import RenderSource
-from .state import FrameState, KeptRows, TracedLights, accelerate, ask, ask_all, queries_of
+from .state import FrameState, KeptRows, TracedLights, accelerate, ask, ask_all, edge_colours, queries_of
 
 BAND = 32
 """Rows of a band: a multiple of 4, so that each pixel has the sample set that it has in the picture."""

@@ -174,3 +174,14 @@ def picture(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient
     """The image of these surfaces, (H, W, 3) float32, shaded with unfiltered bits."""
     shares = [fraction_lit(b, query.samples.shape[1], state.threads) for query, b in zip(*traced)]
     return shaded(state, surfaces, arriving_at(state, surfaces, traced), shares, ambient, indirect)
+
+
+def edge_colours(state: FrameState) -> np.ndarray:
+    """(n, 3) float32: colours of faces that differ at edges; the faces of a texture all have the same."""
+    colour, appearance = state.triangles.colour, state.source.scene.appearance
+    if appearance is None or not state.request.textures:
+        return colour
+    factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
+    own = appearance.material_of_face[state.triangles.face_id]
+    varied = appearance.textured[state.triangles.face_id] | (appearance.colours is not None)
+    return np.where((varied & (own >= 0))[:, None], factors[own], colour)
