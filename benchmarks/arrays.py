@@ -13,7 +13,8 @@ Timed calls:
 
 - `occluded`: the whole call, from arrays to an array of bool.
 - `embree 1` and `embree 16`: rtcOccluded1 and rtcOccluded16 in compiled loops on as many threads, with the coherent
-  flag for coherent rays. The times do *not* include making the ray records and reading the answers.
+  flag for coherent rays, in trees of medium and of high build quality. The times do *not* include making the ray
+  records and reading the answers.
 - `embreex` and `open3d`: their own Python calls.
 
 Trees are built and kernels compiled before.
@@ -22,6 +23,7 @@ Trees are built and kernels compiled before.
 import json
 import statistics
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -80,14 +82,18 @@ def incoherent(scene, n: int):
     return a, b - a
 
 
+QUALITIES = "medium", "high"
+
+
 class Records:
-    """Embree's scene, and the rays in its layout: one by one, and in packets of 16."""
+    """Embree's scenes, and the rays in its layout: one by one, and in packets of 16."""
 
     def __init__(self, scene, rays, threads: int):
         origins, directions = rays
         self.local = ray_set((origins - scene.origin).astype(np.float32), directions, 1.0)
         self.device = embree.Device(threads)
-        self.scene = embree.EmbreeScene(self.device, scene.triangles(0.0).vertices)
+        vertices = scene.triangles(0.0).vertices
+        self.scenes = {quality: embree.EmbreeScene(self.device, vertices, quality=quality) for quality in QUALITIES}
         ids = np.arange(len(origins), dtype=np.int32)
         self.single = write(self.local, ids, threads=threads)
         self.packets = write(self.local, ids.reshape(-1, 16), threads=threads)
@@ -101,7 +107,8 @@ class Records:
         return occluded_of(self.local, self.packets)
 
     def close(self) -> None:
-        self.scene.close()
+        for scene in self.scenes.values():
+            scene.close()
         self.device.close()
 
 
@@ -110,8 +117,9 @@ def methods(scene, rays, is_coherent: bool, threads: int, peer: Records | None):
     origins, directions = rays
     found = {"occluded": lambda: scene.occluded(origins, directions, tmax=1.0, threads=threads)}
     if peer:
-        found["embree 1"] = lambda: trace(peer.scene, peer.single, is_coherent, threads)
-        found["embree 16"] = lambda: trace(peer.scene, peer.packets, is_coherent, threads)
+        for quality, built in peer.scenes.items():
+            found[f"embree 1 {quality}"] = partial(trace, built, peer.single, is_coherent, threads)
+            found[f"embree 16 {quality}"] = partial(trace, built, peer.packets, is_coherent, threads)
         found["embreex"] = _embreex(scene, origins, directions)
     if installed(open3d_rays.library):
         found["open3d"] = _open3d(scene, origins, directions, threads)
@@ -151,7 +159,7 @@ def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> lis
                 seconds[k].append(time.perf_counter() - start)
             if k == "occluded":
                 ours = result
-            if k == "embree 16":
+            if k == "embree 16 medium":
                 differ = int((peer.answers() != ours).sum())
     if peer:
         peer.close()
@@ -178,7 +186,7 @@ def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> lis
 def line(row: dict) -> str:
     differ = "" if row["differ_from_embree"] is None else row["differ_from_embree"]
     return (
-        f"{row['scene']:16s} {row['kind']:10s} {row['threads']:3d} {row['method']:10s} {row['median_ms']:9.1f} "
+        f"{row['scene']:16s} {row['kind']:10s} {row['threads']:3d} {row['method']:16s} {row['median_ms']:9.1f} "
         f"{row['min_ms']:9.1f} {row['million_rays_per_second']:8.2f} {row['we_are_faster']:7.2f} "
         f"{row['of_minima']:7.2f} {row['occluded']:6.3f} {differ:>8}"
     )
@@ -194,7 +202,7 @@ def main() -> None:
     n = options.rays // 16 * 16
     paths = options.scene or [p for s in REAL if (p := SCENES / s / "scene.glb").exists()] + [Path("forest")]
     print(
-        f"{'scene':16s} {'rays':10s} {'thr':>3s} {'method':10s} {'median ms':>9s} {'min':>9s} {'Mray/s':>8s} "
+        f"{'scene':16s} {'rays':10s} {'thr':>3s} {'method':16s} {'median ms':>9s} {'min':>9s} {'Mray/s':>8s} "
         f"{'faster':>7s} {'of mins':>7s} {'occl.':>6s} {'differ':>8s}"
     )
     rows = []

@@ -5,7 +5,7 @@
 A scene is bart_robots or synthetic_garden_foxes ($ANTUMBRA_SCENES), or a file that `antumbra.load` reads. Camera and
 small square light are those of its info.json.
 
-Timed for ours: `Renderer.render`, from the call to the picture.
+Timed for ours: `Renderer.render` without anti-aliasing, from the call to the picture.
 
 Timed for the peer: our evaluation; Embree's build or refit; primary rays, receivers and shadow rays; our fractions and
 our shading. Rays are made and traced in compiled loops on all threads, to the same points of the light. Copying
@@ -76,7 +76,7 @@ class Ours:
 
     def frame(self, moment: float) -> Result:
         before = self.clock()
-        frame = self.renderer.render(self.view.camera, self.view.light, spp=self.spp, time=moment)
+        frame = self.renderer.render(self.view.camera, self.view.light, spp=self.spp, time=moment, antialias=False)
         return Result({**frame.timings, "total": self.clock() - before}, frame.visibility[0])
 
     def close(self) -> None:

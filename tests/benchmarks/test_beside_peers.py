@@ -50,7 +50,8 @@ def check_contenders(outcome, hidden, ours):
 def test_arrays(run, small, hidden):
     done = run("arrays", small, "--rays", 1024, "--rounds", 1, "--threads", 1, without=hidden)
     check_left_out(done, *["Embree"] * without_embree(hidden), "Open3D")
-    methods = ["occluded"] if without_embree(hidden) else ["occluded", "embree 1", "embree 16", "embreex"]
+    embree = [f"embree {packet} {quality}" for quality in ("medium", "high") for packet in (1, 16)]
+    methods = ["occluded"] if without_embree(hidden) else ["occluded", *embree, "embreex"]
     found = [(row["kind"], row["method"]) for row in done.rows]
     assert found == [(kind, method) for kind in ("coherent", "incoherent") for method in methods]
     assert all(0 < row["occluded"] < 1 and row["rays"] == 1024 for row in done.rows)

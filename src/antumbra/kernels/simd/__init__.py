@@ -44,10 +44,10 @@ Lanes
     `swap_halves`, `shuffle`, `join`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for masks
     `bits`, `any_lane`, `all_lanes`.
 Memory
-    `load4`, `broadcast4`, `gather`, `store`, `store_compressed`, `get` and `put` work on arrays and pointers, and so does
-    `load16x3`, which takes interleaved vectors apart. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`, `f64_at` and
-    `i32_at` make them from an address. `stack_f32`, `stack_f64`, `stack_i32` and `stack_i64` give scratch memory,
-    `stack_array` an array of it. There are `prefetch`, `atomic_add`, `atomic_and` and `atomic_or` too.
+    `load4`, `broadcast4`, `gather`, `store`, `store_compressed`, `get` and `put` work on arrays and pointers. So does
+    `load16x3`, which takes interleaved vectors apart. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`,
+    `f64_at` and `i32_at` make them from an address. `stack_f32`, `stack_f64`, `stack_i32` and `stack_i64` give scratch
+    memory, `stack_array` an array of it. There are `prefetch`, `atomic_add`, `atomic_and` and `atomic_or` too.
 Bits of an int64
     `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to walk the lanes of ``bits(mask)``.
 

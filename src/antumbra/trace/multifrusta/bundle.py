@@ -20,8 +20,8 @@ TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a tile gro
 LANES = 12 * 16
 STACK = 4 * MAX_DEPTH
 PLACES = 2 * MAX_TILES
-WAITING = TREE + 1
-BLOCKERS = WAITING + 2
+WAITING = TREE + 1  # a leaf, and its lanes
+BLOCKERS = WAITING + 2  # the number of a tree, and blocks that blocked all segments of a lane, the last one first
 N_BLOCKERS = 4
 AT = BLOCKERS + 1 + N_BLOCKERS
 DEFERRED_INTS = deferred_ints(MAX_TILES)
@@ -49,7 +49,7 @@ class Scratch(NamedTuple):
     left: I32Ptr  # int32: of each tile of the region, bits of the receivers not traced yet
     places: I32Ptr  # int32: y and x of each tile's first pixel
     planes: F32Ptr  # float32, for `horizon`
-    at: I32Ptr  # int32: a walk as `descent.save` writes it; at TREE the tree's number; at WAITING a leaf and its lanes; at BLOCKERS see `trace`
+    at: I32Ptr  # int32: a walk as `descent.save` writes it; at TREE, WAITING and BLOCKERS what these describe
     deferred: I32Ptr  # int32, see `deferred`
 
 

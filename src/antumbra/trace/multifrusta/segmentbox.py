@@ -38,7 +38,8 @@ _F = np.float32
 _PAD = _F(32 * 2.0**-24)
 _LOW = _F(4 * 2.0**-24)
 _TINY = _F(1e-35)
-_READY, _REACH, _ROWS = 0, 16, 32  # int32: bits of the strata whose rows are filled; float32: R of each; three rows each
+_READY, _REACH, _ROWS = 0, 16, 32
+"""int32: bits of the strata whose numbers are filled. float32: R of each; then three rows of reciprocals of each."""
 
 
 class Box(NamedTuple):
