@@ -75,6 +75,23 @@ def test_a_sample_decides_among_likely_ways_and_the_next_frame_remembers(scene, 
         np.testing.assert_array_equal(frame.image, named.image)
 
 
+def test_the_first_call_of_a_way_does_not_count(scene, monkeypatch):
+    """It loads kernels. Shafts once looked hopeless for that alone."""
+    clock, called = [0.0], []
+
+    def first_takes_long(name, forms, query, threads):
+        clock[0] += 1e-4 if name in called else 100.0
+        called.append(name)
+
+    monkeypatch.setattr(choose, "answer", first_takes_long)
+    monkeypatch.setattr(choose, "perf_counter", lambda: clock[0])
+    triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), LAMP, 4)
+    auto = trace.Auto(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    facts = trace.facts_of(query, auto.forms.triangles, auto.forms.box)
+    found = choose.try_ways(query, auto.forms, list(WAYS), facts, 1e-7, 2)
+    assert set(found) == set(WAYS) and max(found.values()) < 1e4
+
+
 def test_an_unlikely_way_is_not_tried(scene, monkeypatch):
     monkeypatch.setattr(choose, "_TRY", 1e-9)
     monkeypatch.setattr(choose, "_MAKING", 1e9)

@@ -13,7 +13,7 @@ from ..query.shadow import ShadowQuery, ray_count
 from ..trace.lighttable import STRATA
 from .facts import Facts, if_sorted, size_of
 from .rates import form_seconds, lost_share, rate
-from .sample import sample_of
+from .sample import sample_of, tile_of
 from .ways import WAYS, Forms, answer
 
 _TRY = 0.02  # seconds of a query that are worth the try of one more way
@@ -151,7 +151,6 @@ def try_ways(query, forms: Forms, ways: list[str], facts: Facts, of_ray: float, 
     first, sample = sample_of(query, 1), _sample(query, facts.receivers, _SAMPLE / (of_ray * rays_of_window))
     found: dict[str, float] = {}
     for name in sorted(ways, key=lambda name: name in _RISKY):
-        forms.of(WAYS[name])
         if name in _RISKY and _rate_of(name, forms, first, threads) > _HOPELESS * min(found.values(), default=1e30):
             continue
         found[name] = _rate_of(name, forms, sample, threads)
@@ -171,6 +170,8 @@ def sampled_rate(way: str, forms: Forms, query: ShadowQuery, threads: int) -> fl
 
 
 def _rate_of(way: str, forms: Forms, query: ShadowQuery, threads: int) -> float:
+    """Nanoseconds a ray of a way. The first call of a process loads kernels, so a few rays go before."""
+    answer(way, forms, tile_of(query), threads)
     start = perf_counter()
     answer(way, forms, query, threads)
     return 1e9 * (perf_counter() - start) / max(ray_count(query), 1)

@@ -7,6 +7,7 @@ from ..query.shadow import ShadowQuery, with_receivers
 from ..trace.lighttable import STRATA
 
 _SIDE, _ROW = 16, 256  # receivers of a window: of a picture, both ways, and of a row
+_TILE = 4  # receivers of a tile of a picture, both ways
 
 
 def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
@@ -26,3 +27,9 @@ def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
     y, x = y[chosen], x[chosen]
     join = lambda a: np.concatenate([a[i : i + height, j : j + width] for i, j in zip(y, x)], axis=0 if h > 1 else 1)
     return with_receivers(query, join)._replace(samples=np.ascontiguousarray(query.samples[:, :STRATA]))
+
+
+def tile_of(query: ShadowQuery) -> ShadowQuery:
+    """The query of the first 16 receivers, or fewer: hardly any rays."""
+    height, width = (_TILE, _TILE) if query.sides.shape[0] > 1 else (1, _TILE * _TILE)
+    return with_receivers(query, lambda a: a[:height, :width])
