@@ -12,7 +12,7 @@ import antumbra as at
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 temple = Path(os.environ.get("ANTUMBRA_SCENES", "")) / "japanese_temple" / "scene.glb"
-scene = at.load(temple) if temple.is_file() else at.procedural("courtyard", triangles=20_000)
+scene = at.load(temple) if temple.is_file() else at.procedural("atrium", triangles=20_000)
 
 waits = len(sys.argv) == 1
 with at.view(scene, port=0, browser=waits) as viewer:

@@ -14,6 +14,7 @@ import zipfile
 import pytest
 
 import antumbra as at
+from antumbra.scene.procedural import PROCEDURAL
 from repository import ROOT, tool
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -292,3 +293,10 @@ def test_sdist_holds_what_a_developer_needs(built):
     wanted |= {"docs/conf.py", "docs/REFERENCES.bib", "examples/minimal.py", "scripts/check"}
     assert wanted <= names
     assert not [n for n in names if "__pycache__" in n or n.startswith("docs/_build")]
+
+
+def test_procedural_scenes_that_programs_and_pages_name_are_there():
+    """Programs that fall back on them do so only where the real scenes are absent."""
+    files = [*(ROOT / "examples").rglob("*.py"), *(ROOT / "docs").rglob("*.py"), *(ROOT / "docs").rglob("*.md")]
+    named = {name for f in files for name in re.findall(r"""procedural\(["'](\w+)["']""", f.read_text())}
+    assert named and named <= set(PROCEDURAL)
