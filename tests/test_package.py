@@ -297,6 +297,11 @@ def test_sdist_holds_what_a_developer_needs(built):
 
 def test_procedural_scenes_that_programs_and_pages_name_are_there():
     """Programs that fall back on them do so only where the real scenes are absent."""
-    files = [*(ROOT / "examples").rglob("*.py"), *(ROOT / "docs").rglob("*.py"), *(ROOT / "docs").rglob("*.md")]
-    named = {name for f in files for name in re.findall(r"""procedural\(["'](\w+)["']""", f.read_text())}
+    files = [f for kind in ("*.py", "*.md") for folder in ("examples", "docs") for f in (ROOT / folder).rglob(kind)]
+    named = {
+        name
+        for f in files
+        if "_build" not in f.parts
+        for name in re.findall(r"""procedural\(["'](\w+)["']""", f.read_text())
+    }
     assert named and named <= set(PROCEDURAL)
