@@ -7,6 +7,6 @@
 - forest: the trees that rays go through one after the other, and `walk_tree`, the step that each tracer defines
 - descent, slabs: the way down one tree to its leaves, and 16 box tests at once
 - cutouts, texels: faces with holes, after everything else
-- blocktest, raytest: tests of a ray and a block, and of 16 rays and a triangle
+- blocktest, raytest, segmentbox: tests of a ray and a block, of 16 rays and a triangle, and of 16 rays and a box
 - deferred: tests that float32 cannot decide; counters: exact counts of the work
 """

@@ -34,6 +34,7 @@ from ..query.shadow import patch_of
 from .beams import BEAM_FLOATS
 from .lighttable import GROUPS, POINTS, TARGETS, bound_strata, bound_targets
 from .querychunk import place_of
+from .segmentbox import INVERSE_FLOATS
 from .shafts import SHAFT_FLOATS
 
 _F = np.float32
@@ -41,8 +42,7 @@ _INFO, _FACES, _DEAD, _SHAFTS = 48, 64, 80, 96
 _BEAMS = _SHAFTS + SHAFT_FLOATS
 _OWN = _BEAMS + BEAM_FLOATS  # floats of a tile besides its light samples
 _INVERSES = _OWN + 2 * POINTS + GROUPS + TARGETS
-_INVERSE_FLOATS = 32 + POINTS
-TILE_FLOATS = _INVERSES + _INVERSE_FLOATS
+TILE_FLOATS = _INVERSES + INVERSE_FLOATS
 SPLIT = _F(0.75)
 
 

@@ -4,5 +4,4 @@
 - bundle, region: the 16 lanes of a bundle; regions of 16 tiles, cut into parts that are traced together
 - tilegroup, compaction: tiles that share a walk; their rays gathered into full vectors
 - shaftbox, shaftcull, shaftleaf: shafts and beams against boxes, triangles, and blocks of triangles
-- segmentbox: segments one by one against the boxes of blocks
 """

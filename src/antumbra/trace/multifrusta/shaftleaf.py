@@ -37,8 +37,8 @@ from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from ..deferred import defer
 from ..lighttable import group_of
 from ..raytest import LANES, decide, keep_lanes, kept_lane
+from ..segmentbox import box_at, rays_in_box
 from ..tile import finished_strata
-from .segmentbox import box_at, rays_in_box
 from .shaftbox import beams_in_box, strata_in_box
 from .shaftcull import CULL_WORK, cull_beams, cull_block, cull_strata, plane_of, receiver_lanes, triangle_lanes
 

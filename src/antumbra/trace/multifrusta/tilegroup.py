@@ -36,10 +36,10 @@ from ..beams import is_near
 from ..blocktest import Block, numbers_of
 from ..counters import CANDIDATES, COVERED, TRIANGLES, count
 from ..lighttable import ALL_GROUPS, STRATA
+from ..segmentbox import box_at, rays_in_box
 from ..shafts import HALF, D, N, make_shafts
 from ..tile import Tile, finished_strata, tile_at
 from .compaction import COMPACTED_FLOATS, Compacted, compacted_at, gather, test_one_by_one, test_together
-from .segmentbox import box_at, rays_in_box
 from .shaftbox import shafts_in_box
 from .shaftcull import cull_block, cull_tiles
 

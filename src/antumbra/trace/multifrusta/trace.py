@@ -24,6 +24,7 @@ from ..lighttable import STRATA, light_table
 from ..packets.incoherent import extents_of, is_far, is_huge, is_incoherent
 from ..packets.packet16 import over_pixels, over_samples
 from ..querychunk import QueryChunk, query_chunk_of, sets_of, tile_shape
+from ..segmentbox import forget_inverses
 from ..shafts import make_shafts
 from ..tile import bound_receivers, finished_strata, first_pixel, move_light, read_bits, tile_at, write_bits
 from .bundle import (
@@ -48,7 +49,6 @@ from .bundle import (
     tiles_to_fill,
 )
 from .region import RUN, corner_of, layout_of, near_each_other, next_parts, runs
-from .segmentbox import forget_inverses
 from .shaftleaf import WORK, trace_block
 from .tilegroup import TILE_GROUP_FLOATS, close, finished, make_tile_group, tile_in, tiles_by_beams, trace_tile_group
 

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F32x16
-from ...kernels.jit import inlined, kernel
-from ...kernels.simd import (
+from ..kernels.fields import F32x16
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import (
     absolute,
     as_i32,
     bits,
@@ -32,7 +32,8 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec import Vec, broadcasts, largest, minus, rows
+from ..kernels.vec import Vec, broadcasts, largest, minus, rows
+from .lighttable import POINTS
 
 _F = np.float32
 _PAD = _F(32 * 2.0**-24)
@@ -40,6 +41,7 @@ _LOW = _F(4 * 2.0**-24)
 _TINY = _F(1e-35)
 _READY, _REACH, _ROWS = 0, 16, 32
 """int32: bits of the strata whose numbers are filled. float32: R of each; then three rows of reciprocals of each."""
+INVERSE_FLOATS = _ROWS + POINTS
 
 
 class Box(NamedTuple):
