@@ -9,6 +9,7 @@ from ..query.receivers import NOTHING
 from ..query.shadow import ShadowQuery
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from ..trace.packets.incoherent import sample_extents
+from ..trace.querychunk import tile_shape
 
 _TILES = 96  # tiles that are looked at
 _SIDE = 4  # of a tile of a picture
@@ -61,7 +62,7 @@ def _sizes_of_light(query: ShadowQuery) -> tuple[float, float]:
 def tile_size(query: ShadowQuery) -> float:
     """Mean size of the box of a tile's receivers, over some tiles."""
     h, w = query.sides.shape
-    height, width = (_SIDE, _SIDE) if h > 1 else (1, _SIDE * _SIDE)
+    width, height = tile_shape(query)[:2]
     rows, columns = max(h // height, 1), max(w // width, 1)
     some = np.unique(np.linspace(0, rows * columns - 1, _TILES).astype(int))
     y, x = some // columns * height, some % columns * width

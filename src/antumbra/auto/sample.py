@@ -5,9 +5,9 @@ import numpy as np
 from ..query.receivers import NOTHING
 from ..query.shadow import ShadowQuery, with_receivers
 from ..trace.lighttable import STRATA
+from ..trace.querychunk import tile_shape
 
 _SIDE, _ROW = 16, 256  # receivers of a window: of a picture, both ways, and of a row
-_TILE = 4  # receivers of a tile of a picture, both ways
 
 
 def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
@@ -30,6 +30,6 @@ def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
 
 
 def tile_of(query: ShadowQuery) -> ShadowQuery:
-    """The query of the first 16 receivers, or fewer: hardly any rays."""
-    height, width = (_TILE, _TILE) if query.sides.shape[0] > 1 else (1, _TILE * _TILE)
-    return with_receivers(query, lambda a: a[:height, :width])
+    """The query of the first tile, 16 receivers or fewer: hardly any rays."""
+    shape = tile_shape(query)
+    return with_receivers(query, lambda a: a[: shape.height, : shape.width])
