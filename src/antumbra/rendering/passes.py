@@ -69,7 +69,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
         divide(state, edge, Shown(image, coverage, ground, catcher), ambient, indirect)
-    if request.antialias and edge is None:
+    if request.smooths_edges:
         coverage = antialias(state, surfaces, seen, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)

@@ -179,7 +179,7 @@ class Renderer:
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
             warm_up_quality()
-        if request.antialias and request.finer is None:
+        if request.smooths_edges:
             warm_up_antialias()
         if (request.textures or request.smooth_normals) and self.scene.appearance is not None:
             warm_up_dressed()

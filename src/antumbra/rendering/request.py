@@ -29,7 +29,12 @@ class Request(NamedTuple):
     textures: bool = True  # whether pixels show textures and colours of vertices, not mean colours of faces
     smooth_normals: bool = True  # whether the normals of vertices shade, not those of faces
     ground: float | None = None  # height of the ground that catches shadows, world; None: there is none
-    antialias: bool = True  # whether edges are smoothed without another ray
+    antialias: bool = True  # see `smooths_edges`
+
+    @property
+    def smooths_edges(self) -> bool:
+        """Whether edges are smoothed without another ray. Finer samples divide them instead."""
+        return self.antialias and self.finer is None
 
 
 def rays_of(request: Request) -> tuple[int, int]:
