@@ -23,6 +23,7 @@ COUNTERS = (
     "covered",
     "shrinks",
     "group_tiles",
+    "group_strata",
 )
 """Names, in the order of the array:
 
@@ -34,7 +35,7 @@ COUNTERS = (
 Tracers of many rays at once also count:
 
 - triangles fetched; candidates: triangles left after whole bundles were culled; lanes that one triangle covers whole
-- frusta shrunk to the rays that are left; tiles traced in tile groups
+- frusta shrunk to the rays that are left; tiles traced in tile groups; strata of tile groups tested against a block
 
 Ray hierarchies count a node each time that a triangle is tested against it. Candidates are those of these pairs that
 may meet.
@@ -44,7 +45,7 @@ node, or all eight. Tracers of many rays count a test of up to 16 lanes against 
 """
 
 RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
-TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES = range(8, len(COUNTERS))
+TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES, GROUP_STRATA = range(8, len(COUNTERS))
 N_COUNTERS = len(COUNTERS)
 
 

@@ -126,7 +126,7 @@ def are_separate(forest, j, k):
     return get(forest.trees, j * ADDRESSES + CORNERS) != get(forest.trees, k * ADDRESSES + CORNERS)
 
 
-# Overloads give the bodies of this stub: `_walk_tree` in multifrusta/trace.py and `_walk_tree` in packets/packet16.py.
+# Overloads give the bodies of this stub: `_walk_tree` in multifrusta/walk.py and `_walk_tree` in packets/packet16.py.
 def walk_tree(tree, slabs, at, alive, job, scratch, counters):
     """In kernels: trace the lanes in `alive` through a tree, as the type of `job` says.
 

@@ -65,15 +65,21 @@ def forget_inverses(tile):
     put(as_i32(tile.inverses), _READY, 0)
 
 
+@inlined
+def keep_inverses(memory, at, o, l):
+    """Write the reciprocals of 16 segments from o to l to three rows of `memory`. Return R."""
+    reach = reduce_max(maximum(largest(o), largest(l)))
+    low, d = splat16(reach * _LOW + _TINY), minus(l, o)
+    store(memory, at, _F(1.0) / select(absolute(d.x) > low + low, d.x, low))
+    store(memory, at + 16, _F(1.0) / select(absolute(d.y) > low + low, d.y, low))
+    store(memory, at + 32, _F(1.0) / select(absolute(d.z) > low + low, d.z, low))
+    return reach
+
+
 @kernel
 def _fill_inverses(tile, s):
     """Write the reciprocals of the segments to stratum s."""
-    o, l = rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16)
-    reach = reduce_max(maximum(largest(o), largest(l)))
-    low, d, at = splat16(reach * _LOW + _TINY), minus(l, o), _ROWS + 48 * s
-    store(tile.inverses, at, _F(1.0) / select(absolute(d.x) > low + low, d.x, low))
-    store(tile.inverses, at + 16, _F(1.0) / select(absolute(d.y) > low + low, d.y, low))
-    store(tile.inverses, at + 32, _F(1.0) / select(absolute(d.z) > low + low, d.z, low))
+    reach = keep_inverses(tile.inverses, _ROWS + 48 * s, rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16))
     put(tile.inverses, _REACH + s, reach)
     ready = as_i32(tile.inverses)
     put(ready, _READY, np.int64(get(ready, _READY)) | np.int64(1) << s)
@@ -91,8 +97,14 @@ def rays_in_box(tile, s, box):
     """Bits of the receivers whose segment to stratum s meets a `Box`."""
     if np.int64(get(as_i32(tile.inverses), _READY)) >> s & 1 == 0:
         _fill_inverses(tile, s)
-    o, inverse, c = rows(tile.origins, 0, 16), rows(tile.inverses, _ROWS + 48 * s, 16), box.middle
-    pad = fma(maximum(broadcast16(tile.inverses, _REACH + s), box.reach), splat16(_PAD), splat16(_TINY))
+    inverse, reach = rows(tile.inverses, _ROWS + 48 * s, 16), broadcast16(tile.inverses, _REACH + s)
+    return segments_in_box(rows(tile.origins, 0, 16), inverse, reach, box)
+
+
+@inlined
+def segments_in_box(o, inverse, reach, box):
+    """Bits of the segments from o that meet a `Box`; inverse, reach: as `keep_inverses` gives them."""
+    c, pad = box.middle, fma(maximum(reach, box.reach), splat16(_PAD), splat16(_TINY))
     x0, x1 = _span(c.x, o.x, inverse.x, box.half.x + pad)
     y0, y1 = _span(c.y, o.y, inverse.y, box.half.y + pad)
     z0, z1 = _span(c.z, o.z, inverse.z, box.half.z + pad)

@@ -13,9 +13,9 @@ from ..forest import TREE
 from ..lighttable import ALL_GROUPS, STRATA
 from ..slabs import Shafts
 from ..tile import TILE_FLOATS, finished_strata, tile_at
+from .region import MAX_TILES
 from .tilegroup import tile_group_at
 
-MAX_TILES = 16
 TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a tile group
 LANES = 12 * 16
 STACK = 4 * MAX_DEPTH
@@ -39,18 +39,19 @@ class Bundle(NamedTuple):
 class Scratch(NamedTuple):
     """A thread's memory."""
 
-    tiles: F32Ptr  # float32: the tiles of a region, or one part of each
+    tiles: F32Ptr  # float32: the parts of a cluster
     lanes: F32Ptr  # float32, rows of `Shafts`
     work: F32Ptr  # float32, for `shaftleaf`
     tile_group: F32Ptr  # float32, see `tilegroup`
     stack: I32Ptr  # int32: links and masks
     slots: I32Ptr  # int32: the bundle's tiles
     valid: I32Ptr  # int32: bits of each tile's receivers
-    left: I32Ptr  # int32: of each tile of the region, bits of the receivers not traced yet
+    parts: I32Ptr  # int32, see `clusters`
     places: I32Ptr  # int32: y and x of each tile's first pixel
     planes: F32Ptr  # float32, for `horizon`
     at: I32Ptr  # int32: a walk as `descent.save` writes it; at TREE, WAITING and BLOCKERS what these describe
     deferred: I32Ptr  # int32, see `deferred`
+    trials: F32Ptr  # float32, see `grouping`
 
 
 @inlined

@@ -260,6 +260,12 @@ def plane_of(work, i):
 
 
 @inlined
+def triangle_size(work, i):
+    """The largest component of the edges of triangle i of the block, in all lanes."""
+    return broadcast16(work, _SIZE + i)
+
+
+@inlined
 def triangle_lanes(origins, numbers, work, i):
     """`Lanes` of triangle i of a block, which `cull_block` has kept, for rays from 16 origins."""
     a = minus(broadcasts(numbers, i, 16), origins)

@@ -3,11 +3,11 @@
 In the walk, the lanes are the light's strata, as seen from the box around the receivers of all tiles. This box adds
 little to the width of a stratum's shaft, and up to 16 tiles share the walk.
 
-At a block, the lanes are the tiles, for each stratum whose shaft meets the block. The rays that meet the block's box
-are gathered from these tiles into full vectors. Few rays are each tested against all triangles of the block. More rays
-are tested against the triangles that the tile group's shaft may meet. If there are many rays, the tiles that one
-triangle covers whole are removed first. Next to the receivers, `shaftleaf` tests blocks tile by tile, because beams are
-narrower there.
+A block is tested in one of three ways, whichever has the narrowest frusta at the block's place:
+
+- next to the receivers tile by tile, with beams (`shaftleaf`),
+- then stratum by stratum, with the tiles as lanes (`tilelanes`),
+- towards a light that stays, stratum by stratum, with its points as lanes (`fans`).
 """
 
 from typing import NamedTuple
@@ -23,32 +23,33 @@ from ...kernels.simd import (
     get,
     load16,
     lowest_bit,
-    mask_from_bits16,
-    popcount,
+    maximum,
+    minimum,
     ptr_at,
     put,
-    select,
+    reduce_and,
     splat16,
     store,
 )
-from ...kernels.vec import Vec, broadcasts, minus, rows
+from ...kernels.vec import Vec, broadcasts, rows
 from ..beams import is_near
-from ..blocktest import Block, numbers_of
-from ..counters import CANDIDATES, COVERED, TRIANGLES, count
+from ..blocktest import Block
+from ..counters import GROUP_STRATA, TRIANGLES, count
 from ..lighttable import ALL_GROUPS, STRATA
-from ..segmentbox import box_at, rays_in_box
+from ..segmentbox import box_at
 from ..shafts import HALF, D, N, make_shafts
-from ..tile import Tile, finished_strata, tile_at
-from .compaction import COMPACTED_FLOATS, Compacted, compacted_at, gather, test_one_by_one, test_together
+from ..tile import Tile, tile_at
+from .compaction import COMPACTED_FLOATS, Compacted, compacted_at
+from .fans import FAN_FLOATS, Fans, add_to_fans, close_fans, fans_at, fans_in_box, trace_fans
 from .shaftbox import shafts_in_box
-from .shaftcull import cull_block, cull_tiles
+from .tilelanes import BOXES, tiles_in_box, trace_tiles
 
 _F = np.float32
-_BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)
-_OPEN = (1 + STRATA) * _BOXES
-TILE_GROUP_FLOATS = _OPEN + 16 + COMPACTED_FLOATS
-_FEW_RAYS = 6  # up to this many rays of all tiles are tested one by one
-_MANY_RAYS = 48  # from this many rays on, triangles that cover whole tiles are looked for first
+_OPEN = (1 + STRATA) * BOXES
+_DEAD = _OPEN + 16
+_FANS = _DEAD + 16 * STRATA
+_COMPACTED = _FANS + FAN_FLOATS
+TILE_GROUP_FLOATS = _COMPACTED + COMPACTED_FLOATS
 
 
 class TileGroup(NamedTuple):
@@ -60,6 +61,8 @@ class TileGroup(NamedTuple):
     boxes: F32Ptr  # float32: boxes of the tiles' receivers
     targets: F32Ptr  # float32: of each stratum, boxes of its samples for the tiles
     open: I32Ptr  # int32, one a stratum: bits of the tiles that have segments to it left
+    dead: I32Ptr  # int32, 16 of each stratum, one a tile: bits of the receivers without a segment left
+    fans: Fans  # of a light that stays
     rays: Compacted
     first: int  # number of one of its tiles
 
@@ -67,8 +70,9 @@ class TileGroup(NamedTuple):
 @inlined
 def tile_group_at(memory, tiles, valid, whole, first):
     """The `TileGroup` in TILE_GROUP_FLOATS float32."""
-    still_open, rays = as_i32(ptr_at(memory, _OPEN)), compacted_at(ptr_at(memory, _OPEN + 16))
-    return TileGroup(tiles, valid, whole, memory, ptr_at(memory, _BOXES), still_open, rays, first)
+    still_open, dead = as_i32(ptr_at(memory, _OPEN)), as_i32(ptr_at(memory, _DEAD))
+    fans, rays = fans_at(ptr_at(memory, _FANS)), compacted_at(ptr_at(memory, _COMPACTED))
+    return TileGroup(tiles, valid, whole, memory, ptr_at(memory, BOXES), still_open, dead, fans, rays, first)
 
 
 @inlined
@@ -109,7 +113,7 @@ def _add_tile(tile_group, tile, chunk):
         for s in range(STRATA):
             for k in range(3):
                 low = k * ALL_GROUPS + 16 + s
-                boxes = ptr_at(tile_group.targets, s * _BOXES)
+                boxes = ptr_at(tile_group.targets, s * BOXES)
                 _put_box(boxes, tile.number, k, get(tile.groups, low), get(tile.groups, low + 3 * ALL_GROUPS))
 
 
@@ -120,37 +124,90 @@ def _aim_at_fixed(tile_group, chunk):
         for k in range(3):
             low = k * ALL_GROUPS + 16 + s
             middle, half = middle_and_half(get(chunk.groups, low), get(chunk.groups, low + 3 * ALL_GROUPS))
-            store(tile_group.targets, s * _BOXES + 16 * k, splat16(middle))
-            store(tile_group.targets, s * _BOXES + 48 + 16 * k, splat16(half))
+            store(tile_group.targets, s * BOXES + 16 * k, splat16(middle))
+            store(tile_group.targets, s * BOXES + 48 + 16 * k, splat16(half))
 
 
 @inlined
-def close(tile_group, g, strata):
-    """Note that tile g has no segment left to some strata (bits)."""
-    closed = select(mask_from_bits16(strata), splat16(np.int32(1 << g)), splat16(np.int32(0)))
-    store(tile_group.open, 0, load16(tile_group.open, 0) & ~closed)
+def _dead_row(tile_group, s):
+    """Pointer to the numbers of stratum s in `dead`."""
+    return ptr_at(tile_group.dead, 16 * s)
+
+
+@inlined
+def _note_open(tile_group, s):
+    """Find out which tiles have segments to stratum s left."""
+    put(tile_group.open, s, bits(load16(_dead_row(tile_group, s), 0) != np.int32(-1)))
+
+
+@inlined
+def take_from_tile(tile_group, g, dead):
+    """Note in the group what tile g knows of its segments; dead: the tile's own."""
+    absent = ~np.int64(get(tile_group.valid, g))
+    for s in range(STRATA):
+        put(tile_group.dead, 16 * s + g, np.int64(get(dead, s)) | absent)
+
+
+@inlined
+def give_to_tile(tile_group, g, dead):
+    """Note in tile g what the group knows of its segments; dead: the tile's own."""
+    for s in range(STRATA):
+        put(dead, s, np.int64(get(dead, s)) | np.int64(get(tile_group.dead, 16 * s + g)))
+
+
+@inlined
+def note_open_tiles(tile_group):
+    """Find out to which strata the tiles have segments left."""
+    for s in range(STRATA):
+        _note_open(tile_group, s)
+
+
+@kernel
+def give_to_tiles(tile_group, members, chunk):
+    """Note in the tiles in `members` (bits) what the group knows of their segments."""
+    while members != 0:
+        g = lowest_bit(members)
+        members &= members - 1
+        give_to_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
+
+
+@inlined
+def _fill_fans(tile_group, members, chunk):
+    """Fill the fans. Lanes without a tile repeat the first one."""
+    first = tile_at(tile_group.tiles, tile_group.first, chunk)
+    low = high = rows(first.origins, 0, 16)
+    for g in range(16):
+        tile = tile_at(tile_group.tiles, g if members >> g & 1 != 0 else tile_group.first, chunk)
+        o = rows(tile.origins, 0, 16)
+        low = Vec(minimum(low.x, o.x), minimum(low.y, o.y), minimum(low.z, o.z))
+        high = Vec(maximum(high.x, o.x), maximum(high.y, o.y), maximum(high.z, o.z))
+        add_to_fans(tile_group.fans, np.int64(g), tile)
+    close_fans(tile_group.fans, low, high)
 
 
 @kernel
 def make_tile_group(tile_group, members, chunk):
     """Fill a tile group from the tiles in `members` (bits), which are ready to be traced."""
-    info, groups = tile_group.whole.info, tile_group.whole.groups
+    info, groups, todo = tile_group.whole.info, tile_group.whole.groups, members
     for k in range(3):
         put(info, 6 + k, _F(np.inf))
         put(info, 9 + k, _F(-np.inf))
     if chunk.fixed:
         _aim_at_fixed(tile_group, chunk)
+        _fill_fans(tile_group, members, chunk)
     else:
         for k in range(3 * ALL_GROUPS):
             put(groups, k, _F(np.inf))
             put(groups, 3 * ALL_GROUPS + k, _F(-np.inf))
-    store(tile_group.open, 0, splat16(np.int32(members)))
-    while members != 0:
-        g = lowest_bit(members)
-        members &= members - 1
+    for s in range(STRATA):
+        store(_dead_row(tile_group, s), 0, splat16(np.int32(-1)))
+    while todo != 0:
+        g = lowest_bit(todo)
+        todo &= todo - 1
         tile = tile_at(tile_group.tiles, g, chunk)
         _add_tile(tile_group, tile, chunk)
-        close(tile_group, g, finished_strata(tile, np.int64(get(tile_group.valid, g))))
+        take_from_tile(tile_group, g, tile.dead)
+    note_open_tiles(tile_group)
     for k in range(3):
         middle, half = middle_and_half(get(info, 6 + k), get(info, 9 + k))
         put(info, k, middle)
@@ -162,13 +219,6 @@ def make_tile_group(tile_group, members, chunk):
 def finished(tile_group):
     """Bits of the strata to which no segment is left."""
     return bits(load16(tile_group.open, 0) == splat16(np.int32(0)))
-
-
-@inlined
-def _tiles_in_box(tile_group, s, c, e):
-    """Bits of the tiles whose shafts to stratum s may meet a box."""
-    o, t = rows(tile_group.boxes, 0, 16), ptr_at(tile_group.targets, s * _BOXES)
-    return shafts_in_box(o, minus(rows(t, 0, 16), o), rows(tile_group.boxes, 48, 16), rows(t, 48, 16), c, e)
 
 
 @inlined
@@ -191,75 +241,6 @@ def _open_tiles(tile_group, strata):
 
 
 @inlined
-def _blocked(tile_group, g, s, receivers, chunk):
-    """Note that the segments from some receivers (bits) of tile g to stratum s are blocked."""
-    dead, valid = tile_at(tile_group.tiles, g, chunk).dead, np.int64(get(tile_group.valid, g))
-    receivers |= np.int64(get(dead, s))
-    put(dead, s, receivers)
-    if receivers & valid == valid:
-        put(tile_group.open, s, np.int64(get(tile_group.open, s)) & ~(np.int64(1) << g))
-
-
-@inlined
-def _blocked_rays(tile_group, s, first, rays, chunk):
-    """Note that some gathered rays (bits, counted from the first on) are blocked."""
-    while rays != 0:
-        place = np.int64(get(tile_group.rays.places, first + lowest_bit(rays)))
-        rays &= rays - 1
-        _blocked(tile_group, place >> 8, s, np.int64(1) << (place & 15), chunk)
-
-
-@inlined
-def _rays_in_box(tile_group, s, live, chunk, box):
-    """Gather the rays of some tiles (bits) to stratum s that meet a box and are not blocked. Return their number."""
-    n = np.int64(0)
-    while live != 0:
-        g = lowest_bit(live)
-        live &= live - 1
-        tile = tile_at(tile_group.tiles, g, chunk)
-        left = rays_in_box(tile, s, box) & np.int64(get(tile_group.valid, g)) & ~np.int64(get(tile.dead, s))
-        if left != 0:
-            n = gather(tile_group.rays, n, tile, s, left)
-    return n
-
-
-@inlined
-def _cover(tile_group, b, s, live, left, chunk, counters):
-    """Test triangles (bits) against the shafts of tiles (bits) to stratum s.
-
-    Return bits of the tiles that no triangle covers whole.
-    """
-    numbers, targets = numbers_of(b), ptr_at(tile_group.targets, s * _BOXES)
-    while left != 0 and live != 0:
-        covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
-        left &= left - 1
-        live &= ~covered
-        count(counters, COVERED, popcount(covered))
-        while covered != 0:
-            _blocked(tile_group, lowest_bit(covered), s, np.int64(0xFFFF), chunk)
-            covered &= covered - 1
-    return live
-
-
-@inlined
-def _trace_far(tile_group, b, s, live, chunk, box, counters):
-    """Test a block against the segments from some tiles (bits) to stratum s."""
-    n = _rays_in_box(tile_group, s, live, chunk, box)
-    if n <= _FEW_RAYS:
-        _blocked_rays(tile_group, s, np.int64(0), test_one_by_one(tile_group.rays, n, b, counters), chunk)
-        return
-    left = cull_block(tile_group.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
-    count(counters, CANDIDATES, popcount(left))
-    if n >= _MANY_RAYS:
-        not_covered = _cover(tile_group, b, s, live, left, chunk, counters)
-        if not_covered != live:
-            n = _rays_in_box(tile_group, s, not_covered, chunk, box)
-    for first in range(0, n, 16):
-        blocked = test_together(tile_group.rays, first, min(n - first, 16), b, left, counters)
-        _blocked_rays(tile_group, s, first, blocked, chunk)
-
-
-@inlined
 def tiles_by_beams(tile_group, bounds, strata, chunk):
     """If a block is near the receivers, bits of the tiles to test it against one by one, else -1.
 
@@ -272,6 +253,24 @@ def tiles_by_beams(tile_group, bounds, strata, chunk):
     )
 
 
+@inlined
+def _fans_are_narrower(tile_group, s, c, chunk):
+    """Are fans narrower than the tiles' shafts to stratum s at a point? Towards the light, fans narrow.
+
+    c : pointer to the point
+    """
+    shafts, whole = tile_group.whole.shafts, tile_group.whole.info
+    one = tile_at(tile_group.tiles, tile_group.first, chunk).info
+    along, square, light, more = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
+    for k in range(3):
+        d = get(shafts, D + k * N + 16 + s)
+        along += (get(c, k) - get(whole, k)) * d
+        square += d * d
+        light += get(shafts, HALF + k * N + 16 + s)
+        more += get(whole, 3 + k) - get(one, 3 + k)
+    return along * light > (square - along) * more
+
+
 @kernel
 def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, deferred, counters):
     """Test the segments of a tile group to some strata (bits) against a block. Blocked ones are noted in `dead`.
@@ -282,9 +281,21 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), chunk.query.facing, work, deferred)
     box = box_at(ptr_at(tree.bounds, b.number * 8))
     count(counters, TRIANGLES, triangles)
+    by_fans = chunk.fixed and _fans_are_narrower(
+        tile_group, lowest_bit(strata), ptr_at(tree.bounds, b.number * 8), chunk
+    )
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
-        live = np.int64(get(tile_group.open, s)) & _tiles_in_box(tile_group, s, box.middle, box.half)
-        if live != 0:
-            _trace_far(tile_group, b, s, live, chunk, box, counters)
+        count(counters, GROUP_STRATA, 1)
+        if by_fans:
+            points, dead = ptr_at(chunk.points, 48 * s), _dead_row(tile_group, s)
+            fans = ~np.int64(reduce_and(load16(dead, 0))) & fans_in_box(tile_group.fans, points, box)
+            if fans != 0:
+                trace_fans(tile_group.fans, tile_group.whole, b, points, s, fans, dead, box, counters)
+                _note_open(tile_group, s)
+        else:
+            live = np.int64(get(tile_group.open, s)) & tiles_in_box(tile_group, s, box.middle, box.half)
+            if live != 0:
+                trace_tiles(tile_group, b, s, live, chunk, box, counters)
+                _note_open(tile_group, s)

@@ -1,0 +1,95 @@
+"""A block against one stratum of a tile group, with the tiles as lanes.
+
+The rays that meet the block's box are gathered from the tiles into full vectors. Few rays are each tested against all
+triangles of the block. More rays are tested against the triangles that the tile group's shaft may meet. If there are
+many rays, the tiles that one triangle covers whole are removed first.
+"""
+
+import numpy as np
+
+from ...kernels.jit import inlined
+from ...kernels.simd import get, lowest_bit, popcount, ptr_at, put
+from ...kernels.vec import minus, rows
+from ..blocktest import numbers_of
+from ..counters import CANDIDATES, COVERED, count
+from ..segmentbox import rays_in_box
+from ..tile import tile_at
+from .compaction import gather, test_one_by_one, test_together
+from .shaftbox import shafts_in_box
+from .shaftcull import cull_block, cull_tiles
+
+BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)
+_FEW_RAYS = 6  # up to this many rays of all tiles are tested one by one
+_MANY_RAYS = 48  # from this many rays on, triangles that cover whole tiles are looked for first
+
+
+@inlined
+def tiles_in_box(tile_group, s, c, e):
+    """Bits of the tiles whose shafts to stratum s may meet a box."""
+    o, t = rows(tile_group.boxes, 0, 16), ptr_at(tile_group.targets, s * BOXES)
+    return shafts_in_box(o, minus(rows(t, 0, 16), o), rows(tile_group.boxes, 48, 16), rows(t, 48, 16), c, e)
+
+
+@inlined
+def _blocked(tile_group, g, s, receivers):
+    """Note that the segments from some receivers (bits) of tile g to stratum s are blocked."""
+    put(tile_group.dead, 16 * s + g, np.int64(get(tile_group.dead, 16 * s + g)) | receivers)
+
+
+@inlined
+def _blocked_rays(tile_group, s, first, rays):
+    """Note that some gathered rays (bits, counted from the first on) are blocked."""
+    while rays != 0:
+        place = np.int64(get(tile_group.rays.places, first + lowest_bit(rays)))
+        rays &= rays - 1
+        _blocked(tile_group, place >> 8, s, np.int64(1) << (place & 15))
+
+
+@inlined
+def _rays_in_box(tile_group, s, live, chunk, box):
+    """Gather the rays of some tiles (bits) to stratum s that meet a box and are not blocked. Return their number."""
+    n = np.int64(0)
+    while live != 0:
+        g = lowest_bit(live)
+        live &= live - 1
+        tile = tile_at(tile_group.tiles, g, chunk)
+        left = rays_in_box(tile, s, box) & ~np.int64(get(tile_group.dead, 16 * s + g))
+        if left != 0:
+            n = gather(tile_group.rays, n, tile, s, left)
+    return n
+
+
+@inlined
+def _cover(tile_group, b, s, live, left, counters):
+    """Test triangles (bits) against the shafts of tiles (bits) to stratum s.
+
+    Return bits of the tiles that no triangle covers whole.
+    """
+    numbers, targets = numbers_of(b), ptr_at(tile_group.targets, s * BOXES)
+    while left != 0 and live != 0:
+        covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
+        left &= left - 1
+        live &= ~covered
+        count(counters, COVERED, popcount(covered))
+        while covered != 0:
+            _blocked(tile_group, lowest_bit(covered), s, np.int64(0xFFFF))
+            covered &= covered - 1
+    return live
+
+
+@inlined
+def trace_tiles(tile_group, b, s, live, chunk, box, counters):
+    """Test a block against the segments from some tiles (bits) to stratum s."""
+    n = _rays_in_box(tile_group, s, live, chunk, box)
+    if n <= _FEW_RAYS:
+        _blocked_rays(tile_group, s, np.int64(0), test_one_by_one(tile_group.rays, n, b, counters))
+        return
+    left = cull_block(tile_group.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
+    count(counters, CANDIDATES, popcount(left))
+    if n >= _MANY_RAYS:
+        not_covered = _cover(tile_group, b, s, live, left, counters)
+        if not_covered != live:
+            n = _rays_in_box(tile_group, s, not_covered, chunk, box)
+    for first in range(0, n, 16):
+        blocked = test_together(tile_group.rays, first, min(n - first, 16), b, left, counters)
+        _blocked_rays(tile_group, s, first, blocked)
