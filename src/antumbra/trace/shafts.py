@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.simd import absolute, get, maximum, minimum, splat16, store
+from ..kernels.simd import absolute, get, maximum, minimum, put, splat16, store
 from ..kernels.vec import Vec, abs_dot, abs_dots, dot, keep, middles_and_halves, rows, scalars, total
 from .lighttable import ALL_GROUPS
 
@@ -28,6 +28,7 @@ N = ALL_GROUPS  # a row's length
 D, HALF, TWIST, SPAN, LEVER, NEAR, FAR, CAP_ERROR, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N, 10 * N, 11 * N, 12 * N
 PLANE = 5 * N  # rows of a plane: w (3), b, error for each unit of a corner's largest coordinate
 SHAFT_FLOATS = PLANES + 4 * PLANE
+_MADE = 12  # word of a tile's `info`: 1 if its shafts are written
 
 
 class Axis(NamedTuple):
@@ -71,6 +72,20 @@ def _bound_plane(shafts, at, w, d, receivers, half, size):
     error = total(w) * _ROUNDING + _TINY
     store(shafts, at + 3 * N, support + absolute(support) * _F(2.0**-18) + error * size + _TINY)
     store(shafts, at + 4 * N, error)
+
+
+@inlined
+def forget_shafts(tile):
+    """Note that the tile's receivers or samples are new."""
+    put(tile.info, _MADE, _F(0.0))
+
+
+@inlined
+def have_shafts(tile):
+    """Write the shafts of a tile, unless that has been done. Many tiles meet no block, and need none."""
+    if get(tile.info, _MADE) == _F(0.0):
+        make_shafts(tile.info, tile.groups, tile.shafts)
+        put(tile.info, _MADE, _F(1.0))
 
 
 @kernel

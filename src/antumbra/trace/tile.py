@@ -51,7 +51,7 @@ class Tile(NamedTuple):
 
     number: int  # in its bundle
     origins: F32Ptr  # float32: x, y, z of 16 receivers; lanes without a receiver repeat another one
-    info: F32Ptr  # float32: the receivers' box: 0..2 centre, 3..5 half extents, 6..8 lower corner, 9..11 upper corner
+    info: F32Ptr  # float32: 0..2 centre, 3..5 half extents, 6..8, 9..11 corners of the receivers' box; 12: see `shafts`
     faces: I32Ptr  # int32: the receivers' own triangles, by the trees' indices
     dead: I32Ptr  # int32, one a stratum: bits of the receivers whose segment is blocked; all bits if it has no sample
     shafts: F32Ptr  # float32, see `shafts`

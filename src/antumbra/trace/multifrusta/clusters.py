@@ -12,22 +12,26 @@ from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import (
     as_f32,
-    bits,
+    as_i32,
+    broadcast16,
+    gather,
     get,
     iota16,
     load16,
     lowest_bit,
     maximum,
     minimum,
-    popcount,
     ptr_at,
     put,
     reduce_max,
     reduce_min,
+    select,
     splat16,
     stack_i32,
+    store,
 )
-from ..tile import coherent_part, load_receivers, tile_at
+from ...kernels.vec import keep, rows
+from ..tile import Tile, coherent_part, load_receivers, tile_at
 from .region import MAX_TILES, tile_in
 
 _F = np.float32
@@ -35,8 +39,9 @@ REGIONS = 4  # in an area, at most
 _MOST = 2 * REGIONS * MAX_TILES  # parts in the list; if an area has more, they come in later lists
 _ROW = _MOST + 16  # room for a vector that reaches beyond the last part
 _FEW = 4  # parts whose order does not matter
-_LEFT, _TILES, _LANES, _ORDER, _SORTED, _KEYS, _PLACES = (i * _ROW for i in (0, 1, 2, 3, 4, 5, 8))
-PARTS_INTS = 11 * _ROW
+_LEFT, _TILES, _LANES, _ORDER, _SORTED, _KEYS, _RANKS, _PLACES, _RECEIVERS = (i * _ROW for i in (*range(8), 10))
+PARTS_INTS = _RECEIVERS + 64 * REGIONS * MAX_TILES
+_PLACE_BITS = 255  # at least _MOST - 1
 
 
 class Parts(NamedTuple):
@@ -47,8 +52,10 @@ class Parts(NamedTuple):
     lanes: I32Ptr  # int32, one a part: bits of its receivers
     order: I32Ptr  # int32: the parts in the order to trace them
     sorted: I32Ptr  # int32: a piece of `order`, while it is sorted
-    keys: F32Ptr  # float32, rows x, y, z: the places of the parts in this piece
+    keys: I32Ptr  # int32: its keys
+    ranks: I32Ptr  # int32: its ranks
     places: F32Ptr  # float32, rows x, y, z: one receiver of each part
+    receivers: F32Ptr  # float32, a piece of each tile: x, y, z, and own triangles of its 16 receivers
 
 
 @inlined
@@ -56,7 +63,8 @@ def parts_at(memory):
     """The `Parts` in PARTS_INTS int32."""
     return Parts(
         ptr_at(memory, _LEFT), ptr_at(memory, _TILES), ptr_at(memory, _LANES), ptr_at(memory, _ORDER),
-        ptr_at(memory, _SORTED), as_f32(ptr_at(memory, _KEYS)), as_f32(ptr_at(memory, _PLACES)),
+        ptr_at(memory, _SORTED), ptr_at(memory, _KEYS), ptr_at(memory, _RANKS), as_f32(ptr_at(memory, _PLACES)),
+        as_f32(ptr_at(memory, _RECEIVERS)),
     )  # fmt: skip
 
 
@@ -74,24 +82,35 @@ def _place_in(chunk, layout, y, x, g):
     return (y + row) * chunk.shape.height, (x + column) * chunk.shape.width
 
 
+@inlined
+def _tile_of(parts, g, t):
+    """`Tile` t with the receivers of tile g of the area."""
+    own = ptr_at(parts.receivers, 64 * g)
+    return Tile(
+        t.number, own, t.info, as_i32(ptr_at(own, 48)), t.dead, t.shafts, t.beams, t.points, t.groups, t.targets,
+        t.by_lane, t.inverses,
+    )  # fmt: skip
+
+
 @kernel
 def list_parts(chunk, layout, y, x, n_tiles, tile, parts):
     """List parts of an area's tiles: receivers near each other. Return their number, 0 once all have been listed.
 
-    tile : `Tile` whose memory is used
+    tile : any `Tile`
     """
     n = np.int64(0)
     for g in range(n_tiles):
         rest = np.int64(get(parts.left, g))
         if rest != 0 and n < _MOST:
             y0, x0 = _place_in(chunk, layout, y, x, g)
-            rest &= load_receivers(chunk, y0, x0, tile)
+            receivers = _tile_of(parts, g, tile)
+            rest &= load_receivers(chunk, y0, x0, receivers)
             while rest != 0 and n < _MOST:
-                part = coherent_part(tile, rest, chunk.light)
+                part = coherent_part(receivers, rest, chunk.light)
                 put(parts.tiles, n, g)
                 put(parts.lanes, n, part)
                 for k in range(3):
-                    put(parts.places, k * _ROW + n, get(tile.origins, 16 * k + lowest_bit(part)))
+                    put(parts.places, k * _ROW + n, get(receivers.origins, 16 * k + lowest_bit(part)))
                 rest &= ~part
                 n += 1
             put(parts.left, g, rest)
@@ -99,43 +118,48 @@ def list_parts(chunk, layout, y, x, n_tiles, tile, parts):
 
 
 @inlined
-def _longest_axis(parts, first, count):
-    """Copy the places of a piece of `order` to `keys`. Return the axis along which they are farthest apart."""
-    longest, axis = _F(-1.0), np.int64(0)
-    for k in range(3):
-        row, at = k * _ROW, np.int64(0)
-        for i in range(count):
-            put(parts.keys, row + i, get(parts.places, row + np.int64(get(parts.order, first + i))))
-        for i in range(count, count + 16):  # of the last vector
-            put(parts.keys, row + i, get(parts.keys, row))
-        low = high = load16(parts.keys, row)
-        while at < count:
-            low, high = minimum(low, load16(parts.keys, row + at)), maximum(high, load16(parts.keys, row + at))
-            at += 16
-        extent = reduce_max(high) - reduce_min(low)
-        if extent > longest:
-            longest, axis = extent, np.int64(k)
-    return axis
+def _extent(parts, k, first, count):
+    """(the least coordinate k of a piece of `order`, its extent)."""
+    low = high = gather(parts.places, splat16(np.int32(k * _ROW)) + broadcast16(parts.order, first))
+    for at in range(0, count, 16):
+        x = gather(parts.places, _chosen(parts, first, at, count) + splat16(np.int32(k * _ROW)))
+        low, high = minimum(low, x), maximum(high, x)
+    low = reduce_min(low)
+    return low, reduce_max(high) - low
 
 
 @inlined
-def _rank(keys, i, count):
-    """The number of keys before key i; of equal ones the first comes first."""
-    key, rank, at = splat16(get(keys, i)), np.int64(0), np.int64(0)
-    while at < count:
-        others, index = load16(keys, at), iota16() + splat16(np.int32(at))
-        before = (others < key) | ((others == key) & (index < splat16(np.int32(i))))
-        rank += popcount(bits(before & (index < splat16(np.int32(count)))))
-        at += 16
-    return rank
+def _chosen(parts, first, at, count):
+    """16 parts of a piece of `order`, from place `at` on. Lanes beyond its end repeat the first part."""
+    there = iota16() + splat16(np.int32(at)) < splat16(np.int32(count))
+    return select(there, load16(parts.order, first + at), broadcast16(parts.order, first))
 
 
 @kernel
 def _sort_piece(parts, first, count):
-    """Sort a piece of `order` along the axis along which its parts are farthest apart."""
-    keys = ptr_at(parts.keys, _longest_axis(parts, first, count) * _ROW)
+    """Sort a piece of `order` along the axis along which its parts are farthest apart.
+
+    Keys are the bits of distances from the lowest part. They sort like the distances, and end in their place: so no two
+    are equal.
+    """
+    (x, dx), (y, dy), (z, dz) = (
+        _extent(parts, 0, first, count),
+        _extent(parts, 1, first, count),
+        _extent(parts, 2, first, count),
+    )
+    low, row = (x, 0) if dx >= dy and dx >= dz else ((y, _ROW) if dy >= dz else (z, 2 * _ROW))
+    for at in range(0, count, 16):
+        place = gather(parts.places, _chosen(parts, first, at, count) + splat16(np.int32(row)))
+        store(as_f32(parts.keys), at, place - splat16(low))
+        key = load16(parts.keys, at) & splat16(np.int32(~_PLACE_BITS))
+        store(parts.keys, at, key | (iota16() + splat16(np.int32(at))))
+    for at in range(0, count, 16):
+        key, rank = load16(parts.keys, at), splat16(np.int32(0))
+        for i in range(count):
+            rank = rank + select(broadcast16(parts.keys, i) < key, splat16(np.int32(1)), splat16(np.int32(0)))
+        store(parts.ranks, at, rank)
     for i in range(count):
-        put(parts.sorted, _rank(keys, i, count), get(parts.order, first + i))
+        put(parts.sorted, np.int64(get(parts.ranks, i)), get(parts.order, first + i))
     for i in range(count):
         put(parts.order, first + i, get(parts.sorted, i))
 
@@ -173,8 +197,10 @@ def load_cluster(chunk, layout, y, x, first, n, scratch):
     parts = parts_at(scratch.parts)
     for g in range(n):
         k = np.int64(get(parts.order, first + g))
-        y0, x0 = _place_in(chunk, layout, y, x, np.int64(get(parts.tiles, k)))
-        load_receivers(chunk, y0, x0, tile_at(scratch.tiles, g, chunk))
+        number, tile = np.int64(get(parts.tiles, k)), tile_at(scratch.tiles, g, chunk)
+        own, (y0, x0) = ptr_at(parts.receivers, 64 * number), _place_in(chunk, layout, y, x, number)
+        keep(tile.origins, 0, 16, rows(own, 0, 16))
+        store(tile.faces, 0, load16(as_i32(own), 48))
         put(scratch.valid, g, get(parts.lanes, k))
         put(scratch.places, 2 * g, y0)
         put(scratch.places, 2 * g + 1, x0)

@@ -117,8 +117,7 @@ def choose_group(chunk, tiles, live, trials):
     while c < _CLASSES:
         members, size = _enough_near(chunk, tiles, live, light / (_SMALLEST * _F(1 << c)))
         if members == 0:
-            c += 1
-            continue
+            break
         while c < _CLASSES - 1 and size * _SMALLEST * _F(2 << c) < light:
             c += 1
         pays, trial = _pays(trials, c)

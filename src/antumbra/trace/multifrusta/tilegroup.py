@@ -23,11 +23,13 @@ from ...kernels.simd import (
     get,
     load16,
     lowest_bit,
+    mask_from_bits16,
     maximum,
     minimum,
     ptr_at,
     put,
     reduce_and,
+    select,
     splat16,
     store,
 )
@@ -38,16 +40,18 @@ from ..counters import GROUP_STRATA, TRIANGLES, count
 from ..lighttable import ALL_GROUPS, STRATA
 from ..segmentbox import box_at
 from ..shafts import HALF, D, N, make_shafts
-from ..tile import Tile, tile_at
+from ..tile import Tile, finished_strata, tile_at
 from .compaction import COMPACTED_FLOATS, Compacted, compacted_at
 from .fans import FAN_FLOATS, Fans, add_to_fans, close_fans, fans_at, fans_in_box, trace_fans
 from .shaftbox import shafts_in_box
 from .tilelanes import BOXES, tiles_in_box, trace_tiles
 
 _F = np.float32
+_MEMBERS, _FILLED = 0, 1  # words of the state
 _OPEN = (1 + STRATA) * BOXES
 _DEAD = _OPEN + 16
-_FANS = _DEAD + 16 * STRATA
+_STATE = _DEAD + 16 * STRATA
+_FANS = _STATE + 16
 _COMPACTED = _FANS + FAN_FLOATS
 TILE_GROUP_FLOATS = _COMPACTED + COMPACTED_FLOATS
 
@@ -62,6 +66,7 @@ class TileGroup(NamedTuple):
     targets: F32Ptr  # float32: of each stratum, boxes of its samples for the tiles
     open: I32Ptr  # int32, one a stratum: bits of the tiles that have segments to it left
     dead: I32Ptr  # int32, 16 of each stratum, one a tile: bits of the receivers without a segment left
+    state: I32Ptr  # int32: bits of its tiles, and whether `dead`, `targets` and `fans` are filled
     fans: Fans  # of a light that stays
     rays: Compacted
     first: int  # number of one of its tiles
@@ -71,8 +76,9 @@ class TileGroup(NamedTuple):
 def tile_group_at(memory, tiles, valid, whole, first):
     """The `TileGroup` in TILE_GROUP_FLOATS float32."""
     still_open, dead = as_i32(ptr_at(memory, _OPEN)), as_i32(ptr_at(memory, _DEAD))
+    state = as_i32(ptr_at(memory, _STATE))
     fans, rays = fans_at(ptr_at(memory, _FANS)), compacted_at(ptr_at(memory, _COMPACTED))
-    return TileGroup(tiles, valid, whole, memory, ptr_at(memory, BOXES), still_open, dead, fans, rays, first)
+    return TileGroup(tiles, valid, whole, memory, ptr_at(memory, BOXES), still_open, dead, state, fans, rays, first)
 
 
 @inlined
@@ -163,9 +169,10 @@ def note_open_tiles(tile_group):
 
 
 @kernel
-def give_to_tiles(tile_group, members, chunk):
-    """Note in the tiles in `members` (bits) what the group knows of their segments."""
-    while members != 0:
+def give_to_tiles(tile_group, chunk):
+    """Note in the tiles what the group knows of their segments."""
+    members = np.int64(get(tile_group.state, _MEMBERS))
+    while members != 0 and get(tile_group.state, _FILLED) != 0:
         g = lowest_bit(members)
         members &= members - 1
         give_to_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
@@ -185,34 +192,61 @@ def _fill_fans(tile_group, members, chunk):
     close_fans(tile_group.fans, low, high)
 
 
+@inlined
+def _close(tile_group, g, strata):
+    """Note that tile g has no segment left to some strata (bits)."""
+    closed = select(mask_from_bits16(strata), splat16(np.int32(1 << g)), splat16(np.int32(0)))
+    store(tile_group.open, 0, load16(tile_group.open, 0) & ~closed)
+
+
 @kernel
 def make_tile_group(tile_group, members, chunk):
-    """Fill a tile group from the tiles in `members` (bits), which are ready to be traced."""
-    info, groups, todo = tile_group.whole.info, tile_group.whole.groups, members
+    """Make a tile group of the tiles in `members` (bits), which are ready to be traced."""
+    info, groups = tile_group.whole.info, tile_group.whole.groups
+    put(tile_group.state, _MEMBERS, np.int32(members))
+    put(tile_group.state, _FILLED, np.int32(0))
+    store(tile_group.open, 0, splat16(np.int32(members)))
     for k in range(3):
         put(info, 6 + k, _F(np.inf))
         put(info, 9 + k, _F(-np.inf))
-    if chunk.fixed:
-        _aim_at_fixed(tile_group, chunk)
-        _fill_fans(tile_group, members, chunk)
-    else:
+    if not chunk.fixed:
         for k in range(3 * ALL_GROUPS):
             put(groups, k, _F(np.inf))
             put(groups, 3 * ALL_GROUPS + k, _F(-np.inf))
-    for s in range(STRATA):
-        store(_dead_row(tile_group, s), 0, splat16(np.int32(-1)))
-    while todo != 0:
-        g = lowest_bit(todo)
-        todo &= todo - 1
+    while members != 0:
+        g = lowest_bit(members)
+        members &= members - 1
         tile = tile_at(tile_group.tiles, g, chunk)
         _add_tile(tile_group, tile, chunk)
-        take_from_tile(tile_group, g, tile.dead)
-    note_open_tiles(tile_group)
+        _close(tile_group, g, finished_strata(tile, np.int64(get(tile_group.valid, g))))
     for k in range(3):
         middle, half = middle_and_half(get(info, 6 + k), get(info, 9 + k))
         put(info, k, middle)
         put(info, 3 + k, half)
     make_shafts(info, groups, tile_group.whole.shafts)
+
+
+@kernel
+def _fill(tile_group, chunk):
+    """Fill what tests of blocks need. Many groups meet no block."""
+    members = np.int64(get(tile_group.state, _MEMBERS))
+    put(tile_group.state, _FILLED, np.int32(1))
+    if chunk.fixed:
+        _aim_at_fixed(tile_group, chunk)
+        _fill_fans(tile_group, members, chunk)
+    for s in range(STRATA):
+        store(_dead_row(tile_group, s), 0, splat16(np.int32(-1)))
+    while members != 0:
+        g = lowest_bit(members)
+        members &= members - 1
+        take_from_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
+
+
+@inlined
+def be_filled(tile_group, chunk):
+    """Before a block is tested: fill the group if it has not met a block yet."""
+    if get(tile_group.state, _FILLED) == 0:
+        _fill(tile_group, chunk)
 
 
 @inlined

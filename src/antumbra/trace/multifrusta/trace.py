@@ -20,7 +20,7 @@ from ..packets.incoherent import extents_of, is_far, is_huge, is_incoherent
 from ..packets.packet16 import over_pixels, over_samples
 from ..querychunk import query_chunk_of, sets_of, tile_shape
 from ..segmentbox import forget_inverses
-from ..shafts import make_shafts
+from ..shafts import forget_shafts
 from ..tile import bound_receivers, finished_strata, first_pixel, move_light, read_bits, tile_at, write_bits
 from .bundle import (
     AT,
@@ -67,6 +67,7 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
         return False
     make_beams(tile)
     forget_inverses(tile)
+    forget_shafts(tile)
     return True
 
 
@@ -74,7 +75,6 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
 def _fill_slot(chunk, bundle, slot, g, scratch):
     """Give tile g a slot of a bundle. Return bits of its lanes that have a segment to trace."""
     tile = tile_at(scratch.tiles, g, chunk)
-    make_shafts(tile.info, tile.groups, tile.shafts)
     put(scratch.slots, slot, g)
     fill_lanes(slot, tile, bundle, scratch.lanes)
     groups = ~finished_groups(tile, np.int64(get(scratch.valid, g)), bundle) & ((np.int64(1) << bundle.groups) - 1)
@@ -120,7 +120,7 @@ def _trace_parts(forest, n, chunk, scratch, known, counters):
             bundle, alive = _bundle_together(members, chunk, scratch, counters)
         else:
             bundle, alive, separate = _bundle_separate(separate, chunk, scratch)
-        trace_lanes(forest, y, x, alive, chunk, bundle, members, scratch, counters)
+        trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters)
         members = np.int64(0)
     learn(scratch.trials, grouping, work_of(counters) - before, live)
 

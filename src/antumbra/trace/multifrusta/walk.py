@@ -11,6 +11,7 @@ from ..deferred import DEFERRED, settle_deferred
 from ..descent import left, next_leaf, nowhere, save, slabs_of
 from ..forest import TREE, list_of, tree_in, walk_forest, walk_tree
 from ..querychunk import QueryChunk
+from ..shafts import have_shafts
 from ..tile import finished_strata, tile_at
 from .bundle import (
     BLOCKERS,
@@ -24,6 +25,7 @@ from .bundle import (
 )
 from .shaftleaf import trace_block
 from .tilegroup import (
+    be_filled,
     finished,
     give_to_tile,
     give_to_tiles,
@@ -51,6 +53,7 @@ def _tile_group_leaf(tree, code, strata, chunk, scratch, counters):
     Return bits of the strata to which the group has no segment left.
     """
     tile_group, block = tile_group_of(scratch, chunk), code >> 5
+    be_filled(tile_group, chunk)
     live = tiles_by_beams(tile_group, ptr_at(tree.bounds, block * 8), strata, chunk)
     if live < 0:
         trace_tile_group(tile_group, tree, block, code & 31, strata, chunk, scratch.work, scratch.deferred, counters)
@@ -79,6 +82,7 @@ def _leaf(tree, code, mask, chunk, bundle, scratch, counters):
         if groups != 0:
             g = np.int64(get(scratch.slots, slot))
             tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
+            have_shafts(tile)
             _trace_tile(tree, code, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
             done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
     return done
@@ -166,10 +170,8 @@ def _walk(forest, i, end, alive, chunk, bundle, scratch, counters):
 
 
 @inlined
-def trace_lanes(forest, y, x, alive, chunk, bundle, members, scratch, counters):
+def trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
     """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
-
-    `members`: bits of the tiles of a tile group, else 0
 
     Deferred tests are settled in three cases: when their memory runs low, before a tree with other arrays, and at the
     end.
@@ -181,8 +183,8 @@ def trace_lanes(forest, y, x, alive, chunk, bundle, members, scratch, counters):
     while True:
         if i < end and alive != 0:
             i, alive = _walk(forest, i, end, alive, chunk, bundle, scratch, counters)
-        if members != 0:
-            give_to_tiles(tile_group_of(scratch, chunk), members, chunk)
+        if bundle.is_tile_group:
+            give_to_tiles(tile_group_of(scratch, chunk), chunk)
         if np.int64(get(scratch.deferred, 0)) != 0:
             corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
             settle_deferred(corners, chunk, scratch.tiles, scratch.places, scratch.deferred, counters)
