@@ -29,6 +29,17 @@ def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
     return with_receivers(query, join)._replace(samples=np.ascontiguousarray(query.samples[:, :STRATA]))
 
 
+def halves_of(sample: ShadowQuery) -> list[ShadowQuery]:
+    """The two halves of a sample; the sample itself if it is one window."""
+    h, w = sample.sides.shape
+    length, side = (h, min(_SIDE, w)) if h > 1 else (w, min(_ROW, w))
+    middle = length // side // 2 * side
+    if middle == 0:
+        return [sample]
+    cut = (lambda piece: lambda a: a[piece]) if h > 1 else (lambda piece: lambda a: a[:, piece])
+    return [with_receivers(sample, cut(piece)) for piece in (slice(0, middle), slice(middle, length))]
+
+
 def tile_of(query: ShadowQuery) -> ShadowQuery:
     """The query of the first tile, 16 receivers or fewer: hardly any rays."""
     shape = tile_shape(query)

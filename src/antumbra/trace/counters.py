@@ -24,6 +24,7 @@ COUNTERS = (
     "shrinks",
     "group_tiles",
     "group_strata",
+    "fan_strata",
 )
 """Names, in the order of the array:
 
@@ -36,6 +37,7 @@ Tracers of many rays at once also count:
 
 - triangles fetched; candidates: triangles left after whole bundles were culled; lanes that one triangle covers whole
 - frusta shrunk to the rays that are left; tiles traced in tile groups; strata of tile groups tested against a block
+- strata of them that were tested fan by fan
 
 Ray hierarchies count a node each time that a triangle is tested against it. Candidates are those of these pairs that
 may meet.
@@ -45,7 +47,7 @@ node, or all eight. Tracers of many rays count a test of up to 16 lanes against 
 """
 
 RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
-TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES, GROUP_STRATA = range(8, len(COUNTERS))
+TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES, GROUP_STRATA, FAN_STRATA = range(8, len(COUNTERS))
 N_COUNTERS = len(COUNTERS)
 
 

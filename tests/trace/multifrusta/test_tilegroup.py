@@ -24,9 +24,9 @@ def _scene(n, size):
     return at.Scene.from_arrays(np.concatenate([floor, over]).reshape(-1, 3), np.arange(3 * n + 6).reshape(-1, 3))
 
 
-def _query(scene, light, spp):
+def _query(scene, light, spp, size=(48, 32), vfov=5.0):
     """The query of a camera with a long lens, so that receivers are close together."""
-    return query_of(scene, at.Camera((0, 6, 8), (0, 0, 0), vfov=5.0, width=48, height=32), light, spp)
+    return query_of(scene, at.Camera((0, 6, 8), (0, 0, 0), vfov=vfov, width=size[0], height=size[1]), light, spp)
 
 
 def _traced(triangles, query):
@@ -40,15 +40,17 @@ def test_the_bits_of_single_rays(name, n, size):
     triangles, query = _query(_scene(n, size), LIGHTS[name], 16)
     bits, counts = _traced(triangles, query)
     assert counts["group_tiles"] >= 12 and bits.any() and not bits.all()
+    assert (counts["fan_strata"] > 0) == (name == "quad" or name == "disk"), "only lights that stay have fans"
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
 
 
+@pytest.mark.parametrize("n, size", [(60, 0.6), (3000, 0.05)], ids=["few large", "many small"])
 @pytest.mark.parametrize("cull_faces", [-1, 1])
-def test_culled_faces(cull_faces):
-    triangles, query = _query(_scene(60, 0.6), LIGHTS["quad"], 16)
+def test_culled_faces(cull_faces, n, size):
+    triangles, query = _query(_scene(n, size), LIGHTS["quad"], 16)
     query = query._replace(cull_faces=cull_faces)
     bits, counts = _traced(triangles, query)
-    assert counts["group_tiles"] >= 12 and bits.any()
+    assert counts["group_tiles"] >= 12 and counts["fan_strata"] > 0 and bits.any()
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
 
 
@@ -78,3 +80,15 @@ def test_a_huge_light_goes_to_packets():
     bits, counts = _traced(triangles, query)
     assert counts["group_tiles"] == counts["covered"] == 0 and bits.any() and not bits.all()
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
+
+
+@pytest.mark.parametrize("n, size", [(60, 0.6), (3000, 0.05)], ids=["few large", "many small"])
+@pytest.mark.parametrize("vfov", [5.0, 40.0])
+def test_areas_of_many_tiles(n, size, vfov):
+    """A picture so large that a thread takes four regions at once, and tries which groups pay."""
+    triangles, query = _query(_scene(n, size), LIGHTS["quad"], 16, (264, 264), vfov)
+    tally = new_counters()
+    bits = answer(parse_plan("bsah+multifrusta"), triangles, query, threads=1, counters=tally)
+    counts = as_dict(tally)
+    assert counts["group_tiles"] >= 200 and counts["fan_strata"] > 0 and bits.any() and not bits.all()
+    np.testing.assert_array_equal(bits, answer(parse_plan("bsah+packet16"), triangles, query))

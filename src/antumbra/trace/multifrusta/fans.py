@@ -40,7 +40,7 @@ from ...kernels.simd import (
 )
 from ...kernels.vec import Vec, broadcasts, cross, dot, keep, largest, middles_and_halves, minus, rows
 from ..blocktest import numbers_of, slot_of
-from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, count
+from ..counters import CANDIDATES, COVERED, FAN_STRATA, TRIANGLE_TESTS, count
 from ..deferred import defer
 from ..lighttable import POINTS, STRATA
 from ..raytest import Lanes, decide, error_bounds, keep_lanes, kept_lane
@@ -252,6 +252,7 @@ def trace_fans(fans, whole, b, points, s, live, dead, box, counters):
     dead : pointer to the stratum's row of `tilegroup`
     box : `Box` of the block
     """
+    count(counters, FAN_STRATA, 1)
     if popcount(live) <= _FEW:
         while live != 0:
             r = lowest_bit(live)

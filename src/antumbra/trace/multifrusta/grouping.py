@@ -22,6 +22,8 @@ _CLASSES = 4
 _SMALLEST = _F(4.0)  # sizes of the box that the light has at least, in class 0; twice as many in the next class
 _FEW_TILES = 8  # least number of tiles in a tile group; fewer do not pay for its wider shafts
 _FEW_SAMPLES = 8  # least number of samples in a chunk for a tile group
+_USUAL = 2  # first class whose groups pay as a rule
+_WAIT = 32  # clusters of a class before the first trial, which does not pay for short queries
 _FIRST = 8  # clusters of a class that are all trials
 _OFTEN, _SELDOM = 16, 64  # then two in so many are trials; seldom if one way costs _CLEAR times the other
 _CLEAR = _F(1.5)
@@ -96,7 +98,9 @@ def _pays(trials, c):
     put(trials, _SEEN + c, _F(seen + 1))
     together, apart = get(trials, _TOGETHER + c), get(trials, _APART + c)
     clear = together > _CLEAR * apart or apart > _CLEAR * together
-    if seen < _FIRST or seen % (_SELDOM if clear else _OFTEN) < 2:
+    if seen < _WAIT:
+        return c >= _USUAL, False
+    if seen < _WAIT + _FIRST or seen % (_SELDOM if clear else _OFTEN) < 2:
         return seen % 2 == 0, True
     return together < apart, False
 
