@@ -11,6 +11,7 @@ from ...kernels.predicate.filters import volumes64
 from ...kernels.simd import (
     absolute,
     all_lanes,
+    bits,
     f32_at,
     f64_at,
     get,
@@ -30,11 +31,27 @@ from ...kernels.simd import (
 )
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .interleaved import walk_interleaved
-from .rayblock import BLOCK_WORDS, DX, LANES, OX, TMAX, TMIN, RayBlock, prepare, ray_of
-from .raypacket import is_coherent, walk_packet
-from .wide import DEFERRED_WORDS, NONE, Query, WideHit, settle_block, slot_of, start
+from .rayblock import (
+    BLOCK_WORDS,
+    BLOCKS,
+    DX,
+    LANES,
+    OX,
+    TMAX,
+    TMIN,
+    RayBlock,
+    block_of,
+    first_block,
+    prepare,
+    ray_of,
+    rays_in,
+    rays_of_block,
+)
+from .raypacket import runs_along, walk_packet
+from .wide import DEFERRED_WORDS, NONE, Query, WideHit, hits_of, settle_block, slot_of, start
 
-_BLOCKS = 64  # blocks that a thread takes at a time
+_RAYS, _ROWS, _TESTS = BLOCKS * LANES, BLOCKS * BLOCK_WORDS, BLOCKS * DEFERRED_WORDS  # of the blocks loaded at a time
+_CHUNK = 16  # times as many blocks, which a thread takes at a time
 _FINITE = np.float32(3.4028235e38)
 
 
@@ -140,7 +157,7 @@ def _load(args, frame, first, last, rows, skip):
 
 
 @inlined
-def _write_nearest(tree, rays, i, found, out, at):
+def _write_nearest(tree, rays, found, i, out, at):
     """Write the nearest hit of ray i of a block to element `at` of the arrays."""
     slot = slot_of(tree, found, i)
     if slot < 0:
@@ -151,10 +168,46 @@ def _write_nearest(tree, rays, i, found, out, at):
     out.u[at], out.v[at] = w.e1 / w.d, w.e2 / w.d
 
 
+@inlined
+def _together(rows, first, left, tree_reach, any_hit):
+    """Rays (bits) of the blocks of `left` that run along block `first`; 0 if not even its own rays do."""
+    found = np.int64(0)
+    if runs_along(rows, first, first, tree_reach, any_hit):
+        while left:
+            j = first_block(left)
+            left &= ~rays_of_block(j)
+            if runs_along(rows, first, j, tree_reach, any_hit):
+                found |= rays_of_block(j)
+    return found
+
+
+@inlined
+def _write_blocked(blocked, n, out, first):
+    """Write n answers (bits) from element `first` on."""
+    for i in range(n):
+        out[first + i] = (blocked >> i) & 1
+
+
+@inlined
+def _trace(tree, rays, alive, query, found, counters):
+    """Trace the rays in `alive` (bits) of several blocks; return bits of blocked rays that `found` does not tell."""
+    blocked = np.int64(0)
+    while alive:
+        j = first_block(alive)
+        packet = alive & _together(rays.rows, j, alive, tree.reach, query.any_hit)
+        if packet:
+            blocked |= walk_packet(tree, rays, packet, query, found, counters)
+            alive &= ~packet
+        else:
+            walk_interleaved(tree, block_of(rays, j), rays_in(alive, j), query, hits_of(found, j), counters)
+            alive &= ~rays_of_block(j)
+    return blocked
+
+
 @kernel
 def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
-    rows, skip = stack_f32(BLOCK_WORDS), stack_i32(LANES)
-    found = WideHit(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
+    rows, skip = stack_f32(_ROWS), stack_i32(_RAYS)
+    found = WideHit(stack_i32(_RAYS), stack_i64(_RAYS), stack_f64(_RAYS), stack_i32(_TESTS))
     block, query = RayBlock(rows, None, skip), Query(rays.cull_faces, any_hit)
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
@@ -162,26 +215,32 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     begin = take(ticket)
     while begin >= 0:
         for b in range(begin, min(begin + ticket[CHUNK], ticket[N])):
-            first = b * LANES
-            n = min(LANES, rays.n - first)
+            first = b * _RAYS
+            n = min(_RAYS, rays.n - first)
             count(mine, RAYS, n)
-            if not _load(args, frame, first, rays.n - 1, rows, skip):
-                faults[0], ticket[STOP] = True, 1
+            n_blocks = (n + LANES - 1) // LANES
+            for j in range(n_blocks):
+                own = block_of(block, j)
+                if not _load(args, frame, first + j * LANES, rays.n - 1, own.rows, own.skip):
+                    faults[0], ticket[STOP] = True, 1
+                    break
+                prepare(own.rows, tree.reach)
+                start(hits_of(found, j), own)
+            if faults[0]:
                 break
-            prepare(rows, tree.reach)
-            start(found, block)
-            blocked = np.int64(0)
-            if is_coherent(rows, tree.reach, any_hit):
-                blocked = walk_packet(tree, block, (1 << n) - 1, query, found, mine)
+            alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
+            blocked = _trace(tree, block, alive, query, found, mine)
+            for j in range(n_blocks):
+                hits = hits_of(found, j)
+                if get(hits.deferred, 0) > 0:
+                    settle_block(tree, block_of(block, j), query, hits, mine)
+                blocked |= bits(load16(hits.lane, 0) != NONE) << (j * LANES)
+            if any_hit:
+                _write_blocked(blocked, n, out.blocked, first)
             else:
-                walk_interleaved(tree, block, (1 << n) - 1, query, found, mine)
-            if get(found.deferred, 0) > 0:
-                settle_block(tree, block, query, found, mine)
-            for i in range(n):
-                if any_hit:
-                    out.blocked[first + i] = (blocked >> i) & 1 or get(found.lane, i) != NONE
-                else:
-                    _write_nearest(tree, block, i, found, out, first + i)
+                for i in range(n):
+                    own = block_of(block, i // LANES)
+                    _write_nearest(tree, own, hits_of(found, i // LANES), i % LANES, out, first + i)
         begin = take(ticket)
     add_counters(counters, mine)
 
@@ -192,6 +251,6 @@ def trace_batch(wide, rays, any_hit, out, threads=None, counters=None, progress=
     Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ...
     """
     counters = new_counters() if counters is None else counters
-    ticket, faults = new_ticket(-(-rays.n // LANES), _BLOCKS), np.zeros(1, np.bool_)
+    ticket, faults = new_ticket(-(-rays.n // _RAYS), _CHUNK), np.zeros(1, np.bool_)
     run(_blocks, thread_count(threads), ticket, wide, rays, any_hit, out, faults, counters, progress=progress)
     return not faults[0]

@@ -143,7 +143,7 @@ def any_hit_wide(tree, ray, skip, cull_faces, counters):
     put(precise, 4 * LANES, ray.ry)
     put(precise, 5 * LANES, ray.rz)
     put(skips, 0, skip)
-    found = WideHit(stack_i64(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
+    found = WideHit(stack_i32(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
     prepare(rows, tree.reach)
     block, query = RayBlock(rows, precise, skips), Query(cull_faces, True)
     start(found, block)

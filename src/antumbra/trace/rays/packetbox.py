@@ -1,4 +1,4 @@
-"""A packet of sixteen coherent rays against boxes: all rays at once by interval arithmetic, or each ray.
+"""A packet of coherent rays against boxes: all rays at once by interval arithmetic, or sixteen rays one by one.
 
 Let x0 be the first ray's origin. Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i. Over the packet,
 1 / d_i and (x0 - o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each
@@ -25,9 +25,10 @@ from ...kernels.simd import (
     splat8,
     splat16,
 )
-from .rayblock import FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN
+from .rayblock import BLOCK_WORDS, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, first_block, rays_of_block
 
 _PAD = np.float32(2.0**-19)  # moves planes outwards as `rayblock.prepare` does, for the roundings of intervals
+_INF = np.float32(np.inf)
 
 
 class PacketAxis(NamedTuple):
@@ -51,27 +52,41 @@ class Packet(NamedTuple):
 
 
 @inlined
-def _axis(rows, k, reach):
+def _axis(rows, alive, k, reach):
     """The `PacketAxis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
-    o, inverse = load16(rows, OX + LANES * k), load16(rows, INVERSE + LANES * k)
-    origin, low, high = get(rows, OX + LANES * k), reduce_min(inverse), reduce_max(inverse)
+    origin = get(rows, first_block(alive) * BLOCK_WORDS + OX + LANES * k)
+    lows, highs, nears, fars = splat16(_INF), splat16(-_INF), splat16(_INF), splat16(-_INF)
+    while alive:
+        j = first_block(alive)
+        alive &= ~rays_of_block(j)
+        b = j * BLOCK_WORDS + LANES * k
+        inverse = load16(rows, INVERSE + b)
+        offset = (splat16(origin) - load16(rows, OX + b)) * inverse
+        lows, highs = minimum(lows, inverse), maximum(highs, inverse)
+        nears, fars = minimum(nears, offset), maximum(fars, offset)
+    low, high = reduce_min(lows), reduce_max(highs)
     if low < 0.0 and high > 0.0:  # the axis does not restrict t
-        zero, inf = np.float32(0.0), np.float32(np.inf)
-        return PacketAxis(origin, zero, zero, -inf, inf, np.int64(2 * WIDTH * k))
-    offset = (splat16(origin) - o) * inverse
+        zero = np.float32(0.0)
+        return PacketAxis(origin, zero, zero, -_INF, _INF, np.int64(2 * WIDTH * k))
     grow = _PAD * reach * (-low if low < 0 else high)
     word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else np.int64(0))
-    return PacketAxis(origin, low, high, reduce_min(offset) - grow, reduce_max(offset) + grow, word)
+    return PacketAxis(origin, low, high, reduce_min(nears) - grow, reduce_max(fars) + grow, word)
 
 
 @inlined
-def packet_of(tree, rows):
-    """The `Packet` of a prepared block."""
-    reach = np.float32(tree.reach)
-    for k in range(3):
-        o = reduce_max(absolute(load16(rows, OX + LANES * k)))
-        reach = o if o > reach else reach
-    return Packet(_axis(rows, 0, reach), _axis(rows, 1, reach), _axis(rows, 2, reach), reduce_min(load16(rows, TMIN)))
+def packet_of(tree, rows, alive):
+    """(`Packet`, greatest limit) of the blocks that hold the rays in `alive` (bits), of several prepared blocks."""
+    sizes, tmins, limits, left = splat16(np.float32(tree.reach)), splat16(_INF), splat16(-_INF), alive
+    while left:
+        j = first_block(left)
+        left &= ~rays_of_block(j)
+        b = j * BLOCK_WORDS
+        tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
+        for k in range(3):
+            sizes = maximum(sizes, absolute(load16(rows, OX + LANES * k + b)))
+    reach = reduce_max(sizes)
+    x, y, z = _axis(rows, alive, 0, reach), _axis(rows, alive, 1, reach), _axis(rows, alive, 2, reach)
+    return Packet(x, y, z, reduce_min(tmins)), reduce_max(limits)
 
 
 @inlined

@@ -14,9 +14,10 @@ from ...kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ...kernels.jit import inlined
 from ...kernels.predicate.exact import Ray, ray_along
 from ...kernels.predicate.vector_filters import FilterRays, error_unit
-from ...kernels.simd import absolute, broadcast8, get, load16, maximum, select, splat16, store
+from ...kernels.simd import absolute, broadcast8, get, load16, lowest_bit, maximum, ptr_at, select, splat16, store
 
 LANES = 16
+BLOCKS = 4  # blocks that lie one after the other
 OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by the caller
 INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
 LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
@@ -35,6 +36,30 @@ class RayBlock(NamedTuple):
     rows: F32Ptr  # float32 *, BLOCK_WORDS
     precise: F64Ptr  # float64 *, rows of 16: direction (x, y, z), its remainder; None: the float32 direction is exact
     skip: I32Ptr  # int32 *, 16: a triangle index that does not count, or -1
+
+
+@inlined
+def block_of(rays, j):
+    """Block j of a `RayBlock` without `precise` that holds several blocks, one after the other."""
+    return RayBlock(ptr_at(rays.rows, j * BLOCK_WORDS), None, ptr_at(rays.skip, j * LANES))
+
+
+@inlined
+def first_block(rays):
+    """The block of the first of some rays (bits) of several blocks."""
+    return lowest_bit(rays) // LANES
+
+
+@inlined
+def rays_of_block(j):
+    """Bits of the rays of block j among several blocks."""
+    return np.int64((1 << LANES) - 1) << (j * LANES)
+
+
+@inlined
+def rays_in(rays, j):
+    """Those of some rays (bits) of several blocks that are in block j, as bits of this block."""
+    return (rays >> (j * LANES)) & ((1 << LANES) - 1)
 
 
 @inlined

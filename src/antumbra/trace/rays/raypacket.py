@@ -7,13 +7,17 @@ triangle is tested against all rays at once, or each ray against all triangles. 
 single rays.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...bvh.wide import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH
+from ...kernels.fields import I32Ptr, I64Ptr
 from ...kernels.jit import inlined
 from ...kernels.predicate.vector_filters import FilterTriangles, meet
 from ...kernels.simd import (
     absolute,
+    all_lanes,
     bits,
     broadcast8,
     broadcast16,
@@ -23,87 +27,103 @@ from ...kernels.simd import (
     load16,
     lowest_bit,
     popcount,
+    ptr_at,
     put,
     reduce_max,
-    reduce_min,
+    splat16,
     stack_f32,
     stack_i32,
+    stack_i64,
     store,
 )
 from ..counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
 from .packetbox import enter_any, enter_each, packet_of
-from .rayblock import DX, LANES, LIMIT, OX, UNIT, filter_rays16
-from .wide import STACK, Query, defer, enter, facing, fetch, keep, push_sorted, slabs_of, visit_leaf
+from .rayblock import (
+    BLOCK_WORDS,
+    DX,
+    LANES,
+    LIMIT,
+    OX,
+    UNIT,
+    block_of,
+    filter_rays16,
+    first_block,
+    rays_in,
+    rays_of_block,
+)
+from .wide import STACK, Query, defer, enter, facing, fetch, hits_of, keep, push_sorted, slabs_of, visit_leaf
 
 _NEAR_ENDS = np.float32(1 / 32)  # largest extent of a packet's origins, or of its ends, as a share of the tree's reach
 _NEAR_DIRECTIONS = np.float32(1 / 4)  # largest extent of its directions, as a share of their largest component
-_STACK = 2 * STACK  # any-hit queries push a box and the rays that enter it
+
+
+class _Stack(NamedTuple):
+    """The boxes that any-hit rays wait for: pointers to scratch memory."""
+
+    rays: I64Ptr  # int64 *: bits of the rays that enter the box
+    boxes: I32Ptr  # int32 *: word of its first plane
 
 
 @inlined
-def _extents(rows, limit):
-    """(largest extent of the sixteen origins, of the ends at `limit`, of the directions, their largest component)."""
-    starts, ends, spread, widest = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for k in range(3):
-        o, d = load16(rows, OX + LANES * k), load16(rows, DX + LANES * k)
-        end = fma(d, limit, o)
-        start, stop, turn = (
-            reduce_max(o) - reduce_min(o),
-            reduce_max(end) - reduce_min(end),
-            reduce_max(d) - reduce_min(d),
-        )
-        starts = start if start > starts else starts
-        ends = stop if not stop <= ends else ends
-        spread = turn if turn > spread else spread
-        size = reduce_max(absolute(d))
-        widest = size if size > widest else widest
-    return starts, ends, spread, widest
+def runs_along(rows, first, j, tree_reach, any_hit):
+    """Is it faster to trace the sixteen rays of prepared block j in a packet that begins with block `first`?
 
-
-@inlined
-def is_coherent(rows, tree_reach, any_hit):
-    """Is it faster to trace the sixteen rays of a prepared block as a packet?
-
-    A packet is faster for rays that start close together and run in about one direction. They start within a 32nd of
-    the tree's reach, and components of their directions differ by at most a quarter of the largest one. Any-hit
-    segments only need to end close together.
+    Rays of a packet start close together and run in about one direction. They start within a 32nd of the tree's reach
+    from the packet's first ray. Components of their directions differ from its own by at most a quarter of its largest
+    one. Any-hit segments only need to end close together.
     """
-    if not reduce_max(load16(rows, UNIT)) < np.float32(np.inf):
-        return False
-    starts, ends, spread, widest = _extents(rows, load16(rows, LIMIT))
-    near = _NEAR_ENDS * tree_reach
-    return (starts <= near and spread <= _NEAR_DIRECTIONS * widest) or (any_hit and ends <= near)
+    a, b = first * BLOCK_WORDS, j * BLOCK_WORDS
+    near, limit = splat16(_NEAR_ENDS * tree_reach), load16(rows, LIMIT + b)
+    widest, first_limit = np.float32(0.0), get(rows, LIMIT + a)
+    for k in range(3):
+        size = abs(get(rows, DX + LANES * k + a))
+        widest = size if size > widest else widest
+    turn = splat16(_NEAR_DIRECTIONS * widest)
+    tame = load16(rows, UNIT + b) < np.float32(np.inf)
+    start, stop = tame, tame if any_hit else ~tame & tame
+    for k in range(3):
+        o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
+        o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
+        start &= (absolute(o - o0) <= near) & (absolute(d - d0) <= turn)
+        stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= near
+    return all_lanes(start) or all_lanes(stop)
 
 
 @inlined
 def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters):
     """Push the children of the node at word `at` that active rays enter: bits of the rays, and the box."""
     hits = bits(enter_any(tree.nodes, at, packet, limit)[0])
-    count(counters, BOX_TESTS, popcount(hits))
     while hits:
         box = at + lowest_bit(hits)
         hits &= hits - 1
-        rays_in = active & enter_each(tree.nodes, box, rows)
-        put(stack, height, rays_in)
-        put(stack, height + 1, box)
-        if rays_in:
+        inside, left = np.int64(0), active
+        while left:
+            j = first_block(left)
+            left &= ~rays_of_block(j)
+            count(counters, BOX_TESTS, 1)
+            inside |= enter_each(tree.nodes, box, ptr_at(rows, j * BLOCK_WORDS)) << (j * LANES)
+        inside &= active
+        put(stack.rays, height, inside)
+        put(stack.boxes, height, box)
+        if inside:
             fetch(tree, np.int64(get(tree.links, box + LINKS)))
-            height += 2
+            height += 1
     return height
 
 
 @inlined
 def _push_entered_by_one(tree, rows, active, at, stack, height):
     """`_push_entered` for a single active ray."""
-    i = lowest_bit(active)
-    hits = bits(enter(tree.nodes, at, slabs_of(rows, i), broadcast8(rows, LIMIT + i))[0])
+    ray = lowest_bit(active)
+    i, block = ray & (LANES - 1), ptr_at(rows, (ray // LANES) * BLOCK_WORDS)
+    hits = bits(enter(tree.nodes, at, slabs_of(block, i), broadcast8(block, LIMIT + i))[0])
     while hits:
         box = at + lowest_bit(hits)
         hits &= hits - 1
         fetch(tree, np.int64(get(tree.links, box + LINKS)))
-        put(stack, height, active)
-        put(stack, height + 1, box)
-        height += 2
+        put(stack.rays, height, active)
+        put(stack.boxes, height, box)
+        height += 1
     return height
 
 
@@ -171,14 +191,26 @@ def _leaf(tree, rays, active, link, query, found, counters):
 
 
 @inlined
+def _leaf_of_blocks(tree, rays, active, link, query, found, counters):
+    """`_leaf` for the active rays of several blocks."""
+    done = np.int64(0)
+    while active:
+        j = first_block(active)
+        mine, block = rays_in(active, j), block_of(rays, j)
+        active &= ~rays_of_block(j)
+        done |= _leaf(tree, block, mine, link, query, hits_of(found, j), counters) << (j * LANES)
+    return done
+
+
+@inlined
 def _walk_any(tree, rays, alive, query, found, counters):
-    """Trace the rays in `alive`. Return bits of the blocked rays."""
-    stack, rows, packet = stack_i32(_STACK), rays.rows, packet_of(tree, rays.rows)
-    limit = reduce_max(load16(rows, LIMIT))
+    """Trace the rays in `alive`, of several blocks. Return bits of the blocked rays."""
+    stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK)), rays.rows
+    packet, limit = packet_of(tree, rows, alive)
     height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link < 0:
-            blocked |= _leaf(tree, rays, active, link, query, found, counters)
+            blocked |= _leaf_of_blocks(tree, rays, active, link, query, found, counters)
             if blocked == alive:
                 return blocked
         else:
@@ -192,17 +224,18 @@ def _walk_any(tree, rays, alive, query, found, counters):
         while active == 0:
             if height == 0:
                 return blocked
-            height -= 2
-            active = np.int64(get(stack, height)) & ~blocked
-        link = np.int64(get(tree.links, np.int64(get(stack, height + 1)) + LINKS))
+            height -= 1
+            active = get(stack.rays, height) & ~blocked
+        link = np.int64(get(tree.links, np.int64(get(stack.boxes, height)) + LINKS))
 
 
 @inlined
 def _walk_nearest(tree, rays, alive, query, found, counters):
     """Trace the rays in `alive`, and write their nearest hits to `found`."""
     stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
-    rows, packet = rays.rows, packet_of(tree, rays.rows)
-    height, link, box, limit = np.int64(0), np.int64(0), np.int64(0), reduce_max(load16(rows, LIMIT))
+    rows = rays.rows
+    packet, limit = packet_of(tree, rows, np.int64(1))
+    height, link, box = np.int64(0), np.int64(0), np.int64(0)
     while True:
         if link < 0:
             count(counters, BOX_TESTS, 1)
@@ -228,12 +261,16 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
 
 @inlined
 def walk_packet(tree, rays, alive, query, found, counters):
-    """Trace the rays in `alive` (bits) of a coherent block.
+    """Trace the rays in `alive` (bits) of several blocks, a coherent packet of up to 64.
 
     For any-hit queries, return bits of the blocked rays. For closest-hit queries, write `found` as `walk_interleaved`
-    does.
+    does, one block after the other.
     """
     if query.any_hit:
         return _walk_any(tree, rays, alive, Query(query.cull_faces, True), found, counters)
-    _walk_nearest(tree, rays, alive, Query(query.cull_faces, False), found, counters)
+    nearest = Query(query.cull_faces, False)
+    while alive:
+        j = first_block(alive)
+        _walk_nearest(tree, block_of(rays, j), rays_in(alive, j), nearest, hits_of(found, j), counters)
+        alive &= ~rays_of_block(j)
     return np.int64(0)

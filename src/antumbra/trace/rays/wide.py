@@ -33,16 +33,24 @@ class Query(NamedTuple):
 class WideHit(NamedTuple):
     """Pointers to the hit of each ray of a block, and to the tests that are settled after the walk."""
 
-    lane: I64Ptr  # int64 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
+    lane: I32Ptr  # int32 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
     prim: I64Ptr  # int64 *: index of the triangle; only for the nearest hit
     t: F64Ptr  # float64 *: t of the hit; only for the nearest hit
     deferred: I32Ptr  # int32 *, DEFERRED_WORDS: number of tests; bits of rays that lost tests; each test's ray and lane
 
 
 @inlined
+def hits_of(found, j):
+    """The `WideHit` of block j, where `found` has memory for several blocks, one after the other."""
+    at = j * LANES
+    lane, prim, t = ptr_at(found.lane, at), ptr_at(found.prim, at), ptr_at(found.t, at)
+    return WideHit(lane, prim, t, ptr_at(found.deferred, j * DEFERRED_WORDS))
+
+
+@inlined
 def slot_of(tree, found, i):
     """Slot of the triangle found for ray i, or -1."""
-    lane = get(found.lane, i)
+    lane = np.int64(get(found.lane, i))
     return np.int64(get(tree.slots, lane)) if lane >= 0 else -2 - lane
 
 
