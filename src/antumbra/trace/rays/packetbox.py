@@ -15,6 +15,7 @@ from ...kernels.simd import (
     absolute,
     bits,
     broadcast16,
+    fma,
     get,
     load8,
     load16,
@@ -48,7 +49,8 @@ class Packet(NamedTuple):
     x: PacketAxis
     y: PacketAxis
     z: PacketAxis
-    tmin: float  # least tmin of the rays
+    tmin: np.float32  # least tmin of the rays
+    mixed: bool  # along some axis, rays go both ways
 
 
 @inlined
@@ -86,7 +88,8 @@ def packet_of(tree, rows, alive):
             sizes = maximum(sizes, absolute(load16(rows, OX + LANES * k + b)))
     reach = reduce_max(sizes)
     x, y, z = _axis(rows, alive, 0, reach), _axis(rows, alive, 1, reach), _axis(rows, alive, 2, reach)
-    return Packet(x, y, z, reduce_min(tmins)), reduce_max(limits)
+    mixed = x.high * x.low <= 0.0 or y.high * y.low <= 0.0 or z.high * z.low <= 0.0
+    return Packet(x, y, z, reduce_min(tmins), mixed), reduce_max(limits)
 
 
 @inlined
@@ -105,7 +108,7 @@ def _far(nodes, at, a):
 @inlined
 def enter_any(nodes, at, packet, limit):
     """Test a node's eight boxes: (mask of the boxes that any ray may enter before `limit`, lower bounds of entry t)."""
-    x, y, z, tmin = packet
+    x, y, z, tmin, _ = packet
     near = maximum(maximum(_near(nodes, at, x), _near(nodes, at, y)), maximum(_near(nodes, at, z), splat8(tmin)))
     far = minimum(minimum(_far(nodes, at, x), _far(nodes, at, y)), minimum(_far(nodes, at, z), splat8(limit)))
     return near <= far, near
@@ -124,4 +127,22 @@ def enter_each(nodes, box, rows):
         b = broadcast16(nodes, box + 2 * WIDTH * k + WIDTH) * inverse
         near = maximum(near, minimum(a, b) + load16(rows, NEAR + LANES * k))
         far = minimum(far, maximum(a, b) + load16(rows, FAR + LANES * k))
+    return bits(near <= far)
+
+
+@inlined
+def enter_alike(nodes, box, rows, packet):
+    """`enter_each` for a packet whose rays agree, along each axis, which of two planes is the near one."""
+    if packet.mixed:
+        return enter_each(nodes, box, rows)
+    r, (x, y, z) = rows, (box + packet.x.word, box + packet.y.word, box + packet.z.word)
+    ix, iy, iz = load16(r, INVERSE), load16(r, INVERSE + LANES), load16(r, INVERSE + 2 * LANES)
+    near_x = fma(broadcast16(nodes, x), ix, load16(r, NEAR))
+    near_y = fma(broadcast16(nodes, y), iy, load16(r, NEAR + LANES))
+    near_z = fma(broadcast16(nodes, z), iz, load16(r, NEAR + 2 * LANES))
+    far_x = fma(broadcast16(nodes, x ^ WIDTH), ix, load16(r, FAR))
+    far_y = fma(broadcast16(nodes, y ^ WIDTH), iy, load16(r, FAR + LANES))
+    far_z = fma(broadcast16(nodes, z ^ WIDTH), iz, load16(r, FAR + 2 * LANES))
+    near = maximum(maximum(near_x, near_y), maximum(near_z, load16(r, TMIN)))
+    far = minimum(minimum(far_x, far_y), minimum(far_z, load16(r, LIMIT)))
     return bits(near <= far)

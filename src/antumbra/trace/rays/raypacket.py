@@ -37,7 +37,7 @@ from ...kernels.simd import (
     store,
 )
 from ..counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .packetbox import enter_any, enter_each, packet_of
+from .packetbox import enter_alike, enter_any, packet_of
 from .rayblock import (
     BLOCK_WORDS,
     DX,
@@ -101,7 +101,7 @@ def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters
             j = first_block(left)
             left &= ~rays_of_block(j)
             count(counters, BOX_TESTS, 1)
-            inside |= enter_each(tree.nodes, box, ptr_at(rows, j * BLOCK_WORDS)) << (j * LANES)
+            inside |= enter_alike(tree.nodes, box, ptr_at(rows, j * BLOCK_WORDS), packet) << (j * LANES)
         inside &= active
         put(stack.rays, height, inside)
         put(stack.boxes, height, box)
@@ -239,7 +239,7 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
     while True:
         if link < 0:
             count(counters, BOX_TESTS, 1)
-            active = alive & enter_each(tree.nodes, box, rows)
+            active = alive & enter_alike(tree.nodes, box, rows, packet)
             if active:
                 _leaf(tree, rays, active, link, query, found, counters)
                 limit = reduce_max(load16(rows, LIMIT))
