@@ -1,8 +1,9 @@
 """A packet of coherent rays against boxes: all rays at once by interval arithmetic, or sixteen rays one by one.
 
-Let x0 be the first ray's origin. Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i. Over the packet,
-1 / d_i and (x0 - o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each
-of eight boxes [Boulos et al. 2006].
+Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i, for any x0. Over the packet, 1 / d_i and
+(x0 - o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each of eight
+boxes [Boulos et al. 2006]. The second interval is short where all rays are close to x0. So x0 is the first ray's
+origin or end.
 """
 
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from ...kernels.simd import (
     absolute,
     bits,
     broadcast16,
+    extract,
     fma,
     get,
     load8,
@@ -26,16 +28,25 @@ from ...kernels.simd import (
     splat8,
     splat16,
 )
-from .rayblock import BLOCK_WORDS, FAR, INVERSE, LANES, LIMIT, NEAR, OX, TMIN, first_block, rays_of_block
+from .rayblock import BLOCK_WORDS, DX, FAR, INVERSE, LANES, LARGE, LIMIT, NEAR, OX, TMIN, first_block, rays_of_block
 
 _PAD = np.float32(2.0**-19)  # moves planes outwards as `rayblock.prepare` does, for the roundings of intervals
 _INF = np.float32(np.inf)
 
 
+class Focus(NamedTuple):
+    """The point x0 of a packet; scalars."""
+
+    x: np.float32
+    y: np.float32
+    z: np.float32
+    size: np.float32  # largest magnitude of a coordinate of the point and of the origins
+
+
 class PacketAxis(NamedTuple):
     """A packet's intervals along one axis; scalars."""
 
-    origin: np.float32  # origin of the first ray
+    origin: np.float32  # coordinate of x0
     low: np.float32  # least inverse; 0 if the inverses differ in sign, and then the axis does not restrict t
     high: np.float32  # greatest inverse; 0 in the same case
     near: np.float32  # least offset of a plane through which rays enter
@@ -54,9 +65,38 @@ class Packet(NamedTuple):
 
 
 @inlined
-def _axis(rows, alive, k, reach):
-    """The `PacketAxis` k of a packet whose coordinates, and the tree's, are at most `reach`."""
-    origin = get(rows, first_block(alive) * BLOCK_WORDS + OX + LANES * k)
+def _end(rows, at, k):
+    """Coordinate k of the ends of the rays of the block at word `at`."""
+    return fma(load16(rows, DX + LANES * k + at), load16(rows, LIMIT + at), load16(rows, OX + LANES * k + at))
+
+
+@inlined
+def _focus_of(rows, alive):
+    """The `Focus` of the blocks that hold the rays in `alive` (bits): the first origin, or else the first end.
+
+    It is the end where ends are closer together than origins are, and no quotient of it can overflow.
+    """
+    first = first_block(alive) * BLOCK_WORDS
+    starts, ends, sizes = splat16(np.float32(0.0)), splat16(np.float32(0.0)), splat16(np.float32(0.0))
+    x, y, z = get(rows, first + OX), get(rows, first + OX + LANES), get(rows, first + OX + 2 * LANES)
+    ex, ey, ez = extract(_end(rows, first, 0), 0), extract(_end(rows, first, 1), 0), extract(_end(rows, first, 2), 0)
+    o, e = (x, y, z), (ex, ey, ez)
+    while alive:
+        j = first_block(alive)
+        alive &= ~rays_of_block(j)
+        for k in range(3):
+            start = load16(rows, OX + LANES * k + j * BLOCK_WORDS)
+            sizes, starts = maximum(sizes, absolute(start)), maximum(starts, absolute(start - o[k]))
+            ends = maximum(ends, absolute(_end(rows, j * BLOCK_WORDS, k) - e[k]))
+    size, end = reduce_max(sizes), max(max(abs(ex), abs(ey)), abs(ez))
+    if end < LARGE and reduce_max(ends) < reduce_max(starts):  # false too for rays without end
+        return Focus(ex, ey, ez, max(size, end))
+    return Focus(x, y, z, size)
+
+
+@inlined
+def _axis(rows, alive, k, origin, reach):
+    """The `PacketAxis` k of a packet whose coordinates, with the tree's and `origin`, are at most `reach`."""
     lows, highs, nears, fars = splat16(_INF), splat16(-_INF), splat16(_INF), splat16(-_INF)
     while alive:
         j = first_block(alive)
@@ -78,16 +118,15 @@ def _axis(rows, alive, k, reach):
 @inlined
 def packet_of(tree, rows, alive):
     """(`Packet`, greatest limit) of the blocks that hold the rays in `alive` (bits), of several prepared blocks."""
-    sizes, tmins, limits, left = splat16(np.float32(tree.reach)), splat16(_INF), splat16(-_INF), alive
+    tmins, limits, left = splat16(_INF), splat16(-_INF), alive
     while left:
         j = first_block(left)
         left &= ~rays_of_block(j)
         b = j * BLOCK_WORDS
         tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
-        for k in range(3):
-            sizes = maximum(sizes, absolute(load16(rows, OX + LANES * k + b)))
-    reach = reduce_max(sizes)
-    x, y, z = _axis(rows, alive, 0, reach), _axis(rows, alive, 1, reach), _axis(rows, alive, 2, reach)
+    f = _focus_of(rows, alive)
+    reach = max(f.size, np.float32(tree.reach))
+    x, y, z = _axis(rows, alive, 0, f.x, reach), _axis(rows, alive, 1, f.y, reach), _axis(rows, alive, 2, f.z, reach)
     mixed = x.high * x.low <= 0.0 or y.high * y.low <= 0.0 or z.high * z.low <= 0.0
     return Packet(x, y, z, reduce_min(tmins), mixed), reduce_max(limits)
 

@@ -24,7 +24,7 @@ LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
 BLOCK_WORDS = 20 * LANES
 PRECISE_WORDS = 6 * LANES  # float64 of `RayBlock.precise`
 
-_SMALL, _LARGE = np.float32(2.0**-40), np.float32(2.0**40)
+_SMALL, LARGE = np.float32(2.0**-40), np.float32(2.0**40)
 _ALONG = np.float32(2.0**-40)  # a direction's component below this share of the largest one counts as this share
 _PAD = np.float32(2.0**-20)  # planes are moved outwards by this share of the largest coordinate in play
 _INF = np.float32(np.inf)
@@ -87,7 +87,7 @@ def prepare(block, tree_reach):
     dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
     reach = maximum(maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)), splat16(tree_reach))
-    tame = (largest > _SMALL) & (largest < _LARGE) & (reach > _SMALL) & (reach < _LARGE)
+    tame = (largest > _SMALL) & (largest < LARGE) & (reach > _SMALL) & (reach < LARGE)
     along, pad = largest * _ALONG, reach * _PAD
     for k in range(3):
         o, d = load16(block, OX + LANES * k), load16(block, DX + LANES * k)
