@@ -105,9 +105,8 @@ def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters
         inside &= active
         put(stack.rays, height, inside)
         put(stack.boxes, height, box)
-        if inside:
-            fetch(tree, np.int64(get(tree.links, box + LINKS)))
-            height += 1
+        fetch(tree, np.int64(get(tree.links, box + LINKS)))
+        height += inside != 0  # without a branch, which often goes another way than predicted
     return height
 
 
