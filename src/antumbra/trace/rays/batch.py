@@ -11,6 +11,7 @@ from ...kernels.predicate.filters import volumes64
 from ...kernels.simd import (
     absolute,
     all_lanes,
+    as_i32,
     bits,
     f32_at,
     f64_at,
@@ -19,6 +20,7 @@ from ...kernels.simd import (
     load16,
     load16x3,
     maximum,
+    ptr,
     put,
     splat16,
     stack_f32,
@@ -183,9 +185,14 @@ def _together(rows, first, left, tree_reach, any_hit):
 
 @inlined
 def _write_blocked(blocked, n, out, first):
-    """Write n answers (bits) from element `first` on."""
-    for i in range(n):
-        out[first + i] = (blocked >> i) & 1
+    """Write n answers (bits) from element `first` on, a multiple of 4."""
+    if n == _RAYS:
+        words = as_i32(ptr(out))
+        for k in range(_RAYS // 4):  # a product spreads four bits over the bytes of a word
+            put(words, first // 4 + k, np.int32(((blocked >> 4 * k) & 15) * 0x204081 & 0x1010101))
+    else:
+        for i in range(n):
+            out[first + i] = (blocked >> i) & 1
 
 
 @inlined
