@@ -132,25 +132,32 @@ def packet_of(tree, rows, alive):
 
 
 @inlined
-def _near(nodes, at, a):
-    """Lower bounds of t at which rays of the packet pass the near planes of a node's eight boxes; at: its word."""
-    planes = load8(nodes, at + a.word) - a.origin
-    return minimum(planes * a.low, planes * a.high) + a.near
-
-
-@inlined
-def _far(nodes, at, a):
-    planes = load8(nodes, at + (a.word ^ WIDTH)) - a.origin
-    return maximum(planes * a.low, planes * a.high) + a.far
+def _times(nodes, at, origin, a):
+    """(least, greatest) t at which rays of the packet pass eight planes, the first one at word `at`."""
+    planes = load8(nodes, at) - origin
+    p, q = planes * a.low, planes * a.high
+    return minimum(p, q) + a.near, maximum(p, q) + a.far
 
 
 @inlined
 def enter_any(nodes, at, packet, limit):
-    """Test a node's eight boxes: (mask of the boxes that any ray may enter before `limit`, lower bounds of entry t)."""
+    """Test a node's eight boxes for the rays of a packet and t before `limit`.
+
+    Return a mask of the boxes that any ray may enter, one of boxes that all rays enter as long as they last, and a
+    vector of lower bounds of entry t.
+    """
     x, y, z, tmin, _ = packet
-    near = maximum(maximum(_near(nodes, at, x), _near(nodes, at, y)), maximum(_near(nodes, at, z), splat8(tmin)))
-    far = minimum(minimum(_far(nodes, at, x), _far(nodes, at, y)), minimum(_far(nodes, at, z), splat8(limit)))
-    return near <= far, near
+    near_x, x_in = _times(nodes, at + x.word, x.origin, x)
+    near_y, y_in = _times(nodes, at + y.word, y.origin, y)
+    near_z, z_in = _times(nodes, at + z.word, z.origin, z)
+    x_out, far_x = _times(nodes, at + (x.word ^ WIDTH), x.origin, x)
+    y_out, far_y = _times(nodes, at + (y.word ^ WIDTH), y.origin, y)
+    z_out, far_z = _times(nodes, at + (z.word ^ WIDTH), z.origin, z)
+    near = maximum(maximum(near_x, near_y), maximum(near_z, splat8(tmin)))
+    far = minimum(minimum(far_x, far_y), minimum(far_z, splat8(limit)))
+    last_in = maximum(maximum(x_in, y_in), maximum(z_in, splat8(tmin)))
+    first_out = minimum(minimum(x_out, y_out), minimum(z_out, splat8(limit)))
+    return near <= far, last_in <= first_out, near
 
 
 @inlined

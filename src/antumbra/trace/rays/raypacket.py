@@ -92,11 +92,14 @@ def runs_along(rows, first, j, tree_reach, any_hit):
 @inlined
 def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters):
     """Push the children of the node at word `at` that active rays enter: bits of the rays, and the box."""
-    hits = bits(enter_any(tree.nodes, at, packet, limit)[0])
+    some, each, _ = enter_any(tree.nodes, at, packet, limit)
+    hits, sure = bits(some), bits(each)
     while hits:
-        box = at + lowest_bit(hits)
+        k = lowest_bit(hits)
+        box = at + k
         hits &= hits - 1
-        inside, left = np.int64(0), active
+        inside = active & -((sure >> k) & 1)
+        left = active & ~inside
         while left:
             j = first_block(left)
             left &= ~rays_of_block(j)
@@ -245,7 +248,7 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
         else:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
-            entered, near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
+            entered, _, near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
             store(nears, 0, near)
             store(children, 0, iota8() + np.int32(link * NODE_WORDS))
             height = push_sorted(stack, entry, height, children, nears, bits(entered))
