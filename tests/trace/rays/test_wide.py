@@ -50,20 +50,24 @@ def _compare(soup, origins, directions, tmin=0.0, tmax=np.inf, skip=None, cull_f
     return (face >= 0).mean(), dict(zip(COUNTERS, counters.tolist()))
 
 
-def _bundles(rng, size, n=40):
-    """(origins, directions) of n bundles of 16 rays with similar origins and directions."""
-    origins = rng.normal(size=(n, 1, 3)) * size + rng.normal(size=(n, 16, 3)) * size * 1e-3
-    directions = rng.normal(size=(n, 1, 3)) * size + rng.normal(size=(n, 16, 3)) * size * 1e-2
+def _bundles(rng, size, n=40, each=16):
+    """(origins, directions) of n bundles of rays with similar origins and directions."""
+    origins = rng.normal(size=(n, 1, 3)) * size + rng.normal(size=(n, each, 3)) * size * 1e-3
+    directions = rng.normal(size=(n, 1, 3)) * size + rng.normal(size=(n, each, 3)) * size * 1e-2
     return origins.reshape(-1, 3).astype(np.float32), directions.reshape(-1, 3).astype(np.float32)
 
 
-@given(soups(), st.integers(0, 2**32 - 1), st.booleans())
-@settings(max_examples=40, deadline=None)
-def test_random_soups(soup, seed, coherent):
+@given(soups(), st.integers(0, 2**32 - 1), st.sampled_from(["random", "16", "64", "to a point"]))
+@settings(max_examples=60, deadline=None)
+def test_random_soups(soup, seed, kind):
     rng = np.random.default_rng(seed)
     size = np.abs(soup).max()
-    if coherent:
-        origins, directions = _bundles(rng, size)
+    if kind in ("16", "64"):
+        origins, directions = (a[:617] for a in _bundles(rng, size, each=int(kind)))  # the last block is not full
+    elif kind == "to a point":
+        origins = (rng.normal(size=(300, 3)) * size).astype(np.float32)
+        directions = (rng.normal(size=3) * size).astype(np.float32) - origins
+        directions[~directions.any(1)] = 1
     else:
         origins, directions = (rng.normal(size=(2, 203, 3)) * size).astype(np.float32)
         corner = soup[rng.integers(0, len(soup), 100), rng.integers(0, 3, 100)]
@@ -98,6 +102,16 @@ def test_packets_share_nodes():
     order = rng.permutation(len(origins))
     _, alone = _compare(soup, origins[order], directions[order])
     assert 0.05 < hit < 0.95 and together["nodes"] < alone["nodes"] / 4
+
+
+def test_blocks_share_nodes():
+    rng = np.random.default_rng(8)
+    soup = (rng.normal(size=(5000, 1, 3)) + rng.normal(size=(5000, 3, 3)) * 0.02).astype(np.float32)
+    origins, directions = _bundles(rng, 1.0, 50, 64)
+    hit, together = _compare(soup, origins, directions)
+    order = np.arange(len(origins)).reshape(50, 4, 16).swapaxes(0, 1).ravel()  # one block of each bundle at a time
+    _, apart = _compare(soup, origins[order], directions[order])
+    assert 0.05 < hit < 0.95 and together["nodes"] < apart["nodes"] / 2
 
 
 def test_parallel_rays_along_axes_through_a_grid_of_corners():

@@ -1,4 +1,4 @@
-"""Ray lists: read, check, trace and write sixteen rays at a time. Coherent rays are traced as packets."""
+"""Ray lists: read, check, trace and write 64 rays at a time, in four blocks. Coherent rays are traced as packets."""
 
 from typing import NamedTuple
 

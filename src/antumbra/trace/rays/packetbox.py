@@ -1,4 +1,4 @@
-"""A packet of coherent rays against boxes: all rays at once by interval arithmetic, or sixteen rays one by one.
+"""A packet of coherent rays against boxes: all rays at once by interval arithmetic, or each of sixteen rays.
 
 Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i, for any x0. Over the packet, 1 / d_i and
 (x0 - o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each of eight

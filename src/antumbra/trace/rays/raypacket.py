@@ -1,10 +1,10 @@
-"""Sixteen rays that run close together, through a wide BVH as one: any-hit and closest-hit.
+"""Rays that run close together, through a wide BVH as one: up to 64 for any-hit, sixteen for closest-hit.
 
 The packet visits inner nodes as a whole. `packetbox` bounds the t at which any of its rays may enter each of eight
-boxes. For each box left, any-hit queries test which rays enter it, and push these rays with the box. Closest-hit
-queries make this test at leaves. At a leaf, the loop is over the triangles or over the rays, whichever are fewer. Each
-triangle is tested against all rays at once, or each ray against all triangles. So a packet that falls apart ends as
-single rays.
+boxes. It also tells boxes that all rays enter. For each other box left, any-hit queries test which rays enter it,
+sixteen at a time. They push these rays with the box. Closest-hit queries make this test at leaves. At a leaf, the loop
+is over the triangles or over the rays of a block, whichever are fewer. Each triangle is tested against all rays at
+once, or each ray against all triangles. So a packet that falls apart ends as single rays.
 """
 
 from typing import NamedTuple
