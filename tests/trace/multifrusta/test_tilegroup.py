@@ -92,3 +92,13 @@ def test_areas_of_many_tiles(n, size, vfov):
     counts = as_dict(tally)
     assert counts["group_tiles"] >= 200 and counts["fan_strata"] > 0 and bits.any() and not bits.all()
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+packet16"), triangles, query))
+
+
+@pytest.mark.parametrize("size", [(4100, 4), (4100, 16), (17000, 1), (8, 2100), (530, 130)])
+@pytest.mark.parametrize("spp", [1, 16])
+def test_areas_cover_pictures_of_any_shape(size, spp):
+    """One thread takes four regions at once, in a row of regions too."""
+    triangles, query = _query(_scene(60, 0.6), LIGHTS["quad"], spp, size, 10.0)
+    bits = answer(parse_plan("bsah+multifrusta"), triangles, query, threads=1)
+    assert bits.any() and not bits.all()
+    np.testing.assert_array_equal(bits, answer(parse_plan("bsah+packet16"), triangles, query))

@@ -51,4 +51,8 @@ def corner_of(layout, at):
 @inlined
 def tile_in(layout, g):
     """(row, column) of tile g in its region, or in four regions that follow one another. Tiles come in Z order, too."""
-    return (np.int64(0), np.int64(g)) if layout.down == 1 else (_even_bits(g >> 1), _even_bits(g))
+    if layout.down == 1:
+        return np.int64(0), np.int64(g)
+    if layout.rows == 1:  # regions follow one another in a row
+        return _even_bits((g & 15) >> 1), _even_bits(g & 15) + (g >> 4) * layout.across
+    return _even_bits(g >> 1), _even_bits(g)
