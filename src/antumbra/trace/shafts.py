@@ -8,8 +8,8 @@ the two boxes
     b = max(|w| . rx, w . D + |w| . ry)
 
 so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes, up
-to second order, but any k is correct. D itself is the normal of the two end caps. The whole shaft misses a triangle
-that lies wholly beyond one of the six planes.
+to second order, but any k is correct. The whole shaft misses a triangle that lies wholly beyond one of the four planes.
+Planes at its two ends cull few more, because the block's box has been tested.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.simd import absolute, get, maximum, minimum, put, splat16, store
+from ..kernels.simd import absolute, get, maximum, put, splat16, store
 from ..kernels.vec import Vec, abs_dot, abs_dots, dot, keep, middles_and_halves, rows, scalars, total
 from .lighttable import ALL_GROUPS
 
@@ -25,7 +25,7 @@ _F = np.float32
 _ROUNDING = _F(24 * 2.0**-24)
 _TINY = _F(1e-37)  # more than the error of a sum of products by underflow
 N = ALL_GROUPS  # a row's length
-D, HALF, TWIST, SPAN, LEVER, NEAR, FAR, CAP_ERROR, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N, 10 * N, 11 * N, 12 * N
+D, HALF, TWIST, SPAN, LEVER, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N
 PLANE = 5 * N  # rows of a plane: w (3), b, error for each unit of a corner's largest coordinate
 SHAFT_FLOATS = PLANES + 4 * PLANE
 _MADE = 12  # word of a tile's `info`: 1 if its shafts are written
@@ -109,11 +109,6 @@ def make_shafts(info, groups, shafts):
         store(shafts, TWIST + batch, twist + half.z * (receivers.x + receivers.y))
         store(shafts, SPAN + batch, span)
         store(shafts, LEVER + batch, d1 * x1)
-        start, middle, reach, cap = abs_dots(d, receivers), dot(d, d), abs_dot(d, half), d1 * _ROUNDING + _TINY
-        near, far = minimum(-start, middle - reach), maximum(start, middle + reach)
-        store(shafts, NEAR + batch, near - absolute(near) * _F(2.0**-18) - cap * span - _TINY)
-        store(shafts, FAR + batch, far + far * _F(2.0**-18) + cap * span + _TINY)
-        store(shafts, CAP_ERROR + batch, cap)
         inverse = splat16(_F(1.0)) / maximum(dot(d, d), splat16(_F(1e-30)))
         at = PLANES + batch
         for turn in (1, 2):

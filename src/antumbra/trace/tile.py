@@ -145,8 +145,11 @@ def coherent_part(tile, lanes, light):
     """Bits of the receivers to trace together with the first of `lanes`: all, or those near it.
 
     The receivers' box of size s and the light's box of size l give one shaft of width s + l. The box is halved while
-    the two shafts of its halves are clearly narrower together.
+    the two shafts of its halves are clearly narrower together. Receivers on one triangle need no halves.
     """
+    face = get(tile.faces, lowest_bit(lanes))
+    if face >= 0 and bits(load16(tile.faces, 0) == face) & lanes == lanes:
+        return lanes
     while lanes & (lanes - 1) != 0:
         size, lower = _size_and_halves(tile, lanes)
         upper = lanes & ~lower

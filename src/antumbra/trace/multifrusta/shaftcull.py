@@ -36,7 +36,7 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.simd import absolute, bits, broadcast16, fma, get, load16, maximum, minimum, splat16, store
 from ...kernels.vec import Vec, abs_dot, broadcasts, cross, dot, keep, largest, minus, plus, rows
 from ..raytest import Lanes, error_bounds, splats
-from ..shafts import CAP_ERROR, FAR, NEAR, PLANE, PLANES, SPAN, D, N, axis_of
+from ..shafts import PLANE, PLANES, SPAN, D, N, axis_of
 
 _F = np.float32
 _U = _F(64 * 2.0**-24)
@@ -59,16 +59,9 @@ def _beyond(shafts, at, group, a, p, q, wide):
 
 @inlined
 def _outside(shafts, group, a, p, q, wide):
-    """mask16 of the triangles that lie wholly beyond one of the six planes of the shaft."""
-    d, zero = broadcasts(shafts, D + group, N), splat16(_ZERO)
-    at, on, off = dot(a, d), dot(p, d), dot(q, d)
-    error = wide * broadcast16(shafts, CAP_ERROR + group)
-    behind = at + maximum(maximum(on, off), zero) < broadcast16(shafts, NEAR + group) - error
-    ahead = at + minimum(minimum(on, off), zero) > broadcast16(shafts, FAR + group) + error
+    """mask16 of the triangles that lie wholly beyond one of the four planes of the shaft."""
     return (
-        behind
-        | ahead
-        | _beyond(shafts, PLANES, group, a, p, q, wide)
+        _beyond(shafts, PLANES, group, a, p, q, wide)
         | _beyond(shafts, PLANES + PLANE, group, a, p, q, wide)
         | _beyond(shafts, PLANES + 2 * PLANE, group, a, p, q, wide)
         | _beyond(shafts, PLANES + 3 * PLANE, group, a, p, q, wide)
