@@ -156,10 +156,10 @@ def _test_triangle(fans, b, points, s, r, dead, k, slot, counters):
     d = minus(rows(fans.receivers, 48 * r, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), -b.facing)
-    if hit | unsure != 0:
-        others = rays_left(dead, r) & _others(fans, b, slot, r)
-        _block(dead, r, hit & others)
-        defer(b.deferred, slot, s << 4 | r, 256, unsure & others)
+    others = _others(fans, b, slot, r)
+    if unsure != 0:
+        defer(b.deferred, slot, s << 4 | r, 256, unsure & others & rays_left(dead, r))
+    _block(dead, r, hit & others)
 
 
 @inlined
