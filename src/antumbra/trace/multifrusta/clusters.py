@@ -142,11 +142,9 @@ def _sort_piece(parts, first, count):
     Keys are the bits of distances from the lowest part. They sort like the distances, and end in their place: so no two
     are equal.
     """
-    (x, dx), (y, dy), (z, dz) = (
-        _extent(parts, 0, first, count),
-        _extent(parts, 1, first, count),
-        _extent(parts, 2, first, count),
-    )
+    x, dx = _extent(parts, 0, first, count)
+    y, dy = _extent(parts, 1, first, count)
+    z, dz = _extent(parts, 2, first, count)
     low, row = (x, 0) if dx >= dy and dx >= dz else ((y, _ROW) if dy >= dz else (z, 2 * _ROW))
     for at in range(0, count, 16):
         place = gather(parts.places, _chosen(parts, first, at, count) + splat16(np.int32(row)))

@@ -45,7 +45,7 @@ from ..deferred import defer
 from ..lighttable import POINTS, STRATA
 from ..raytest import Lanes, decide, error_bounds, keep_lanes, kept_lane
 from ..segmentbox import keep_inverses, segments_in_box
-from ..shafts import SPAN
+from ..shafts import HALF, SPAN, D, N
 from .shaftbox import shafts_in_box
 from .shaftcull import CULL_WORK, cull_beams, cull_block, triangle_size
 
@@ -118,6 +118,23 @@ def fans_in_box(fans, points, box):
     p, zero = rows(points, 0, 16), splat16(_F(0.0))
     d, half = _axes(fans, p)
     return shafts_in_box(p, d, Vec(zero, zero, zero), half, box.middle, box.half)
+
+
+@inlined
+def fans_are_narrower(whole, one, s, c):
+    """Are fans narrower than the tiles' shafts to stratum s at a point? Towards the light, fans narrow.
+
+    whole, one : the tile group as a `Tile`, and one of its tiles
+    c : pointer to the point
+    """
+    along, square, light, more = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
+    for k in range(3):
+        d = get(whole.shafts, D + k * N + 16 + s)
+        along += (get(c, k) - get(whole.info, k)) * d
+        square += d * d
+        light += get(whole.shafts, HALF + k * N + 16 + s)
+        more += get(whole.info, 3 + k) - get(one.info, 3 + k)
+    return along * light > (square - along) * more
 
 
 @inlined

@@ -36,8 +36,8 @@ class Grouping(NamedTuple):
     """How a cluster is traced."""
 
     members: int  # bits of the tiles in its tile group; 0: there is none
-    taken: int  # the group's class; -1: there is none
-    declined: int  # bits of the classes of groups that it could have had
+    taken: int  # the group's class if it is a trial, else -1
+    declined: int  # bits of the classes of groups that it could have had, and has not, as a trial
 
 
 @inlined
@@ -62,12 +62,8 @@ def _union(low, high, info):
 def _near_each_other(chunk, tiles, numbers, most):
     """(bits of the tiles in `numbers` near the first one, the sum of the extents of their box, at most `most`)."""
     i = tile_at(tiles, lowest_bit(numbers), chunk).info
-    low, high, members, size = (
-        (get(i, 6), get(i, 7), get(i, 8)),
-        (get(i, 9), get(i, 10), get(i, 11)),
-        numbers & -numbers,
-        _F(0.0),
-    )
+    low, high = (get(i, 6), get(i, 7), get(i, 8)), (get(i, 9), get(i, 10), get(i, 11))
+    members, size = numbers & -numbers, _F(0.0)
     numbers &= numbers - 1
     while numbers != 0:
         g = lowest_bit(numbers)
@@ -93,7 +89,7 @@ def _enough_near(chunk, tiles, numbers, most):
 
 @inlined
 def _pays(trials, c):
-    """Is a group of class c to be formed?"""
+    """(whether to form a group of class c, whether that is a trial)"""
     seen = np.int64(get(trials, _SEEN + c))
     put(trials, _SEEN + c, _F(seen + 1))
     together, apart = get(trials, _TOGETHER + c), get(trials, _APART + c)
@@ -107,6 +103,7 @@ def _pays(trials, c):
 
 @inlined
 def forget_trials(trials):
+    """Begin without experience."""
     for i in range(TRIAL_FLOATS):
         put(trials, i, _F(0.0))
 
@@ -148,6 +145,7 @@ def work_of(counters):
 
 @inlined
 def _average(trials, at, cost):
+    """Add a trial's cost to an average."""
     old = get(trials, at)
     put(trials, at, cost if old == _F(0.0) else old + (cost - old) * _NEW)
 

@@ -39,12 +39,11 @@ from ..blocktest import Block
 from ..counters import GROUP_STRATA, TRIANGLES, count
 from ..lighttable import ALL_GROUPS, STRATA
 from ..segmentbox import box_at
-from ..shafts import HALF, D, N, make_shafts
+from ..shafts import make_shafts
 from ..tile import Tile, finished_strata, tile_at
 from .compaction import COMPACTED_FLOATS, Compacted, compacted_at
-from .fans import FAN_FLOATS, Fans, add_to_fans, close_fans, fans_at, fans_in_box, trace_fans
-from .shaftbox import shafts_in_box
-from .tilelanes import BOXES, tiles_in_box, trace_tiles
+from .fans import FAN_FLOATS, Fans, add_to_fans, close_fans, fans_are_narrower, fans_at, fans_in_box, trace_fans
+from .tilelanes import BOXES, tiles_in_box, tiles_near_box, trace_tiles
 
 _F = np.float32
 _MEMBERS, _FILLED = 0, 1  # words of the state
@@ -256,15 +255,6 @@ def finished(tile_group):
 
 
 @inlined
-def _tiles_near_box(tile_group, c, e):
-    """Bits of the tiles whose shafts to the whole light may meet a box."""
-    o, shafts = rows(tile_group.boxes, 0, 16), tile_group.whole.shafts
-    d, m = broadcasts(shafts, D + 1, N), broadcasts(tile_group.whole.info, 0, 1)
-    v = Vec(d.x + (m.x - o.x), d.y + (m.y - o.y), d.z + (m.z - o.z))
-    return shafts_in_box(o, v, rows(tile_group.boxes, 48, 16), broadcasts(shafts, HALF + 1, N), c, e)
-
-
-@inlined
 def _open_tiles(tile_group, strata):
     """Bits of the tiles that have a segment to any of some strata (bits) left."""
     tiles = np.int64(0)
@@ -282,27 +272,8 @@ def tiles_by_beams(tile_group, bounds, strata, chunk):
     """
     if not is_near(tile_group.whole.shafts, tile_at(tile_group.tiles, tile_group.first, chunk).info, bounds):
         return np.int64(-1)
-    return _tiles_near_box(tile_group, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1)) & _open_tiles(
-        tile_group, strata
-    )
-
-
-@inlined
-def _fans_are_narrower(tile_group, s, c, chunk):
-    """Are fans narrower than the tiles' shafts to stratum s at a point? Towards the light, fans narrow.
-
-    c : pointer to the point
-    """
-    shafts, whole = tile_group.whole.shafts, tile_group.whole.info
-    one = tile_at(tile_group.tiles, tile_group.first, chunk).info
-    along, square, light, more = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
-    for k in range(3):
-        d = get(shafts, D + k * N + 16 + s)
-        along += (get(c, k) - get(whole, k)) * d
-        square += d * d
-        light += get(shafts, HALF + k * N + 16 + s)
-        more += get(whole, 3 + k) - get(one, 3 + k)
-    return along * light > (square - along) * more
+    near = tiles_near_box(tile_group, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1))
+    return near & _open_tiles(tile_group, strata)
 
 
 @kernel
@@ -313,11 +284,11 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     """
     # In: tile_group, tree, number, triangles, strata, chunk. Out: work, deferred, counters, and the tiles' `dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), chunk.query.facing, work, deferred)
-    box = box_at(ptr_at(tree.bounds, b.number * 8))
+    bounds = ptr_at(tree.bounds, b.number * 8)
+    box = box_at(bounds)
     count(counters, TRIANGLES, triangles)
-    by_fans = chunk.fixed and _fans_are_narrower(
-        tile_group, lowest_bit(strata), ptr_at(tree.bounds, b.number * 8), chunk
-    )
+    one = tile_at(tile_group.tiles, tile_group.first, chunk)
+    by_fans = chunk.fixed and fans_are_narrower(tile_group.whole, one, lowest_bit(strata), bounds)
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1

@@ -9,10 +9,11 @@ import numpy as np
 
 from ...kernels.jit import inlined
 from ...kernels.simd import get, lowest_bit, popcount, ptr_at, put
-from ...kernels.vec import minus, rows
+from ...kernels.vec import Vec, broadcasts, minus, rows
 from ..blocktest import numbers_of
 from ..counters import CANDIDATES, COVERED, count
 from ..segmentbox import rays_in_box
+from ..shafts import HALF, D, N
 from ..tile import tile_at
 from .compaction import gather, test_one_by_one, test_together
 from .shaftbox import shafts_in_box
@@ -28,6 +29,15 @@ def tiles_in_box(tile_group, s, c, e):
     """Bits of the tiles whose shafts to stratum s may meet a box."""
     o, t = rows(tile_group.boxes, 0, 16), ptr_at(tile_group.targets, s * BOXES)
     return shafts_in_box(o, minus(rows(t, 0, 16), o), rows(tile_group.boxes, 48, 16), rows(t, 48, 16), c, e)
+
+
+@inlined
+def tiles_near_box(tile_group, c, e):
+    """Bits of the tiles whose shafts to the whole light may meet a box."""
+    o, shafts = rows(tile_group.boxes, 0, 16), tile_group.whole.shafts
+    d, m = broadcasts(shafts, D + 1, N), broadcasts(tile_group.whole.info, 0, 1)
+    v = Vec(d.x + (m.x - o.x), d.y + (m.y - o.y), d.z + (m.z - o.z))
+    return shafts_in_box(o, v, rows(tile_group.boxes, 48, 16), broadcasts(shafts, HALF + 1, N), c, e)
 
 
 @inlined
