@@ -18,14 +18,20 @@ _D, _H = 0, 48
 BEAM_FLOATS = 96
 
 
+@inlined
+def widened(d, half):
+    """Half extents of the box at the end of d that cover the rounding of d."""
+    off = splat16(_F(2.0**-23))
+    return Vec(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
+
+
 @kernel
 def make_beams(tile):
     """Write the beams of a tile whose origins and targets are filled."""
     middle, half = rows(tile.targets, 0, 16), rows(tile.targets, 48, 16)
-    d, off = minus(middle, rows(tile.origins, 0, 16)), splat16(_F(2.0**-23))  # rounding of d
+    d = minus(middle, rows(tile.origins, 0, 16))
     keep(tile.beams, _D, 16, d)
-    h = Vec(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
-    keep(tile.beams, _H, 16, h)
+    keep(tile.beams, _H, 16, widened(d, half))
 
 
 @inlined

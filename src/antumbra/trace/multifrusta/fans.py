@@ -20,16 +20,13 @@ import numpy as np
 from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import (
-    absolute,
     as_i32,
     bits,
     broadcast16,
-    fma,
     get,
     load16,
     lowest_bit,
     mask_from_bits16,
-    maximum,
     popcount,
     ptr_at,
     put,
@@ -39,6 +36,7 @@ from ...kernels.simd import (
     store,
 )
 from ...kernels.vec import Vec, broadcasts, cross, dot, keep, largest, middles_and_halves, minus, rows
+from ..beams import widened
 from ..blocktest import numbers_of, slot_of
 from ..counters import CANDIDATES, COVERED, FAN_STRATA, TRIANGLE_TESTS, count
 from ..deferred import defer
@@ -47,7 +45,7 @@ from ..raytest import Lanes, decide, error_bounds, keep_lanes, kept_lane
 from ..segmentbox import keep_inverses, segments_in_box
 from ..shafts import HALF, SPAN, D, N
 from .shaftbox import shafts_in_box
-from .shaftcull import CULL_WORK, cull_beams, cull_block, triangle_size
+from .shaftcull import CULL_WORK, block_lanes, cull_beams, cull_block, triangle_size
 
 _F = np.float32
 _FANS = STRATA * 16
@@ -57,7 +55,6 @@ _REACH = _READY + 16
 _INVERSES = _REACH + _FANS
 FAN_FLOATS = _INVERSES + _FANS * 48
 _FEW = 10  # up to this many fans that meet a block are tested one by one
-_OFF = _F(2.0**-23)  # rounding of directions
 
 
 class Fans(NamedTuple):
@@ -102,14 +99,7 @@ def close_fans(fans, low, high):
 def _axes(fans, p):
     """(directions from points p to the middles of the receivers' boxes, half extents of the boxes); lanes are r."""
     d, half = minus(rows(fans.boxes, 0, 16), p), rows(fans.boxes, 48, 16)
-    return d, _widened(d, half)
-
-
-@inlined
-def _widened(d, half):
-    """Half extents that cover the rounding of d."""
-    off = splat16(_OFF)
-    return Vec(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
+    return d, widened(d, half)
 
 
 @inlined
@@ -204,13 +194,10 @@ def _trace_fan(fans, whole, b, points, s, r, dead, box, counters):
     rays = rays_left(dead, r) & _rays_in_box(fans, points, s, r, box)
     if rays == 0:
         return
-    point, numbers = broadcasts(points, r, 16), numbers_of(b)
-    a, p, q = minus(rows(numbers, 0, 16), point), rows(numbers, 48, 16), rows(numbers, 96, 16)
-    n, span = cross(p, q), broadcast16(whole.shafts, SPAN + 1)
-    e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), span)
-    lanes = Lanes(cross(a, p), cross(a, q), n, dot(a, n), e, te)
+    point = broadcasts(points, r, 16)
+    lanes = block_lanes(point, numbers_of(b), broadcast16(whole.shafts, SPAN + 1))
     d = minus(broadcasts(fans.boxes, r, 16), point)
-    v = cull_beams(d, _widened(d, broadcasts(fans.boxes, 48 + r, 16)), lanes, -b.facing)
+    v = cull_beams(d, widened(d, broadcasts(fans.boxes, 48 + r, 16)), lanes, -b.facing)
     left = b.present & ~v.miss
     count(counters, CANDIDATES, popcount(left))
     cover = v.cover & left

@@ -269,7 +269,16 @@ def triangle_lanes(origins, numbers, work, i):
 @inlined
 def receiver_lanes(tile, numbers, r):
     """`Lanes` of the 16 triangles of a block for rays from receiver r."""
-    a, p, q = minus(rows(numbers, 0, 16), broadcasts(tile.origins, r, 16)), rows(numbers, 48, 16), rows(numbers, 96, 16)
-    n, span = cross(p, q), broadcast16(tile.shafts, SPAN + 1)
+    return block_lanes(broadcasts(tile.origins, r, 16), numbers, broadcast16(tile.shafts, SPAN + 1))
+
+
+@inlined
+def block_lanes(origin, numbers, span):
+    """`Lanes` of the 16 triangles of a block for rays from an origin, given in all lanes.
+
+    span : f32x16, at least the sum of the magnitudes of a ray's components
+    """
+    a, p, q = minus(rows(numbers, 0, 16), origin), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    n = cross(p, q)
     e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), span)
     return Lanes(cross(a, p), cross(a, q), n, dot(a, n), e, te)
