@@ -10,12 +10,13 @@ import numpy as np
 
 from ..kernels.fields import F32x16
 from ..kernels.jit import inlined
-from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, splat16, store
+from ..kernels.simd import absolute, bits, broadcast16, flip_sign, fma, maximum, minimum, splat16, store
 from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
 
 _F = np.float32
+UNITS = 80  # units of 2^-24 in the error bounds: errors of an edge function and of D together, see `decide_signs`
 _ROOM = _F(8.0)  # a product times this is at least every sum made of such products
-_U = _F(64 * 2.0**-24 / 8.0)  # relative error bound, for products multiplied by _ROOM
+_U = _F(UNITS * 2.0**-24 / 8.0)  # relative error bound, for products multiplied by _ROOM
 _TINY = _F(1e-37)
 LANES = 12 * 16  # float32 of kept `Lanes`
 
@@ -34,7 +35,7 @@ class Lanes(NamedTuple):
     """A triangle relative to the origins of 16 rays; f32x16."""
 
     cp: Vec  # a x p, where a = v0 - origin
-    cq: Vec  # a x q
+    qc: Vec  # q x a
     n: Vec
     t: F32x16  # a . n
     e: F32x16  # error bound of the three edge functions
@@ -90,7 +91,8 @@ def seen_from(origins, span, triangle):
     a = Vec(triangle.v.x - origins.x, triangle.v.y - origins.y, triangle.v.z - origins.z)
     e, te = error_bounds(largest(a), splat16(triangle.size), span)
     n = triangle.n
-    return Lanes(crosses(a, triangle.p), crosses(a, triangle.q), splats(n), dots(a, n), e, te)
+    q = triangle.q
+    return Lanes(crosses(a, triangle.p), crosses(a, Vec(-q.x, -q.y, -q.z)), splats(n), dots(a, n), e, te)
 
 
 @inlined
@@ -100,20 +102,19 @@ def length1(d):
 
 
 @inlined
-def decide_signs(e0, e1, e2, t, f, e, te, facing):
+def decide_signs(e1, e2, dn, t, e, te, facing):
     """(bits of the lanes whose ray surely meets its triangle, bits of the lanes that float32 cannot decide).
 
-    e0, e1, e2 : edge functions
-    t, f : distances of the ray's start and end from the triangle's plane
+    e1, e2 : two edge functions
+    dn, t : the ray's direction times the triangle's normal, and the distance of the ray's start from its plane
     e, te : error bounds of the edge functions, and of the distances
     """
-    low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
-    near, far = minimum(t, f), maximum(t, f)
-    left = bits(((low < -e) & (high > e)) | (near > te) | (far < -te)) ^ 0xFFFF
-    up, down = low > e, high < -e
-    hit = bits((up | down) & (near < -te) & (far > te))
+    # Eq. (15) of docs/design/exactness.md
+    e1, e2, t, size = flip_sign(e1, dn), flip_sign(e2, dn), flip_sign(t, dn), absolute(dn)
+    low, inside = minimum(minimum(e1, e2), size - e1 - e2), minimum(t, size - t)
+    hit, left = bits((low > e) & (inside > te)), bits((low < -e) | (inside < -te)) ^ 0xFFFF
     if facing != 0:
-        wrong = bits(up) if facing > 0 else bits(down)
+        wrong = bits((low > e) & (flip_sign(splat16(_F(facing)), dn) > _F(0.0)))
         return hit & ~wrong, left & ~hit & ~wrong
     return hit, left & ~hit
 
@@ -122,15 +123,15 @@ def decide_signs(e0, e1, e2, t, f, e, te, facing):
 def decide(d, lanes, facing):
     """(bits of the rays along d that surely meet the triangle, bits of the rays that float32 cannot decide)."""
     # Eq. (7) of docs/design/exactness.md
-    e2, e1, dn = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, lanes.n)
-    return decide_signs(dn - e1 - e2, e1, e2, lanes.t, lanes.t - dn, lanes.e, lanes.te, facing)
+    e1, e2, dn = dot(d, lanes.qc), dot(d, lanes.cp), dot(d, lanes.n)
+    return decide_signs(e1, e2, dn, lanes.t, lanes.e, lanes.te, facing)
 
 
 @inlined
 def keep_lanes(memory, lanes):
     """Write `Lanes` to LANES float32."""
     keep(memory, 0, 16, lanes.cp)
-    keep(memory, 48, 16, lanes.cq)
+    keep(memory, 48, 16, lanes.qc)
     keep(memory, 96, 16, lanes.n)
     store(memory, 144, lanes.t)
     store(memory, 160, lanes.e)
@@ -159,9 +160,9 @@ def ray_meets(o, d, numbers, facing, limit):
     # Eq. (6) and (7) of docs/design/exactness.md
     a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, r = cross(p, q), cross(d, a)
-    e2, e1, dn, t = dot(p, r), -dot(q, r), dot(d, n), dot(a, n)
+    e1, e2, dn, t = -dot(q, r), dot(p, r), dot(d, n), dot(a, n)
     e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))
-    hit, unsure = decide_signs(dn - e1 - e2, e1, e2, t, t - dn, e, te, facing)
+    hit, unsure = decide_signs(e1, e2, dn, t, e, te, facing)
     if limit is None:
         return hit, unsure
     beyond = bits(absolute(t) - te > (absolute(dn) + te + te) * limit)

@@ -55,7 +55,7 @@ def _missed(frusta, lanes, triangle, wide):
     low0, low1, low2, low_f, high0, high1, high2, high_f = far, far, far, far, -far, -far, -far, -far
     for corner in range(4):
         d = rows(frusta.own, CORNERS + 48 * corner, 16)
-        e2, e1, dn = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, n)
+        e2, e1, dn = dot(d, lanes.cp), dot(d, lanes.qc), dot(d, n)
         e0, f = dn - e1 - e2, t - dn
         low0, low1, low2, low_f = minimum(low0, e0), minimum(low1, e1), minimum(low2, e2), minimum(low_f, f)
         high0, high1, high2, high_f = maximum(high0, e0), maximum(high1, e1), maximum(high2, e2), maximum(high_f, f)

@@ -107,7 +107,7 @@ def _origins(rays):
 def _signs(d, lanes, far):
     """(bits of the rays that surely meet a triangle's line of sight, bits of those that may be nearer than `far`)."""
     # Eq. (7) of docs/design/exactness.md, for rays without an end
-    e2, e1, dn = dot(d, lanes.cp), -dot(d, lanes.cq), dot(d, lanes.n)
+    e2, e1, dn = dot(d, lanes.cp), dot(d, lanes.qc), dot(d, lanes.n)
     e0, t, e, te = dn - e1 - e2, lanes.t, lanes.e, lanes.te
     low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
     up, down, above, below = low > e, high < -e, t > te, t < -te

@@ -230,7 +230,7 @@ def _by_fans(fans, whole, b, points, s, live, dead, i, counters):
     a, p, q = minus(broadcasts(numbers, i, 16), point), broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16)
     e, te = error_bounds(largest(a), triangle_size(b.work, i), broadcast16(whole.shafts, SPAN + 1))
     n = cross(p, q)
-    lanes = Lanes(cross(a, p), cross(a, q), n, dot(a, n), e, te)
+    lanes = Lanes(cross(a, p), cross(q, a), n, dot(a, n), e, te)
     d, half = _axes(fans, point)
     v = cull_beams(d, half, lanes, -b.facing)
     covered, tests = live & v.cover, live & ~v.miss & ~v.cover

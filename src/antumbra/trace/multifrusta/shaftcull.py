@@ -35,11 +35,11 @@ import numpy as np
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import absolute, bits, broadcast16, fma, get, load16, maximum, minimum, splat16, store
 from ...kernels.vec import Vec, abs_dot, broadcasts, cross, dot, keep, largest, minus, plus, rows
-from ..raytest import Lanes, error_bounds, splats
+from ..raytest import UNITS, Lanes, error_bounds, splats
 from ..shafts import PLANE, PLANES, SPAN, D, N, axis_of
 
 _F = np.float32
-_U = _F(64 * 2.0**-24)
+_U = _F(UNITS * 2.0**-24)
 _MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
 _TINY = _F(1e-37)
 _ZERO = _F(0.0)
@@ -219,11 +219,11 @@ def cull_strata(shafts, work, i, facing):
 @inlined
 def cull_beams(d, half, lanes, facing):
     """`Verdict` on beams along d with half extents `half` at the end: 16 beams and a triangle, or the reverse."""
-    cp, cq, n, more = lanes.cp, lanes.cq, lanes.n, splat16(_MORE)
+    cp, qc, n, more = lanes.cp, lanes.qc, lanes.n, splat16(_MORE)
     # Eq. (5) of docs/design/multifrusta.md
-    dn, e2, e1 = dot(d, n), dot(d, cp), -dot(d, cq)
-    k0 = fma(abs_dot(plus(n, minus(cq, cp)), half), more, lanes.e)
-    k1, k2 = fma(abs_dot(cq, half), more, lanes.e), fma(abs_dot(cp, half), more, lanes.e)
+    dn, e2, e1 = dot(d, n), dot(d, cp), dot(d, qc)
+    k0 = fma(abs_dot(minus(n, plus(qc, cp)), half), more, lanes.e)
+    k1, k2 = fma(abs_dot(qc, half), more, lanes.e), fma(abs_dot(cp, half), more, lanes.e)
     kf = fma(abs_dot(n, half), more, lanes.te)
     return _verdict(dn - e1 - e2, e1, e2, k0, k1, k2, lanes.t, lanes.te, lanes.t - dn, kf, facing)
 
@@ -263,7 +263,7 @@ def triangle_lanes(origins, numbers, work, i):
     """`Lanes` of triangle i of a block, which `cull_block` has kept, for rays from 16 origins."""
     a = minus(broadcasts(numbers, i, 16), origins)
     p, q, n = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16), broadcasts(work, _N + i, 16)
-    return Lanes(cross(a, p), cross(a, q), n, dot(a, n), broadcast16(work, _E + i), broadcast16(work, _TE + i))
+    return Lanes(cross(a, p), cross(q, a), n, dot(a, n), broadcast16(work, _E + i), broadcast16(work, _TE + i))
 
 
 @inlined
@@ -281,4 +281,4 @@ def block_lanes(origin, numbers, span):
     a, p, q = minus(rows(numbers, 0, 16), origin), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n = cross(p, q)
     e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), span)
-    return Lanes(cross(a, p), cross(a, q), n, dot(a, n), e, te)
+    return Lanes(cross(a, p), cross(q, a), n, dot(a, n), e, te)
