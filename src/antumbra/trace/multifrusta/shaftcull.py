@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...kernels.jit import inlined, kernel
-from ...kernels.simd import absolute, bits, broadcast16, fma, get, load16, maximum, minimum, splat16, store
+from ...kernels.simd import bits, broadcast16, fma, get, load16, maximum, minimum, splat16, store
 from ...kernels.vec import Vec, abs_dot, broadcasts, cross, dot, keep, largest, minus, plus, rows
 from ..raytest import UNITS, Lanes, error_bounds, splats
 from ..shafts import PLANE, PLANES, SPAN, D, N, axis_of
@@ -43,10 +43,8 @@ _U = _F(UNITS * 2.0**-24)
 _MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
 _TINY = _F(1e-37)
 _ZERO = _F(0.0)
-_CP, _CQ, _N, _MIDDLE, _HALF, _T, _K, _KT, _KF, _E, _TE, _WIDE, _SIZE = (
-    16 * i for i in (0, 3, 6, 9, 12, 15, 16, 19, 20, 21, 22, 23, 24)
-)
-CULL_WORK = 25 * 16  # float32 of scratch memory
+_CP, _CQ, _N, _T, _K, _KT, _KF, _E, _TE, _WIDE, _SIZE = (16 * i for i in (0, 3, 6, 9, 10, 13, 14, 15, 16, 17, 18))
+CULL_WORK = 19 * 16  # float32 of scratch memory
 
 
 @inlined
@@ -88,17 +86,6 @@ def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
     return Vec(dn - e1 - e2, e1, e2), Vec(k0, k1, k2), Vec(g0, g1, g2)
 
 
-@inlined
-def _keep_box(work, a, p, q):
-    """Write the centres and half extents of the triangles' boxes to `work`."""
-    zero, half = splat16(_ZERO), _F(0.5)
-    x, y, z = minimum(minimum(p.x, q.x), zero), minimum(minimum(p.y, q.y), zero), minimum(minimum(p.z, q.z), zero)
-    u, v, w = maximum(maximum(p.x, q.x), zero), maximum(maximum(p.y, q.y), zero), maximum(maximum(p.z, q.z), zero)
-    keep(work, _MIDDLE, 16, Vec(a.x + (x + u) * half, a.y + (y + v) * half, a.z + (z + w) * half))
-    half *= _MORE
-    keep(work, _HALF, 16, Vec((u - x) * half, (v - y) * half, (w - z) * half))
-
-
 @kernel
 def cull_block(tile, numbers, group, facing, work):
     """Bits of a block's triangles that some segment of the shaft to a group may meet. Write their numbers to `work`."""
@@ -133,7 +120,6 @@ def cull_block(tile, numbers, group, facing, work):
         keep(work, _CP, 16, cp)
         keep(work, _CQ, 16, cq)
         keep(work, _N, 16, n)
-        _keep_box(work, a, p, q)
         store(work, _T, t)
         keep(work, _K, 16, k)
         store(work, _KT, kt)
@@ -146,26 +132,24 @@ def cull_block(tile, numbers, group, facing, work):
 
 
 @inlined
-def _box_beyond(shafts, at, middle, half, wide):
-    """mask16 of the strata whose shaft has a triangle's box wholly beyond one plane."""
+def _strata_beyond(shafts, at, a, p, q, wide):
+    """mask16 of the strata whose shaft has a triangle, given in all lanes, wholly beyond one plane."""
     w = rows(shafts, at + 16, N)
-    nearest = dot(w, middle) - fma(absolute(w.x), half.x, fma(absolute(w.y), half.y, absolute(w.z) * half.z))
+    nearest = dot(w, a) + minimum(minimum(dot(w, p), dot(w, q)), splat16(_ZERO))
     return nearest > fma(load16(shafts, at + 4 * N + 16), wide, load16(shafts, at + 3 * N + 16))
 
 
 @inlined
-def _strata_outside(shafts, work, i):
-    """mask16 of the strata whose shaft has the box of triangle i wholly beyond one of its four sides."""
-    middle, half, wide = (
-        broadcasts(work, _MIDDLE + i, 16),
-        broadcasts(work, _HALF + i, 16),
-        broadcast16(work, _WIDE + i),
-    )
+def _strata_outside(tile, numbers, work, i):
+    """mask16 of the strata whose shaft has triangle i wholly beyond one of its four sides."""
+    shafts, wide = tile.shafts, broadcast16(work, _WIDE + i)
+    a = minus(broadcasts(numbers, i, 16), broadcasts(tile.info, 0, 1))
+    p, q = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16)
     return (
-        _box_beyond(shafts, PLANES, middle, half, wide)
-        | _box_beyond(shafts, PLANES + PLANE, middle, half, wide)
-        | _box_beyond(shafts, PLANES + 2 * PLANE, middle, half, wide)
-        | _box_beyond(shafts, PLANES + 3 * PLANE, middle, half, wide)
+        _strata_beyond(shafts, PLANES, a, p, q, wide)
+        | _strata_beyond(shafts, PLANES + PLANE, a, p, q, wide)
+        | _strata_beyond(shafts, PLANES + 2 * PLANE, a, p, q, wide)
+        | _strata_beyond(shafts, PLANES + 3 * PLANE, a, p, q, wide)
     )
 
 
@@ -198,8 +182,9 @@ def _verdict(e0, e1, e2, k0, k1, k2, t, kt, f, kf, facing):
 
 
 @inlined
-def cull_strata(shafts, work, i, facing):
+def cull_strata(tile, numbers, work, i, facing):
     """`Verdict` on the shafts of all strata and triangle i of the block."""
+    shafts = tile.shafts
     d, half = rows(shafts, D + 16, N), rows(shafts, 3 * N + 16, N)
     cp, cq, n = broadcasts(work, _CP + i, 16), broadcasts(work, _CQ + i, 16), broadcasts(work, _N + i, 16)
     c0 = plus(n, minus(cq, cp))
@@ -213,7 +198,7 @@ def cull_strata(shafts, work, i, facing):
     kf = fma(abs_dot(n, half), more, broadcast16(work, _KF + i))
     t, kt = broadcast16(work, _T + i), broadcast16(work, _KT + i)
     v = _verdict(e0, e1, e2, k0, k1, k2, t, kt, t - dn, kf, facing)
-    return Verdict(v.miss | bits(_strata_outside(shafts, work, i)), v.cover, v.above, v.below)
+    return Verdict(v.miss | bits(_strata_outside(tile, numbers, work, i)), v.cover, v.above, v.below)
 
 
 @inlined

@@ -149,7 +149,7 @@ def _by_beams(tile, b, i, live, strata, counters):
 @inlined
 def _by_strata(tile, b, i, strata, counters):
     """Test triangle i, which `cull_block` has kept, against the shafts of some strata. Return those with rays left."""
-    slot, v = slot_of(b, i), cull_strata(tile.shafts, b.work, i, b.facing)
+    slot, v = slot_of(b, i), cull_strata(tile, numbers_of(b), b.work, i, b.facing)
     covered = v.cover & strata
     count(counters, COVERED, popcount(covered))
     store(tile.dead, 0, _block_rows(load16(tile.dead, 0), covered, splat16(np.int32(-1))))
