@@ -203,6 +203,15 @@ def move_light(chunk, y0, x0, valid, tile):
 
 
 @inlined
+def with_blocked(dead, lanes, one):
+    """A row of `dead` with the bits `one` (splat) added in some lanes (bits).
+
+    Whole rows are written, never single numbers of them: a row that is read next would wait until they are in memory.
+    """
+    return dead | select(mask_from_bits16(lanes), one, splat16(np.int32(0)))
+
+
+@inlined
 def finished_strata(tile, valid):
     """Bits of the strata to which the segments from all `valid` receivers (bits) are blocked."""
     v = splat16(np.int32(valid))

@@ -26,12 +26,10 @@ from ...kernels.simd import (
     get,
     load16,
     lowest_bit,
-    mask_from_bits16,
     popcount,
     ptr_at,
     put,
     reduce_and,
-    select,
     splat16,
     store,
 )
@@ -44,6 +42,7 @@ from ..lighttable import POINTS, STRATA
 from ..raytest import Lanes, decide, error_bounds, keep_lanes, kept_lane
 from ..segmentbox import keep_inverses, segments_in_box
 from ..shafts import HALF, SPAN, D, N
+from ..tile import with_blocked
 from .shaftbox import shafts_in_box
 from .shaftcull import CULL_WORK, block_lanes, cull_beams, cull_block, triangle_size
 
@@ -136,8 +135,7 @@ def rays_left(dead, r):
 @inlined
 def _block(dead, r, tiles):
     """Note that the rays of fan r from some tiles (bits) are blocked."""
-    one = select(mask_from_bits16(tiles), splat16(np.int32(1 << r)), splat16(np.int32(0)))
-    store(dead, 0, load16(dead, 0) | one)
+    store(dead, 0, with_blocked(load16(dead, 0), tiles, splat16(np.int32(1 << r))))
 
 
 @inlined

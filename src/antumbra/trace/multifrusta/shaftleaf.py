@@ -21,12 +21,9 @@ from ...kernels.simd import (
     get,
     load16,
     lowest_bit,
-    mask_from_bits16,
     popcount,
     ptr_at,
-    put,
     reduce_and,
-    select,
     splat16,
     store,
 )
@@ -38,7 +35,7 @@ from ..deferred import defer
 from ..lighttable import group_of
 from ..raytest import LANES, decide, keep_lanes, kept_lane
 from ..segmentbox import box_at, rays_in_box
-from ..tile import finished_strata
+from ..tile import finished_strata, with_blocked
 from .shaftbox import beams_in_box, strata_in_box
 from .shaftcull import CULL_WORK, cull_beams, cull_block, cull_strata, plane_of, receiver_lanes, triangle_lanes
 
@@ -46,12 +43,6 @@ WORK = CULL_WORK + LANES  # float32 of scratch memory
 _FEW_BEAMS = 6  # up to this many beams that meet a block are tested one by one
 _FEW_STRATA = 8  # the same for strata
 _FEW_RAYS = 4  # the same for rays of a stratum
-
-
-@inlined
-def _block_rows(dead, lanes, one):
-    """`dead` with the receivers `one` (splat of bits) added to the strata in `lanes` (bits)."""
-    return dead | select(mask_from_bits16(lanes), one, splat16(np.int32(0)))
 
 
 @inlined
@@ -97,7 +88,7 @@ def _test_samples(tile, b, slot, r, k, strata, counters):
     unsure &= strata
     if unsure != 0:
         defer(b.deferred, slot, tile.number << 8 | r, 16, unsure & bits((dead & one) == np.int32(0)))
-    store(tile.dead, 0, _block_rows(dead, hit, one))
+    store(tile.dead, 0, with_blocked(dead, hit, one))
 
 
 @kernel
@@ -113,7 +104,7 @@ def _test_strata(tile, b, slot, i, receivers, strata, counters):
         unsure &= receivers & ~np.int64(get(tile.dead, s))
         if unsure != 0:
             defer(b.deferred, slot, tile.number << 8 | s << 4, 1, unsure)
-        dead = _block_rows(dead, np.int64(1) << s, splat16(np.int32(hit & receivers)))
+        dead = with_blocked(dead, np.int64(1) << s, splat16(np.int32(hit & receivers)))
     store(tile.dead, 0, dead)
 
 
@@ -152,7 +143,8 @@ def _by_strata(tile, b, i, strata, counters):
     slot, v = slot_of(b, i), cull_strata(tile, numbers_of(b), b.work, i, b.facing)
     covered = v.cover & strata
     count(counters, COVERED, popcount(covered))
-    store(tile.dead, 0, _block_rows(load16(tile.dead, 0), covered, splat16(np.int32(-1))))
+    if covered != 0:
+        store(tile.dead, 0, with_blocked(load16(tile.dead, 0), covered, splat16(np.int32(-1))))
     strata &= ~covered
     tests, receivers = strata & ~v.miss, _others(tile, b, slot)
     t, slack = plane_of(b.work, i)
@@ -230,14 +222,15 @@ def _trace_stratum(tile, b, s, box, counters):
 
     Few rays are tested one by one. Otherwise the stratum's shaft culls triangles first.
     """
-    dead = np.int64(get(tile.dead, s))
-    rays = rays_in_box(tile, s, box) & b.valid & ~dead
+    rays = rays_in_box(tile, s, box) & b.valid & ~np.int64(get(tile.dead, s))
     if popcount(rays) > _FEW_RAYS:
         left = cull_block(tile, numbers_of(b), 16 + s, b.facing, b.work) & b.present
         count(counters, CANDIDATES, popcount(left))
-        put(tile.dead, s, dead | _trace_row(tile, b, s, rays, left, counters))
-    elif rays != 0:
-        put(tile.dead, s, dead | _trace_rays(tile, b, s, rays, counters))
+        rays = _trace_row(tile, b, s, rays, left, counters)
+    else:
+        rays = _trace_rays(tile, b, s, rays, counters)
+    if rays != 0:
+        store(tile.dead, 0, with_blocked(load16(tile.dead, 0), np.int64(1) << s, splat16(np.int32(rays))))
 
 
 @kernel

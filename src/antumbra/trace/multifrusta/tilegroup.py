@@ -46,7 +46,7 @@ from .fans import FAN_FLOATS, Fans, add_to_fans, close_fans, fans_are_narrower, 
 from .tilelanes import BOXES, tiles_in_box, tiles_near_box, trace_tiles
 
 _F = np.float32
-_MEMBERS, _FILLED = 0, 1  # words of the state
+_MEMBERS, _FILLED, _STALE = 0, 1, 2  # words of the state
 _OPEN = (1 + STRATA) * BOXES
 _DEAD = _OPEN + 16
 _STATE = _DEAD + 16 * STRATA
@@ -65,7 +65,7 @@ class TileGroup(NamedTuple):
     targets: F32Ptr  # float32: of each stratum, boxes of its samples for the tiles
     open: I32Ptr  # int32, one a stratum: bits of the tiles that have segments to it left
     dead: I32Ptr  # int32, 16 of each stratum, one a tile: bits of the receivers without a segment left
-    state: I32Ptr  # int32: bits of its tiles, and whether `dead`, `targets` and `fans` are filled
+    state: I32Ptr  # int32: bits of its tiles, whether `dead`, `targets` and `fans` are filled, bits of stale tiles
     fans: Fans  # of a light that stays
     rays: Compacted
     first: int  # number of one of its tiles
@@ -146,34 +146,32 @@ def _note_open(tile_group, s):
 
 
 @inlined
-def take_from_tile(tile_group, g, dead):
-    """Note in the group what tile g knows of its segments; dead: the tile's own."""
-    absent = ~np.int64(get(tile_group.valid, g))
-    for s in range(STRATA):
-        put(tile_group.dead, 16 * s + g, np.int64(get(dead, s)) | absent)
+def _note_blocked(tile_group, s, before):
+    """If the row of stratum s is not as `before`: note what follows from it."""
+    tiles = bits(load16(_dead_row(tile_group, s), 0) != before)
+    if tiles != 0:
+        put(tile_group.state, _STALE, np.int64(get(tile_group.state, _STALE)) | tiles)
+        _note_open(tile_group, s)
 
 
 @inlined
 def give_to_tile(tile_group, g, dead):
     """Note in tile g what the group knows of its segments; dead: the tile's own."""
+    stale = np.int64(get(tile_group.state, _STALE))
+    if stale >> g & 1 == 0:
+        return
+    put(tile_group.state, _STALE, stale & ~(np.int64(1) << g))
     for s in range(STRATA):
         put(dead, s, np.int64(get(dead, s)) | np.int64(get(tile_group.dead, 16 * s + g)))
-
-
-@inlined
-def note_open_tiles(tile_group):
-    """Find out to which strata the tiles have segments left."""
-    for s in range(STRATA):
-        _note_open(tile_group, s)
 
 
 @kernel
 def give_to_tiles(tile_group, chunk):
     """Note in the tiles what the group knows of their segments."""
-    members = np.int64(get(tile_group.state, _MEMBERS))
-    while members != 0 and get(tile_group.state, _FILLED) != 0:
-        g = lowest_bit(members)
-        members &= members - 1
+    stale = np.int64(get(tile_group.state, _STALE))
+    while stale != 0:
+        g = lowest_bit(stale)
+        stale &= stale - 1
         give_to_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
 
 
@@ -199,11 +197,25 @@ def _close(tile_group, g, strata):
 
 
 @kernel
+def take_from_tiles(tile_group, tiles, chunk):
+    """Note in the group what some tiles (bits) know of their segments."""
+    while tiles != 0:
+        g = lowest_bit(tiles)
+        tiles &= tiles - 1
+        absent, dead = ~np.int64(get(tile_group.valid, g)), tile_at(tile_group.tiles, g, chunk).dead
+        for s in range(STRATA):
+            put(tile_group.dead, 16 * s + g, np.int64(get(dead, s)) | absent)
+    for s in range(STRATA):
+        _note_open(tile_group, s)
+
+
+@kernel
 def make_tile_group(tile_group, members, chunk):
     """Make a tile group of the tiles in `members` (bits), which are ready to be traced."""
     info, groups = tile_group.whole.info, tile_group.whole.groups
     put(tile_group.state, _MEMBERS, np.int32(members))
     put(tile_group.state, _FILLED, np.int32(0))
+    put(tile_group.state, _STALE, np.int32(0))
     store(tile_group.open, 0, splat16(np.int32(members)))
     for k in range(3):
         put(info, 6 + k, _F(np.inf))
@@ -235,10 +247,7 @@ def _fill(tile_group, chunk):
         _fill_fans(tile_group, members, chunk)
     for s in range(STRATA):
         store(_dead_row(tile_group, s), 0, splat16(np.int32(-1)))
-    while members != 0:
-        g = lowest_bit(members)
-        members &= members - 1
-        take_from_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
+    take_from_tiles(tile_group, members, chunk)
 
 
 @inlined
@@ -293,14 +302,16 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
         s = lowest_bit(strata)
         strata &= strata - 1
         count(counters, GROUP_STRATA, 1)
+        dead = _dead_row(tile_group, s)
+        before = load16(dead, 0)
         if by_fans:
-            points, dead = ptr_at(chunk.points, 48 * s), _dead_row(tile_group, s)
-            fans = ~np.int64(reduce_and(load16(dead, 0))) & fans_in_box(tile_group.fans, points, box)
+            points = ptr_at(chunk.points, 48 * s)
+            fans = ~np.int64(reduce_and(before)) & fans_in_box(tile_group.fans, points, box)
             if fans != 0:
                 trace_fans(tile_group.fans, tile_group.whole, b, points, s, fans, dead, box, counters)
-                _note_open(tile_group, s)
+                _note_blocked(tile_group, s, before)
         else:
             live = np.int64(get(tile_group.open, s)) & tiles_in_box(tile_group, s, box.middle, box.half)
             if live != 0:
-                trace_tiles(tile_group, b, s, live, chunk, box, counters)
-                _note_open(tile_group, s)
+                trace_tiles(tile_group, b, s, live, dead, chunk, box, counters)
+                _note_blocked(tile_group, s, before)

@@ -8,13 +8,13 @@ many rays, the tiles that one triangle covers whole are removed first.
 import numpy as np
 
 from ...kernels.jit import inlined
-from ...kernels.simd import get, lowest_bit, popcount, ptr_at, put
+from ...kernels.simd import get, load16, lowest_bit, popcount, ptr_at, splat16, store
 from ...kernels.vec import Vec, broadcasts, minus, rows
 from ..blocktest import numbers_of
 from ..counters import CANDIDATES, COVERED, count
 from ..segmentbox import rays_in_box
 from ..shafts import HALF, D, N
-from ..tile import tile_at
+from ..tile import tile_at, with_blocked
 from .compaction import gather, test_one_by_one, test_together
 from .shaftbox import shafts_in_box
 from .shaftcull import cull_block, cull_tiles
@@ -41,18 +41,13 @@ def tiles_near_box(tile_group, c, e):
 
 
 @inlined
-def _blocked(tile_group, g, s, receivers):
-    """Note that the segments from some receivers (bits) of tile g to stratum s are blocked."""
-    put(tile_group.dead, 16 * s + g, np.int64(get(tile_group.dead, 16 * s + g)) | receivers)
-
-
-@inlined
-def _blocked_rays(tile_group, s, first, rays):
-    """Note that some gathered rays (bits, counted from the first on) are blocked."""
+def _blocked_rays(tile_group, dead, first, rays):
+    """`dead` with some gathered rays (bits, counted from the first on)."""
     while rays != 0:
         place = np.int64(get(tile_group.rays.places, first + lowest_bit(rays)))
         rays &= rays - 1
-        _blocked(tile_group, place >> 8, s, np.int64(1) << (place & 15))
+        dead = with_blocked(dead, np.int64(1) << (place >> 8), splat16(np.int32(1 << (place & 15))))
+    return dead
 
 
 @inlined
@@ -73,33 +68,38 @@ def _rays_in_box(tile_group, s, live, chunk, box):
 def _cover(tile_group, b, s, live, left, counters):
     """Test triangles (bits) against the shafts of tiles (bits) to stratum s.
 
-    Return bits of the tiles that no triangle covers whole.
+    Return bits of the tiles that a triangle covers whole.
     """
-    numbers, targets = numbers_of(b), ptr_at(tile_group.targets, s * BOXES)
+    all_covered, numbers, targets = np.int64(0), numbers_of(b), ptr_at(tile_group.targets, s * BOXES)
     while left != 0 and live != 0:
         covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
         left &= left - 1
         live &= ~covered
+        all_covered |= covered
         count(counters, COVERED, popcount(covered))
-        while covered != 0:
-            _blocked(tile_group, lowest_bit(covered), s, np.int64(0xFFFF))
-            covered &= covered - 1
-    return live
+    return all_covered
 
 
 @inlined
-def trace_tiles(tile_group, b, s, live, chunk, box, counters):
-    """Test a block against the segments from some tiles (bits) to stratum s."""
+def trace_tiles(tile_group, b, s, live, dead, chunk, box, counters):
+    """Test a block against the segments from some tiles (bits) to stratum s.
+
+    dead : pointer to the stratum's row of `tilegroup`; blocked segments are noted there
+    """
     n = _rays_in_box(tile_group, s, live, chunk, box)
     if n <= _FEW_RAYS:
-        _blocked_rays(tile_group, s, np.int64(0), test_one_by_one(tile_group.rays, n, b, counters))
+        blocked = test_one_by_one(tile_group.rays, n, b, counters)
+        store(dead, 0, _blocked_rays(tile_group, load16(dead, 0), np.int64(0), blocked))
         return
+    row = load16(dead, 0)
     left = cull_block(tile_group.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
     count(counters, CANDIDATES, popcount(left))
     if n >= _MANY_RAYS:
-        not_covered = _cover(tile_group, b, s, live, left, counters)
-        if not_covered != live:
-            n = _rays_in_box(tile_group, s, not_covered, chunk, box)
+        covered = _cover(tile_group, b, s, live, left, counters)
+        if covered != 0:
+            row = with_blocked(row, covered, splat16(np.int32(0xFFFF)))
+            n = _rays_in_box(tile_group, s, live & ~covered, chunk, box)
     for first in range(0, n, 16):
         blocked = test_together(tile_group.rays, first, min(n - first, 16), b, left, counters)
-        _blocked_rays(tile_group, s, first, blocked)
+        row = _blocked_rays(tile_group, row, first, blocked)
+    store(dead, 0, row)

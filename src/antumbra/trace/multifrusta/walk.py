@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...kernels.jit import inlined, kernel, overload
-from ...kernels.simd import get, lowest_bit, prefetch, ptr_at, put
+from ...kernels.simd import bits, get, load16, lowest_bit, prefetch, ptr_at, put
 from ..blocktest import fetch
 from ..deferred import DEFERRED, settle_deferred
 from ..descent import left, next_leaf, nowhere, save, slabs_of
@@ -29,8 +29,7 @@ from .tilegroup import (
     finished,
     give_to_tile,
     give_to_tiles,
-    note_open_tiles,
-    take_from_tile,
+    take_from_tiles,
     tile_in,
     tiles_by_beams,
     trace_tile_group,
@@ -58,16 +57,18 @@ def _tile_group_leaf(tree, code, strata, chunk, scratch, counters):
     if live < 0:
         trace_tile_group(tile_group, tree, block, code & 31, strata, chunk, scratch.work, scratch.deferred, counters)
         live = np.int64(0)
-    near = live
+    changed = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
         tile, valid = tile_in(tile_group, g, chunk), np.int64(get(scratch.valid, g))
         give_to_tile(tile_group, g, tile.dead)
+        before = load16(tile.dead, 0)
         _trace_tile(tree, code, tile, valid, strata, chunk, scratch, counters)
-        take_from_tile(tile_group, g, tile.dead)
-    if near != 0:
-        note_open_tiles(tile_group)
+        if bits(load16(tile.dead, 0) != before) != 0:
+            changed |= np.int64(1) << g
+    if changed != 0:
+        take_from_tiles(tile_group, changed, chunk)
     return finished(tile_group)
 
 
