@@ -50,7 +50,8 @@ _MEMBERS, _FILLED, _STALE = 0, 1, 2  # words of the state
 _OPEN = (1 + STRATA) * BOXES
 _DEAD = _OPEN + 16
 _STATE = _DEAD + 16 * STRATA
-_FANS = _STATE + 16
+_MET = _STATE + 16
+_FANS = _MET + 16
 _COMPACTED = _FANS + FAN_FLOATS
 TILE_GROUP_FLOATS = _COMPACTED + COMPACTED_FLOATS
 
@@ -66,6 +67,7 @@ class TileGroup(NamedTuple):
     open: I32Ptr  # int32, one a stratum: bits of the tiles that have segments to it left
     dead: I32Ptr  # int32, 16 of each stratum, one a tile: bits of the receivers without a segment left
     state: I32Ptr  # int32: bits of its tiles, whether `dead`, `targets` and `fans` are filled, bits of stale tiles
+    met: I32Ptr  # int32, one a tile: bits of its rays that meet a block, as `tilelanes` finds them
     fans: Fans  # of a light that stays
     rays: Compacted
     first: int  # number of one of its tiles
@@ -75,9 +77,11 @@ class TileGroup(NamedTuple):
 def tile_group_at(memory, tiles, valid, whole, first):
     """The `TileGroup` in TILE_GROUP_FLOATS float32."""
     still_open, dead = as_i32(ptr_at(memory, _OPEN)), as_i32(ptr_at(memory, _DEAD))
-    state = as_i32(ptr_at(memory, _STATE))
+    state, met = as_i32(ptr_at(memory, _STATE)), as_i32(ptr_at(memory, _MET))
     fans, rays = fans_at(ptr_at(memory, _FANS)), compacted_at(ptr_at(memory, _COMPACTED))
-    return TileGroup(tiles, valid, whole, memory, ptr_at(memory, BOXES), still_open, dead, state, fans, rays, first)
+    return TileGroup(
+        tiles, valid, whole, memory, ptr_at(memory, BOXES), still_open, dead, state, met, fans, rays, first
+    )
 
 
 @inlined

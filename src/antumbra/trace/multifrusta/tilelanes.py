@@ -8,7 +8,7 @@ many rays, the tiles that one triangle covers whole are removed first.
 import numpy as np
 
 from ...kernels.jit import inlined
-from ...kernels.simd import get, load16, lowest_bit, popcount, ptr_at, splat16, store
+from ...kernels.simd import get, load16, lowest_bit, popcount, ptr_at, put, splat16, store
 from ...kernels.vec import Vec, broadcasts, minus, rows
 from ..blocktest import numbers_of
 from ..counters import CANDIDATES, COVERED, count
@@ -51,16 +51,30 @@ def _blocked_rays(tile_group, dead, first, rays):
 
 
 @inlined
-def _rays_in_box(tile_group, s, live, chunk, box):
-    """Gather the rays of some tiles (bits) to stratum s that meet a box and are not blocked. Return their number."""
-    n = np.int64(0)
+def _tiles_with_rays(tile_group, s, live, chunk, box):
+    """Bits of the tiles in `live` (bits) with rays to stratum s that meet a box and are not blocked; see `met`.
+
+    No branch waits for a test, so that the tests overlap.
+    """
+    found = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
         tile = tile_at(tile_group.tiles, g, chunk)
-        left = rays_in_box(tile, s, box) & ~np.int64(get(tile_group.dead, 16 * s + g))
-        if left != 0:
-            n = gather(tile_group.rays, n, tile, s, left)
+        rays = rays_in_box(tile, s, box) & ~np.int64(get(tile_group.dead, 16 * s + g))
+        put(tile_group.met, g, rays)
+        found |= np.int64(rays != 0) << g
+    return found
+
+
+@inlined
+def _gather_rays(tile_group, s, tiles, chunk):
+    """Gather the rays of some tiles (bits) that `_tiles_with_rays` has found. Return their number."""
+    n = np.int64(0)
+    while tiles != 0:
+        g = lowest_bit(tiles)
+        tiles &= tiles - 1
+        n = gather(tile_group.rays, n, tile_at(tile_group.tiles, g, chunk), s, np.int64(get(tile_group.met, g)))
     return n
 
 
@@ -86,7 +100,8 @@ def trace_tiles(tile_group, b, s, live, dead, chunk, box, counters):
 
     dead : pointer to the stratum's row of `tilegroup`; blocked segments are noted there
     """
-    n = _rays_in_box(tile_group, s, live, chunk, box)
+    found = _tiles_with_rays(tile_group, s, live, chunk, box)
+    n = _gather_rays(tile_group, s, found, chunk)
     if n <= _FEW_RAYS:
         blocked = test_one_by_one(tile_group.rays, n, b, counters)
         store(dead, 0, _blocked_rays(tile_group, load16(dead, 0), np.int64(0), blocked))
@@ -95,10 +110,10 @@ def trace_tiles(tile_group, b, s, live, dead, chunk, box, counters):
     left = cull_block(tile_group.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
     count(counters, CANDIDATES, popcount(left))
     if n >= _MANY_RAYS:
-        covered = _cover(tile_group, b, s, live, left, counters)
+        covered = _cover(tile_group, b, s, found, left, counters)
         if covered != 0:
             row = with_blocked(row, covered, splat16(np.int32(0xFFFF)))
-            n = _rays_in_box(tile_group, s, live & ~covered, chunk, box)
+            n = _gather_rays(tile_group, s, found & ~covered, chunk)
     for first in range(0, n, 16):
         blocked = test_together(tile_group.rays, first, min(n - first, 16), b, left, counters)
         row = _blocked_rays(tile_group, row, first, blocked)
