@@ -26,11 +26,13 @@ from ...kernels.simd import (
     mask_from_bits16,
     maximum,
     minimum,
+    popcount,
     ptr_at,
     put,
     reduce_and,
     select,
     splat16,
+    stack_i32,
     store,
 )
 from ...kernels.vec import Vec, broadcasts, rows
@@ -289,6 +291,15 @@ def tiles_by_beams(tile_group, bounds, strata, chunk):
     return near & _open_tiles(tile_group, strata)
 
 
+@inlined
+def _lanes_in_box(tile_group, s, by_fans, chunk, box):
+    """Bits of the fans, or of the tiles, with segments to stratum s left that may meet a `Box`."""
+    if by_fans:
+        alive = ~np.int64(reduce_and(load16(_dead_row(tile_group, s), 0)))
+        return alive & fans_in_box(tile_group.fans, ptr_at(chunk.points, 48 * s), box)
+    return np.int64(get(tile_group.open, s)) & tiles_in_box(tile_group, s, box.middle, box.half)
+
+
 @kernel
 def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, deferred, counters):
     """Test the segments of a tile group to some strata (bits) against a block. Blocked ones are noted in `dead`.
@@ -302,20 +313,22 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     count(counters, TRIANGLES, triangles)
     one = tile_at(tile_group.tiles, tile_group.first, chunk)
     by_fans = chunk.fixed and fans_are_narrower(tile_group.whole, one, lowest_bit(strata), bounds)
+    lanes, found = stack_i32(STRATA), np.int64(0)
+    count(counters, GROUP_STRATA, popcount(strata))
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
-        count(counters, GROUP_STRATA, 1)
-        dead = _dead_row(tile_group, s)
+        live = _lanes_in_box(tile_group, s, by_fans, chunk, box)
+        put(lanes, s, live)
+        found |= np.int64(live != 0) << s
+    while found != 0:
+        s = lowest_bit(found)
+        found &= found - 1
+        live, dead = np.int64(get(lanes, s)), _dead_row(tile_group, s)
         before = load16(dead, 0)
         if by_fans:
             points = ptr_at(chunk.points, 48 * s)
-            fans = ~np.int64(reduce_and(before)) & fans_in_box(tile_group.fans, points, box)
-            if fans != 0:
-                trace_fans(tile_group.fans, tile_group.whole, b, points, s, fans, dead, box, counters)
-                _note_blocked(tile_group, s, before)
+            trace_fans(tile_group.fans, tile_group.whole, b, points, s, live, dead, box, counters)
         else:
-            live = np.int64(get(tile_group.open, s)) & tiles_in_box(tile_group, s, box.middle, box.half)
-            if live != 0:
-                trace_tiles(tile_group, b, s, live, dead, chunk, box, counters)
-                _note_blocked(tile_group, s, before)
+            trace_tiles(tile_group, b, s, live, dead, chunk, box, counters)
+        _note_blocked(tile_group, s, before)
