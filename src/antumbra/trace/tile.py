@@ -19,6 +19,7 @@ from ..kernels.simd import (
     load16,
     lowest_bit,
     mask_from_bits16,
+    prefetch,
     ptr_at,
     put,
     reduce_max,
@@ -86,6 +87,17 @@ def tile_at(scratch, g, chunk):
 def first_pixel(pixels, g):
     """(y, x) of the first pixel of tile g of a bundle; `pixels`: int32, y and x of each tile."""
     return np.int64(get(pixels, 2 * g)), np.int64(get(pixels, 2 * g + 1))
+
+
+@inlined
+def fetch_receivers(chunk, y0, x0):
+    """Prefetch what `load_receivers` reads. A tile's rows are far apart in memory."""
+    for y in range(y0, y0 + chunk.shape.height):
+        at = y * chunk.query.w + x0
+        prefetch(chunk.query.sides, at)
+        prefetch(chunk.query.ids, at)
+        prefetch(chunk.query.origins, at * 3)
+        prefetch(chunk.query.origins, at * 3 + 11)
 
 
 @kernel

@@ -31,13 +31,14 @@ from ...kernels.simd import (
     store,
 )
 from ...kernels.vec import keep, rows
-from ..tile import Tile, coherent_part, load_receivers, tile_at
+from ..tile import Tile, coherent_part, fetch_receivers, load_receivers, tile_at
 from .region import MAX_TILES, tile_in
 
 _F = np.float32
 REGIONS = 4  # in an area, at most
 _MOST = 2 * REGIONS * MAX_TILES  # parts in the list; if an area has more, they come in later lists
 _ROW = _MOST + 16  # room for a vector that reaches beyond the last part
+_AHEAD = 8  # tiles by which receivers are prefetched
 _FEW = 4  # parts whose order does not matter
 _LEFT, _TILES, _LANES, _ORDER, _SORTED, _KEYS, _RANKS, _PLACES, _RECEIVERS = (i * _ROW for i in (*range(8), 10))
 PARTS_INTS = _RECEIVERS + 64 * REGIONS * MAX_TILES
@@ -100,6 +101,7 @@ def list_parts(chunk, layout, y, x, n_tiles, tile, parts):
     """
     n = np.int64(0)
     for g in range(n_tiles):
+        fetch_receivers(chunk, *_place_in(chunk, layout, y, x, g + _AHEAD))
         rest = np.int64(get(parts.left, g))
         if rest != 0 and n < _MOST:
             y0, x0 = _place_in(chunk, layout, y, x, g)
