@@ -11,7 +11,7 @@ import numpy as np
 from ..bvh.nodes import MAX_DEPTH
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined
-from ..kernels.simd import bits, get, load16, popcount, put, store
+from ..kernels.simd import bits, get, load16, popcount, prefetch, put, store
 from .blocktest import fetch
 from .counters import BOX_TESTS, NODES, count
 from .slabs import (
@@ -180,6 +180,8 @@ def next_leaf(tree, slabs, at, stack, alive, counters):
     while at.mask != 0 and at.link >= 0:
         count(counters, NODES, 1)
         count(counters, BOX_TESTS, 2)
+        for child in range(2):  # before it is known which of them are met; the links of leaves are no addresses
+            prefetch(tree.nodes, np.int64(get(tree.links, at.link * 16 + 12 + child)) * 16)
         left, right = children(tree.nodes, at.link, slabs)
         at = popped(tree.links, entered(tree.links, at, left & at.mask, right & at.mask, stack), stack, alive)
     return at
