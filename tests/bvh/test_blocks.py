@@ -77,15 +77,40 @@ def test_the_likelier_blocked_child_is_left(large):
     assert _blocked(vertices, sides[0]) > _blocked(vertices, sides[1])
 
 
-def test_every_node_has_its_likelier_blocked_child_left():
+def _price(tree, vertices, width, node, found):
+    """(low, high, share of the rays that a node blocks, its cost to a bundle).
+
+    Appends to `found`, for each node, what its children block for their cost.
+    """
+    surface = lambda low, high, more=0.0: sum(np.prod(np.delete(high - low + more, k)) for k in range(3))
+    sides = []
+    for child, link in enumerate(tree.links[node, 12:14]):
+        low, high = (tree.nodes[node, [k + child, 4 + k + child, 8 + k + child]].astype(float) for k in (0, 2))
+        if link >= 0:
+            share, price = _price(tree, vertices, width, link, found)[2:]
+        else:
+            slots = tree.prim_ids[tree.slots[~link >> 5, : ~link & 31]]
+            v = vertices.astype(float)[slots]
+            area = np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1).sum() / 2
+            share, price = 1 - np.exp(-area / surface(low, high)), 2.0
+        sides.append((low, high, share, price))
+    low, high = np.minimum(sides[0][0], sides[1][0]), np.maximum(sides[0][1], sides[1][1])
+    whole, wide = surface(low, high), surface(low, high, width)
+    first, second = (
+        (share * surface(*box) / whole, price * surface(*box, width) / wide) for *box, share, price in sides
+    )
+    found.append((first[0] / first[1], second[0] / second[1]))
+    cost = 1 + first[1] + (1 - first[0]) * second[1]
+    return low, high, 1 - (1 - first[0]) * (1 - second[0]), cost
+
+
+def test_every_node_has_the_child_left_that_blocks_more_rays_for_its_cost_to_a_bundle():
     rng = np.random.default_rng(4)
     scale = 10.0 ** rng.uniform(-2, 0, (600, 1, 1))
     vertices = (rng.uniform(-4, 4, (600, 1, 3)) + scale * rng.normal(size=(600, 3, 3))).astype(np.float32)
-    tree = block_tree(BUILDERS["bsah"].build(vertices))
-    pairs = 0
-    for links in tree.links[:, 12:14]:
-        if (links < 0).all():
-            both = [_blocked(vertices, tree.prim_ids[tree.slots[~k >> 5, : ~k & 31]]) for k in links]
-            assert both[0] >= both[1] * (1 - 1e-5)
-            pairs += 1
-    assert pairs > 5
+    tree, found = block_tree(BUILDERS["bsah"].build(vertices)), []
+    width = 0.01 * np.linalg.norm(np.ptp(vertices.reshape(-1, 3).astype(float), axis=0))
+    _price(tree, vertices, width, 0, found)
+    first, second = np.array(found).T
+    assert len(found) == len(tree.nodes) > 20
+    assert (first >= second * (1 - 1e-6)).all() and (first > 1.1 * second).any()

@@ -14,7 +14,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
 from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first, slots_below
-from .order import likelier_first, triangle_area
+from .order import sooner_for_bundles, triangle_area
 
 BLOCK = 16  # triangles in a block, at most
 ROWS = 9  # rows of 16 float32: v0 (x, y, z), v1 - v0, v2 - v0
@@ -26,7 +26,7 @@ class BlockTree(NamedTuple):
 
     Nodes are as in `Bvh`, but a link < 0 is a block: ``~link = block * 32 + count``, with a count from 0 to 16. A
     missing child is a block of 0 triangles with the box of its sibling (zeros if both are missing). The left child is
-    the one that blocks more rays (`order`).
+    the one that blocks more rays for its cost (`order`).
     """
 
     nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
@@ -179,5 +179,5 @@ def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
         slots,
         areas,
     )
-    likelier_first(nodes, nodes.view(np.int32), areas)
+    sooner_for_bundles(nodes, nodes.view(np.int32), areas)
     return BlockTree(nodes, nodes.view(np.int32), blocks, bounds, slots, bvh.prim_ids, bvh.corners)

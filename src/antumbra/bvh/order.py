@@ -9,8 +9,8 @@ probability follows from its children's probabilities. Rays enter children in pr
 
 Three functions apply this:
 
-- `likelier_first`: in a `BlockTree`, the child that blocks more of the node's rays comes first, unless the builder has
-  chosen one.
+- `sooner_for_bundles`: in a `BlockTree`, the child that blocks more of the node's rays for its cost to a bundle comes
+  first, unless the builder has chosen one.
 - `sooner_first`: in a `Bvh`, the child with the larger chance to block a ray for its cost comes first.
 - `soonest_last`: in a `WideBvh`, the same, with the first child in the last lane.
 
@@ -21,8 +21,11 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array
-from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, parents_first, sides
+from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, boxes_of, parents_first, sides
 from .wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
+
+_BUNDLE = 0.01  # width of a bundle, as a share of the scene's diagonal
+_BLOCK_COST = 2.0  # of a block to a bundle, in visits of a node
 
 
 @inlined
@@ -47,8 +50,15 @@ def triangle_area(corners, slot):
 @inlined
 def surface(nodes, at, other):
     """Half the surface of the union of two boxes, whose lower x are the words `at` and `other`."""
+    return widened_surface(nodes, at, other, 0.0)
+
+
+@inlined
+def widened_surface(nodes, at, other, width):
+    """`surface` of the union with all its sides longer by `width`, a float64."""
     x, y, z = sides(nodes, at, other)
-    return np.float64(x) * y + np.float64(y) * z + np.float64(z) * x
+    x, y, z = np.float64(x) + width, np.float64(y) + width, np.float64(z) + width
+    return x * y + y * z + z * x
 
 
 @inlined
@@ -67,33 +77,44 @@ def _leaf_blocks(surface, area):
 
 
 @inlined
-def _blocked(link, surface, areas, inner):
-    """The fraction of the rays through a child's box that the child blocks."""
-    return inner[link] if link >= 0 else _leaf_blocks(surface, areas[~link >> 5])
+def _child_for_bundles(nodes, links, node, side, width, areas, inner, cost):
+    """(fraction of the node's rays that a child blocks, expected cost of the child to a bundle at the node)."""
+    link, at = np.int64(links[node, 12 + side]), node * 16
+    size, whole = surface(nodes, at + side, at + side), surface(nodes, at, at + 1)
+    blocked = inner[link] if link >= 0 else _leaf_blocks(size, areas[~link >> 5])
+    enter = widened_surface(nodes, at + side, at + side, width) / widened_surface(nodes, at, at + 1, width)
+    price = cost[link] if link >= 0 else _BLOCK_COST
+    return blocked * min(size / whole, 1.0) if whole > 0.0 else 0.0, (enter if enter < 1.0 else 1.0) * price
 
 
 @kernel
-def _order_by_chance(nodes, links, order, areas, inner):
-    """`likelier_first`; `order` has parents first, `inner` zeros for the fraction of rays that each node blocks."""
+def _order_for_bundles(nodes, links, order, width, areas, inner, cost):
+    """`sooner_for_bundles`; `order` has parents first.
+
+    inner, cost : scratch memory for the fraction of rays that each node blocks, and its cost to a bundle in it
+    """
     boxes, words = ptr(nodes), ptr(links)
     for i in range(len(order) - 1, -1, -1):
         node = np.int64(order[i])
-        at = node * 16
-        left, right, whole = surface(boxes, at, at), surface(boxes, at + 1, at + 1), surface(boxes, at, at + 1)
-        first = left * _blocked(links[node, 12], left, areas, inner)
-        second = right * _blocked(links[node, 13], right, areas, inner)
-        if whole > 0.0:
-            inner[node] = 1.0 - (1.0 - min(first / whole, 1.0)) * (1.0 - min(second / whole, 1.0))
-        if second > first and links[node, 14] != LEFT_FIRST:
+        first, price = _child_for_bundles(boxes, links, node, 0, width, areas, inner, cost)
+        second, other = _child_for_bundles(boxes, links, node, 1, width, areas, inner, cost)
+        right_first = second * price > first * other and links[node, 14] != LEFT_FIRST
+        inner[node] = 1.0 - (1.0 - first) * (1.0 - second)
+        cost[node] = 1.0 + (other + (1.0 - second) * price if right_first else price + (1.0 - first) * other)
+        if right_first:
             swap_children(words, node)
 
 
-def likelier_first(nodes, links, areas) -> None:
-    """In all nodes of a `blocks.BlockTree`, put the child that blocks more rays first.
+def sooner_for_bundles(nodes, links, areas) -> None:
+    """In all nodes of a `blocks.BlockTree`, put the child first that blocks more rays for its cost to a bundle.
+
+    A bundle is wide, so small boxes cost it more than their surface says: it enters each box that is as near as its
+    width. The width is a 100th of the scene's diagonal.
 
     areas : (b,) total area of each block's triangles
     """
-    _order_by_chance(nodes, links, parents_first(links), areas, np.zeros(len(nodes)))
+    width = _BUNDLE * float(np.linalg.norm(np.ptp(boxes_of(nodes[:1])[0].astype(np.float64), axis=0)))
+    _order_for_bundles(nodes, links, parents_first(links), width, areas, *np.empty((2, len(nodes))))
 
 
 @inlined
