@@ -113,30 +113,31 @@ def _whole_light(tile, k):
     return middle_and_half(get(tile.groups, k * ALL_GROUPS + 1), get(tile.groups, (3 + k) * ALL_GROUPS + 1))
 
 
+@inlined
+def _by_whole_light(tile, planes, sided):
+    """Of the receivers in `sided` (bits), those surely above no sample, and those that float32 must test by samples."""
+    lx, rx = _whole_light(tile, 0)
+    ly, ry = _whole_light(tile, 1)
+    lz, rz = _whole_light(tile, 2)
+    h, error = _height(planes, splat16(lx), splat16(ly), splat16(lz))
+    reach = absolute(load16(planes, 48)) * rx + absolute(load16(planes, 64)) * ry + absolute(load16(planes, 80)) * rz
+    far = reach * _F(1.0001) + error + load16(planes, 112) * (_U * (rx + ry + rz))
+    under = bits(h < -far) & sided
+    return under, sided & ~under & ~bits(h > far)
+
+
 @kernel
 def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
     """Start `dead`: a receiver's own surface blocks the segments to samples that are not above it.
 
     Tests that float32 cannot decide are deferred.
     """
-    store(
-        tile.dead,
-        0,
-        select(iota16() < splat16(np.int32(chunk.count)), splat16(np.int32(0)), splat16(np.int32(-1))),
-    )
     count(counters, RAYS, chunk.count * popcount(valid))
     _gather_planes(chunk, y0, x0, valid, tile, planes)
-    sided = bits(load16(planes, 96) != _F(0.0)) & valid
-    if sided == 0:
-        return
-    lx, rx = _whole_light(tile, 0)
-    ly, ry = _whole_light(tile, 1)
-    lz, rz = _whole_light(tile, 2)
-    h, error = _height(planes, splat16(lx), splat16(ly), splat16(lz))
-    reach = absolute(load16(planes, 48)) * rx + absolute(load16(planes, 64)) * ry + absolute(load16(planes, 80)) * rz
-    spread = rx + ry + rz
-    far = reach * _F(1.0001) + error + load16(planes, 112) * (_U * spread)
-    crossing = sided & ~bits(h > far)
+    under, crossing = _by_whole_light(tile, planes, bits(load16(planes, 96) != _F(0.0)) & valid)
+    asked = iota16() < splat16(np.int32(chunk.count))
+    store(tile.dead, 0, select(asked, splat16(np.int32(under)), splat16(np.int32(-1))))
+    count(counters, BELOW_HORIZON, chunk.count * popcount(under))
     if crossing == 0:
         return
     for s in range(chunk.count):
@@ -145,4 +146,4 @@ def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
         below = bits(h < -error) & crossing
         defer(deferred, np.int64(-1), tile.number << 8 | s << 4, 1, crossing & ~below & ~bits(h > error))
         count(counters, BELOW_HORIZON, popcount(below))
-        put(tile.dead, s, below)
+        put(tile.dead, s, below | under)
