@@ -1,6 +1,6 @@
 """Any-hit queries on numpy arrays: `Scene.occluded` beside Embree, embreex and Open3D, in one process, turn by turn.
 
-    python benchmarks/arrays.py [scene ...] [--rays N] [--threads N ...] [--rounds N] [--json FILE]
+    python benchmarks/arrays.py [scene ...] [--rays N] [--threads N ...] [--rounds N] [--fresh] [--json FILE]
 
 A scene is a file that `antumbra.load` reads, or the name of a procedural scene. A file takes camera and light from an
 info.json beside it, or else the default ones. Without a scene, it measures the procedural forest and three real scenes:
@@ -17,7 +17,8 @@ Timed calls:
   records and reading the answers.
 - `embreex` and `open3d`: their own Python calls.
 
-Trees are built and kernels compiled before.
+Trees are built and kernels compiled before. A scene optimises its tree once its rays have lost the time that this takes.
+So rays are traced until then, and a line says for how long. With --fresh the scene keeps its first tree instead.
 """
 
 import json
@@ -36,6 +37,7 @@ from antumbra.papers.peers.ray_sets import ray_set
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
+from antumbra.rendering.ray_trees import PLAN, forget, plan_at
 from antumbra.scene.procedural import PROCEDURAL
 from common import SCENES, arguments, has_embree, installed, machine
 from peers import open3d_rays
@@ -112,10 +114,27 @@ class Records:
         self.device.close()
 
 
-def methods(scene, rays, is_coherent: bool, threads: int, peer: Records | None):
+def settle(name: str, scene, rays) -> None:
+    """Trace rays until the scene has optimised its tree."""
+    start, asked = time.perf_counter(), 0
+    while str(plan_at(scene, 0.0)) == PLAN:
+        scene.occluded(*rays, tmax=1.0)
+        asked += len(rays[0])
+    scene.occluded(*(side[:1] for side in rays))
+    print(f"{name}: tree optimised after {asked / 1e6:.0f} M rays, {time.perf_counter() - start:.1f} s in all")
+
+
+def ask(scene, origins, directions, threads: int, fresh: bool) -> np.ndarray:
+    """Our call. fresh: the scene forgets what its rays have cost before."""
+    if fresh:
+        forget(scene)
+    return scene.occluded(origins, directions, tmax=1.0, threads=threads)
+
+
+def methods(scene, rays, is_coherent: bool, threads: int, peer: Records | None, fresh: bool):
     """Name -> function that traces the rays."""
     origins, directions = rays
-    found = {"occluded": lambda: scene.occluded(origins, directions, tmax=1.0, threads=threads)}
+    found = {"occluded": lambda: ask(scene, origins, directions, threads, fresh)}
     if peer:
         for quality, built in peer.scenes.items():
             found[f"embree 1 {quality}"] = partial(trace, built, peer.single, is_coherent, threads)
@@ -144,10 +163,10 @@ def _open3d(scene, origins, directions, threads):
     return lambda: own.test_occlusions(six, tfar=1.0, nthreads=threads)
 
 
-def measure(name: str, scene, kind: str, rays, threads: int, rounds: int) -> list[dict]:
+def measure(name: str, scene, kind: str, rays, threads: int, rounds: int, fresh: bool) -> list[dict]:
     """One row for each method."""
     peer = Records(scene, rays, threads) if has_embree() else None
-    ways, differ = methods(scene, rays, kind == "coherent", threads, peer), None
+    ways, differ = methods(scene, rays, kind == "coherent", threads, peer, fresh), None
     seconds: dict[str, list[float]] = {k: [] for k in ways}
     for turn in range(rounds + 1):
         for k, way in ways.items():
@@ -197,6 +216,7 @@ def main() -> None:
     parser.set_defaults(rounds=5, threads=None)
     parser.add_argument("--rays", type=int, default=10_000_000)
     parser.add_argument("--kind", choices=("coherent", "incoherent"))
+    parser.add_argument("--fresh", action="store_true", help="measure the first tree, not the optimised one")
     options = parser.parse_args()
     counts = [options.threads] if options.threads else sorted({1, thread_count(None)})
     n = options.rays // 16 * 16
@@ -208,10 +228,12 @@ def main() -> None:
     rows = []
     for path in paths:
         name, scene, camera, point = load(path)
+        if not options.fresh:
+            settle(name, scene, incoherent(scene, n))
         for kind in ("coherent", "incoherent") if not options.kind else (options.kind,):
             rays = coherent(scene, camera, point, n) if kind == "coherent" else incoherent(scene, n)
             for threads in counts:
-                for row in measure(name, scene, kind, rays, threads, options.rounds):
+                for row in measure(name, scene, kind, rays, threads, options.rounds, options.fresh):
                     rows.append(row)
                     print(line(row), flush=True)
     if options.json:

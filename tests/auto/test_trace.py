@@ -103,13 +103,13 @@ def test_an_unlikely_way_is_not_tried(scene, monkeypatch):
 def test_rates_are_forgotten_when_the_rays_change():
     memory, key = choose.Memory(), (1,)
     measured = choose.Choice("wide", 1000, "sample", 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
-    memory.learn(key, measured)
+    memory.learn(key, measured, None)
     assert memory.rates(key) == {"wide": pytest.approx(100.0), "packet16": 200.0}
-    memory.learn(key, measured._replace(tried={}, seconds=1.5e-4))
+    memory.learn(key, measured._replace(tried={}, seconds=1.5e-4), None)
     assert memory.rates(key)
-    memory.learn(key, measured._replace(tried={}, seconds=1e-3))
+    memory.learn(key, measured._replace(tried={}, seconds=1e-3), None)
     assert not memory.rates(key)
-    memory.learn(key, measured)
+    memory.learn(key, measured, None)
     for _ in range(100):
         memory.begin()
     assert not memory.rates(key)

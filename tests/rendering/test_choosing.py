@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 from antumbra.auto import rates
-from antumbra.auto.rates import GOOD, QUICK
+from antumbra.auto.rates import BEST, GOOD, QUICK
 from antumbra.auto.ways import WAYS
 from antumbra.plan import parse_plan
 from antumbra.rendering import calibration
@@ -21,9 +21,9 @@ def scene():
     return at.procedural("atrium", triangles=3000)
 
 
-def _builds(monkeypatch, seconds):
-    """Let a tree of GOOD take so many seconds, and one of QUICK none."""
-    monkeypatch.setattr(rates, "build_seconds", lambda builder, n: seconds if builder == GOOD else 0.0)
+def _builds(monkeypatch, good, best=1e6):
+    """Let trees of GOOD and of BEST take so many seconds, and one of QUICK none."""
+    monkeypatch.setattr(rates, "build_seconds", lambda tree, n: {QUICK: 0.0, GOOD: good, BEST: best}[tree])
 
 
 def test_the_default_plan_says_what_ran(scene):
@@ -57,6 +57,20 @@ def test_a_kept_tree_is_built_again_once_its_rays_have_lost_the_price(scene, mon
     assert fourth.timings["build"] < third.timings["build"]
 
 
+def test_a_kept_tree_is_optimised_once_its_rays_have_lost_the_price(scene, monkeypatch):
+    _builds(monkeypatch, 0.0)
+    renderer, camera = Renderer(scene), scene.cameras[0].resized(32, 24)
+    first, second = (renderer.render(camera, [LAMP]) for _ in range(2))
+    assert not any("reinsert" in frame.plan for frame in (first, second))
+    _builds(monkeypatch, 0.0, 0.0)
+    third, fourth = (renderer.render(camera, [LAMP]) for _ in range(2))
+    assert third.plan.startswith(f"{BEST}+") and fourth.plan == third.plan
+    kept = renderer.source._last
+    assert kept.chosen.builder == BEST and renderer.source.moment(0.0)[1] is kept
+    for frame in second, third, fourth:
+        np.testing.assert_array_equal(frame.bits[0], first.bits[0])
+
+
 def test_trees_of_animated_scenes_are_refitted_once_it_pays(monkeypatch, tmp_path):
     rng = np.random.default_rng(0)
     still = rng.normal(size=(300, 3))
@@ -87,6 +101,10 @@ def test_points_share_the_scenes_tree_until_it_is_outgrown(scene, monkeypatch):
     _builds(monkeypatch, 0.0)
     np.testing.assert_array_equal(at.visibility(scene, points, LAMP).bits, seen.bits)
     assert _chosen(scene) is not kept and _chosen(scene).builder == GOOD
+    _builds(monkeypatch, 0.0, 0.0)
+    for _ in range(2):
+        np.testing.assert_array_equal(at.visibility(scene, points, LAMP).bits, seen.bits)
+        assert _chosen(scene).builder == BEST
 
 
 def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
@@ -97,7 +115,7 @@ def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
     try:
         assert rates.machine() == rates.SHIPPED
         measured = calibration.calibrate()
-        assert set(measured.slower) == set(WAYS) == set(rates.reference()) and set(measured.builds) == {QUICK, GOOD}
+        assert set(measured.slower) == set(WAYS) == set(rates.reference()) and set(measured.builds) == {QUICK, GOOD, BEST}
         assert all(0.0 < x < 1e6 for found in measured for x in found.values())
         assert rates.machine() == measured
         (tmp_path / "kernels" / "rates.json").write_text(json.dumps({"of another": "version"}))

@@ -12,7 +12,7 @@ import numpy as np
 from ..query.shadow import ShadowQuery, ray_count
 from ..trace.lighttable import STRATA
 from .facts import Facts, if_sorted, size_of
-from .rates import form_seconds, lost_share, rate
+from .rates import GOOD, form_seconds, lost_share, rate
 from .sample import halves_of, sample_of, tile_of
 from .ways import WAYS, Forms, answer
 
@@ -50,13 +50,15 @@ class Memory:
 
     lost : float
         Seconds that all queries so far would have been faster in a tree of GOOD.
+    in_good : float
+        Seconds that queries took in trees of GOOD.
     """
 
     def __init__(self):
         self._rates: dict[tuple, tuple[int, dict[str, float]]] = {}  # with the frame in which they were tried
         self._frame = 0
         self.choices: list[Choice] = []
-        self.lost = 0.0
+        self.lost = self.in_good = 0.0
 
     def begin(self) -> None:
         """Begin a frame."""
@@ -68,10 +70,14 @@ class Memory:
         tried, rates = self._rates.get(key, (-_AGAIN, {}))
         return rates if self._frame - tried < _AGAIN else {}
 
-    def learn(self, key: tuple, choice: Choice) -> None:
-        """Keep what a query has measured; forget its rates if the way took much longer than before."""
+    def learn(self, key: tuple, choice: Choice, tree: str | None) -> None:
+        """Keep what a query has measured; forget its rates if the way took much longer than before.
+
+        tree : the name of its tree, if it was chosen
+        """
         self.choices.append(choice)
         self.lost += choice.seconds * lost_share(choice.way)
+        self.in_good += choice.seconds * (tree == GOOD)
         if not choice.rays:
             return
         now, before = 1e9 * choice.seconds / choice.rays, self.rates(key)

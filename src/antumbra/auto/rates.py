@@ -19,12 +19,13 @@ from ..output import replacing
 from ..scene.lights import AMBIENT, DIRECTIONAL, LIST
 from .facts import Facts
 
-QUICK, GOOD = "lbvh", "bsah"
-"""Builders: of the tree that is built soonest, and of the tree in which rays are fastest for their build."""
+QUICK, GOOD, BEST = "lbvh", "bsah", "bsah+reinsert"
+"""Trees: built soonest, with the fastest rays for its build, and with the fastest rays."""
 
 _STRATA = 16
 _LOST = {"multifrusta": 0.2}  # way -> see `lost_share`
 _OTHERS_LOSE = 0.4
+_LOST_IN_GOOD = 0.08  # share of the time to trace that a tree of GOOD costs more than one of BEST
 _ROOM = 1 << 18  # triangles that the cells of QUICK keep apart
 
 
@@ -61,10 +62,10 @@ class Machine(NamedTuple):
 
     slower: dict[str, float]  # way -> its measured rates relative to the fitted ones
     forms: dict[str, float]  # way -> nanoseconds a triangle to make the form that it walks
-    builds: dict[str, float]  # builder -> nanoseconds a triangle
+    builds: dict[str, float]  # tree -> nanoseconds a triangle
 
 
-SHIPPED = Machine({}, {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0}, {QUICK: 45.0, GOOD: 270.0})
+SHIPPED = Machine({}, {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0}, {QUICK: 45.0, GOOD: 270.0, BEST: 1000.0})
 """Of two cores; used where `antumbra warmup` has not measured."""
 
 
@@ -101,9 +102,9 @@ def form_seconds(way: str, triangles: int) -> float:
     return 1e-9 * machine().forms.get(way, 0.0) * triangles
 
 
-def build_seconds(builder: str, triangles: int) -> float:
+def build_seconds(tree: str, triangles: int) -> float:
     """Predicted seconds to build a tree."""
-    return 1e-9 * machine().builds[builder] * triangles
+    return 1e-9 * machine().builds.get(tree, SHIPPED.builds[tree]) * triangles
 
 
 def lost_share(way: str) -> float:
@@ -128,6 +129,11 @@ def good_pays(lost: float, triangles: int) -> bool:
     lost : seconds, by `lost_share`
     """
     return lost * _crowded(triangles) > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)
+
+
+def best_pays(seconds: float, triangles: int) -> bool:
+    """Have rays that took so many seconds in a tree of GOOD lost as much there as one of BEST costs?"""
+    return _LOST_IN_GOOD * seconds > build_seconds(BEST, triangles)
 
 
 def _crowded(triangles: int) -> float:

@@ -25,7 +25,7 @@ class Auto:
     memory : Memory
         Outlives the tree in a sequence of frames.
     builder : str or None
-        Name of the tree's builder, if it was chosen, too.
+        Name of the tree in `rates`, if it was chosen, too.
     better : function, optional
         Builds a tree of GOOD of the same triangles; None: the tree is as good as it gets.
     """
@@ -82,4 +82,4 @@ def trace_shadow(auto: Auto, query: ShadowQuery, bits, threads=None, counters=No
     WAYS[choice.way].trace(form, query, out, threads, counters, progress)
     if places is not None:
         bits[:, places] = out
-    memory.learn(key, choice._replace(sorted=places is not None, seconds=perf_counter() - start))
+    memory.learn(key, choice._replace(sorted=places is not None, seconds=perf_counter() - start), auto.builder)

@@ -78,6 +78,11 @@ class Accelerator:
         assert self.plan.build is not None
         return self.plan.build
 
+    @property
+    def optimiser(self) -> str | None:
+        """The name of the optimiser of the next tree; None: it stays as it was built."""
+        return self.plan.optimise
+
     def ran(self, accelerated: Accelerated) -> Plan:
         """The plan with the methods of a frame that used this tree."""
         return self.plan
@@ -143,7 +148,7 @@ class Accelerator:
         return bvh if culled is None else part_of(bvh, culled.kept, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
-        builder, name = BUILDERS[self.builder], self.plan.optimise
+        builder, name = BUILDERS[self.builder], self.optimiser
         bvh = builder.build(vertices, threads, **self._shown_to(builder, vertices))
         if name is None:
             return bvh

@@ -1,20 +1,22 @@
 """The plan `auto`: it chooses the builder of each frame's tree, and its tracer chooses the way of each query."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from ..auto.choose import Memory, suited_ways
 from ..auto.facts import facts_of
-from ..auto.rates import GOOD, QUICK, good_pays, lost_share, rate
+from ..auto.rates import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, rate
 from ..auto.trace import Auto
 from ..bvh.nodes import Bvh
 from ..cull.cull import Culled
-from ..methods import TRACERS, UPDATERS
-from ..plan import Plan
+from ..methods import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
+from ..plan import Plan, parse_plan
 from ..query.bounds import bounds
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator, solid_of
+from .ready import Job, fixed_job, make_ready, small_scene
 from .srdh_rays import Shown, SrdhRays
 
 _RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
@@ -25,13 +27,14 @@ class Choosing(Accelerator):
 
     A tree of GOOD takes five times as long to build as one of QUICK, and rays take less time. It is built at once if
     the predicted rays make up for it. It replaces a tree that was kept as soon as the rays so far would have. So at
-    most twice the necessary time is lost, however many rays follow. Trees of animated scenes are refitted from then on.
+    most twice the necessary time is lost, however many rays follow. A tree of BEST replaces one of GOOD by the same
+    rule. Trees of animated scenes are refitted from the first tree of GOOD on.
     """
 
     def __init__(self, plan: Plan, threads: int, srdh_rays: SrdhRays | None = None):
         super().__init__(plan, threads, srdh_rays)
         self.memory = Memory()
-        self._builder = QUICK
+        self._tree_name = QUICK
         self._rays_soon = self._later = 0  # rays of which only the number is known
 
     def begin(self, rays: int, later: int = 0) -> None:
@@ -40,16 +43,21 @@ class Choosing(Accelerator):
 
     @property
     def builder(self) -> str:
-        return self._builder
+        return GOOD if self._tree_name == BEST else self._tree_name
+
+    @property
+    def optimiser(self) -> str | None:
+        return "reinsert" if self._tree_name == BEST else None
 
     def ran(self, accelerated: Accelerated) -> Plan:
         assert accelerated.chosen is not None
         tracers = {choice.way if choice.way in TRACERS else "multifrusta" for choice in self.memory.choices}
-        return Plan(build=accelerated.chosen.builder, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
+        tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
+        return replace(tree, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
 
     def culled(self, triangles: Triangles, queries) -> None:
         """Choose the builder for these queries. Nothing is culled: a quick build costs no more than culling."""
-        if self._builder == GOOD:
+        if self._tree_name != QUICK:
             return
         box, lost = np.stack(bounds(triangles.vertices, self.threads)), self.memory.lost + self._loss(self._later)
         for query in queries:
@@ -65,32 +73,51 @@ class Choosing(Accelerator):
 
     def outgrown(self, accelerated: Accelerated) -> bool:
         chosen = accelerated.chosen
-        if chosen is None or chosen.builder == GOOD or not good_pays(chosen.memory.lost, chosen.forms.triangles):
+        if chosen is None:
             return False
-        self._builder = GOOD
-        return True
+        if chosen.builder == QUICK and good_pays(chosen.memory.lost, chosen.forms.triangles):
+            self._tree_name = GOOD
+            return True
+        if chosen.builder == GOOD and best_pays(chosen.memory.in_good, chosen.forms.triangles):
+            make_ready(best_tree_job)
+            self._tree_name, self._kept = BEST, None
+            return True
+        return False
 
     def _choose(self, lost: float, triangles: int) -> None:
-        if self._builder == QUICK and good_pays(lost, triangles):
-            self._builder = GOOD
+        if self._tree_name == QUICK and good_pays(lost, triangles):
+            self._tree_name = GOOD
 
     def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
         n = len(triangles.vertices)
         self._choose(self._loss(self._rays_soon + self._later), n)
-        if self._builder == GOOD and self._kept is None and good_pays(self.memory.lost, n):
+        if self._tree_name == GOOD and self._kept is None and good_pays(self.memory.lost, n):
             self._kept = UPDATERS["refit"].keep(self._new_tree)
-        return super().build(triangles, culled, shown)
+        made = super().build(triangles, culled, shown)
+        if self._tree_name == BEST:  # it pays for this moment alone
+            self._tree_name = GOOD
+        return made
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
         assert bvh is not None
-        better = partial(self._better, triangles) if self._builder == QUICK and self._kept is None else None
-        tracer = Auto(bvh, self.threads, self.memory, self._builder, better)
+        better = partial(self._better, triangles) if self._tree_name == QUICK and self._kept is None else None
+        tracer = Auto(bvh, self.threads, self.memory, self._tree_name, better)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
 
     def _better(self, triangles: Triangles) -> Bvh:
         """A tree of GOOD, which a query needs after all."""
-        self._builder = GOOD
+        self._tree_name = GOOD
         return self._tree(triangles, solid_of(triangles, None))
+
+
+def best_tree_job() -> Job:
+    """The job of a tree of BEST, which only scenes that are asked for long need."""
+
+    def work():
+        vertices = small_scene().triangles(0.0, 2).vertices
+        OPTIMISERS["reinsert"].optimise(BUILDERS[GOOD].build(vertices, 2), 2)
+
+    return fixed_job("best tree", work)
 
 
 def accelerator_of(plan: Plan, threads: int, srdh_rays: SrdhRays | None = None) -> Accelerator:

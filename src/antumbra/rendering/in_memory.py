@@ -21,6 +21,7 @@ from ..trace.rays.batch import trace_batch
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated, Accelerator
 from .memory import FrameMemory
+from .ray_trees import counted
 from .ready import make_ready
 from .see import cutouts_job, nearest_in, see, see_subpixels
 
@@ -119,7 +120,9 @@ class InMemory:
     def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
         out = hit_arrays(len(arguments.origins), any_hit)
         ready = self.accelerated(time)
-        if not trace_batch(ready.prepared, arguments.ray_list(cull_faces), any_hit, out, self.threads):
+        with counted(self.scene, self.scene.clamped(time)):
+            legal = trace_batch(ready.prepared, arguments.ray_list(cull_faces), any_hit, out, self.threads)
+        if not legal:
             arguments.check()
         if ready.cutouts is not None:
             add_hits(ready.cutouts, arguments, cull_faces, any_hit, out, self.threads)

@@ -23,12 +23,11 @@ from ..scene.triangles import Triangles
 from .accelerate import Accelerated
 from .memory import FrameMemory, points_memory
 from .points import AskingPoints
+from .ray_trees import PLAN, plan_at
 from .ready import Job, fixed_job, make_ready, small_scene
 from .renderer import Progress, Renderer, source_kind
 from .source import RenderSource
 from .srdh_rays import SrdhRays
-
-_RAYS = "bsah+wide"  # the plan of ray lists in memory
 
 
 class Visibility(NamedTuple):
@@ -77,18 +76,17 @@ def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated
 def surfaces_hit(scene, origins, directions, time, threads) -> tuple[np.ndarray, Triangles, np.ndarray]:
     """The nearest hits of rays in world coordinates: (t, triangles, index of each ray's triangle in them or -1)."""
     arguments = ray_arguments(origins, directions, 0.0, np.inf, None, None, scene.origin)[0]
-    return _ray_source(scene, threads).surfaces_hit(arguments, time)
+    return _ray_source(scene, threads, time).surfaces_hit(arguments, time)
 
 
-def _ray_source(scene, threads) -> RenderSource:
-    """The source that traces the rays of a scene. Its kernels are compiled."""
+def _ray_source(scene, threads, time) -> RenderSource:
+    """The source that traces the rays of a scene at a time. Its kernels are compiled."""
     if source_kind(scene).keeps_read:
         source = renderer_of(scene, None, threads, None, None).source
         source.warm_up()
         return source
-    source = Renderer(scene, _RAYS, threads).source
     warm_up_rays()
-    return source
+    return Renderer(scene, plan_at(scene, scene.clamped(time)), threads).source
 
 
 def warm_up_rays() -> None:
@@ -101,7 +99,7 @@ def rays_job() -> Job:
 
     def work():
         arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0]
-        source = Renderer(small_scene(), _RAYS, 1).source
+        source = Renderer(small_scene(), PLAN, 1).source
         for any_hit in True, False:
             source.trace_rays(arguments, any_hit, 0, 0.0)
 
@@ -114,7 +112,7 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
     rays : the first five arguments of `Scene.occluded`
     """
     arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin)
-    source = _ray_source(scene, threads)
+    source = _ray_source(scene, threads, time)
     out = source.trace_rays(arguments, any_hit, facing, time)
     if any_hit:
         return out.blocked.reshape(shape)

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 from ..plan import Plan, covering_plans
 from .building import store_job
+from .choosing import best_tree_job
 from .explanation import steps_job
 from .paged import paged_job
 from .queries import rays_job
@@ -31,6 +32,7 @@ def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]
     plans = list(dict.fromkeys(covering_plans(papers) if plans is None else plans))
     found = [
         rays_job(),
+        best_tree_job(),
         quality_job(),
         antialias_job(),
         dressed_job(),
