@@ -50,28 +50,42 @@ def _put3(pointer, at, v):
     put(pointer, 3 * at + 2, f(v[2]))
 
 
-@inlined
-def fill_pixel(y, x, i, t, corners, rays, out, at):
-    """Write entry `at`: the point at parameter t where pixel (y, x)'s ray meets triangle i; `corners` is a pointer."""
-    f = np.float64
-    d, o = pixel_direction(rays, x, y), rays.origin
-    fill_point((f(o[0]), f(o[1]), f(o[2])), (f(d[0]), f(d[1]), f(d[2])), i, t, corners, out, at)
+class FaceNormal(NamedTuple):
+    """A triangle's normal; float64."""
+
+    x: float
+    y: float
+    z: float
+    scale: float  # 1 / its length
 
 
 @inlined
-def fill_point(o, d, i, t, corners, out, at):
-    """Write entry `at`: the point at parameter t where the float64 ray from o along d meets triangle i."""
-    f, (dx, dy, dz) = np.float64, d
-    _put3(out.position, at, (o[0] + t * dx, o[1] + t * dy, o[2] + t * dz))
-    k = 9 * i
+def face_normal(corners, i):
+    """The `FaceNormal` of triangle i; `corners` is a pointer."""
+    f, k = np.float64, 9 * i
     x0, y0, z0 = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
     px, py, pz = f(get(corners, k + 3)) - x0, f(get(corners, k + 4)) - y0, f(get(corners, k + 5)) - z0
     qx, qy, qz = f(get(corners, k + 6)) - x0, f(get(corners, k + 7)) - y0, f(get(corners, k + 8)) - z0
-    nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-    away = nx * dx + ny * dy + nz * dz > 0.0
-    length = np.sqrt(nx * nx + ny * ny + nz * nz)
-    scale = (-1.0 if away else 1.0) / length
-    _put3(out.normal, at, (nx * scale, ny * scale, nz * scale))
+    x, y, z = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+    return FaceNormal(x, y, z, 1.0 / np.sqrt(x * x + y * y + z * z))
+
+
+@inlined
+def fill_pixel(y, x, normal, t, rays, out, at):
+    """Write entry `at`: the point at parameter t where pixel (y, x)'s ray meets a triangle with this `FaceNormal`."""
+    f = np.float64
+    d, o = pixel_direction(rays, x, y), rays.origin
+    fill_point((f(o[0]), f(o[1]), f(o[2])), (f(d[0]), f(d[1]), f(d[2])), normal, t, out, at)
+
+
+@inlined
+def fill_point(o, d, normal, t, out, at):
+    """Write entry `at`: the point at parameter t where the float64 ray from o along d meets a triangle."""
+    dx, dy, dz = d
+    _put3(out.position, at, (o[0] + t * dx, o[1] + t * dy, o[2] + t * dz))
+    away = normal.x * dx + normal.y * dy + normal.z * dz > 0.0
+    scale = -normal.scale if away else normal.scale
+    _put3(out.normal, at, (normal.x * scale, normal.y * scale, normal.z * scale))
     put(out.side, at, -1 if away else 1)
 
 
@@ -81,13 +95,16 @@ def _fill(ticket, t, corners, rays, row, gbuffer):
     faces, ts, depths, triangles = ptr(gbuffer.face), ptr(t), ptr(gbuffer.depth), ptr(corners)
     y0 = take(ticket)
     while y0 >= 0:
+        last, normal = np.int64(-1), FaceNormal(0.0, 0.0, 0.0, 0.0)
         for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
             for x in range(rays.width):
                 at = y * rays.width + x
                 i, far = np.int64(get(faces, at)), get(ts, at)
                 put(depths, at, far)
                 if i >= 0:
-                    fill_pixel(row + y, x, i, far, triangles, rays, out, at)
+                    if i != last:  # neighbours often see the same triangle
+                        last, normal = i, face_normal(triangles, i)
+                    fill_pixel(row + y, x, normal, far, rays, out, at)
                 else:
                     put(out.side, at, NOTHING)
                     _put3(out.position, at, (zero, zero, zero))

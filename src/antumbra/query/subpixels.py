@@ -16,7 +16,7 @@ from ..kernels.simd import ptr
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from .diffuse import RayPass, listed_pass
-from .gbuffer import GBuffer, fill_pixel, surface_of
+from .gbuffer import GBuffer, face_normal, fill_pixel, surface_of
 from .pixels import pixel_direction
 from .raster import rasterise
 from .receivers import NOTHING
@@ -52,7 +52,8 @@ def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays
             i = face[y, x]
             if i >= 0:
                 out.face[v, u], out.depth[v, u] = i, np.float32(t[y, x])
-                fill_pixel(y, x, np.int64(i), t[y, x], ptr(corners), rays, surface, v * width + u)
+                normal = face_normal(ptr(corners), np.int64(i))
+                fill_pixel(y, x, normal, t[y, x], rays, surface, v * width + u)
         first = take(ticket)
 
 

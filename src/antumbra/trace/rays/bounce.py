@@ -10,7 +10,7 @@ from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ...kernels.predicate.exact import ray_along
 from ...kernels.simd import ptr
 from ...query.diffuse import RayPass, diffuse_rays
-from ...query.gbuffer import GBuffer, fill_point, surface_of
+from ...query.gbuffer import GBuffer, face_normal, fill_point, surface_of
 from ...query.picture import Surfaces, surfaces_of
 from ...query.receivers import NOTHING, surface_receivers
 from .orders import CLOSEST
@@ -66,7 +66,7 @@ def _surfaces(ticket, rays, ts, out, corners):
                 start = np.float64(o[0]), np.float64(o[1]), np.float64(o[2])
                 along = np.float64(d[0]), np.float64(d[1]), np.float64(d[2])
                 out.depth[i] = np.float32(ts[i])
-                fill_point(start, along, face, ts[i], triangles, surface, i)
+                fill_point(start, along, face_normal(triangles, face), ts[i], surface, i)
         first = take(ticket)
 
 
