@@ -32,7 +32,7 @@ from antumbra.kernels.simd import (
 )
 from antumbra.papers.peers.denormals import FLUSH, control, set_control
 from antumbra.papers.peers.embree import HIT_WORDS, EmbreeScene, arguments, functions
-from antumbra.query.gbuffer import GBuffer, fill_pixel, surface_of
+from antumbra.query.gbuffer import FaceNormal, GBuffer, face_normal, fill_pixel, surface_of
 from antumbra.query.pixels import pixel_direction
 from antumbra.query.receivers import NOTHING
 from antumbra.query.sampling import light_samples
@@ -122,7 +122,7 @@ def _primary_loop(lanes: int):
         surface, triangles, out = surface_of(gbuffer), ptr(corners), ptr(origins)
         h, w = gbuffer.face.shape
         origin = rays.origin[0], rays.origin[1], rays.origin[2]
-        first = take(ticket)
+        first, last, normal = take(ticket), np.int64(-1), FaceNormal(0.0, 0.0, 0.0, 0.0)
         while first >= 0:
             for row in range(first, min(first + ticket[CHUNK], ticket[N])):
                 y0 = row * high
@@ -147,7 +147,9 @@ def _primary_loop(lanes: int):
                             continue
                         face, t = get(whole, _FACE * lanes + lane), get(floats, _TFAR * lanes + lane)
                         gbuffer.face[y, x], gbuffer.depth[y, x] = face, t
-                        fill_pixel(y, x, np.int64(face), np.float64(t), triangles, rays, surface, at)
+                        if face != last:  # as in our own filling
+                            last, normal = np.int64(face), face_normal(triangles, np.int64(face))
+                        fill_pixel(y, x, normal, np.float64(t), rays, surface, at)
                         p, n = surface.position, surface.normal
                         a, b, c = abs(get(p, 3 * at)), abs(get(p, 3 * at + 1)), abs(get(p, 3 * at + 2))
                         shift = _SHIFT * max(a, b, c)

@@ -81,7 +81,9 @@ class Sky(LightList):
 
     def radiance(self, directions: np.ndarray) -> np.ndarray:
         """(..., 3) float32: linear radiance seen along directions ((..., 3) float, world, any length), bilinear."""
-        right, upward, back = np.moveaxis(np.asarray(directions, np.float32) @ self._frame.T.astype(np.float32), -1, 0)
+        x, y, z = np.moveaxis(np.asarray(directions, np.float32), -1, 0)
+        # not `@`: threads of BLAS stay busy for a tenth of a second, whatever `threads` a caller asked for
+        right, upward, back = (x * a + y * b + z * c for a, b, c in self._frame.astype(np.float32))
         h, w = self.map.shape[:2]
         down = np.arctan2(np.hypot(right, back), upward) * np.float32(h / np.pi) - np.float32(0.5)
         found = np.empty((*down.shape, 3), np.float32)
