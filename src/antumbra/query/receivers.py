@@ -7,6 +7,8 @@ of its triangle's plane, in exact arithmetic. Then its own triangle cannot meet 
 plane. A sample on or below the plane is occluded by the surface itself.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
@@ -29,16 +31,35 @@ def _magnitude(corners, face):
     return np.float64(m)
 
 
+class _Face(NamedTuple):
+    """A triangle's plane, as `predicate.filters.plane` gives it relative to (0, 0, 0); float64."""
+
+    v0: tuple
+    normal: tuple
+    error: float
+    size: float  # largest magnitude of a coordinate of its corners
+
+
 @inlined
-def _moved_off(p, n, side, corners, face):
-    """The float32 receiver of the surface point p with unit normal n, towards the seen side of `face`; float64."""
-    f, zero = np.float32, np.float64(0.0)
+def _face_of(corners, face):
+    """The `_Face` of a triangle."""
+    zero = np.float64(0.0)
     v0, normal, error = plane(corners, face, zero, zero, zero)
-    near, far = widest(p), _magnitude(corners, face)
+    return _Face(v0, normal, error, _magnitude(corners, face))
+
+
+@inlined
+def _moved_off(p, n, side, known, corners, face):
+    """The float32 receiver of the surface point p with unit normal n, towards the seen side of `face`; float64.
+
+    known : the `_Face` of `face`
+    """
+    f = np.float32
+    near, far = widest(p), known.size
     shift = SHIFT * (near if near > far else far)  # Eq. (1) of docs/design/receivers.md
     x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
     for _ in range(_MAX_DOUBLINGS):
-        if side_of(v0, normal, error, x, y, z, corners, face) == side:
+        if side_of(known.v0, known.normal, known.error, x, y, z, corners, face) == side:
             break
         shift *= 2.0
         x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
@@ -48,19 +69,23 @@ def _moved_off(p, n, side, corners, face):
 @kernel
 def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
     positions, normals, faces, sides = ptr(positions), ptr(normals), ptr(faces), ptr(sides)
-    corners, origins = ptr(corners), ptr(origins)
+    corners, origins, zero = ptr(corners), ptr(origins), np.float64(0.0)
     first = take(ticket)
     while first >= 0:
+        last, known = np.int64(-1), _Face((zero, zero, zero), (zero, zero, zero), zero, zero)
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
             x, y, z = get(positions, 3 * i), get(positions, 3 * i + 1), get(positions, 3 * i + 2)
             if get(sides, i) != NOTHING:
+                face = np.int64(get(faces, i))
+                if face != last:  # neighbours often see the same triangle
+                    last, known = face, _face_of(corners, face)
                 p = np.float64(x), np.float64(y), np.float64(z)
                 n = (
                     np.float64(get(normals, 3 * i)),
                     np.float64(get(normals, 3 * i + 1)),
                     np.float64(get(normals, 3 * i + 2)),
                 )
-                x, y, z = _moved_off(p, n, get(sides, i), corners, np.int64(get(faces, i)))
+                x, y, z = _moved_off(p, n, get(sides, i), known, corners, face)
             put(origins, 3 * i, x)
             put(origins, 3 * i + 1, y)
             put(origins, 3 * i + 2, z)
