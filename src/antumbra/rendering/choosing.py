@@ -28,13 +28,13 @@ class Choosing(Accelerator):
     A tree of GOOD takes five times as long to build as one of QUICK, and rays take less time. It is built at once if
     the predicted rays make up for it. It replaces a tree that was kept as soon as the rays so far would have. So at
     most twice the necessary time is lost, however many rays follow. A tree of BEST replaces one of GOOD by the same
-    rule. Trees of animated scenes are refitted from the first tree of GOOD on.
+    rule. Trees of animated scenes are refitted from the first tree of GOOD on, and so are those of BEST.
     """
 
     def __init__(self, plan: Plan, threads: int, srdh_rays: SrdhRays | None = None):
         super().__init__(plan, threads, srdh_rays)
         self.memory = Memory()
-        self._tree_name = QUICK
+        self._tree_name = self._built = QUICK  # the next tree, and the last one
         self._rays_soon = self._later = 0  # rays of which only the number is known
 
     def begin(self, rays: int, later: int = 0) -> None:
@@ -79,10 +79,15 @@ class Choosing(Accelerator):
             self._tree_name = GOOD
             return True
         if chosen.builder == GOOD and best_pays(chosen.memory.in_good, chosen.forms.triangles):
-            make_ready(best_tree_job)
-            self._tree_name, self._kept = BEST, None
+            self._optimise()
             return True
         return False
+
+    def _optimise(self) -> None:
+        """Let the next tree be one of BEST. Later ones are of GOOD until they have lost the price again."""
+        make_ready(best_tree_job)
+        self._tree_name, self._kept = BEST, None
+        self.memory.in_good = 0.0
 
     def _choose(self, lost: float, triangles: int) -> None:
         if self._tree_name == QUICK and good_pays(lost, triangles):
@@ -93,15 +98,22 @@ class Choosing(Accelerator):
         self._choose(self._loss(self._rays_soon + self._later), n)
         if self._tree_name == GOOD and self._kept is None and good_pays(self.memory.lost, n):
             self._kept = UPDATERS["refit"].keep(self._new_tree)
-        made = super().build(triangles, culled, shown)
-        if self._tree_name == BEST:  # it pays for this moment alone
+        if self._kept is not None and best_pays(self.memory.in_good, n):
+            self._optimise()
+            self._kept = UPDATERS["refit"].keep(self._new_tree)
+        return super().build(triangles, culled, shown)
+
+    def _new_tree(self, vertices, threads) -> Bvh:
+        tree = super()._new_tree(vertices, threads)
+        self._built = self._tree_name
+        if self._tree_name == BEST:
             self._tree_name = GOOD
-        return made
+        return tree
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
         assert bvh is not None
         better = partial(self._better, triangles) if self._tree_name == QUICK and self._kept is None else None
-        tracer = Auto(bvh, self.threads, self.memory, self._tree_name, better)
+        tracer = Auto(bvh, self.threads, self.memory, self._built, better)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
 
     def _better(self, triangles: Triangles) -> Bvh:
