@@ -21,7 +21,7 @@ so do offsets of receivers; ours do not differ among themselves.
 
 import argparse
 import statistics
-from contextlib import nullcontext
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -165,9 +165,14 @@ def measure(view: Moving, options) -> list[dict]:
     """Rows of all numbers of threads."""
     found = []
     for threads in options.threads:
-        with embree.Device(threads, options.isa) if has_embree() else nullcontext() as device:
-            found += _measure(device, view, threads, options)
+        found += _measure(_device(threads, options.isa), view, threads, options)
     return found
+
+
+@cache
+def _device(threads: int, isa: str | None):
+    """Embree's device, or None without Embree. All scenes share it: threads of a closed one stay busy."""
+    return embree.Device(threads, isa) if has_embree() else None
 
 
 def _measure(device, view: Moving, threads: int, options) -> list[dict]:
