@@ -28,7 +28,7 @@ import time
 import numpy as np
 
 from antumbra.kernels.parallel import thread_count
-from antumbra.methods import BUILDERS, TRACERS
+from antumbra.methods import BUILDERS, OPTIMISERS, TRACERS
 from antumbra.papers.peers.contenders import embree_contenders, our_contender
 from antumbra.papers.peers.contest import contest, rows
 from antumbra.papers.peers.queries import query_of
@@ -46,13 +46,17 @@ def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
     """Plan -> the acceleration structure of its tracer. Prints the times to build and prepare it."""
     made, trees = {}, {}
     for plan in plans:
-        build = plan.build or (QUALITY if plan.tracer.builds else None)  # the plan auto would choose among two
+        build = plan.build or (QUALITY if plan.tracer.builds else None)  # the plan auto would choose among three
+        how = (build, plan.optimise)
         start = time.perf_counter()
-        if build not in trees:
-            trees[build] = BUILDERS[build].build(triangles.vertices, None) if build else soup_of(triangles)
-            print(f"  {build or 'triangles'}: built in {1e3 * (time.perf_counter() - start):.0f} ms", end="")
+        if how not in trees:
+            trees[how] = BUILDERS[build].build(triangles.vertices, None) if build else soup_of(triangles)
+            if plan.optimise:
+                trees[how] = OPTIMISERS[plan.optimise].optimise(trees[how], None)
+            name = "+".join(filter(None, how)) or "triangles"
+            print(f"  {name}: built in {1e3 * (time.perf_counter() - start):.0f} ms", end="")
             start = time.perf_counter()
-        made[plan] = plan.tracer.prepare(trees[build], thread_count(None))
+        made[plan] = plan.tracer.prepare(trees[how], thread_count(None))
         print(f"; {plan.trace}: prepared in {1e3 * (time.perf_counter() - start):.0f} ms")
     return made
 

@@ -42,7 +42,7 @@ def test_the_summary_as_json(render):
     assert told["scene"]["name"] == "atrium" and told["scene"]["notes"] == []
     assert told["camera"]["width"] == 32 and len(told["camera"]["position"]) == 3
     assert [light["type"] for light in told["lights"]] == ["QuadLight"]
-    assert (told["spp"], told["plan"], told["gbuffer"], told["threads"]) == (4, "auto", "raster", None)
+    assert (told["spp"], told["plan"], told["gbuffer"], told["threads"]) == (4, "auto", "auto", None)
     assert told["ran"].startswith("lbvh+") and [choice["rays"] for choice in told["choices"]] == [told["rays"]]
     assert told["rays"] == 4 * told["seen"] == told["counters"]["rays"] > 0
     assert 0.0 < told["lit"][0] < 1.0

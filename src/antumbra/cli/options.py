@@ -15,6 +15,7 @@ class Up(StrEnum):
 
 
 class GBufferBy(StrEnum):
+    auto = "auto"
     raster = "raster"
     rays = "rays"
 

@@ -127,7 +127,7 @@ class RenderArguments:
         typer.Option("--explain-plan", help="Show what the plan auto chose, why, and the times."),
     ] = False
     srdh_rays: SrdhRaysOption = None
-    gbuffer: GBufferOption = GBufferBy.raster
+    gbuffer: GBufferOption = GBufferBy.auto
     cull_faces: CullFacesOption = CullFaces.none
     threads: Threads = None
     max_memory: MaxMemoryOption = None

@@ -20,6 +20,7 @@ from ..trace.cutouts import add_hits
 from ..trace.rays.batch import trace_batch
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated, Accelerator
+from .looking import AUTO, RAYS, Looking
 from .memory import FrameMemory
 from .ray_trees import counted
 from .ready import make_ready
@@ -34,8 +35,8 @@ class InMemory:
     scene : Scene
     accelerator : Accelerator
         Holds the plan and builds its trees.
-    gbuffer : "raster" or "rays"
-        The method of primary visibility.
+    gbuffer : "raster", "rays" or "auto"
+        The method of primary visibility; "auto": the faster one, see `looking`.
     max_memory : None
         Must be None; the limit exists only for stores.
 
@@ -49,10 +50,10 @@ class InMemory:
     keeps_read: ClassVar = False
     looks: ClassVar = 0
 
-    def __init__(self, scene: Scene, accelerator: Accelerator, gbuffer: str = "raster", max_memory: int | None = None):
+    def __init__(self, scene: Scene, accelerator: Accelerator, gbuffer: str = AUTO, max_memory: int | None = None):
         if max_memory is not None:
             raise InputError(f"max_memory is for scenes in a store, and {scene.name} is in memory; leave it out")
-        self.scene, self.gbuffer = scene, gbuffer
+        self.scene, self.gbuffer, self._looking = scene, gbuffer, Looking()
         self._accelerator, self.threads = accelerator, accelerator.threads
         self._last: Accelerated | None = None  # of earlier frames, if later frames can reuse it
 
@@ -110,9 +111,14 @@ class InMemory:
         yield slice(0, height)
 
     def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None, rows=None) -> Surfaces:
-        tree = whole if self.gbuffer == "rays" or camera.listed else None
         cutouts = self._accelerator.cutouts_of(triangles)
-        return surfaces_of(see(triangles, camera, tree, self.threads, cutouts), triangles)
+        seen = lambda tree: surfaces_of(see(triangles, camera, tree, self.threads, cutouts), triangles)
+        if camera.listed or self.gbuffer != AUTO:
+            return seen(whole if camera.listed or self.gbuffer == RAYS else None)
+        method = self._looking.choose(whole)
+        return self._looking.timed(
+            method, camera.width * camera.height, lambda: seen(whole if method == RAYS else None)
+        )
 
     def nearest_in(self, whole: Accelerated) -> Nearest:
         return nearest_in(whole, self.threads)

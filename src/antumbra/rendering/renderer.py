@@ -26,6 +26,7 @@ from .accelerate import Accelerated
 from .choosing import accelerator_of
 from .frame import Frame
 from .in_memory import InMemory
+from .looking import AUTO, METHODS, compiled_for
 from .passes import draw
 from .render_jobs import (
     warm_up,
@@ -71,9 +72,9 @@ class Renderer:
         None: ``"auto"``; for a scene in a store ``"bsah+chcrt"``.
     threads : int or None
         None: all cores.
-    gbuffer : "raster" or "rays"
-        The method of primary visibility; both give the same bits. A store, and a camera that is not perspective, always
-        use rays.
+    gbuffer : "raster", "rays" or "auto"
+        The method of primary visibility; both give the same bits. "auto" is raster, or rays through a tree that an
+        earlier frame has kept, whichever was faster. A store, and a camera that is not perspective, always use rays.
     srdh_rays : SrdhRays or None
         The rays that a ray-guided builder (`srdh`) is shown; None: the rays of 16 x 16 pixels of each frame.
     max_memory : int or None
@@ -90,12 +91,12 @@ class Renderer:
         scene: AnyScene,
         plan: str | Plan | None = None,
         threads: int | None = None,
-        gbuffer: str = "raster",
+        gbuffer: str = AUTO,
         srdh_rays: SrdhRays | None = None,
         max_memory: int | None = None,
     ):
-        if gbuffer not in ("raster", "rays"):
-            raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster" or "rays"')
+        if gbuffer not in METHODS:
+            raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster", "rays" or "auto"')
         kind: Any = source_kind(scene)
         self.plan, self.threads = parse_plan(kind.default_plan if plan is None else plan), thread_count(threads)
         self.accelerator = accelerator_of(self.plan, self.threads, srdh_rays)
@@ -174,7 +175,7 @@ class Renderer:
 
     def _warm_up(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
-        gbuffer, showing = self.source.gbuffer, self.accelerator.showing
+        gbuffer, showing = compiled_for(self.source.gbuffer), self.accelerator.showing
         warm_up(self.plan, gbuffer, request.counters)
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
@@ -204,7 +205,7 @@ class Renderer:
 def render(
     scene: AnyScene, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
     spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
-    counters: bool = False, gbuffer: str = "raster", sampler: str = "larcher-pillichshammer",
+    counters: bool = False, gbuffer: str = AUTO, sampler: str = "larcher-pillichshammer",
     cull_faces: str | None = None, filter: bool | None = None, adaptive: int | None = None,
     progress: Progress | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
     max_memory: int | None = None, background: bool = True, layers: bool = False, textures: bool = True,
@@ -234,8 +235,8 @@ def render(
         None: all cores.
     counters : bool
         Count tests and nodes exactly (costs a little time).
-    gbuffer : "raster" or "rays"
-        The method of primary visibility. It never changes the bits.
+    gbuffer : "raster", "rays" or "auto"
+        The method of primary visibility, as for `Renderer`. It never changes the bits.
     sampler : str
         A name in `antumbra.query.sampling.SAMPLERS`.
     cull_faces : None, "front" or "back"

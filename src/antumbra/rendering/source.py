@@ -25,7 +25,7 @@ class RenderSource(Protocol):
         True if the source keeps the data read for a query of points. Then the next query reuses its `Renderer`.
     looks : int
         How often `look` runs `progress` to its end.
-    gbuffer : "raster" or "rays"
+    gbuffer : "raster", "rays" or "auto"
         The method of primary visibility in `look`.
     """
 
@@ -79,7 +79,7 @@ class RenderSource(Protocol):
     ) -> Surfaces:
         """The surfaces that a camera sees.
 
-        whole : a tree of all triangles; None only where `gbuffer` is "raster" and the camera is perspective
+        whole : a tree of all triangles; never None where `gbuffer` is "rays" or the camera is not perspective
         rows : a band of the picture; None: all
         """
         ...

@@ -6,6 +6,7 @@ from ..plan import Plan, covering_plans
 from .building import store_job
 from .choosing import best_tree_job
 from .explanation import steps_job
+from .looking import camera_rays_job
 from .paged import paged_job
 from .queries import rays_job
 from .ready import Job
@@ -33,6 +34,7 @@ def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]
     found = [
         rays_job(),
         best_tree_job(),
+        camera_rays_job(),
         quality_job(),
         antialias_job(),
         dressed_job(),
