@@ -47,8 +47,9 @@ def check_contenders(outcome, hidden, ours):
         assert all(row["ratio"] > 0 for row in own)
 
 
-def test_arrays(run, small, hidden):
-    done = run("arrays", small, "--rays", 1024, "--rounds", 1, "--threads", 1, without=hidden)
+@pytest.mark.parametrize("fresh", [[], ["--fresh"]], ids=["settled", "fresh"])
+def test_arrays(run, small, hidden, fresh):
+    done = run("arrays", small, "--rays", 1024, "--rounds", 1, "--threads", 1, *fresh, without=hidden)
     check_left_out(done, *["Embree"] * without_embree(hidden), "Open3D")
     embree = [f"embree {packet} {quality}" for quality in ("medium", "high") for packet in (1, 16)]
     methods = ["occluded"] if without_embree(hidden) else ["occluded", *embree, "embreex"]
@@ -57,7 +58,8 @@ def test_arrays(run, small, hidden):
     assert all(0 < row["occluded"] < 1 and row["rays"] == 1024 for row in done.rows)
     differ = {row["differ_from_embree"] for row in done.rows}
     assert differ == {None} if without_embree(hidden) else max(differ) <= 10  # Embree rounds; ours do not
-    assert done.out.count("\n") == 1 + len(done.rows)
+    assert ("tree optimised after" in done.out) != bool(fresh)
+    assert done.out.count("\n") == 2 - len(fresh) + len(done.rows)
 
 
 def test_build(run, small, hidden):
