@@ -17,8 +17,8 @@ Timed calls:
   records and reading the answers.
 - `embreex` and `open3d`: their own Python calls.
 
-Trees are built and kernels compiled before. A scene optimises its tree once its rays have lost the time that this takes.
-So rays are traced until then, and a line says for how long. With --fresh the scene keeps its first tree instead.
+Trees are built and kernels compiled before. A scene optimises its tree once its rays have lost the time that this
+takes. So rays are traced until then, and a line says for how long. With --fresh the scene keeps its first tree instead.
 """
 
 import json

@@ -34,9 +34,9 @@ def test_rays_get_a_better_tree_once_it_pays(scene, monkeypatch, seconds):
     assert 0.1 < blocked.mean() < 1
     plans = scene.__dict__["_accelerated"][1]
     assert set(plans) == ({BETTER} if seconds == 0.0 else {parse_plan(PLAN)})
-    tree = list(plans.values())[0].bvh
+    tree = next(iter(plans.values())).bvh
     np.testing.assert_array_equal(scene.occluded(*rays), blocked)
-    assert list(plans.values())[0].bvh is tree
+    assert next(iter(plans.values())).bvh is tree
     assert (scene.closest_hit(*rays).face == hit.face).all() and (scene.closest_hit(*rays).t == hit.t).all()
 
 

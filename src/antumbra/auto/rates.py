@@ -65,7 +65,9 @@ class Machine(NamedTuple):
     builds: dict[str, float]  # tree -> nanoseconds a triangle
 
 
-SHIPPED = Machine({}, {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0}, {QUICK: 45.0, GOOD: 270.0, BEST: 1000.0})
+SHIPPED = Machine(
+    {}, {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0}, {QUICK: 45.0, GOOD: 270.0, BEST: 1000.0}
+)
 """Of two cores; used where `antumbra warmup` has not measured."""
 
 
