@@ -137,3 +137,4 @@ def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
 
 def test_nothing_pays_twice():
     assert not rates.good_pays(0.0, 1000) and rates.good_pays(1.0, 1000)
+    assert not rates.best_pays(0.0, 1000) and rates.best_pays(1.0, 1000) and not rates.best_pays(1e9, 1 << 25)

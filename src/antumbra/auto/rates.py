@@ -26,6 +26,7 @@ _STRATA = 16
 _LOST = {"multifrusta": 0.2}  # way -> see `lost_share`
 _OTHERS_LOSE = 0.4
 _LOST_IN_GOOD = 0.08  # share of the time to trace that a tree of GOOD costs more than one of BEST
+_LARGE = 1 << 24  # triangles: `reinsert` takes about 100 bytes for each while it runs
 _ROOM = 1 << 18  # triangles that the cells of QUICK keep apart
 
 
@@ -134,8 +135,11 @@ def good_pays(lost: float, triangles: int) -> bool:
 
 
 def best_pays(seconds: float, triangles: int) -> bool:
-    """Have rays that took so many seconds in a tree of GOOD lost as much there as one of BEST costs?"""
-    return _LOST_IN_GOOD * seconds > build_seconds(BEST, triangles)
+    """Have rays that took so many seconds in a tree of GOOD lost as much there as one of BEST costs?
+
+    Never in scenes of more than `_LARGE` triangles, whose memory may be short.
+    """
+    return triangles <= _LARGE and _LOST_IN_GOOD * seconds > build_seconds(BEST, triangles)
 
 
 def _crowded(triangles: int) -> float:

@@ -7,6 +7,7 @@
 - source: the protocol by which a frame reads a scene; in_memory: triangles in memory; paged: a scene in a store
 - memory: what a frame takes; paged_rays, paged_tree: ray lists through a store, and its tree
 - accelerate: builds and prepares the structure that a plan's tracer takes; srdh_rays: the rays shown to builders
+- choosing: the trees of the plan `auto`; ray_trees: those of ray lists; looking: rasterisation or camera rays
 - building: `build_store`; explanation, comparison, culling_picture: pictures of the work of plans
 - room: whether a scene encloses a room, and a camera inside it
 - moments, windows: their queries, and tests in parts of a picture
