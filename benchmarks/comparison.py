@@ -14,8 +14,8 @@ from common import machine
 from peer_contenders import describe_embree
 from views import VIEWS, views
 
-AVX2 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
-"""Environment that makes Numba compile for AVX2. Without empty features, Numba would add those of this processor."""
+AVX2 = {"ANTUMBRA_LEVEL": "x86-64-v3"}
+"""Environment that makes our kernels use no more than AVX2."""
 
 
 def options_of(parser: argparse.ArgumentParser, scenes=VIEWS) -> argparse.Namespace:
