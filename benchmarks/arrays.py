@@ -30,6 +30,7 @@ from pathlib import Path
 import numpy as np
 
 import antumbra
+from antumbra.auto.rates import best_pays
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree_rays import occluded_of, trace, write
@@ -115,7 +116,9 @@ class Records:
 
 
 def settle(name: str, scene, rays) -> None:
-    """Trace rays until the scene has optimised its tree."""
+    """Trace rays until the scene has optimised its tree. Very large scenes never do."""
+    if not best_pays(np.inf, scene.n_triangles):
+        return
     start, asked = time.perf_counter(), 0
     while str(plan_at(scene, 0.0)) == PLAN:
         scene.occluded(*rays, tmax=1.0)
