@@ -36,7 +36,9 @@ class Looking:
 
     def choose(self, whole: Accelerated | None) -> str:
         """The method of the next frame; `whole`: a tree of all triangles that an earlier frame has kept."""
-        if whole is None or not _has_blocks(whole) or not _rays_are_compiled():
+        if whole is None or not _has_blocks(whole):
+            return RASTER
+        if self._calls[RAYS] == 0 and not _rays_are_compiled():
             return RASTER
         for method in RASTER, RAYS:
             if method not in self._seconds:
