@@ -11,13 +11,14 @@ from ..auto.rates import BEST, GOOD, QUICK, Machine, keep_machine, reference
 from ..auto.ways import WAYS, Forms, answer
 from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
-from ..methods import BUILDERS, OPTIMISERS
+from ..methods import BUILDERS
 from ..query.picture import shadow_queries
 from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery, ray_count
 from ..scene.generated import procedural
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
+from .choosing import best_tree
 from .see import see
 
 _TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (160, 128), 16, 2
@@ -32,8 +33,7 @@ def calibrate() -> Machine:
         name: 1e9 * _seconds(lambda name=name: BUILDERS[name].build(triangles.vertices, threads)) / n
         for name in (QUICK, GOOD)
     }
-    better = lambda: OPTIMISERS["reinsert"].optimise(BUILDERS[GOOD].build(triangles.vertices, threads), threads)
-    builds[BEST] = 1e9 * _seconds(better) / n
+    builds[BEST] = 1e9 * _seconds(lambda: best_tree(triangles.vertices, threads)) / n
     bvh = BUILDERS[QUICK].build(triangles.vertices, threads)
     forms = {name: 1e9 * _form_seconds(name, bvh, threads) / n for name, way in WAYS.items() if way.form is not None}
     queries = _queries(triangles, scene.cameras[0].resized(*_SIZE), threads)

@@ -43,11 +43,11 @@ class Choosing(Accelerator):
 
     @property
     def builder(self) -> str:
-        return GOOD if self._tree_name == BEST else self._tree_name
+        return self._tree_name.partition("+")[0]
 
     @property
     def optimiser(self) -> str | None:
-        return "reinsert" if self._tree_name == BEST else None
+        return self._tree_name.partition("+")[2] or None
 
     def ran(self, accelerated: Accelerated) -> Plan:
         assert accelerated.chosen is not None
@@ -122,14 +122,15 @@ class Choosing(Accelerator):
         return self._tree(triangles, solid_of(triangles, None))
 
 
+def best_tree(vertices: np.ndarray, threads: int) -> Bvh:
+    """A tree of BEST."""
+    build, _, optimise = BEST.partition("+")
+    return OPTIMISERS[optimise].optimise(BUILDERS[build].build(vertices, threads), threads)
+
+
 def best_tree_job() -> Job:
     """The job of a tree of BEST, which only scenes that are asked for long need."""
-
-    def work():
-        vertices = small_scene().triangles(0.0, 2).vertices
-        OPTIMISERS["reinsert"].optimise(BUILDERS[GOOD].build(vertices, 2), 2)
-
-    return fixed_job("best tree", work)
+    return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
 
 
 def accelerator_of(plan: Plan, threads: int, srdh_rays: SrdhRays | None = None) -> Accelerator:
