@@ -2,6 +2,7 @@
 
 import io
 import sys
+import threading
 
 import pytest
 
@@ -36,6 +37,31 @@ def test_watchers_see_a_bar_and_then_nothing(stream, monkeypatch, at_once):
     assert text.startswith("\rantumbra: tracing:  25 % [######------------------] ")
     lines = sys.stderr.getvalue().split("\r")
     assert "100 %" in lines[2] and not lines[3].strip() and lines[4] == ""
+
+
+def test_a_bar_appears_although_nothing_is_reported(monkeypatch, at_once):
+    written = threading.Event()
+
+    class Watched(Terminal):
+        def write(self, text):
+            written.set()
+            return super().write(text)
+
+    monkeypatch.setattr(sys, "stderr", Watched())
+    with progress.reported("unwrapping"):
+        assert written.wait(60.0)
+    lines = sys.stderr.getvalue().split("\r")
+    assert lines[1].startswith("antumbra: unwrapping:   0 % ") and not lines[2].strip() and lines[3] == ""
+
+
+def test_work_that_nobody_watches_prints_nothing_and_is_logged(monkeypatch, caplog):
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with caplog.at_level("INFO", "antumbra"), progress.reported("unwrapping") as heard:
+        heard(1, 2)
+    assert sys.stderr.getvalue() == "" and [m.split(":")[0] for m in caplog.messages] == [
+        "unwrapping ...",
+        "unwrapping",
+    ]
 
 
 def test_nobody_watches(monkeypatch, at_once):

@@ -1,10 +1,11 @@
 """Errors on the command line: one line on standard error, and an exit code."""
 
 import json
+import logging
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import typer
@@ -29,7 +30,8 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
     debug = "--debug" in before or os.environ.get("ANTUMBRA_DEBUG", "") not in ("", "0")
     arguments = [a for a in before if a != "--debug"] + arguments[len(before) :]
     try:
-        code = run(arguments)
+        with _log_lines():
+            code = run(arguments)
         sys.stdout.flush()
         code = code if isinstance(code, int) else 0
         if code == INTERRUPTED:
@@ -81,6 +83,24 @@ def explained(error: BaseException) -> tuple[str, int]:
         return f"the system reports: {error}", UNFORESEEN
     reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return f"unexpected {reason}; this is a bug, --debug shows where", UNFORESEEN
+
+
+class _LogLines(logging.Handler):
+    """Records of a logger as lines on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage())
+
+
+@contextmanager
+def _log_lines() -> Iterator[None]:
+    """Say what the library logs: warnings, and progress where `progress.ProgressDisplay` asks for it."""
+    log, lines = logging.getLogger("antumbra"), _LogLines()
+    log.addHandler(lines)
+    try:
+        yield
+    finally:
+        log.removeHandler(lines)
 
 
 def say(line: str) -> None:

@@ -1,12 +1,13 @@
 """Shows progress on a terminal for operations that take longer than a second."""
 
+import logging
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING
 
-from ..kernels.progress import heard_by, in_turn
+from ..kernels.progress import LOG, heard_by, in_turn
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -17,8 +18,9 @@ DELAY = 1.0
 class ProgressDisplay:
     """A progress line on standard error while the block runs.
 
-    There is none if standard error is no terminal, or if the block is fast. A timer starts the line, so it appears
-    during a single long call too (reading a file, building a BVH). `quiet`: nothing else appears either.
+    There is none if the block is fast. If standard error is no terminal, the begin and the end of long work appear as
+    lines instead. A timer starts the line, so it appears during a single long call too (reading a file, building a
+    BVH). `quiet`: nothing appears.
     """
 
     def __init__(self, quiet: bool = False, delay: float = DELAY):
@@ -30,9 +32,8 @@ class ProgressDisplay:
         self._timer = None if self._closed else threading.Timer(delay, self._start)
 
     def __enter__(self) -> "ProgressDisplay":
-        if self._quiet or not self._closed:
-            self._heard = heard_by(self.say)
-            self._heard.__enter__()
+        self._heard = _logged() if self._closed and not self._quiet else heard_by(self.say)
+        self._heard.__enter__()
         if self._timer is not None:
             self._timer.daemon = True
             self._timer.start()
@@ -78,3 +79,14 @@ class ProgressDisplay:
 
     def _update(self, bar: "Progress") -> None:
         bar.update(self._task, description=self._text, completed=self._done, total=self._total or None)
+
+
+@contextmanager
+def _logged() -> Iterator[None]:
+    """Let the progress of the library through to its logger."""
+    before = LOG.level
+    LOG.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        LOG.setLevel(before)

@@ -3,7 +3,6 @@
 import os
 import re
 import socket
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from ..extras import needed
 from ..jobs.engines import Units, numbered
+from ..kernels.progress import LOG
 from .inputs import input_of
 
 if TYPE_CHECKING:
@@ -22,10 +22,6 @@ _PATIENCE = 5.0  # seconds until a head node answers
 _PLACE = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
-def _say(line: str) -> None:
-    print(f"antumbra: {line}", file=sys.stderr, flush=True)
-
-
 class Cluster:
     """Does the units of a job on the nodes of a Ray cluster, and writes the files that they send.
 
@@ -34,7 +30,7 @@ class Cluster:
     prepare : begins the job on a node, see `node.Prepare`
     inputs : the files that the job reads, by names that `prepare` knows
     plan : whose kernels are compiled before the first unit
-    say : tells the user a line; None: on standard error
+    say : tells the user a line; None: by the logger ``antumbra``
     """
 
     def __init__(
@@ -42,7 +38,7 @@ class Cluster:
         say: Callable[[str], None] | None = None,
     ):  # fmt: skip
         needed("ray", "a cluster", "ray")
-        self.folder, self.address, self._say = folder, address, say or _say
+        self.folder, self.address, self._say = folder, address, say or LOG.info
         self._prepare, self._inputs, self._plan = prepare, inputs, plan
         self.log: Log | None = None  # of the last job
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ..jobs.engines import Asked, Units, numbered
 from ..jobs.warm import jobs
 from ..kernels.locks import held
-from ..kernels.progress import heard_by
+from ..kernels.progress import heard_by, unheard
 from ..plan import DEFAULT_PLAN, parse_plan
 from ..rendering.ready import compile_missing, missing_of
 from .inputs import Input, local_path, own_temporary
@@ -53,7 +53,7 @@ class Node:
 
         read : reads a piece of a file of the driver, see `inputs.local_path`
         """
-        with heard_by(lambda what, done, total: None):
+        with heard_by(unheard):
             paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
             os.chdir(self._own.name)  # results of a job have relative names here
             warm(job.plan)
@@ -66,7 +66,7 @@ class Node:
         """Do a unit."""
         units, k = self._units[number]
         start = perf_counter()
-        with heard_by(lambda what, done, total: None):
+        with heard_by(unheard):
             units.do(k)
         assert units.root is not None
         files = {name: units.root / name for name in units.files(k)}

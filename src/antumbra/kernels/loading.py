@@ -1,7 +1,6 @@
 """Load machine code from files into this process. llvmlite links it, and Numba is not needed."""
 
 import ctypes
-import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
@@ -14,6 +13,7 @@ from .closure import kernel_digest
 from .code import Code, symbol_of
 from .jit import kernel
 from .processor import level
+from .progress import LOG
 
 _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_char_p, ctypes.c_char_p)
 
@@ -63,7 +63,7 @@ def compiled(function: kernel, key: str, digest: str) -> tuple[Code, str]:
     try:
         return kept_or_made(function, key, digest, [folder])[0]
     except OSError as error:
-        _say_once(f"antumbra: {folder.path} cannot be written ({error.strerror}): kernels are compiled each time")
+        _say_once(f"{folder.path} cannot be written ({error.strerror}): kernels are compiled each time")
         from . import compiling
 
         return compiling.make(function, key, digest, [folder.level])[0], "compiled"
@@ -92,7 +92,7 @@ def kept_or_made(function: kernel, key: str, digest: str, folders: Sequence[Fold
 
 @cache
 def _say_once(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+    LOG.warning(line)
 
 
 @cache

@@ -1,10 +1,21 @@
-"""Progress of long work: reported to a listener if there is one, else to standard error."""
+"""Progress of long work. The library itself prints nothing, except a bar where a person watches.
 
+- A function that the caller gave (`heard_by`, `followed`) gets all progress; False gets none.
+- Else terminals and notebooks show a bar after a second.
+- Begin and end of long work go to the logger ``antumbra``, at level INFO. Warnings go there too.
+"""
+
+import logging
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
+from functools import wraps
+from threading import Lock, Timer
 from time import perf_counter
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+from ..errors import InputError
 
 Say = Callable[[str, int, int], object]
 """Function of (name of the work, amount done, total amount)."""
@@ -12,49 +23,105 @@ Say = Callable[[str, int, int], object]
 Heard = Callable[[int, int], Any]
 """Function of (amount done, total amount)."""
 
-_listeners: list[Say] = []
-_shown: list[str] = []  # names of the work that is shown now, on standard error or by a listener
-_DELAY = 1.0  # seconds before a bar appears for work that may be short
+Progress = Say | bool | None
+"""What the keyword ``progress`` of a job takes, see `followed`."""
+
+LOG = logging.getLogger("antumbra")
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+_listener: ContextVar[Say | None] = ContextVar("listener", default=None)
+_shown: list[str] = []  # names of the work that is shown now, by a bar or by a listener
+_DELAY = 1.0  # seconds before a bar appears
 _EVERY = 0.1  # seconds between two states of a bar
 _WIDTH = 24  # characters of a bar
 
 
 @contextmanager
 def heard_by(say: Say) -> Iterator[None]:
-    """Within the context, progress goes to `say` instead of standard error."""
-    _listeners.append(say)
+    """Within the context, progress goes to `say`, and no bar appears."""
+    token = _listener.set(say)
     try:
         yield
     finally:
-        _listeners.remove(say)
+        _listener.reset(token)
+
+
+def unheard(what: str, done: int, total: int) -> None:
+    """A listener that ignores all progress."""
+
+
+def followed(job: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorator of a function with a keyword ``progress``, through which callers follow its work.
+
+    A function of (text, done, total): it gets the progress of everything within. False: nothing is shown. None or
+    True: a bar, where a person watches. The decorated function itself need not read the keyword.
+    """
+
+    @wraps(job)
+    def run(*args: _P.args, **options: _P.kwargs) -> _R:
+        progress: Any = _checked(options.get("progress"))
+        if progress is None:
+            return job(*args, **options)
+        with heard_by(progress or unheard):
+            return job(*args, **options)
+
+    return run
+
+
+def hushed(job: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorator of a function whose keyword ``progress`` takes a function of (done, total), or None.
+
+    It may now be False too: nothing is shown, not even by what the function calls. True is the same as None.
+    """
+
+    @wraps(job)
+    def run(*args: _P.args, **options: _P.kwargs) -> _R:
+        options["progress"] = progress = _checked(options.get("progress"))
+        with heard_by(unheard) if progress is False else nullcontext():
+            return job(*args, **options)
+
+    return run
+
+
+def _checked(progress) -> Any:
+    """A function, False or None; InputError for anything else but True."""
+    if progress is None or isinstance(progress, bool):
+        return None if progress else progress
+    if not callable(progress):
+        raise InputError(f"progress is {progress!r}; it must be a function, True, False or None")
+    return progress
 
 
 @contextmanager
 def reported(what: str) -> Iterator[Heard]:
     """Report the begin and the end of work. The context's value is a function that reports (done, total)."""
+    start = perf_counter()
+    LOG.info("%s ...", what)
     with _busy(what):
-        if _listeners:
-            say = _listeners[-1]
+        if say := _listener.get():
             yield lambda done, total: say(what, done, total)
-            return
-        start = perf_counter()
-        print(f"antumbra: {what} ...", file=sys.stderr, flush=True)
-        bar = Bar(what, 0.0) if _watched() else None
-        yield bar or (lambda done, total: None)
-        if bar:
-            bar.clear()
-        print(f"antumbra: {what}: {perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+        elif _watched():
+            bar = Bar(what, _DELAY)
+            with bar.appearing():
+                yield bar
+        else:
+            yield lambda done, total: None
+    LOG.info("%s: %.0f s", what, perf_counter() - start)
 
 
 @contextmanager
-def shown(what: str) -> Iterator[Heard | None]:
-    """Show work that may be short: a bar after a second, in terminals and notebooks.
+def shown(what: str, progress: Heard | bool | None = None) -> Iterator[Heard | None]:
+    """Show work that may be short and is too small for the log.
 
-    The context's value is a function that hears (done, total). It is None if nobody watches, or if the work is part of
-    other work that is shown.
+    progress : the keyword of a `hushed` function; a function is the context's value
+
+    Otherwise the context's value is a function that hears (done, total). It is None if nobody watches, or if the work
+    is part of other work that is shown.
     """
-    if _listeners or _shown or not _watched():
-        yield None
+    if callable(progress) or _listener.get() or _shown or not _watched():
+        yield progress if callable(progress) else None
         return
     with _busy(what):
         bar = Bar(what, _DELAY)
@@ -90,24 +157,41 @@ class Bar:
 
     def __init__(self, what: str, delay: float):
         self._what, self._start, self._next = what, perf_counter(), delay
-        self._length = 0
+        self._length, self._share, self._lock = 0, 0.0, Lock()
 
     def __call__(self, done: int, total: int) -> None:
-        passed = perf_counter() - self._start
-        if passed < self._next:
-            return
-        self._next = passed + _EVERY
-        share = done / max(total, 1)
-        full = round(share * _WIDTH)
-        left = f", {passed / share - passed:.0f} s left" if share > 0.0 else ""
-        bar = "#" * full + "-" * (_WIDTH - full)
-        self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {passed:.0f} s{left}")
+        self._share = done / max(total, 1)
+        if perf_counter() - self._start >= self._next:
+            self._draw()
+
+    @contextmanager
+    def appearing(self) -> Iterator[None]:
+        """Within the context, the line appears after the delay even if nothing is reported; then it is removed."""
+        timer = Timer(self._next, self._draw)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+            timer.join()
+            self.clear()
 
     def clear(self) -> None:
         """Remove the line."""
-        if self._length:
-            self._write("")
-            print("\r", end="", file=sys.stderr, flush=True)
+        with self._lock:
+            if self._length:
+                self._write("")
+                print("\r", end="", file=sys.stderr, flush=True)
+
+    def _draw(self) -> None:
+        passed, share = perf_counter() - self._start, self._share
+        self._next = passed + _EVERY
+        full = round(share * _WIDTH)
+        left = f", {passed / share - passed:.0f} s left" if share > 0.0 else ""
+        bar = "#" * full + "-" * (_WIDTH - full)
+        with self._lock:
+            self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {passed:.0f} s{left}")
 
     def _write(self, line: str) -> None:
         print("\r" + line.ljust(self._length), end="", file=sys.stderr, flush=True)

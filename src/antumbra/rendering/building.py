@@ -5,13 +5,15 @@ from tempfile import TemporaryDirectory
 
 from ..checks import whole_number
 from ..kernels.parallel import thread_count
+from ..kernels.progress import Progress, followed, shown
 from ..output import checked_output
 from ..scene.any_scene import AnyScene
-from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, Progress, build_compiled
+from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
 from ..store.layout import STORE_SUFFIX
 from .ready import Job, fixed_job, make_ready, small_scene
 
 
+@followed
 def build_store(
     scenes,
     path,
@@ -19,7 +21,7 @@ def build_store(
     max_memory: int = 4 << 30,
     threads: int | None = None,
     chunk: int = CHUNK,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> BuildReport:
     """Merge scenes and write them to one store file, which `load` opens.
 
@@ -37,8 +39,9 @@ def build_store(
         None: all cores. The file has the same bits for every value of `threads` and `max_memory`.
     chunk : int
         Most triangles in a chunk, 16 to 4 194 304.
-    progress : function of (text, done, total), optional
-        Called with the current phase, the work done and the total work; total 0: unknown.
+    progress : function of (text, done, total), or bool, optional
+        Called with the current phase, the work done and the total work; total 0: unknown. False: nothing is shown.
+        None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
@@ -55,7 +58,9 @@ def build_store(
     max_memory = whole_number(max_memory, "max_memory", LEAST_MEMORY, 1 << 60)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
     make_ready(store_job)
-    return build_compiled(scenes, path, max_memory, threads, chunk, progress)
+    with shown(f"building {path.name}") as heard:
+        bar = None if heard is None else lambda text, done, total: heard(done, total)
+        return build_compiled(scenes, path, max_memory, threads, chunk, progress if callable(progress) else bar)
 
 
 def store_job() -> Job:

@@ -1,7 +1,6 @@
 """Queries without a camera: arrays of rays, and the visibility of lights from points."""
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -9,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..kernels.progress import in_turn, shown
+from ..kernels.progress import hushed, in_turn, shown
 from ..plan import DEFAULT_PLAN, Plan
 from ..query.rays import Arguments, as_array, cull_value, ray_arguments
 from ..query.receivers import point_receivers
@@ -140,11 +139,12 @@ def _objects_of(scene) -> Callable[[], np.ndarray]:
     return lambda: scene.object_of_face
 
 
+@hushed
 def visibility(
     scene: AnyScene, points: ArrayLike, light: Light | Sequence[Light], normals: ArrayLike | None = None, *,
     spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
     sampler: str = "larcher-pillichshammer", cull_faces: str | None = None, srdh_rays: SrdhRays | None = None,
-    max_memory: int | None = None, progress: Progress | None = None,
+    max_memory: int | None = None, progress: Progress | bool | None = None,
 ) -> Visibility:  # fmt: skip
     """Find which samples of lights are visible from arbitrary points, such as mesh vertices or sensors.
 
@@ -169,8 +169,9 @@ def visibility(
     max_memory : int or None
         Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB. The scene keeps the chunks
         that were read for the next query with the same plan, threads and memory.
-    progress : function of (done, total), optional
-        Called about ten times a second. None: terminals and notebooks show a bar after a second.
+    progress : function of (done, total), or bool, optional
+        Called about ten times a second. False: nothing is shown. None: terminals and notebooks show a bar after a
+        second.
 
     Returns
     -------
@@ -195,7 +196,7 @@ def visibility(
             raise InputError(f"{type(each).__name__} is seen around a normal; give the points' normals")
     receivers = receivers_of(scene, points, normals)
     asked = _Asked(receivers, lights, samples, cull_value(cull_faces), time)
-    with shown("tracing shadow rays") if progress is None else nullcontext(progress) as heard:
+    with shown("tracing shadow rays", progress) as heard:
         found = _answers(renderer, asked, in_turn(heard, len(lights)))
     counts = np.array([each.shape[1] for each in samples], np.int64)
     shares = [fraction_lit(bits, n) for bits, n in zip(found, counts.tolist())]

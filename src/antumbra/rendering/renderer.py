@@ -1,7 +1,6 @@
 """Render one frame, or a sequence of frames with state kept between them, of one scene by one plan."""
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from ..checks import number
 from ..errors import InputError
 from ..image.background import skies_of
 from ..kernels.parallel import thread_count
-from ..kernels.progress import shown
+from ..kernels.progress import hushed, shown
 from ..plan import Plan, parse_plan
 from ..query.diffuse import diffuse_passes
 from ..query.gbuffer import GBuffer
@@ -102,10 +101,11 @@ class Renderer:
         self.accelerator = accelerator_of(self.plan, self.threads, srdh_rays)
         self.scene, self.source = scene, kind(scene, self.accelerator, gbuffer, max_memory)
 
+    @hushed
     def render(
         self, camera: Camera, lights: Sequence[Light] | Light, *, spp: int = 16, time: float = 0.0,
         counters: bool = False, sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
-        filter: bool | None = None, adaptive: int | None = None, progress: Progress | None = None,
+        filter: bool | None = None, adaptive: int | None = None, progress: Progress | bool | None = None,
         bounce: int | None = None, background: bool = True, layers: bool = False, textures: bool = True,
         smooth_normals: bool = True, ground: bool | float = False, antialias: bool = True,
     ) -> Frame:  # fmt: skip
@@ -115,7 +115,7 @@ class Renderer:
             filter=filter, adaptive=adaptive, bounce=bounce, background=background, layers=layers, textures=textures,
             smooth_normals=smooth_normals, ground=ground, antialias=antialias,
         )  # fmt: skip
-        with shown("tracing") if progress is None else nullcontext(progress) as heard:
+        with shown("tracing", progress) as heard:
             return draw(self.source, self.accelerator, request._replace(progress=heard))
 
     def rows(self, request: Request) -> Rows:
@@ -202,12 +202,13 @@ class Renderer:
         return see(triangles, camera, accelerated, self.threads)
 
 
+@hushed
 def render(
     scene: AnyScene, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
     spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
     counters: bool = False, gbuffer: str = AUTO, sampler: str = "larcher-pillichshammer",
     cull_faces: str | None = None, filter: bool | None = None, adaptive: int | None = None,
-    progress: Progress | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
+    progress: Progress | bool | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
     max_memory: int | None = None, background: bool = True, layers: bool = False, textures: bool = True,
     smooth_normals: bool = True, ground: bool | float = False, antialias: bool = True,
 ) -> Frame:  # fmt: skip
@@ -249,8 +250,9 @@ def render(
         Refine with this many shadow rays per pixel and light, 1 to 1024; None: no refinement. In penumbrae the new
         visibility replaces the old one. At edges the rays are divided among 16 sub-pixels, and the image pixel is
         their mean. Lights with their own numbers of rays keep them, in each sub-pixel too.
-    progress : function of (done, total), optional
-        Called about ten times a second while rays are traced. None: terminals and notebooks show a bar after a second.
+    progress : function of (done, total), or bool, optional
+        Called about ten times a second while rays are traced. False: nothing is shown. None: terminals and notebooks
+        show a bar after a second.
     srdh_rays : SrdhRays or None
         The rays that the builder `srdh` is shown; None: the rays of 16 x 16 pixels. They never change the bits.
     bounce : int or None

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from ...kernels.progress import Progress, followed
 from ...scene.lights import Light
 from ..engines import engine_of
 from .options import check, check_output, is_gltf, own_lights
@@ -14,12 +15,13 @@ from .write_vertices import bake_vertices
 __all__ = ["Baked", "bake", "check", "check_output", "is_gltf"]
 
 
+@followed
 def bake(
     scene, output, what: str = "ao", *, lights: Sequence[Light] | Light | None = None, radius: float | None = None,
     spp: int = 256, attribute: str | None = None, multiply: bool = False, texture: int | None = None,
     uv: int | None = None, bits: int = 8, exr: bool = False, denoise: bool = False, exposure: float | None = None,
     keep_hidden: bool = False, time: float = 0.0, up: str = "y", plan: str | None = None,
-    sampler: str = "hammersley", threads: int | None = None, keep=None,
+    sampler: str = "hammersley", threads: int | None = None, keep=None, progress: Progress = None,
 ) -> Baked:  # fmt: skip
     """Measure what the surfaces of a scene receive, and write it into a copy of its glTF file.
 
@@ -70,6 +72,8 @@ def bake(
         As in `render`. On a hemisphere ``hammersley`` has half the error of the default of pictures.
     keep : str, path-like or engine, optional
         Folder in which an interrupted bake keeps its finished parts; or who does them, see `antumbra.jobs.engines`.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

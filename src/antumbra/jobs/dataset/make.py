@@ -2,14 +2,13 @@
 
 import json
 import os
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
 from ...errors import InputError
-from ...kernels.progress import heard_by
+from ...kernels.progress import Progress, followed
 from ...query.sampling import sample_sets
 from ...rendering.renderer import Renderer
 from ...scene.any_scene import AnyScene
@@ -22,9 +21,6 @@ from .files import MANIFEST, Folder, read_json, write_json
 from .layers import Objects, blocked_by, channels, light_layer, masks, objects_of
 from .manifest import FORMAT, camera_record, differences, digest_of, light_record, object_records, scene_record
 from .views import Views, lights_of, views_of
-
-Progress = Callable[[str, int, int], object]
-"""Called with the name of the work, the number of frames done, and their total."""
 
 
 class Dataset(NamedTuple):
@@ -39,12 +35,13 @@ class Dataset(NamedTuple):
     seconds: float  # time of the call
 
 
+@followed
 def dataset(
     scene: AnyScene, folder, cameras: Sequence[Camera] | None = None, lights: Sequence[Light] | Light | None = None, *,
     orbit: int = 0, random: int = 0, random_lights: int = 0, seed: int = 0, size: tuple[int, int] = (512, 512),
     spp: int = 16, sampler: str = "larcher-pillichshammer", time: float = 0.0, plan=None, threads: int | None = None,
     max_memory: int | None = None, shard: tuple[int, int] = (0, 1), overwrite: bool = False,
-    progress: Progress | None = None, keep: Engine | None = None,
+    progress: Progress = None, keep: Engine | None = None,
 ) -> Dataset:  # fmt: skip
     """Render a data set: for each camera an EXR file with a layer for each light, and a mask of each light's shadow.
 
@@ -78,8 +75,8 @@ def dataset(
         Render only the frames k with ``k % n == i``. The call that finds all frames finished completes the manifest.
     overwrite : bool
         Render all frames of the shard again, also if the folder has a data set of other settings, which is removed.
-    progress : function of (text, done, total), optional
-        Called after each frame.
+    progress : function of (text, done, total), or bool, optional
+        Called after each frame. False: nothing is shown. None: terminals and notebooks show a bar after a second.
     keep : engine, optional
         Who renders the frames, see `antumbra.jobs.engines`. None: this process.
 
@@ -102,11 +99,10 @@ def dataset(
     renderer, quality = Renderer(scene, plan, threads, max_memory=max_memory), {"spp": spp, "sampler": sampler}
     work = _Work(place, views, lights_of(place, lights, random_lights, seed), quality, renderer)
     work.open(path, overwrite)
-    with nullcontext() if progress is None else heard_by(progress):
-        if keep is None:
-            do_all(work, range(share.number, len(work), share.of))
-        elif keep.finish([work]):
-            keep.end([work])
+    if keep is None:
+        do_all(work, range(share.number, len(work), share.of))
+    elif keep.finish([work]):
+        keep.end([work])
     complete, seconds = work.close(), perf_counter() - start
     return Dataset(path, views.total, len(work.lights), work.rendered, work.finished, complete, seconds)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError
+from ...kernels.progress import Progress, followed
 from ...output import checked_output, replacing
 from ...plan import Plan
 from ...query.order import morton_codes
@@ -85,10 +86,12 @@ class _Grid(NamedTuple):
     square: bool  # of the points with themselves: tiles below the diagonal are mirrored
 
 
+@followed
 def visibility_matrix(
     scene: AnyScene, points: ArrayLike | Sensors, targets: ArrayLike | Sensors | None = None, *,
     normals: ArrayLike | None = None, target_normals: ArrayLike | None = None, output=None,
     plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None, keep=None,
+    progress: Progress = None,
 ) -> VisibilityMatrix:  # fmt: skip
     """Find which points see which targets. Every answer is exact.
 
@@ -112,6 +115,8 @@ def visibility_matrix(
         As in `antumbra.visibility`.
     keep : str, path-like or engine, optional
         Folder of finished tiles, instead of the one beside `output`; or who does them, see `antumbra.jobs.engines`.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

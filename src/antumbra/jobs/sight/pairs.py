@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError
+from ...kernels.progress import Progress, followed
 from ...query.rays import as_array
 from ...rendering.accelerate import Accelerated
 from ...rendering.queries import accelerated, receivers_of
@@ -45,10 +46,11 @@ class _Pairs(NamedTuple):
         return _Pairs(*some)
 
 
+@followed
 def line_of_sight(
     scene: AnyScene, observers: ArrayLike, targets: ArrayLike, *, normals: ArrayLike | None = None,
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
-    time: float = 0.0, threads: int | None = None,
+    time: float = 0.0, threads: int | None = None, progress: Progress = None,
 ) -> Sightlines:  # fmt: skip
     """Find whether observers see targets, and the face, the object and the point that block those that do not.
 
@@ -70,6 +72,8 @@ def line_of_sight(
         Seconds.
     threads : int, optional
         None: all cores.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from ...checks import number, points
 from ...errors import InputError
-from ...kernels.progress import reported
+from ...kernels.progress import Progress, followed, reported
 from ...plan import Plan
 from ...query.order import morton_codes
 from ...scene.any_scene import AnyScene
@@ -54,12 +54,14 @@ class _Asked:
     found: _Sight
 
 
+@followed
 def viewshed(
     scene: AnyScene, sensors: Sensors | ArrayLike, observers: ArrayLike, *, eye_height: float = 0.0,
     on_surface: bool = False, min_distance: float = 0.0, max_distance: float | None = None,
     azimuth: tuple[float, float] = (0.0, 360.0), elevation: tuple[float, float] = (-90.0, 90.0),
     curvature: bool = False, refraction: float = REFRACTION, earth_radius: float = EARTH_RADIUS, bits: bool = False,
     plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
+    progress: Progress = None,
 ) -> Viewshed:  # fmt: skip
     """Find which observers see each sensor: a cumulative viewshed. Every line of sight is exact.
 
@@ -91,6 +93,8 @@ def viewshed(
         Keep which observer sees which sensor.
     plan, time, threads
         As in `antumbra.visibility`.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
@@ -123,11 +127,11 @@ def viewshed(
     none = np.full(n, -1, np.int32)
     sight = _Sight(np.zeros(n, np.int32), np.full(n, k, np.int32), none, np.full(n, np.inf), kept)
     work = _Asked(asked, eyes, limits, scene.up, sight)
-    with reported(f"{n} sensors, {k} observers") as progress:
+    with reported(f"{n} sensors, {k} observers") as heard:
         if curvature:
-            _curved(work, CurvedScene(scene, earth_of(scene, refraction, earth_radius), time), plan, threads, progress)
+            _curved(work, CurvedScene(scene, earth_of(scene, refraction, earth_radius), time), plan, threads, heard)
         else:
-            _straight(work, scene, Tracing(scene, plan, time, threads, n * k), progress)
+            _straight(work, scene, Tracing(scene, plan, time, threads, n * k), heard)
     about = {"job": "viewshed", "observers": k, "eye_height": eye_height, **limits._asdict()}
     about["max_distance"] = None if limits.max_distance == np.inf else limits.max_distance
     if curvature:

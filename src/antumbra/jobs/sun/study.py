@@ -8,6 +8,7 @@ import numpy as np
 
 from ...checks import whole_number
 from ...errors import InputError
+from ...kernels.progress import Progress, followed
 from ...output import checked_output, replacing
 from ...plan import Plan
 from ...scene.any_scene import AnyScene
@@ -42,11 +43,12 @@ class Study(NamedTuple):
     by: tuple[str, ...]
 
 
+@followed
 def sun_hours(
     scene: AnyScene, sensors: Sensors | str = "face", days: str | Iterable[date] | None = None, *,
     place: Place | None = None, step: float = 60, rule: str | None = None, epw=None, energy: bool = False,
     sky: int = 0, by: Sequence[str] = (), samples: int = 1, matrix=None, plan: str | Plan | None = None,
-    threads: int | None = None, keep=None,
+    threads: int | None = None, keep=None, progress: Progress = None,
 ) -> Table:  # fmt: skip
     """Find the hours of direct sun of each sensor, exactly.
 
@@ -83,6 +85,8 @@ def sun_hours(
         As in `antumbra.render`.
     keep : str, path-like or engine, optional
         Folder in which an interrupted job keeps its finished parts; or who does them, see `antumbra.jobs.engines`.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

@@ -1,0 +1,88 @@
+"""A library call prints nothing when nobody watches."""
+
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+import antumbra as at
+from antumbra.kernels import progress
+from antumbra.kernels.progress import shown
+from scene import city_files
+
+CALLS = {
+    "bake": "at.bake(scene, 'baked.glb', spp=16)",
+    "build_store": "at.build_store(scene, 'scene.antumbra')",
+    "dataset": "at.dataset(scene, 'frames', random=1, size=(16, 16), spp=1)",
+    "face_sensors": "at.face_sensors(scene)",
+    "grid_sensors": "at.grid_sensors(scene, 2.0)",
+    "line_of_sight": "at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))",
+    "load": "at.load('scene.antumbra').closest_hit((0, 1, 0), (0, -1, 0))",
+    "place_of": "at.place_of(scene, latitude=52.0, longitude=4.4)",
+    "point_sensors": "at.point_sensors([(0, 1, 0)])",
+    "procedural": "at.procedural('atrium', triangles=1000)",
+    "raster_sensors": "at.raster_sensors(scene, 2.0)",
+    "render": "at.render(scene, camera, spp=1).save('picture.png')",
+    "sensors_of": "at.sensors_of('face', scene)",
+    "sun_hours": "at.sun_hours(scene, 'face', '2026-06-21', place=at.Place(52.0, 4.4), matrix='sun.npy')",
+    "suns_of": "at.suns_of(at.Place(52.0, 4.4), times, scene.up)",
+    "times_of": "times",
+    "vertex_sensors": "at.vertex_sensors(scene)",
+    "view": "at.view(scene, port=0, browser=False).close()",
+    "viewshed": "at.viewshed(scene, at.raster_sensors(scene, 2.0), (0, 1, 0)).table.save('seen.csv')",
+    "virtual_point_lights": "at.virtual_point_lights(scene, light, 8)",
+    "visibility": "at.visibility(scene, (0, 1, 0), light)",
+    "visibility_matrix": "at.visibility_matrix(scene, at.face_sensors(scene).part(0, 64), output='matrix.npy')",
+    "write_attributes": "at.write_attributes('a.city.json', 'out.json', {'hours': np.zeros(12)})",
+}
+"""A call of each public function; `load` comes after `build_store`."""
+
+PRELUDE = """
+from datetime import UTC, date
+import numpy as np
+import antumbra as at
+scene = at.procedural("atrium", triangles=1000)
+camera, light = scene.cameras[0].resized(16, 16), at.PointLight((0, 2, 0))
+times = at.times_of([date(2026, 6, 21)], UTC, 240)
+"""
+
+
+def test_every_public_function_has_a_call():
+    functions = {name for name in at.__all__ if inspect.isfunction(getattr(at, name))}
+    assert functions == set(CALLS)
+
+
+def test_the_library_is_silent(tmp_path):
+    city_files.put(tmp_path, city_files.city({"a": city_files.building(city_files.solid())}))
+    program = PRELUDE + "\n".join(CALLS.values())
+    ran = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")
+
+
+def test_the_log_tells_begin_and_end_and_the_callers_function_tells_the_rest(caplog):
+    scene, told = at.procedural("atrium", triangles=1000), []
+    with caplog.at_level("INFO", "antumbra"):
+        at.line_of_sight(scene, (0, 1, 0), (0, 2, 0), progress=lambda *what: told.append(what))
+    begin, end = caplog.messages
+    assert begin == "1 lines of sight ..." and end.startswith("1 lines of sight: ")
+    assert told[-1] == ("1 lines of sight", 1, 1)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in CALLS if "progress" in inspect.signature(getattr(at, name)).parameters]
+)
+def test_progress_is_a_function_or_a_bool(name):
+    with pytest.raises(at.InputError, match="progress is 'no'; it must be a function, True, False or None"):
+        getattr(at, name)(*[None] * 4, progress="no")
+
+
+def test_false_silences_what_is_called_too(monkeypatch):
+    monkeypatch.setattr(progress, "_watched", lambda: True)
+
+    @progress.hushed
+    def work(progress=None):
+        with shown("a", progress) as heard:
+            return progress, heard is None
+
+    assert [work(progress=asked) for asked in (False, True, None)] == [(False, True), (None, False), (None, False)]
