@@ -1,16 +1,24 @@
 """Files that are written whole or not at all."""
 
+import errno
 import os
+import shutil
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from .errors import InputError
 from .temporary import temporary_name
 
+LEAST = 1 << 16
+"""Bytes that any output may take."""
 
-def checked_output(path, suffixes: Sequence[str]) -> Path:
+_UNSUPPORTED = errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS
+
+
+def checked_output(path, suffixes: Sequence[str], size: int = LEAST) -> Path:
     """Check, before long work begins, that a file of one of these kinds can be written; return `path` as a `Path`.
 
     Parameters
@@ -18,16 +26,20 @@ def checked_output(path, suffixes: Sequence[str]) -> Path:
     path : str or path-like
     suffixes : sequence of str
         Allowed suffixes in lower case, such as ``(".png", ".exr")``.
+    size : int
+        Bytes that the file will have, as far as is known.
 
     Raises
     ------
     InputError
-        If the suffix is not allowed, the folder is missing or not writable, or `path` is not an ordinary file.
+        If the suffix is not allowed, the folder is missing, not writable or full, or `path` is not an ordinary file.
+
+    Notes
+    -----
+    The folder gets an unnamed temporary file for a moment. That finds what permissions do not tell, such as quotas and
+    read-only file systems.
     """
-    try:
-        path = Path(os.fspath(path))
-    except TypeError:
-        raise InputError(f"output path is {path!r}; it must be a string or a path") from None
+    path = _as_path(path)
     mode = _mode(path)
     kinds = " or ".join(suffixes)
     if mode is not None and stat.S_ISDIR(mode):
@@ -38,7 +50,59 @@ def checked_output(path, suffixes: Sequence[str]) -> Path:
     if mode is not None and not stat.S_ISREG(mode):
         raise InputError(f"{path}: is not an ordinary file; choose another name")
     _check_access(path, exists=mode is not None)
+    check_room(path, size)
     return path
+
+
+def checked_folder(path) -> Path:
+    """Check, before long work begins, that a folder exists or can be made, and can be written in.
+
+    Raises
+    ------
+    InputError
+        If `path` is not a folder, the folder around it is missing, or nothing can be written there.
+    """
+    path = _as_path(path)
+    mode = _mode(path)
+    if mode is not None and not stat.S_ISDIR(mode):
+        raise InputError(f"{path}: is a file; name a folder")
+    inside = path / "file" if mode is not None else path
+    _check_access(inside, exists=False)
+    check_room(inside, LEAST)
+    return path
+
+
+def check_room(path: Path, size: int) -> None:
+    """Raise an InputError unless a file of `size` bytes can be written at `path`, whose folder exists."""
+    folder = os.path.dirname(os.path.realpath(path))
+    try:
+        with TemporaryFile(dir=folder) as file:
+            file.write(bytes(min(size, LEAST)))
+            file.flush()
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({_reason(error)}); choose another place") from None
+    if size > free:
+        raise InputError(
+            f"{path}: takes {size / 1e6:,.1f} MB, and {folder} has {free / 1e6:,.1f} MB left; free some, or choose "
+            "another place"
+        )
+
+
+def reserve(descriptor: int, size: int) -> None:
+    """Make an open file `size` bytes long, and reserve its space where the system can.
+
+    A full disk is then an OSError here. Otherwise it would be one when parts of the file are written, or would end the
+    process if they are written through a memory map.
+    """
+    try:
+        os.posix_fallocate(descriptor, 0, size)
+    except AttributeError:  # Windows, macOS
+        os.truncate(descriptor, size)
+    except OSError as error:
+        if error.errno not in _UNSUPPORTED:
+            raise
+        os.truncate(descriptor, size)
 
 
 @contextmanager
@@ -70,6 +134,13 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def _as_path(path) -> Path:
+    try:
+        return Path(os.fspath(path))
+    except TypeError:
+        raise InputError(f"output path is {path!r}; it must be a string or a path") from None
 
 
 def _mode(path: Path) -> int | None:

@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError
 from ...kernels.progress import Progress, followed
-from ...output import checked_output, replacing
+from ...output import check_room, checked_output, replacing
 from ...plan import Plan
 from ...query.order import morton_codes
 from ...scene.any_scene import AnyScene
 from ..engines import engine_of
 from ..parts import Parts, about_parts, inexact
+from ..rowfile import RowFile, row_file_size
 from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bitrows import reordered, transposed, unpacked, words_of
@@ -136,6 +137,8 @@ def visibility_matrix(
     n, m = len(own), len(own if others is None else others)
     if path is None and 8 * n * words_of(m) > _MOST:
         raise InputError(f"a matrix of {n} x {m} bits takes {n * m / 8e9:.1f} GB; give an output to stream it to")
+    if path is not None:
+        check_room(path, row_file_size((n, words_of(m))))
     rows = ends_of(scene, own)
     grid = _grid(rows, rows if others is None else ends_of(scene, others), others is None)
     if keep is None and path is not None:
@@ -211,16 +214,10 @@ def _put_together(grid: _Grid, parts: Parts, out: np.ndarray) -> np.ndarray:
 
 
 def _streamed(grid: _Grid, parts: Parts, path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """Write the matrix to a .npy file, row by row: pages of a mapped file would count as memory."""
+    """Write the matrix to a .npy file; return the sums of rows."""
     counts = np.zeros(shape[0], np.int64)
-    with open(path, "wb") as file:
-        about = {"descr": "<u8", "fortran_order": False, "shape": shape}
-        np.lib.format.write_array_header_1_0(file, about)
-        start, width = file.tell(), 8 * shape[1]
-        file.truncate(start + shape[0] * width)
+    with RowFile(path, shape) as file:
         for numbers, bits in _strips(grid, parts):
             counts[numbers] = np.bitwise_count(bits).sum(1)
-            for number, row in zip(numbers.tolist(), np.ascontiguousarray(bits, "<u8")):
-                file.seek(start + number * width)
-                file.write(row.data)
+            file.put(numbers, bits)
     return counts

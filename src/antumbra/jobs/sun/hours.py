@@ -13,6 +13,7 @@ from ...scene.directional_lights import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents
 from ..engines import Whole
 from ..parts import Parts, about_parts, inexact
+from ..rowfile import RowFile
 from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bundles import BUNDLE, bundled, in_space
@@ -121,13 +122,16 @@ class Sums:
         done = self.parts.joined(Tally._fields)
         return Tally(**{name: values[np.argsort(self._order)] for name, values in done.items()})
 
+    @property
+    def matrix_shape(self) -> tuple[int, int]:
+        """Rows and words of the matrix."""
+        return len(self._order), -(-len(self._asked.calendar.hours) // 64)
+
     def write_matrix(self, path: Path) -> None:
         """Write the bits of each sensor and sun, when all parts are done: see `matrix.matrix_rows`."""
-        shape = len(self._order), -(-len(self._asked.calendar.hours) // 64)
-        rows = np.lib.format.open_memmap(path, "w+", np.uint64, shape)
-        for k, (first, last) in enumerate(self.parts.ranges):
-            rows[self._order[first:last]] = self.parts[k]["matrix"]
-        rows.flush()
+        with RowFile(path, self.matrix_shape) as file:
+            for k, (first, last) in enumerate(self.parts.ranges):
+                file.put(self._order[first:last], self.parts[k]["matrix"])
 
 
 def answer(asked: Asked, kept: Path | None = None) -> Tally:

@@ -9,11 +9,12 @@ import numpy as np
 from ...checks import whole_number
 from ...errors import InputError
 from ...kernels.progress import Progress, followed
-from ...output import checked_output, replacing
+from ...output import check_room, checked_output, replacing
 from ...plan import Plan
 from ...scene.any_scene import AnyScene
 from ..engines import engine_of
 from ..readsensors import sensors_of
+from ..rowfile import row_file_size
 from ..sensors import Sensors
 from ..table import Column, Table
 from .hours import Sums, ask
@@ -115,6 +116,8 @@ def sun_hours(
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
     engine = engine_of(keep)
     sums = [Sums(asked, "suns", engine.folder, matrix=target is not None)]
+    if target is not None:
+        check_room(target, row_file_size(sums[0].matrix_shape))
     if count:
         sums.append(Sums(asked_sky(scene, sensors, count, plan, threads), "sky", engine.folder))
     job = [each.parts for each in sums]
