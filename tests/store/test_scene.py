@@ -1,5 +1,7 @@
 """The scene that `load` gives for a store."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from antumbra.scene.any_scene import AnyScene
 from antumbra.scene.scene import Scene
 from antumbra.scene.view import view_of_box
 from bvh_scenes import scattered
-from stores import built
+from stores import built, soup_scene
 
 
 @pytest.fixture(scope="module")
@@ -59,3 +61,36 @@ def test_what_is_not_there(both):
 def test_up_is_kept(tmp_path):
     store = built(tmp_path, Scene.from_arrays(np.float64(scattered(9)), up="z"))
     assert at.load(store.path).up == "z" == at.load(store.path, up="y").up
+
+
+def test_a_pickle_opens_the_store_again(tmp_path, monkeypatch):
+    scene = soup_scene(np.random.default_rng(1).normal(size=(200, 3, 3)))
+    at.build_store(scene, tmp_path / "a.antumbra", chunk=16)
+    monkeypatch.chdir(tmp_path)
+    paged = at.load("a.antumbra")
+    paged.max_memory = 1 << 29
+    origins, directions = np.random.default_rng(2).normal(size=(2, 100, 3))
+    first = paged.closest_hit(3 * origins, directions)
+    data = pickle.dumps(paged)
+    assert len(data) < 1 << 13
+    monkeypatch.chdir("/")
+    again = pickle.loads(data)
+    assert again.max_memory == 1 << 29 and repr(again) == repr(paged) and again.own is not paged.own
+    second = again.closest_hit(3 * origins, directions)
+    assert (first.face >= 0).any() and (first.face < 0).any()
+    assert np.array_equal(first.face, second.face) and np.array_equal(first.t, second.t)
+    at.build_store(soup_scene(np.random.default_rng(3).normal(size=(200, 3, 3))), tmp_path / "a.antumbra", chunk=16)
+    with pytest.raises(at.InputError, match=r"a\.antumbra: was written again after it was pickled; load it again"):
+        pickle.loads(data)
+    (tmp_path / "a.antumbra").unlink()
+    with pytest.raises(at.InputError, match=r"a\.antumbra"):
+        pickle.loads(data)
+
+
+@pytest.mark.parametrize("size", [0, -1, 1.5, "1G", 1 << 61, True])
+def test_the_memory_limit_is_checked_where_it_is_set(tmp_path, size):
+    at.build_store(soup_scene(np.random.default_rng(1).normal(size=(20, 3, 3))), tmp_path / "a.antumbra")
+    scene = at.load(tmp_path / "a.antumbra")
+    with pytest.raises(at.InputError, match="max_memory is"):
+        scene.max_memory = size
+    assert scene.max_memory is None

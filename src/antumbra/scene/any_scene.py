@@ -173,7 +173,7 @@ class AnyScene(ABC):
     ) -> np.ndarray:
         """Any-hit query: True for each ray that a triangle blocks strictly between tmin and tmax.
 
-        The answer is exact (docs/design/exactness.md).
+        The answer is exact (docs/design/exactness.md). A scene in a store keeps to its `PagedScene.max_memory`.
 
         Parameters
         ----------

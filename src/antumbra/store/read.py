@@ -1,5 +1,6 @@
 """Opens a store, and reads its chunks into memory, checked each time."""
 
+import hashlib
 import os
 import zlib
 from io import FileIO
@@ -20,6 +21,8 @@ _AGAIN = "copy the file again, or build it again"
 class Store:
     """A store that is open for reading. Many processes and threads may read a store at the same time.
 
+    A pickle holds the path. To read it opens the file again, which must have the same contents.
+
     Attributes
     ----------
     path : Path
@@ -29,9 +32,10 @@ class Store:
         The tree over the chunks. It is in memory, like `chunks`.
     """
 
-    def __init__(self, path: Path, stream: FileIO, directory: Directory):
+    def __init__(self, path: Path, stream: FileIO, directory: Directory, digest: str):
         self.path, (self.meta, self.chunks, self.top) = path, directory
         self._stream, self._lock = stream, Lock()
+        self._absolute, self._digest = path.absolute(), digest
 
     @property
     def n_triangles(self) -> int:
@@ -78,6 +82,9 @@ class Store:
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
+
+    def __reduce__(self):
+        return _opened_again, (self._absolute, self.path, self._digest)
 
     def __enter__(self) -> "Store":
         return self
@@ -130,10 +137,20 @@ def open_store(path) -> Store:
         directory = stream.read(size)
         if zlib.crc32(directory) != crc:
             raise InputError(f"{path.name}: the directory of its chunks is damaged; {_AGAIN}")
-        return Store(path, stream, decode(directory))
+        return Store(path, stream, decode(directory), hashlib.sha256(directory).hexdigest())
     except BaseException:
         stream.close()
         raise
+
+
+def _opened_again(absolute: Path, path: Path, digest: str) -> Store:
+    """The store of a pickle. Raises InputError if its file is missing, or has other contents by now."""
+    store = open_store(absolute)
+    if store._digest != digest:  # the directory has the checksums of all chunks
+        store.close()
+        raise InputError(f"{path.name}: was written again after it was pickled; load it again")
+    store.path = path
+    return store
 
 
 def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:

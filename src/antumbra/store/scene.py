@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..checks import whole_number
 from ..errors import InputError
 from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
@@ -19,14 +20,15 @@ class PagedScene(AnyScene):
     The scene is static. Name, up axis, bounds, origin, cameras and lights equal those of a `Scene` of the same sources,
     and so do the answers to all questions. The store does not record the mesh of a triangle, so all
     its faces are one object. Methods that need all
-    triangles at once raise InputError.
+    triangles at once raise InputError. A pickled scene opens its store again, by its path.
 
     Attributes
     ----------
     store : Store
         The open file.
     max_memory : int or None
-        Limit in bytes on the memory of the process, for questions that do not give their own; None: 4 GiB.
+        Limit in bytes on the memory of the process, for all questions that do not give their own, such as `occluded`
+        and `closest_hit`; None: 4 GiB.
     own : threading.local
         What each Python thread keeps between its questions.
     """
@@ -38,7 +40,23 @@ class PagedScene(AnyScene):
         self.objects = [ObjectInfo(meta.name, -1, 0)]
         self.bounds, self.origin = meta.bounds, meta.origin
         self._cameras, self._lights = list(meta.cameras), list(meta.lights)
-        self.max_memory: int | None = None
+        self.max_memory = None
+        self.own = threading.local()
+
+    @property
+    def max_memory(self) -> int | None:
+        """Limit in bytes on the memory of the process; None: 4 GiB. Setting it raises InputError if it is no size."""
+        return self._max_memory
+
+    @max_memory.setter
+    def max_memory(self, size: int | None) -> None:
+        self._max_memory = None if size is None else whole_number(size, "max_memory", 1, 1 << 60)
+
+    def __getstate__(self) -> dict:
+        return {name: value for name, value in self.__dict__.items() if name != "own"}
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
         self.own = threading.local()
 
     @property
