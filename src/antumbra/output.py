@@ -54,8 +54,10 @@ def checked_output(path, suffixes: Sequence[str], size: int = LEAST) -> Path:
     return path
 
 
-def checked_folder(path) -> Path:
+def checked_folder(path, parents: bool = False) -> Path:
     """Check, before long work begins, that a folder exists or can be made, and can be written in.
+
+    parents : whether the folders around it are made too
 
     Raises
     ------
@@ -67,6 +69,8 @@ def checked_folder(path) -> Path:
     if mode is not None and not stat.S_ISDIR(mode):
         raise InputError(f"{path}: is a file; name a folder")
     inside = path / "file" if mode is not None else path
+    while parents and not inside.parent.exists():
+        inside = inside.parent
     _check_access(inside, exists=False)
     check_room(inside, LEAST)
     return path

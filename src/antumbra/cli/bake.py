@@ -12,6 +12,7 @@ import typer
 from ..errors import InputError
 from . import arguments, report
 from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, takes
+from .outputs import writes
 from .pictureoptions import PictureLightOption, SamplerOption
 from .progress import ProgressDisplay
 from .sceneinput import open_scene, quietly
@@ -34,7 +35,9 @@ class BakeArguments:
     """The arguments of the command line."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
-    output: Annotated[Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE")]
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE", callback=writes(".glb"))
+    ]
     what: Annotated[What, typer.Option(help="What surfaces receive.")] = What.ao
     vertex: Annotated[bool, typer.Option("--vertex", help="Values at vertices; this is the default.")] = False
     attribute: Annotated[
@@ -150,7 +153,6 @@ def bake(given: BakeArguments) -> int:
 
     from ..jobs.bake import baking
 
-    baking.check_output(given.output)
     engine = engine_for(given, given.output)
     baking.check(given.what.value, lights=[a for a in asked if not isinstance(a, int)] or None, **given.options())
     with ProgressDisplay(given.quiet) as display:

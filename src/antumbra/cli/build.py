@@ -9,6 +9,7 @@ import typer
 from . import arguments, report
 from .arguments import SceneSpec
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption
+from .outputs import writes
 from .progress import ProgressDisplay
 from .sceneinput import open_scene
 
@@ -18,7 +19,12 @@ if TYPE_CHECKING:
 
 def build(
     scenes: Annotated[list[str], typer.Argument(help=SCENE_HELP, metavar="SCENE...")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The store to write: *.antumbra.", metavar="FILE")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="The store to write: *.antumbra.", metavar="FILE", callback=writes(".antumbra")
+        ),
+    ],
     max_memory: Annotated[
         str, typer.Option(help="Memory to build with, in bytes, or with M or G: 512M, 4G.", metavar="SIZE")
     ] = "4G",

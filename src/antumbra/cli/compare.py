@@ -34,14 +34,12 @@ def compare(given: CompareArguments) -> int:
       antumbra compare city.antumbra --plan bsah+chcrt --plan bsah+chcrt:20 --json
     """
     from ..kernels.parallel import thread_count
-    from ..output import checked_output
     from ..rendering.comparison import compare as compared
     from ..rendering.comparison import compared_plans
     from ..rendering.moments import Moment
 
     asked = given.options()
-    path = checked_output(given.output, (".png",))
-    page = None if given.html is None else checked_output(given.html, (".html", ".htm"))
+    path, page = given.output, given.html
     plans = compared_plans(given.plan or [])
     asked.check(*plans)
     with ProgressDisplay(asked.quiet) as display:

@@ -23,6 +23,7 @@ from .options import (
     TimeOption,
     UpOption,
 )
+from .outputs import writes
 from .pictureoptions import (
     AdaptiveOption,
     AdaptiveSppOption,
@@ -58,11 +59,19 @@ class CompareArguments:
         ),
     ] = None
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="A .png file: picture and heat maps.", metavar="FILE")
+        Path,
+        typer.Option(
+            "--output", "-o", help="A .png file: picture and heat maps.", metavar="FILE", callback=writes(".png")
+        ),
     ] = Path("compare.png")
     html: Annotated[
         Path | None,
-        typer.Option(help="A page with everything, in one .html file.", metavar="FILE", show_default=False),
+        typer.Option(
+            help="A page with everything, in one .html file.",
+            metavar="FILE",
+            show_default=False,
+            callback=writes(".html", ".htm"),
+        ),
     ] = None
     rounds: Annotated[int, typer.Option(help="Timed frames of each plan; the median counts.", min=1, max=1000)] = 5
     size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "512x512"

@@ -8,6 +8,7 @@ import typer
 from ..errors import InputError
 from . import arguments, report
 from .options import SCENE_HELP, CameraOption, Json, LightOption, Quiet, SppOption, Threads, TimeOption, UpOption
+from .outputs import writes
 from .progress import ProgressDisplay
 from .sceneinput import in_memory, open_scene
 
@@ -16,7 +17,13 @@ def culling(
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="A .png file.  [default: SCENE's name-culling.png, here]", metavar="FILE"),
+        typer.Option(
+            "--output",
+            "-o",
+            help="A .png file.  [default: SCENE's name-culling.png, here]",
+            metavar="FILE",
+            callback=writes(".png"),
+        ),
     ] = None,
     size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "768x768",
     camera: CameraOption = None,
@@ -52,7 +59,7 @@ def culling(
     from ..output import checked_output
     from ..rendering.culling_picture import culling_picture
 
-    path = checked_output(Path(f"{spec.stem}-culling.png") if output is None else output, (".png",))
+    path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if output is None else output
     if find_method("cull", culler) is None:
         raise InputError(f"culler {culler!r} is unknown; {near(culler, CULLERS)}choose one of {', '.join(CULLERS)}")
     with ProgressDisplay(quiet) as display:

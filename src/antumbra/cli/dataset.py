@@ -21,6 +21,7 @@ from .options import (
     UpOption,
     takes,
 )
+from .outputs import writes, writes_folder
 from .pictureoptions import AoOption, PictureLightOption, SamplerOption
 from .progress import ProgressDisplay
 from .sceneinput import limit_memory, open_scene
@@ -38,7 +39,10 @@ class DatasetArguments:
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="A new folder, or one of this command.", metavar="FOLDER")
+        Path,
+        typer.Option(
+            "--output", "-o", help="A new folder, or one of this command.", metavar="FOLDER", callback=writes_folder()
+        ),
     ]
     camera: Annotated[
         list[str] | None,
@@ -75,17 +79,18 @@ class DatasetArguments:
     ] = False
     sheet: Annotated[
         Path | None,
-        typer.Option(help="Also write a .png with the layers of the first frame.", metavar="FILE", show_default=False),
+        typer.Option(
+            help="Also write a .png with the layers of the first frame.",
+            metavar="FILE",
+            show_default=False,
+            callback=writes(".png"),
+        ),
     ] = None
     json: Json = False
     quiet: Quiet = False
 
     def parsed(self) -> "_Parsed":
         """The arguments that are more than words and numbers, checked before a scene is read."""
-        from ..output import checked_output
-
-        if self.sheet is not None:
-            checked_output(self.sheet, (".png",))
         return _Parsed(
             arguments.parse_scene(self.scene),
             arguments.parse_size(self.size),

@@ -22,6 +22,7 @@ from .options import (
     TimeOption,
     UpOption,
 )
+from .outputs import writes
 from .progress import ProgressDisplay
 from .sceneinput import limit_memory, open_scene
 
@@ -38,7 +39,13 @@ def explain(
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="A .png file.  [default: SCENE's name-explain.png, here]", metavar="FILE"),
+        typer.Option(
+            "--output",
+            "-o",
+            help="A .png file.  [default: SCENE's name-explain.png, here]",
+            metavar="FILE",
+            callback=writes(".png"),
+        ),
     ] = None,
     plan: Annotated[
         list[str] | None,
@@ -103,7 +110,7 @@ def explain(
     from ..rendering.renderer import source_kind
     from ..rendering.srdh_rays import check_srdh_rays
 
-    path = checked_output(Path(f"{spec.stem}-explain.png") if output is None else output, (".png",))
+    path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if output is None else output
     plans = explained_plans(plan or [])
     check_srdh_rays(asked_rays, *(plans or explained_plans(_PLANS)))
     memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")

@@ -21,7 +21,15 @@ _LIGHTS = "KHR_lights_punctual"
 
 def check_output(path) -> Path:
     """`path`, if a scene can be written there; otherwise an InputError that names the cure."""
-    return checked_output(path, SUFFIXES)
+    path = checked_output(path, SUFFIXES)
+    if path.suffix.lower() == ".obj":
+        checked_output(_library(path), (".mtl",))
+    return path
+
+
+def _library(path: Path) -> Path:
+    """The file of materials of an OBJ file."""
+    return path.with_suffix(".mtl")
 
 
 def write_scene(made, name: str, path) -> list[Path]:
@@ -124,7 +132,7 @@ def _ply(made) -> bytes:
 
 def _write_obj(made, name: str, path: Path) -> list[Path]:
     """Write an OBJ file, and the colours to an .mtl file beside it."""
-    library = checked_output(path.with_suffix(".mtl"), (".mtl",))
+    library = _library(path)
     lines = [f"mtllib {library.name}", f"o {name}"]
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(made.vertices).tolist()]
     colour = np.asarray(made.colour)

@@ -15,6 +15,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import InputError
+from ..output import checked_folder
 from . import report, summary
 from .arguments import Sequence
 from .failures import BAD_INPUT, explained, say
@@ -51,7 +52,9 @@ def film_path(output: Path | None, sequence: Sequence | None, asked: RenderOptio
         raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
     if isinstance(asked.background, str):
         raise InputError("--background transparent is for .png files; films have no alpha, give a colour")
-    return check_film(output)
+    film = check_film(output)
+    checked_folder(pictures_of(film).parent)
+    return film
 
 
 def pictures_of(film: Path) -> Path:

@@ -7,6 +7,7 @@ import typer
 
 from ..errors import InputError
 from .arguments import parse_point
+from .outputs import tables, writes
 
 SensorsOption = Annotated[
     str,
@@ -22,6 +23,7 @@ OutputsOption = Annotated[
         "-o",
         help="Where to write; may be repeated: .csv, .parquet, .json, .npz, .png, .glb or .tif.",
         show_default=False,
+        callback=writes(tables),
     ),
 ]
 ColumnOption = Annotated[

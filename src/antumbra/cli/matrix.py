@@ -11,6 +11,7 @@ from ..errors import InputError
 from . import arguments, report
 from .joboptions import PlanOption, SensorsOption
 from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, takes
+from .outputs import tables, writes
 from .progress import ProgressDisplay
 from .sceneinput import open_scene
 from .sharing import MergeOption, RayOption, ShardOption, engine_for, tell_shard
@@ -38,11 +39,16 @@ class MatrixArguments:
             "-o",
             help="A .npy file of bits, 64 targets in a word; it goes on where it stopped.",
             show_default=False,
+            callback=writes(_BITS),
         ),
     ] = None
     sparse: Annotated[
         Path | None,
-        typer.Option(help="A .npz file of the visible pairs, for scipy.sparse.load_npz.", show_default=False),
+        typer.Option(
+            help="A .npz file of the visible pairs, for scipy.sparse.load_npz.",
+            show_default=False,
+            callback=writes(_SPARSE),
+        ),
     ] = None
     counts: Annotated[
         list[Path] | None,
@@ -50,6 +56,7 @@ class MatrixArguments:
             help="A file of the number of targets that each sensor sees; may be repeated: .csv, .parquet, .json, .npz, "
             ".png, .glb or .tif.",
             show_default=False,
+            callback=writes(tables),
         ),
     ] = None
     plan: PlanOption = None
@@ -85,8 +92,8 @@ def matrix(given: MatrixArguments) -> int:
     check_sensors(given.sensors)
     if given.targets is not None:
         check_sensors(given.targets, "--targets")
-    bits, pairs, tables = _checked_outputs(given)
-    outputs = [path for path in (bits, pairs, *tables) if path is not None]
+    bits, pairs, counts = _checked_outputs(given)
+    outputs = [path for path in (bits, pairs, *counts) if path is not None]
     engine = engine_for(given, outputs[0])
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
@@ -105,7 +112,7 @@ def matrix(given: MatrixArguments) -> int:
         if pairs is not None:
             found.save(pairs)
         column = Column(found.counts, "", f"targets that it sees, of {found.columns}")
-        for path in tables:
+        for path in counts:
             Table(own, {"seen": column}, {"job": "matrix"}, opened).save(path)
     _tell(given, opened.name, found, seconds, [str(path) for path in outputs])
     return 0
@@ -115,16 +122,13 @@ def _checked_outputs(given: MatrixArguments) -> tuple[Path | None, Path | None, 
     """The files to write, checked before a scene is read: of bits, of pairs, and of counts."""
     from ..jobs.formats import writer_of
     from ..jobs.readsensors import kind_of
-    from ..output import checked_output
 
-    bits = None if given.output is None else checked_output(given.output, (_BITS,))
-    pairs = None if given.sparse is None else checked_output(given.sparse, (_SPARSE,))
-    tables = given.counts or []
-    for path in tables:
+    counts = given.counts or []
+    for path in counts:
         writer_of(path, kind_of(given.sensors))
-    if bits is None and pairs is None and not tables:
+    if given.output is None and given.sparse is None and not counts:
         raise InputError("there is nothing to write: give --output, --sparse or --counts")
-    return bits, pairs, tables
+    return given.output, given.sparse, counts
 
 
 def _tell(given: MatrixArguments, name: str, found: "VisibilityMatrix", seconds: float, written: list[str]) -> None:

@@ -3,7 +3,6 @@
 import json
 from time import perf_counter
 
-from ..output import checked_output
 from . import arguments, renderpage, report, summary
 from .frames import AnimationJob, film_path, output_path, pictures_of, render_frames
 from .options import takes
@@ -74,7 +73,7 @@ def render(given: RenderArguments) -> int:
     sequence = None if given.frames is None else arguments.parse_frames(given.frames, given.time, given.fps)
     film = film_path(given.output, sequence, asked)
     path = pictures_of(film) if film else output_path(given.output, asked.spec.stem, sequence)
-    html = None if given.html is None else checked_output(given.html, (".html",))
+    html = given.html
     asked.check()
     engine = engine_for(given, path)
     with ProgressDisplay(asked.quiet) as display:

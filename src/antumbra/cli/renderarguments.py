@@ -22,6 +22,7 @@ from .options import (
     Threads,
     UpOption,
 )
+from .outputs import films, pictures, writes
 from .pictureoptions import (
     QUALITIES,
     AdaptiveOption,
@@ -62,6 +63,7 @@ class RenderArguments:
             help="A .png or .exr file; #### is a frame's number. A .mp4, .webm or .gif file of --frames.  "
             "[default: SCENE's name.png, here]",
             metavar="FILE",
+            callback=writes(pictures, films),
         ),
     ] = None
     html: Annotated[
@@ -70,6 +72,7 @@ class RenderArguments:
             help="Write a page too: the picture, its settings, times and counters, in one .html file.",
             metavar="FILE",
             show_default=False,
+            callback=writes(".html"),
         ),
     ] = None
     size: Annotated[

@@ -18,12 +18,16 @@ from ..output import checked_output, replacing
 from . import report
 from .arguments import check_plot
 from .failures import say
+from .outputs import writes_folder
 from .record import Record
 
 OutputOption = Annotated[
     Path | None,
     typer.Option(
-        help="Write the tables (.md, .json) and plots (.png) to a folder too.", metavar="FOLDER", show_default=False
+        help="Write the tables (.md, .json) and plots (.png) to a folder too.",
+        metavar="FOLDER",
+        show_default=False,
+        callback=writes_folder(),
     ),
 ]
 _ELSEWHERE = "output", "json", "quiet"  # options that change no result

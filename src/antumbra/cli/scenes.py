@@ -8,6 +8,7 @@ import typer
 from ..errors import InputError
 from . import arguments, report
 from .options import Json
+from .outputs import writes
 from .progress import ProgressDisplay
 
 
@@ -19,7 +20,14 @@ def scenes(
     ] = None,
     seed: Annotated[str, typer.Option(help="Other seeds scatter the clutter differently.", metavar="N")] = "0",
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write NAME to a .glb, .obj or .ply file.", metavar="FILE")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Write NAME to a .glb, .obj or .ply file.",
+            metavar="FILE",
+            callback=writes(".glb", ".obj", ".ply"),
+        ),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -42,7 +42,6 @@ def sun(given: SunArguments) -> int:
     from ..jobs.readsensors import check_sensors, sensors_of
     from ..jobs.sun.place import place_of
     from ..jobs.sun.study import sun_hours
-    from ..output import checked_output
     from ..plan import parse_plan
 
     spec = parse_scene(given.scene)
@@ -52,13 +51,11 @@ def sun(given: SunArguments) -> int:
     outputs = _checked_outputs(given, spec)
     engine = engine_for(given, outputs[0])
     if given.city_output is not None:
-        checked_output(given.city_output, (".json",))
+        _check_city(spec, given.city_output)
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
         scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
         limit_memory(scene, memory)
-        if given.city_output is not None and getattr(scene, "city", None) is None:
-            raise InputError(f"--city-output is for CityJSON, and {scene.name} is none; leave it out")
         place = place_of(
             scene, crs=given.crs, latitude=given.latitude, longitude=given.longitude, north=given.north,
             timezone=given.timezone,
@@ -101,6 +98,17 @@ def _checked_outputs(given: SunArguments, spec: SceneSpec) -> list[Path]:
     for path in paths:
         writer_of(path, kind)
     return paths
+
+
+def _check_city(spec: SceneSpec, path: Path) -> None:
+    """Raise an InputError unless a copy of the scene's file can be written to `path`: before the scene is read."""
+    from ..loading import CITY_SUFFIXES
+    from ..output import checked_output
+
+    suffix = "" if spec.path is None else spec.path.suffix.lower()
+    if suffix not in CITY_SUFFIXES:
+        raise InputError(f"--city-output is for CityJSON, and {spec.stem} is none; leave it out")
+    checked_output(path, (suffix,))
 
 
 def _write_city(table, spec: SceneSpec, path: Path) -> None:

@@ -18,6 +18,7 @@ from .joboptions import (
     TimezoneOption,
 )
 from .options import SCENE_HELP, Json, MaxMemoryOption, Quiet, Threads, UpOption
+from .outputs import writes
 from .sharing import MergeOption, RayOption, ShardOption
 
 
@@ -64,11 +65,15 @@ class SunArguments:
     column: ColumnOption = None
     city_output: Annotated[
         Path | None,
-        typer.Option(help="A copy of a CityJSON file with the results as attributes.", metavar="FILE"),
+        typer.Option(
+            help="A copy of a CityJSON file with the results as attributes.",
+            metavar="FILE",
+            callback=writes(".json", ".jsonl"),
+        ),
     ] = None
     matrix: Annotated[
         Path | None,
-        typer.Option(help="A .npy file of the bits of each sensor and sun.", metavar="FILE"),
+        typer.Option(help="A .npy file of the bits of each sensor and sun.", metavar="FILE", callback=writes(".npy")),
     ] = None
     plan: Annotated[str, typer.Option(help="Methods to use; see antumbra plans.")] = DEFAULT_PLAN
     threads: Threads = None

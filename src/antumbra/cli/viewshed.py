@@ -12,6 +12,7 @@ from ..errors import InputError
 from . import arguments, report
 from .joboptions import ColumnOption, OutputsOption, PlanOption, SensorsOption, points_or_file
 from .options import SCENE_HELP, CameraOption, Json, Quiet, Threads, TimeOption, UpOption, takes
+from .outputs import writes
 from .progress import ProgressDisplay
 from .sceneinput import open_scene
 
@@ -51,7 +52,11 @@ class ViewshedArguments:
     camera: CameraOption = None
     bits: Annotated[
         Path | None,
-        typer.Option(help="A .npy file: which observer sees which sensor, 64 observers in a word.", show_default=False),
+        typer.Option(
+            help="A .npy file: which observer sees which sensor, 64 observers in a word.",
+            show_default=False,
+            callback=writes(".npy"),
+        ),
     ] = None
     plan: PlanOption = None
     time: TimeOption = 0.0
@@ -86,13 +91,13 @@ def viewshed(given: ViewshedArguments) -> int:
     from ..jobs.formats import writer_of
     from ..jobs.readsensors import check_sensors, kind_of, sensors_of
     from ..jobs.sight.viewshed import viewshed as seen_from
-    from ..output import checked_output, replacing
+    from ..output import replacing
 
     check_sensors(given.sensors)
     outputs = given.output or []
     for path in outputs:
         writer_of(path, kind_of(given.sensors))
-    bits = None if given.bits is None else checked_output(given.bits, (".npy",))
+    bits = given.bits
     eyes = points_or_file(given.observer, given.observers, "--observer", "--observers")
     if eyes is None:
         raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")

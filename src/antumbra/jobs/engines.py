@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 from ..errors import InputError
 from ..kernels.progress import reported
-from ..output import replacing
+from ..output import checked_folder, replacing
 
 JOB = "job.json"
 """The file in a folder of shards that says which command made them."""
@@ -69,7 +69,9 @@ class Engine(Protocol):
 
 def engine_of(keep) -> Engine:
     """The engine that an argument `keep` means: an engine, or the folder of one that does everything itself."""
-    return Whole(None if keep is None else Path(keep)) if keep is None or isinstance(keep, (str, Path)) else keep
+    if keep is None:
+        return Whole(None)
+    return Whole(checked_folder(keep, parents=True)) if isinstance(keep, (str, Path)) else keep
 
 
 class Whole:

@@ -1,7 +1,6 @@
 """`dataset`: pictures of a scene by many cameras and lights, with ids of what each pixel sees and what shades it."""
 
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
@@ -9,6 +8,7 @@ from typing import NamedTuple
 
 from ...errors import InputError
 from ...kernels.progress import Progress, followed
+from ...output import checked_folder
 from ...query.sampling import sample_sets
 from ...rendering.renderer import Renderer
 from ...scene.any_scene import AnyScene
@@ -91,11 +91,11 @@ def dataset(
         or other files, or it cannot be written.
     """
     start = perf_counter()
+    path = checked_folder(folder)
     sample_sets(spp, sampler)
     share = checked_share(shard)
     place = place_of(scene, scene.clamped(time), threads)
     views = views_of(scene, cameras, orbit, random, seed, size, place.time)
-    path = _checked_folder(folder)
     renderer, quality = Renderer(scene, plan, threads, max_memory=max_memory), {"spp": spp, "sampler": sampler}
     work = _Work(place, views, lights_of(place, lights, random_lights, seed), quality, renderer)
     work.open(path, overwrite)
@@ -216,16 +216,3 @@ class _Work:
             "objects": object_records(self.place.scene),
             "frames": frames,
         }
-
-
-def _checked_folder(folder) -> Path:
-    """`folder` as a `Path`, if a folder can be made or used there."""
-    try:
-        path = Path(os.fspath(folder))
-    except TypeError:
-        raise InputError(f"folder is {folder!r}; it must be a string or a path") from None
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is a file; name a folder")
-    if not path.exists() and not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
-    return path

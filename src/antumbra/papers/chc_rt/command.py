@@ -7,6 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, MaxMemoryOption, Quiet, Threads
+from ...cli.outputs import writes, writes_folder
 from ...cli.progress import ProgressDisplay
 from ...cli.results import Results, benchmark
 from ...errors import InputError
@@ -40,11 +41,19 @@ def chc_rt(
         typer.Option(help="Measure only this; may be repeated.  [default: all]", show_default=False),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Write bars and curves to a .png file.", metavar="FILE", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Write bars and curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
+        ),
     ] = None,
     pictures: Annotated[
         Path | None,
-        typer.Option(help="Write pictures of culling to a folder.", metavar="FOLDER", show_default=False),
+        typer.Option(
+            help="Write pictures of culling to a folder.",
+            metavar="FOLDER",
+            show_default=False,
+            callback=writes_folder(),
+        ),
     ] = None,
     triangles: Annotated[str, typer.Option(help="Size of the city.", metavar="N")] = "10M",
     size: Annotated[str, typer.Option(help="Size of the pictures.", metavar="WxH")] = "640x360",

@@ -7,6 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import CullFaces, Json, Quiet
+from ...cli.outputs import writes
 from ...cli.progress import ProgressDisplay
 from ...cli.results import Results, benchmark
 
@@ -28,7 +29,10 @@ def multi_frusta(
         ),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Write Figures 5 to 7 to a .png file.", metavar="FILE", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Write Figures 5 to 7 to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
+        ),
     ] = None,
     size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "512x512",
     cull_faces: Annotated[

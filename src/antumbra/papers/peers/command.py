@@ -8,6 +8,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
+from ...cli.outputs import writes
 from ...cli.progress import ProgressDisplay
 from ...cli.results import Results, benchmark
 from ..views import open_view
@@ -31,7 +32,8 @@ def peers(
         ),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Write bars to a .png file.", metavar="FILE", show_default=False)
+        Path | None,
+        typer.Option(help="Write bars to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")),
     ] = None,
     size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "1024x1024",
     spp: Annotated[int, typer.Option(help="Shadow rays for each pixel.", min=1, max=1024)] = 16,

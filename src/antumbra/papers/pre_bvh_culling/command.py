@@ -7,6 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
+from ...cli.outputs import writes
 from ...cli.progress import ProgressDisplay
 from ...cli.results import Results, benchmark
 from ...errors import InputError
@@ -24,7 +25,13 @@ def pre_bvh_culling(
         ),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Write the break-even plot to a .png file.", metavar="FILE", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Write the break-even plot to a .png file.",
+            metavar="FILE",
+            show_default=False,
+            callback=writes(".png"),
+        ),
     ] = None,
     tracer: Annotated[
         list[str] | None,

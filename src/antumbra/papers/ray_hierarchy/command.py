@@ -7,6 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import CullFaces, Json, Quiet, Threads
+from ...cli.outputs import writes
 from ...cli.progress import ProgressDisplay
 from ...cli.results import Results, benchmark
 from ..views import open_view
@@ -30,7 +31,8 @@ def ray_hierarchy(
         ),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Write curves to a .png file.", metavar="FILE", show_default=False)
+        Path | None,
+        typer.Option(help="Write curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")),
     ] = None,
     size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "1024x1024",
     frames: Annotated[

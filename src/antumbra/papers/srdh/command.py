@@ -7,6 +7,7 @@ import typer
 
 from ...cli import arguments, report
 from ...cli.options import Json, Quiet, Threads
+from ...cli.outputs import writes
 from ...cli.progress import ProgressDisplay
 from ...cli.results import Results, benchmark
 from ..views import open_view
@@ -30,7 +31,10 @@ def srdh(
         ),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Write bars and curves to a .png file.", metavar="FILE", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Write bars and curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
+        ),
     ] = None,
     size: Annotated[
         str, typer.Option(help="Size of the pictures whose rays are counted.", metavar="WxH")
