@@ -6,6 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.jobs.engines import Whole
 from antumbra.jobs.parts import Parts, digest
+from mutations import mutated
 
 
 class Work:
@@ -62,6 +63,17 @@ def test_damaged_parts_are_done_again(tmp_path):
     work = Work()
     assert finished(parts(tmp_path, work))["squares"].tolist() == SQUARES
     assert work.asked == RANGES[:2]
+
+
+def test_mutated_parts_are_whole_or_not_there(tmp_path):
+    made = parts(tmp_path, Work())
+    finished(made)
+    file, rng, whole = tmp_path / made.files(0)[0], np.random.default_rng(0), []
+    data = file.read_bytes()
+    for _ in range(200):
+        file.write_bytes(mutated(data, rng))
+        whole.append(made.done(0))
+    assert any(whole) and not all(whole)
 
 
 def test_files_of_other_parts_are_not_taken(tmp_path):

@@ -1,12 +1,18 @@
 """Sensors from text and from files of points."""
 
+import io
+import zipfile
+
 import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
 
 import antumbra as at
+from antumbra.jobs import readsensors
 from antumbra.jobs.readsensors import check_sensors, kind_of, read_points, sensors_of
+from antumbra.scene import arrayfile
+from mutations import mutated
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.5, -5.0, 6e3]])
 NORMALS = np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]])
@@ -82,7 +88,7 @@ def test_unknown_forms(text):
         ("a.csv", "x,y,z\n1,2\n", "line 2"),
         ("a.csv", "x,y,z\n1,2,nan\n", "NaN"),
         ("a.csv", "", "empty"),
-        ("a.npy", "no array", "cannot be read"),
+        ("a.npy", "no array", "not a numpy array file"),
         ("a.npz", "no archive", "cannot be read"),
         ("a.parquet", "no table", "cannot be read"),
     ],
@@ -93,7 +99,7 @@ def test_bad_files(tmp_path, name, text, words):
         read_points(tmp_path / name)
 
 
-@pytest.mark.parametrize("array", [np.zeros(3), np.zeros((2, 4)), np.array([["a"] * 3])])
+@pytest.mark.parametrize("array", [np.zeros(3), np.zeros((2, 4))])
 def test_bad_arrays(tmp_path, array):
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(at.InputError, match="points are"):
@@ -104,6 +110,116 @@ def test_columns_that_are_no_numbers(tmp_path):
     np.savez(tmp_path / "a.npz", x=np.zeros((2, 2)), y=np.zeros(2), z=np.zeros(2))
     with pytest.raises(at.InputError, match="column 'x' must hold numbers"):
         read_points(tmp_path / "a.npz")
+
+
+def test_texts_are_no_points(tmp_path):
+    np.save(tmp_path / "a.npy", np.array([["a"] * 3]))
+    with pytest.raises(at.InputError, match=r"a\.npy holds <U1; only plain numbers are read"):
+        read_points(tmp_path / "a.npy")
+    pyarrow.parquet.write_table(pyarrow.table({"x": ["a"], "y": [1.0], "z": [1.0]}), tmp_path / "a.parquet")
+    with pytest.raises(at.InputError, match="column 'x' must hold numbers, not object"):
+        read_points(tmp_path / "a.parquet")
+
+
+def test_long_tables(tmp_path, monkeypatch):
+    monkeypatch.setattr(readsensors, "_ROWS", 3)
+    for n in 0, 1, 3, 7:
+        points = np.arange(3.0 * n).reshape(n, 3)
+        (tmp_path / "a.csv").write_text("x,y,z\n" + "".join(f"{x},{y},{z}\n" for x, y, z in points))
+        assert np.array_equal(read_points(tmp_path / "a.csv").points, points) if n else True
+
+
+# --- damage ------------------------------------------------------------------------------------------------------
+
+
+def refused(path, words):
+    with pytest.raises(at.InputError, match=words) as caught:
+        read_points(path)
+    assert path.name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_very_long_cell(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,z\n1,2," + "3" * 131_073)
+    refused(tmp_path / "a.csv", "cannot be read")
+
+
+def test_a_header_without_an_end(tmp_path):
+    np.save(tmp_path / "a.npy", POINTS)
+    (tmp_path / "a.npy").write_bytes((tmp_path / "a.npy").read_bytes().replace(b"}", b" "))
+    refused(tmp_path / "a.npy", "not a numpy array file")
+
+
+def test_a_corrupt_deflate_stream(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", **dict(zip("xyz", np.random.default_rng(0).random((3, 1000)))))
+    data = bytearray((tmp_path / "a.npz").read_bytes())
+    data[200:300] = bytes(100)
+    (tmp_path / "a.npz").write_bytes(data)
+    refused(tmp_path / "a.npz", "cannot be read|not a numpy array file")
+
+
+def test_an_array_larger_than_its_file(tmp_path):
+    np.save(tmp_path / "a.npy", POINTS)
+    data = (tmp_path / "a.npy").read_bytes()
+    (tmp_path / "a.npy").write_bytes(data.replace(b"(2, 3), }      ", b"(1 << 40, 3), }")[: len(data)])
+    refused(tmp_path / "a.npy", "not a numpy array file")
+    (tmp_path / "a.npy").write_bytes(data.replace(b"(2, 3), }      ", b"(999999999, 3)}"))
+    refused(tmp_path / "a.npy", "says 23999999976 bytes of data, but has 48")
+
+
+def bomb(path, suffix, n=1 << 27):
+    """Write a file whose columns take 3 GB, of a few megabytes."""
+    if suffix == ".parquet":
+        column = pyarrow.array(np.zeros(1 << 10))
+        with pyarrow.parquet.ParquetWriter(path, pyarrow.schema([(c, "float64") for c in "xyz"])) as writer:
+            writer.write_table(pyarrow.table({c: pyarrow.chunked_array([column] * (n >> 10)) for c in "xyz"}))
+        return
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (n,)})
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name in "xyz":
+            archive.writestr(f"{name}.npy", header.getvalue() + bytes(1 << 16))
+    data = bytearray(path.read_bytes())  # lie: a small file that says that it is large is refused just as well
+    for name in b"x.npy", b"y.npy", b"z.npy":
+        at_name = data.rindex(name)
+        data[at_name - 22 : at_name - 18] = (8 * n - 1).to_bytes(4, "little")
+    path.write_bytes(data)
+
+
+def test_files_that_expand_are_refused_before_they_do(tmp_path, monkeypatch):
+    bomb(tmp_path / "a.npz", ".npz")
+    refused(tmp_path / "a.npz", r"its 0.0 MB expand to 3.2 GB; divide it")
+    monkeypatch.setattr(arrayfile, "_MOST", 1 << 16)
+    bomb(tmp_path / "a.parquet", ".parquet", 1 << 17)
+    refused(tmp_path / "a.parquet", "expand to 0.0 GB; divide it")
+
+
+def test_a_checksum_that_is_wrong(tmp_path):
+    path = written(tmp_path, ".npz", columns())
+    data = bytearray(path.read_bytes())
+    at_data = data.index(POINTS[:, 1].tobytes())
+    data[at_data] ^= 1
+    path.write_bytes(data)
+    refused(path, "CRC|not a numpy array file")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet", ".npy", ".deflated.npz"])
+def test_mutated_files_are_read_or_refused(tmp_path, suffix):
+    path = tmp_path / f"points{suffix}"
+    if suffix == ".npy":
+        np.save(path, POINTS)
+    elif suffix == ".deflated.npz":
+        np.savez_compressed(path, **columns())
+    else:
+        written(tmp_path, suffix, columns())
+    data, rng, told = path.read_bytes(), np.random.default_rng(0), []
+    for _ in range(300):
+        path.write_bytes(mutated(data, rng))
+        try:
+            read_points(path)
+            told.append("")
+        except at.InputError as error:
+            told.append(str(error))
+    assert 0 < told.count("") < 300 and not any("\n" in line for line in told)
 
 
 def test_no_file(tmp_path):

@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ..checks import number
 from ..errors import InputError
 from ..extras import needed
 from ..scene.any_scene import AnyScene
+from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
 from ..scene.files import checked_file
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
 
@@ -21,6 +21,8 @@ SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
 
 _GRID = re.compile(r"grid:([0-9.eE+-]+)")
 _RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?)(?:([+@])([0-9.eE+-]+))?")
+_ROWS = 1 << 16  # lines of a CSV file that are lists at a time
+_NUMBER_BYTES = 8  # of a column of Parquet, at most
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 
@@ -94,9 +96,8 @@ def read_points(path: Path) -> Sensors:
 
 def read_array(path: Path) -> np.ndarray:
     """The array of a .npy file. InputError if it cannot be read."""
-    checked_file(path, path.name)
     with _told(path):
-        return np.load(path, allow_pickle=False)
+        return np.array(mapped_array(path, path.name))
 
 
 def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -120,8 +121,9 @@ def _told(path: Path) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InputError(f"{path.name}: cannot be read ({' '.join(str(error).split())[:120]})") from error
+    except Exception as error:  # damage makes the readers of csv, zipfile and pyarrow raise errors of many kinds
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(f"{path.name}: cannot be read ({reason}); write it again") from error
 
 
 def _from_array(array: np.ndarray, name: str) -> Sensors:
@@ -137,7 +139,7 @@ def _csv(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
         rows = csv.reader(file)
         header = [name.strip().lower() for name in next(rows, [])]
         found = [(k, name) for k, name in enumerate(header) if name in wanted]
-        values = []
+        tables, values = list[np.ndarray](), list[list[float]]()
         for line, row in enumerate(rows, 2):
             if not row:
                 continue
@@ -146,7 +148,9 @@ def _csv(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
             except (ValueError, IndexError):
                 shown = ",".join(row)[:60]
                 raise InputError(f"{path.name}, line {line}: {shown!r} lacks a number of a point") from None
-    table = np.array(values, np.float64).reshape(len(values), len(found))
+            if len(values) == _ROWS:  # as an array, they take a fifth of the memory
+                tables, values = [*tables, np.array(values, np.float64)], []
+    table = np.concatenate([*tables, np.array(values, np.float64).reshape(len(values), len(found))])
     return {name: table[:, k] for k, (_, name) in enumerate(found)}
 
 
@@ -154,17 +158,26 @@ def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
     needed("pyarrow", ".parquet", "gis")
     import pyarrow.parquet
 
-    table = pyarrow.parquet.read_table(path)
-    found = {name: table[name].to_numpy() for name in table.column_names if name.lower() in wanted}
-    return {name.lower(): _numbers(values, name, path) for name, values in found.items()}
+    with pyarrow.parquet.ParquetFile(path) as file:
+        names = [name for name in file.schema_arrow.names if name.lower() in wanted]
+        for name in names:
+            _check_kind(np.dtype(file.schema_arrow.field(name).type.to_pandas_dtype()), name, path)
+        check_expansion(path, file.metadata.num_rows * len(names) * _NUMBER_BYTES)
+        table = file.read(columns=names)
+    return {name.lower(): _numbers(table[name].to_numpy(), name, path) for name in names}
 
 
 def _npz(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
-    with np.load(path, allow_pickle=False) as arrays:
-        return {name.lower(): _numbers(arrays[name], name, path) for name in arrays.files if name.lower() in wanted}
+    return {name: _numbers(values, name, path) for name, values in npz_arrays(path, wanted).items()}
 
 
 def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    if values.ndim != 1 or values.dtype.kind not in "fiu":
-        raise InputError(f"{path.name}: column {name!r} must hold numbers, not {values.dtype} {values.shape}")
+    _check_kind(values.dtype, name, path)
+    if values.ndim != 1:
+        raise InputError(f"{path.name}: column {name!r} must hold numbers, not arrays {values.shape}")
     return values.astype(np.float64)
+
+
+def _check_kind(kind: np.dtype, name: str, path: Path) -> None:
+    if kind.kind not in "fiu":
+        raise InputError(f"{path.name}: column {name!r} must hold numbers, not {kind}")

@@ -8,6 +8,6 @@
 - camera, framing: cameras, and the default camera and light of a scene without its own
 - view, sampled, room: what a default picture shows, and the light in it; sky, environment: skies, and their files
 - lights, point_lights: lights, and lists of point lights; colour: base colours
-- gltf/, meshfile: readers of files; files: checks of paths
+- gltf/, meshfile: readers of files; arrayfile: arrays from .npy and .npz files; files: checks of paths
 - generated, procedural/: scenes without a file
 """

@@ -1,15 +1,14 @@
 """A folder of arrays: the vertices of one mesh at several moments."""
 
 import json
-import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.lib import format as npy
 
 from ..errors import InputError
+from .arrayfile import mapped_array
 from .files import checked_file
 from .mesh import MeshInfo, ObjectInfo, check_finite, face_colours, used_faces
 from .source import Piece
@@ -18,7 +17,6 @@ FILES = ("frames.npy", "faces.npy", "face_rgba.npy", "info.json")
 """The files that are read from a folder. Only the first two are required."""
 
 FRAMES_PER_SECOND = 24.0  # if info.json has no times
-_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _SPAN = re.compile(r"\bt\s*=\s*(-?[0-9.]{1,20})\s*\.\.\s*(-?[0-9.]{1,20})")
 
 
@@ -74,27 +72,6 @@ def read_frames(folder: Path) -> tuple[VertexFrames, list[str]]:
     colour = face_colours(colour, len(faces) if faces.ndim else 0, f"{name}/face_rgba.npy")
     times = _times(folder / "info.json", len(frames), f"{name}/info.json")
     return VertexFrames(name, frames, faces, colour, times), []
-
-
-def mapped_array(path: Path, where: str) -> np.ndarray:
-    """A .npy file, memory-mapped after a check of its header against its size. Nothing is unpickled."""
-    checked_file(path, where)
-    with path.open("rb") as stream:
-        try:
-            shape, fortran, dtype = _HEADERS[npy.read_magic(stream)](stream)
-        except Exception as error:  # the header is Python source, whose parser raises many kinds of errors
-            raise InputError(f"{where}: not a numpy array file; write it with numpy.save") from error
-        offset = stream.tell()
-    if dtype.hasobject or dtype.kind not in "fiu":
-        raise InputError(f"{where} holds {dtype}; only plain numbers are read")
-    if any(n < 0 for n in shape):
-        raise InputError(f"{where} has shape {shape}; write it again with numpy.save")
-    needed, real = math.prod(shape) * dtype.itemsize, path.stat().st_size - offset
-    if needed > real:
-        raise InputError(f"{where} says {needed} bytes of data, but has {real}; it is cut short, copy it again")
-    if needed == 0:
-        return np.empty(shape, dtype)
-    return np.memmap(path, dtype, "r", offset, shape, "F" if fortran else "C")
 
 
 def _linear(rgba: np.ndarray, where: str) -> np.ndarray:
