@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.loading import user_cache
+from ..kernels.private import make_folder, read_own
 from ..output import replacing
 from ..scene.lights import AMBIENT, DIRECTIONAL, LIST
 from .facts import Facts
@@ -81,7 +82,7 @@ def machine_file() -> Path:
 def machine() -> Machine:
     """What was measured on this machine, or `SHIPPED`."""
     try:
-        return Machine(**json.loads(machine_file().read_text()))
+        return Machine(**json.loads(read_own(machine_file())))
     except (OSError, ValueError, TypeError):  # never measured, or by another version
         return SHIPPED
 
@@ -89,7 +90,7 @@ def machine() -> Machine:
 def keep_machine(measured: Machine) -> None:
     """Keep what was measured, for this process and later ones."""
     path = machine_file()
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(measured._asdict()))
     machine.cache_clear()

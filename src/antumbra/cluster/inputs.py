@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 from ..errors import InputError
 from ..kernels.locks import held
+from ..kernels.private import checked_own, make_folder, private_folder
+from ..kernels.progress import LOG
 from ..output import replacing
 from ..store.layout import STORE_SUFFIX
 
@@ -56,8 +58,8 @@ def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | 
         return wanted.path
     if wanted.size < 0 or path.suffix.lower() in _WITH_MORE:
         raise InputError(f"{path}: is not on node {platform.node()}, and names other files; share it, or use .glb")
-    folder = (folder or own_temporary("inputs")) / wanted.sha256
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = (folder or own_temporary() / "inputs") / wanted.sha256
+    make_folder(folder)
     target = folder / path.name
     with held(folder / "fetching.lock"):  # another worker of this machine may be fetching it
         if not _is_same(target, wanted):
@@ -65,9 +67,21 @@ def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | 
     return str(target)
 
 
-def own_temporary(name: str) -> Path:
-    """A path of this user among the temporary files."""
-    return Path(tempfile.gettempdir()) / f"antumbra-{name}-{getattr(os, 'getuid', int)()}"  # Windows has no ids
+def own_temporary() -> Path:
+    """The folder of this user among the temporary files, which other jobs of the user share.
+
+    Anyone may have made a folder of this name. If it is not this user's, it is a folder of this process alone.
+    """
+    folder = Path(tempfile.gettempdir()) / f"antumbra-{getattr(os, 'getuid', int)()}"  # Windows has no ids
+    try:
+        make_folder(folder)
+        checked_own(folder, folder.lstat())
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(f"nothing can be written in {folder}")
+    except OSError as error:
+        LOG.warning(f"{error}: files are fetched for this process alone")
+        return private_folder("inputs")
+    return folder
 
 
 def _fetch(wanted: Input, read: Callable[[str, int], bytes], target: Path) -> None:

@@ -88,6 +88,6 @@ def warm(plan: str | None) -> None:
     """Compile the kernels of a plan that are missing on this machine. Its other workers wait, and find them."""
     wanted = {each for job in jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
     if missing_of(wanted):
-        with held(own_temporary("warm.lock")):
+        with held(own_temporary() / "warm.lock"):
             if missing := missing_of(wanted):
                 compile_missing(missing)

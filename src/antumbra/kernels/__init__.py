@@ -12,6 +12,7 @@ From a call to machine code, without Numba:
 - arguments: the kinds and values of arguments, as 8-byte words
 - closure, definitions: a digest of all code and constants that a kernel reaches
 - loading, cache, code, locks: linking of object files from packs and from the user's folder
+- private: folders and files that other users cannot change
 - processor: levels of processors
 
 Compiling:

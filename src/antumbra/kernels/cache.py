@@ -8,6 +8,7 @@ import json
 import os
 import re
 import shutil
+import stat
 import sys
 import tempfile
 import time
@@ -19,6 +20,8 @@ from pathlib import Path
 
 from . import definitions, locks
 from .code import Code, from_record
+from .private import Untrusted, checked_own, make_folder, private_folder, read_own
+from .progress import LOG
 
 _DAY = 86400.0
 UNUSED_DAYS = 60
@@ -36,9 +39,27 @@ def _user_cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
 
+@cache
 def cache_folder() -> Path:
-    """The user's folder of kernels: ``ANTUMBRA_CACHE``, else a folder in the system's folder for caches."""
-    return Path(os.environ.get("ANTUMBRA_CACHE") or _user_cache() / "antumbra")
+    """The user's folder of kernels: ``ANTUMBRA_CACHE``, else a folder in the system's folder for caches.
+
+    If other users can change it, it is a folder of this process alone.
+    """
+    root = Path(os.environ.get("ANTUMBRA_CACHE") or _user_cache() / "antumbra")
+    try:
+        _check(root)
+    except Untrusted as error:
+        LOG.warning(f"{error}: kernels are compiled for this process alone")
+        return private_folder("kernels")
+    return root
+
+
+def _check(root: Path) -> None:
+    """Raise `Untrusted` if others can change a folder of kernels, or a folder in it with those of this compiler."""
+    ours = root / "kernels" / toolchain()
+    for folder in (root, ours.parent, ours, *ours.glob("*")):
+        with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+            checked_own(folder)
 
 
 @cache
@@ -62,7 +83,7 @@ class Folder:
         """The code kept under a digest; None if there is none, or if the file is damaged."""
         file = self._file(digest)
         try:
-            data = file.read_bytes()
+            data = read_own(file)
             if time.time() - file.stat().st_mtime > _DAY:
                 os.utime(file)  # so that pruning sees that it is used
         except OSError:
@@ -70,7 +91,13 @@ class Folder:
         return from_record(data)
 
     def has(self, digest: str) -> bool:
-        return self._file(digest).exists()
+        try:
+            file = self._file(digest)
+            status = file.lstat()
+            checked_own(file, status)
+        except OSError:
+            return False
+        return stat.S_ISREG(status.st_mode)
 
     def put(self, digest: str, code: Code) -> None:
         """Keep code. A reader sees a whole file or none.
@@ -80,7 +107,7 @@ class Folder:
         OSError
             If the folder cannot be written.
         """
-        self.path.mkdir(parents=True, exist_ok=True)
+        make_folder(self.path)
         handle, name = tempfile.mkstemp(dir=self.path, prefix=f"{digest}.", suffix=".part")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -93,14 +120,14 @@ class Folder:
 
     def is_writable(self) -> bool:
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
+            make_folder(self.path)
         except OSError:
             return False
         return os.access(self.path, os.W_OK)
 
     def lock(self, digest: str) -> AbstractContextManager[None]:
         """The lock of the process that compiles the kernel of a digest."""
-        self.path.mkdir(parents=True, exist_ok=True)
+        make_folder(self.path)
         return locks.held(self.path / f"{digest}.lock")
 
     def prune(self) -> None:

@@ -6,6 +6,7 @@ kernels are on disk: Ctrl-C loses only the kernels in progress.
 """
 
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -42,7 +43,8 @@ class _Worker(threading.Thread):
         super().__init__(daemon=True)
         self._levels, self._work, self._done = list(levels), work, done
         command, pipe = [sys.executable, "-c", _START], subprocess.PIPE
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8")
+        own = {**os.environ, "ANTUMBRA_CACHE": str(cache_folder())}
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8", env=own)
 
     def run(self):
         try:

@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _POLL_SECONDS = 0.05
+_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 try:
     import fcntl
@@ -42,7 +43,7 @@ def held(path: Path) -> Iterator[None]:
     The file is removed at the end. A process that waited then holds a file without a name. So callers check again,
     within the context, whether the work is still to be done.
     """
-    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    handle = os.open(path, _FLAGS, 0o600)
     try:
         while True:
             try:

@@ -1,0 +1,175 @@
+"""Machine code comes from folders and files that other users cannot change, and from no pipes."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+import sample_package as sample
+from antumbra.kernels import cache, locks, private
+from antumbra.kernels.code import Code
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system has no owners of files: Windows")
+CODE = Code("module:kernel", "i", ["module:Pair", ["i"]], b"machine code " * 50)
+STRANGER = 65534
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A folder of this user, even if the tests are run by root, to whom no user is a stranger."""
+    folder = tmp_path / "own"
+    folder.mkdir(mode=0o755)
+    return folder
+
+
+def give_away(path):
+    """Give a file to another user; skip the test where that is not allowed."""
+    try:
+        os.chown(path, STRANGER, STRANGER)
+    except PermissionError:
+        pytest.skip("only root can give files away: owners NOT checked")
+
+
+@pytest.mark.parametrize("mode", [0o700, 0o755, 0o500, 0o644, 0o600])
+def test_what_only_its_user_can_change(own, mode):
+    own.chmod(mode)
+    private.checked_own(own)
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o757, 0o702, 0o1777])
+def test_what_anyone_can_change(own, mode):
+    own.chmod(mode)
+    with pytest.raises(private.Untrusted, match="own can be changed by other users"):
+        private.checked_own(own)
+
+
+def test_groups_of_several_users(own, monkeypatch):
+    own.chmod(0o775)
+    monkeypatch.setattr(private, "_is_own_group", lambda group: True)
+    private.checked_own(own)
+    monkeypatch.setattr(private, "_is_own_group", lambda group: False)
+    with pytest.raises(private.Untrusted):
+        private.checked_own(own)
+
+
+def test_what_belongs_to_another_user(own):
+    give_away(own)
+    with pytest.raises(private.Untrusted, match=f"own belongs to another user .id {STRANGER}"):
+        private.checked_own(own)
+
+
+def test_new_folders_are_private(own):
+    private.make_folder(own / "a" / "b")
+    assert [(own / name).stat().st_mode & 0o777 for name in ("a", "a/b")] == [0o700] * 2
+    private.make_folder(own)
+    assert own.stat().st_mode & 0o777 == 0o755
+
+
+# --- files of kernels --------------------------------------------------------------------------------------------
+
+
+def pipe(file):
+    file.unlink()
+    os.mkfifo(file)
+
+
+def link(file):
+    file.rename(file.with_suffix(".away"))
+    file.symlink_to(file.with_suffix(".away"))
+
+
+def fault_of(kind):
+    return {"pipe": pipe, "link": link, "writable": lambda file: file.chmod(0o666), "foreign": give_away}[kind]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link", "writable", "foreign"])
+def test_a_file_that_is_not_ours_is_missing_and_is_replaced(own, kind):
+    folder = cache.Folder(own, "some-level")
+    folder.put("digest", CODE)
+    assert folder.get("digest") == CODE and folder.has("digest")
+    fault_of(kind)(folder.path / "digest.kernel")
+    assert folder.get("digest") is None and not folder.has("digest")
+    folder.put("digest", CODE)
+    assert folder.get("digest") == CODE and folder.has("digest")
+
+
+def test_locks_do_not_follow_links(own):
+    (own / "lock").symlink_to(own / "elsewhere")
+    with pytest.raises(OSError), locks.held(own / "lock"):
+        pass
+    assert not (own / "elsewhere").exists()
+    os.mkfifo(own / "pipe")
+    with locks.held(own / "pipe"):
+        pass
+
+
+# --- the folder of kernels ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    return sample.write(tmp_path_factory.mktemp("package"))
+
+
+def open_to_all(folder):
+    folder.chmod(0o777)
+
+
+def open_inside(folder):
+    (folder / "kernels").mkdir()
+    (folder / "kernels").chmod(0o777)
+
+
+@pytest.mark.parametrize("spoil", [open_to_all, open_inside, give_away])
+def test_folders_of_kernels_that_others_can_change(own, spoil):
+    cache._check(own)
+    cache._check(own / "missing")
+    spoil(own)
+    with pytest.raises(private.Untrusted, match=str(own)):
+        cache._check(own)
+
+
+def test_kernels_are_then_compiled_in_a_private_folder(package, own, tmp_path):
+    own.chmod(0o777)
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    env = {**sample.environment(package, own), "TMPDIR": str(temporary)}
+    done = subprocess.run([sys.executable, "-c", sample.RUN], env=env, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0 and json.loads(done.stdout)[0]["alone"] == 101, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(str(own)) and line.endswith(": kernels are compiled for this process alone")
+    assert not list(own.iterdir()) and not list(temporary.iterdir())
+
+
+def test_compiling_processes_use_the_same_private_folder(package, own, tmp_path):
+    own.chmod(0o777)
+    program = """
+from antumbra.kernels.crew import Wanted, compile_all
+from antumbra.kernels.loading import is_kept
+from antumbra.kernels.arguments import named
+
+print(compile_all([Wanted("antumbra.sample.top:alone", "i")]), is_kept(named("antumbra.sample.top:alone"), "i"))
+"""
+    env = sample.environment(package, own)
+    done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, timeout=300)
+    assert done.stdout == "[] True\n" and done.stderr.count("\n") == 1 and not list(own.iterdir())
+
+
+# --- inputs of jobs on other nodes -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spoil", [open_to_all, give_away, lambda folder: folder.rmdir() or folder.write_bytes(b"")])
+def test_a_folder_of_inputs_that_others_made(tmp_path, monkeypatch, caplog, spoil):
+    from antumbra.cluster import inputs
+
+    monkeypatch.setattr(inputs.tempfile, "tempdir", str(tmp_path))
+    private.private_folder.cache_clear()
+    own = inputs.own_temporary()
+    assert own == tmp_path / f"antumbra-{os.getuid()}" and own.stat().st_mode & 0o777 == 0o700
+    assert inputs.own_temporary() == own and not caplog.records
+    spoil(own)
+    other = inputs.own_temporary()
+    assert other != own and other.stat().st_mode & 0o777 == 0o700 and inputs.own_temporary() == other
+    assert caplog.messages[0].endswith(": files are fetched for this process alone")
