@@ -35,8 +35,12 @@ class ViewArguments:
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     port: Annotated[int, typer.Option(help="Port of the page; 0: any free one.", min=0, max=65535)] = 8080
     host: Annotated[
-        str, typer.Option(help="Address to listen at; 0.0.0.0 lets all who can reach it look, without a password.")
+        str,
+        typer.Option(help="Address to listen at; 0.0.0.0 lets all look who can reach it and know its token."),
     ] = "127.0.0.1"
+    allow_host: Annotated[
+        list[str] | None, typer.Option(help="Another name under which browsers may reach the page. Repeatable.")
+    ] = None
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Open no browser.")] = False
     camera: CameraOption = None
     light: PictureLightOption = None
@@ -100,7 +104,7 @@ def view(given: ViewArguments) -> int:
         display.say("preparing the first picture")
         viewer = shown(
             opened, lights, camera=camera, time=time, plan=given.plan, threads=given.threads, max_memory=memory,
-            place=place, port=port, host=given.host, browser=False,
+            place=place, port=port, host=given.host, allow_host=given.allow_host or (), browser=False,
         )  # fmt: skip
     with viewer:
         if not given.quiet:

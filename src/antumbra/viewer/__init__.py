@@ -7,8 +7,9 @@
 - probe: what a point sees, and what blocks it
 - standin: a mesh with baked light that the browser shows while the camera moves; glb: its file
 - worker: one thread that traces, for all that ask
+- guard: which requests reach the server
 - page: the server, its clients and their pictures; controls: the panel; marks: handles of lights, and clicked points
 - show: `antumbra.view`
 
-Everything above `page` knows no browser. viser is imported when a page opens.
+Everything above `guard` knows no browser. viser is imported when a page opens.
 """

@@ -5,7 +5,6 @@ from datetime import date
 from html import escape
 from typing import Any
 
-from ..errors import InputError
 from ..scene.lights import DirectionalLight
 from .lamps import sun_angles
 from .model import PICTURE, SEEN, STEPS
@@ -84,6 +83,7 @@ class Controls:
         self._follow(stops, lambda value: self._look(stops=value))
 
         @anew.on_click
+        @self._page.heard
         async def _(event: Any) -> None:
             model.expose_anew()
             stops.value = 0.0
@@ -122,6 +122,7 @@ class Controls:
             self._follow(box, lambda value, name=name: model.switch(name, value))
 
         @handles.on_update
+        @self._page.heard
         async def _(event: Any) -> None:
             self._page.marks.show_handles(handles.value)
 
@@ -132,14 +133,11 @@ class Controls:
         """Let a control change the model whenever a user, and not this program, moves it."""
 
         @control.on_update
+        @self._page.heard
         async def _(event: Any) -> None:
-            if event.client is None:
-                return
-            try:
+            if event.client is not None:
                 change(control.value)
                 self._page.changed()
-            except InputError as error:
-                self._page.tell(error)
 
 
 def described(found: Probe | None) -> str:

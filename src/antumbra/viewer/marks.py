@@ -20,14 +20,13 @@ class Marks:
 
     Parameters
     ----------
-    server : viser's server
-    model : Model
-    changed : function of nothing
-        Called after a handle was moved.
+    page : Page
+        Its `changed` is called after a handle was moved.
     """
 
-    def __init__(self, server: Any, model: Model, changed: Callable[[], None]):
-        self._scene, self._model, self._changed = server.scene, model, changed
+    def __init__(self, page: Any):
+        self._page, self._scene = page, page.server.scene
+        self._model: Model = page.model
         self._handles: dict[str, Any] = {}
         self._shown, self._lock = True, Lock()
         self.refresh()
@@ -70,7 +69,7 @@ class Marks:
                 path, scale=_HANDLE, disable_rotations=True, depth_test=False, position=place
             )
             self._scene.add_label(f"{path}/name", lamp.name)
-            handle.on_update(self._mover(lamp.name))
+            handle.on_update(self._page.heard(self._mover(lamp.name)))
         handle = self._handles[lamp.name]
         handle.visible = on
         if not np.allclose(handle.position, place, atol=1e-5):
@@ -87,7 +86,7 @@ class Marks:
     def _mover(self, name: str) -> Callable:
         async def moved(event: Any) -> None:
             self._model.move(name, np.array(event.target.position, np.float64))
-            self._changed()
+            self._page.changed()
 
         return moved
 

@@ -3,6 +3,7 @@
 import errno
 import io
 import socket
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from typing import Any
 
@@ -12,6 +13,7 @@ from ..errors import InputError
 from ..extras import needed
 from .controls import Controls
 from .glb import glb_of
+from .guard import LOG, Guard, guarding, one_line
 from .marks import Marks
 from .model import Model
 from .pictures import Traced
@@ -31,32 +33,56 @@ class Page:
     model : Model
     host, port : str, int
         Port 0: any free one.
+    allow_host : names or addresses
+        Under which the page may be reached besides its own.
 
     Raises
     ------
     InputError
-        If viser is missing, or the port is busy.
+        If viser is missing or cannot be guarded, the port is busy, or a name is wrong.
     """
 
-    def __init__(self, model: Model, host: str, port: int):
+    def __init__(self, model: Model, host: str, port: int, allow_host: Sequence[str] = ()):
         viser = needed("viser", "the viewer", "view")
-        self.model, self.host, self.port = model, host, checked_port(host, port)
+        self.model, self.host = model, host
+        self.guard, port = Guard(host, allow_host), checked_port(host, port)
         self._viewings: dict[int, Viewing] = {}
         self._pieces: tuple[float, Pieces] | None = None  # those of a time
         self._standin: bytes | None = None
-        with redirect_stdout(io.StringIO()):  # the command says the address itself
-            self.server = viser.ViserServer(host, self.port, label=model.scene.name, verbose=False)
+        with redirect_stdout(io.StringIO()), guarding(self.guard):  # the command says the address itself
+            self.server = viser.ViserServer(host, port, label=model.scene.name, verbose=False)
+        if not self.guard.in_place:
+            self.server.stop()
+            raise InputError(
+                f"viser {viser.__version__} cannot be guarded; pip install 'antumbra[view]' gets a fit one"
+            )
+        self.port = self.server.get_port()  # another one if somebody has just taken ours
         self.worker = Worker(self.tell)
         self._furnish()
-        self.controls, self.marks = Controls(self), Marks(self.server, model, self.changed)
-        self.server.on_client_connect(self._enter)
-        self.server.on_client_disconnect(self._leave)
-        self.server.scene.on_click()(self._click)
+        self.controls, self.marks = Controls(self), Marks(self)
+        self.server.on_client_connect(self.heard(self._enter))
+        self.server.on_client_disconnect(self.heard(self._leave))
+        self.server.scene.on_click()(self.heard(self._click))
 
     @property
     def url(self) -> str:
+        """The address of the page, with its token if it has one."""
         host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
+        page = f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
+        return f"{page}/{self.guard.token}/" if self.guard.token else page
+
+    def heard(self, act: Callable) -> Callable:
+        """A listener for viser that calls the coroutine function `act`. The panel shows its errors."""
+
+        async def listener(*event: Any) -> None:
+            try:
+                await act(*event)
+            except Exception as error:
+                if not isinstance(error, InputError):  # which a message that no page sends can cause
+                    LOG.warning("a message was not understood: %s", one_line(error))
+                self.tell(error)
+
+        return listener
 
     def changed(self) -> None:
         """Draw everything anew after a change of the model."""
@@ -70,7 +96,7 @@ class Page:
     def tell(self, error: Exception) -> None:
         """Show an error in the panel."""
         reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-        self.controls.say(" ".join(reason.split()))
+        self.controls.say(one_line(reason))
 
     def close(self) -> None:
         """End the server and its threads."""
@@ -90,7 +116,7 @@ class Page:
         viewing = self._viewings[client.client_id] = Viewing(self.model, self.worker, client, self._drawn)
         if self._standin is not None:
             viewing.put_standin(self._standin)
-        client.camera.on_update(viewing.look)
+        client.camera.on_update(self.heard(viewing.look))
         await viewing.look(client.camera)
 
     async def _leave(self, client: Any) -> None:
@@ -135,6 +161,8 @@ def checked_port(host: str, port: int) -> int:
     InputError
         If the port is busy or not allowed, or the host is not an address of this machine.
     """
+    if not host:
+        raise InputError("the host is empty; give 127.0.0.1 for this machine alone, or 0.0.0.0 for all that reach it")
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as found:

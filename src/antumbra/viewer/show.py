@@ -29,7 +29,7 @@ class Viewer:
     Attributes
     ----------
     url : str
-        The address of the page.
+        The address of the page, with its token if other machines can reach it.
     scene : Scene or PagedScene
     time : float
         Seconds. Setting it moves the animation.
@@ -99,7 +99,8 @@ class Viewer:
 def view(
     scene, lights: Sequence[Light] | Light | None = None, *, camera: Camera | None = None, time: float = 0.0,
     plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
-    place: Place | None = None, port: int = PORT, host: str = HOST, browser: bool | None = None,
+    place: Place | None = None, port: int = PORT, host: str = HOST, allow_host: Sequence[str] | str = (),
+    browser: bool | None = None,
 ) -> Viewer:  # fmt: skip
     """Show a scene in the browser: pictures by the tracer, lights that can be moved, and what a clicked point sees.
 
@@ -123,7 +124,10 @@ def view(
         Port of the server; 0: any free one.
     host : str
         Address at which the server listens. The default serves this machine alone. ``0.0.0.0`` serves all who can
-        reach it, without a password.
+        reach it and know the token in `Viewer.url`.
+    allow_host : str or list of str
+        Further names or addresses under which browsers may reach the page, such as that of a proxy. Requests for any
+        other name are refused, as are those that pages of other sites send.
     browser : bool or None
         Whether to open a browser. None: not in a notebook, which shows the page itself.
 
@@ -140,7 +144,7 @@ def view(
     found = scene if isinstance(scene, AnyScene) else load(scene)
     model = Model(found, lights, camera, time, plan=plan, threads=threads, max_memory=max_memory, place=place)
     prepare(model)
-    viewer = Viewer(Page(model, host, port))
+    viewer = Viewer(Page(model, host, port, [allow_host] if isinstance(allow_host, str) else list(allow_host)))
     if "ipykernel" not in sys.modules if browser is None else browser:
         webbrowser.open(viewer.url)
     return viewer

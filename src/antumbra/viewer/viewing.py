@@ -16,6 +16,7 @@ REST = 0.15
 
 _QUICK = 4  # most shadow rays of the pictures that come before all other work
 _QUALITY = 92  # of JPEG
+_LARGEST = 1 << 14  # pixels of a side of a page
 _SHOWN = 0.1  # seconds until a browser shows a picture that was sent
 
 
@@ -102,12 +103,15 @@ class Viewing:
 
 
 def pose_of(camera: Any) -> Pose | None:
-    """The pose of viser's camera; None if the browser has no area yet."""
-    _, down, forward = turned(camera.wxyz).T
+    """The pose of viser's camera; None if the browser has no area yet, or sends what is no camera."""
     position, size = np.array(camera.position, np.float64), (int(camera.image_width), int(camera.image_height))
-    if min(size) < 1 or not np.isfinite(position).all():
+    wxyz, fov = np.array(camera.wxyz, np.float64), float(camera.fov)
+    if not (1 <= min(size) <= max(size) <= _LARGEST and position.shape == (3,) and wxyz.shape == (4,)):
         return None
-    return Pose(position, position + forward, -down, float(camera.fov), *size)
+    if not (np.isfinite(position).all() and abs(np.linalg.norm(wxyz) - 1.0) < 1e-3 and 0.0 < fov < np.pi):
+        return None
+    _, down, forward = turned(wxyz).T
+    return Pose(position, position + forward, -down, fov, *size)
 
 
 def same(a: Pose, b: Pose) -> bool:
