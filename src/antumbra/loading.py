@@ -10,6 +10,7 @@ import numpy as np
 from .errors import InputError
 from .scene.files import checked_file
 from .scene.foreign import KNOWN, is_mesh
+from .scene.notes import by_kind
 from .scene.sampled import looks_z_up, sampled_faces
 from .scene.scene import Scene, checked_up
 from .scene.source import Source
@@ -60,7 +61,8 @@ def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool =
     Warns
     -----
     UserWarning
-        Once for each entry of `Scene.notes`, such as a missing texture or a light that is only partly supported.
+        Once for each kind of `Scene.notes`, such as missing textures or lights that are only partly supported, with
+        their number.
     """
     if up is not None:
         checked_up(up)
@@ -73,7 +75,7 @@ def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool =
         raise InputError(f"scene is a {kind}; give the path of a file, or {KNOWN}; arrays go to Scene.from_arrays")
     if not cutouts and isinstance(scene, Scene):
         scene.ignore_alpha()
-    for note in scene.notes:
+    for note in by_kind(scene.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return scene
 

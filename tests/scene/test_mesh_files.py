@@ -178,3 +178,28 @@ def test_bad_mesh_files(tmp_path, name):
         load(put(tmp_path, name, content))
     message = str(caught.value)
     assert words in message and message.startswith(name) and "\n" not in message
+
+
+OBJ_NAMES = {
+    "o Cube\n": ["Cube", "Cube_1", "Cube_2"],
+    "o Cube_001\n": ["Cube_001", "Cube_2", "Cube_3"],
+    "o A_0\n": ["A_0", "A_1", "A_2"],
+    "o _5\n": ["_5", "_6", "_7"],
+    "o two words \n": ["two words", "two words_1", "two words_2"],
+    "o \n": ["geometry_1", "geometry_2", "geometry_3"],
+    "": ["geometry", "geometry_1", "geometry_2"],
+}
+
+
+@pytest.mark.parametrize("head", OBJ_NAMES, ids=repr)
+def test_meshes_without_materials_are_numbered_as_trimesh_does(tmp_path, head, monkeypatch):
+    """And trimesh is not left to look for free numbers, which takes the square of the number of meshes."""
+    import trimesh
+
+    tried, original = [], trimesh.util.unique_name
+    counting = lambda start, contains, counts=None: tried.append(start in contains) or original(start, contains, counts)
+    monkeypatch.setattr(trimesh.util, "unique_name", counting)
+    faces = "".join(f"usemtl {m}\nf 1 2 {k}\n" for m, k in zip("abca", (3, 4, 3, 4)))
+    scene = load(put(tmp_path, "a.obj", head + obj_text(faces=[]) + faces))
+    assert [mesh.name for mesh in scene.meshes] == OBJ_NAMES[head]
+    assert len(tried) >= 3 and not any(tried)

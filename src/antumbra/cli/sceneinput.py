@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from ..scene.notes import by_kind
 from .arguments import SceneSpec
 from .failures import say
 
@@ -31,10 +32,11 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
     with quietly():  # the notes are printed below
         scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts)
     if not quiet:
-        for note in scene.notes[:_MOST_NOTES]:
+        notes = by_kind(scene.notes, "antumbra info shows all")
+        for note in notes[:_MOST_NOTES]:
             say(f"note: {note}")
-        if len(scene.notes) > _MOST_NOTES:
-            say(f"note: and {len(scene.notes) - _MOST_NOTES} more; antumbra info shows all of them")
+        if len(notes) > _MOST_NOTES:
+            say(f"note: and {len(notes) - _MOST_NOTES} other kinds; antumbra info shows all of them")
     return scene
 
 

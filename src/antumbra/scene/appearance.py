@@ -53,12 +53,16 @@ def appearance_of(source: Source, n: int) -> Appearance | None:
     parts = list(_parts(source))
     if not parts:
         return None
-    materials = list(dict.fromkeys(part.look.material for part in parts))
+    looks = {id(part.look): part.look for part in parts}
+    materials = list(dict.fromkeys(material for look in looks.values() for material in look.materials))
     number = {material: i for i, material in enumerate(materials)}
+    numbers = {key: np.array([number[m] for m in look.materials] + [-1], np.int32) for key, look in looks.items()}
     material_of_face, textured = np.full(n, -1, np.int32), np.zeros(n, bool)
     for part in parts:
-        material_of_face[part.rows] = number[part.look.material]
-        textured[part.rows] = part.look.uv is not None
+        look, of_copies = part.look, (part.copies, len(part.faces))
+        of_face = 0 if look.material_of_face is None else look.material_of_face  # -1 is the last of the numbers
+        material_of_face[part.rows].reshape(of_copies)[:] = numbers[id(look)][of_face]
+        textured[part.rows].reshape(of_copies)[:] = look.uv is not None if look.textured is None else look.textured
     uv = _corners(parts, "uv", np.zeros((n, 3, 2), np.float32))
     colours = _corners(parts, "colours", np.ones((n, 3, 4), np.float32))
     return Appearance(materials, material_of_face, uv, colours, *_normals(parts, n), textured)

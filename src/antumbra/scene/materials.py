@@ -89,11 +89,13 @@ PLAIN = Material()
 class Look(NamedTuple):
     """What a mesh shows beyond a colour for each face. Rows are its vertices; faces share them as they do positions."""
 
-    material: Material
+    materials: tuple[Material, ...]
     uv: np.ndarray | None = None  # (v, 2) float32: coordinates in the material's texture; None: no texture is shown
     colours: np.ndarray | None = None  # (v, 4) float32: linear colour and alpha of each vertex
     normals: np.ndarray | None = None  # (v, 3) float32, for shading
     rest: np.ndarray | None = None  # (v, 3) float32 or float64: the positions that the normals belong to
+    material_of_face: np.ndarray | None = None  # (f,) int32: index in `materials`, or -1; None: all have the only one
+    textured: np.ndarray | None = None  # (f,) bool: which faces show a texture; None: all if there is `uv`
 
 
 def look_of(material: Material, uv=None, colours=None, normals=None, rest=None) -> Look | None:
@@ -103,7 +105,7 @@ def look_of(material: Material, uv=None, colours=None, normals=None, rest=None) 
         return None
     colours = None if colours is None else rgba_rows(colours)
     normals = None if normals is None else np.nan_to_num(np.asarray(normals, np.float32))
-    return Look(material, uv, colours, normals, None if normals is None else rest)
+    return Look((material,), uv, colours, normals, None if normals is None else rest)
 
 
 def rgba_rows(colours) -> np.ndarray:

@@ -3,7 +3,8 @@
 import io
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,8 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its trac
 MAX_SIDE_FILE = 1 << 28
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
 _OPTIONS = re.compile(r"^(?:-(?:[ost]\s+\S+\s+\S+\s+\S+|mm\s+\S+\s+\S+|\w+\s+\S+)\s+)+")  # before a texture's name
+_OBJ_HEAD = re.compile(rb"^(usemtl|o|f|g|s) ([^\n]*)", re.MULTILINE)
+_OBJ_OBJECT = re.compile(rb"^o [^\n]*", re.MULTILINE)
 _OBJ_ZERO = re.compile(rb"^\s*f\s(?:[^\n]*\s)?0+(?=[/\s]|$)", re.MULTILINE)
 
 
@@ -35,7 +38,8 @@ def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
         _check_obj(data, file)
     else:
         _check_stl(data, file)
-    textures = FolderResolver(path.parent, file)
+    textures = FolderResolver(path.parent, file, _obj_name(data) if kind == "obj" else "geometry")
+    data = _OBJ_OBJECT.sub(b"", data) if kind == "obj" else data
     try:
         loaded = trimesh.load(io.BytesIO(data), file_type=kind, resolver=textures, process=False)
     except IndexError as error:
@@ -46,11 +50,12 @@ def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
 
 
 class FolderResolver(Mapping):
-    """Gives trimesh the material and texture files in the scene's folder, and no others."""
+    """Gives trimesh the material and texture files in the scene's folder, and no others; and names of meshes."""
 
-    def __init__(self, folder: Path, file: str):
+    def __init__(self, folder: Path, file: str, name: str = "geometry"):
         self.notes: list[str] = []
         self._folder, self.file = folder, file
+        self._names = _names(name)
         self._made: dict[tuple[str, str], Texture | None] = {}
 
     def get(self, name: str, default=None) -> bytes:
@@ -65,6 +70,14 @@ class FolderResolver(Mapping):
         except (InputError, OSError) as error:
             self.notes.append(f"{error} (its colours are taken as white)")
             raise OSError(str(error)) from error
+
+    @property
+    def file_name(self) -> str:
+        """The name of the next mesh of an OBJ file whose materials are missing.
+
+        trimesh gives all of them this name, and then looks for a free number from 1 on: a million looks for 1,400.
+        """
+        return next(self._names)
 
     def __getitem__(self, name: str) -> bytes:
         return self.get(name)
@@ -159,6 +172,22 @@ def _check_stl(data: bytes, file: str) -> None:
     needed = 84 + 50 * int.from_bytes(data[80:84], "little")
     if len(data) < needed:
         raise InputError(f"{file}: STL header needs {needed} bytes, there are {len(data)}; copy the file again")
+
+
+def _obj_name(data: bytes) -> str:
+    """The name that trimesh gives to meshes of an OBJ file without materials: that of an ``o`` before all faces."""
+    first = _OBJ_HEAD.search(data)
+    return "geometry" if first is None or first[1] != b"o" else first[2].strip().decode("utf-8", "replace")
+
+
+def _names(name: str) -> Iterator[str]:
+    """Distinct names, as trimesh makes them: name, name_1, name_2 ...; or part_7, part_8 ..."""
+    if name:
+        yield name
+    stem, mark, number = name.rpartition("_")
+    numbered = bool(mark) and number.isdecimal()
+    stem, last = (stem, int(number)) if numbered else (name or "geometry", 0)
+    yield from (f"{stem}_{i}" for i in count(last + 1))
 
 
 def _check_obj(data: bytes, file: str) -> None:

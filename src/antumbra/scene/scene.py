@@ -290,7 +290,7 @@ def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
     for piece in source.pieces(0.0):
         survey.add(piece)
         looks = looks or piece.look is not None
-        alpha = alpha or (piece.look is not None and piece.look.material.alpha_mode != OPAQUE)
+        alpha = alpha or (piece.look is not None and any(m.alpha_mode != OPAQUE for m in piece.look.materials))
         shape = piece.vertices.shape[0], faces_of(piece), 3
         colours.append(np.broadcast_to(piece.colour, shape).reshape(-1, 3))
     return survey.bounds(), np.concatenate(colours), looks, alpha

@@ -8,6 +8,7 @@ field and invent defaults for required fields. They need 2.8 s for 0.4 MB that `
 - draco: compressed meshes; ignored: what is left out, in one line
 - accessors: numbers in buffers; primitives: triangles, strips and fans
 - nodes, animation: world matrices of nodes, and keyframes over time
+- runs: small primitives that are placed as one
 - deform: morph targets and skins
 - materials: base colours; views: cameras and lights
 """

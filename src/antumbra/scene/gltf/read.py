@@ -1,6 +1,7 @@
 """A glTF file as the source of a scene."""
 
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,6 +29,7 @@ from .nodes import (
     world_matrices,
 )
 from .primitives import Primitive, read_primitive
+from .runs import runs_of
 from .views import Views
 
 MAX_TRIANGLES = 2**31 - 1
@@ -40,6 +42,7 @@ class Draw(NamedTuple):
     first: int  # the object of the first copy
     node: int
     primitives: list[Primitive]
+    runs: list[Primitive]  # the primitives, with runs of small ones joined
     weights: np.ndarray  # (t,) float64, weights of the morph targets at rest
     skin: Skin | None
     copies: np.ndarray | None  # (k, 4, 4) float64, transforms of EXT_mesh_gpu_instancing within the node
@@ -73,16 +76,19 @@ class GltfSource:
         self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
 
     def pieces(self, time: float) -> Iterator[Piece]:
-        for placed in self.placed(time):
+        for placed in self._placed(time, joined=True):
             mesh = placed.primitive.mesh
             where, first, linear = placed.primitive.where, placed.first, placed.linear
             yield Piece(placed.vertices, mesh.faces, mesh.colour, where, first=first, look=mesh.look, linear=linear)
 
     def placed(self, time: float) -> Iterator["Placed"]:
         """The primitives at their nodes, in the order of `pieces`."""
+        return self._placed(time, joined=False)
+
+    def _placed(self, time: float, joined: bool) -> Iterator["Placed"]:
         world, weights = self._pose(time)
         for draw in self._draws:
-            for primitive in draw.primitives:
+            for primitive in draw.runs if joined else draw.primitives:
                 skinned = draw.skin is not None and primitive.joints is not None
                 positions = morphed(primitive, weights.get(draw.node, draw.weights))
                 at = draw.first
@@ -138,6 +144,19 @@ class _Mesh:
             raise InputError(f"{fields.where} has primitives with different numbers of morph targets")
         self.n_targets = counts.pop() if counts else 0
         self._primitives: list[Primitive] | None = None
+        self._skins: set[int] = set()  # those that fit
+
+    @cached_property
+    def runs(self) -> list[Primitive]:
+        """The primitives that were read, with runs of small ones joined."""
+        return runs_of(self._primitives or [])
+
+    def check_skin(self, index: int, skin: Skin) -> None:
+        """Raise InputError if a primitive that was read uses joints that the skin does not have."""
+        if index not in self._skins:
+            for primitive in self._primitives or ():
+                check_skin(primitive, skin)
+            self._skins.add(index)
 
     def primitives(self, accessors: Accessors, materials: Materials) -> list[Primitive]:
         if self._primitives is None:
@@ -159,10 +178,11 @@ def _draws(document: Document, accessors, materials, nodes: Nodes, meshes, held)
         index = fields.whole("skin", None, high=len(skins))
         skin = None if index is None else skins[index]
         if skin is not None:
-            for primitive in primitives:
-                check_skin(primitive, skin)
+            mesh.check_skin(index, skin)
         first = draws[-1].first + draws[-1].n_copies if draws else 0
-        draws.append(Draw(first, node, primitives, _weights(fields, mesh), skin, _copies(fields, accessors)))
+        copies = _copies(fields, accessors)
+        runs = mesh.runs if copies is None else primitives  # whose copies follow each other
+        draws.append(Draw(first, node, primitives, runs, _weights(fields, mesh), skin, copies))
     return draws
 
 
@@ -226,7 +246,7 @@ def _info(meshes: list[_Mesh], held, nodes: Nodes, draws: list[Draw]) -> tuple[l
 
 
 def _check_size(file: str, draws: list[Draw]) -> None:
-    total = sum(p.triangles * d.n_copies for d in draws for p in d.primitives)
+    total = sum(p.triangles * d.n_copies for d in draws for p in d.runs)
     if total > MAX_TRIANGLES:
         raise InputError(f"{file}: {total} triangles with all instances; at most {MAX_TRIANGLES} fit")
 
