@@ -159,7 +159,7 @@ def bake(given: BakeArguments) -> int:
         display.say("reading the scene")
         scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
         lights = _lights(given, asked, scene)
-        source = scene if spec.path is None or not baking.is_gltf(spec.path) or given.up is not None else spec.path
+        source = baking.Given(scene, spec.path if spec.path is not None and baking.is_gltf(spec.path) else None)
         start, keep = perf_counter(), engine or given.output.with_suffix(".parts")
         with quietly():
             made = baking.bake(source, given.output, given.what.value, lights=lights, keep=keep, **given.options())

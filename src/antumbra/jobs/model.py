@@ -4,8 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..scene.any_scene import AnyScene
 from ..scene.colour import srgb_to_linear
-from ..scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, packed, views_of
+from ..scene.framing import axes
+from ..scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, packed, upright, views_of
 from .picture import shown_scale, shown_values
 from .sensors import corners_of
 
@@ -13,7 +15,6 @@ LINES, TRIANGLES = 1, 4  # modes of glTF
 _UNLIT = "KHR_materials_unlit"
 _GREY = 0.35  # linear: surfaces without a value
 _LIFT = 0.02  # of its width: how far a patch lies off its surface
-_UP = {"y": None, "z": [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]}  # rotation of the node: glTF has +Y up
 
 
 class Part(NamedTuple):
@@ -46,22 +47,22 @@ def coloured_model(table, name: str) -> bytes:
     soup = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
     parts = [Part(scene.name, corners.reshape(-1, 3), colours.reshape(-1, 3), soup)]
     if sensors.kind not in ("face", "vertex"):
-        parts.append(_squares(sensors, shown, scene.origin))
+        parts.append(_squares(sensors, shown, scene))
     told = {"column": name, "unit": table.columns[name].unit, "origin": scene.origin.tolist(), **table.about}
     told["scale"] = [float(scale.ticks[0]), float(scale.ticks[-1])]
     return glb(parts, scene.up, told)
 
 
-def _squares(sensors, colours: np.ndarray, origin: np.ndarray) -> Part:
-    """A square for each sensor, as large as its area, a little off its surface."""
+def _squares(sensors, colours: np.ndarray, scene: AnyScene) -> Part:
+    """A square for each sensor, as large as its area, a little off its surface; level if it has no normal."""
     n = len(sensors)
     width = np.sqrt(sensors.areas) if sensors.areas is not None else np.full(n, 1.0)
-    normals = sensors.normals if sensors.normals is not None else np.broadcast_to(np.eye(3)[1], (n, 3))
+    normals = sensors.normals if sensors.normals is not None else np.broadcast_to(axes(scene.up)[1], (n, 3))
     side = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     u = np.cross(side, normals)
     u *= (width / np.linalg.norm(u, axis=1) / 2.0)[:, None]
     v = np.cross(normals, u)
-    middle = sensors.points - origin + _LIFT * width[:, None] * normals
+    middle = sensors.points - scene.origin + _LIFT * width[:, None] * normals
     vertices = np.stack([middle - u - v, middle + u - v, middle + u + v, middle - u + v], 1)
     faces = 4 * np.arange(n, dtype=np.uint32)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
     return Part("sensors", vertices.reshape(-1, 3), colours.repeat(4, 0), faces.reshape(-1, 3))
@@ -85,12 +86,11 @@ def glb(parts: list[Part], up: str, extras: dict) -> bytes:
             "mode": part.mode,
         }
         meshes.append({"name": part.name, "primitives": [use]})
-    turned = {} if _UP[up] is None else {"rotation": _UP[up]}
     root = {
         "asset": {"version": "2.0", "generator": "antumbra", "extras": extras},
         "scene": 0,
         "scenes": [{"nodes": list(range(len(parts)))}],
-        "nodes": [{"name": part.name, "mesh": k, **turned} for k, part in enumerate(parts)],
+        "nodes": [{"name": part.name, "mesh": k, **upright(up)} for k, part in enumerate(parts)],
         "meshes": meshes,
         "materials": [{"doubleSided": True, "extensions": {_UNLIT: {}}}],
         "accessors": accessors,

@@ -5,14 +5,13 @@ from collections.abc import Sequence
 from ...kernels.progress import Progress, followed
 from ...scene.lights import Light
 from ..engines import engine_of
-from .options import check, check_output, is_gltf, own_lights
-from .parts import read_parts
+from .options import check, check_output, own_lights
 from .report import Baked, Clock
-from .sources import opened
+from .sources import Given, given, is_gltf, opened
 from .write_textures import bake_textures
 from .write_vertices import bake_vertices
 
-__all__ = ["Baked", "bake", "check", "check_output", "is_gltf"]
+__all__ = ["Baked", "Given", "bake", "check", "check_output", "is_gltf"]
 
 
 @followed
@@ -20,7 +19,7 @@ def bake(
     scene, output, what: str = "ao", *, lights: Sequence[Light] | Light | None = None, radius: float | None = None,
     spp: int = 256, attribute: str | None = None, multiply: bool = False, texture: int | None = None,
     uv: int | None = None, bits: int = 8, exr: bool = False, denoise: bool = False, exposure: float | None = None,
-    keep_hidden: bool = False, time: float = 0.0, up: str = "y", plan: str | None = None,
+    keep_hidden: bool = False, time: float = 0.0, up: str | None = None, plan: str | None = None,
     sampler: str = "hammersley", threads: int | None = None, keep=None, progress: Progress = None,
 ) -> Baked:  # fmt: skip
     """Measure what the surfaces of a scene receive, and write it into a copy of its glTF file.
@@ -30,8 +29,9 @@ def bake(
 
     Parameters
     ----------
-    scene : path, or Scene
-        A `Scene` from `load` has its triangles and colours; pass the path of a glTF file to keep the file's contents.
+    scene : path, Scene, or a mesh as `load` takes it
+        Pass the path of a glTF file to keep the file's contents. Of any other scene, triangles and base colours are
+        written.
     output : str or path-like
         A .glb file.
     what : {"ao", "shadow", "sun", "light", "bent-normal"}
@@ -39,8 +39,8 @@ def bake(
         lights that is visible. ``sun``: the same of one sun, times the cosine. ``light``: the irradiance of all
         lights, linear RGB. ``bent-normal``: the mean open direction.
     lights : lights, optional
-        For shadow, sun and light. None: `Scene.default_lights`. `AmbientOcclusion` among the
-        lights of ``light`` is a sky.
+        For shadow, sun and light, in the scene's own coordinates, whichever axis points up. None:
+        `Scene.default_lights`. `AmbientOcclusion` among the lights of ``light`` is a sky.
     radius : float, optional
         For ao and bent-normal: blockers farther away do not count, in world units. None: all count.
     spp : int
@@ -66,8 +66,9 @@ def bake(
         Keep the values of points inside solids. Otherwise visible points nearby replace them.
     time : float
         Seconds into the animation.
-    up : {"y", "z"}
-        The axis that points up in a file that is not glTF.
+    up : {"y", "z"}, optional
+        The axis that points up in a file, as for `load`. Default lights follow it. The glTF file that is made of
+        another scene is turned so that +Y points up; a glTF file stays as it is.
     plan, sampler, threads
         As in `render`. On a hemisphere ``hammersley`` has half the error of the default of pictures.
     keep : str, path-like or engine, optional
@@ -88,15 +89,15 @@ def bake(
     output = check_output(output)
     options = check(
         what, lights=lights, radius=radius, spp=spp, attribute=attribute, multiply=multiply, texture=texture, uv=uv,
-        bits=bits, exr=exr, denoise=denoise, exposure=exposure, keep_hidden=keep_hidden, time=time, up=up, plan=plan,
+        bits=bits, exr=exr, denoise=denoise, exposure=exposure, keep_hidden=keep_hidden, time=time, plan=plan,
         sampler=sampler, threads=threads,
     )  # fmt: skip
     clock = Clock()
-    with opened(scene, time, up) as (found, asset):
-        asked = options.asked if options.asked.lights else options.asked._replace(lights=own_lights(found, what, time))
-        options = options._replace(asked=asked)
-        parts = read_parts(found, asset, time)
-        clock.lap("read")
-        job = bake_textures if options.texture else bake_vertices
-        made = job(found, asset, parts, options, output, clock, engine_of(keep))
-        return made  # type: ignore[return-value]  # None: a shard, of a command
+    source = opened(scene if isinstance(scene, Given) else given(scene, up), time)
+    if not options.asked.lights:
+        own = own_lights(source.scene, what, time)
+        options = options._replace(asked=options.asked._replace(lights=own))
+    clock.lap("read")
+    job = bake_textures if options.texture else bake_vertices
+    made = job(source, options, output, clock, engine_of(keep))
+    return made  # type: ignore[return-value]  # None: a shard, of a command

@@ -9,7 +9,6 @@ from ...checks import number, whole_number
 from ...errors import InputError
 from ...extras import needed
 from ...image.tonemap import automatic_exposure
-from ...loading import GLTF_SUFFIXES
 from ...output import checked_output
 from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.sampling import sample_sets
@@ -36,7 +35,6 @@ class Options(NamedTuple):
     denoise: bool
     exposure: float | None
     keep_hidden: bool
-    up: str
 
 
 def own_lights(scene: Scene, what: str, time: float) -> list[Light]:
@@ -61,14 +59,9 @@ def check_output(path) -> Path:
     return checked_output(path, (".glb",))
 
 
-def is_gltf(path: Path) -> bool:
-    """Whether a file is glTF, whose contents a bake keeps."""
-    return path.suffix.lower() in GLTF_SUFFIXES
-
-
 def check(
     what, *, lights, radius, spp, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden, time,
-    plan, sampler, threads, up="y",
+    plan, sampler, threads,
 ) -> Options:  # fmt: skip
     """The arguments of `bake`, checked as far as no scene is needed. Raises InputError."""
     if what not in QUANTITIES:
@@ -98,7 +91,7 @@ def check(
     if exposure is not None:
         exposure = number(exposure, "exposure", 0.0, np.inf)
     asked = Asked(what, lights, spp, sampler, plan, time, threads)
-    return Options(asked, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden, up)
+    return Options(asked, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden)
 
 
 def _checked_lights(what: str, lights, radius) -> list[Light]:

@@ -1,55 +1,92 @@
-"""The glTF file that a bake edits: the input itself, or one that is made of another scene."""
+"""What a bake measures, and the glTF file that it edits: the input itself, or one that is made of another scene."""
 
+import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from ...loading import GLTF_SUFFIXES, load
 from ...scene.any_scene import AnyScene
+from ...scene.framing import axes
 from ...scene.gltf.accessors import Accessors
 from ...scene.gltf.document import open_document
+from ...scene.gltf.pack import upright
 from ...scene.scene import Scene
+from ...store.scene import PagedScene
 from .asset import Asset, open_asset
+from .parts import Part, read_parts
 
 _INSTANCING = "EXT_mesh_gpu_instancing"
 _PROPERTIES = {"TRANSLATION": ("VEC3", "translation"), "ROTATION": ("VEC4", "rotation"), "SCALE": ("VEC3", "scale")}
-_UPRIGHT = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]  # the rotation that turns +Z to +Y
 _MOST_MATERIALS = 256
 
 
-@contextmanager
-def opened(scene, time: float, up: str = "y") -> Iterator[tuple[Scene, Asset]]:
-    """A scene whose source is a glTF file, and that file to edit.
+class Given(NamedTuple):
+    """A scene to bake, and the glTF file that it comes from."""
 
-    scene : path, or Scene; anything but a glTF file is written as one first, as it is at `time`
+    scene: AnyScene
+    file: Path | None  # whose contents the bake keeps; None: a file is made of the scene
+
+
+class Opened(NamedTuple):
+    """A scene, and a glTF file of it to edit."""
+
+    scene: Scene  # as it was given: all rays are traced in it, so lights are those of its frame
+    asset: Asset
+    parts: list[Part]  # of the asset, in the frame of the scene
+
+
+def given(scene, up: str | None = None) -> Given:
+    """A scene, or the scene of a path or mesh. Raises InputError if it cannot be read."""
+    if isinstance(scene, AnyScene):
+        return Given(scene, None)
+    found = load(scene, up=up)
+    return Given(found, Path(scene) if isinstance(scene, (str, os.PathLike)) and is_gltf(Path(scene)) else None)
+
+
+def is_gltf(path: Path) -> bool:
+    """Whether a file is glTF, whose contents a bake keeps."""
+    return path.suffix.lower() in GLTF_SUFFIXES
+
+
+def opened(source: Given, time: float) -> Opened:
+    """The file to edit, and its parts at a time. A scene that is no glTF file is written as one first.
 
     Raises
     ------
     InputError
-        If the scene cannot be read, or is in a store.
+        If the file cannot be read, or the scene is in a store.
     """
-    path = None if isinstance(scene, AnyScene) else Path(scene)
-    if path is not None and path.suffix.lower() in GLTF_SUFFIXES and up == "y":
-        found: Any = load(path)  # a Scene: no store is a glTF file
-        asset = open_asset(path)
-        if not _has_copies(asset):
-            yield found, asset
-            return
-        _give_nodes(asset, path)
-    else:
-        found = scene if path is None else load(path, up=up)
-        if not isinstance(found, Scene):
-            raise found.refusal()
-        asset = asset_of(found, time)
+    file, scene = source.file, source.scene
+    if not isinstance(scene, Scene):
+        raise cast(PagedScene, scene).refusal()
+    if file is None:
+        asset = asset_of(scene, time)
+        parts = read_parts(_read_again(asset, scene.name), asset, time)
+        return Opened(scene, asset, parts if scene.up == "y" else [_turned(part, axes(scene.up)) for part in parts])
+    asset, read = open_asset(file), scene
+    if _has_copies(asset):
+        _give_nodes(asset, file)
+        read = _read_again(asset, scene.name)
+    return Opened(scene, asset, read_parts(read, asset, time))
+
+
+def _read_again(asset: Asset, name: str) -> Scene:
+    """The scene of an asset, whose faces are those of its primitives."""
     with tempfile.TemporaryDirectory(prefix="antumbra-") as folder:
-        written = Path(folder) / f"{path.stem if path else found.name}.glb".replace("/", "-")
+        written = Path(folder) / f"{name}.glb".replace("/", "-")
         written.write_bytes(asset.glb())
-        found = load(written)
-        yield found, asset
+        found: Any = load(written, up="y")  # a Scene: no store is a glTF file
+        return found
+
+
+def _turned(part: Part, frame: np.ndarray) -> Part:
+    """A part in the frame of a scene whose right, up and backward axes are the rows of `frame`."""
+    return part._replace(
+        positions=part.positions @ frame, normals=part.normals @ frame, linear=frame.T @ part.linear
+    )  # fmt: skip
 
 
 def asset_of(scene: Scene, time: float) -> Asset:
@@ -58,7 +95,7 @@ def asset_of(scene: Scene, time: float) -> Asset:
     root: dict = {"name": scene.name, "translation": scene.origin.tolist(), "children": []}
     nodes = [asset.add("nodes", root)]
     if scene.up == "z":
-        nodes = [asset.add("nodes", {"name": "upright", "rotation": _UPRIGHT, "children": nodes})]
+        nodes = [asset.add("nodes", {"name": "upright", "children": nodes, **upright(scene.up)})]
     asset.json["scenes"] = [{"nodes": nodes}]
     materials: dict[bytes, int] = {}
     for piece in scene.source.pieces(scene.clamped(time)):

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from ...output import replacing
-from ...scene.scene import Scene
 from ..engines import Engine
 from .asset import Asset
 from .base import base_texels
@@ -17,15 +16,15 @@ from .hidden import Solids
 from .images import encoded, png_of, save_exr
 from .measure import Meter
 from .options import Options, exposure_of
-from .parts import Part, accessors_of, to_local
+from .parts import accessors_of, to_local
 from .report import Baked, Clock
+from .sources import Opened
 from .textures import Texels, image_of, seam_differences
 
 
-def bake_textures(
-    scene: Scene, asset: Asset, parts: list[Part], options: Options, output: Path, clock: Clock, engine: Engine
-) -> Baked | None:
+def bake_textures(source: Opened, options: Options, output: Path, clock: Clock, engine: Engine) -> Baked | None:
     """Measure the texels of all sheets, and write the files; None if the engine leaves texels to others."""
+    scene, asset, parts = source
     accessors, size = accessors_of(asset, scene.name), options.texture
     assert size is not None
     sheets = atlas(parts, size) if options.uv is None else existing(parts, accessors, options.uv, size)

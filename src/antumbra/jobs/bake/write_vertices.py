@@ -5,22 +5,20 @@ from pathlib import Path
 import numpy as np
 
 from ...output import replacing
-from ...scene.scene import Scene
 from ..engines import Engine
-from .asset import Asset
 from .edit import all_rows, change_materials, make_unlit, own_primitives, write_colours
 from .hidden import Solids
 from .measure import Measurement, Meter, curve_blocks
 from .options import Options, exposure_of
 from .parts import Part, accessors_of, to_local
 from .report import Baked, Clock
+from .sources import Opened
 from .vertices import receivers_of, replace_hidden
 
 
-def bake_vertices(
-    scene: Scene, asset: Asset, parts: list[Part], options: Options, output: Path, clock: Clock, engine: Engine
-) -> Baked | None:
+def bake_vertices(source: Opened, options: Options, output: Path, clock: Clock, engine: Engine) -> Baked | None:
     """Measure the vertices of all parts, and write the file; None if the engine leaves vertices to others."""
+    scene, asset, parts = source
     meter = Meter(scene, options.asked, sum(len(p.positions) for p in parts))
     receivers = receivers_of(parts)
     measured = Measurement(meter, receivers, curve_blocks(receivers.positions), False, engine.folder)

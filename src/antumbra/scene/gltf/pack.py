@@ -13,6 +13,17 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 """`target` of a buffer view with vertices, and with indices."""
 
 
+_UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # by columns
+
+
+def upright(up: str) -> dict:
+    """The transform of a node that turns the up axis of a scene, "y" or "z", to +Y, as glTF has it.
+
+    It is a matrix and no quaternion, because square roots of 1/2 would round the coordinates.
+    """
+    return {"matrix": _UPRIGHT} if up == "z" else {}
+
+
 def views_of(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict:
     """The keys `bufferViews` and `buffers` of a file whose arrays follow each other."""
     starts = np.cumsum([0, *(block.nbytes for block in blocks)]).tolist()
