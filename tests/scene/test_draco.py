@@ -58,8 +58,3 @@ def test_without_the_library_the_cure_is_named(tmp_path, monkeypatch):
         at.InputError, match=r"compressed with Draco, needs DracoPy: pip install 'antumbra\[compressed\]'"
     ):
         at.load(textured(True).write(tmp_path))
-
-
-def test_a_bake_asks_for_a_file_that_is_not_compressed(tmp_path):
-    with pytest.raises(at.InputError, match="compressed with Draco; decompress it first"):
-        at.bake(textured(True).write(tmp_path), tmp_path / "out.glb", spp=1)

@@ -1,6 +1,7 @@
 """A glTF file that is edited: its JSON, and its buffers as one binary chunk, to which data are appended.
 
-What is in the file stays as it is, byte for byte. Only the JSON objects that a bake concerns are changed.
+What is in the file stays as it is, byte for byte. Only the JSON objects that a bake concerns are changed, and what they
+alone used is left out.
 """
 
 import copy
@@ -11,9 +12,12 @@ import numpy as np
 
 from ...errors import InputError
 from ...scene.files import sibling
-from ...scene.gltf.accessors import COMPONENTS, WIDTHS
+from ...scene.gltf.accessors import COMPONENTS, WIDTHS, Accessors
 from ...scene.gltf.document import CURE, Document, is_data_uri, open_document
+from ...scene.gltf.draco import EXTENSION as DRACO
+from ...scene.gltf.draco import decompress
 from ...scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, assembled
+from .prune import LISTS, pruned, used_in
 
 _CODES = {np.dtype(kind): code for code, kind in COMPONENTS.items()}
 _TYPES = {width: name for name, width in WIDTHS.items() if name != "MAT4"}
@@ -32,6 +36,7 @@ class Asset:
 
     def __init__(self, json: dict, binary: bytearray):
         self.json, self.binary = json, binary
+        self._given, self._used = {name: len(json.get(name, [])) for name in LISTS}, used_in(json)
 
     def objects(self, key: str) -> list[dict]:
         """A list at the top of the JSON, which is made if it is missing."""
@@ -54,7 +59,21 @@ class Asset:
 
         bounds : write min and max, which POSITION needs
         """
-        values = np.ascontiguousarray(values)
+        fields = self._stored(np.ascontiguousarray(values), indices)
+        if normalized:
+            fields["normalized"] = True
+        if bounds:
+            fields |= _bounds(values)
+        return self.add("accessors", fields)
+
+    def fill(self, index: int, values: np.ndarray, indices: bool) -> None:
+        """Give an accessor of the file values, (n, k), in their dtype."""
+        accessor = self.json["accessors"][index]
+        accessor.pop("byteOffset", None)
+        accessor |= self._stored(np.ascontiguousarray(values), indices) | (_bounds(values) if "min" in accessor else {})
+
+    def _stored(self, values: np.ndarray, indices: bool) -> dict:
+        """Append the rows of `values`; the fields of their accessor."""
         width, row = (values.shape[1], values[0].nbytes) if values.ndim > 1 else (1, values.itemsize)
         more = {} if indices or row % 4 == 0 else {"byteStride": row + -row % 4}
         if more:  # rows of vertex attributes begin at multiples of four bytes
@@ -64,13 +83,12 @@ class Asset:
         else:
             data = values.tobytes()
         view = self.view(data, **more, target=ELEMENT_ARRAY_BUFFER if indices else ARRAY_BUFFER)
-        fields: dict = {"bufferView": view, "componentType": _CODES[values.dtype], "count": len(values)}
-        fields["type"] = _TYPES[width]
-        if normalized:
-            fields["normalized"] = True
-        if bounds:
-            fields |= {"min": values.min(0).tolist(), "max": values.max(0).tolist()}
-        return self.add("accessors", fields)
+        return {
+            "bufferView": view,
+            "componentType": _CODES[values.dtype],
+            "count": len(values),
+            "type": _TYPES[width],
+        }
 
     def texture(self, png: bytes, name: str) -> int:
         """Append a PNG as a texture whose edges are clamped."""
@@ -84,15 +102,28 @@ class Asset:
         if extension not in used:
             used.append(extension)
 
+    def uses_no_more(self, extension: str) -> None:
+        """Take an extension from those that the file uses."""
+        for key in ("extensionsUsed", "extensionsRequired"):
+            if extension in self.json.get(key, []):
+                self.json[key].remove(extension)
+                if not self.json[key]:
+                    del self.json[key]
+
     def glb(self) -> bytes:
-        """The file as binary glTF."""
-        self.objects("buffers")[:] = [{**(self.objects("buffers") or [{}])[0], "byteLength": len(self.binary)}]
-        text = json.dumps(self.json, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
-        return assembled(text, bytes(self.binary))
+        """The file as binary glTF, without what edits left unused."""
+        root, binary = pruned(self.json, bytes(self.binary), self._given, self._used)
+        root["buffers"] = [{**(root.get("buffers") or [{}])[0], "byteLength": len(binary)}]
+        text = json.dumps(root, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
+        return assembled(text, binary)
+
+
+def _bounds(values: np.ndarray) -> dict:
+    return {"min": values.min(0).tolist(), "max": values.max(0).tolist()}
 
 
 def open_asset(path: Path) -> Asset:
-    """A .glb or .gltf file, with all its buffers in one, and the images beside it in the buffer.
+    """A .glb or .gltf file, with all its buffers in one, and the images beside it in the buffer; nothing is compressed.
 
     Raises
     ------
@@ -100,8 +131,6 @@ def open_asset(path: Path) -> Asset:
         If it cannot be read, or a buffer has no data.
     """
     document = open_document(path)
-    if "KHR_draco_mesh_compression" in document.root.texts("extensionsUsed"):
-        raise InputError(f"{document.file}: the meshes are compressed with Draco; {CURE}")
     asset = Asset(copy.deepcopy(document.root.data), bytearray())
     starts = [_append(asset.binary, buffer, document.file, i) for i, buffer in enumerate(document.buffers)]
     for view in asset.json.get("bufferViews", []):
@@ -115,6 +144,7 @@ def open_asset(path: Path) -> Asset:
         asset.json["buffers"] = [{k: v for k, v in asset.json["buffers"][0].items() if k != "uri"}]
     for image in asset.json.get("images", []):
         _embed(asset, image, document)
+    _decompress(asset, document)
     return asset
 
 
@@ -136,3 +166,18 @@ def _embed(asset: Asset, image: dict, document: Document) -> None:
     if path.is_file() and path.suffix.lower() in _MIME:
         del image["uri"]
         image |= {"mimeType": _MIME[path.suffix.lower()], "bufferView": asset.view(path.read_bytes())}
+
+
+def _decompress(asset: Asset, document: Document) -> None:
+    """Give accessors the values that Draco has compressed. The extension goes: baked attributes are not in its data."""
+    accessors = Accessors(document)
+    for mesh, of_mesh in zip(asset.json.get("meshes", []), document.root.objects("meshes")):
+        for primitive, fields in zip(mesh["primitives"], of_mesh.objects("primitives")):
+            if fields.extension(DRACO) is None:
+                continue
+            for index in decompress(fields, accessors):
+                asset.fill(index, accessors.stored(index), index == primitive["indices"])
+            del primitive["extensions"][DRACO]
+            if not primitive["extensions"]:
+                del primitive["extensions"]
+    asset.uses_no_more(DRACO)

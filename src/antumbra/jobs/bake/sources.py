@@ -164,8 +164,4 @@ def _give_nodes(asset: Asset, path: Path) -> None:
         del node["mesh"]
         if not node["extensions"]:
             del node["extensions"]
-    for key in ("extensionsUsed", "extensionsRequired"):
-        if key in asset.json:
-            asset.json[key] = [name for name in asset.json[key] if name != _INSTANCING]
-            if not asset.json[key]:
-                del asset.json[key]
+    asset.uses_no_more(_INSTANCING)

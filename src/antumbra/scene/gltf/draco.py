@@ -12,8 +12,10 @@ EXTENSION = "KHR_draco_mesh_compression"
 _TRIANGLES = 4
 
 
-def decompress(primitive: Fields, accessors: Accessors) -> None:
-    """Give the accessors of a compressed primitive their values. Does nothing if the file has them uncompressed too.
+def decompress(primitive: Fields, accessors: Accessors) -> list[int]:
+    """Give the accessors of a compressed primitive their values, and return which these are.
+
+    None are if the file has them uncompressed too.
 
     Raises
     ------
@@ -23,7 +25,7 @@ def decompress(primitive: Fields, accessors: Accessors) -> None:
     packed = primitive.extension(EXTENSION)
     attributes = primitive.mapping("attributes", len(accessors))
     if packed is None or "POSITION" not in attributes or accessors.has_data(attributes["POSITION"]):
-        return
+        return []
     if primitive.whole("mode", _TRIANGLES) != _TRIANGLES:
         raise InputError(f"{primitive.where} is a compressed strip; {CURE}")
     library = needed("DracoPy", f"{primitive.where}, compressed with Draco,", "compressed")
@@ -43,3 +45,4 @@ def decompress(primitive: Fields, accessors: Accessors) -> None:
         ) from error
     for index, values in found.items():
         accessors.supply(index, values)
+    return list(found)
