@@ -1,8 +1,8 @@
 """The room that a scene encloses, and a camera inside it, for scenes that look like a box from outside.
 
 A scene is looked at from outside, and in all directions from a few points inside. It is a room if the surfaces around
-such a point face it, and show more triangles than the view from outside does. All views are small rasterised pictures,
-so no BVH is built.
+such a point face it, and show more triangles than the view from outside does. What a closed box encloses, such as a sky
+box, is always looked at from inside the box. All views are small rasterised pictures, so no BVH is built.
 """
 
 from typing import NamedTuple
@@ -13,10 +13,12 @@ from ..scene.camera import Camera
 from ..scene.framing import axes
 from ..scene.lights import tangents
 from ..scene.room import Room
-from ..scene.sampled import MOST
+from ..scene.sampled import MOST, detail, moving_faces
 from ..scene.scene import Scene
 from ..scene.triangles import Triangles
+from ..scene.view import view_of_box
 from .see import see
+from .wrapping import Wrapping, content_room, unwrapped
 
 _OUTSIDE, _SIDE = 128, 48  # pixels across of the view from outside, and of a view from inside
 _RICH = 1500  # triangles that a view from outside shows; with more, it is the better view
@@ -41,18 +43,46 @@ class _Around(NamedTuple):
 def room_of(scene: Scene, outside: Camera, box: np.ndarray, threads: int | None = None) -> Room | None:
     """The room that a scene encloses at time 0; None if the scene is better seen from outside.
 
-    outside : a camera that shows the scene; box : (2, 3) float64, the extent of its detail
+    outside : a camera that shows the scene's detail; box : (2, 3) float64, the extent of this detail
     """
     triangles = scene.triangles(0.0, threads)
-    seen = see(triangles, outside.resized(_OUTSIDE, _OUTSIDE), None, threads)
-    shown = len(np.unique(seen.face[seen.side > 0]))
-    if shown >= _RICH:
+    wrapping = unwrapped(triangles, threads)
+    if wrapping is not None and scene.animated and not wrapping.holds(_moving(scene)):
+        wrapping = None
+    room = None if wrapping is None else content_room(wrapping, scene.up)
+    if room is not None:
+        return room
+    cameras = outside, view_of_box(scene.bounds, scene.up).camera(1, 1)
+    shown = max(_fronts(triangles, camera, threads) for camera in cameras)
+    if wrapping is None and shown >= _RICH:
         return None
     up = axes(scene.up)[1]
-    points = _tried(triangles, box, up)
+    if wrapping is not None:
+        box = detail(wrapping.sample) + scene.origin
+    points = _tried(triangles if wrapping is None else wrapping.content, box, up)
     places = [(point, _look_around(triangles, point, scene.up, threads)) for point in points]
     rooms = [place for place in places if _encloses(place[1], shown)]
+    if wrapping is not None:
+        rooms = [(point, _content(around, triangles, wrapping)) for point, around in rooms or places]
     return _room(*max(rooms, key=lambda place: _n_faces(place[1])), up) if rooms else None
+
+
+def _content(around: _Around, triangles: Triangles, wrapping: Wrapping) -> _Around:
+    """What is seen from a point, whose faces count only if they are inside a box."""
+    inside = np.zeros(len(triangles.vertices) + 1, bool)
+    inside[np.searchsorted(triangles.face_id, wrapping.content.face_id)] = True
+    return around._replace(facing=around.facing & inside[around.faces])
+
+
+def _moving(scene: Scene) -> np.ndarray:
+    """(k, 3) float64, recentred: corners of a sample of faces, at several moments."""
+    return moving_faces(scene.source, scene.n_triangles).reshape(-1, 3) - scene.origin
+
+
+def _fronts(triangles: Triangles, outside: Camera, threads: int | None) -> int:
+    """The number of triangles whose front sides a camera sees."""
+    seen = see(triangles, outside.resized(_OUTSIDE, _OUTSIDE), None, threads)
+    return len(np.unique(seen.face[seen.side > 0]))
 
 
 def _tried(triangles: Triangles, box: np.ndarray, up: np.ndarray) -> list[np.ndarray]:

@@ -49,10 +49,13 @@ def fitted_camera(points: np.ndarray, up: str, width: int, height: int) -> Camer
     return Camera(target + distance * back, target, axes(up)[1], VFOV, width, height)
 
 
-def orthographic_camera(points: np.ndarray, up: str, width: int, height: int, from_above: bool = False) -> Camera:
+def orthographic_camera(
+    points: np.ndarray, up: str, width: int, height: int, from_above: bool = False, gap: float = 1.0
+) -> Camera:
     """An orthographic camera that shows all `points` ((n, 3), world), with a small margin.
 
-    It looks as `fitted_camera` does, or straight down: then -z is up in the picture, or +y if z points up.
+    It looks as `fitted_camera` does, or straight down: then -z is up in the picture, or +y if z points up. Its rays
+    begin before the nearest point, by `gap` times the height of the picture.
     """
     right, upward, towards = axes(up)
     sideways, above, back = (right, -towards, upward) if from_above else _frame(points, up)
@@ -60,7 +63,7 @@ def orthographic_camera(points: np.ndarray, up: str, width: int, height: int, fr
     x, y, z = ((points - middle) @ np.stack([sideways, above, back], 1)).T
     extent = _MARGIN * max(np.ptp(y), np.ptp(x) * height / width, 1e-6 * max(float(np.abs(middle).max()), 1.0))
     target = middle + (x.min() + x.max()) / 2.0 * sideways + (y.min() + y.max()) / 2.0 * above
-    position = target + (z.max() + extent) * back
+    position = target + (z.max() + gap * extent) * back
     return Camera(position, target, above, width=width, height=height, projection="orthographic", extent=extent)
 
 

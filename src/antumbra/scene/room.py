@@ -11,6 +11,7 @@ class Room(NamedTuple):
     middle: np.ndarray  # (3,) float64, world: a point in the air
     eye: np.ndarray  # (3,) float64, world
     target: np.ndarray  # (3,) float64, world
-    vfov: float  # degrees
+    vfov: float  # degrees; with `points`, across a picture that is higher than wide
     open: bool  # whether much of the sky is seen from the middle
     height: float  # from the middle up to the ceiling; 0.0 without one
+    points: np.ndarray | None = None  # (k, 3) float64, world: what it shows from inside a closed box; None: its walls

@@ -20,7 +20,7 @@ from .sampled import detail, moving_faces, sampled_faces, within
 from .source import Source, StaticMeshes
 from .survey import Survey, faces_of, objects_of
 from .triangles import Triangles
-from .view import View, view_of_box
+from .view import View
 
 _MOMENTS = 25  # of an animation, at which its lowest point is looked for
 
@@ -181,8 +181,9 @@ class Scene(AnyScene):
     def _find_view(self) -> View:
         faces = moving_faces(self.source, self.n_triangles)
         box = detail(faces)
-        outside = view_of_box(self.bounds, self.up).camera(1, 1)
-        return View(within(faces, box), self.up, engine.answer("room_of", self, outside, box))
+        view = View(within(faces, box), self.up, None)
+        room = engine.answer("room_of", self, view.camera(1, 1), box)
+        return view._replace(room=room, points=view.points if room is None or room.points is None else room.points)
 
     def _view_at(self, time: float) -> View:
         if not self.animated or self.view.room is not None:

@@ -16,6 +16,7 @@ KINDS = "perspective", "orthographic", "top", "panoramic"
 _SUN_ELEVATION, _SUN_AZIMUTH = np.radians(48.0), np.radians(-70.0)  # the azimuth is from the viewer, to the left
 _SUN_WIDTH = 1.5  # degrees; a little softer than the sun's 0.53
 _SUN, _SUN_COLOUR = 4.5, (1.0, 0.95, 0.87)
+_INSIDE = 1e-3  # how near to its content an orthographic camera in a closed box is, as a share of the picture's height
 _LAMP_HEIGHT = 0.8  # share of the way from a room's middle to its ceiling, ...
 _LAMP_REACH = (
     0.6  # ... but at most this share of the way from the eye to the target: in a shaft it lights the walls too
@@ -34,8 +35,15 @@ class View(NamedTuple):
     def camera(self, width: int, height: int) -> Camera:
         """The default camera for a size in pixels."""
         if self.room is not None:
-            return Camera(self.room.eye, self.room.target, axes(self.up)[1], self.room.vfov, width, height)
+            return Camera(self.room.eye, self.room.target, axes(self.up)[1], self._lens(width, height), width, height)
         return fitted_camera(self.points, self.up, width, height)
+
+    def _lens(self, width: int, height: int) -> float:
+        """The vertical field of view in a room, degrees."""
+        assert self.room is not None
+        if self.room.points is None or width >= height:
+            return self.room.vfov
+        return float(2.0 * np.degrees(np.arctan(np.tan(np.radians(self.room.vfov) / 2.0) * height / width)))
 
     def other_camera(self, kind: str, width: int, height: int) -> Camera:
         """The default camera of another kind in `KINDS`; "top" is an orthographic one that looks straight down."""
@@ -45,7 +53,9 @@ class View(NamedTuple):
                 middle = self.room.middle
                 camera = Camera(middle, middle + camera.axes[2], camera.up, width=width, height=height)
             return camera.panoramic()
-        return orthographic_camera(self.points, self.up, width, height, from_above=kind == "top")
+        wrapped = self.room is not None and self.room.points is not None
+        gap = _INSIDE if wrapped else 1.0
+        return orthographic_camera(self.points, self.up, width, height, kind == "top", gap)
 
     def lights(self) -> list[Light]:
         """Sun and sky; in a closed room a lamp below the ceiling."""
