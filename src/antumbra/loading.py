@@ -37,8 +37,9 @@ def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool =
         A store, .antumbra, made by `antumbra build`. Or a mesh of trimesh, pyvista, meshio or Open3D, see
         `Scene.from_mesh`.
     up : "y" or "z", optional
-        The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON, "y"
-        for others. A store has its own axis.
+        The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON, and
+        for other files whose floors and roofs face z, with a note; "y" for the rest, and for meshes of other libraries.
+        A store has its own axis.
     lod : str, optional
         Level of detail of CityJSON, such as "2.2". None: the highest of each object. An object whose parts have a
         higher one, such as a Building of BuildingParts, is left to these parts.

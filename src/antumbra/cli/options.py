@@ -32,7 +32,11 @@ class CullFaces(StrEnum):
 
 
 UpOption = Annotated[
-    Up | None, typer.Option(help="Which axis of the file points up.  [default: y; z for CityJSON]", show_default=False)
+    Up | None,
+    typer.Option(
+        help="Which axis of the file points up.  [default: z for CityJSON, and if floors and roofs face z; else y]",
+        show_default=False,
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, and nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]

@@ -9,7 +9,7 @@
 - accelerate: builds and prepares the structure that a plan's tracer takes; srdh_rays: the rays shown to builders
 - choosing: the trees of the plan `auto`; ray_trees: those of ray lists; looking: rasterisation or camera rays
 - building: `build_store`; explanation, comparison, culling_picture: pictures of the work of plans
-- room: whether a scene encloses a room, and a camera inside it
+- room: whether a scene encloses a room, and a camera inside it; wrapping: what a closed box encloses
 - moments, windows: their queries, and tests in parts of a picture
 - ready: compiles kernels before anything is timed; render_jobs: the jobs of frames; warm: the list of all jobs
 """
