@@ -9,6 +9,7 @@ import pytest
 import antumbra as at
 from antumbra.image.heatmap import heat_colours
 from antumbra.jobs.model import LINES, Part, glb
+from antumbra.jobs.table import Column, Table
 from antumbra.scene.colour import srgb_to_linear
 from result_tables import table
 
@@ -61,6 +62,19 @@ def test_squares_have_the_areas_of_sensors(tmp_path):
     across = np.cross(u, v)
     assert np.allclose(np.linalg.norm(across, axis=1), made.sensors.areas, rtol=1e-4)
     assert (np.einsum("ij,ij->i", across, made.sensors.normals) > 0).all()
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_models_are_turned_exactly_and_points_are_level_squares(tmp_path, up):
+    corners = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0, -0.7]])
+    corners = corners if up == "y" else corners[..., [0, 2, 1]] * (1, -1, 1)
+    made = Table(
+        at.point_sensors([[5, 5, 5]]), {"count": Column(np.ones(1), "", "")}, {}, at.Scene.from_arrays(corners, up=up)
+    )
+    saved(made, tmp_path)
+    read = at.load(tmp_path / "a.glb").triangles()
+    world = read.vertices.astype(float) + read.origin
+    assert world[0, :, 1].tolist() == [0, 0, 0] and np.ptp(world[1:, :, 1]) == 0.0  # +Y is up in glTF
 
 
 def test_lines():

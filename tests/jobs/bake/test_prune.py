@@ -118,6 +118,8 @@ def test_a_bake_reads_draco(tmp_path, options):
     for key in ("vertices", "origin"):
         a, b = (getattr(at.load(p).triangles(), key) for p in (path, tmp_path / "out.glb"))
         np.testing.assert_array_equal(a, b)
+    position = glb.json["accessors"][glb.primitive()["attributes"]["POSITION"]]
+    assert position["min"] == glb.attribute("POSITION").min(0).tolist()
     if not options:
         np.testing.assert_array_equal(at.load(path).appearance.uv, at.load(tmp_path / "out.glb").appearance.uv)
 

@@ -66,11 +66,12 @@ class Asset:
             fields |= _bounds(values)
         return self.add("accessors", fields)
 
-    def fill(self, index: int, values: np.ndarray, indices: bool) -> None:
+    def fill(self, index: int, values: np.ndarray, *, bounds: bool = False, indices=False) -> None:
         """Give an accessor of the file values, (n, k), in their dtype."""
         accessor = self.json["accessors"][index]
-        accessor.pop("byteOffset", None)
-        accessor |= self._stored(np.ascontiguousarray(values), indices) | (_bounds(values) if "min" in accessor else {})
+        for earlier in ("byteOffset", "min", "max"):
+            accessor.pop(earlier, None)
+        accessor |= self._stored(np.ascontiguousarray(values), indices) | (_bounds(values) if bounds else {})
 
     def _stored(self, values: np.ndarray, indices: bool) -> dict:
         """Append the rows of `values`; the fields of their accessor."""
@@ -176,7 +177,8 @@ def _decompress(asset: Asset, document: Document) -> None:
             if fields.extension(DRACO) is None:
                 continue
             for index in decompress(fields, accessors):
-                asset.fill(index, accessors.stored(index), index == primitive["indices"])
+                place = {"bounds": primitive["attributes"]["POSITION"], "indices": primitive["indices"]}
+                asset.fill(index, accessors.stored(index), **{name: index == own for name, own in place.items()})
             del primitive["extensions"][DRACO]
             if not primitive["extensions"]:
                 del primitive["extensions"]
