@@ -5,7 +5,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from ..errors import InputError
@@ -90,6 +89,7 @@ def viewshed(given: ViewshedArguments) -> int:
 
     from ..jobs.formats import writer_of
     from ..jobs.readsensors import check_sensors, kind_of, sensors_of
+    from ..jobs.rowfile import write_rows
     from ..jobs.sight.viewshed import viewshed as seen_from
     from ..output import replacing
 
@@ -121,8 +121,8 @@ def viewshed(given: ViewshedArguments) -> int:
         for path in outputs:
             table.save(path, given.column)
         if bits is not None and found.bits is not None:
-            with replacing(bits) as temporary, open(temporary, "wb") as file:
-                np.save(file, found.bits)
+            with replacing(bits) as temporary:
+                write_rows(temporary, found.bits)
     answer = _answer(table, len(eyes), seconds)
     written = [str(path) for path in [*outputs, *([bits] if bits else [])]]
     if given.json:

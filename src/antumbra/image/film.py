@@ -72,6 +72,19 @@ def _encode(pictures, path: Path, fps: float, codec: str, options: list[str], pr
             writer.send(np.ascontiguousarray(_even(_pixels(picture))))
             if progress is not None:
                 progress(k + 1, len(pictures))
+    _check_whole(path, len(pictures))
+
+
+def _check_whole(path: Path, count: int) -> None:
+    """Raise an OSError unless a film has `count` pictures: nobody reports that ffmpeg failed, as on a full disk."""
+    import imageio_ffmpeg
+
+    try:
+        found, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+    except RuntimeError:  # it cannot be read at all
+        found = 0
+    if found != count:
+        raise OSError(f"ffmpeg wrote {found} of {count} pictures; is the disk full?")
 
 
 def _write_gif(pictures, path: Path, fps: float, progress) -> None:

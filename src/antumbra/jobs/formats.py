@@ -107,13 +107,22 @@ def _tiff(table, path: Path, column: str) -> None:
     place = rasterio.transform.from_origin(raster.west, raster.north, raster.spacing, raster.spacing)
     options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "compress": "deflate"}
     options |= {"transform": place, "crs": table.about.get("crs")}
-    with replacing(path) as temporary, rasterio.open(temporary, "w", **shape, **options) as file:
-        for band, name in enumerate(names, 1):
-            values = np.where(table.sensors.covered, table[name].astype(np.float32), np.float32(np.nan))
-            file.write(values.reshape(raster.rows, raster.columns), band)
-            file.set_band_description(band, name)
-            file.set_band_unit(band, table.columns[name].unit)
-        file.update_tags(antumbra=json.dumps(table.about))
+    with rasterio.MemoryFile() as memory:  # on a full disk, GDAL would print lines of its own
+        with memory.open(**shape, **options) as file:
+            _fill(file, table, names)
+        with replacing(path) as temporary:
+            temporary.write_bytes(memory.read())
+
+
+def _fill(file, table, names: list[str]) -> None:
+    """Write columns as the bands of an open GeoTIFF."""
+    raster = table.sensors.raster
+    for band, name in enumerate(names, 1):
+        values = np.where(table.sensors.covered, table[name].astype(np.float32), np.float32(np.nan))
+        file.write(values.reshape(raster.rows, raster.columns), band)
+        file.set_band_description(band, name)
+        file.set_band_unit(band, table.columns[name].unit)
+    file.update_tags(antumbra=json.dumps(table.about))
 
 
 def _png(table, path: Path, column: str) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..output import reserve
 
+_ROWS = 1 << 12  # rows that are copied at a time
 _HEADER = 128  # bytes, for any shape: numpy pads headers to 64
 
 
@@ -21,7 +22,7 @@ class RowFile:
     memory map: its pages would count as memory, and a full disk would end the process.
     """
 
-    def __init__(self, path: Path, shape: tuple[int, int]):
+    def __init__(self, path: Path, shape: tuple[int, ...]):
         self._file = open(path, "wb", buffering=0)  # noqa: SIM115 - closed by `__exit__`
         try:
             about = {"descr": "<u8", "fortran_order": False, "shape": shape}
@@ -51,3 +52,11 @@ class RowFile:
 
     def __exit__(self, *_) -> None:
         self._file.close()
+
+
+def write_rows(path: Path, rows: np.ndarray) -> None:
+    """Write a matrix, (n, words) uint64, as a .npy file."""
+    with RowFile(path, rows.shape) as file:
+        for first in range(0, len(rows), _ROWS):
+            some = rows[first : first + _ROWS]
+            file.put(np.arange(first, first + len(some)), some)

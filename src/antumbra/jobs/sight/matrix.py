@@ -16,7 +16,7 @@ from ...query.order import morton_codes
 from ...scene.any_scene import AnyScene
 from ..engines import engine_of
 from ..parts import Parts, about_parts, inexact
-from ..rowfile import RowFile, row_file_size
+from ..rowfile import RowFile, row_file_size, write_rows
 from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bitrows import reordered, transposed, unpacked, words_of
@@ -69,11 +69,12 @@ class VisibilityMatrix:
             If the suffix is another one, or the path cannot be written.
         """
         target = checked_output(path, (".npy", ".npz"))
-        with replacing(target) as temporary, open(temporary, "wb") as file:
-            if target.suffix.lower() == ".npz":
+        with replacing(target) as temporary:
+            if target.suffix.lower() == ".npy":
+                write_rows(temporary, self.bits)
+                return
+            with open(temporary, "wb") as file:
                 write_sparse(file, self.bits, self.columns, self.counts)
-            else:
-                np.save(file, self.bits)
 
 
 class _Grid(NamedTuple):
