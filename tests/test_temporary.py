@@ -9,7 +9,7 @@ import pytest
 
 from antumbra import InputError, temporary
 from antumbra.output import replacing
-from antumbra.temporary import remove_abandoned, temporary_name
+from antumbra.temporary import remove_abandoned, temporary_folder, temporary_name
 
 fcntl = pytest.importorskip("fcntl", reason="this system has no flock: Windows")
 DEAD = ".antumbra-0123456789ab"
@@ -25,7 +25,7 @@ with replacing(sys.argv[1]) as temporary:
 """
 BUSY = """
 import os, sys
-from antumbra.temporary import remove_abandoned, temporary_name
+from antumbra.temporary import remove_abandoned, temporary_folder, temporary_name
 
 for _ in range(200):
     with temporary_name(".") as path:
@@ -208,3 +208,34 @@ def test_a_folder_that_nobody_can_write_in(tmp_path):
     with pytest.raises(InputError, match=r"a\.png: cannot be written"), replacing(tmp_path / "gone" / "a.png"):
         raise AssertionError("there is no such folder")
     remove_abandoned(str(tmp_path / "gone"))
+
+
+# --- folders -----------------------------------------------------------------------------------------------------
+
+
+KILLED = """
+import os, signal
+from antumbra.temporary import temporary_folder
+
+with temporary_folder() as folder:
+    (folder / "model.glb").write_bytes(b"half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_path, monkeypatch):
+    env = {**os.environ, "TMPDIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", KILLED], env=env)
+    (left,) = tmp_path.iterdir()
+    assert files(left) == [".lock", "model.glb"]
+    (tmp_path / "antumbra-theirs00").mkdir()  # without a lock
+    monkeypatch.setattr(temporary.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(temporary, "_YOUNG", -1.0)
+    temporary._remove_abandoned_folders.cache_clear()
+    with temporary_folder() as folder:
+        assert set(files(tmp_path)) == {folder.name, "antumbra-theirs00"} and folder.stat().st_mode & 0o777 == 0o700
+        temporary._remove_abandoned_folders.cache_clear()
+        with temporary_folder() as other:
+            assert folder.exists() and other != folder
+    assert files(tmp_path) == ["antumbra-theirs00"]
+    temporary._remove_abandoned_folders.cache_clear()

@@ -10,6 +10,9 @@ The lock is a separate file because SMB and Windows forbid writing to a locked f
 import os
 import re
 import secrets
+import shutil
+import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -18,6 +21,9 @@ from pathlib import Path
 from .kernels.locks import lock
 
 _OURS = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
+_FOLDER = re.compile(r"antumbra-[a-z0-9_]{8}")  # as mkdtemp names it
+_HELD = ".lock"  # in a temporary folder: locked while its owner lives
+_YOUNG = 10.0  # seconds in which a folder without a locked file is not abandoned
 _TRIES = 3  # attempts to lock a name before a file is created without a lock
 
 
@@ -43,6 +49,49 @@ def temporary_name(folder: str | Path) -> Iterator[Path]:
             os.close(held)  # first, for Windows
             with suppress(OSError):
                 path.with_suffix(".lock").unlink()
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a new folder for this user among the temporary files, which is removed on exit.
+
+    The first call also removes the folders of this user that killed processes left.
+    """
+    parent = tempfile.gettempdir()
+    _remove_abandoned_folders(parent)
+    folder = tempfile.mkdtemp(prefix="antumbra-", dir=parent)
+    held = os.open(os.path.join(folder, _HELD), os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        with suppress(OSError):  # without locks, no process ever removes it
+            lock(held)
+        yield Path(folder)
+    finally:
+        os.close(held)  # first, for Windows
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@cache
+def _remove_abandoned_folders(parent: str) -> None:
+    with suppress(OSError), os.scandir(parent) as entries:
+        for entry in entries:
+            if _FOLDER.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False) and _is_own(entry):
+                with suppress(OSError):
+                    _remove_folder_if_abandoned(entry.path)
+
+
+def _is_own(entry: os.DirEntry) -> bool:
+    return not hasattr(os, "getuid") or entry.stat(follow_symlinks=False).st_uid == os.getuid()
+
+
+def _remove_folder_if_abandoned(folder: str) -> None:
+    """Remove a folder whose owner has ended; OSError if it is alive or cannot be determined."""
+    held = os.open(os.path.join(folder, _HELD), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    try:
+        if time.time() - os.fstat(held).st_mtime > _YOUNG:  # its owner may be about to lock it
+            lock(held)
+            shutil.rmtree(folder, ignore_errors=True)
+    finally:
+        os.close(held)
 
 
 @cache  # listing a folder with many thousand frames is slow

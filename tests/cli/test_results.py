@@ -86,7 +86,7 @@ def test_quick_values_give_way_to_those_of_the_user(cli, benches):
 def test_an_output_that_cannot_be_written(cli, benches, tmp_path):
     (tmp_path / "file").write_text("")
     cli("bench", "good", "--output", "file").refused("file")
-    cli("bench", "good", "--output", "no/such").refused("no/such", "choose another")
+    cli("bench", "good", "--output", "no/such").refused("no/such", "make it first")
     cli("bench", "bad", "--output", "new").refused("nothing to measure")
     cli("bench", "all", "--output", "file").refused("file")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

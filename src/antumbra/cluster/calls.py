@@ -5,12 +5,12 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..errors import InputError
 from ..jobs.engines import Asked
 from ..loading import load
+from ..temporary import temporary_folder
 from .engine import Cluster
 
 _OUTPUTS = "output", "matrix", "folder"
@@ -45,10 +45,10 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
     if "keep" not in inspect.signature(function).parameters:
         raise InputError(f"{function.__name__} has no parts; use sun_hours, visibility_matrix, bake or dataset")
     home = function.__module__, function.__name__
-    with TemporaryDirectory(prefix="antumbra-") as folder:
+    with temporary_folder() as folder:
         prepare = partial(_prepare, home, args, kwargs)
         plan = None if kwargs.get("plan") is None else str(kwargs["plan"])
-        engine = Cluster(Path(folder) / "parts", address, prepare, {"scene": Path(scene)}, plan)
+        engine = Cluster(folder / "parts", address, prepare, {"scene": Path(scene)}, plan)
         return function(_opened(function, scene), *args, keep=engine, **kwargs)
 
 

@@ -1,7 +1,6 @@
 """What a bake measures, and the glTF file that it edits: the input itself, or one that is made of another scene."""
 
 import os
-import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -15,6 +14,7 @@ from ...scene.gltf.document import open_document
 from ...scene.gltf.pack import upright
 from ...scene.scene import Scene
 from ...store.scene import PagedScene
+from ...temporary import temporary_folder
 from .asset import Asset, open_asset
 from .parts import Part, read_parts
 
@@ -75,8 +75,8 @@ def opened(source: Given, time: float) -> Opened:
 
 def _read_again(asset: Asset, name: str) -> Scene:
     """The scene of an asset, whose faces are those of its primitives."""
-    with tempfile.TemporaryDirectory(prefix="antumbra-") as folder:
-        written = Path(folder) / f"{name}.glb".replace("/", "-")
+    with temporary_folder() as folder:
+        written = folder / f"{name}.glb".replace("/", "-")
         written.write_bytes(asset.glb())
         found: Any = load(written, up="y")  # a Scene: no store is a glTF file
         return found
