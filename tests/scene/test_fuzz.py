@@ -1,18 +1,24 @@
 """Damaged files give a scene or an `InputError`, never another exception, a hang or a huge allocation."""
 
+import io
 import json
+import resource
 import signal
 import tracemalloc
 import warnings
+import zlib
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from antumbra.errors import InputError
 from antumbra.loading import load
+from antumbra.scene.gltf.document import split_glb
 from scene import city_files
-from scene.gltf_files import TETRAHEDRON_FACES, everything
+from scene.gltf_files import TETRAHEDRON_FACES, Gltf, everything
 from scene.test_frames import FRAMES
 from scene.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
 from scenes import scene_path
@@ -50,8 +56,8 @@ class Hang(BaseException):
 
 
 @contextmanager
-def limits():
-    """Raise Hang after SECONDS (if the system has timers), and check that no huge array was allocated."""
+def limits(trace=True):
+    """Raise Hang after SECONDS (if the system has timers), and check, if `trace`, that no huge array was allocated."""
 
     def ring(*_):
         raise Hang
@@ -60,10 +66,11 @@ def limits():
     if timer:
         before = signal.signal(signal.SIGALRM, ring)
         signal.setitimer(signal.ITIMER_REAL, SECONDS)
-    tracemalloc.start()
+    if trace:
+        tracemalloc.start()
     try:
         yield
-        assert tracemalloc.get_traced_memory()[1] < MEGABYTES << 20
+        assert not trace or tracemalloc.get_traced_memory()[1] < MEGABYTES << 20
     finally:
         tracemalloc.stop()
         if timer:
@@ -231,3 +238,117 @@ def test_odd_json_values_at_length(tmp_path):
 )
 def test_damaged_real_files_at_length(tmp_path, name):
     run(tmp_path / name, scene_path(f"gltf/{name}").read_bytes(), range(1000, 1500))
+
+
+def encoded(kind: str) -> bytes:
+    """A small picture with an alpha, if the format has one."""
+    rng, stream = np.random.default_rng(0), io.BytesIO()
+    pixels, mode, more = rng.integers(0, 256, (9, 14, 4)).astype(np.uint8), "RGB" if kind[:3] == "JPE" else "RGBA", {}
+    if kind == "PNG palette":
+        mode, more = "P", {"transparency": bytes(range(200))}
+    elif kind == "JPEG progressive":
+        more = {"progressive": True}
+    elif kind == "TGA packed":
+        more = {"compression": "tga_rle"}
+    if kind[:3] == "PNG":
+        more = {**more, "pnginfo": PngInfo()}
+        more["pnginfo"].add_text("Comment", "harmless " * 50)
+    source = Image.fromarray(pixels if mode == "RGBA" else pixels[..., :3])
+    source.convert(mode).save(stream, kind.split()[0], **more)
+    return stream.getvalue()
+
+
+PICTURES = ["PNG", "PNG palette", "JPEG", "JPEG progressive", "WEBP", "BMP", "TGA", "TGA packed"]
+
+
+def cut_by(picture: bytes) -> bytes:
+    """A GLB of a triangle that the picture's alpha cuts."""
+    made = Gltf()
+    texture = made.add("textures", source=made.add("images", bufferView=made.view(picture)))
+    look = {"baseColorTexture": {"index": texture}}
+    material = made.add("materials", alphaMode="MASK", pbrMetallicRoughness=look)
+    uv = made.accessor(np.array([[0, 0], [1, 0], [0, 1]], np.float32))
+    made.node(mesh=made.mesh(made.primitive(attributes={"TEXCOORD_0": uv}, material=material)))
+    return made.glb()
+
+
+def with_checksums(png: bytes) -> bytes:
+    """The checksums of a damaged PNG made right, so that the damage reaches its decoder."""
+    data, at = bytearray(png), 8
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if end + 4 > len(data):
+            break
+        data[end : end + 4] = zlib.crc32(data[at + 4 : end]).to_bytes(4, "big")
+        at = end + 4
+    return bytes(data)
+
+
+def check_pictures(folder, kind, seeds):
+    """Mutate a texture; the scene is there in any case, and a note says so if the texture is white."""
+    base, path, counts = encoded(kind), folder / "a.glb", {"shown": 0, "white": 0}
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for seed in seeds:
+        changed = damaged(base, np.random.default_rng(seed)) or b"x"
+        path.write_bytes(cut_by(with_checksums(changed) if seed % 3 and kind[:3] == "PNG" else changed))
+        with limits(trace=seed % 10 == 0), warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            scene = load(path)
+            _ = scene.cutouts
+            textures = scene.appearance.textures
+            assert all(texture.mips.dtype == np.uint8 for texture in textures)
+        assert bool(textures) != any("taken as white" in note for note in scene.notes), seed
+        counts["shown" if textures else "white"] += 1
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MEGABYTES << 10  # Pillow's own memory, kB
+    return counts
+
+
+@pytest.mark.parametrize("kind", PICTURES)
+def test_damaged_textures(tmp_path, kind):
+    counts = check_pictures(tmp_path, kind, range(30))
+    assert counts["shown"] > 0 and counts["white"] > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", PICTURES)
+def test_damaged_textures_at_length(tmp_path, kind):
+    check_pictures(tmp_path, kind, range(1000, 4000))
+
+
+def draco_change(base: bytes, rng) -> bytes:
+    """A change within the Draco data of a GLB, whose length stays."""
+    text, binary = split_glb(base, "a.glb")
+    document = json.loads(text)
+    primitive = document["meshes"][0]["primitives"][0]
+    view = document["bufferViews"][primitive["extensions"]["KHR_draco_mesh_compression"]["bufferView"]]
+    start, size, data = len(base) - len(binary) + view["byteOffset"], view["byteLength"], bytearray(base)
+    for _ in range(rng.integers(1, 4)):
+        at = start + int(rng.integers(min(size, 60) if rng.random() < 0.5 else size))
+        data[at] = int(rng.choice([rng.integers(256), 0, 1, 127, 128, 255]))
+    return bytes(data)
+
+
+@pytest.mark.parametrize("seeds", [range(60), pytest.param(range(1000, 8000), marks=pytest.mark.slow)], ids=len)
+def test_damaged_draco(tmp_path, seeds):
+    pytest.importorskip("DracoPy", reason="no DracoPy: damaged Draco files are NOT tested")
+    from scene.test_draco import textured
+
+    counts = run(tmp_path / "a.glb", textured(True).glb(), seeds, draco_change)
+    assert counts["error"] > 10 and counts["scene"] > 10
+
+
+def several_odd_values(base: bytes, rng) -> bytes:
+    """Two or three odd values at once, as a file or as a sequence of features."""
+    document = json.loads(base)
+    for _ in range(rng.integers(2, 4)):
+        document = with_odd_value(document, rng)
+    try:
+        return city_files.sequence(document).encode()
+    except (KeyError, TypeError, AttributeError):  # no objects are left to list
+        return json.dumps(document).encode()
+
+
+@pytest.mark.parametrize("seeds", [range(60), pytest.param(range(1000, 8000), marks=pytest.mark.slow)], ids=len)
+def test_damaged_cities(tmp_path, seeds):
+    counts = run(tmp_path / "a.city.jsonl", bases()["a.city.json"], seeds, several_odd_values)
+    assert counts["error"] > 20 and counts["scene"] > 5

@@ -1,6 +1,7 @@
 """Pictures of textures: decoding with checks, and mip levels in linear light."""
 
 import io
+import threading
 import warnings
 
 import numpy as np
@@ -15,6 +16,8 @@ PIXELS_PER_BYTE = 2048  # a picture that is not small and has more is a decompre
 LINEAR = BYTE_TO_LINEAR.astype(np.float32)
 """(256,) float32: the linear light of sRGB bytes."""
 
+_OPENING = threading.Lock()  # of pictures: filters of warnings belong to all threads, and a race would keep ours
+
 _STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: the darkest byte has twenty
 
 
@@ -23,18 +26,23 @@ def decoded(data: bytes, side: int | None = None) -> np.ndarray:
 
     Raises ValueError, with the reason, if the picture cannot be decoded or is unreasonably large.
     """
-    from PIL import Image
-
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(data), formats=FORMATS) as image:
-                _check_size(image.size, len(data))
-                if side is not None:
-                    image.draft("RGB", (side, side))
-                return rgba_of(image)
+        with _opened(data) as image:
+            _check_size(image.size, len(data))
+            if side is not None:
+                image.draft("RGB", (side, side))
+            return rgba_of(image)
     except Exception as error:  # Pillow's decoders raise a dozen kinds of errors on damaged files
         raise ValueError(str(error) or type(error).__name__) from error
+
+
+def _opened(data: bytes):
+    """A Pillow image, whose pixels are not read yet. Pillow's warnings of large pictures are errors."""
+    from PIL import Image
+
+    with _OPENING, warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        return Image.open(io.BytesIO(data), formats=FORMATS)
 
 
 def rgba_of(image) -> np.ndarray:
