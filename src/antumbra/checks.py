@@ -18,7 +18,7 @@ def near(name, known: Iterable[str]) -> str:
 def vector(value, what: str) -> np.ndarray:
     """Convert `value` to (3,) float64; InputError naming `what` unless it is three finite numbers."""
     try:
-        v = np.asarray(value, np.float64)
+        v = np.array(value, np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{what} must be three numbers, not {value!r}") from None
     if v.shape != (3,) or not np.isfinite(v).all():

@@ -119,6 +119,11 @@ class Arguments(NamedTuple):
         _demand(~np.isnan(tmax).any(1), "tmax is NaN (ray {})")
 
 
+def changed() -> InputError:
+    """The error for rays that were wrong while they were traced, and are right afterwards, or the other way round."""
+    return InputError("the arrays of rays changed while they were traced; give copies of what other threads write")
+
+
 def _rows(array, shape, dtype=None) -> np.ndarray:
     """The array broadcast to `shape`, as rows, in float32 or float64, or in `dtype`; a view if possible."""
     if shape[-1] == 1:

@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..plan import DEFAULT_PLAN, Plan
 from ..query.bounds import bounds
 from ..query.picture import Surfaces, surfaces_of
-from ..query.rays import Arguments, HitArrays, hit_arrays
+from ..query.rays import Arguments, HitArrays, changed, hit_arrays
 from ..query.subpixels import subpixel_rays
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
@@ -128,8 +128,9 @@ class InMemory:
         ready = self.accelerated(time)
         with counted(self.scene, self.scene.clamped(time)):
             legal = trace_batch(ready.prepared, arguments.ray_list(cull_faces), any_hit, out, self.threads)
-        if not legal:
+        if not legal:  # and what was traced is not whole
             arguments.check()
+            raise changed()
         if ready.cutouts is not None:
             add_hits(ready.cutouts, arguments, cull_faces, any_hit, out, self.threads)
         return out

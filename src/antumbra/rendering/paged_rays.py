@@ -12,7 +12,7 @@ from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.filters import volumes64
 from ..query.diffuse import RayPass
 from ..query.order import morton_codes
-from ..query.rays import Arguments
+from ..query.rays import Arguments, changed
 from ..scene.triangles import Triangles
 from ..trace.forest import Hits
 
@@ -40,6 +40,8 @@ def batches(paged, arguments: Arguments, any_hit: bool, cull_faces: int, most: i
         places = order[begin : begin + most]
         origins, directions, tmin, tmax, skip = (np.ascontiguousarray(a[places]) for a in arguments[:5])
         origins = (origins.astype(np.float64) - arguments.frame).astype(np.float32)
+        if not (np.isfinite(origins).all() and np.isfinite(directions).all()):
+            raise changed()  # they were checked before
         rays = RayPass(origins, directions.astype(np.float32), np.ascontiguousarray(skip[:, 0]))
         spans = np.concatenate([tmin, tmax], 1).astype(np.float32)
         hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads)

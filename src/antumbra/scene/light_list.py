@@ -96,4 +96,4 @@ def rows(value, k, width, what) -> np.ndarray:
         shape = "(k, 3)" if width == 3 else "(k,)"
         lights = "" if k is None else f" for {k} lights"
         raise InputError(f"{what} must be finite numbers of shape {shape}{lights}, not {np.shape(value)}")
-    return np.ascontiguousarray(array)
+    return np.array(array, order="C")  # a light does not change with the caller's array

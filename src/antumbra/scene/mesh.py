@@ -64,7 +64,11 @@ def used_faces(faces: np.ndarray, n_vertices: int, where: str) -> tuple[np.ndarr
 
 
 def check_faces(faces: np.ndarray, n_vertices: int, where: str) -> np.ndarray:
-    """`faces` as (f, 3) int32. Raises InputError with the first face that uses a missing vertex."""
+    """A copy of `faces` as (f, 3) int32. Raises InputError with the first face that uses a missing vertex.
+
+    Kernels trust these numbers, so the caller's array may not be kept: somebody could change it afterwards.
+    """
+    faces = np.array(faces, order="C")  # before it is checked
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         raise InputError(f"{where}: faces must be whole numbers of shape (f, 3), not {faces.dtype} {faces.shape}")
     if faces.size and (faces.min() < 0 or faces.max() >= n_vertices):
@@ -73,7 +77,7 @@ def check_faces(faces: np.ndarray, n_vertices: int, where: str) -> np.ndarray:
             f"{where}: face {bad} uses vertex {', '.join(map(str, faces[bad].tolist()))}, "
             f"but there are {n_vertices} vertices; export the mesh again"
         )
-    return np.ascontiguousarray(faces, np.int32)
+    return np.ascontiguousarray(faces, np.int32)  # no second copy of int32
 
 
 def check_finite(positions: np.ndarray, where: str) -> None:
