@@ -83,7 +83,7 @@ def test_a_busy_port_is_one_line(cli):
 
 
 def test_bad_input_is_refused_before_the_page(cli):
-    cli("view", "missing.glb").refused("missing.glb")
+    cli("view", "missing.glb", "--port", "0").refused("missing.glb")
     cli("view", SCENE, "--port", "70000").refused("port")
     cli("view", SCENE, "--port", "0", "--timezone", "UTC").refused("--timezone", "--latitude")
     cli("view", SCENE, "--port", "0", "--plan", "nothing").refused("nothing")

@@ -16,6 +16,7 @@ from viewer.pages import CAMERA, SUN, box_on_floor
 
 viser = pytest.importorskip("viser", reason="no viser: the guard of the viewer is NOT tested")
 websockets = pytest.importorskip("websockets")
+msgpack = pytest.importorskip("msgspec.msgpack")  # with which viser packs its messages
 
 from websockets.sync.client import connect  # noqa: E402
 
@@ -198,12 +199,10 @@ def test_malformed_messages_are_one_line(local, message, caplog, capfd):
 
 def sent(page, *messages, done):
     """Send dictionaries as viser's client does, until `done()` holds and all that follows from them is done."""
-    import msgspec
-
     with connected(page) as client:
         client.recv()
         for message in messages:
-            client.send(msgspec.msgpack.encode(message))
+            client.send(msgpack.encode(message))
         end = time.monotonic() + 20
         while not done():
             assert time.monotonic() < end, "nothing happens"

@@ -76,6 +76,17 @@ def test_the_page_shows_the_scene_and_the_sun_moves_its_shadow(page):
     shown(page, lambda p: bright(p, NORTH) and dark(p, SOUTH))
 
 
+def test_a_page_for_other_machines_works_with_its_token(chromium):
+    with at.view(box_on_floor(), SUN, camera=CAMERA, host="0.0.0.0", port=0, browser=False) as viewer:
+        opened = chromium.new_page(viewport={"width": 1000, "height": 400})
+        opened.goto(viewer.url)
+        shown(opened, lambda p: red(p, *MIDDLE))
+        opened.reload()  # the client has written the address of its WebSocket into that of the page
+        shown(opened, lambda p: red(p, *MIDDLE))
+        assert opened.goto(viewer.url.replace(viewer.url.split("/")[-2], "wrong")).status == 403
+        opened.close()
+
+
 def test_a_click_says_what_the_point_sees(page):
     shown(page, lambda p: red(p, *MIDDLE))
     assert page.get_by_text("Click a surface").count() == 1

@@ -98,7 +98,7 @@ class Viewing:
         self._drawn(picture)
 
     def _hide(self) -> None:
-        if not self._navigating and self._standin is not None:
+        if not self._navigating and self._standin is not None and self.pose is not None:
             self._standin.visible = False
 
 
