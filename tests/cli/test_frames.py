@@ -273,7 +273,7 @@ def test_what_people_are_told(film):
         (("--frames", "0:5", "--fps", "nan"), ["--fps is nan"]),
         (("--frames", "0:5", "-o", "f.png"), ["f.png", "f.####.png"]),
         (("--frames", "0:5", "-o", "none/f.####.png"), ["none", "does not exist"]),
-        (("--frames", "0:5", "-o", "f.####.jpg"), ["f.0000.jpg", ".png or .exr"]),
+        (("--frames", "0:5", "-o", "f.####.jpg"), ["f.####.jpg", ".png or .exr"]),
         (("--frames", "0:5", "-o", "f.####"), [".png or .exr"]),
         (("--frames", "0:5", "--camera", "9"), ["no camera 9"]),
         (("--frames", "0:5", "--light", "9"), ["no light 9"]),
