@@ -98,6 +98,9 @@ def test_faces_know_objects_and_surfaces(tmp_path):
     scene = at.load(put(tmp_path, city(objects)))
     model = scene.city
     assert model.objects == ["b", "a"] == [m.name for m in scene.meshes]
+    assert scene.objects == [("b", 0, 0, "Building", ""), ("a", 1, 0, "Building", "")]
+    assert (scene.object_of_face == model.object_of_face).all()
+    assert model.surface_types([[2, -1], [11, 23]]).tolist() == [["RoofSurface", ""], ["", ""]]
     assert [m.triangles for m in scene.meshes] == [12, 12]
     np.testing.assert_array_equal(model.object_of_face, np.repeat([0, 1], 12))
     np.testing.assert_array_equal(model.surface_of_face[:12], [0, 0, 1, 1, 2, 2, 2, 2, 2, 2, 3, 3])
@@ -144,6 +147,31 @@ def test_parts_stand_for_the_whole(tmp_path):
     assert names(surfaces("0")) == ["child"]
     assert names(surfaces("0"), solid("2.2")) == ["house", "child"]
     assert names(solid("1"), kind="BuildingInstallation") == ["house", "child"]
+
+
+def test_parts_name_their_building(tmp_path):
+    objects = {
+        "district": {"type": "CityObjectGroup", "children": ["house"]},
+        "house": building(children=["part"], parents=["district"]),
+        "part": building(solid(), kind="BuildingPart", parents=["house"], children=["balcony"]),
+        "balcony": building(solid(), kind="BuildingInstallation", parents=["part", "gone"]),
+        "shed": building(solid(), parents=["nowhere"]),
+        "loop": building(solid(), parents=["loop"]),
+    }
+    head = {**city(), "CityObjects": {}}
+    lines = json.dumps(head) + "\n" + json.dumps(feature(objects))
+    for scene in at.load(put(tmp_path, city(objects))), at.load(put(tmp_path, lines, "a.city.jsonl")):
+        parents = {each.name: (each.type, each.parent) for each in scene.objects}
+        assert parents == {
+            "part": ("BuildingPart", "house"),
+            "balcony": ("BuildingInstallation", "house"),
+            "shed": ("Building", ""),
+            "loop": ("Building", ""),
+        }
+
+
+def feature(objects):
+    return {"type": "CityJSONFeature", "CityObjects": objects, "vertices": CUBE.tolist()}
 
 
 def test_templates(tmp_path):

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _MOST_LINES = 20  # pairs that are printed
 _MODEL = ".glb"
+_COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # of the lines that are printed
 
 
 def los(
@@ -108,8 +109,8 @@ def los(
         report.print_json(answer)
     elif not quiet:
         if len(at) <= _MOST_LINES:
-            rows = [[str(cell) for cell in line.values()] for line in _lines(opened, asked, found)]
-            report.print_table(["observer", "target", "visible", "blocked by", "face", "distance"], rows)
+            rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, asked, found)]
+            report.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
         fields = [("visible", f"{seen:,} of {len(at):,} pairs"), ("time", report.duration(seconds))]
         report.print_fields(fields + [("written", str(path)) for path in outputs])
 
@@ -126,5 +127,14 @@ def _lines(scene: "AnyScene", pairs: "PairList", found: "Sightlines") -> list[di
             "blocked_by": scene.objects[own].name if own >= 0 else "",
             "face": face if face >= 0 else "",
             "distance": "" if visible else round(float(found.distance[k]), 4),
+            **_of_city(scene, face, own),
         })  # fmt: skip
     return lines
+
+
+def _of_city(scene: "AnyScene", face: int, own: int) -> dict[str, str]:
+    """What a city model knows of the blocking face."""
+    if scene.city is None or own < 0:
+        return {}
+    thing = scene.objects[own]
+    return {"type": thing.type, "parent": thing.parent, "surface": str(scene.city.surface_types(face))}

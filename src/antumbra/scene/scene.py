@@ -54,13 +54,14 @@ class Scene(AnyScene):
         Name, triangles and instances of each mesh.
     objects : list of ObjectInfo
         Name, mesh and instance of each object. Each node or instance of the file that shows a mesh is an object, in
-        the order of its faces; of an OBJ file each material. Arrays and procedural scenes are one object.
+        the order of its faces; of an OBJ file each material; of a CityJSON file each city object with faces, with its
+        type and the object that it is a part of. Arrays and procedural scenes are one object.
     notes : tuple of str
         Features of the file that the loader omitted or approximated.
     source : Source
         Supplies the triangles, cameras and lights.
     city : CityModel or None
-        Of a CityJSON file: the object and the semantic surface of each face.
+        Of a CityJSON file: the object and the semantic surface of each face, and `CityModel.surface_types`.
     """
 
     def __init__(

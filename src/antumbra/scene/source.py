@@ -19,6 +19,7 @@ class Piece(NamedTuple):
     towards: np.ndarray | None = None  # (k, v, 3): vertices are (1 - share) * vertices + share * towards
     share: float = 0.0
     first: int = 0  # copy i is the object `first + i` of the source
+    owners: np.ndarray | None = None  # (f,) int32: the object of each face, of a piece with several; then k = 1
     look: Look | None = None  # what the mesh shows beyond its colour
     linear: np.ndarray | None = None  # (k, 3, 3) float64: transforms of the look's normals to world space; None: 1
 

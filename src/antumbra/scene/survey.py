@@ -18,6 +18,9 @@ def objects_of(pieces: Iterable[Piece]) -> np.ndarray:
     """(n,) int32: the object of each face of the pieces, in their order."""
     ids = [np.empty(0, np.int32)]
     for piece in pieces:
+        if piece.owners is not None:
+            ids.append(piece.owners)
+            continue
         copies = np.arange(piece.first, piece.first + len(piece.vertices), dtype=np.int32)
         ids.append(np.repeat(copies, faces_of(piece)))
     return np.concatenate(ids)

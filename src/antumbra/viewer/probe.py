@@ -87,6 +87,6 @@ def _face(model: Model, index: int, corners: np.ndarray, owner: int) -> Face:
     scene = model.scene
     name = scene.objects[owner].name if 0 <= owner < len(scene.objects) else ""
     if scene.city is not None:
-        kind = scene.city.surfaces[scene.city.surface_of_face[index]].type
-        name = f"{scene.city.objects[scene.city.object_of_face[index]]}" + (f", {kind}" if kind else "")
+        kind = str(scene.city.surface_types(index))
+        name += f", {kind}" if kind else ""
     return Face(index, name, corners)

@@ -13,6 +13,7 @@ import numpy as np
 from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
+from ...scene.mesh import ObjectInfo
 from ..scenedigest import scene_digest
 
 FORMAT = 1
@@ -35,7 +36,13 @@ def scene_record(scene: AnyScene, time: float, threads: int | None) -> dict:
 def object_records(scene: AnyScene) -> list[dict]:
     """The objects of the scene. The index in this list is what the layer ``IndexOB`` holds."""
     names = [m.name for m in scene.meshes]
-    return [{"name": o.name, "mesh": names[o.mesh] if names else None, "instance": o.instance} for o in scene.objects]
+    return [_object(each, names[each.mesh] if names else None) for each in scene.objects]
+
+
+def _object(given: ObjectInfo, mesh: str | None) -> dict:
+    """An object; of a city object, also its type and the object that it is a part of."""
+    more = {name: value for name in ("type", "parent") if (value := getattr(given, name))}
+    return {"name": given.name, "mesh": mesh, "instance": given.instance, **more}
 
 
 def light_record(light: Light) -> dict:

@@ -23,11 +23,24 @@ def sight_table(scene: AnyScene, pairs: PairList, found: Sightlines) -> Table:
         "face": Column(found.face, "", "the blocking face nearest to the observer"),
         "object": Column(found.object, "", "the object of this face"),
         "name": Column(names[found.object], "", "the object's name"),
+        **_city_columns(scene, found),
         "distance": Column(found.distance, "m", "distance from the observer to the block"),
     }
     for name, values in zip(("px", "py", "pz"), found.point.T):
         columns[name] = Column(values, "", f"{name[1]} of the point that blocks")
     return Table(point_sensors(pairs.observers), columns, {"job": "los"}, scene)
+
+
+def _city_columns(scene: AnyScene, found: Sightlines) -> dict[str, Column]:
+    """What a city model knows of the blocking face."""
+    if scene.city is None:
+        return {}
+    types, parents = (np.array([*names, ""]) for names in (scene.city.types, scene.city.parents))
+    return {
+        "type": Column(types[found.object], "", "the object's type"),
+        "parent": Column(parents[found.object], "", "the object that it is a part of"),
+        "surface": Column(scene.city.surface_types(found.face), "", "type of the face's semantic surface"),
+    }
 
 
 def sight_model(scene: AnyScene, pairs: PairList, found: Sightlines) -> bytes:

@@ -16,12 +16,27 @@ class Surface(NamedTuple):
 
 
 class CityModel(NamedTuple):
-    """Which object and surface each face of a scene belongs to."""
+    """Which object and surface each face of a scene belongs to.
+
+    `Scene.objects` has the same objects in the same order.
+    """
 
     crs: str | None  # such as "EPSG:7415"; None: the file names none, or one without an EPSG code
-    objects: list[str]  # ids of the objects with faces, in the order of `Scene.meshes`
+    objects: list[str]  # ids of the objects with faces
     object_of_face: np.ndarray  # (n,) int32, index into `objects`
     surface_of_face: np.ndarray  # (n,) int32, index into `surfaces`
     surfaces: list[Surface]  # those with faces
     types: list[str]  # type of each object, such as "BuildingPart"
+    parents: list[str]  # id of the outermost object that each one is a part of, such as the Building; "": none
     lods: list[str]  # all levels of detail of surfaces in the file, in ascending order
+
+    def surface_types(self, faces) -> np.ndarray:
+        """(...) str: the type of the semantic surface of each face, such as "RoofSurface".
+
+        It is "" where the polygon has no semantics, and where the face is -1 (none).
+
+        faces : (...) int, such as `Hit.face`
+        """
+        faces = np.asarray(faces)
+        names = np.array([surface.type or "" for surface in self.surfaces] + [""])
+        return names[np.where(faces >= 0, self.surface_of_face[faces], len(self.surfaces))]

@@ -10,10 +10,13 @@ import numpy as np
 
 from ...errors import InputError
 from ..gltf.fields import Fields
-from .document import Document
+from .document import Document, Part
 from .geometry import Rings
 from .lods import DEPTHS, Chosen
 from .model import Surface
+
+GROUP = "CityObjectGroup"
+"""Type of the objects whose members are no parts of them."""
 
 
 class Polygons(NamedTuple):
@@ -26,6 +29,7 @@ class Polygons(NamedTuple):
     surfaces: list[Surface]
     objects: list[str]  # ids
     types: list[str]
+    parents: list[str]  # ids of the outermost objects; "": none
 
 
 def walk(boundaries, values, depth: int, path: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], Any, Any]]:
@@ -46,6 +50,18 @@ def polygons_of(document: Document, chosen: list[Chosen]) -> Polygons:
     return collector.polygons()
 
 
+def outermost(part: Part, name: str) -> str:
+    """The id of the outermost object that an object is a part of; "" if there is none. Groups do not count."""
+    path = [name]
+    while True:
+        given = part.objects[path[-1]].get("parents")
+        known = [p for p in given if isinstance(p, str) and p in part.objects] if isinstance(given, list) else []
+        above = [p for p in known if part.objects[p].get("type") != GROUP and p not in path]
+        if not above:
+            return path[-1] if len(path) > 1 else ""
+        path.append(above[0])
+
+
 class _Collector:
     """Lists that grow by one geometry after the other."""
 
@@ -63,6 +79,7 @@ class _Collector:
         self._mirrored: list[bool] = []
         self._objects: dict[tuple[str, str], int] = {}
         self._types: list[str] = []
+        self._parents: list[str] = []
         self._surfaces: list[Surface] = []
         self._spans: dict[int, tuple[int, int]] = {}  # id of a template -> range of its vertices
 
@@ -106,6 +123,7 @@ class _Collector:
         if key not in self._objects:
             self._objects[key] = len(self._objects)
             self._types.append(str(choice.part.objects[choice.object].get("type", "")))
+            self._parents.append(outermost(choice.part, choice.object))
         return self._objects[key]
 
     def _place(self, choice: Chosen, where: str) -> tuple[int, int, bool]:
@@ -149,6 +167,7 @@ class _Collector:
             self._surfaces,
             [name for _, name in self._objects],
             self._types,
+            self._parents,
         )
 
     def _flat(self) -> tuple[np.ndarray, np.ndarray]:
