@@ -19,8 +19,9 @@ if typing.TYPE_CHECKING:
     from .errors import InputError
     from .jobs.bake import Baked, bake
     from .jobs.dataset.make import Dataset, dataset
+    from .jobs.raster import Raster
     from .jobs.readsensors import sensors_of
-    from .jobs.sensors import Raster, Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .jobs.sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
     from .jobs.sight.matrix import VisibilityMatrix, visibility_matrix
     from .jobs.sight.pairs import Sightlines, line_of_sight
     from .jobs.sight.viewshed import Viewshed, viewshed
@@ -150,8 +151,8 @@ _HOMES = {
         "QuadLight",
         "SphereLight",
     ],
+    "jobs.raster": ["Raster"],
     "jobs.sensors": [
-        "Raster",
         "Sensors",
         "face_sensors",
         "grid_sensors",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import InputError
+from .scene.crs import checked_crs
 from .scene.files import checked_file
 from .scene.foreign import KNOWN, is_mesh
 from .scene.notes import by_kind
@@ -24,7 +25,9 @@ MESH_SUFFIXES = (".obj", ".ply", ".stl")
 CITY_SUFFIXES = (".json", ".jsonl")
 
 
-def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool = True) -> "Scene | PagedScene":
+def load(
+    path, *, up: str | None = None, lod: str | None = None, cutouts: bool = True, crs: str | None = None
+) -> "Scene | PagedScene":
     """Read a scene from a file, or take it from a mesh of another library.
 
     Parameters
@@ -47,6 +50,10 @@ def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool =
         True: rays pass through faces where the alpha of their material says so, texel by texel. The alpha modes MASK
         and BLEND do; BLEND stops light from alpha 0.5 on. False: all faces are solid, as they are in stores.
 
+    crs : str, optional
+        Coordinate reference system of the coordinates, such as "EPSG:28992", or anything that pyproj accepts. It is
+        recorded as `Scene.crs`; tables and rasters carry it. None: that of the file, which CityJSON and stores have.
+
     Returns
     -------
     Scene or PagedScene
@@ -67,6 +74,7 @@ def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool =
     """
     if up is not None:
         checked_up(up)
+    asked = None if crs is None else checked_crs(crs)
     if is_mesh(path):
         scene = Scene.from_mesh(path, up=up or "y")
     elif isinstance(path, (str, os.PathLike)):
@@ -76,6 +84,7 @@ def load(path, *, up: str | None = None, lod: str | None = None, cutouts: bool =
         raise InputError(f"scene is a {kind}; give the path of a file, or {KNOWN}; arrays go to Scene.from_arrays")
     if not cutouts and isinstance(scene, Scene):
         scene.ignore_alpha()
+    scene.crs = asked or scene.crs
     for note in by_kind(scene.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return scene
@@ -130,9 +139,8 @@ def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Scene:
 
     checked_file(path, name)
     found = read_cityjson(path, lod)
-    return Scene(
-        found.source, name=path.stem.removesuffix(".city"), up=up or "z", notes=tuple(found.notes), city=found.city
-    )
+    name, city = path.stem.removesuffix(".city"), found.city
+    return Scene(found.source, name=name, up=up or "z", notes=tuple(found.notes), city=city, crs=city.crs)
 
 
 def _scene(source: Source, notes: list[str], name: str, up: str | None) -> Scene:

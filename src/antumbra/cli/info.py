@@ -96,6 +96,7 @@ def _answer(source: str, scene, seconds: float) -> dict:
         "triangles": scene.n_triangles,
         "bounds": scene.bounds,
         "origin": scene.origin,
+        "crs": scene.crs,
         "duration": scene.duration,
         "meshes": [m._asdict() for m in scene.meshes],
         "cameras": [report.camera_fields(c) for c in scene.cameras],
@@ -122,9 +123,11 @@ def _fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
     yield "bounds", f"{report.vector(lower)} to {report.vector(upper)}"
     yield "size", f"{report.vector(upper - lower)}, +{scene.up.upper()} is up"
     yield "origin", report.vector(scene.origin)
+    if scene.crs or scene.city is not None:
+        yield "CRS", scene.crs or "none in the file"
     if scene.city is not None:
-        crs, levels = scene.city.crs or "no reference system", ", ".join(scene.city.lods) or "not named"
-        yield "city", f"{len(scene.city.objects):,} objects, {crs}, levels of detail {levels}"
+        levels = ", ".join(scene.city.lods) or "not named"
+        yield "city", f"{len(scene.city.objects):,} objects, levels of detail {levels}"
     yield "animation", f"{scene.duration:g} seconds" if scene.animated else "none"
     for i, camera in enumerate(scene.cameras):
         place = f"{report.vector(camera.position)} to {report.vector(camera.target)}"

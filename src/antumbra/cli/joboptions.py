@@ -12,8 +12,8 @@ from .outputs import tables, writes
 SensorsOption = Annotated[
     str,
     typer.Option(
-        help="Where to ask: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], or a file of "
-        "points (.csv, .parquet, .npy, .npz).",
+        help="Where to ask: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], "
+        "raster:FILE.tif (its cells), or a file of points (.csv, .parquet, .npy, .npz).",
     ),
 ]
 OutputsOption = Annotated[

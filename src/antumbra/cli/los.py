@@ -8,7 +8,7 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .joboptions import OutputsOption, points_or_file
+from .joboptions import CrsOption, OutputsOption, points_or_file
 from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption
 from .progress import ProgressDisplay
 from .sceneinput import in_memory, open_scene
@@ -48,6 +48,7 @@ def los(
     output: OutputsOption = None,
     time: TimeOption = 0.0,
     up: UpOption = None,
+    crs: CrsOption = None,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
@@ -85,7 +86,7 @@ def los(
     asked = read_pairs(Path(pairs)) if begin is None or end is None else paired(pairs, begin, end)
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet))
+        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet, crs))
         start = perf_counter()
         at, to, normals, target_normals, faces, target_faces = asked
         found = line_of_sight(

@@ -9,7 +9,7 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .joboptions import PlanOption, SensorsOption
+from .joboptions import CrsOption, PlanOption, SensorsOption
 from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, takes
 from .outputs import tables, writes
 from .progress import ProgressDisplay
@@ -62,6 +62,7 @@ class MatrixArguments:
     plan: PlanOption = None
     time: TimeOption = 0.0
     up: UpOption = None
+    crs: CrsOption = None
     threads: Threads = None
     shard: ShardOption = None
     ray: RayOption = None
@@ -97,7 +98,7 @@ def matrix(given: MatrixArguments) -> int:
     engine = engine_for(given, outputs[0])
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
+        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
         display.say("preparing")
         own = sensors_of(given.sensors, opened, given.threads)
         others = None if given.targets is None else sensors_of(given.targets, opened, given.threads)

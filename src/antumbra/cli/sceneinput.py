@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 _MOST_NOTES = 5
 
 
-def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "AnyScene":
-    """The scene that a `SceneSpec` names. The loader's notes appear on standard error."""
+def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs: str | None = None) -> "AnyScene":
+    """The scene that a `SceneSpec` names, with a CRS. The loader's notes appear on standard error."""
     if spec.path is None:
         from .. import procedural
 
-        if up is not None:
-            raise InputError("--up belongs to files; procedural scenes have +Y up, leave it out")
+        if up is not None or crs is not None:
+            raise InputError("--up and --crs belong to files; procedural scenes have +Y up and no CRS, leave them out")
         return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
     from .. import load
     from ..store.layout import STORE_SUFFIX
@@ -30,7 +30,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False) -> "
     if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with quietly():  # the notes are printed below
-        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts)
+        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, crs=crs)
     if not quiet:
         notes = by_kind(scene.notes, "antumbra info shows all")
         for note in notes[:_MOST_NOTES]:

@@ -54,12 +54,11 @@ def sun(given: SunArguments) -> int:
         _check_city(spec, given.city_output)
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
+        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
         limit_memory(scene, memory)
         place = place_of(
-            scene, crs=given.crs, latitude=given.latitude, longitude=given.longitude, north=given.north,
-            timezone=given.timezone,
-        )  # fmt: skip
+            scene, latitude=given.latitude, longitude=given.longitude, north=given.north, timezone=given.timezone
+        )
         sensors = sensors_of(given.sensors, scene, given.threads)
         display.say("preparing")
         ask = partial(
@@ -75,10 +74,7 @@ def sun(given: SunArguments) -> int:
         seconds = perf_counter() - start
         if table is None:
             return tell_shard(engine, given, seconds)
-        city = getattr(scene, "city", None)
-        crs = given.crs or (None if city is None else city.crs)
         table.about |= {"scene": given.scene, "sensors": given.sensors, "plan": given.plan}
-        table.about |= {} if crs is None else {"crs": crs}
         display.say("writing")
         for path in outputs:
             table.save(path, given.column)

@@ -90,9 +90,9 @@ def view(given: ViewArguments) -> int:
     port = checked_port(given.host, given.port)
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
+        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
         limit_memory(opened, memory)
-        position = {name: getattr(given, name) for name in ("crs", "latitude", "longitude", "north", "timezone")}
+        position = {name: getattr(given, name) for name in ("latitude", "longitude", "north", "timezone")}
         place = place_of(opened, **position)
         if place is None and (given.north is not None or given.timezone is not None):
             raise InputError("--north and --timezone need a place; give --latitude and --longitude, or --crs")

@@ -9,7 +9,7 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .joboptions import ColumnOption, OutputsOption, PlanOption, SensorsOption, points_or_file
+from .joboptions import ColumnOption, CrsOption, OutputsOption, PlanOption, SensorsOption, points_or_file
 from .options import SCENE_HELP, CameraOption, Json, Quiet, Threads, TimeOption, UpOption, takes
 from .outputs import writes
 from .progress import ProgressDisplay
@@ -60,6 +60,7 @@ class ViewshedArguments:
     plan: PlanOption = None
     time: TimeOption = 0.0
     up: UpOption = None
+    crs: CrsOption = None
     threads: Threads = None
     json: Json = False
     quiet: Quiet = False
@@ -103,7 +104,7 @@ def viewshed(given: ViewshedArguments) -> int:
         raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
+        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
         display.say("preparing")
         sensors = sensors_of(given.sensors, opened, given.threads)
         start = perf_counter()

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..extras import needed
 from ..output import checked_output, replacing
+from ..scene.crs import checked_crs
 from .model import coloured_model
 from .picture import false_colours
 
@@ -71,11 +72,17 @@ def _parquet(table, path: Path, column: str) -> None:
     columns = {name: pyarrow.array(moments(values)) for name, values in table.rows().items()}
     told = {"antumbra": json.dumps({"about": table.about, "columns": _units(table)})}
     if table.about.get("crs"):
-        columns["geometry"] = pyarrow.array(_well_known(table.sensors.points), pyarrow.binary())
+        columns["geometry"] = pyarrow.array(_well_known(_on_map(table)), pyarrow.binary())
         told["geo"] = json.dumps(_geo(table))
     made = pyarrow.table(columns).replace_schema_metadata(told)
     with replacing(path) as temporary:
         pyarrow.parquet.write_table(made, temporary, compression="zstd")
+
+
+def _on_map(table) -> np.ndarray:
+    """(n, 3) float64: easting, northing and height of the sensors."""
+    points = table.sensors.points
+    return points[:, [0, 2, 1]] * [1.0, -1.0, 1.0] if table.scene is not None and table.scene.up == "y" else points
 
 
 def _well_known(points: np.ndarray) -> list[bytes]:
@@ -90,9 +97,10 @@ def _geo(table) -> dict:
     """The metadata of GeoParquet 1.1."""
     from pyproj import CRS
 
-    low, high = table.sensors.points.min(0), table.sensors.points.max(0)
+    at = _on_map(table)
+    low, high = at.min(0), at.max(0)
     column: dict = {"encoding": "WKB", "geometry_types": ["Point Z"], "bbox": [*low.tolist(), *high.tolist()]}
-    column["crs"] = CRS.from_user_input(table.about["crs"]).to_json_dict()
+    column["crs"] = CRS.from_user_input(checked_crs(table.about["crs"])).to_json_dict()
     return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
 
 
@@ -105,8 +113,9 @@ def _tiff(table, path: Path, column: str) -> None:
     names = [name for name, made in table.columns.items() if made.values.dtype.kind in "fiub"]
     shape = {"width": raster.columns, "height": raster.rows, "count": len(names)}
     place = rasterio.transform.from_origin(raster.west, raster.north, raster.spacing, raster.spacing)
-    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "compress": "deflate"}
-    options |= {"transform": place, "crs": table.about.get("crs")}
+    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "compress": "deflate", "transform": place}
+    if table.about.get("crs"):
+        options["crs"] = checked_crs(table.about["crs"])  # as text: rasterio then keeps the code of a compound CRS
     with rasterio.MemoryFile() as memory:  # on a full disk, GDAL would print lines of its own
         with memory.open(**shape, **options) as file:
             _fill(file, table, names)
@@ -116,10 +125,8 @@ def _tiff(table, path: Path, column: str) -> None:
 
 def _fill(file, table, names: list[str]) -> None:
     """Write columns as the bands of an open GeoTIFF."""
-    raster = table.sensors.raster
     for band, name in enumerate(names, 1):
-        values = np.where(table.sensors.covered, table[name].astype(np.float32), np.float32(np.nan))
-        file.write(values.reshape(raster.rows, raster.columns), band)
+        file.write(table.sensors.on_raster(table[name]).astype(np.float32), band)
         file.set_band_description(band, name)
         file.set_band_unit(band, table.columns[name].unit)
     file.update_tags(antumbra=json.dumps(table.about))

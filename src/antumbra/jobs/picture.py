@@ -70,7 +70,7 @@ def _dotted(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
 def _map(table, values: np.ndarray, scale: Scale) -> tuple[np.ndarray, np.ndarray]:
     """The cells of a raster, north up, several pixels wide if they are few; and the places of marks."""
     raster = table.sensors.raster
-    cells = values.reshape(raster.rows, raster.columns)
+    cells = table.sensors.on_raster(values)
     colours = scale.colours(np.nan_to_num(cells), np.isfinite(cells))
     colours[~np.isfinite(cells)] = _NOWHERE
     several = max(1, _SIZE // max(cells.shape))

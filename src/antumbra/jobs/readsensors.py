@@ -14,13 +14,17 @@ from ..extras import needed
 from ..scene.any_scene import AnyScene
 from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
 from ..scene.files import checked_file
+from .raster import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
 
-FORMS = "face, vertex, grid:SPACING, raster:SPACING[+HEIGHT|@HEIGHT], or a .csv, .parquet, .npy or .npz file"
+FORMS = (
+    "face, vertex, grid:SPACING, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif, "
+    "or a .csv, .parquet, .npy or .npz file"
+)
 SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
 
 _GRID = re.compile(r"grid:([0-9.eE+-]+)")
-_RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?)(?:([+@])([0-9.eE+-]+))?")
+_RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc))(?:([+@])([0-9.eE+-]+))?", re.I)
 _ROWS = 1 << 16  # lines of a CSV file that are lists at a time
 _NUMBER_BYTES = 8  # of a column of Parquet, at most
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
@@ -28,7 +32,11 @@ _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 def check_sensors(text: str, option: str = "--sensors") -> None:
     """Raise an InputError, before a scene is read, unless `sensors_of` knows this form."""
-    if text in ("face", "vertex") or _GRID.fullmatch(text) or _RASTER.fullmatch(text):
+    if text in ("face", "vertex") or _GRID.fullmatch(text):
+        return
+    if raster := _RASTER.fullmatch(text):
+        if Path(raster[1]).suffix.lower() in RASTERS:
+            checked_file(Path(raster[1]), raster[1])
         return
     check_point_file(text, option, FORMS)
 
@@ -53,7 +61,8 @@ def sensors_of(text: str, scene: AnyScene, threads: int | None = None) -> Sensor
     - ``face``, ``vertex``: one for each face, or each place of corners
     - ``grid:1.5``: a grid on every surface
     - ``raster:2``, ``raster:2+1.6``, ``raster:2@30``: a horizontal raster on the highest surfaces, 1.6 above them,
-      or at the coordinate 30
+      or at the coordinate 30; its cells begin at multiples of 2
+    - ``raster:dem.tif``, ``raster:dem.tif+1.6``: the cells of a raster file
     - a file of points: see `read_points`
     """
     check_sensors(text)
@@ -65,7 +74,8 @@ def sensors_of(text: str, scene: AnyScene, threads: int | None = None) -> Sensor
         return grid_sensors(scene, _number(grid[1], text))
     if raster := _RASTER.fullmatch(text):
         height = _number(raster[3], text) if raster[3] else 0.0
-        return raster_sensors(scene, _number(raster[1], text), height, follow=raster[2] != "@", threads=threads)
+        cells = raster[1] if Path(raster[1]).suffix.lower() in RASTERS else _number(raster[1], text)
+        return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)
     return read_points(Path(text))
 
 

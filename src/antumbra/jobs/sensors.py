@@ -1,7 +1,8 @@
 """Sensors: the points at which a job asks, with normals and areas."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,18 +11,8 @@ from ..checks import number, points
 from ..errors import InputError
 from ..rendering.queries import surfaces_hit
 from ..scene.any_scene import AnyScene
-
-_MOST = 200_000_000  # sensors: more is taken for a mistake in the spacing
-
-
-class Raster(NamedTuple):
-    """A horizontal raster of square cells. Row 0 is the farthest north, as in pictures and GIS files."""
-
-    west: float  # world coordinate of the left edge, along X
-    north: float  # distance of the upper edge towards north: along Y if Z is up, else along -Z
-    spacing: float  # side of a cell, world units
-    columns: int  # cells from west to east
-    rows: int  # cells from north to south
+from ..scene.crs import same_plan
+from .raster import Raster, aligned_raster, check_count, raster_in, raster_of_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +30,11 @@ class Sensors:
     kind : str
         "face", "vertex", "grid", "raster" or "points".
     raster : Raster or None
-        Of the kind "raster": sensor ``row * columns + column`` is in the middle of this cell.
+        Of the kind "raster": sensor ``row * columns + column`` is in the middle of this cell, if `cells` is None.
     corners : (faces, 3) int64 or None
         Of the kind "vertex": the sensor at each corner of each face, -1 for faces without area.
+    cells : (n,) int64 or None
+        Of the kind "raster": ``row * columns + column`` of each sensor's cell. None: all cells have a sensor.
     """
 
     points: np.ndarray
@@ -51,6 +44,7 @@ class Sensors:
     kind: str
     raster: Raster | None = None
     corners: np.ndarray | None = None
+    cells: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -64,6 +58,14 @@ class Sensors:
         if self.kind != "raster" or self.faces is None or not (self.faces >= 0).any():
             return np.ones(len(self), bool)
         return self.faces >= 0
+
+    def on_raster(self, values: np.ndarray) -> np.ndarray:
+        """(rows, columns) float64: the values ((n,) numbers) of `covered` cells; NaN in the others."""
+        assert self.raster is not None
+        found = np.full(self.raster.rows * self.raster.columns, np.nan)
+        cells = np.arange(len(self)) if self.cells is None else self.cells
+        found[cells[self.covered]] = values[self.covered]
+        return found.reshape(self.raster.rows, self.raster.columns)
 
     def part(self, first: int, last: int) -> "Sensors":
         """The sensors from `first` to `last`, excluded, as single points."""
@@ -139,7 +141,7 @@ def grid_sensors(scene: AnyScene, spacing: float, time: float = 0.0) -> Sensors:
     normals, areas = _areas(corners)
     sound = np.flatnonzero(areas > 0.0)
     corners, normals, areas = corners[sound], normals[sound], areas[sound]
-    _check_count(areas.sum() / spacing**2 + len(sound), spacing)
+    check_count(areas.sum() / spacing**2 + len(sound), spacing)
     across, along = _plane_axes(normals, "xyz".index(scene.up))
     flat = np.stack([(corners * axis[:, None]).sum(-1) for axis in (across, along)], -1) / spacing
     face, places = _lattice(flat)
@@ -208,38 +210,33 @@ def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def raster_sensors(
-    scene: AnyScene, spacing: float, height: float = 0.0, *, follow: bool = True, bounds: ArrayLike | None = None,
-    time: float = 0.0, threads: int | None = None,
+    scene: AnyScene, spacing: float | str | PathLike, height: float = 0.0, *, follow: bool = True,
+    bounds: ArrayLike | None = None, time: float = 0.0, threads: int | None = None,
 ) -> Sensors:  # fmt: skip
     """A horizontal raster of sensors that look up, in the middle of its cells.
 
-    spacing : float
-        Side of a cell, world units.
+    spacing : float, str or path-like
+        Side of a cell, world units. Edges of cells are multiples of it, so rasters of several scenes fit together.
+        A path names a raster file, such as a GeoTIFF of heights, whose cells are taken; it needs ``antumbra[gis]``.
     height : float
         World units; above the highest surface of each cell's middle if `follow`, else a coordinate on the up axis.
         Where there is no surface, `follow` takes the scene's lowest coordinate.
-    bounds : ((x0, n0), (x1, n1)), optional
-        World units along X and towards north (Y if Z is up, else -Z). None: the scene's bounds.
+    bounds : ((x0, n0), (x1, n1)), or (x0, n0, x1, n1), optional
+        World units along X and towards north (Y if Z is up, else -Z). Cells begin at the north-west corner. None: the
+        scene's bounds.
+
+    Raises
+    ------
+    InputError
+        If a number is wrong, or the raster file cannot be read, has cells that are no squares with north up, or has
+        another CRS than the scene.
     """
-    spacing = number(spacing, "the spacing of sensors", 0.0, np.inf)
     height = number(height, "the height of sensors", -np.inf, np.inf)
+    raster = _raster(scene, spacing, bounds)
     up = "xyz".index(scene.up)
-    to_north = np.array([0.0, 1.0, 0.0] if up == 2 else [0.0, 0.0, -1.0])
-    if bounds is None:
-        level = np.stack([scene.bounds[:, 0], scene.bounds @ to_north], 1)
-        low, high = level.min(0), level.max(0)
-    else:
-        low, high = points(np.c_[np.asarray(bounds, np.float64), np.zeros(2)], "bounds of the raster")[:, :2]
-    if not (low < high).all():
-        raise InputError(f"the raster is from {low.tolist()} to {high.tolist()}; it must have a width and a height")
-    columns, rows = (int(np.ceil(n)) for n in np.maximum((high - low) / spacing, 1e-9))
-    _check_count(float(columns) * rows, spacing)
-    raster = Raster(float(low[0]), float(low[1] + rows * spacing), spacing, columns, rows)
-    x = raster.west + (np.arange(columns) + 0.5) * spacing
-    north = raster.north - (np.arange(rows) + 0.5) * spacing
-    grid = np.zeros((rows, columns, 3))
-    grid[..., 0] = x
-    grid += north[:, None, None] * to_north
+    grid = np.zeros((raster.rows, raster.columns, 3))
+    east, north = raster.middles()
+    grid[..., 0], grid[..., 1 if up == 2 else 2] = east, (north if up == 2 else -north)[:, None]
     at = grid.reshape(-1, 3)
     faces = np.full(len(at), -1, np.int64)
     if follow:
@@ -248,7 +245,20 @@ def raster_sensors(
     else:
         at[:, up] = height
     upwards = np.broadcast_to(np.eye(3)[up], at.shape)
-    return Sensors(at, upwards, np.full(len(at), spacing**2), faces, "raster", raster)
+    return Sensors(at, upwards, np.full(len(at), raster.spacing**2), faces, "raster", raster)
+
+
+def _raster(scene: AnyScene, spacing, bounds) -> Raster:
+    """The cells of `raster_sensors`."""
+    if not isinstance(spacing, (str, PathLike)):
+        side = number(spacing, "the spacing of sensors", 0.0, np.inf)
+        return aligned_raster(scene, side) if bounds is None else raster_in(bounds, side)
+    if bounds is not None:
+        raise InputError(f"bounds and the cells of {spacing} exclude each other; leave bounds out")
+    raster = raster_of_file(Path(spacing))
+    if scene.crs and raster.crs and not same_plan(scene.crs, raster.crs):
+        raise InputError(f"{spacing}: its CRS is {raster.crs}, and the scene's is {scene.crs}; reproject one of them")
+    return raster
 
 
 def on_top(scene: AnyScene, at: np.ndarray, time: float = 0.0, threads: int | None = None):
@@ -287,8 +297,3 @@ def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayL
         if sizes.shape != where.shape[:1] or not (np.isfinite(sizes) & (sizes >= 0.0)).all():
             raise InputError("areas of sensors must be one for each point, finite and not negative")
     return Sensors(where, unit, sizes, None, "points")
-
-
-def _check_count(count: float, spacing: float) -> None:
-    if not count <= _MOST:
-        raise InputError(f"a spacing of {spacing:g} needs {count:.2g} sensors, more than {_MOST:.0e}; make it wider")

@@ -31,7 +31,8 @@ class Table:
     columns : dict of str to Column
         The first one is what pictures show.
     about : dict
-        Facts of the whole job, as JSON can hold them: "job", "crs", "timezone", settings.
+        Facts of the whole job, as JSON can hold them: "job", "timezone", settings, and "crs": that of the scene, or
+        else of the file whose cells a raster has.
     scene : Scene or None
         What the sensors belong to; pictures need it.
     camera : Camera or None
@@ -46,6 +47,12 @@ class Table:
     scene: AnyScene | None = None
     camera: Camera | None = None
     marks: np.ndarray | None = None
+
+    def __post_init__(self):
+        raster = self.sensors.raster
+        crs = (self.scene and self.scene.crs) or (raster and raster.crs)
+        if crs:
+            self.about = {"crs": crs, **self.about}
 
     def __len__(self) -> int:
         return len(self.sensors)

@@ -32,6 +32,7 @@ class AnyScene(ABC):
     bounds: np.ndarray  # (2, 3) float64, world
     origin: np.ndarray  # (3,) float64, world
     city: CityModel | None = None  # of a CityJSON file
+    crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
     _view: View | None = None
@@ -236,6 +237,7 @@ class AnyScene(ABC):
             "triangles": f"{self.n_triangles:,}",
             "objects": f"{len(self.objects):,}",
             "size": f"{size}, {self.up} up",
+            **({"crs": self.crs} if self.crs else {}),
             "cameras, lights": f"{len(self._cameras)}, {len(self._lights)}",
             **({"duration": f"{self.duration:g} s"} if self.animated else {}),
             **({"left out": "; ".join(self.notes)} if self.notes else {}),

@@ -11,6 +11,7 @@ from .any_scene import AnyScene
 from .appearance import Appearance, appearance_of
 from .camera import Camera
 from .cityjson.model import CityModel
+from .crs import checked_crs
 from .cutouts import Cutouts, cutouts_of
 from .materials import OPAQUE, PLAIN, Material
 from .mesh import make_mesh
@@ -60,6 +61,10 @@ class Scene(AnyScene):
         Features of the file that the loader omitted or approximated.
     source : Source
         Supplies the triangles, cameras and lights.
+    crs : str or None
+        The coordinate reference system of the world coordinates, such as "EPSG:7415": that of the file, or the `crs`
+        that was given. Tables and rasters made from the scene carry it. Coordinates are easting and northing along the
+        scene's own east and north axes: +X and +Y if Z is up, +X and -Z if Y is up.
     city : CityModel or None
         Of a CityJSON file: the object and the semantic surface of each face, and `CityModel.surface_types`.
     """
@@ -72,8 +77,9 @@ class Scene(AnyScene):
         up: str = "y",
         notes: tuple[str, ...] = (),
         city: CityModel | None = None,
+        crs: str | None = None,
     ):
-        self.city = city
+        self.city, self.crs = city, crs
         self.name, self.up, self.notes = name, checked_up(up), tuple(notes)
         self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
         self.objects = source.objects
@@ -88,7 +94,7 @@ class Scene(AnyScene):
     @classmethod
     def from_arrays(
         cls, vertices, faces=None, colours=None, *, vertex_colours=None, uv=None, texture=None, normals=None,
-        name="arrays", up="y",
+        name="arrays", up="y", crs=None,
     ) -> "Scene":  # fmt: skip
         """A static scene from arrays.
 
@@ -115,6 +121,8 @@ class Scene(AnyScene):
             Name of the scene, also in errors.
         up : "y" or "z"
             The axis that points up.
+        crs : str, optional
+            The coordinate reference system of the vertices, see `Scene.crs`.
 
         Returns
         -------
@@ -142,10 +150,10 @@ class Scene(AnyScene):
                 )
             material = PLAIN if texture is None else Material(texture=picture_texture(texture, name))
             mesh = painted(mesh, indices, len(positions), material, name, uv, vertex_colours, normals)
-        return cls(StaticMeshes([mesh], name), name=name, up=up)
+        return cls(StaticMeshes([mesh], name), name=name, up=up, crs=None if crs is None else checked_crs(crs))
 
     @classmethod
-    def from_mesh(cls, mesh, *, name: str | None = None, up="y") -> "Scene":
+    def from_mesh(cls, mesh, *, name: str | None = None, up="y", crs=None) -> "Scene":
         """A static scene from a mesh of another library. `antumbra.load` takes such meshes too.
 
         Parameters
@@ -158,6 +166,8 @@ class Scene(AnyScene):
             Name of the scene, also in errors; None: the kind of mesh.
         up : "y" or "z"
             The axis that points up.
+        crs : str, optional
+            The coordinate reference system of the vertices, see `Scene.crs`.
 
         Returns
         -------
@@ -173,7 +183,8 @@ class Scene(AnyScene):
 
         name = type(mesh).__name__.lower() if name is None else name
         meshes, notes = meshes_of(mesh, name)
-        return cls(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes))
+        crs = None if crs is None else checked_crs(crs)
+        return cls(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
 
     @property
     def n_triangles(self) -> int:

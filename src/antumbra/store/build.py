@@ -75,8 +75,8 @@ class _Build:
             spool.close()
 
     def _spooled(self, scenes: Iterable, spool: Spool) -> dict:
-        """Spool all pieces; return the name, up axis, cameras, lights and notes of all scenes."""
-        names, ups, cameras, lights, notes = [], set(), [], [], []
+        """Spool all pieces; return the name, up axis, CRS, cameras, lights and notes of all scenes."""
+        names, ups, systems, cameras, lights, notes = [], set(), set(), [], [], []
         for scene in scenes:
             if isinstance(scene, PagedScene):
                 raise scene.refusal()
@@ -86,6 +86,7 @@ class _Build:
             self._spool(scene.source, spool)
             names.append(scene.name)
             ups.add(scene.up)
+            systems.add(getattr(scene, "crs", None))  # a streamed city has none
             cameras += scene.source.cameras(0.0)
             lights += scene.source.lights(0.0)
             notes += scene.notes
@@ -98,10 +99,12 @@ class _Build:
             raise InputError("no scenes; give at least one")
         if len(ups) > 1:
             raise InputError(f"{', '.join(names)}: some have +Y up and some +Z; give them the same up axis")
+        if len(known := sorted(systems - {None})) > 1:
+            raise InputError(f"{', '.join(names)}: have the CRS {', '.join(known)}; reproject them to one")
         if spool.survey.n_triangles > MOST_TRIANGLES:
             raise InputError(f"{spool.survey.n_triangles} triangles; a store holds at most {MOST_TRIANGLES}")
-        name = " + ".join(names)
-        return {"name": name, "up": ups.pop(), "cameras": cameras, "lights": lights, "notes": tuple(notes)}
+        about = {"name": " + ".join(names), "up": ups.pop(), "crs": known[0] if known else None}
+        return {**about, "cameras": cameras, "lights": lights, "notes": tuple(notes)}
 
     def _spool(self, source: Source, spool: Spool) -> None:
         with closing(source.pieces(0.0)) as pieces:  # other processes may be making the pieces

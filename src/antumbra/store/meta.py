@@ -28,11 +28,14 @@ class Meta(NamedTuple):
     lights: list[Light]
     notes: tuple[str, ...]  # notes of the loaders that read the sources
     built: dict  # how the store was built: names and values
+    crs: str | None = None  # of the world coordinates
 
 
 def as_json(meta: Meta) -> bytes:
     """The metadata as JSON."""
     told = meta._asdict()
+    if meta.crs is None:
+        del told["crs"]  # so that earlier versions read the store
     told["bounds"], told["origin"], told["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
     told["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
     told["lights"] = [_light_fields(light) for light in meta.lights]

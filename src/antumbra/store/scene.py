@@ -17,10 +17,10 @@ from .read import Store, open_store
 class PagedScene(AnyScene):
     """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
 
-    The scene is static. Name, up axis, bounds, origin, cameras and lights equal those of a `Scene` of the same sources,
-    and so do the answers to all questions. The store does not record the mesh of a triangle, so all
-    its faces are one object. Methods that need all
-    triangles at once raise InputError. A pickled scene opens its store again, by its path.
+    The scene is static. Name, up axis, CRS, bounds, origin, cameras and lights equal those of a `Scene` of the same
+    sources, and so do the answers to all questions. The store does not record the mesh of a triangle, so all its faces
+    are one object. Methods that need all triangles at once raise InputError. A pickled scene opens its store again, by
+    its path.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class PagedScene(AnyScene):
         self.store, self.name, self.up, self.notes, self.duration = store, meta.name, meta.up, meta.notes, 0.0
         self.meshes: list[MeshInfo] = []
         self.objects = [ObjectInfo(meta.name, -1, 0)]
-        self.bounds, self.origin = meta.bounds, meta.origin
+        self.bounds, self.origin, self.crs = meta.bounds, meta.origin, meta.crs
         self._cameras, self._lights = list(meta.cameras), list(meta.lights)
         self.max_memory = None
         self.own = threading.local()

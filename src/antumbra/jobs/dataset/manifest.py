@@ -30,6 +30,7 @@ def scene_record(scene: AnyScene, time: float, threads: int | None) -> dict:
         "time": time,
         "bounds": scene.bounds.tolist(),
         "origin": scene.origin.tolist(),
+        **({"crs": scene.crs} if scene.crs else {}),
     }
 
 

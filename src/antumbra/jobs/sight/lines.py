@@ -58,4 +58,5 @@ def sight_model(scene: AnyScene, pairs: PairList, found: Sightlines) -> bytes:
             ends = np.stack([begin, end], 1).reshape(-1, 3) - scene.origin
             lines = np.arange(len(ends), dtype=np.uint32).reshape(-1, 2)
             parts.append(Part(name, ends, np.broadcast_to(colour, ends.shape), lines, LINES))
-    return glb(parts, scene.up, {"origin": scene.origin.tolist(), "job": "los"})
+    known = {} if scene.crs is None else {"crs": scene.crs}
+    return glb(parts, scene.up, {"origin": scene.origin.tolist(), "job": "los", **known})

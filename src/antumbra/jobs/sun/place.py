@@ -33,9 +33,9 @@ def place_of(
     Parameters
     ----------
     scene : Scene or PagedScene
-        Its bounds, its up axis, and the CRS of its file are used.
+        Its bounds, its up axis, and its CRS are used.
     crs : str, optional
-        Such as "EPSG:7415"; it replaces the CRS of the file.
+        Such as "EPSG:7415"; it replaces the scene's CRS.
     latitude, longitude : float, optional
         Degrees, WGS 84; both or none.
     north : float, optional
@@ -57,8 +57,7 @@ def place_of(
     """
     if (latitude is None) != (longitude is None):
         raise InputError("a position needs a latitude and a longitude; give both")
-    city = getattr(scene, "city", None)
-    crs = crs or (None if city is None else city.crs)
+    crs = crs or getattr(scene, "crs", None)
     if latitude is not None:
         place = Place(latitude, longitude)
     elif crs is not None:

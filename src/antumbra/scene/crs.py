@@ -1,0 +1,32 @@
+"""Coordinate reference systems (CRS) of scenes, as texts that pyproj knows."""
+
+from ..errors import InputError
+from ..extras import needed
+
+
+def checked_crs(crs) -> str:
+    """The text of a CRS: as it was given, or as pyproj writes it.
+
+    crs : str, or all else that ``pyproj.CRS.from_user_input`` takes
+
+    Raises
+    ------
+    InputError
+        If pyproj is missing, or does not know the CRS.
+    """
+    pyproj = needed("pyproj", "crs", "gis")
+    try:
+        found = pyproj.CRS.from_user_input(crs)
+    except Exception:  # wrong types raise whatever they happen to meet
+        raise InputError(f"crs {str(crs)[:60]!r} is unknown; write an EPSG code such as EPSG:7415") from None
+    return crs if isinstance(crs, str) else found.to_string()
+
+
+def same_plan(a: str, b: str) -> bool:
+    """Whether two checked CRS have the same horizontal coordinates."""
+    return _plan(a).equals(_plan(b), ignore_axis_order=True)
+
+
+def _plan(crs: str):
+    made = needed("pyproj", "crs", "gis").CRS.from_user_input(crs)
+    return made.sub_crs_list[0] if made.is_compound else made
