@@ -17,6 +17,7 @@ from .version import VERSION as _VERSION
 if typing.TYPE_CHECKING:
     from . import cluster
     from .errors import InputError
+    from .jobs.areas import area_sensors
     from .jobs.bake import Baked, bake
     from .jobs.dataset.make import Dataset, dataset
     from .jobs.raster import Raster
@@ -96,6 +97,7 @@ __all__ = [
     "Viewshed",
     "Visibility",
     "VisibilityMatrix",
+    "area_sensors",
     "bake",
     "build_store",
     "cluster",
@@ -126,6 +128,7 @@ __all__ = [
 _HOMES = {
     "errors": ["InputError"],
     "jobs.dataset.make": ["Dataset", "dataset"],
+    "jobs.areas": ["area_sensors"],
     "jobs.bake": ["Baked", "bake"],
     "plan": ["Plan"],
     "rendering.queries": ["Visibility", "visibility"],

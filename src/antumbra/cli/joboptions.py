@@ -9,13 +9,11 @@ from ..errors import InputError
 from .arguments import parse_point
 from .outputs import tables, writes
 
-SensorsOption = Annotated[
-    str,
-    typer.Option(
-        help="Where to ask: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], "
-        "raster:FILE.tif (its cells), or a file of points (.csv, .parquet, .npy, .npz).",
-    ),
-]
+SENSORS_HELP = (
+    "Where to ask: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif (its "
+    "cells), or a file of points (.csv, .parquet, .npy, .npz)."
+)
+SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
 OutputsOption = Annotated[
     list[Path] | None,
     typer.Option(

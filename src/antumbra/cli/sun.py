@@ -15,6 +15,8 @@ from .sceneinput import limit_memory, open_scene
 from .sharing import engine_for, tell_shard
 from .sunarguments import SunArguments
 
+_MOST_AREAS = 50  # that are printed
+
 
 @takes(SunArguments)
 def sun(given: SunArguments) -> int:
@@ -38,17 +40,27 @@ def sun(given: SunArguments) -> int:
       antumbra sun house.glb --latitude 52 --longitude 4.36 --timezone Europe/Amsterdam --days 2026-06-21 --step 5
       antumbra sun city.ply --crs EPSG:28992 --up z --sensors raster:1 --days year:2026 -o sun.tif
       antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
+      antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
     """
+    from ..jobs.areas import SPACING, check_areas
     from ..jobs.readsensors import check_sensors, sensors_of
     from ..jobs.sun.place import place_of
+    from ..jobs.sun.rules import check_asked
     from ..jobs.sun.study import sun_hours
+    from ..jobs.sun.times import parse_days
     from ..plan import parse_plan
 
     spec = parse_scene(given.scene)
-    check_sensors(given.sensors)
+    in_areas = given.areas is not None
+    asked = given.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
+    if given.areas is not None:
+        check_areas(given.areas)
+    check_sensors(asked, areas=in_areas)
+    if given.rule is not None:
+        check_asked(given.rule, None if given.days is None else parse_days(given.days), in_areas)
     parse_plan(given.plan)
     memory = None if given.max_memory is None else parse_bytes(given.max_memory, "--max-memory")
-    outputs = _checked_outputs(given, spec)
+    outputs = _checked_outputs(given, spec, asked)
     engine = engine_for(given, outputs[0])
     if given.city_output is not None:
         _check_city(spec, given.city_output)
@@ -59,7 +71,7 @@ def sun(given: SunArguments) -> int:
         place = place_of(
             scene, latitude=given.latitude, longitude=given.longitude, north=given.north, timezone=given.timezone
         )
-        sensors = sensors_of(given.sensors, scene, given.threads)
+        sensors = sensors_of(asked, scene, given.threads, given.areas)
         display.say("preparing")
         ask = partial(
             sun_hours, scene, days=given.days, place=place, step=given.step, rule=given.rule, epw=given.epw,
@@ -74,7 +86,7 @@ def sun(given: SunArguments) -> int:
         seconds = perf_counter() - start
         if table is None:
             return tell_shard(engine, given, seconds)
-        table.about |= {"scene": given.scene, "sensors": given.sensors, "plan": given.plan}
+        table.about |= {"scene": given.scene, "sensors": asked, "plan": given.plan}
         display.say("writing")
         for path in outputs:
             table.save(path, given.column)
@@ -85,14 +97,14 @@ def sun(given: SunArguments) -> int:
     return 0
 
 
-def _checked_outputs(given: SunArguments, spec: SceneSpec) -> list[Path]:
+def _checked_outputs(given: SunArguments, spec: SceneSpec, sensors: str) -> list[Path]:
     """The files to write; their formats are checked before a scene is read."""
     from ..jobs.formats import writer_of
+    from ..jobs.readsensors import kind_of
 
     paths = given.output or [Path(f"{spec.stem}-sun.png")]
-    kind = given.sensors.partition(":")[0]
     for path in paths:
-        writer_of(path, kind)
+        writer_of(path, kind_of(sensors))
     return paths
 
 
@@ -130,11 +142,28 @@ def _tell(given: SunArguments, table, seconds: float, written: list[str]) -> Non
         rows = [
             ("place", f"{about['latitude']:.4f}, {about['longitude']:.4f}; true north at {about['north']:.2f} degrees"),
             ("suns", f"{about['suns']:,} from {about['first']} to {about['last']}, {about['hours']:,.1f} h"),
-            ("sensors", f"{len(table):,} ({given.sensors})"),
+            ("sensors", f"{len(table):,} ({about['sensors']})"),
             ("hours of sun", f"{least:,.1f} to {most:,.1f}, median {middle:,.1f}"),
         ]
-        if "passes" in table.columns:
+        if "passes" in table.columns and "areas" not in about:
             rows.append((about["rule"], f"{table['passes'][there].mean():.1%} of the sensors on surfaces pass"))
         rows.append(("time", f"{report.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
         rows += [("written", path) for path in written]
         report.print_fields(rows)
+        if "areas" in about:
+            report.print_table(*_areas(about["areas"]), right=(1, 2, 3, 4))
+
+
+def _areas(records: list[dict]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The columns and rows of a table of areas."""
+    judged = "share" in records[0]
+    names = "area", "cells", "inside buildings", "mean hours", *(("at least 2 h", "passes") if judged else ())
+    return names, [_area(each)[: len(names)] for each in records[:_MOST_AREAS]]
+
+
+def _area(record: dict) -> tuple[str, ...]:
+    """The row of an area."""
+    hours, share = record["sun_hours"], record.get("share")
+    row = record["name"], f"{record['cells']:,}", f"{record['left_out']:,}", "" if hours is None else f"{hours:.1f}"
+    passes = {None: "no cells", True: "yes", False: "no"}[record.get("passes")]
+    return *row, "" if share is None else f"{share:.1%}", passes

@@ -9,12 +9,12 @@ import typer
 
 from ..plan import DEFAULT_PLAN
 from .joboptions import (
+    SENSORS_HELP,
     ColumnOption,
     CrsOption,
     DegreesOption,
     NorthOption,
     OutputsOption,
-    SensorsOption,
     TimezoneOption,
 )
 from .options import SCENE_HELP, Json, MaxMemoryOption, Quiet, Threads, UpOption
@@ -32,7 +32,9 @@ class SunArguments:
     """The arguments of the command line: each field is an argument or an option."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
-    sensors: SensorsOption = "face"
+    sensors: Annotated[
+        str | None, typer.Option(help=SENSORS_HELP + "  [default: face; in areas raster:0.5]", show_default=False)
+    ] = None
     days: Annotated[
         str | None,
         typer.Option(
@@ -42,9 +44,24 @@ class SunArguments:
             show_default=False,
         ),
     ] = None
-    step: Annotated[float, typer.Option(help="Minutes that each sun stands for.", metavar="MINUTES")] = 60
+    step: Annotated[
+        float | None,
+        typer.Option(
+            help="Minutes that each sun stands for.  [default: 60, or those of the rule]",
+            metavar="MINUTES",
+            show_default=False,
+        ),
+    ] = None
     rule: Annotated[
         str | None, typer.Option(help="A daylight rule: br209-windows, en17037-medium, ...", show_default=False)
+    ] = None
+    areas: Annotated[
+        Path | None,
+        typer.Option(
+            help="GeoJSON polygons of gardens or other areas of the ground, for br209-amenity.",
+            metavar="FILE",
+            show_default=False,
+        ),
     ] = None
     epw: Annotated[
         Path | None,

@@ -34,6 +34,12 @@ class Raster(NamedTuple):
         east = self.west + (np.arange(self.columns) + 0.5) * self.spacing
         return east, self.north - (np.arange(self.rows) + 0.5) * self.spacing
 
+    def places(self, cells: np.ndarray, up: str) -> np.ndarray:
+        """(n, 3) float64, world: the middles of cells (``row * columns + column``), at height 0."""
+        east, north = self.middles()
+        x, y = east[cells % self.columns], north[cells // self.columns]
+        return np.stack([x, y, np.zeros(len(cells))] if up == "z" else [x, np.zeros(len(cells)), -y], 1)
+
 
 def plan_of(scene: AnyScene) -> np.ndarray:
     """(2, 2) float64: the scene's bounds to the east and to the north, lowest and highest."""
@@ -41,12 +47,12 @@ def plan_of(scene: AnyScene) -> np.ndarray:
     return np.array([[x0, y0], [x1, y1]] if scene.up == "z" else [[x0, -z1], [x1, -z0]])
 
 
-def aligned_raster(scene: AnyScene, spacing: float) -> Raster:
-    """The cells over a scene. Their edges are multiples of the spacing.
+def aligned_raster(plan: np.ndarray, spacing: float) -> Raster:
+    """The cells over bounds, as `plan_of` has them. Their edges are multiples of the spacing.
 
-    So the cells are those of a raster file with such edges, whatever part of it the scene shows.
+    So the cells are those of a raster file with such edges, whatever part of it the bounds are.
     """
-    low, high = _checked(plan_of(scene))
+    low, high = _checked(plan)
     first, last = np.floor(low / spacing + _SAME), np.ceil(high / spacing - _SAME)
     columns, rows = _counts(last - first, spacing)
     return Raster(float(first[0] * spacing), float((first[1] + rows) * spacing), spacing, columns, rows)

@@ -14,6 +14,7 @@ from ..extras import needed
 from ..scene.any_scene import AnyScene
 from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
 from ..scene.files import checked_file
+from .areas import area_sensors
 from .raster import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
 
@@ -30,8 +31,11 @@ _NUMBER_BYTES = 8  # of a column of Parquet, at most
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 
-def check_sensors(text: str, option: str = "--sensors") -> None:
-    """Raise an InputError, before a scene is read, unless `sensors_of` knows this form."""
+def check_sensors(text: str, option: str = "--sensors", areas: bool = False) -> None:
+    """Raise an InputError, before a scene is read, unless `sensors_of` knows this form; `areas`: in areas."""
+    if areas and not _RASTER.fullmatch(text):
+        forms = "raster:SPACING[+HEIGHT|@HEIGHT] or raster:FILE.tif"
+        raise InputError(f"{option} is {text!r}; in areas it must be {forms}")
     if text in ("face", "vertex") or _GRID.fullmatch(text):
         return
     if raster := _RASTER.fullmatch(text):
@@ -55,8 +59,11 @@ def kind_of(text: str) -> str:
     return word if word in ("face", "vertex", "grid", "raster") else "points"
 
 
-def sensors_of(text: str, scene: AnyScene, threads: int | None = None) -> Sensors:
+def sensors_of(text: str, scene: AnyScene, threads: int | None = None, areas=None) -> Sensors:
     """The sensors that a text names.
+
+    With `areas`, as `area_sensors` takes them, the text must be one of ``raster``: its heights are above the ground of
+    the areas.
 
     - ``face``, ``vertex``: one for each face, or each place of corners
     - ``grid:1.5``: a grid on every surface
@@ -65,7 +72,7 @@ def sensors_of(text: str, scene: AnyScene, threads: int | None = None) -> Sensor
     - ``raster:dem.tif``, ``raster:dem.tif+1.6``: the cells of a raster file
     - a file of points: see `read_points`
     """
-    check_sensors(text)
+    check_sensors(text, areas=areas is not None)
     if text == "face":
         return face_sensors(scene)
     if text == "vertex":
@@ -75,6 +82,8 @@ def sensors_of(text: str, scene: AnyScene, threads: int | None = None) -> Sensor
     if raster := _RASTER.fullmatch(text):
         height = _number(raster[3], text) if raster[3] else 0.0
         cells = raster[1] if Path(raster[1]).suffix.lower() in RASTERS else _number(raster[1], text)
+        if areas is not None:
+            return area_sensors(scene, areas, cells, height, follow=raster[2] != "@", threads=threads)
         return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)
     return read_points(Path(text))
 

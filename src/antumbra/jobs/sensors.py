@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +13,18 @@ from ..errors import InputError
 from ..rendering.queries import surfaces_hit
 from ..scene.any_scene import AnyScene
 from ..scene.crs import same_plan
-from .raster import Raster, aligned_raster, check_count, raster_in, raster_of_file
+from .raster import Raster, aligned_raster, check_count, plan_of, raster_in, raster_of_file
+
+LOW = 1.0
+"""World units: what is lower above the ground is part of it, such as a pavement; what is higher may be a building."""
+
+
+class Zone(NamedTuple):
+    """An area with sensors."""
+
+    name: str
+    cells: int  # all cells of its raster
+    left_out: int  # those inside buildings, which have no sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +47,10 @@ class Sensors:
         Of the kind "vertex": the sensor at each corner of each face, -1 for faces without area.
     cells : (n,) int64 or None
         Of the kind "raster": ``row * columns + column`` of each sensor's cell. None: all cells have a sensor.
+    zone : (n,) int64 or None
+        Of sensors in areas: the area of each, an index in `zones`.
+    zones : tuple of Zone
+        The areas.
     """
 
     points: np.ndarray
@@ -45,6 +61,8 @@ class Sensors:
     raster: Raster | None = None
     corners: np.ndarray | None = None
     cells: np.ndarray | None = None
+    zone: np.ndarray | None = None
+    zones: tuple[Zone, ...] = ()
 
     def __len__(self) -> int:
         return len(self.points)
@@ -54,8 +72,8 @@ class Sensors:
 
     @property
     def covered(self) -> np.ndarray:
-        """(n,) bool: False for the cells of a raster that lie beside the surfaces that it follows."""
-        if self.kind != "raster" or self.faces is None or not (self.faces >= 0).any():
+        """(n,) bool: False for cells of a raster that lie beside the surfaces that it follows; True for all others."""
+        if self.kind != "raster" or self.zone is not None or self.faces is None or not (self.faces >= 0).any():
             return np.ones(len(self), bool)
         return self.faces >= 0
 
@@ -70,7 +88,8 @@ class Sensors:
     def part(self, first: int, last: int) -> "Sensors":
         """The sensors from `first` to `last`, excluded, as single points."""
         cut = lambda array: None if array is None else array[first:last]
-        return Sensors(self.points[first:last], cut(self.normals), cut(self.areas), cut(self.faces), "points")
+        areas, faces, zone = cut(self.areas), cut(self.faces), cut(self.zone)
+        return Sensors(self.points[first:last], cut(self.normals), areas, faces, "points", zone=zone, zones=self.zones)
 
 
 def corners_of(scene: AnyScene, time: float = 0.0) -> np.ndarray:
@@ -232,12 +251,14 @@ def raster_sensors(
         another CRS than the scene.
     """
     height = number(height, "the height of sensors", -np.inf, np.inf)
-    raster = _raster(scene, spacing, bounds)
+    if bounds is None:
+        raster = raster_of(scene, spacing)
+    elif isinstance(spacing, (str, PathLike)):
+        raise InputError(f"bounds and the cells of {spacing} exclude each other; leave bounds out")
+    else:
+        raster = raster_in(bounds, number(spacing, "the spacing of sensors", 0.0, np.inf))
     up = "xyz".index(scene.up)
-    grid = np.zeros((raster.rows, raster.columns, 3))
-    east, north = raster.middles()
-    grid[..., 0], grid[..., 1 if up == 2 else 2] = east, (north if up == 2 else -north)[:, None]
-    at = grid.reshape(-1, 3)
+    at = raster.places(np.arange(raster.rows * raster.columns), scene.up)
     faces = np.full(len(at), -1, np.int64)
     if follow:
         at[:, up], faces = on_top(scene, at, time, threads)
@@ -248,13 +269,11 @@ def raster_sensors(
     return Sensors(at, upwards, np.full(len(at), raster.spacing**2), faces, "raster", raster)
 
 
-def _raster(scene: AnyScene, spacing, bounds) -> Raster:
-    """The cells of `raster_sensors`."""
+def raster_of(scene: AnyScene, spacing: float | str | PathLike, plan: np.ndarray | None = None) -> Raster:
+    """The cells of `raster_sensors` over a scene, or over bounds as `plan_of` has them."""
     if not isinstance(spacing, (str, PathLike)):
         side = number(spacing, "the spacing of sensors", 0.0, np.inf)
-        return aligned_raster(scene, side) if bounds is None else raster_in(bounds, side)
-    if bounds is not None:
-        raise InputError(f"bounds and the cells of {spacing} exclude each other; leave bounds out")
+        return aligned_raster(plan_of(scene) if plan is None else plan, side)
     raster = raster_of_file(Path(spacing))
     if scene.crs and raster.crs and not same_plan(scene.crs, raster.crs):
         raise InputError(f"{spacing}: its CRS is {raster.crs}, and the scene's is {scene.crs}; reproject one of them")
@@ -262,17 +281,37 @@ def _raster(scene: AnyScene, spacing, bounds) -> Raster:
 
 
 def on_top(scene: AnyScene, at: np.ndarray, time: float = 0.0, threads: int | None = None):
-    """The highest surface at places: (n,) coordinates on the up axis, and (n,) faces, -1 where there is none."""
+    """The highest surface at places: (n,) coordinates on the up axis, and (n,) faces, -1 where there is none.
+
+    Where there is none, the coordinate is the lowest of the scene.
+    """
+    lowest, highest = scene.bounds[:, "xyz".index(scene.up)]
+    start = np.full(len(at), highest + max(highest - lowest, 1.0))
+    return _first_surface(scene, at, start, -1.0, time, threads)
+
+
+def ground_at(scene: AnyScene, at: np.ndarray, time: float = 0.0, threads: int | None = None):
+    """The ground at places, as `on_top` has the highest surface: the lowest surface, or another less than `LOW` above.
+
+    So the ground is the upper side of pavements and other low slabs.
+    """
+    lowest, highest = scene.bounds[:, "xyz".index(scene.up)]
+    start = np.full(len(at), lowest - max(highest - lowest, 1.0))
+    bottom, none = _first_surface(scene, at, start, 1.0, time, threads)
+    ground, faces = _first_surface(scene, at, bottom + LOW, -1.0, time, threads)
+    return np.where(none < 0, bottom, ground), np.where(none < 0, none, faces)
+
+
+def _first_surface(scene: AnyScene, at: np.ndarray, start: np.ndarray, sign: float, time: float, threads: int | None):
+    """The first surface that rays from heights meet, upwards (sign 1) or downwards (-1)."""
     up = "xyz".index(scene.up)
-    lowest, highest = scene.bounds[:, up]
-    begin, down = at.copy(), np.zeros(3)
-    reach = max(highest - lowest, 1.0)
-    begin[:, up], down[up] = highest + reach, -1.0
-    distance, triangles, index = surfaces_hit(scene, begin, down, time, threads)
+    begin, along = at.copy(), np.zeros(3)
+    begin[:, up], along[up] = start, sign
+    distance, triangles, index = surfaces_hit(scene, begin, along, time, threads)
     met = index >= 0
-    tops = np.where(met, highest + reach - np.where(met, distance, 0.0), lowest)
+    heights = np.where(met, start + sign * np.where(met, distance, 0.0), scene.bounds[0, up])
     faces = np.where(met, triangles.face_id[np.maximum(index, 0)], -1) if len(triangles.face_id) else index
-    return tops, faces.astype(np.int64)
+    return heights, faces.astype(np.int64)
 
 
 def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayLike | None = None) -> Sensors:

@@ -1,5 +1,7 @@
 """Coordinate reference systems (CRS) of scenes, as texts that pyproj knows."""
 
+import numpy as np
+
 from ..errors import InputError
 from ..extras import needed
 
@@ -25,6 +27,21 @@ def checked_crs(crs) -> str:
 def same_plan(a: str, b: str) -> bool:
     """Whether two checked CRS have the same horizontal coordinates."""
     return _plan(a).equals(_plan(b), ignore_axis_order=True)
+
+
+def moved(plan: np.ndarray, source: str, target: str) -> np.ndarray:
+    """(n, 2) float64: places in the horizontal coordinates of another checked CRS, to the east and to the north.
+
+    Raises
+    ------
+    InputError
+        If a place has no such coordinates.
+    """
+    change = needed("pyproj", "crs", "gis").Transformer.from_crs(_plan(source), _plan(target), always_xy=True)
+    found = np.stack(change.transform(*plan.T), -1)
+    if not np.isfinite(found).all():
+        raise InputError(f"places in {source} have no coordinates in {target}; check both")
+    return found
 
 
 def _plan(crs: str):

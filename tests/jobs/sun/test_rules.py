@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.sun.place import Place
-from antumbra.jobs.sun.rules import RULES, passed, rule_named, weights_of
-from antumbra.jobs.sun.times import month_days, zone_of
+from antumbra.jobs.sun.rules import RULES, check_asked, passed, rule_named, weights_of
+from antumbra.jobs.sun.times import month_days, parse_days, zone_of
 
 LONDON = Place(51.5, -0.1, 0.0, 0.0, "Europe/London")
 
@@ -73,3 +73,25 @@ def test_unknown_rules():
         at.InputError, match="rule 'x' is unknown; use one of br209-windows, br209-amenity, en17037-min"
     ):
         rule_named("x")
+
+
+@pytest.mark.parametrize(
+    "name, fine, wrong",
+    [
+        ("br209-amenity", ["2026-03-21", "2031-03-21"], ["2026-06-21", "2026-03-20:2026-03-22", "year:2026"]),
+        ("br209-windows", ["year:2026", "2026-01-21:2026-12-21:7"], ["2026-03-21", "2026-01-01:2026-11-30"]),
+        ("en17037-medium", ["2026-02-01", "2026-03-21"], ["2026-03-22", "2026-01-31", "2026-03-20,2026-03-21"]),
+    ],
+)
+def test_days_that_a_rule_is_not_about_are_refused(name, fine, wrong):
+    check_asked(name, None, True)
+    for text in fine:
+        check_asked(name, parse_days(text), True)
+    for text in wrong:
+        with pytest.raises(at.InputError, match=f"rule {name} is about .*leave the days out"):
+            check_asked(name, parse_days(text), True)
+
+
+def test_every_rule_has_days_of_its_own_that_it_accepts():
+    for name, rule in RULES.items():
+        check_asked(name, rule.days(2026), True)

@@ -4,6 +4,7 @@ Each rule is linear: a sun counts for a criterion with a weight, and a sensor's 
 sees. So `weights_of` gives a matrix, and ``seen @ weights.T`` gives the scores that `passed` compares.
 """
 
+from calendar import month_name
 from collections.abc import Callable
 from datetime import date, timedelta
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from .times import month_days
 BRIGHT = 120.0
 """W/m2: sunshine is bright if direct normal irradiance is above this (World Meteorological Organization)."""
 
+_MONTHS = 12
 _ROUNDING = 1e-9  # so that a sum of twelfths of an hour reaches a whole number
 
 
@@ -40,7 +42,8 @@ class Rule(NamedTuple):
     days: Callable[[int], list[date]]  # of a year
     step: int  # minutes
     criteria: tuple[Criterion, ...]  # a sensor passes if it meets all
-    area: float | None = None  # part of the sensors' area that has to pass; None: each sensor by itself
+    area: float | None = None  # part of each area that has to pass; None: each sensor by itself
+    period: tuple[int, int] | None = None  # first and last of the days of which one is asked; None: a whole year
 
 
 def weights_of(rule: Rule, suns: Suns) -> np.ndarray:
@@ -74,6 +77,35 @@ def passed(rule: Rule, scores: np.ndarray) -> np.ndarray:
     return np.all(scores >= least - _ROUNDING, axis=1)
 
 
+def check_asked(name: str, days: list[date] | None, areas: bool) -> None:
+    """Raise an InputError, before work begins, if a rule does not fit the days, or lacks its areas.
+
+    days : those that were given; None: those of the rule
+    """
+    rule = rule_named(name)
+    if rule.area is not None and not areas:
+        raise InputError(
+            f"rule {name} judges gardens and other amenity areas; give their polygons as areas, such as --areas "
+            "gardens.geojson"
+        )
+    if days is None:
+        return
+    cure = "leave the days out"
+    if rule.period is None:
+        if len({day.month for day in days}) < _MONTHS:
+            raise InputError(f"rule {name} is about a whole year; {cure}, or give days of all months such as year:2026")
+        return
+    first, last = rule.period
+    if len(set(days)) != 1 or not first <= 100 * days[0].month + days[0].day <= last:
+        when = _day_text(first) if first == last else f"one day from {_day_text(first)} to {_day_text(last)}"
+        raise InputError(f"rule {name} is about {when}; {cure}, or give one such day, such as 2026-03-21")
+
+
+def _day_text(day: int) -> str:
+    """100 * month + day in words, such as "21 March"."""
+    return f"{day % 100} {month_name[day // 100]}"
+
+
 def rule_named(name: str) -> Rule:
     """A rule of `RULES`. Raises InputError with all names if there is none."""
     if name not in RULES:
@@ -102,7 +134,8 @@ _EN_NOTES = (
 def _en_17037(level: str, hours: float) -> Rule:
     text = f"At least {hours:g} hours of possible sun on a day from 1 February to 21 March."
     days, criteria = _equinox, (Criterion("hours", hours),)
-    return Rule(f"en17037-{level}", f"{_EN_17037}, level {level}", text, _EN_NOTES, days, 5, criteria)
+    cited = f"{_EN_17037}, level {level}"
+    return Rule(f"en17037-{level}", cited, text, _EN_NOTES, days, 5, criteria, period=(201, 321))
 
 
 RULES: dict[str, Rule] = {
@@ -125,11 +158,14 @@ RULES: dict[str, Rule] = {
             "br209-amenity",
             _BR_209,
             "At least half of a garden or amenity area gets at least two hours of sun on 21 March.",
-            "Sun hours are those of a clear sky.",
+            "Sun hours are those of a clear sky, with the sun at any height above the horizon. The ground is the "
+            "lowest surface of the scene, or the upper side of a low slab there. Cells inside buildings do not belong "
+            "to an area. Trees shade as they are modelled; assessments often leave them out.",
             _equinox,
             5,
             (Criterion("hours", 2.0),),
             0.5,
+            (321, 321),
         ),
         _en_17037("minimum", 1.5),
         _en_17037("medium", 3.0),

@@ -12,6 +12,7 @@ from ...kernels.progress import Progress, followed
 from ...output import check_room, checked_output, replacing
 from ...plan import Plan
 from ...scene.any_scene import AnyScene
+from ..areas import SPACING
 from ..engines import engine_of
 from ..readsensors import sensors_of
 from ..rowfile import row_file_size
@@ -20,7 +21,7 @@ from ..table import Column, Table
 from .hours import Sums, ask
 from .place import Place, place_of
 from .positions import Suns, suns_of
-from .rules import Rule, passed, rule_named, weights_of
+from .rules import Rule, check_asked, passed, rule_named, weights_of
 from .sky import asked_sky, share_of_sky
 from .tally import Tally
 from .times import parse_days, times_of, zone_of
@@ -42,14 +43,15 @@ class Study(NamedTuple):
     rule: Rule | None
     diffuse: np.ndarray | None  # (i,) float64, Wh/m2 of diffuse light on a horizontal plane, of each interval
     by: tuple[str, ...]
+    step: float  # minutes
 
 
 @followed
 def sun_hours(
-    scene: AnyScene, sensors: Sensors | str = "face", days: str | Iterable[date] | None = None, *,
-    place: Place | None = None, step: float = 60, rule: str | None = None, epw=None, energy: bool = False,
-    sky: int = 0, by: Sequence[str] = (), samples: int = 1, matrix=None, plan: str | Plan | None = None,
-    threads: int | None = None, keep=None, progress: Progress = None,
+    scene: AnyScene, sensors: Sensors | str | None = None, days: str | Iterable[date] | None = None, *,
+    place: Place | None = None, step: float | None = None, rule: str | None = None, areas=None, epw=None,
+    energy: bool = False, sky: int = 0, by: Sequence[str] = (), samples: int = 1, matrix=None,
+    plan: str | Plan | None = None, threads: int | None = None, keep=None, progress: Progress = None,
 ) -> Table:  # fmt: skip
     """Find the hours of direct sun of each sensor, exactly.
 
@@ -59,17 +61,23 @@ def sun_hours(
     Parameters
     ----------
     scene : Scene or PagedScene
-    sensors : Sensors or str
-        A text is ``face``, ``vertex``, ``grid:SPACING``, ``raster:SPACING`` or a file; see `antumbra.sensors_of`.
+    sensors : Sensors or str, optional
+        A text is ``face``, ``vertex``, ``grid:SPACING``, ``raster:SPACING`` or a file; see `antumbra.sensors_of`. None:
+        ``face``; in areas ``raster:0.5``.
     days : str or iterable of date, optional
         ``2026-06-21``, ``2026-03-21:2026-09-21``, ``year:2026``, or several with commas. None: the days of the rule, or
         those of the EPW file.
     place : Place, optional
         None: that of the scene's CRS.
-    step : float
-        Minutes of an interval. EPW files have hours.
+    step : float, optional
+        Minutes of an interval. None: 60, or those of the rule. EPW files have hours.
     rule : str, optional
-        A daylight rule, see `antumbra plans`: its criteria become columns.
+        A daylight rule, see `antumbra plans`: its criteria become columns. Days that it is not about are refused.
+    areas : optional
+        Gardens or other areas of the ground, as `antumbra.area_sensors` takes them: a GeoJSON file, or polygons. The
+        table has the cells of a raster in them, but for those inside buildings. ``about["areas"]`` lists each area: its
+        name, cells, those that were left out, the mean of the hours, and with the rule br209-amenity the share of its
+        cells that get two hours, and whether the area passes.
     epw : str or path-like, optional
         Weather file: direct and diffuse radiation, and the place if there is no other.
     energy : bool
@@ -103,9 +111,14 @@ def sun_hours(
         sun is above the horizon.
     """
     samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, 1024)
-    study = studied(scene, days, place=place, step=step, rule=rule, epw=epw, energy=energy, by=by)
+    in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
+    study = studied(scene, days, place=place, step=step, rule=rule, areas=in_areas, epw=epw, energy=energy, by=by)
+    if sensors is None:
+        sensors = "face" if areas is None else f"raster:{SPACING:g}"
     if isinstance(sensors, str):
-        sensors = sensors_of(sensors, scene, threads)
+        sensors = sensors_of(sensors, scene, threads, areas)
+    elif areas is not None:
+        raise InputError("areas need sensors as text, such as raster:0.5; or leave areas out, and give area_sensors")
     target = None if matrix is None else checked_output(matrix, (".npy",))
     suns, bins = study.suns, _Bins(study)
     asked = ask(
@@ -124,7 +137,9 @@ def sun_hours(
     if not engine.finish(job):
         return None  # type: ignore[return-value]  # a shard, of a command
     tally, *of_sky = [each.tally() for each in sums]
-    table = Table(sensors, _columns(study, bins, tally), _about(study, step, samples), scene)
+    table = Table(sensors, _columns(study, bins, tally), _about(study, samples), scene)
+    if sensors.zone is not None:
+        table.about["areas"] = area_records(sensors, tally.hours, study.rule, table)
     if of_sky:
         _add_sky(table, study, share_of_sky(*of_sky))
     if target is not None:
@@ -134,14 +149,18 @@ def sun_hours(
     return table
 
 
-def studied(scene, days, *, place, step, rule, epw, energy, by) -> Study:
+def studied(scene, days, *, place, step, rule, areas, epw, energy, by) -> Study:
     """Everything but the scene's answer: the place, the suns, and what to count."""
     for each in by:
         if each not in BY:
             raise InputError(f"by is {each!r}; it must be month or hour")
     found = None if rule is None else rule_named(rule)
-    if isinstance(days, str):
-        days = parse_days(days)
+    if days is not None:
+        days = parse_days(days) if isinstance(days, str) else list(days)
+    if found is not None:
+        check_asked(found.name, days, areas)
+    if step is None:
+        step = 60.0 if found is None else found.step
     place = place_of(scene) if place is None else place
     weather = None
     if epw is not None:
@@ -149,7 +168,7 @@ def studied(scene, days, *, place, step, rule, epw, energy, by) -> Study:
     if place is None:
         raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
     if days is None and found is not None:
-        days, step = found.days(TYPICAL_YEAR), found.step
+        days = found.days(TYPICAL_YEAR)
     if weather is not None:
         weather = weather if days is None else on_days(weather, days)
         suns = suns_of(place, weather.times, scene.up, weather.dni)
@@ -163,7 +182,7 @@ def studied(scene, days, *, place, step, rule, epw, energy, by) -> Study:
         diffuse = None if clear is None else clear.dhi * times.hours
     if not len(suns.hours):
         raise InputError("no sun is above the horizon on these days; check the days and the place")
-    return Study(place, suns, found, diffuse, tuple(by))
+    return Study(place, suns, found, diffuse, tuple(by), float(step))
 
 
 class _Bins:
@@ -242,12 +261,27 @@ def _add_sky(table: Table, study: Study, view: np.ndarray) -> None:
         table.columns["diffuse_kwh_m2"] = Column(values, "kWh/m2", "energy of diffuse light, uniform sky")
 
 
-def _about(study: Study, step: float, samples: int) -> dict[str, Any]:
+def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: Table) -> list[dict[str, Any]]:
+    """What is found in each area, as JSON can hold it. All cells have one size: their shares are those of the area."""
+    assert sensors.zone is not None
+    records = []
+    for k, zone in enumerate(sensors.zones):
+        own = sensors.zone == k
+        record: dict[str, Any] = {"name": zone.name, "cells": int(own.sum()), "left_out": zone.left_out}
+        record["sun_hours"] = float(hours[own].mean()) if own.any() else None
+        if rule is not None and rule.area is not None:
+            share = float(table["passes"][own].mean()) if own.any() else None
+            record |= {"share": share, "passes": None if share is None else share >= rule.area}
+        records.append(record)
+    return records
+
+
+def _about(study: Study, samples: int) -> dict[str, Any]:
     """Facts of the study, as JSON can hold them."""
     suns, place, rule = study.suns, study.place, study.rule
     found: dict[str, Any] = {"job": "sun", "title": "Hours of direct sun", **place._asdict()}
     found |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
-    found |= {"hours": float(suns.hours.sum()), "step": float(step), "samples": samples}
+    found |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": samples}
     if rule is not None:
         found |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
     return found

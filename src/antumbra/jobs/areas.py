@@ -1,0 +1,209 @@
+"""Areas of the ground, such as gardens: polygons from GeoJSON or Python, and the sensors in them."""
+
+import json
+from collections.abc import Iterator, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..checks import number
+from ..errors import InputError
+from ..scene.any_scene import AnyScene
+from ..scene.crs import checked_crs, moved
+from ..scene.files import checked_file
+from .inside import covered_by_solids
+from .raster import Raster
+from .sensors import Sensors, Zone, ground_at, raster_of
+
+SPACING = 0.5
+"""Side of the cells of areas, if no other is given."""
+
+SUFFIXES = (".geojson", ".json")
+_WORLD = "EPSG:4326"  # of GeoJSON without a CRS [RFC 7946]
+
+
+class Area(NamedTuple):
+    """An area of the ground."""
+
+    name: str
+    rings: list[np.ndarray]  # (k, 2) float64 each, to the east and to the north; holes and further polygons included
+
+
+def area_sensors(
+    scene: AnyScene, areas, spacing: float | str | PathLike = SPACING, height: float = 0.0, *, follow: bool = True,
+    threads: int | None = None,
+) -> Sensors:  # fmt: skip
+    """Sensors on the ground of areas, such as gardens: the cells of a raster whose middles lie in them.
+
+    The ground is the lowest surface, or the upper side of a slab there that is less than 1 world unit thick. So no
+    sensor lies on a roof. Cells inside buildings are left out.
+
+    Parameters
+    ----------
+    scene : Scene
+    areas : str, path-like, dict, or sequence
+        A GeoJSON file or object of Polygons and MultiPolygons; an object with ``__geo_interface__``, such as a shapely
+        polygon or a GeoDataFrame; a sequence of (k, 2) rings, in the scene's coordinates to the east and to the north;
+        or a dict from names to any of these. GeoJSON is in WGS 84 unless it names a CRS or has other numbers.
+    spacing : float, str or path-like
+        As in `raster_sensors`.
+    height : float
+        World units above the ground if `follow`, else a coordinate on the up axis.
+    threads : int, optional
+        None: all cores.
+
+    Raises
+    ------
+    InputError
+        If areas cannot be read, hold no cell, or have no ground below them, or if the scene is in a store.
+    """
+    height = number(height, "the height of sensors", -np.inf, np.inf)
+    found = list(read_areas(areas, scene.crs))
+    if not found:
+        raise InputError("there is no area; give at least one polygon")
+    corners = np.concatenate([ring for area in found for ring in area.rings])
+    raster = raster_of(scene, spacing, np.stack([corners.min(0), corners.max(0)]))
+    cells = [_cells_in(area, raster) for area in found]
+    cell, zone = np.concatenate(cells), np.repeat(np.arange(len(found)), [len(each) for each in cells])
+    at, faces, up = raster.places(cell, scene.up), np.full(len(cell), -1, np.int64), "xyz".index(scene.up)
+    if follow:
+        at[:, up], faces = ground_at(scene, at, 0.0, threads)
+        _check_ground(found, zone, faces)
+        at[:, up] += height
+    else:
+        at[:, up] = height
+    out = covered_by_solids(scene, at, threads)
+    zones = [Zone(area.name, len(each), int(out[zone == k].sum())) for k, (area, each) in enumerate(zip(found, cells))]
+    normals, sizes = np.broadcast_to(np.eye(3)[up], at.shape), np.full(len(at), raster.spacing**2)
+    kept = ~out
+    return Sensors(
+        at[kept], normals[kept], sizes[kept], faces[kept], "raster", raster, cells=cell[kept], zone=zone[kept],
+        zones=tuple(zones),
+    )  # fmt: skip
+
+
+def check_areas(path: Path) -> None:
+    """Raise an InputError, before a scene is read, unless a path names a GeoJSON file."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"--areas is {str(path)!r}; it must be a {' or '.join(SUFFIXES)} file")
+    checked_file(path, path.name)
+
+
+def read_areas(given, crs: str | None) -> Iterator[Area]:
+    """The areas of all that `area_sensors` takes, in the coordinates of a scene with a CRS."""
+    if isinstance(given, (str, PathLike)):
+        path = Path(given)
+        checked_file(path, path.name)
+        try:
+            yield from _of_json(json.loads(path.read_bytes()), crs, path.name, None)
+        except ValueError as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{path.name}: is no GeoJSON ({str(error)[:80]}); export it again") from None
+    elif hasattr(given, "__geo_interface__"):
+        own = getattr(given, "crs", None)
+        yield from _of_json(given.__geo_interface__, crs, "areas", crs if own is None else checked_crs(own))
+    elif isinstance(given, Mapping) and "type" in given:
+        yield from _of_json(given, crs, "areas", None)
+    elif isinstance(given, Mapping):
+        for name, each in given.items():
+            yield Area(str(name), [ring for area in read_areas([each], crs) for ring in area.rings])
+    elif isinstance(given, (list, tuple)):
+        for k, each in enumerate(given):
+            if hasattr(each, "__geo_interface__") or isinstance(each, Mapping):
+                yield from (area._replace(name=f"area {k + 1}") for area in read_areas(each, crs))
+            else:
+                yield Area(f"area {k + 1}", [_ring(each, f"area {k + 1}")])
+    else:
+        raise InputError(f"areas are a {type(given).__name__}; give GeoJSON, or a list of rings ((k, 2) numbers)")
+
+
+def _of_json(root: Any, crs: str | None, where: str, own: str | None) -> Iterator[Area]:
+    """The areas of GeoJSON. own: the CRS of its numbers; None: as the file says."""
+    if not isinstance(root, Mapping):
+        raise InputError(f"{where}: is no GeoJSON object; export it again")
+    features = root.get("features") or [] if root.get("type") == "FeatureCollection" else [root]
+    found = [_of_feature(each, k, where) for k, each in enumerate(features)]
+    corners = np.concatenate([np.empty((0, 2)), *(ring for area in found for ring in area.rings)])
+    source = own or _named_crs(root)
+    if source is None and crs is not None and (np.abs(corners) <= [180.0, 90.0]).all():
+        source = _WORLD
+    if source is not None and crs is None and _is_world(source):
+        raise InputError(f"{where}: is in degrees, and the scene's CRS is unknown; give it, such as --crs EPSG:7415")
+    if source is not None and crs is not None:
+        found = [area._replace(rings=[moved(ring, source, crs) for ring in area.rings]) for area in found]
+    yield from found
+
+
+def _of_feature(given: Any, k: int, where: str) -> Area:
+    """The area of a Feature or a geometry."""
+    shape, name = given, None
+    if isinstance(given, Mapping) and given.get("type") == "Feature":
+        told = given.get("properties") or {}
+        shape, name = given.get("geometry"), told.get("name") or told.get("id") or given.get("id")
+    name = f"area {k + 1}" if name is None else str(name)
+    kind = shape.get("type") if isinstance(shape, Mapping) else None
+    if kind not in ("Polygon", "MultiPolygon"):
+        raise InputError(f"{where}: {name} is a {kind}; areas are Polygons and MultiPolygons")
+    boundaries = shape.get("coordinates")
+    polygons = [boundaries] if kind == "Polygon" else boundaries
+    try:
+        return Area(name, [_ring(ring, name) for polygon in polygons for ring in polygon])
+    except TypeError:
+        raise InputError(f"{where}: {name} has coordinates that are no list of rings; export it again") from None
+
+
+def _ring(given, name: str) -> np.ndarray:
+    try:
+        ring = np.array([[float(x), float(y)] for x, y, *_ in given])
+    except (TypeError, ValueError):
+        ring = np.empty((0, 2))
+    if len(ring) < 3 or not np.isfinite(ring).all():
+        raise InputError(f"{name}: a ring must have at least three corners of finite numbers, to the east and north")
+    return ring
+
+
+def _named_crs(root: Mapping) -> str | None:
+    """The CRS that GeoJSON names, as GIS programs write it."""
+    told = root.get("crs")
+    if not isinstance(told, Mapping):
+        return None
+    name = (told.get("properties") or {}).get("name")
+    return None if name is None else checked_crs(str(name))
+
+
+def _is_world(crs: str) -> bool:
+    from pyproj import CRS
+
+    return CRS.from_user_input(crs).is_geographic
+
+
+def _cells_in(area: Area, raster: Raster) -> np.ndarray:
+    """The cells whose middles lie in an area, by the even-odd rule; middles on an edge belong to one side of it."""
+    a = np.concatenate(area.rings)
+    b = np.concatenate([np.roll(ring, -1, 0) for ring in area.rings])
+    east, north = raster.middles()
+    rows = np.flatnonzero((north >= a[:, 1].min()) & (north <= a[:, 1].max()))
+    found = [np.empty(0, np.int64)]
+    for row in rows.tolist():
+        y = north[row]
+        spans = (a[:, 1] <= y) != (b[:, 1] <= y)
+        (x0, y0), (x1, y1) = a[spans].T, b[spans].T
+        crossed = np.sort(x0 + (y - y0) / (y1 - y0) * (x1 - x0))
+        inside = np.searchsorted(crossed, east, side="right") % 2 == 1
+        found.append(row * raster.columns + np.flatnonzero(inside))
+    if not sum(map(len, found)):
+        raise InputError(f"{area.name}: no cell of {raster.spacing:g} has its middle in it; make the spacing finer")
+    return np.concatenate(found)
+
+
+def _check_ground(areas: list[Area], zone: np.ndarray, faces: np.ndarray) -> None:
+    for k, area in enumerate(areas):
+        lost = int((faces[zone == k] < 0).sum())
+        if lost:
+            raise InputError(
+                f"{area.name}: {lost} of {(zone == k).sum()} cells have no surface below them; "
+                "give the height of the ground, such as raster:0.5@12.3, or a scene with terrain"
+            )

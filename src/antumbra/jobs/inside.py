@@ -1,0 +1,75 @@
+"""Points inside solids, such as the buildings of a city, by exact rays towards the sky.
+
+Along a ray that leaves a closed surface, faces seen from behind outnumber those seen from the front. Their difference
+is the winding number, which overlapping solids and shared walls do not upset. Real models have holes, missing floors,
+and sheets such as canopies. So several rays vote, all of them upwards: missing floors and hillsides then do no harm.
+"""
+
+import numpy as np
+
+from ..rendering.queries import accelerated, receivers_of
+from ..scene.any_scene import AnyScene
+from ..store.scene import PagedScene
+from ..trace.rays.intersections import intersections
+from .sensors import LOW
+
+_PLAN = "bsah+wide"
+_RAYS = 16
+_SHARE = 0.75  # of the rays, which must leave a solid
+_LOWEST = 0.2  # height of the lowest ray's unit vector
+_AT_A_TIME = 1 << 12  # points
+
+
+def covered_by_solids(scene: AnyScene, points: np.ndarray, threads: int | None = None) -> np.ndarray:
+    """(n,) bool: whether points of the ground, or points `LOW` above them, lie inside solids.
+
+    Floors of buildings often lie a little above or below the ground, hence the second test.
+
+    points : (n, 3) float64, world
+    """
+    up = np.eye(3)["xyz".index(scene.up)]
+    return inside(scene, points, threads) | inside(scene, points + LOW * up, threads)
+
+
+def inside(scene: AnyScene, points: np.ndarray, threads: int | None = None) -> np.ndarray:
+    """(n,) bool: whether points lie inside closed surfaces. Points of surfaces that look up lie above them.
+
+    Faces that alpha cuts are not counted: they are leaves and fences.
+
+    points : (n, 3) float64, world
+
+    Raises
+    ------
+    InputError
+        If the scene is in a store.
+    """
+    if isinstance(scene, PagedScene):
+        raise scene.refusal()
+    ready = accelerated(scene, 0.0, threads, _PLAN)
+    assert ready.bvh is not None
+    up = np.eye(3)["xyz".index(scene.up)]
+    begin, _ = receivers_of(scene, points, up)
+    corners = ready.triangles.vertices.astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    rays = _towards_sky(scene.up)
+    reach = 2.0 * float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) + 1.0
+    found = np.zeros(len(points), bool)
+    for first in range(0, len(points), _AT_A_TIME):
+        some = begin[first : first + _AT_A_TIME]
+        origins = np.repeat(some, _RAYS, 0)
+        ends = (origins + np.tile(reach * rays, (len(some), 1))).astype(np.float32)
+        met = intersections(ready.bvh, origins, ends, np.full(len(origins), -1, np.int32), threads)
+        ray = np.repeat(np.arange(len(origins)), np.diff(met.first))
+        signs = np.sign((normals[met.prims] * (ends.astype(np.float64) - origins)[ray]).sum(1))
+        winding = np.bincount(ray, signs, len(origins)).reshape(-1, _RAYS)
+        found[first : first + _AT_A_TIME] = (winding != 0.0).mean(1) >= _SHARE
+    return found
+
+
+def _towards_sky(up: str) -> np.ndarray:
+    """(_RAYS, 3) float64: unit vectors on a spiral, none of them along an axis, as edges of models often are."""
+    i = np.arange(_RAYS)
+    height, angle = _LOWEST + (1.0 - _LOWEST) * (i + 0.5) / _RAYS, 0.3 + i * np.pi * (3.0 - np.sqrt(5.0))
+    width = np.sqrt(1.0 - height * height)
+    east, north = width * np.cos(angle), width * np.sin(angle)
+    return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
