@@ -28,6 +28,7 @@ if typing.TYPE_CHECKING:
     from .jobs.sight.viewshed import Viewshed, viewshed
     from .jobs.sun.place import Place, place_of
     from .jobs.sun.positions import Suns, suns_of
+    from .jobs.sun.sky import sky_view
     from .jobs.sun.study import sun_hours
     from .jobs.sun.times import times_of
     from .jobs.table import Column, Table
@@ -112,6 +113,7 @@ __all__ = [
     "raster_sensors",
     "render",
     "sensors_of",
+    "sky_view",
     "sun_hours",
     "suns_of",
     "times_of",
@@ -140,6 +142,7 @@ _HOMES = {
     "scene.cityjson.write": ["write_attributes"],
     "jobs.sun.place": ["Place", "place_of"],
     "jobs.sun.positions": ["Suns", "suns_of"],
+    "jobs.sun.sky": ["sky_view"],
     "jobs.sun.study": ["sun_hours"],
     "jobs.sun.times": ["times_of"],
     "jobs.readsensors": ["sensors_of"],

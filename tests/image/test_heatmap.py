@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from antumbra.image.heatmap import heat_colours, heat_map, log_scale_of, scale_of
+from antumbra.image.heatmap import Scale, heat_colours, heat_map, linear_scale, log_scale_of, scale_of
 
 
 def test_colours_grow_brighter_from_0_to_the_top_and_no_further():
@@ -19,6 +19,31 @@ def test_scales_have_few_round_numbers(top):
     ticks = scale_of(np.linspace(0.0, top, 1000))
     assert ticks[0] == 0.0 and 3 <= len(ticks) <= 9 and 0.99 * top <= ticks[-1] <= 1.5 * top
     assert float(f"{ticks[1]:e}"[0]) in (1, 2, 5) and np.allclose(np.diff(ticks), ticks[1])
+
+
+@pytest.mark.parametrize(
+    "values, last",
+    [
+        ([3.0, 12.0], "12"),  # the exact maximum
+        (np.full(144, 1 / 12).cumsum(), "12"),  # the same with rounding
+        ([11.9], "12"),
+        ([12.1], "14"),
+        ([*[1.0] * 999, 50.0], "1+"),
+    ],
+)
+def test_a_plus_means_that_numbers_lie_beyond_the_scale(values, last):
+    ticks = linear_scale(np.array(values)).bar("h").ticks
+    assert ticks[-1][1] == last and ticks[-1][0] == 1.0 and ticks[0] == (0.0, "0")
+    assert log_scale_of(np.array([1.0, 100.0])).bar("").ticks[-1][1] == "100"
+    assert log_scale_of(np.r_[np.ones(999), 1e6]).bar("").ticks[-1][1] == "2+"
+
+
+def test_names_have_colours_instead_of_a_scale():
+    scale = Scale(np.array([0.0, 1.0]), False, names=("no", "yes"))
+    bar, colours = scale.bar("fits"), scale.colours(np.array([0, 1]), np.ones(2, bool))
+    assert bar.ticks == [(0.25, "no"), (0.75, "yes")] and bar.caption == "fits"
+    assert len(np.unique(bar.colours, axis=0)) == 2
+    assert (bar.colours[[0, -1]] == colours).all() and (colours[0] != colours[1]).any()
 
 
 def test_a_scale_of_nothing():
@@ -50,7 +75,7 @@ def test_colours_of_a_logarithmic_scale():
     assert colours[:2].tolist() == [[13, 8, 135]] * 2 and colours[3:].tolist() == [[240, 249, 33], [0, 0, 0]]
     assert colours[2].tolist() == heat_colours(np.array(0.5), 1.0).tolist()
     bar = scale.bar("rays")
-    assert [text for _, text in bar.ticks] == ["<1", "2", "5", "10", "20", "50", "100+"] and bar.caption == "rays"
+    assert [text for _, text in bar.ticks] == ["<1", "2", "5", "10", "20", "50", "100"] and bar.caption == "rays"
     assert (bar.colours[[0, -1]] == colours[[0, 3]]).all() and np.isclose(bar.ticks[3][0], 0.5)
 
 

@@ -6,6 +6,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.image.heatmap import heat_colours
+from antumbra.jobs import picture as picture_module
 from antumbra.jobs.picture import shown_scale, shown_values
 from antumbra.jobs.table import Column
 from antumbra.jobs.view import projected
@@ -35,6 +36,26 @@ def test_a_map_has_the_colours_of_its_cells_north_up(tmp_path):
     for row, column in (0, 2), (9, 2), (0, 11), (5, 6):
         at_cell = drawn[top + row * cell + cell // 2, left + column * cell + cell // 2]
         assert np.array_equal(at_cell, heat_colours(values.reshape(10, 12)[row, column], end))
+
+
+def test_each_column_has_its_own_title_and_legend(tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr(
+        picture_module, "sheet", lambda panels, bar: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
+    )
+    made = table("raster")
+    made.columns["hours"] = Column(np.linspace(0.0, 12.0, 120), "h", "hours of direct sun")
+    made.columns["passes"] = Column(np.arange(120) % 2 == 0, "", "whether the sensor meets the rule")
+    for name, title, caption, texts in (
+        ("hours", "Hours of direct sun", "hours [h]", ["0", "2", "4", "6", "8", "10", "12"]),
+        ("passes", "Whether the sensor meets the rule", "passes", ["no", "yes"]),
+    ):
+        made.save(tmp_path / "a.png", name)
+        (panel,), bar = told.pop()
+        assert [*panel.lines] == [title] and bar.caption == caption
+        assert [text for _, text in bar.ticks] == texts
+    shown = {tuple(colour) for colour in panel.picture.reshape(-1, 3).tolist()}
+    assert shown - {GREY} == {tuple(colour) for colour in bar.colours[[0, -1]].tolist()}
 
 
 @pytest.mark.parametrize("kind", ["face", "vertex", "grid", "points"])

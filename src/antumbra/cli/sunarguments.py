@@ -74,7 +74,7 @@ class SunArguments:
     timezone: TimezoneOption = None
     energy: Annotated[bool, typer.Option("--energy", help="Add the energy of direct light under a clear sky.")] = False
     sky: Annotated[
-        int, typer.Option(help="Add the sky-view factor, by so many directions.", min=0, max=1024, metavar="N")
+        int, typer.Option(help="Add the sky-view factor, by so many directions.", min=0, max=16384, metavar="N")
     ] = 0
     by: Annotated[list[By] | None, typer.Option(help="Hours for each month or hour; may be repeated.")] = None
     samples: Annotated[int, typer.Option(help="Points on the sun's disk; 1: its centre.", min=1, max=64)] = 1

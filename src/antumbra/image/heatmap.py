@@ -17,6 +17,7 @@ _RAMP = np.array([
 ], np.float64)  # fmt: skip
 _PERCENTILE = 99.5  # of the numbers, where the scale ends, so that a few pixels do not make all others dark
 _MOST_TICKS = 8
+_ROUNDING = 1e-9  # relative: sums that differ by this from a tick are on it
 
 
 def heat_colours(values: np.ndarray, top: float) -> np.ndarray:
@@ -34,7 +35,7 @@ def scale_of(values: np.ndarray) -> np.ndarray:
         return np.array([0.0, 1.0])
     step = 10.0 ** math.floor(math.log10(top / _MOST_TICKS))
     step *= next(k for k in (1, 2, 5, 10) if k * step * _MOST_TICKS >= top)
-    return step * np.arange(math.ceil(top / step) + 1)
+    return step * np.arange(math.ceil(top / step - _ROUNDING) + 1)
 
 
 class Scale(NamedTuple):
@@ -42,6 +43,8 @@ class Scale(NamedTuple):
 
     ticks: np.ndarray  # (k,) float64, rising numbers, from the scale's begin to its end
     logarithmic: bool
+    beyond: bool = False  # whether some numbers lie beyond the end
+    names: tuple[str, ...] = ()  # of numbers that stand for names: those of 0, 1, ..., instead of a scale
 
     def places(self, values: np.ndarray) -> np.ndarray:
         """(...) float64: 0 where the scale begins, 1 where it ends; beyond these for numbers beyond the scale."""
@@ -56,9 +59,24 @@ class Scale(NamedTuple):
 
     def bar(self, caption: str) -> Bar:
         """The colour bar; `caption` is the meaning of the numbers."""
+        if self.names:
+            n = len(self.names)
+            colours = heat_colours(self.places(np.arange(n)).repeat(-(-1024 // n)), 1.0)
+            return Bar(colours, [((k + 0.5) / n, name) for k, name in enumerate(self.names)], caption)
         texts = [f"{tick:,.6g}" for tick in self.ticks]
-        texts = [("<" if self.logarithmic else "") + texts[0], *texts[1:-1], texts[-1] + "+"]
+        texts = [("<" if self.logarithmic else "") + texts[0], *texts[1:-1], texts[-1] + "+" * self.beyond]
         return Bar(heat_colours(np.linspace(0.0, 1.0, 1024), 1.0), [*zip(self.places(self.ticks), texts)], caption)
+
+
+def linear_scale(values: np.ndarray) -> Scale:
+    """A scale from 0 on for numbers, without a few extreme ones."""
+    ticks = scale_of(values)
+    return Scale(ticks, False, _beyond(values, ticks))
+
+
+def _beyond(values: np.ndarray, ticks: np.ndarray) -> bool:
+    """Whether some numbers lie beyond the last tick."""
+    return bool(values.size and values.max() > ticks[-1] * (1.0 + _ROUNDING))
 
 
 def log_scale_of(values: np.ndarray) -> Scale:
@@ -69,7 +87,8 @@ def log_scale_of(values: np.ndarray) -> Scale:
     numbers = np.array([float(f"{k}e{e}") for e in range(first, last + 2) for k in (1, 2, 5)])
     begin = np.flatnonzero(numbers <= low)[-1]
     end = max(np.flatnonzero(numbers >= top)[0], begin + 1)
-    return Scale(numbers[begin : end + 1], True)
+    ticks = numbers[begin : end + 1]
+    return Scale(ticks, True, _beyond(found, ticks))
 
 
 def heat_map(
@@ -90,6 +109,6 @@ def heat_map(
     -------
     (H, W, 3) uint8 sRGB
     """
-    scale = Scale(scale_of(np.concatenate([panel[known] for panel in panels])), False)
+    scale = linear_scale(np.concatenate([panel[known] for panel in panels]))
     drawn = [Panel(scale.colours(panel, known), lines) for panel, lines in zip(panels, labels)]
     return sheet(drawn, scale.bar(caption))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..image.heatmap import Scale, scale_of
+from ..image.heatmap import Scale, linear_scale, scale_of
 from ..image.panels import Panel, sheet
 from ..rendering.renderer import render
 from ..scene.framing import fitted_camera
@@ -30,8 +30,8 @@ def false_colours(table, name: str) -> np.ndarray:
     else:
         picture, places = _view(table, values, scale)
     column = table.columns[name]
-    caption = f"{column.about} [{column.unit}]" if column.unit else column.about
-    panel = Panel(_dotted(picture, places), [table.about.get("title", name)])
+    caption = f"{name} [{column.unit}]" if column.unit else name
+    panel = Panel(_dotted(picture, places), [column.about[:1].upper() + column.about[1:]])
     return sheet([panel], scale.bar(caption))
 
 
@@ -48,9 +48,11 @@ def shown_values(table, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def shown_scale(values: np.ndarray, known: np.ndarray) -> Scale:
-    """The scale of a column: of whole numbers up to the highest one, else without a few extreme ones."""
+    """The scale of a column: of whole numbers up to the highest one, else without a few extreme ones; yes and no."""
+    if values.dtype.kind == "b":
+        return Scale(np.array([0.0, 1.0]), False, names=("no", "yes"))
     if values.dtype.kind not in "iu" or not known.any():
-        return Scale(scale_of(values[known].astype(np.float64)), False)
+        return linear_scale(values[known].astype(np.float64))
     top = max(int(values[known].max()), 1)
     ticks = np.unique(np.ceil(scale_of(np.array([float(top)]))))
     return Scale(np.append(ticks[ticks < top], top).astype(np.float64), False)

@@ -28,6 +28,10 @@ class Sky(LightList):
     visibility of each light is exact. In pictures the lights are dealt to the 16 sample sets: each pixel tests a
     sixteenth of them. The filter of `render` averages the sets.
 
+    It is a whole sphere, and what lies below the horizon is part of it. So `visibility` of a uniform sky from an open
+    floor is 0.5: of the lights of equal power, half are below. For the share of the sky that points see, there is
+    `sky_view`.
+
     image : None, (3,) or (h, w, 3) float, or a path
         None: a soft daylight, bluish above and grey below the horizon. A colour is a uniform sky. An array is an
         equirectangular map of linear radiance: its first row is the zenith, its middle column is the direction -z

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..image.heatmap import Scale, scale_of
+from ..image.heatmap import linear_scale
 from ..image.panels import draw_bar
 from ..rendering.explanation import explain
 from ..rendering.moments import Moment
@@ -29,7 +29,7 @@ def work_picture(model: Model, camera: Camera, lights: list[Light], spp: int) ->
     moment = Moment(model.time, camera, lights)
     explanation = explain(model.scene, [moment], [model.looks.plan], spp=spp, threads=model.threads)
     (found,) = explanation.plans
-    scale = Scale(scale_of(found.boxes[explanation.asks]), False)
+    scale = linear_scale(found.boxes[explanation.asks])
     each = f"{found.box_tests / max(explanation.rays, 1):.4g} boxes tested a ray by {found.plan}"
     legend = draw_bar(scale.bar("boxes tested for each pixel's rays"), _WIDTH, _LETTERS)
     return Work(scale.colours(found.boxes, explanation.asks), explanation.rays, each, legend)

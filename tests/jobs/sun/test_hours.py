@@ -7,7 +7,7 @@ import antumbra as at
 import oracle
 from antumbra.jobs.sun.bundles import BUNDLE, bundled, in_space
 from antumbra.jobs.sun.hours import DISK, answer, ask, disk_directions
-from antumbra.jobs.sun.sky import sky_directions, sky_view
+from antumbra.jobs.sun.sky import sky_directions
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
 
@@ -111,9 +111,47 @@ def test_the_sky_view_in_closed_form():
     points = np.stack([distance, 0 * distance, 0 * distance], 1)
     up, out = np.tile([0.0, 0, 1], (3, 1)), np.tile([1.0, 0, 0], (3, 1))
     angle = np.arctan(5.0 / distance)  # the wall hides the sky below it: (1 - cos) / 2 of the light
-    assert np.allclose(sky_view(wall, at.point_sensors(points, up), 1024), 1 - (1 - np.cos(angle)) / 2, atol=4e-3)
-    assert np.allclose(sky_view(wall, at.point_sensors(points, out), 1024), 0.5, atol=4e-3)
+    view = lambda normals: at.sky_view(wall, at.point_sensors(points, normals))["sky_view"]
+    assert np.allclose(view(up), 1 - (1 - np.cos(angle)) / 2, atol=2e-3)
+    assert np.allclose(view(out), 0.5, atol=2e-3)
     assert np.isclose((sky_directions(512, "z")[:, 2] * 2 / 512).sum(), 1.0)
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_the_sky_in_a_street(up):
+    """A street of infinite length: on its floor, on a wall, and in the air, for both definitions."""
+    high, wide, long = 8.0, 10.0, 2e4
+    turn = (lambda a: a) if up == "z" else (lambda a: a[..., [0, 2, 1]] * [1, 1, -1])
+    sides = [[[-long, y, 0], [long, y, 0], [long, y, high]] for y in (0.0, wide)]
+    sides += [[[-long, y, 0], [long, y, high], [-long, y, high]] for y in (0.0, wide)]
+    street = at.Scene.from_arrays(turn(np.array(sides)), up=up)
+
+    def view(points, normal=None):
+        normals = None if normal is None else turn(np.broadcast_to(normal, points.shape))
+        return at.sky_view(street, at.point_sensors(turn(points), normals))
+
+    y = np.linspace(0.5, 9.5, 10)
+    floor = view(np.stack([0 * y, y, 0 * y], 1), np.array([0.0, 0, 1]))
+    left, right = np.arctan(high / y), np.arctan(high / (wide - y))
+    assert np.allclose(floor["sky_view"], (np.cos(left) + np.cos(right)) / 2, atol=3e-3)
+    assert np.allclose(floor["sky_share"], 1 - (left + right) / np.pi, atol=3e-3)  # a lune between two planes
+    below = np.linspace(0.4, 7.6, 10)
+    wall = view(np.stack([0 * below, 0 * below, high - below], 1), np.array([0.0, 1, 0]))
+    assert np.allclose(wall["sky_view"], (1 - np.sin(np.arctan(below / wide))) / 2, atol=3e-3)
+    assert np.allclose(wall["sky_share"], 0.5 - np.arctan(below / wide) / np.pi, atol=3e-3)
+    air = view(np.array([[0.0, 5, 20], [0, 5, 4]]))
+    assert air["sky_view"][0] == air["sky_share"][0] == 1.0  # above the street
+    assert np.allclose(air["sky_view"], air["sky_share"]) and air["sky_view"][1] < 0.8
+
+
+def test_a_sky_light_is_a_whole_sphere():
+    """Why the visibility of a `Sky` is no sky-view factor: an open floor sees half of it, and a free wall too."""
+    floor = at.Scene.from_arrays([[[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]]], up="z")
+    sky = at.Sky((1, 1, 1), up="z")
+    assert at.visibility(floor, np.zeros(3), sky, [0, 0, 1]).fraction == pytest.approx(0.5, abs=0.01)
+    assert at.sky_view(floor)["sky_view"] == pytest.approx(1.0)
+    with pytest.raises(at.InputError, match="directions is 0; it must be a whole number from 1 to 16384"):
+        at.sky_view(floor, directions=0)
 
 
 def test_the_disk_of_the_sun_has_its_size():

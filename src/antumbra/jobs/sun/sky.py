@@ -1,13 +1,19 @@
-"""The sky-view factor: the share of a uniform sky's light that arrives at a sensor."""
+"""How much of the sky sensors see: `sky_view`, and the sky-view factor of `sun_hours`."""
 
 import numpy as np
 
+from ...checks import whole_number
 from ...plan import Plan
 from ...scene.any_scene import AnyScene
+from ..readsensors import sensors_of
 from ..sensors import Sensors
+from ..table import Column, Table
 from .hours import Asked, answer, ask
 from .positions import Suns
 from .tally import Tally
+
+MOST_DIRECTIONS = 1 << 14
+ABOUT = "sky-view factor: share of a uniform sky's light that arrives"
 
 
 def sky_directions(count: int, up: str) -> np.ndarray:
@@ -20,16 +26,52 @@ def sky_directions(count: int, up: str) -> np.ndarray:
 
 
 def sky_view(
-    scene: AnyScene, sensors: Sensors, count: int = 512, *, plan: str | Plan | None = None, threads: int | None = None
-) -> np.ndarray:
-    """(n,) float64 in [0, 1]: the sky-view factor of each sensor.
+    scene: AnyScene, sensors: Sensors | str = "face", *, directions: int = 4096, plan: str | Plan | None = None,
+    threads: int | None = None,
+) -> Table:  # fmt: skip
+    """Find how much of the sky each sensor sees. It needs no place and no dates.
 
-    It is the sum of the cosines to open directions over the sum that an open horizontal plane has. So a free wall has
-    0.5. Sensors without normals count all directions alike. Directions below the horizon belong to the ground.
+    Two definitions are common, and each has its column:
 
-    count : directions of the sky
+    - ``sky_view``: the sky-view factor, in which a direction counts by its cosine to the sensor's normal. It is the
+      share of a uniform sky's light that arrives, over the light on an open horizontal plane.
+    - ``sky_share``: the share of the sky's hemisphere that is visible, in which all directions count alike. On a
+      floor, obstructions near the horizon take more from it than from ``sky_view``.
+
+    Both are 1 on an open floor and 0.5 on a free wall: half of the hemisphere above the wall's plane is ground.
+
+    Directions below the horizon belong to the ground. Sensors without normals are points in the air: both columns count
+    all directions alike.
+
+    Parameters
+    ----------
+    scene : Scene or PagedScene
+    sensors : Sensors or str
+        As in `sun_hours`.
+    directions : int
+        Number of directions, 1 to 16384. In a street, 1024 err by up to 0.007, and 4096 by up to 0.002.
+    plan, threads
+        As in `antumbra.render`.
+
+    Returns
+    -------
+    Table
+        Columns "sky_view" and "sky_share", both from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If a text has another form, or a number is out of range.
     """
-    return share_of_sky(answer(asked_sky(scene, sensors, count, plan, threads)))
+    count = whole_number(directions, "directions", 1, MOST_DIRECTIONS)
+    if isinstance(sensors, str):
+        sensors = sensors_of(sensors, scene, threads)
+    tally = answer(asked_sky(scene, sensors, count, plan, threads))
+    columns = {
+        "sky_view": Column(share_of_sky(tally), "", ABOUT),
+        "sky_share": Column(tally.hours / count, "", "share of the sky's hemisphere that is visible"),
+    }
+    return Table(sensors, columns, {"job": "sky view", "directions": count}, scene)
 
 
 def asked_sky(scene: AnyScene, sensors: Sensors, count: int, plan, threads) -> Asked:

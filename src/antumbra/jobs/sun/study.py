@@ -22,7 +22,7 @@ from .hours import Sums, ask
 from .place import Place, place_of
 from .positions import Suns, suns_of
 from .rules import Rule, check_asked, passed, rule_named, weights_of
-from .sky import asked_sky, share_of_sky
+from .sky import ABOUT, MOST_DIRECTIONS, asked_sky, share_of_sky
 from .tally import Tally
 from .times import parse_days, times_of, zone_of
 from .weather import TYPICAL_YEAR, clear_sky, on_days, read_epw
@@ -83,7 +83,7 @@ def sun_hours(
     energy : bool
         Whether to add the energy of direct light, of a clear sky if there is no EPW file.
     sky : int
-        Directions of the sky for the sky-view factor, 0 to 1024; 0: none.
+        Directions of the sky for the sky-view factor, 0 to 16384; 0: none. `sky_view` needs no place and no days.
     by : sequence of {"month", "hour"}
         Hours for each month, or each hour of the day, as columns of their own.
     samples : int
@@ -110,7 +110,7 @@ def sun_hours(
         If the place or the days are unknown, a text has another form, a package is missing (``antumbra[sun]``), or no
         sun is above the horizon.
     """
-    samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, 1024)
+    samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, MOST_DIRECTIONS)
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
     study = studied(scene, days, place=place, step=step, rule=rule, areas=in_areas, epw=epw, energy=energy, by=by)
     if sensors is None:
@@ -255,7 +255,7 @@ def _moment(suns: Suns, which: np.ndarray) -> np.ndarray:
 
 
 def _add_sky(table: Table, study: Study, view: np.ndarray) -> None:
-    table.columns["sky_view"] = Column(view, "", "sky-view factor: share of a uniform sky's light that arrives")
+    table.columns["sky_view"] = Column(view, "", ABOUT)
     if study.diffuse is not None:
         values = view * (study.diffuse.sum() / 1000.0)
         table.columns["diffuse_kwh_m2"] = Column(values, "kWh/m2", "energy of diffuse light, uniform sky")
@@ -279,7 +279,7 @@ def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: 
 def _about(study: Study, samples: int) -> dict[str, Any]:
     """Facts of the study, as JSON can hold them."""
     suns, place, rule = study.suns, study.place, study.rule
-    found: dict[str, Any] = {"job": "sun", "title": "Hours of direct sun", **place._asdict()}
+    found: dict[str, Any] = {"job": "sun", **place._asdict()}
     found |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
     found |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": samples}
     if rule is not None:
