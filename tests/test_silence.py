@@ -12,6 +12,7 @@ from antumbra.kernels.progress import shown
 from scene import city_files
 
 CALLS = {
+    "area_sensors": "at.area_sensors(scene, [[(-1, -1), (1, -1), (1, 1)]])",
     "bake": "at.bake(scene, 'baked.glb', spp=16)",
     "build_store": "at.build_store(scene, 'scene.antumbra')",
     "dataset": "at.dataset(scene, 'frames', random=1, size=(16, 16), spp=1)",
@@ -25,6 +26,7 @@ CALLS = {
     "raster_sensors": "at.raster_sensors(scene, 2.0)",
     "render": "at.render(scene, camera, spp=1).save('picture.png')",
     "sensors_of": "at.sensors_of('face', scene)",
+    "sky_view": "at.sky_view(scene, directions=16)",
     "sun_hours": "at.sun_hours(scene, 'face', '2026-06-21', place=at.Place(52.0, 4.4), matrix='sun.npy')",
     "suns_of": "at.suns_of(at.Place(52.0, 4.4), times, scene.up)",
     "times_of": "times",

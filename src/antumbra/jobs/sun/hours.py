@@ -134,12 +134,13 @@ class Sums:
                 file.put(self._order[first:last], self.parts[k]["matrix"])
 
 
-def answer(asked: Asked, kept: Path | None = None) -> Tally:
+def answer(asked: Asked, kept: Path | None = None, what: str = "suns") -> Tally:
     """Ask all sensors: the sums of each, in the sensors' own order.
 
+    what : name of the work, for users
     kept : folder in which finished parts wait for the next run of an interrupted job; None: they are not kept
     """
-    engine, sums = Whole(kept), Sums(asked, "suns", kept)
+    engine, sums = Whole(kept), Sums(asked, what, kept)
     engine.finish([sums.parts])
     tally = sums.tally()
     engine.end([sums.parts])

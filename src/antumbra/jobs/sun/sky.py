@@ -3,6 +3,7 @@
 import numpy as np
 
 from ...checks import whole_number
+from ...kernels.progress import Progress, followed
 from ...plan import Plan
 from ...scene.any_scene import AnyScene
 from ..readsensors import sensors_of
@@ -25,9 +26,10 @@ def sky_directions(count: int, up: str) -> np.ndarray:
     return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
 
 
+@followed
 def sky_view(
     scene: AnyScene, sensors: Sensors | str = "face", *, directions: int = 4096, plan: str | Plan | None = None,
-    threads: int | None = None,
+    threads: int | None = None, progress: Progress = None,
 ) -> Table:  # fmt: skip
     """Find how much of the sky each sensor sees. It needs no place and no dates.
 
@@ -52,6 +54,8 @@ def sky_view(
         Number of directions, 1 to 16384. In a street, 1024 err by up to 0.007, and 4096 by up to 0.002.
     plan, threads
         As in `antumbra.render`.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
@@ -66,7 +70,7 @@ def sky_view(
     count = whole_number(directions, "directions", 1, MOST_DIRECTIONS)
     if isinstance(sensors, str):
         sensors = sensors_of(sensors, scene, threads)
-    tally = answer(asked_sky(scene, sensors, count, plan, threads))
+    tally = answer(asked_sky(scene, sensors, count, plan, threads), what="sky")
     columns = {
         "sky_view": Column(share_of_sky(tally), "", ABOUT),
         "sky_share": Column(tally.hours / count, "", "share of the sky's hemisphere that is visible"),

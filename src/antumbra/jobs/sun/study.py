@@ -245,7 +245,8 @@ def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
         for k, criterion in enumerate(study.rule.criteria):
             unit = "" if criterion.share else "h"
             found[criterion.name] = Column(scores[:, k], unit, f"{study.rule.name}: at least {criterion.least:g}")
-        found["passes"] = Column(passed(study.rule, scores), "", f"whether the sensor meets {study.rule.name}")
+        what = "meets" if study.rule.area is None else "gets the hours of"
+        found["passes"] = Column(passed(study.rule, scores), "", f"whether the sensor {what} {study.rule.name}")
     return found
 
 
