@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.inside import covered_by_solids, inside
+from antumbra.jobs.inside import below_roofs, covered_by_solids, inside
 from scene.city_files import CUBE, CUBE_FACES
 
 FACES = np.array([corners for a, b, c, d in CUBE_FACES for corners in ([a, b, c], [a, c, d])])
@@ -70,6 +70,24 @@ def test_missing_floors_and_other_faults():
         [[-9, -9, 0], [7, -9, 0], [-7, 7, 0], [-7, -9, 0]], [[2, 18, 30], [2, 18, 30], [14, 2, 30], [14, 2, 30]]
     )
     assert found(yard, [[0, 0, 0.1], [-8, 0, 0.1]]).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_roofs_of_buildings_without_floor_and_ground(up):
+    """A gable over walls, and a hillside with a house: roofs are found at all of their points, the hill at none."""
+    gable = np.array([[0, 0, 0], [10, 0, 0], [10, 8, 0], [0, 8, 0], [0, 4, 3], [10, 4, 3]]) + [0, 0, 3]
+    sides = [[0, 1, 5], [0, 5, 4], [2, 3, 4], [2, 4, 5], [1, 2, 5], [3, 0, 4]]
+    walls = boxes([[0, 0, 0]], [[10, 8, 3]])[2 * FLOOR :]
+    house = np.concatenate([gable[sides], walls])
+    hill = np.array([[[-80, -80, -30], [80, -80, -30], [80, 80, 30]], [[-80, -80, -30], [80, 80, 30], [-80, 80, 30]]])
+    scene = scene_of(np.concatenate([house + [0, 0, 12], hill]), up)
+    x, y = (np.indices((9, 7)).reshape(2, -1) + [[0.7], [0.6]]).astype(float)
+    roof = np.stack([x, y, 15 + 0.75 * np.minimum(y, 8 - y)], 1)
+    slope = np.stack([x - 30, y + 20, 0.375 * (y + 20)], 1)
+    points = np.concatenate([roof, slope])
+    turned = points if up == "z" else points[:, [0, 2, 1]] * [1, 1, -1]
+    found = below_roofs(scene, turned, np.full(len(points), -30.0))
+    assert found.tolist() == [True] * len(roof) + [False] * len(slope)
 
 
 def test_stores_are_refused(tmp_path):

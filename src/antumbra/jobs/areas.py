@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..scene.any_scene import AnyScene
 from ..scene.crs import checked_crs, moved
 from ..scene.files import checked_file
-from .inside import covered_by_solids
+from .inside import below_roofs, covered_by_solids
 from .raster import Raster
 from .sensors import Sensors, Zone, ground_at, raster_of
 
@@ -71,10 +71,12 @@ def area_sensors(
     if follow:
         at[:, up], faces = ground_at(scene, at, 0.0, threads)
         _check_ground(found, zone, faces)
+        floor = np.array([at[zone == k, up].min() for k in range(len(found))])
+        out = below_roofs(scene, at, floor[zone], threads)
         at[:, up] += height
     else:
-        at[:, up] = height
-    out = covered_by_solids(scene, at, threads)
+        at[:, up], out = height, np.zeros(len(at), bool)
+    out |= covered_by_solids(scene, at, threads)
     zones = [Zone(area.name, len(each), int(out[zone == k].sum())) for k, (area, each) in enumerate(zip(found, cells))]
     normals, sizes = np.broadcast_to(np.eye(3)[up], at.shape), np.full(len(at), raster.spacing**2)
     kept = ~out
