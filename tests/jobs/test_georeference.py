@@ -74,7 +74,11 @@ def lines(scene, sensors):
     return sight_table(scene, pairs, at.line_of_sight(scene, pairs.observers, pairs.targets))
 
 
-JOBS = [sun, sun_of_crs, viewshed, matrix, lines]
+def sky(scene, sensors):
+    return at.sky_view(scene, sensors, directions=16)
+
+
+JOBS = [sun, sun_of_crs, sky, viewshed, matrix, lines]
 
 
 def crs_of(path):
@@ -193,7 +197,7 @@ def over_the_surface(scene, sensors):
     return at.viewshed(scene, sensors, [84005.0, 447015.0, 9.0]).table
 
 
-@pytest.mark.parametrize("job", [sun, over_the_surface, matrix])
+@pytest.mark.parametrize("job", [sun, sky, over_the_surface, matrix])
 @pytest.mark.parametrize("west, text", [(84000.0, "raster:0.5"), (84000.0, "file"), (84000.2, "file")])
 def test_rasters_have_the_cells_of_the_heights_they_come_from(tmp_path, job, west, text):
     values, scene = heights(tmp_path, west)

@@ -1,4 +1,4 @@
-"""Sun hours: which sensors see the sun, and when.
+"""Sun hours: which sensors see the sun, and when; and how much of the sky they see (`sky`).
 
 - place: position, and the direction of true north in the scene
 - times: intervals of days, with time zones; weather: intervals and radiation of EPW files, and of a clear sky
