@@ -86,6 +86,7 @@ def test_areas_in_other_systems(tmp_path):
         ({"type": "Polygon", "coordinates": 3}, "no list of rings"),
         ({"type": "Feature", "geometry": None}, "area 1 is a None"),
         (collection(), "there is no area"),
+        ({"type": "FeatureCollection", "features": 3}, "features that are no list"),
         (placed([(0, 10), (0.1, 10), (0, 10.1)]), "area 1: no cell of 0.5 has its middle"),
         (placed([(20, 20), (40, 20), (40, 25)]), "cells have no surface below them; give the height of the ground"),
     ],
@@ -162,6 +163,16 @@ def test_the_report_judges_each_area(tmp_path):
     assert (first["name"], first["cells"], first["left_out"]) == ("strip", 384, 0)
     assert second["share"] == 1.0 and second["passes"] and second["name"] == "sunny"
     assert table.about["step"] == 5 and table.about["crs"] == "EPSG:7415"
+
+
+def test_the_up_axis_changes_nothing(tmp_path):
+    scene, areas = town(tmp_path), placed([(-4, -4), (12, -4), (12, 12), (-4, 12)])
+    world = scene.triangles().vertices.astype(np.float64) + scene.origin
+    turned = at.Scene.from_arrays(world[..., [0, 2, 1]] * [1, 1, -1], up="y", crs=scene.crs)
+    one, other = (at.sun_hours(s, "raster:1", rule="br209-amenity", areas=areas, place=HERE) for s in (scene, turned))
+    assert one.about["areas"] == other.about["areas"] and one.about["areas"][0]["left_out"] == 64
+    np.testing.assert_array_equal(one["sun_hours"], other["sun_hours"])
+    np.testing.assert_array_equal(one.sensors.cells, other.sensors.cells)
 
 
 def test_half_of_an_area_is_enough(tmp_path):

@@ -127,6 +127,8 @@ def _of_json(root: Any, crs: str | None, where: str, own: str | None) -> Iterato
     if not isinstance(root, Mapping):
         raise InputError(f"{where}: is no GeoJSON object; export it again")
     features = root.get("features") or [] if root.get("type") == "FeatureCollection" else [root]
+    if not isinstance(features, list | tuple):
+        raise InputError(f"{where}: has features that are no list; export it again")
     found = [_of_feature(each, k, where) for k, each in enumerate(features)]
     corners = np.concatenate([np.empty((0, 2)), *(ring for area in found for ring in area.rings)])
     source = own or _named_crs(root)

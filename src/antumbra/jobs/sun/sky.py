@@ -3,6 +3,7 @@
 import numpy as np
 
 from ...checks import whole_number
+from ...errors import InputError
 from ...kernels.progress import Progress, followed
 from ...plan import Plan
 from ...scene.any_scene import AnyScene
@@ -70,6 +71,8 @@ def sky_view(
     count = whole_number(directions, "directions", 1, MOST_DIRECTIONS)
     if isinstance(sensors, str):
         sensors = sensors_of(sensors, scene, threads)
+    elif not isinstance(sensors, Sensors):
+        raise InputError(f"sensors are a {type(sensors).__name__}; give Sensors, or a text such as face or raster:2")
     tally = answer(asked_sky(scene, sensors, count, plan, threads), what="sky")
     columns = {
         "sky_view": Column(share_of_sky(tally), "", ABOUT),
