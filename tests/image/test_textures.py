@@ -8,7 +8,11 @@ from antumbra.image.albedo import albedo, eye_of
 from antumbra.image.corners import places_of
 from antumbra.image.irradiance import irradiance
 from antumbra.image.normals import shading_normals
-from antumbra.query.picture import surfaces_of
+from antumbra.image.shares import shares
+from antumbra.image.terminator import facing_of
+from antumbra.query.picture import surface_queries, surfaces_of
+from antumbra.query.sampling import light_samples
+from antumbra.query.shadow import new_bits
 from antumbra.rendering.in_memory import see
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 from scene.gltf_files import Gltf, png
@@ -189,9 +193,13 @@ def test_the_terminator_is_smooth_and_nothing_leaks():
     light = at.DirectionalLight(direction=(-1, -0.3, -0.2))
     surfaces, places, _ = seen_in(scene, camera)
     shading = shading_normals(places, scene.appearance, 1)
-    patch = light.patch(scene.origin, 10.0)
-    flat = irradiance(surfaces.gbuffer, patch, light.domain, threads=1)
-    smooth = irradiance(surfaces.gbuffer, patch, light.domain, shading, threads=1)
+    (query,) = surface_queries(surfaces, [light], [light_samples(light, 16)])
+
+    def lit(shading):
+        found = irradiance(surfaces.gbuffer, query.light, light.domain, shading, threads=1)
+        return found * shares(facing_of(surfaces.gbuffer, shading), query, new_bits(query), threads=1)
+
+    flat, smooth = lit(None), lit(shading)
     assert (flat[smooth > 0] > 0).all() and (smooth > 0).sum() > 1000
     assert (smooth[surfaces.ids >= 0] == 0).any()
     inside = (surfaces.ids >= 0)[:, 1:] & (surfaces.ids >= 0)[:, :-1]

@@ -1,6 +1,6 @@
-"""The fraction of a light that each pixel sees, from occlusion bits: unfiltered, filtered, or refined in penumbrae."""
+"""How much of a light each pixel sees, from occlusion bits: unfiltered, filtered, or refined in penumbrae."""
 
-from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +9,20 @@ from ..query.refine import penumbra
 from ..query.shadow import ShadowQuery, fraction_lit
 from ..query.surface import PictureSurfaces
 from ..scene.lights import AMBIENT, SPHERE, is_list
-from .filter import filtered
+from .filter import filtered, filtered_shares
+from .shares import shares, weighs
+from .terminator import Facing
+
+
+class Visible(NamedTuple):
+    """How much of a light the pixels of a picture see, both (H, W) float32 in [0, 1]."""
+
+    fraction: np.ndarray  # of its samples
+    share: np.ndarray  # of its unshadowed irradiance; see `image.shares`
+
+    def replaced(self, where: np.ndarray, other: "Visible") -> "Visible":
+        """The values of another one where `where`, (H, W) bool."""
+        return Visible(*(np.where(where, new, old) for new, old in zip(other, self)))
 
 
 def is_soft(query: ShadowQuery) -> bool:
@@ -29,12 +42,18 @@ def as_needed(query: ShadowQuery) -> ShadowQuery:
     return query._replace(samples=np.ascontiguousarray(query.samples[:, :1]))
 
 
-def fraction(seen: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None) -> np.ndarray:
-    """(H, W) float32: the fraction of samples that are not occluded; filtered if `smooth` and if the light is soft."""
-    spp = query.samples.shape[1]
-    if smooth and is_soft(query):
-        return filtered(seen, occluded_samples(bits), spp, threads)
-    return fraction_lit(bits, spp, threads)
+def visible(
+    seen: PictureSurfaces, facing: Facing, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None
+) -> Visible:
+    """How much of a light is visible, by the bits of its query; filtered if `smooth` and if the light is soft."""
+    spp, smooth = query.samples.shape[1], smooth and is_soft(query)
+    if not weighs(query.light):
+        fraction = filtered(seen, occluded_samples(bits), spp, threads) if smooth else fraction_lit(bits, spp, threads)
+        return Visible(fraction, fraction)
+    share = shares(facing, query, bits, threads)
+    if smooth:
+        return Visible(*filtered_shares(seen, occluded_samples(bits), share, spp, threads))
+    return Visible(fraction_lit(bits, spp, threads), share)
 
 
 def occluded_samples(bits: np.ndarray) -> np.ndarray:
@@ -42,35 +61,28 @@ def occluded_samples(bits: np.ndarray) -> np.ndarray:
     return np.bitwise_count(bits).sum(-1, dtype=np.int32)
 
 
-def refine_penumbra(
-    seen: PictureSurfaces,
-    query: ShadowQuery,
-    bits: np.ndarray,
-    samples: np.ndarray,
-    ask: Callable[[ShadowQuery], np.ndarray],
-    smooth: bool,
-    threads=None,
-) -> tuple[ShadowQuery, np.ndarray]:
-    """Ask again, with other samples, for the pixels in the penumbra of one light.
+def finer_query(seen: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, samples, threads=None) -> ShadowQuery:
+    """The query of other samples at the pixels in the penumbra of one light, by the bits of its query.
 
-    Parameters
-    ----------
-    query, bits : ShadowQuery and its answer
-    samples : (16, n, 3) float64, in the light's domain; nothing is asked if they are those of the query
-    ask : function that returns the bits of a query
-    smooth : whether the new fractions are filtered, among themselves
+    It has no receiver (side NOTHING) where nothing is refined: everywhere if the samples are those of the query.
 
-    Returns
-    -------
-    query : ShadowQuery
-        The refining query. It has no receiver (side NOTHING) where nothing is refined.
-    fraction : (H, W) float32
-        The new fractions at the receivers of this query. Without `smooth` they equal those of a frame that uses these
-        samples everywhere.
+    samples : (16, n, 3) float64, in the light's domain
     """
     sides = np.zeros_like(query.sides)
     if is_soft(query) and not np.array_equal(samples, query.samples):
         where = penumbra(seen, occluded_samples(bits), query.samples.shape[1], threads)
         sides = np.where(where, query.sides, np.int8(NOTHING))
-    finer = query._replace(sides=sides, samples=samples)
-    return finer, fraction(seen._replace(side=sides), finer, ask(finer), smooth, threads)
+    return query._replace(sides=sides, samples=samples)
+
+
+def refined(
+    before: Visible, seen: PictureSurfaces, facing: Facing, finer: ShadowQuery, bits: np.ndarray, smooth: bool,
+    threads=None,
+) -> Visible:  # fmt: skip
+    """How much of a light is visible, with the values of a `finer_query` where it has receivers.
+
+    Without `smooth` they equal those of a frame that uses its samples everywhere. Else they are filtered among
+    themselves.
+    """
+    better = visible(seen._replace(side=finer.sides), facing, finer, bits, smooth, threads)
+    return before.replaced(finer.sides != NOTHING, better)

@@ -6,7 +6,7 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..query.receivers import NOTHING
 from ..scene.point_lights import PointLights
-from .irradiance import normals_of, softened
+from .terminator import facing_of, softened
 
 
 @kernel
@@ -27,8 +27,8 @@ def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
 
 
 @kernel
-def _rows(ticket, gbuffer, normal, geometric, bend, soft, points, distant, normals, candela, least, bits, out):
-    facing = len(normals) > 0
+def _rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, out):
+    facing, (normal, geometric, bend, soft) = len(normals) > 0, surface
     mx = my = mz = 0.0
     y0 = take(ticket)
     while y0 >= 0:
@@ -50,7 +50,7 @@ def _rows(ticket, gbuffer, normal, geometric, bend, soft, points, distant, norma
                             mx, my, mz = normals[k, s, 0], normals[k, s, 1], normals[k, s, 2]
                         e = _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least)
                         if soft:
-                            e *= softened((0.0, 0.0, 0.0), (gx, gy, gz), (nx, ny, nz), bend[y, x], (wx, wy, wz))
+                            e *= softened((gx, gy, gz), (nx, ny, nz), bend[y, x], (wx, wy, wz))
                         red += e * candela[k, s, 0]
                         green += e * candela[k, s, 1]
                         blue += e * candela[k, s, 2]
@@ -71,6 +71,6 @@ def list_irradiance(gbuffer, lights, samples, bits, shading=None, threads=None) 
     normals, least = (lights.normals, lights.nearest**2) if near else (None, 0.0)
     normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
     points = samples - gbuffer.origin if near else samples
-    args = gbuffer, *normals_of(gbuffer, shading), points, not near, normals, lights.weights(), least, bits, out
+    args = gbuffer, facing_of(gbuffer, shading), points, not near, normals, lights.weights(), least, bits, out
     run(_rows, thread_count(threads), new_ticket(len(out), 4), *args)
     return out

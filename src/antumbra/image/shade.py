@@ -1,4 +1,4 @@
-"""Simple shading: diffuse surfaces, light falloff, visibility from the query, and a little ambient light.
+"""Simple shading: diffuse surfaces, the share of each light's irradiance that arrives, and a little ambient light.
 
 Ambient occlusion scales the ambient light. `image.list_irradiance` shades lists of lights.
 """
@@ -47,7 +47,7 @@ class _Rows(NamedTuple):
 
     tints: F32Ptr  # float32 *, (n, 3): colour times intensity of each light
     irradiances: F32Ptr  # float32 *, (n, H, W): unoccluded irradiance of each light
-    visibility: F32Ptr  # float32 *, (n, H, W): visible fraction of each light
+    shares: F32Ptr  # float32 *, (n, H, W): the share of it that arrives
     n: int  # number of lights
     skies: F32Ptr  # float32 *, (n_skies, H, W): visible fraction of each ambient occlusion
     n_skies: int
@@ -68,7 +68,7 @@ def _light_row(rows, normal, up, ambient, start, w, sums):
             put(sums, c * w + x, ambient[c] * sky)
     for k in range(rows.n):
         at = k * rows.step + start
-        irradiance, share = ptr_at(rows.irradiances, at), ptr_at(rows.visibility, at)
+        irradiance, share = ptr_at(rows.irradiances, at), ptr_at(rows.shares, at)
         for c in range(3):
             tint = get(rows.tints, 3 * k + c)
             for x in range(w):
@@ -80,11 +80,11 @@ def _light_row(rows, normal, up, ambient, start, w, sums):
 
 
 @kernel
-def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility, ambient, skies, more, image, sums):
+def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, shares, ambient, skies, more, image, sums):
     """Worker: shade rows of pixels. `sums` is the thread's own memory for the colours of a row."""
     h, w = face.shape
     rows = _Rows(
-        ptr(tints), ptr(irradiances), ptr(visibility), len(tints), ptr(skies), len(skies), ptr(more), len(more), h * w
+        ptr(tints), ptr(irradiances), ptr(shares), len(tints), ptr(skies), len(skies), ptr(more), len(more), h * w
     )
     faces, normals, colours, out = ptr(face), ptr(normal), ptr(colour), ptr(image)
     inverse_pi = np.float32(1.0 / np.pi)
@@ -101,26 +101,26 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, visibility
         y0 = take(ticket)
 
 
-def shade(gbuffer, colour, lights, arrived, visibility, ambient, up="y", indirect=None, threads=None) -> np.ndarray:
+def shade(gbuffer, colour, lights, arrived, shares, ambient, up="y", indirect=None, threads=None) -> np.ndarray:
     """(H, W, 3) float32: linear radiance of diffuse surfaces; 0 where no surface is seen.
 
     colour : (n, 3) float32, the colour of each face
-    lights : list of lights; arrived : the result of `arriving` for each; visibility : (H, W) float32 for each
+    lights : list of lights; arrived : the result of `arriving` for each; shares : (H, W) float32 of `image.shares`
     ambient : (3,) float32, from `ambient_light` of the whole picture
     up : "y" or "z", the axis from which most of the ambient light comes
     indirect : (H, W, 3) float32, additional irradiance; None: none
     """
     shape, shining = gbuffer.face.shape, _shining(lights)
-    irradiances, shadows = (_stack([of[k] for k in shining], shape) for of in (arrived, visibility))
+    irradiances, arriving_shares = (_stack([of[k] for k in shining], shape) for of in (arrived, shares))
     lists = [arrived[k] for k, light in enumerate(lights) if light.domain == "list"]
     more = _stack(lists if indirect is None else [*lists, indirect], (*shape, 3))
-    skies = _stack([visibility[k] for k, light in enumerate(lights) if light.domain == "hemisphere"], shape)
+    skies = _stack([shares[k] for k, light in enumerate(lights) if light.domain == "hemisphere"], shape)
     tints = _tints([lights[k] for k in shining])
     image = np.empty((*shape, 3), np.float32)
     args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances
     ticket = new_ticket(len(image), 8)
     own = lambda: (np.empty(3 * shape[1], np.float32),)
-    run(_shade_rows, thread_count(threads), ticket, *args, shadows, ambient, skies, more, image, own=own)
+    run(_shade_rows, thread_count(threads), ticket, *args, arriving_shares, ambient, skies, more, image, own=own)
     return image
 
 
@@ -146,7 +146,7 @@ def ambient_light(gbuffer, lights, arrived) -> np.ndarray:
 
 
 def _shining(lights) -> list[int]:
-    """Indices of the lights that shading multiplies by their visibility."""
+    """Indices of the lights whose shares shading multiplies by their irradiance."""
     return [k for k, light in enumerate(lights) if light.domain not in ("hemisphere", "list")]
 
 

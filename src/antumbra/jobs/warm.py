@@ -4,17 +4,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..image.gathered import gathered
 from ..plan import Plan
 from ..query.horizon import below_horizon
 from ..query.sampling import light_samples
-from ..query.shadow import new_bits
 from ..rendering import warm
 from ..rendering.memory import points_memory
 from ..rendering.points import PointQueries
 from ..rendering.ready import Job, fixed_job, small_scene
 from ..rendering.renderer import Renderer
 from ..scene.lights import PointLight
+from .bake.measure import Asked, Meter, Receivers
 from .sight.bitrows import reordered
 from .sun.hours import tally_job
 
@@ -28,14 +27,15 @@ def points_job() -> Job:
     """The job of baked light, and of matrices of lines of sight, without tracing."""
 
     def work():
-        light = PointLight((0.0, 2.0, 0.0))
+        light, up = PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
         samples = light_samples(light, 1)
+        for what in ("light", "bent-normal"):
+            asked = Asked(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
+            Meter(small_scene(), asked, 1).values(Receivers(np.zeros((1, 3)), up))
         points = PointQueries(Renderer(small_scene(), "bsah+single", 1), 1, 0.0)
         points.begin(points_memory(1, light, samples))
-        normals = np.array([[[0.0, 1.0, 0.0]]])
-        query = points.query(np.zeros((1, 1, 3), np.float32), np.ones((1, 1), np.int8), normals, light, samples)
+        query = points.query(np.zeros((1, 1, 3), np.float32), np.ones((1, 1), np.int8), up[None], light, samples)
         below_horizon(query, 1)
-        gathered(query, new_bits(query), 1)
         reordered(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
 
     return fixed_job("points", work)

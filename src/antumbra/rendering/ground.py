@@ -11,8 +11,10 @@ import numpy as np
 
 from ..cull.targets import targets_of
 from ..image.filter import smoothed
-from ..image.fraction import fraction, refine_penumbra
+from ..image.fraction import finer_query, refined, visible
 from ..image.shade import arriving, shade
+from ..image.shares import shares
+from ..image.terminator import facing_of
 from ..query.bounds import reach_of
 from ..query.camera_rays import rays_through
 from ..query.gbuffer import GBuffer
@@ -20,7 +22,7 @@ from ..query.ground import SeenGround, plane_below, seen_ground
 from ..query.horizon import below_horizon
 from ..query.picture import Surfaces
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery, fraction_lit
+from ..query.shadow import ShadowQuery
 from ..query.subpixels import block_means, subpixel_rays
 from ..query.surface import PictureSurfaces, seen_by
 from ..scene.lights import DIRECTIONAL, is_bounced
@@ -64,15 +66,15 @@ class ShadowCatcher:
         accelerate(state, [*queries, *(q._replace(samples=s) for q, s in zip(queries, finer))], tree)
         traced = ask_all(state, queries)
         state.clock.lap("trace")
-        seen = seen_by(gbuffer, state.view)
-        visibility = [fraction(seen, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
+        seen, facing = seen_by(gbuffer, state.view), facing_of(gbuffer, None)
+        light = [visible(seen, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
         state.clock.lap("filter")
         for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
-            more = lambda asked: ask(state, asked)
-            asked, better = refine_penumbra(seen, query, bits, samples, more, request.smooth, state.threads)
-            visibility[i] = np.where(asked.sides != NOTHING, better, visibility[i])
+            more = finer_query(seen, query, bits, samples, state.threads)
+            light[i] = refined(light[i], seen, facing, more, ask(state, more), request.smooth, state.threads)
             state.clock.lap("trace")
-        lit, unshadowed = self._light(gbuffer, traced, visibility, seen)
+        visibility = [each.fraction for each in light]
+        lit, unshadowed = self._light(gbuffer, traced, [each.share for each in light], seen)
         share = np.float32(1.0) - found.kept[..., None] * (np.float32(1.0) - _ratio(lit, unshadowed))
         state.clock.lap("shade")
         return Ground(request.ground, gbuffer.side != NOTHING, gbuffer.position, visibility, traced.bits, share)
@@ -91,8 +93,9 @@ class ShadowCatcher:
         accelerate(state, queries, state.ready)
         traced = ask_all(state, queries)
         state.clock.lap("trace")
-        visibility = [fraction_lit(b, q.samples.shape[1], state.threads) for q, b in zip(*traced)]
-        lit, unshadowed = (block_means(part, count) for part in self._light(found.gbuffer, traced, visibility, None))
+        facing = facing_of(found.gbuffer, None)
+        arrive = [shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+        lit, unshadowed = (block_means(part, count) for part in self._light(found.gbuffer, traced, arrive, None))
         kept = block_means(found.kept, count) / np.maximum(
             block_means(free.astype(np.float32), count), np.float32(1e-6)
         )
@@ -115,14 +118,14 @@ class ShadowCatcher:
         ]  # fmt: skip
 
     def _light(
-        self, gbuffer: GBuffer, traced: TracedLights, visibility: list[np.ndarray], seen: PictureSurfaces | None
+        self, gbuffer: GBuffer, traced: TracedLights, arrive: list[np.ndarray], seen: PictureSurfaces | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The light that arrives, (H, W, 3) float32, and the light that would arrive if nothing cast a shadow."""
         arrived, unshadowed = zip(
             *(self._arriving(gbuffer, *of_light, seen) for of_light in zip(self._lights, *traced))
         )
-        above = [self._above(light, query) for light, query in zip(self._lights, traced.queries)]
-        return self._sum(gbuffer, arrived, visibility), self._sum(gbuffer, unshadowed, above)
+        above = [self._above(gbuffer, light, query) for light, query in zip(self._lights, traced.queries)]
+        return self._sum(gbuffer, arrived, arrive), self._sum(gbuffer, unshadowed, above)
 
     def _arriving(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, seen) -> tuple[np.ndarray, np.ndarray]:
         """The light of one light source as `image.shade.arriving` gives it, and without shadows."""
@@ -154,19 +157,18 @@ class ShadowCatcher:
         mean = each.mean((0, 1))
         return mean - smoothed(own, free - raw, threads), np.ascontiguousarray(np.broadcast_to(mean, raw.shape))
 
-    def _sum(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], visibility: list[np.ndarray]) -> np.ndarray:
+    def _sum(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], arrive: list[np.ndarray]) -> np.ndarray:
         white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
-        return shade(
-            white, _WHITE, self._lights, arrived, visibility, self._ambient, self._up, threads=self._state.threads
-        )
+        return shade(white, _WHITE, self._lights, arrived, arrive, self._ambient, self._up, threads=self._state.threads)
 
-    def _above(self, light, query: ShadowQuery) -> np.ndarray:
-        """(H, W) float32: the share of a light that is not below the ground."""
+    def _above(self, gbuffer: GBuffer, light, query: ShadowQuery) -> np.ndarray:
+        """(H, W) float32: the share of a light's irradiance that arrives without shadows: 1, or 0 below the ground."""
         boxes, relative = targets_of(query, np.full(3, np.inf))
         lowest = boxes[:, 0, self._plane.axis].min()
         if light.domain in ("list", "hemisphere") or lowest > (0.0 if relative else self._plane.height):
             return np.ones(query.sides.shape, np.float32)
-        return fraction_lit(below_horizon(query, self._state.threads), query.samples.shape[1], self._state.threads)
+        below = below_horizon(query, self._state.threads)
+        return shares(facing_of(gbuffer, None), query, below, self._state.threads)
 
 
 def _ratio(lit: np.ndarray, unshadowed: np.ndarray) -> np.ndarray:

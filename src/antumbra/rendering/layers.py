@@ -10,7 +10,7 @@ from .state import FrameState, TracedLights, arriving_at, coloured
 
 
 def layers_of(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, visibility, indirect
+    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, shares, indirect
 ) -> Layers:
     """The `Layers` of a frame: its surfaces are shaded once more for each light."""
     request, ids = state.request, surfaces.ids
@@ -18,10 +18,10 @@ def layers_of(
     arrived, dark = arriving_at(state, surfaces, traced, seen if request.smooth else None), np.zeros(3, np.float32)
     up = state.source.scene.up
 
-    def shaded(lights, arrived, visibility, indirect=None) -> np.ndarray:
-        return shade(gbuffer, colour, lights, arrived, visibility, dark, up, indirect, state.threads)
+    def shaded(lights, arrived, shares, indirect=None) -> np.ndarray:
+        return shade(gbuffer, colour, lights, arrived, shares, dark, up, indirect, state.threads)
 
-    alone = [shaded([light], [a], [v]) for light, a, v in zip(request.lights, arrived, visibility)]
+    alone = [shaded([light], [a], [s]) for light, a, s in zip(request.lights, arrived, shares)]
     bounced = None if indirect is None else shaded([], [], [], indirect)
     met = ids >= 0
     albedo = np.where(met[..., None], colour[np.where(met, gbuffer.face, 0)], np.float32(0.0))

@@ -1,13 +1,12 @@
 """One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and smooth edges."""
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
-from ..image.fraction import as_needed, fraction, refine_penumbra
+from ..image.fraction import Visible, as_needed, finer_query, refined, visible
 from ..image.shade import ambient_light
 from ..query.picture import Surfaces, stacked
 from ..query.receivers import NOTHING
@@ -39,6 +38,7 @@ from .state import (
     ask_all,
     dressed,
     edge_colours,
+    facing_at,
     picture,
     queries_of,
     shaded,
@@ -55,17 +55,18 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
     evaluate(state)
     surfaces, traced = look_and_trace(state)
     surfaces = dressed(state, surfaces)
-    seen, visibility = lit(state, surfaces, traced)
-    edge = refined = indirect = coverage = None
+    seen, found = lit(state, surfaces, traced)
+    edge = finer = indirect = coverage = None
     if request.finer is not None:
-        edge, refined = refine(state, seen, traced, visibility)
+        edge, finer = refine(state, surfaces, seen, traced, found)
+    visibility, shares = [each.fraction for each in found], [each.share for each in found]
     if request.passes is not None:
         indirect = bounce(state, surfaces, seen, traced)
-    image, ambient, fill = shade(state, surfaces, seen, traced, visibility, indirect)
+    image, ambient, fill = shade(state, surfaces, seen, traced, shares, indirect)
     catcher = None if request.ground is None else ShadowCatcher(state, fill)
     ground = None if catcher is None else catcher.picture(surfaces)
     fill_background(state, surfaces, image, ground)
-    layers = layers_of(state, surfaces, seen, traced, visibility, indirect) if request.layers else None
+    layers = layers_of(state, surfaces, seen, traced, shares, indirect) if request.layers else None
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
         divide(state, edge, Shown(image, coverage, ground, catcher), ambient, indirect)
@@ -75,7 +76,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
     counted = None if state.tally is None else as_dict(state.tally)
     ran, choices, scheduled = _ran(state)
     return Frame(
-        image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, refined, indirect,
+        image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, finer, indirect,
         scheduled, source.paging(), ran, choices, coverage, tuple(light_names(request.lights)),
         behind(state, surfaces, coverage, ground), layers, ambient, ground,
     )  # fmt: skip
@@ -150,33 +151,32 @@ def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
     return traced
 
 
-def lit(state: FrameState, surfaces: Surfaces, traced: TracedLights) -> tuple[PictureSurfaces, list[np.ndarray]]:
-    """The seen surfaces in the filters' format; and per light (H, W) float32 visibility, filtered on request."""
-    seen = seen_by(surfaces.gbuffer, state.view)
-    visibility = [fraction(seen, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
+def lit(state: FrameState, surfaces: Surfaces, traced: TracedLights) -> tuple[PictureSurfaces, list[Visible]]:
+    """The seen surfaces in the filters' format; and how much of each light is visible, filtered on request."""
+    seen, facing = seen_by(surfaces.gbuffer, state.view), facing_at(surfaces)
+    found = [visible(seen, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
     state.clock.lap("filter")
-    return seen, visibility
+    return seen, found
 
 
 def refine(
-    state: FrameState, seen: PictureSurfaces, traced: TracedLights, visibility: list[np.ndarray]
+    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, found: list[Visible]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trace more rays in penumbrae, and replace the visibility there.
+    """Trace more rays in penumbrae, and replace what was found there.
 
     Returns two (H, W) bool masks: edge pixels, which `divide` splits into sub-pixels; and all refined pixels.
     """
-    finer, kept = state.request.finer, state.kept
-    assert finer is not None
+    more, kept = state.request.finer, state.kept
+    assert more is not None
     edge = edges(seen, edge_colours(state), state.threads)
-    refined = edge.copy()
-    for i, (query, bits, samples) in enumerate(zip(*traced, finer.penumbra)):
-        more = partial(ask, state) if kept is None else partial(_known, state, kept.finer[i])
-        asked, better = refine_penumbra(seen, query, bits, samples, more, state.request.smooth, state.threads)
-        chosen = asked.sides != NOTHING
-        visibility[i] = np.where(chosen, better, visibility[i])
-        refined |= chosen
+    chosen = edge.copy()
+    for i, (query, bits, samples) in enumerate(zip(*traced, more.penumbra)):
+        finer = finer_query(seen, query, bits, samples, state.threads)
+        better = ask(state, finer) if kept is None else _known(state, kept.finer[i], finer)
+        found[i] = refined(found[i], seen, facing_at(surfaces), finer, better, state.request.smooth, state.threads)
+        chosen |= finer.sides != NOTHING
     state.clock.lap("trace")
-    return edge, refined
+    return edge, chosen
 
 
 def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> np.ndarray:
@@ -210,7 +210,7 @@ def open_to_all(state: FrameState) -> Nearest:
 
 
 def shade(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, visibility, indirect
+    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, shares, indirect
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The image, (H, W, 3) float32; its ambient light, (3,) float32; and the ambient light of the ground.
 
@@ -220,7 +220,7 @@ def shade(
     direct = [k for k, light in enumerate(lights) if not is_bounced(light)]
     fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct])
     ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
-    image = shaded(state, surfaces, arrived, visibility, ambient, indirect)
+    image = shaded(state, surfaces, arrived, shares, ambient, indirect)
     state.clock.lap("shade")
     return image, ambient, fill
 

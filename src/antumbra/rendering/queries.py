@@ -1,7 +1,6 @@
 """Queries without a camera: arrays of rays, and the visibility of lights from points."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..query.sampling import light_samples
 from ..query.shadow import fraction_lit
 from ..scene.any_scene import AnyScene
 from ..scene.hit import Hit, HitFaces
-from ..scene.light_list import LightList
+from ..scene.light_list import in_full
 from ..scene.lights import Light, check_lights
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated
@@ -189,7 +188,7 @@ def visibility(
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     alone = isinstance(light, Light)
-    lights = [_asked_in_full(each) for each in check_lights(light)]
+    lights = [in_full(each) for each in check_lights(light)]
     samples = [light_samples(each, spp, sampler) for each in lights]
     for each in lights:
         if normals is None and each.domain == "hemisphere":
@@ -224,11 +223,6 @@ class _Asked(NamedTuple):
     samples: list[np.ndarray]  # per light (16, n, 3)
     facing: int  # a value of CULL_FACES
     time: float  # seconds
-
-
-def _asked_in_full(light: Light) -> Light:
-    """The light as points ask it: they form no 4x4 blocks, so each tests all lights of a list."""
-    return replace(light, interleave=False) if isinstance(light, LightList) and light.interleave else light
 
 
 def _answers(renderer: Renderer, asked: _Asked, progress: Progress | None) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ existed. docs/design/shards.md compares this with bands that hold finished pixel
 
 import numpy as np
 
-from ..image.fraction import as_needed, refine_penumbra
+from ..image.fraction import as_needed, finer_query
 from ..query.picture import Surfaces
 from ..query.receivers import NOTHING
 from ..query.refine import edges
@@ -95,15 +95,10 @@ class Rows:
         assert state.request.finer is not None
         seen = seen_by(surfaces.gbuffer, state.view)
         for i, (query, bits, samples) in enumerate(zip(*traced, state.request.finer.penumbra)):
-
-            def more(finer, name=f"finer {i}"):
-                sides = np.full_like(finer.sides, NOTHING)
-                sides[own] = finer.sides[own]
-                bits = ask(state, finer._replace(sides=sides))
-                made[name] = bits[own]
-                return bits
-
-            refine_penumbra(seen, query, bits, samples, more, False, state.threads)
+            finer = finer_query(seen, query, bits, samples, state.threads)
+            sides = np.full_like(finer.sides, NOTHING)
+            sides[own] = finer.sides[own]
+            made[f"finer {i}"] = ask(state, finer._replace(sides=sides))[own]
         return made
 
     def _divided(self, surfaces: Surfaces, traced: TracedLights, near: slice, own: slice) -> dict[str, np.ndarray]:

@@ -8,9 +8,11 @@ from ..image.albedo import albedo, eye_of
 from ..image.corners import places_of
 from ..image.normals import shading_normals
 from ..image.shade import arriving, shade
+from ..image.shares import shares
+from ..image.terminator import Facing, facing_of
 from ..query.gbuffer import GBuffer
 from ..query.picture import Surfaces, surface_queries
-from ..query.shadow import ShadowQuery, fraction_lit, ray_count
+from ..query.shadow import ShadowQuery, ray_count
 from ..scene.camera import CameraRays
 from ..scene.lights import Light
 from ..scene.listed_rays import ListedRays
@@ -132,10 +134,15 @@ def smooths(request: Request, light: Light) -> bool:
     return request.smooth or (request.smooth_skies and isinstance(light, Sky))
 
 
-def shaded(state: FrameState, surfaces: Surfaces, arrived, visibility, ambient, indirect=None) -> np.ndarray:
+def facing_at(surfaces: Surfaces) -> Facing:
+    """The normals of these surfaces."""
+    return facing_of(surfaces.gbuffer, surfaces.shading)
+
+
+def shaded(state: FrameState, surfaces: Surfaces, arrived, shares_of, ambient, indirect=None) -> np.ndarray:
     """The shaded image of these surfaces, (H, W, 3) float32."""
     up, lights = state.source.scene.up, state.request.lights
-    return shade(*coloured(surfaces), lights, arrived, visibility, ambient, up, indirect, state.threads)
+    return shade(*coloured(surfaces), lights, arrived, shares_of, ambient, up, indirect, state.threads)
 
 
 def coloured(surfaces: Surfaces) -> tuple[GBuffer, np.ndarray]:
@@ -172,8 +179,9 @@ def dressed(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
 
 def picture(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient, indirect=None) -> np.ndarray:
     """The image of these surfaces, (H, W, 3) float32, shaded with unfiltered bits."""
-    shares = [fraction_lit(b, query.samples.shape[1], state.threads) for query, b in zip(*traced)]
-    return shaded(state, surfaces, arriving_at(state, surfaces, traced), shares, ambient, indirect)
+    facing = facing_at(surfaces)
+    shown = [shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+    return shaded(state, surfaces, arriving_at(state, surfaces, traced), shown, ambient, indirect)
 
 
 def edge_colours(state: FrameState) -> np.ndarray:

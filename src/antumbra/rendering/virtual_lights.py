@@ -107,19 +107,11 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
         return light.center + light.radius * normal, _by_cosine(normal, xi[:, 2:]), 4.0 * np.pi * light.intensity
     if isinstance(light, Sky):
         directions = -light.points[_drawn(light, xi)]
-        u, v = (np.stack(axes) for axes in zip(*map(tangents, directions)))
-        x, y = (_on_disk(a, b) * radius).T[..., None]
         power = np.pi * radius**2 * float(light.intensities.sum()) * light.intensity
-        return centre + x * u + y * v - 2.0 * radius * directions, directions, power
+        return _before(directions, a, b, centre, radius), directions, power
     if isinstance(light, DirectionalLight):
-        u, v = tangents(light.direction)
-        spread = np.tan(np.radians(light.angular_diameter) / 2.0)
-        x, y = (_on_disk(xi[:, 2], xi[:, 3]) * spread).T[..., None]
-        directions = light.direction + x * u + y * v
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        x, y = (_on_disk(a, b) * radius).T[..., None]
-        origins = centre + x * u + y * v - 2.0 * radius * directions
-        return origins, directions, np.pi * radius**2 * light.intensity
+        directions, share = _in_cone(light, xi[:, 2:])
+        return _before(directions, a, b, centre, radius), directions, np.pi * radius**2 * light.intensity * share
     if isinstance(light, QuadLight):
         origins = light.corner + a[:, None] * light.u + b[:, None] * light.v
         axis = np.cross(light.u, light.v) / light.area()
@@ -134,6 +126,25 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
     side = np.where(xi[:, 2] < 0.5, 1.0, -1.0)[:, None]
     xi = np.stack([2.0 * xi[:, 2] % 1.0, xi[:, 3]], 1)
     return origins, _by_cosine(side * axis, xi), 2.0 * np.pi * light.intensity
+
+
+def _before(directions, a, b, centre, radius) -> np.ndarray:
+    """(n, 3): origins of photons along unit directions (n, 3), on disks that cover the scene."""
+    u, v = (np.stack(axes) for axes in zip(*map(tangents, directions)))
+    x, y = (_on_disk(a, b) * radius).T[..., None]
+    return centre + x * u + y * v - 2.0 * radius * directions
+
+
+def _in_cone(light: DirectionalLight, xi) -> tuple[np.ndarray, float]:
+    """(n, 3) unit directions, uniform over a distant light's solid angle; and lux on the disks of all, over its lux.
+
+    A surface that faces the light gets the cosine-weighted integral of the radiance, and these disks the plain one.
+    """
+    u, v = tangents(light.direction)
+    least = np.cos(np.radians(light.angular_diameter) / 2.0)
+    cosine, angle = 1.0 - xi[:, :1] * (1.0 - least), 2.0 * np.pi * xi[:, 1:]
+    sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+    return cosine * light.direction + sine * (np.cos(angle) * u + np.sin(angle) * v), 2.0 / (1.0 + least)
 
 
 def _drawn(sky: Sky, xi: np.ndarray) -> np.ndarray:

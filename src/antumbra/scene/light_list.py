@@ -1,6 +1,6 @@
 """The common base of lists of lights: many lights as one light, whose samples are the lights of the list."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,6 +71,11 @@ class LightList(Light):
         if (self.intensities < 0).any():
             raise InputError(f"{name} intensities must not be negative")
         self._check()
+
+
+def in_full(light: Light) -> Light:
+    """The light as receivers sample it that form no 4 x 4 blocks: each tests all lights of a list."""
+    return replace(light, interleave=False) if isinstance(light, LightList) and light.interleave else light
 
 
 def _z_order(positions: np.ndarray) -> np.ndarray:

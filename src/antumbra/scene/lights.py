@@ -54,7 +54,8 @@ class Light:
     """The base class of all lights.
 
     intensity : float
-        0 to 1e30: candela along the light's axis, or lux for a distant light. Only shading uses it.
+        0 to 1e30: candela along the light's axis, or lux for a distant light. Only shading uses it. A surface gets
+        lux: candela over the square of a distance, with the scene's unit taken as metres.
     colour : (3,) float
         Linear RGB. Only shading uses it.
     """
@@ -101,7 +102,10 @@ def _fixed(base, u=(0, 0, 0), v=(0, 0, 0), origin=(0, 0, 0)) -> LightPatch:
 
 @dataclass(frozen=True, eq=False)
 class PointLight(Light):
-    """A point at `position` ((3,), world)."""
+    """A point at `position` ((3,), world).
+
+    At a distance d a surface gets intensity cos(theta) / d^2, theta being the angle to its normal.
+    """
 
     position: np.ndarray
 
@@ -119,7 +123,10 @@ class PointLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class QuadLight(Light):
-    """A parallelogram corner + a u + b v, 0 <= a, b <= 1 (all (3,), world). It shines to both sides."""
+    """A parallelogram corner + a u + b v, 0 <= a, b <= 1 (all (3,), world). It shines to both sides.
+
+    Its radiance is intensity / area, the same in all directions. What lies below a surface's horizon does not count.
+    """
 
     corner: np.ndarray
     u: np.ndarray
@@ -148,7 +155,10 @@ class QuadLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class DiskLight(Light):
-    """A disk around `center` ((3,), world) with `normal` ((3,), any length) and `radius` > 0; shines to both sides."""
+    """A disk around `center` ((3,), world) with `normal` ((3,), any length) and `radius` > 0; shines to both sides.
+
+    Its radiance is intensity / area, the same in all directions. What lies below a surface's horizon does not count.
+    """
 
     center: np.ndarray
     normal: np.ndarray
@@ -185,6 +195,9 @@ class DiskLight(Light):
 class SphereLight(Light):
     """A sphere around `center` ((3,), world) with `radius` > 0.
 
+    It shines with `intensity` in every direction: its radiance is intensity / (pi radius^2). A surface that sees all of
+    it, with its centre at a distance d, gets intensity cos(theta) / d^2, as from a point.
+
     A receiver samples the disk in which its tangent cone touches the sphere. The disk covers exactly the directions
     in which the receiver sees the sphere. For a receiver inside the sphere, it is the great disk facing the receiver.
     """
@@ -217,6 +230,10 @@ _FARTHEST = 2.0**125  # as for coordinates: sums of two, and differences of such
 @dataclass(frozen=True, eq=False)
 class DirectionalLight(Light):
     """A distant disk such as the sun.
+
+    The disk has the same radiance everywhere. `intensity` is the irradiance, in lux, of a surface that faces it: the
+    radiance times pi sin^2(angular_diameter / 2). A surface that sees all of it gets intensity cos(theta), whatever the
+    diameter is; theta is the angle between its normal and the middle of the disk.
 
     direction : (3,) float, any length
         From the light *into* the scene, as in glTF.

@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...image.gathered import gathered
-from ...image.list_irradiance import list_irradiance
+from ...image.open_directions import open_directions
+from ...image.shade import arriving
+from ...image.shares import shares
+from ...image.terminator import facing_of
 from ...query.gbuffer import GBuffer
 from ...query.order import morton_codes
 from ...query.receivers import NOTHING, point_receivers
@@ -131,20 +133,22 @@ class Meter:
             return self._shares(answered).mean(-1, keepdims=True, dtype=np.float32)
         if what == "bent-normal":
             ((query, bits),) = answered
-            return _directions(gathered(query, bits, threads)[..., 1:], query.normals)
+            return _directions(open_directions(query, bits, threads), query.normals)
         total = np.zeros((*answered[0][0].sides.shape, self.asked.channels), np.float32)
         for light, (query, bits) in zip(self.asked.lights, answered):
-            if light.domain == "list":
-                surfaces = _surfaces(query, self._points.triangles.origin)
-                total += list_irradiance(surfaces, light, query.samples, bits, threads)
-                continue
-            sky = light.domain == "hemisphere"
-            arrived = (
-                fraction_lit(bits, query.samples.shape[1], threads) if sky else gathered(query, bits, threads)[..., 0]
-            )
             tint = 1.0 if what == "sun" else np.float32(light.intensity) * np.asarray(light.colour, np.float32)
-            total += arrived[..., None] * tint
+            total += self._arrived(light, query, bits, tint)
         return total
+
+    def _arrived(self, light: Light, query: ShadowQuery, bits: np.ndarray, tint) -> np.ndarray:
+        """(h, w, 1 or 3) float32: the irradiance from a light with its shadows; ambient light is a uniform sky."""
+        threads, surfaces = self.asked.threads, _surfaces(query, self._points.triangles.origin)
+        if light.domain == "list":  # it has intensities and colours of its own
+            return arriving(surfaces, light, query, bits, threads=threads)
+        share = shares(facing_of(surfaces, None), query, bits, threads)
+        if light.domain != "hemisphere":
+            share = share * arriving(surfaces, light, query, bits, threads=threads)
+        return share[..., None] * tint
 
     def _shares(self, answered) -> np.ndarray:
         return np.stack([fraction_lit(b, q.samples.shape[1], self.asked.threads) for q, b in answered], -1)

@@ -12,6 +12,7 @@ from ...image.tonemap import automatic_exposure
 from ...output import checked_output
 from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.sampling import sample_sets
+from ...scene.light_list import in_full
 from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
 from ...scene.scene import Scene
 from ...scene.view import sun
@@ -39,7 +40,7 @@ class Options(NamedTuple):
 
 def own_lights(scene: Scene, what: str, time: float) -> list[Light]:
     """The default lights of a scene; of what a sun lights, its first sun, or that of default pictures."""
-    lights = scene.default_lights(time)
+    lights = [in_full(light) for light in scene.default_lights(time)]
     if what != "sun":
         return lights
     return [next((light for light in lights if isinstance(light, DirectionalLight)), sun(scene.up))]

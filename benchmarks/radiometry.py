@@ -1,0 +1,156 @@
+"""Irradiance beside Mitsuba 3: every kind of light, near and far, fully lit and in penumbrae.
+
+    python benchmarks/radiometry.py [--size N] [--reference N] [--cases TEXT] [--json FILE]
+
+A white floor is lit by one light, above it or in part below it. Pixels see the floor from just above it, so that lights
+and blockers may come near. *Lit* is the mean relative error without a blocker, and its largest value. *Penumbra* is the
+mean difference over the mean irradiance where a card hides part of the light: of pixels that see 2 to 98 % of it, with
+no filter. 4,096 samples are four renderings of 1,024. Between them the camera moves by a pixel, so that each point has
+four of the sixteen sample sets.
+
+Skies light boxes on the floor. Their rows have the mean relative error with the default filter, for several numbers of
+lights.
+
+The truth is Mitsuba's integrator `direct` at the same points, with --reference samples.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import antumbra as at
+from antumbra.errors import InputError
+from common import machine
+
+DARK = at.AmbientOcclusion(intensity=0.0, spp=1)  # no ambient light
+MOST = 1024
+HEIGHT = 0.01  # of the camera
+
+
+class Case(NamedTuple):
+    """A light over the floor, and a card that hides part of it."""
+
+    name: str
+    light: at.Light
+    card: tuple  # corner and two edges
+    extent: float = 2.0  # of the floor that is seen, around zero
+
+
+class Row(NamedTuple):
+    """What was found, in per cent."""
+
+    case: str
+    lit: float
+    largest: float
+    penumbra: dict[int, float]  # samples -> error
+    pixels: int  # in the penumbra
+
+
+def level(height: float, half: float, x: float = 0.0, z: float = 0.0) -> tuple:
+    """A level card around (x, height, z)."""
+    return (x - half, height, z - half), (0, 0, 2 * half), (2 * half, 0, 0)
+
+
+WALL = (-1.1, 0.0, -0.4), (0, 0.25, 0), (0, 0, 0.8)
+TILTED = np.array([-np.cos(np.radians(30)), -np.sin(np.radians(30)), 0])
+CASES = [
+    Case("point, d = 2", at.PointLight((0, 2, 0.3)), level(1.0, 0.3)),
+    Case("quad 2 x 2, d = 1.5", at.QuadLight((-1, 1.5, -1), (2, 0, 0), (0, 0, 2)), level(0.5, 0.3)),
+    Case("quad 2 x 2, d = 0.3", at.QuadLight((-1, 0.3, -1), (2, 0, 0), (0, 0, 2)), level(0.1, 0.2)),
+    Case("quad, half below the horizon", at.QuadLight((-2, -1, -1), (0, 2, 0), (0, 0, 2)), WALL),
+    Case("quad, tilted", at.QuadLight((-1.5, 0.2, -1), (0.5, 1.5, 0), (0, 0.3, 2)), level(0.1, 0.3, -0.6)),
+    Case("disk, d = 4 R", at.DiskLight((0, 2, 0), (0, 1, 0), 0.5), level(0.8, 0.3)),
+    Case("disk, d = R", at.DiskLight((0, 1, 0), (0, 1, 0), 1.0), level(0.4, 0.3)),
+    Case("disk, d = R / 2", at.DiskLight((0, 0.5, 0), (0, 1, 0), 1.0), level(0.2, 0.2)),
+    Case("disk, 40 % below the horizon", at.DiskLight((-2, 0.2, 0), (1, 0.3, 0), 1.0), WALL),
+    *(
+        Case(f"sphere, d = {d:g} R", at.SphereLight((0, d, 0), 1.0), level(0.4 * (d - 1), 0.3 * d**0.5 * (d - 1) ** 0.3))
+        for d in (1.1, 1.5, 2.0, 3.0)
+    ),
+    Case("sphere, 35 % below the horizon", at.SphereLight((-2.2, 0.3, 0), 1.0), WALL),
+    Case("sun of 0.53 degrees", at.DirectionalLight((0.3, -1, 0.1), 0.53), level(20.0, 0.5, -6.0, -2.0), 1.5),
+    Case("sun of 40 degrees", at.DirectionalLight((0.3, -1, 0.1), 40.0), level(0.7, 0.3)),
+    Case("sun of 90 degrees", at.DirectionalLight((0, -1, 0), 90.0), level(0.4, 0.3)),
+    Case("sun of 90 degrees, 30 degrees high", at.DirectionalLight(-TILTED, 90.0), level(0.3, 0.3, -0.3)),
+]  # fmt: skip
+FLOOR = np.array([[[-50, 0, -50], [-50, 0, 50], [50, 0, 50]], [[-50, 0, -50], [50, 0, 50], [50, 0, -50]]], float)
+
+
+def with_card(card: Sequence) -> np.ndarray:
+    """(4, 3, 3): the floor and a card."""
+    corner, u, v = (np.array(each, float) for each in card)
+    return np.concatenate([FLOOR, [[corner, corner + u, corner + u + v], [corner, corner + u + v, corner + v]]])
+
+
+class Seen(NamedTuple):
+    """Pixels of a floor."""
+
+    irradiance: np.ndarray  # (n,)
+    fraction: np.ndarray  # (n,)
+    points: np.ndarray  # (n, 3)
+
+
+def ours(vertices: np.ndarray, case: Case, spp: int, size: int) -> Seen:
+    """A picture of size x size pixels, the mean of up to four."""
+    scene, times = at.Scene.from_arrays(vertices, colours=np.ones(3)), -(-spp // MOST)
+    pixel, found = case.extent / size, []
+    for k in range(times):
+        middle = k * pixel
+        eye, target = (middle, HEIGHT, 0.0), (middle, 0.0, 0.0)
+        camera = at.Camera(
+            eye, target, (0, 0, -1), width=size + 6, height=size, projection="orthographic", extent=case.extent
+        )
+        frame = at.render(scene, camera, [case.light, DARK], spp=spp // times, filter=False, antialias=False)
+        columns = slice(3 - k, 3 - k + size)
+        world = frame.gbuffer.position[:, columns].astype(float) + frame.gbuffer.origin
+        found.append((np.pi * frame.image[:, columns, 0], frame.visibility[0][:, columns], world))
+    irradiance, fraction, points = (np.mean([each[i] for each in found], 0) for i in range(3))
+    return Seen(irradiance.ravel(), fraction.ravel(), points.reshape(-1, 3))
+
+
+def truth(vertices: np.ndarray, light: at.Light, points: np.ndarray, normals, reference: int) -> np.ndarray:
+    """(n, 3): irradiance by Mitsuba."""
+    from peers import mitsuba_light
+
+    return mitsuba_light.irradiance(vertices, light, points, np.broadcast_to(normals, points.shape), reference)
+
+
+def measure(case: Case, size: int, reference: int) -> Row:
+    up = np.array([0.0, 1.0, 0.0])
+    seen = ours(FLOOR, case, 16, size // 2)
+    right = truth(FLOOR, case.light, seen.points, up, reference)[:, 0]
+    lit = np.abs(seen.irradiance / right - 1.0)
+    soup, errors = with_card(case.card), {}
+    best = ours(soup, case, 4 * MOST, size)
+    inside = (best.fraction > 0.02) & (best.fraction < 0.98)
+    right = truth(soup, case.light, best.points[inside], up, reference)[:, 0] if inside.any() else np.empty(0)
+    for spp in (256, 4 * MOST):
+        found = best if spp > MOST else ours(soup, case, spp, size)
+        if inside.any():
+            errors[spp] = 100.0 * float(np.abs(found.irradiance[inside] - right).mean() / right.mean())
+    return Row(case.name, 100.0 * float(lit.mean()), 100.0 * float(lit.max()), errors, int(inside.sum()))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--size", type=int, default=48, help="pixels along a side of the pictures")
+    parser.add_argument("--reference", type=int, default=65_536, help="samples of Mitsuba for each point")
+    parser.add_argument("--cases", default="", metavar="TEXT", help="only the cases whose names contain it")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args()
+    rows = []
+    for case in CASES:
+        if options.cases in case.name:
+            row = measure(case, options.size, options.reference)
+            rows.append(row)
+            print(row, flush=True)
+    if options.json:
+        options.json.write_text(json.dumps({"machine": machine(0), "rows": [r._asdict() for r in rows]}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
