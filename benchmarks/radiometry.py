@@ -23,7 +23,6 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra as at
-from antumbra.errors import InputError
 from common import machine
 
 DARK = at.AmbientOcclusion(intensity=0.0, spp=1)  # no ambient light
@@ -68,8 +67,8 @@ CASES = [
     Case("disk, d = R / 2", at.DiskLight((0, 0.5, 0), (0, 1, 0), 1.0), level(0.2, 0.2)),
     Case("disk, 40 % below the horizon", at.DiskLight((-2, 0.2, 0), (1, 0.3, 0), 1.0), WALL),
     *(
-        Case(f"sphere, d = {d:g} R", at.SphereLight((0, d, 0), 1.0), level(0.4 * (d - 1), 0.3 * d**0.5 * (d - 1) ** 0.3))
-        for d in (1.1, 1.5, 2.0, 3.0)
+        Case(f"sphere, d = {d:g} R", at.SphereLight((0, d, 0), 1.0), level(0.4 * (d - 1), half))
+        for d, half in ((1.1, 0.16), (1.5, 0.3), (2.0, 0.42), (3.0, 0.6))
     ),
     Case("sphere, 35 % below the horizon", at.SphereLight((-2.2, 0.3, 0), 1.0), WALL),
     Case("sun of 0.53 degrees", at.DirectionalLight((0.3, -1, 0.1), 0.53), level(20.0, 0.5, -6.0, -2.0), 1.5),

@@ -46,8 +46,8 @@ def emitter_of(patch: LightPatch, domain: str) -> Emitter:
     else:
         form, size, axis = POINT, 0.0, np.zeros(3)
     scale = float(patch.base @ patch.base) + size * size if patch.kind == DIRECTIONAL else 1.0
-    base, u, v, axis = (_three(vector) for vector in (patch.base, patch.u, patch.v, axis))
-    return Emitter(patch.kind, form, base, u, v, axis, float(size), scale)
+    vectors = _three(patch.base), _three(patch.u), _three(patch.v), _three(axis)
+    return Emitter(patch.kind, form, *vectors, float(size), scale)
 
 
 def _three(vector: np.ndarray) -> Vector3:
