@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.filter import filtered, smoothed
+from antumbra.image.filter import filtered, filtered_shares, smoothed
 from antumbra.image.fraction import occluded_samples
 from antumbra.query.receivers import NOTHING
 from antumbra.query.surface import PictureSurfaces
@@ -52,6 +52,23 @@ def test_every_sample_set_counts_once():
         counts = ((x % 4 + 4 * (y % 4)) == k).astype(int)
         out = filtered(_wall(), counts, SPP)
         np.testing.assert_array_equal(out[2:-2, 2:-2], np.float32(255 / 256))
+
+
+def test_shares_are_averaged_over_the_pixels_whose_counts_are():
+    counts = np.where(np.arange(W) < W // 2, _noise(4), _noise(12, 1))
+    rng, faces = np.random.default_rng(3), np.broadcast_to(np.arange(W, dtype=np.int32) // 5, (H, W)).copy()
+    seen = _wall(faces)
+    seen.normal[:, 10:] = (0, 1, 0)
+    weights = rng.random((H, W)).astype(np.float32)
+    for shares in ((1 - counts / SPP).astype(np.float32), weights):
+        fraction, smooth = filtered_shares(seen, counts, shares, SPP)
+        np.testing.assert_array_equal(fraction, filtered(seen, counts, SPP))
+        np.testing.assert_array_equal(smooth, filtered_shares(seen, counts, shares, SPP, threads=2)[1])
+        if shares is not weights:
+            np.testing.assert_allclose(smooth, fraction, atol=1e-6)
+        assert 0.0 < smooth.std() < shares.std()
+    flat = np.full((H, W), 8)
+    assert filtered_shares(seen, flat, weights, SPP)[1][:, 2:8].std() < 0.5 * weights.std()
 
 
 @pytest.mark.parametrize("count", [0, 5, SPP])

@@ -64,6 +64,18 @@ def test_sunlight_reflected_by_a_floor_reaches_a_ceiling():
     np.testing.assert_allclose(frame.image.mean((0, 1)), wanted, rtol=0.03)
 
 
+def test_photons_of_a_wide_sun_have_its_power_and_its_directions():
+    sun = at.DirectionalLight((0, -1, 0), 100.0, intensity=7.0)
+    _, directions, power = _emitted(sun, _sobol(4096, 1), np.zeros(3), RADIUS)
+    lux = power / (np.pi * RADIUS**2)  # on a disk that each photon meets head-on
+    for normal in ((0, 1, 0), (0.6, 0.8, 0)):  # sees all of it
+        found = lux * np.maximum(-directions @ normal, 0.0).mean()
+        assert found == pytest.approx(7.0 * normal[1], rel=2e-3)
+    half = np.radians(50.0)
+    share = (-directions[:, 1] > np.cos(half / 2)).mean()
+    assert share == pytest.approx((1 - np.cos(half / 2)) / (1 - np.cos(half)), abs=2e-3)
+
+
 def test_skylight_reflected_by_a_floor_reaches_a_ceiling():
     """The irradiance is compared with sums over the sky and the floor."""
     floor = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
