@@ -1,21 +1,22 @@
-"""Irradiance beside Mitsuba 3: every kind of light, near and far, fully lit and in penumbrae.
+"""Irradiance beside Mitsuba 3: every kind of light, near and far, fully lit and in penumbrae; and skies.
 
     python benchmarks/radiometry.py [--size N] [--reference N] [--cases TEXT] [--json FILE]
 
 A white floor is lit by one light, above it or in part below it. Pixels see the floor from just above it, so that lights
-and blockers may come near. *Lit* is the mean relative error without a blocker, and its largest value. *Penumbra* is the
-mean difference over the mean irradiance where a card hides part of the light: of pixels that see 2 to 98 % of it, with
-no filter. 4,096 samples are four renderings of 1,024. Between them the camera moves by a pixel, so that each point has
-four of the sixteen sample sets.
+and blockers may come near. *Lit* is the mean relative error without a blocker, and *worst* the largest. The two
+last errors are the mean difference over the mean irradiance where a card hides part of the light: of pixels that see 2
+to 98 % of it, with no filter. 4,096 samples are four renderings of 1,024. Between them the camera moves by a pixel, so
+that each point has four of the sixteen sample sets.
 
-Skies light boxes on the floor. Their rows have the mean relative error with the default filter, for several numbers of
-lights.
+Skies light boxes on a floor. Their rows have the mean relative error, and the mean difference over the mean, of
+pictures with the default filter, for several numbers of lights.
 
 The truth is Mitsuba's integrator `direct` at the same points, with --reference samples.
 """
 
 import argparse
 import json
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra as at
-from common import machine
+from common import installed, machine
+from peers import mitsuba_light
 
 DARK = at.AmbientOcclusion(intensity=0.0, spp=1)  # no ambient light
 MOST = 1024
@@ -113,8 +115,6 @@ def ours(vertices: np.ndarray, case: Case, spp: int, size: int) -> Seen:
 
 def truth(vertices: np.ndarray, light: at.Light, points: np.ndarray, normals, reference: int) -> np.ndarray:
     """(n, 3): irradiance by Mitsuba."""
-    from peers import mitsuba_light
-
     return mitsuba_light.irradiance(vertices, light, points, np.broadcast_to(normals, points.shape), reference)
 
 
@@ -134,21 +134,86 @@ def measure(case: Case, size: int, reference: int) -> Row:
     return Row(case.name, 100.0 * float(lit.mean()), 100.0 * float(lit.max()), errors, int(inside.sum()))
 
 
+class SkyRow(NamedTuple):
+    """What was found of a sky, in per cent."""
+
+    case: str
+    count: int  # of lights
+    relative: float
+    difference: float
+    seconds: float  # of the picture
+
+
+def town() -> np.ndarray:
+    """(n, 3, 3): boxes on a floor."""
+    rng = np.random.default_rng(7)
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    size, place = rng.uniform((3, 4, 3), (8, 20, 8), (40, 3)), rng.uniform(-30, 30, (40, 3)) * (1, 0, 1)
+    return np.concatenate([FLOOR, *(corners[faces] * s + p - (0, 0.01, 0) for s, p in zip(size, place))])
+
+
+def sunny() -> np.ndarray:
+    """(128, 256, 3): a map with a bright sky and a small sun."""
+    height, turn = np.pi * (np.arange(128) + 0.5) / 128, 2 * np.pi * ((np.arange(256) + 0.5) / 256 - 0.5)
+    y, x, z = np.cos(height)[:, None], np.sin(height)[:, None] * np.sin(turn), -np.sin(height)[:, None] * np.cos(turn)
+    sun = 200.0 * np.exp((0.5 * x + 0.6 * y - 0.62 * z - 1.0) / 0.002)
+    return ((np.where(y > 0.0, 0.5 + 0.5 * y, 0.2) + sun)[..., None] * np.ones(3)).astype(np.float32)
+
+
+SKIES = {"soft daylight": None, "map with a sun": sunny()}
+
+
+def measure_sky(name: str, counts: Sequence[int], size: int, reference: int) -> list[SkyRow]:
+    soup, found = town(), []
+    scene = at.Scene.from_arrays(soup, colours=np.ones(3))
+    camera = at.Camera((45, 35, 45), (0, 4, 0), vfov=45, width=4 * size, height=3 * size)
+    right = points = None
+    for count in counts:
+        start = time.process_time()
+        frame = at.render(scene, camera, [at.Sky(SKIES[name], count=count), DARK], antialias=False, background=False)
+        seconds = time.process_time() - start
+        if right is None:
+            points = np.random.default_rng(1).choice(np.flatnonzero(frame.mask), size * size)
+            world = frame.gbuffer.position.reshape(-1, 3)[points].astype(float) + frame.gbuffer.origin
+            normals = frame.gbuffer.normal.reshape(-1, 3)[points].astype(float)
+            right = truth(soup, at.Sky(SKIES[name]), world, normals, reference).mean(-1)
+        seen = np.pi * frame.image.reshape(-1, 3)[points].mean(-1)
+        off = np.abs(seen - right)
+        relative, difference = (off[right > 0.0] / right[right > 0.0]).mean(), off.mean() / right.mean()
+        found.append(SkyRow(name, count, 100.0 * float(relative), 100.0 * float(difference), seconds))
+    return found
+
+
+def line(row: Row) -> str:
+    errors = "".join(f"{row.penumbra[spp]:11.2f}" for spp in sorted(row.penumbra))
+    return f"{row.case:36}{row.lit:9.3f}{row.largest:9.3f}{errors}{row.pixels:9}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, default=48, help="pixels along a side of the pictures")
-    parser.add_argument("--reference", type=int, default=65_536, help="samples of Mitsuba for each point")
+    parser.add_argument("--reference", type=int, default=16_384, help="samples of Mitsuba for each point")
+    parser.add_argument("--counts", type=int, nargs="+", default=[256, 512, 1024], help="lights of skies")
     parser.add_argument("--cases", default="", metavar="TEXT", help="only the cases whose names contain it")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     options = parser.parse_args()
-    rows = []
-    for case in CASES:
-        if options.cases in case.name:
-            row = measure(case, options.size, options.reference)
-            rows.append(row)
-            print(row, flush=True)
+    rows: list[Row | SkyRow] = []
+    if installed(mitsuba_light.library):
+        print(f"errors in %{'':27}{'lit':>9}{'worst':>9}{'256 spp':>11}{'4,096 spp':>11}{'pixels':>9}")
+        for case in CASES:
+            if options.cases in case.name:
+                rows.append(measure(case, options.size, options.reference))
+                print(line(rows[-1]), flush=True)
+        for name in SKIES:
+            if options.cases in name:
+                for row in measure_sky(name, options.counts, options.size, options.reference):
+                    print(f"{name}, {row.count} lights: {row.relative:.2f} and {row.difference:.2f} %", flush=True)
+                    rows.append(row)
     if options.json:
-        options.json.write_text(json.dumps({"machine": machine(0), "rows": [r._asdict() for r in rows]}, indent=1))
+        told = {"machine": machine(0), "rows": [row._asdict() for row in rows]}
+        options.json.write_text(json.dumps(told, indent=1))
 
 
 if __name__ == "__main__":

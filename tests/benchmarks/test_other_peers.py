@@ -51,3 +51,15 @@ def test_the_sun_beside_radiance(run):
     assert [line.split()[2] for line in alone.left_out()] == ["Radiance"] and alone.rows == []
     pytest.importorskip("pyradiance", reason="Radiance is not installed: pip install 'antumbra[all-peers]'")
     assert run("radiance_sun", *small).rows == []
+
+
+def test_radiometry_beside_mitsuba(run):
+    small = "--size", 8, "--reference", 64, "--counts", 16
+    alone = run("radiometry", *small, without="mitsuba")
+    assert [line.split()[2] for line in alone.left_out()] == ["Mitsuba"] and alone.rows == []
+    pytest.importorskip("mitsuba", reason="Mitsuba is not installed: pip install 'antumbra[all-peers]'")
+    done = run("radiometry", *small, "--cases", "disk, d = R")
+    assert [row["case"] for row in done.rows] == ["disk, d = R", "disk, d = R / 2"]
+    assert all(0.0 <= row["lit"] < 2.0 and row["pixels"] > 0 for row in done.rows)
+    assert all(0.0 < row["penumbra"]["4096"] < 4.0 for row in done.rows)
+    assert [row["count"] for row in run("radiometry", *small, "--cases", "soft").rows] == [16]

@@ -120,7 +120,7 @@ def bake(given: BakeArguments) -> int:
     WHAT
       ao           the share of the sky that is open, weighted by the cosine
       shadow       the mean share of the lights that is visible
-      sun          the share of one sun that is visible, times the cosine
+      sun          the irradiance of one sun over its intensity
       light        the light of all lights and the sky, linear RGB
       bent-normal  the mean open direction
 

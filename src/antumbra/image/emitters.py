@@ -26,7 +26,7 @@ def _moved(a, s, u, t, v):
 
 @inlined
 def _edge(a, b, n):
-    """The integral (1) along the segment from a to b."""
+    """The integral (2) along the segment from a to b."""
     c = cross(a, b)
     sine = np.sqrt(dot(c, c))
     return np.arctan2(sine, dot(a, b)) * dot(n, c) / sine if sine > 0.0 else 0.0

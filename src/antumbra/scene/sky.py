@@ -41,7 +41,8 @@ class Sky(LightList):
     turn : float
         Degrees by which the map is turned around this axis, counter-clockwise seen from above.
     count : int
-        Number of lights, 1 to 16384; a multiple of 16 wastes none.
+        Number of lights, 1 to 16384; a multiple of 16 wastes none. The irradiance of default pictures is off by 3 % on
+        average with 256 lights, and by half of this with 512; small pictures are less accurate (see docs/lights.md).
     """
 
     image: Any = None

@@ -36,8 +36,8 @@ def bake(
         A .glb file.
     what : {"ao", "shadow", "sun", "light", "bent-normal"}
         ``ao``: the share of the sky that is open, weighted by the cosine, in [0, 1]. ``shadow``: the mean share of the
-        lights that is visible. ``sun``: the same of one sun, times the cosine. ``light``: the irradiance of all
-        lights, linear RGB. ``bent-normal``: the mean open direction.
+        lights that is visible. ``sun``: the irradiance of one sun over its intensity. ``light``: the irradiance of all
+        lights in lux, linear RGB. ``bent-normal``: the mean open direction.
     lights : lights, optional
         For shadow, sun and light, in the scene's own coordinates, whichever axis points up. None:
         `Scene.default_lights`. `AmbientOcclusion` among the lights of ``light`` is a sky.

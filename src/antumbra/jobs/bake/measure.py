@@ -34,7 +34,7 @@ _PART = 1 << 12  # blocks of a part, which are asked at once
 QUANTITIES = {
     "ao": "the share of the sky that is open, weighted by the cosine",
     "shadow": "the share of the lights that is visible",
-    "sun": "the share of the sun that is visible, times the cosine",
+    "sun": "the irradiance of the sun over its intensity",
     "light": "the irradiance of all lights, linear RGB",
     "bent-normal": "the mean open direction",
 }
