@@ -6,7 +6,7 @@ from .request import Request
 
 PASS_BYTES = 48  # of a pass of diffuse rays, for each pixel: directions, hits, cells, numbers of triangles
 SURFACE_BYTES = 48  # of the surfaces that a pass meets, for each pixel
-LIGHT_BYTES = 40  # of a shadow query with one word of bits, for each pixel
+LIGHT_BYTES = 44  # of a shadow query with one word of bits, and its share, for each pixel
 SUBPIXELS = 16
 _EDGES = 4  # every so manieth pixel is divided, as a guess
 _CELL_BYTES = 4  # of the cells of a ray set, for each pixel
