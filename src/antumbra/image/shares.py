@@ -2,7 +2,7 @@
 
 A sample's weight is what its piece of the light adds to the irradiance: the cosine at the receiver times the cosine at
 the light over the squared distance. So irradiance in closed form times this share is a consistent estimate, and has no
-noise where nothing hides the light [Heitz, Hill and McGuire 2018].
+noise where nothing hides the light [Heitz et al. 2018].
 """
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
