@@ -9,6 +9,7 @@ from ..scene.lights import AMBIENT
 from ..scene.triangles import Triangles
 from .bounds import bounds, reach_of
 from .gbuffer import GBuffer
+from .placing import place
 from .receivers import surface_receivers
 from .shadow import ShadowQuery
 
@@ -66,10 +67,10 @@ def surface_queries(surfaces: Surfaces, lights, samples, cull_faces=0, threads=N
         gbuffer.side.reshape(-1),
     )
     origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
-    far = 1.0
-    if triangles.vertices.size:
-        far = reach_of(np.stack(bounds(triangles.vertices, threads)) if box is None else box)
-    patches = [light.patch(triangles.origin, far) for light in lights]
+    if box is None and triangles.vertices.size:
+        box = np.stack(bounds(triangles.vertices, threads))
+    far = reach_of(box) if box is not None and triangles.vertices.size else 1.0
+    patches = [place(light, triangles.origin, box, far) for light in lights]
     ambient = any(p.kind == AMBIENT for p in patches)
     normals = gbuffer.normal.astype(np.float64) if ambient else np.empty((0, 0, 3))
     return [

@@ -15,6 +15,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.predicate.filters import plane, side_of, widest
 from ..kernels.simd import get, ptr, put
+from ..scene.recentre import settled
 
 NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point without a surface
 
@@ -114,4 +115,4 @@ def point_receivers(points, normals, world, single: bool) -> np.ndarray:
     shift = SHIFT * np.abs(points).max(-1, keepdims=True)  # Eq. (2) of docs/design/receivers.md
     if single:
         shift = shift + SHIFT / 4 * np.abs(world).max(-1, keepdims=True)
-    return np.ascontiguousarray((points + shift * normals).astype(np.float32))
+    return np.ascontiguousarray(settled(points + shift * normals).astype(np.float32))

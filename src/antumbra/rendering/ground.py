@@ -21,6 +21,7 @@ from ..query.gbuffer import GBuffer
 from ..query.ground import SeenGround, plane_below, seen_ground
 from ..query.horizon import below_horizon
 from ..query.picture import Surfaces
+from ..query.placing import place
 from ..query.receivers import NOTHING
 from ..query.shadow import ShadowQuery
 from ..query.subpixels import block_means, subpixel_rays
@@ -108,7 +109,7 @@ class ShadowCatcher:
         reach = reach_of(self._box, asking, state.threads) if len(asking) else 1.0
         normals = gbuffer.normal.astype(np.float64)
         corners = state.triangles.vertices.reshape(-1, 9)
-        patches = [light.patch(state.triangles.origin, reach) for light in self._lights]
+        patches = [place(light, state.triangles.origin, self._box, reach) for light in self._lights]
         return [
             ShadowQuery(
                 origins, gbuffer.face, gbuffer.side, normals, corners, patch, samples[k], state.request.facing,

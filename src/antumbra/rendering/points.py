@@ -4,6 +4,7 @@ import numpy as np
 
 from ..query.bounds import reach_of
 from ..query.horizon import below_horizon
+from ..query.placing import place
 from ..query.receivers import FREE
 from ..query.shadow import ShadowQuery
 from ..scene.lights import Light
@@ -42,7 +43,7 @@ class PointQueries:
         """The query of (h, w, 3) float32 receivers; see `ShadowQuery` for the other arrays."""
         reach = reach_of(self._box, origins, self.threads) if origins.size else 1.0
         no_faces = np.full(sides.shape, -1, np.int32)
-        corners, patch = self.triangles.vertices.reshape(-1, 9), light.patch(self.triangles.origin, reach)
+        corners, patch = self.triangles.vertices.reshape(-1, 9), place(light, self.triangles.origin, self._box, reach)
         return ShadowQuery(origins, no_faces, sides, normals, corners, patch, samples, facing, no_faces)
 
     def answer(self, query: ShadowQuery) -> np.ndarray:

@@ -17,6 +17,7 @@ from ..scene.any_scene import AnyScene
 from ..scene.hit import Hit, HitFaces
 from ..scene.light_list import in_full
 from ..scene.lights import Light, check_lights
+from ..scene.recentre import settled
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated
 from .memory import FrameMemory, points_memory
@@ -257,7 +258,7 @@ def receivers_of(scene, points: np.ndarray, normals) -> tuple[np.ndarray, np.nda
         raise InputError("points hold NaN or infinity")
     local = world - scene.origin
     if normals is None:
-        return local.astype(np.float32), None
+        return settled(local).astype(np.float32), None
     unit = _unit_normals(normals, points.shape)
     return point_receivers(local, unit, world, points.dtype == np.float32), unit
 

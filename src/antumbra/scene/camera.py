@@ -7,6 +7,7 @@ import numpy as np
 from ..checks import number, vector, whole_number
 from ..errors import InputError
 from .listed_rays import ListedRays
+from .recentre import settled
 
 MAX_SIZE = 32768  # pixels, each way
 PROJECTIONS = "perspective", "orthographic", "panoramic"
@@ -124,7 +125,7 @@ class Camera:
         """The pixels' rays in the frame whose zero is at world position ``origin`` ((3,) float64)."""
         if not self.listed:
             return self.rays(origin)
-        position = self.position - np.asarray(origin, np.float64)
+        position = settled(self.position - np.asarray(origin, np.float64))
         return ListedRays(position, self.frame, self.width, self.height, self.extent)
 
     def rays(self, origin) -> CameraRays:
@@ -136,7 +137,7 @@ class Camera:
         dx = right * (2.0 * half / self.height)
         dy = down * (2.0 * half / self.height)
         corner = view - dx * (self.width / 2.0) - dy * (self.height / 2.0)
-        position = (self.position - np.asarray(origin, np.float64)).astype(np.float32)
+        position = settled(self.position - np.asarray(origin, np.float64)).astype(np.float32)
         return CameraRays(position, corner, dx, dy, self.width, self.height)
 
     def __repr__(self) -> str:

@@ -12,21 +12,25 @@ from ..errors import InputError
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.simd import f32_at, f64_at, get, i32_at, put
-from .recentre import MAX_EXTENT
+from .recentre import MAX_EXTENT, NEAREST
 from .source import Piece
 
 _AT_A_TIME = 8192  # vertices, or faces
-_LIMIT = np.float32(MAX_EXTENT)
+_LIMIT, _NEAREST, _ZERO = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0)
 
 
 @inlined
 def _recentre_rows(first, last, a, b, share, origin, out):
-    """Write (1 - share) a + share b - origin, computed in float64 and rounded once. True if all is finite and near."""
+    """Write (1 - share) a + share b - origin, computed in float64 and rounded once. True if all is finite and near.
+
+    Coordinates below NEAREST become 0.
+    """
     rest, fine = 1.0 - share, True
     for i in range(3 * first, 3 * last, 3):
         for k in range(3):
             world = rest * np.float64(get(a, i + k)) + share * np.float64(get(b, i + k))
             local = np.float32(world - origin[k])
+            local = _ZERO if abs(local) < _NEAREST else local
             put(out, i + k, local)
             fine &= abs(local) <= _LIMIT  # type: ignore[assignment]
     return fine

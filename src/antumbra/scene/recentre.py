@@ -1,9 +1,21 @@
-"""The origin of a scene's recentred frame."""
+"""The recentred frame of a scene: its zero, and which coordinates it holds."""
 
 import numpy as np
 
 MAX_EXTENT = 1e18
 """Largest extent of a scene, in its own units. Areas of its boxes stay finite in float32."""
+
+
+MIN_EXTENT = 2.0**-100
+"""Least extent of a scene with more than one point, in its own units."""
+
+NEAREST = 2.0**-110
+"""Coordinates in the frame are 0 or of at least this magnitude, so that the tracers' error bounds cover underflow."""
+
+
+def settled(local: np.ndarray) -> np.ndarray:
+    """Coordinates in a frame, with those below NEAREST set to 0."""
+    return np.where(np.abs(local) < NEAREST, local.dtype.type(0.0), local)
 
 
 def frame_origin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

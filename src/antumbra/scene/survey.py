@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..errors import InputError
-from .recentre import MAX_EXTENT
+from .recentre import MAX_EXTENT, MIN_EXTENT
 from .source import Piece
 
 
@@ -42,12 +42,24 @@ class Survey:
         self.n_triangles += count
 
     def bounds(self) -> np.ndarray:
-        """(2, 3) float64: lower and upper corner. Raises InputError without triangles, or if the scene is too large."""
+        """(2, 3) float64: lower and upper corner.
+
+        Raises
+        ------
+        InputError
+            If there are no triangles, or the scene is too large or too small.
+        """
         if self.n_triangles == 0:
             raise InputError(f"{self.file}: no triangles; export the scene with its meshes triangulated")
         if not (self._upper - self._lower <= MAX_EXTENT).all():
             raise InputError(
                 f"{self.file}: the scene reaches from {self._lower.tolist()} to {self._upper.tolist()}; "
                 f"it must be finite and at most {MAX_EXTENT:g} units wide"
+            )
+        extent = (self._upper - self._lower).max()
+        if 0.0 < extent < MIN_EXTENT:
+            raise InputError(
+                f"{self.file}: the scene is {extent:.3g} units wide; float32 does not hold triangles of scenes below "
+                f"{MIN_EXTENT:.2g} units: multiply all coordinates by a power of two"
             )
         return np.stack([self._lower, self._upper])
