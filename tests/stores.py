@@ -73,10 +73,13 @@ def same_bits(a, b) -> bool:
 
 
 def check_whole(store: Store, scene: Scene) -> None:
-    """Check that the store holds exactly the triangles of the scene, in correct chunks."""
+    """Check that the store holds exactly the scene's triangles with an area, and its first, in correct chunks."""
     triangles, found = scene.triangles(), contents(store)
-    assert (found.times == 1).all() and len(found.times) == scene.n_triangles == store.chunks.triangles.sum()
-    assert same_bits(found.vertices, triangles.vertices) and same_bits(found.colours, triangles.colour)
+    kept = np.arange(scene.n_triangles) if triangles.solid is None else np.union1d([0], triangles.solid)
+    assert len(found.times) == scene.n_triangles and store.chunks.triangles.sum() == found.times.sum() == len(kept)
+    assert (found.times[kept] == 1).all()
+    assert same_bits(found.vertices[kept], triangles.vertices[kept])
+    assert same_bits(found.colours[kept], triangles.colour[kept])
     meta = store.meta
     assert same_bits(meta.origin, triangles.origin) and same_bits(meta.bounds, scene.bounds)
     assert (meta.box == [triangles.vertices.min((0, 1)), triangles.vertices.max((0, 1))]).all()

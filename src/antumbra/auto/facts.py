@@ -14,7 +14,7 @@ from ..trace.querychunk import tile_shape
 _TILES = 96  # tiles that are looked at
 _SIDE = 4  # of a tile of a picture
 _FARTHER = 4.0  # times as far as the segments in a scene: where samples of distant lights lie
-_LEAST = 1e-6  # of the scene's extents: below it, sizes make no difference
+_LEAST, _MOST = 1e-6, 1e3  # of the scene's extents: beyond them, sizes make no difference
 
 
 class Facts(NamedTuple):
@@ -41,10 +41,14 @@ def size_of(box: np.ndarray) -> float:
 def facts_of(query: ShadowQuery, triangles: int, box: np.ndarray) -> Facts:
     """The facts of a query of a scene; `box`: (2, 3) float32, around its triangles."""
     size = size_of(box)
-    stratum, chunk = (max(s / size, _LEAST) for s in _sizes_of_light(query))
+    stratum, chunk = (_share(s, size) for s in _sizes_of_light(query))
     receivers = int(np.count_nonzero(query.sides != NOTHING))
-    tile = max(tile_size(query) / size, _LEAST)
+    tile = _share(tile_size(query), size)
     return Facts(triangles, receivers, query.samples.shape[1], query.light.kind, tile, stratum, chunk)
+
+
+def _share(part: float, size: float) -> float:
+    return min(max(part / size, _LEAST), _MOST)
 
 
 def _sizes_of_light(query: ShadowQuery) -> tuple[float, float]:

@@ -81,7 +81,7 @@ def part_of(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
     bvh : Bvh
         Its nodes are in depth-first order. It is not changed.
     kept : (m,) int
-        Indices of triangles.
+        Indices of triangles of the tree.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def part_of(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
         Its `prim_ids` are indices in the whole scene, as those of `bvh`. Splits and orders of children are those of
         `bvh`. A part of few triangles is built anew by `bsah`.
     """
-    chosen = np.zeros(len(bvh.prim_ids), np.bool_)
+    chosen = np.zeros(bvh.prim_ids.max(initial=-1) + 1, np.bool_)
     chosen[kept] = True
     slots = chosen[bvh.prim_ids]
     prim_ids, corners = bvh.prim_ids[slots], bvh.corners[slots]

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..cull.cull import Culled
+from ..scene.areas import solid_vertices
 from ..scene.triangles import Triangles
 
 
@@ -15,8 +16,10 @@ class Soup(NamedTuple):
     ids: np.ndarray  # (n,) int32, ascending: index of each triangle in the scene
 
 
-def soup_of(triangles: Triangles, culled: Culled | None = None) -> Soup:
-    """The `Soup` of all triangles of a scene, or of the triangles left by culling, without copies."""
+def soup_of(triangles: Triangles, culled: Culled | None = None, threads: int | None = None) -> Soup:
+    """The `Soup` of the solid triangles of a scene, or of those left by culling; without copies if all are solid."""
     if culled is not None:
         return Soup(culled.vertices.reshape(-1, 9), culled.kept)
+    if triangles.solid is not None:
+        return Soup(solid_vertices(triangles, threads).reshape(-1, 9), triangles.solid)
     return Soup(triangles.vertices.reshape(-1, 9), np.arange(len(triangles.vertices), dtype=np.int32))

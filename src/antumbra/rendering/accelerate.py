@@ -18,6 +18,7 @@ from ..query.shadow import ShadowQuery, new_bits
 from ..rayhierarchy.soup import soup_of
 from ..scene.triangles import Triangles
 from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree
+from .solid import solid_of, solid_tree
 from .srdh_rays import Bounce, Showing, Shown, SrdhRays, check_srdh_rays
 
 
@@ -116,21 +117,21 @@ class Accelerator:
         InputError
             If the builder is ray-guided and `shown` is None.
         """
-        culled = solid_of(triangles, culled)
+        left = solid_of(triangles, culled, self.threads)
         if not self.plan.tracer.builds:
-            return self.prepare(triangles, None, culled)
+            return self.prepare(triangles, None, left)
         if self.showing is not None:
             if shown is None:
                 raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
-            kept = None if culled is None or self._kept is not None else culled.kept
+            kept = triangles.solid if left is None or self._kept is not None else left.kept
             self._rays = lambda vertices, bvh: shown.among(vertices, kept, self.threads, bvh)
         try:
-            bvh = self._updated_tree(triangles, culled) if self._kept is not None else self._tree(triangles, culled)
+            bvh = self._updated_tree(triangles, culled) if self._kept is not None else self._tree(triangles, left)
         finally:
             self._rays = None
         if self.showing is not None:
             self.showing.built(bvh)
-        return self.prepare(triangles, bvh, culled)
+        return self.prepare(triangles, bvh, left)
 
     def _tree(self, triangles: Triangles, culled: Culled | None) -> Bvh:
         """A new BVH of all triangles, or of those that are left."""
@@ -140,12 +141,13 @@ class Accelerator:
         return bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
 
     def _updated_tree(self, triangles: Triangles, culled: Culled | None) -> Bvh:
-        """The BVH of all triangles that the updater keeps, or its part with those that are left."""
+        """The BVH of the solid triangles that the updater keeps, or its part with those that culling left."""
         assert self._kept is not None
         if self._updated is None or self._updated[0] is not triangles:  # else a frame asks once more
-            self._updated = triangles, self._kept.update(triangles.vertices, self.threads)
+            self._updated = triangles, solid_tree(self._kept.update, triangles, self.threads)
         bvh = self._updated[1]
-        return bvh if culled is None else part_of(bvh, culled.kept, self.threads)
+        left = solid_of(triangles, culled, self.threads) if culled is not None else None
+        return bvh if left is None else part_of(bvh, left.kept, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
         builder, name = BUILDERS[self.builder], self.optimiser
@@ -178,7 +180,7 @@ class Accelerator:
 
         `culled`: the triangles left by culling; None: all.
         """
-        made = soup_of(triangles, culled) if bvh is None else bvh
+        made = soup_of(triangles, culled, self.threads) if bvh is None else bvh
         return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads), self.cutouts_of(triangles))
 
     def answer(self, accelerated: Accelerated, query: ShadowQuery, tally=None, progress=None) -> np.ndarray:
@@ -200,27 +202,3 @@ class Accelerator:
             for query, found in zip(queries, bits):
                 add_shadows(accelerated.cutouts, query, found, self.threads)
         return bits
-
-
-def solid_of(triangles: Triangles, culled: Culled | None) -> Culled | None:
-    """What culling left, without cut-outs and clear faces; None: all triangles."""
-    own = triangles.cutouts
-    if own is None:
-        return culled
-    if culled is None:
-        return Culled(own.solid, solid_vertices(triangles), None, None, 0, 0)
-    left = np.isin(culled.kept, own.solid, assume_unique=True)
-    return culled._replace(kept=culled.kept[left], vertices=np.ascontiguousarray(culled.vertices[left]))
-
-
-def solid_vertices(triangles: Triangles) -> np.ndarray:
-    """(k, 3, 3) float32: the triangles without cut-outs and clear faces."""
-    own = triangles.cutouts
-    return triangles.vertices if own is None else triangles.vertices[own.solid]
-
-
-def solid_tree(build: Callable, triangles: Triangles, threads: int | None) -> Bvh:
-    """A tree of the triangles without cut-outs and clear faces, by a builder's function."""
-    bvh = build(solid_vertices(triangles), threads)
-    own = triangles.cutouts
-    return bvh if own is None else bvh._replace(prim_ids=own.solid[bvh.prim_ids])

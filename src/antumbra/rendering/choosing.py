@@ -15,8 +15,9 @@ from ..methods import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
 from ..plan import Plan, parse_plan
 from ..query.bounds import bounds
 from ..scene.triangles import Triangles
-from .accelerate import Accelerated, Accelerator, solid_of
+from .accelerate import Accelerated, Accelerator
 from .ready import Job, fixed_job, make_ready, small_scene
+from .solid import solid_count, solid_of
 from .srdh_rays import Shown, SrdhRays
 
 _RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
@@ -59,12 +60,13 @@ class Choosing(Accelerator):
         """Choose the builder for these queries. Nothing is culled: a quick build costs no more than culling."""
         if self._tree_name != QUICK:
             return
-        box, lost = np.stack(bounds(triangles.vertices, self.threads)), self.memory.lost + self._loss(self._later)
+        n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
+        lost = self.memory.lost + self._loss(self._later)
         for query in queries:
-            facts = facts_of(query, len(triangles.vertices), box)
+            facts = facts_of(query, n, box)
             cost, way = min((rate(way, facts), way) for way in suited_ways(query, box))
             lost += cost * facts.rays / self.threads * lost_share(way)
-        self._choose(lost, len(triangles.vertices))
+        self._choose(lost, n)
         self._rays_soon = self._later = 0
 
     def _loss(self, rays: int) -> float:
@@ -94,7 +96,7 @@ class Choosing(Accelerator):
             self._tree_name = GOOD
 
     def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
-        n = len(triangles.vertices)
+        n = solid_count(triangles)
         self._choose(self._loss(self._rays_soon + self._later), n)
         if self._tree_name == GOOD and self._kept is None and good_pays(self.memory.lost, n):
             self._kept = UPDATERS["refit"].keep(self._new_tree)
@@ -119,7 +121,7 @@ class Choosing(Accelerator):
     def _better(self, triangles: Triangles) -> Bvh:
         """A tree of GOOD, which a query needs after all."""
         self._tree_name = GOOD
-        return self._tree(triangles, solid_of(triangles, None))
+        return self._tree(triangles, solid_of(triangles, None, self.threads))
 
 
 def best_tree(vertices: np.ndarray, threads: int) -> Bvh:

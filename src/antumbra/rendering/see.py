@@ -16,13 +16,15 @@ from ..query.raster import rasterise
 from ..query.sampling import light_samples
 from ..query.shadow import new_bits
 from ..query.subpixels import subpixel_gbuffer
+from ..scene.areas import solid_vertices
 from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
 from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree, show_cutouts
 from ..trace.primary.trace import trace_primary
 from ..trace.rays.bounce import Nearest, nearest_surfaces
-from .accelerate import Accelerated, solid_tree, solid_vertices
+from .accelerate import Accelerated
 from .ready import Job, fixed_job, small_scene_with_cutouts, small_view
+from .solid import solid_tree
 
 
 def see(
@@ -44,7 +46,7 @@ def see(
         return next(nearest_in(whole, threads)([listed], (camera.height, camera.width))).gbuffer
     rays = camera.rays(triangles.origin)
     if whole is None:
-        face, t = _rasterised(triangles, solid_vertices(triangles), rays, threads)
+        face, t = _rasterised(triangles, solid_vertices(triangles, threads), rays, threads)
     elif whole.scheduled is not None:
         face, t = primary_hits(whole.scheduled, rays, threads)
     else:
@@ -80,7 +82,7 @@ def see_subpixels(
     triangles: Triangles, rays: CameraRays, wanted: np.ndarray, threads: int | None, cutouts: CutoutTree | None
 ) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels: see `query.subpixels`."""
-    solid = solid_vertices(triangles)
+    solid = solid_vertices(triangles, threads)
 
     def hits(shifted: CameraRays):
         face, t = _rasterised(triangles, solid, shifted, threads)
@@ -92,10 +94,10 @@ def see_subpixels(
 
 
 def _rasterised(triangles: Triangles, solid: np.ndarray, rays: CameraRays, threads) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest solid triangle at each pixel centre: (face, t); `solid`: `solid_vertices` of the triangles."""
+    """The nearest solid triangle at each pixel centre: (face, t); `solid`: their `solid_vertices`."""
     face, t = rasterise(solid.reshape(-1, 9), rays, threads)
-    if triangles.cutouts is not None:
-        face = np.append(triangles.cutouts.solid, np.int32(-1))[face]  # the last entry is that of face -1
+    if triangles.solid is not None:
+        face = np.append(triangles.solid, np.int32(-1))[face]  # the last entry is that of face -1
     return face, t
 
 

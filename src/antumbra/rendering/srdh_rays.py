@@ -22,6 +22,7 @@ from ..query.picture import shadow_queries
 from ..query.shadow import ShadowQuery, segments
 from ..trace.rays.bounce import bounced
 from ..trace.rays.intersections import intersections
+from .solid import solid_tree
 
 Bounce = Callable[[Bvh], list[ShadowQuery]]
 """Function of a `Bvh` of all triangles: returns the queries at the surfaces that diffuse rays meet."""
@@ -215,8 +216,7 @@ class Showing:
         if self.asked.bounce:
             if bounce is None:
                 raise InputError("srdh_rays asks for a bounce; only the rays of pictures can have one")
-            bvh = lbvh.build(triangles.vertices, self.threads) if bvh is None else bvh
-            queries += bounce(bvh)
+            queries += bounce(solid_tree(lbvh.build, triangles, self.threads) if bvh is None else bvh)
         shown = Shown(segments_of(queries), bvh)
         if not self.asked.last_frame:
             return shown

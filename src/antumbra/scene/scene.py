@@ -269,6 +269,7 @@ class Scene(AnyScene):
             If the time is not a number, or the animation moves vertices to infinity.
         """
         from ..kernels.parallel import thread_count  # imports Numba, which file inspection does not need
+        from .areas import solid_faces
         from .gather import gather
 
         time, threads = self.clamped(time), thread_count(threads)
@@ -277,8 +278,9 @@ class Scene(AnyScene):
         with np.errstate(all="ignore"):
             for piece in self.source.pieces(time):
                 start += gather(piece, self.origin, vertices[start:], threads)
-        face_id = np.arange(self.n_triangles, dtype=np.int32)
-        return Triangles(vertices, self.origin.copy(), face_id, self.colours, self.cutouts)
+        face_id, cutouts = np.arange(self.n_triangles, dtype=np.int32), self.cutouts
+        solid = solid_faces(vertices, None if cutouts is None else cutouts.solid, threads)
+        return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid)
 
     def _cameras_at(self, time: float) -> list[Camera]:
         return self.source.cameras(time)

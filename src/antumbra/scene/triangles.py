@@ -16,6 +16,7 @@ class Triangles(NamedTuple):
     face_id: np.ndarray  # (n,) int32, index of the face in the scene; the same at every time
     colour: np.ndarray  # (n, 3) float32, linear base colour in [0, 1]
     cutouts: Cutouts | None = None  # faces with holes, and those without; None: all faces are solid
+    solid: np.ndarray | None = None  # (k,) int32, ascending: rows with an area and without a hole; None: all rows
 
     def __repr__(self) -> str:
         return f"Triangles({len(self.vertices)} triangles; {', '.join(self._fields)})"

@@ -39,7 +39,7 @@ class BuildReport(NamedTuple):
     """The result of a build."""
 
     path: Path  # path of the store
-    triangles: int  # number of triangles of all scenes
+    triangles: int  # number of triangles of all scenes, with those without area
     chunks: int  # number of chunks
     bytes: int  # size of the file
     seconds: dict[str, float]  # time of the phases "read", "sort", "build" and "finish", and "total"
@@ -58,6 +58,7 @@ class _Build:
         self.folder, self.chunk, self.progress = folder, chunk, progress
         self.threads, self.workers = threads, max(1, min(threads, max_memory // 2 // _THREAD_BYTES))
         self.batch = max(MOST, min(max_memory // _BATCH_BYTES, 1 << 22))
+        self._left_out = np.array([[np.inf] * 3, [-np.inf] * 3], np.float32)  # box of triangles that are in no chunk
         self.seconds: dict[str, float] = {}
         self._start = self._lap = perf_counter()
 
@@ -70,7 +71,7 @@ class _Build:
             with temporary.open("wb") as stream:
                 writer = Writer(stream)
                 self._write_chunks(spool, bounds, writer)
-                return self._finish(writer, about, bounds, path)
+                return self._finish(writer, spool.survey.n_triangles, about, bounds, path)
         finally:
             spool.close()
 
@@ -122,7 +123,7 @@ class _Build:
 
         grid = grid_over((bounds - origin).astype(np.float32))
         sorting = Sorting(grid, self.folder, _GROUP * self.chunk, self.batch, self.threads, distributed)
-        batches = lambda: gathered(spool.pieces(), origin, self.batch, self.threads)
+        batches = lambda: gathered(spool.pieces(), origin, self.batch, self.threads, self._left_out)
         done = 0
         with closing(chunks_of(groups(sorting, batches, n, spool.close), self.chunk, self.workers)) as chunks:
             for made in chunks:
@@ -133,13 +134,16 @@ class _Build:
                 self._say("building", done, n)
         self._note("build")
 
-    def _finish(self, writer: Writer, about: dict, bounds: np.ndarray, path: Path) -> BuildReport:
+    def _finish(self, writer: Writer, n: int, about: dict, bounds: np.ndarray, path: Path) -> BuildReport:
         table = writer.table
         top = top_tree(table["box"], self.threads)
-        box = np.stack([table["box"][:, :3].min(axis=0), table["box"][:, 3:].max(axis=0)])
-        n = int(table["triangles"].sum())
+        origin = frame_origin(*bounds)
+        lower, upper = self._left_out
+        box = np.stack([
+            np.minimum(lower, table["box"][:, :3].min(axis=0)), np.maximum(upper, table["box"][:, 3:].max(axis=0))
+        ])  # fmt: skip
         how = {"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"}
-        meta = Meta(n_triangles=n, bounds=bounds, origin=frame_origin(*bounds), box=box, built=how, **about)
+        meta = Meta(n_triangles=n, bounds=bounds, origin=origin, box=box, built=how, **about)
         size = writer.finish(top, meta)
         self._note("finish")
         self.seconds["total"] = perf_counter() - self._start

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..scene.areas import with_area
 from ..scene.gather import gather
 from ..scene.source import Piece
 from ..scene.survey import faces_of
@@ -34,24 +35,44 @@ Batches = Callable[[], Iterator[Columns]]
 """Returns a new iterator over batches of all triangles, in ascending order of their ids."""
 
 
-def gathered(pieces: Iterator[Piece], origin: np.ndarray, size: int, threads: int) -> Iterator[Columns]:
-    """Yield the triangles of pieces in batches of at most `size`. No piece may have more.
+def gathered(
+    pieces: Iterator[Piece], origin: np.ndarray, size: int, threads: int, left_out: np.ndarray
+) -> Iterator[Columns]:
+    """Yield the triangles of pieces that have an area, in batches of at most `size`. No piece may have more.
 
-    A batch is valid until the next one is taken.
+    The first triangle is always there, so that a store has a chunk. A batch is valid until the next one is taken.
+
+    left_out : (2, 3) float32, a box that grows around the triangles without area
     """
-    batch, n, first = empty_columns(size), 0, 0
+    batch, n, first = empty_columns(size), 0, 0  # triangles in the batch, and the number of the next one
     for piece in pieces:
         faces = faces_of(piece)
         count = len(piece.vertices) * faces
         if n + count > size:
             yield batch.rows(slice(n))
-            first, n = first + n, 0
-        gather(piece, origin, batch.corners[n : n + count].reshape(count, 3, 3), threads)
-        batch.ids[n : n + count] = np.arange(first + n, first + n + count, dtype=np.int32)
-        batch.colours[n : n + count].reshape(-1, faces, 3)[:] = piece.colour
-        n += count
+            n = 0
+        rows = batch.rows(slice(n, n + count))
+        gather(piece, origin, rows.corners.reshape(count, 3, 3), threads)
+        rows.ids[:] = np.arange(first, first + count, dtype=np.int32)
+        rows.colours.reshape(-1, faces, 3)[:] = piece.colour
+        n, first = n + _keep_areas(rows, first == 0, threads, left_out), first + count
     if n:
         yield batch.rows(slice(n))
+
+
+def _keep_areas(rows: Columns, first: bool, threads: int, left_out: np.ndarray) -> int:
+    """Move the triangles that have an area to the front, and return their number; `first`: keep row 0, too."""
+    found = with_area(rows.corners.reshape(-1, 3, 3), threads)
+    if found is None:
+        return len(rows.ids)
+    if first and not (len(found) and found[0] == 0):
+        found = np.insert(found, 0, 0)
+    corners = np.delete(rows.corners, found, axis=0).reshape(-1, 3)
+    left_out[0] = np.minimum(left_out[0], corners.min(axis=0, initial=np.inf))
+    left_out[1] = np.maximum(left_out[1], corners.max(axis=0, initial=-np.inf))
+    for column in rows:
+        column[: len(found)] = column[found]
+    return len(found)
 
 
 class Buckets:

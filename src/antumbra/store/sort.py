@@ -52,7 +52,7 @@ def grid_over(box: np.ndarray) -> Grid:
 
 
 def groups(sorting: Sorting, batches: Batches, n: int, done: Callable[[], None], used: int = 0) -> Iterator[Group]:
-    """Yield `n` triangles in groups. The groups, and the triangles of each group, are in the order of their codes.
+    """Yield at most `n` triangles in groups. Groups, and the triangles of each group, are in the order of their codes.
 
     Triangles of equal codes keep their order. `done` is called when the batches are not needed any more. `used` is the
     number of leading bits that the codes of all these triangles share.
@@ -79,7 +79,7 @@ def groups(sorting: Sorting, batches: Batches, n: int, done: Callable[[], None],
 
 
 def _joined(batches: Iterator[Columns], n: int) -> Columns:
-    """All batches of `n` triangles as one."""
+    """All batches of at most `n` triangles as one."""
     whole, at = empty_columns(n), 0
     for batch in batches:
         if len(batch.ids) == n:
@@ -87,7 +87,7 @@ def _joined(batches: Iterator[Columns], n: int) -> Columns:
         for column, part in zip(whole, batch):
             column[at : at + len(part)] = part
         at += len(batch.ids)
-    return whole
+    return whole.rows(slice(at))
 
 
 def _codes(sorting: Sorting, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

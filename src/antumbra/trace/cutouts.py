@@ -22,6 +22,7 @@ from ..kernels.vec import scalars
 from ..query.diffuse import RayPass
 from ..query.rays import Arguments, HitArrays
 from ..query.shadow import new_bits, patch_of, query_pointers, sample_of, set_bit
+from ..scene.areas import with_area
 from ..scene.triangles import Triangles
 from .multifrusta.trace import trace_shadow
 from .rays.intersections import intersections
@@ -43,8 +44,10 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
     own = triangles.cutouts
     if own is None or not len(own.faces):
         return None
-    bvh = binned_sah.build(triangles.vertices[own.faces], threads)
-    at = bvh.prim_ids
+    vertices = triangles.vertices[own.faces]
+    areas = with_area(vertices, thread_count(threads))
+    bvh = binned_sah.build(vertices if areas is None else vertices[areas], threads)
+    at = bvh.prim_ids if areas is None else areas[bvh.prim_ids]
     bvh = bvh._replace(prim_ids=own.faces[at])
     texels = Texels(own.uv[at].reshape(-1, 6), own.mask[at], own.shapes, own.first, own.texels)
     return CutoutTree(bvh, block_tree(bvh, threads), texels)

@@ -127,9 +127,45 @@ def exact_line_side(ray, corners, i):
     return side
 
 
+@inlined
+def _is_end(ray, corners, at):
+    """Whether a corner is the ray's origin, or its point at t = 1."""
+    x, y, z = (np.float64(get(corners, at)), np.float64(get(corners, at + 1)), np.float64(get(corners, at + 2)))
+    (dx, rx), (dy, ry), (dz, rz) = two_diff(x, ray.ox), two_diff(y, ray.oy), two_diff(z, ray.oz)
+    begin = dx == 0.0 and dy == 0.0 and dz == 0.0
+    end = dx == ray.dx and dy == ray.dy and dz == ray.dz and rx == ray.rx and ry == ray.ry and rz == ray.rz
+    return begin or (end and ray.tmax == 1.0)
+
+
+@inlined
+def _in_plane(o, d, r, corners, at):
+    """Whether a triangle and a ray have the same coordinate everywhere, along one axis."""
+    x = get(corners, at)
+    return d == 0.0 and r == 0.0 and x == o and get(corners, at + 3) == x and get(corners, at + 6) == x
+
+
+@inlined
+def surely_apart(ray, corners, i):
+    """Whether a ray does not meet triangle i for a reason that is seen at once. Scenes have these cases most often.
+
+    A corner is an end of the ray: its line meets the triangle's plane there, outside the open interval, or lies in it.
+    Or the triangle lies in a plane across an axis, and the ray in that plane.
+    """
+    k = 9 * i
+    ends = _is_end(ray, corners, k) or _is_end(ray, corners, k + 3) or _is_end(ray, corners, k + 6)
+    return (
+        ends
+        or _in_plane(ray.ox, ray.dx, ray.rx, corners, k)
+        or _in_plane(ray.oy, ray.dy, ray.ry, corners, k + 1)
+        or _in_plane(ray.oz, ray.dz, ray.rz, corners, k + 2)
+    )
+
+
 @kernel
 def exact_meets(ray, corners, i):
     """Sign of d . n if the ray meets triangle i inside its open interval, else 0."""
+    if surely_apart(ray, corners, i):
+        return 0
     side = exact_line_side(ray, corners, i)
     if side == 0:
         return 0
@@ -160,6 +196,18 @@ def exact_weights(ray, corners, i):
         value = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _EDGE + edge, 1.0))
         second, third, total = value if edge == 1 else second, value if edge == 2 else third, total + value
     return second / total, third / total
+
+
+@kernel
+def exact_has_area(corners, i):
+    """Whether triangle i has an area: a component of its normal that is not zero."""
+    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    for axis in range(3):
+        x, y, z = np.float64(axis == 0), np.float64(axis == 1), np.float64(axis == 2)
+        ray = ray_along(0.0, 0.0, 0.0, x, y, z, 0.0, 0.0)
+        if sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0)) != 0:
+            return True
+    return False
 
 
 @kernel

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..simd import get
-from .exact import exact_meets, exact_plane_side, exact_t, exact_weights
+from .exact import exact_has_area, exact_meets, exact_plane_side, exact_t, exact_weights
 
 MISS, UNSURE = 0, 2  # a hit is the sign of d . n: 1 or -1
 
@@ -212,6 +212,14 @@ def plane(corners, i, x, y, z):
     a, p, q = _edges64(corners, i, x, y, z)
     s = _larger(widest(p), widest(q))
     return a, cross(p, q), _LIMITS64.three * _LIMITS64.u * s * s + _LIMITS64.tiny
+
+
+@inlined
+def has_area(corners, i):
+    """Whether triangle i has an area. The answer is exact."""
+    zero = np.float64(0.0)
+    _, n, error = plane(corners, i, zero, zero, zero)
+    return widest(n) > error or exact_has_area(corners, i)
 
 
 @inlined
