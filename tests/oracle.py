@@ -40,6 +40,7 @@ def meets_exactly(origin, direction, triangle, tmin=0.0, tmax=np.inf):
     """(side, t) of one ray and one triangle, by rational arithmetic; side 0 if they do not meet.
 
     direction : three floats, or three Fractions (the exact difference of two points)
+    tmin, tmax : bound t rounded to the nearest float64; where the direction is of Fractions, t itself
 
     All numbers are integers over powers of two. So the arithmetic uses integers, which are faster.
     """
@@ -51,7 +52,8 @@ def meets_exactly(origin, direction, triangle, tmin=0.0, tmax=np.inf):
     if total == 0 or (min(e) < 0 < max(e)):
         return 0, None
     t = Fraction(_dot(v[0], _cross(v[1], v[2])) * pace, total * scale)
-    if t <= Fraction(float(tmin)) or (np.isfinite(tmax) and t >= Fraction(float(tmax))):
+    compared = t if isinstance(direction[0], Fraction) else float(t)
+    if not float(tmin) < compared < float(tmax):
         return 0, None
     return (1 if total > 0 else -1), t
 

@@ -153,3 +153,26 @@ def test_hits_know_the_corners_of_their_faces():
     assert hit.face.tolist() == [0, 1, -1]
     np.testing.assert_allclose(hit.corners[:2], corners, atol=1e-6)
     assert hit.corners.shape == (3, 3, 3) and np.isnan(hit.corners[2]).all()
+
+
+@pytest.mark.parametrize("far", [1e39, -1e39, 1e300])
+def test_points_beyond_float32_are_refused(scene, store, far):
+    """By every function that takes points of the world."""
+    beyond, near, up = np.array([[0.0, far, 0.0]]), np.array([[0.0, 1.0, 0.0]]), (0.0, 1.0, 0.0)
+    asks = [
+        lambda: at.visibility(scene, beyond, LEFT),
+        lambda: at.visibility(scene, beyond, LEFT, up),
+        lambda: at.visibility(store, beyond, LEFT),
+        lambda: at.line_of_sight(scene, beyond, near),
+        lambda: at.line_of_sight(scene, near, beyond),
+        lambda: at.line_of_sight(scene, near, beyond, target_normals=up),
+        lambda: at.viewshed(scene, beyond, near),
+        lambda: at.viewshed(scene, near, beyond),
+        lambda: at.sun_hours(scene, at.point_sensors(beyond, [up]), "2026-06-21", place=at.Place(52.0, 4.0), step=240),
+        *(lambda of=of: of.occluded(beyond, up) for of in (scene, store)),
+        *(lambda of=of: of.occluded(near, targets=beyond) for of in (scene, store)),
+        *(lambda of=of: of.closest_hit(beyond, up) for of in (scene, store)),
+    ]
+    for ask in asks:
+        with pytest.raises(at.InputError, match=r"beyond float32|NaN or infinity"):
+            ask()

@@ -2,7 +2,7 @@
 
 The 16 rays of a cell go down each part together, the nearer child first. Each ray goes only as far as its nearest hit
 so far. At a block, each ray is tested against all triangles side by side. If float32 cannot decide a test, float64
-does. Float64 also decides which hit is nearest, as everywhere (`trace.rays.traverse.walk`). The lowest triangle index
+does. The rounded t decides which hit is nearest, as everywhere (`trace.rays.traverse.walk`). The lowest triangle index
 wins ties.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
@@ -16,8 +16,9 @@ from ..bvh.blocks import ROWS as BLOCK_ROWS
 from ..kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
-from ..kernels.predicate.exact import ray_along
-from ..kernels.predicate.filters import hit_t, is_nearer, meets
+from ..kernels.predicate.exact import ray_along, segment
+from ..kernels.predicate.filters import is_nearer, meets
+from ..kernels.predicate.hits import rounded_t
 from ..kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, reduce_max, stack_f32, stack_f64, stack_i32
 from ..kernels.vec import broadcasts
 from ..trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, slabs_of, visited
@@ -40,9 +41,11 @@ class Found(NamedTuple):
     part: I32Ptr  # int32: -1 if there is no new hit
     slot: I32Ptr  # int32
     own: I32Ptr  # int32: the triangle that does not count, -1 for none
-    span: F32Ptr  # float32: tmin of 16 rays, then tmax
+    span: F64Ptr  # float64: tmin of 16 rays, then tmax
+    targets: F32Ptr  # float32: rows x, y, z; of segments only
     cull_faces: int  # a value of CULL_FACES
     any_hit: bool
+    segments: bool
 
 
 @inlined
@@ -58,6 +61,9 @@ def _load(picture, rays, y0, x0, found):
             put(found.part, lane, -1)
             if rays.each != 0:
                 _put_span(found, lane, span_of(rays, y, x))
+            if rays.segments:
+                for k in range(3):
+                    put(found.targets, 16 * k + lane, rays.targets[y, x, k])
     return live
 
 
@@ -83,7 +89,14 @@ def _write(picture, hits, y0, x0, live, found):
 @kernel
 def _meets(found, lane, corners, slot):
     """Whether a ray meets a triangle that counts, exactly."""
-    side = meets(_ray(found, lane), corners, slot)
+    c, e = found.bundle.rays, found.targets
+    if found.segments:
+        ray = segment(
+            get(c, lane), get(c, 16 + lane), get(c, 32 + lane), get(e, lane), get(e, 16 + lane), get(e, 32 + lane)
+        )
+    else:
+        ray = _ray(found, lane)
+    side = meets(ray, corners, slot)
     return side != 0 and (found.cull_faces == 0 or side != found.cull_faces)
 
 
@@ -94,14 +107,16 @@ def _ray(found, lane):
     return ray_along(
         get(c, lane), get(c, 16 + lane), get(c, 32 + lane),
         f(get(c, 48 + lane)) * s, f(get(c, 64 + lane)) * s, f(get(c, 80 + lane)) * s,
-        f(get(found.span, lane)), f(get(found.span, 16 + lane)),
+        get(found.span, lane), get(found.span, 16 + lane),
     )  # fmt: skip
 
 
 @kernel
 def _keep(found, lane, tree, k, slot):
-    """Keep a triangle that a ray meets, if it is the nearest so far."""
-    prim, t = get(tree.prim_ids, slot), hit_t(_ray(found, lane), tree.corners, slot)
+    """Keep a triangle that a ray meets, if it is the nearest so far. Of segments any one will do."""
+    prim, t = get(tree.prim_ids, slot), np.float64(0.0)
+    if not found.any_hit:
+        t = rounded_t(_ray(found, lane), tree.corners, slot)
     if is_nearer(t, prim, get(found.t, lane), get(found.face, lane)):
         put(found.t, lane, t)
         put(found.face, lane, prim)
@@ -121,7 +136,7 @@ def _trace_block(tree, k, code, mask, found):
         o, d = broadcasts(found.bundle.rays, lane, 16), broadcasts(found.bundle.rays, 48 + lane, 16)
         hit, unsure = ray_meets(o, d, numbers, found.cull_faces, get(found.bundle.limits, lane))
         hit, unsure = hit & present, unsure & present
-        if get(found.span, lane) > _F(0.0) or get(found.span, 16 + lane) < _F(np.inf):
+        if get(found.span, lane) > 0.0 or get(found.span, 16 + lane) < np.inf:
             hit, unsure = np.int64(0), hit | unsure  # float32 decides nothing about the ends of a span
         while hit | unsure != 0:
             i = lowest_bit(hit | unsure)
@@ -189,8 +204,8 @@ def _trace(ticket, arrays, picture, rays, cells):
     # In: arrays, picture. In and out: rays, cells.
     bundle = bundle_in(stack_f32(BUNDLE_FLOATS))
     found = Found(
-        bundle, stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_f32(32),
-        np.int64(rays.cull_faces), rays.any_hit,
+        bundle, stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_f64(32), stack_f32(48),
+        np.int64(rays.cull_faces), rays.any_hit, rays.segments,
     )  # fmt: skip
     for lane in range(16):
         _put_span(found, lane, (rays.spans[0, 0], rays.spans[0, 1]))

@@ -47,24 +47,28 @@ class PassRays(NamedTuple):
     """One ray a pixel, and its nearest hit so far. If any hit will do, a ray with a hit looks no further."""
 
     origins: np.ndarray  # (h, w, 3) float32
-    directions: np.ndarray  # (h, w, 3) float32; zero: there is no ray
+    directions: np.ndarray  # (h, w, 3) float32; zero: there is no ray; of segments, rounded differences of their ends
     skip: np.ndarray  # (h, w) int32: triangles that do not count, -1 for none
     hits: Hits
     reach: float  # no ray is longer inside the scene
-    spans: np.ndarray  # (h * w, 2) float32: tmin and tmax, in lengths of the direction; or (1, 2) for all rays
+    spans: np.ndarray  # (h * w, 2) float64: tmin and tmax, in lengths of the direction; or (1, 2) for all rays
     each: int  # 1: each ray has its own span; 0: all have the same
     cull_faces: int  # a value of CULL_FACES
     any_hit: bool
+    targets: np.ndarray  # (h, w, 3) float32, the ends of segments; (1, 1, 3) for rays
+    segments: bool
 
 
-EVERYWHERE = np.array([[0.0, np.inf]], np.float32)
+EVERYWHERE = np.array([[0.0, np.inf]])
 """The span of rays without ends."""
+
+NO_TARGETS = np.zeros((1, 1, 3), np.float32)
 
 
 def pass_rays(rays: RayPass, h: int, w: int, reach: float) -> PassRays:
     """`PassRays` of a pass over a picture."""
     arrays = (a.reshape(h, w, *a.shape[1:]) for a in rays)
-    return PassRays(*arrays, no_hits((h, w)), reach, EVERYWHERE, 0, 0, False)
+    return PassRays(*arrays, no_hits((h, w)), reach, EVERYWHERE, 0, 0, False, NO_TARGETS, False)
 
 
 def is_spread(rays: PassRays) -> bool:
@@ -85,7 +89,7 @@ def _load_ray(rays, picture, y0, x0, lane, bundle):
     for k in range(3):
         put(bundle.rays, 16 * k + lane, rays.origins[y, x, k])
         put(bundle.rays, 48 + 16 * k + lane, d[k])
-    put(bundle.limits, lane, min(far, span_of(rays, y, x)[1]))
+    put(bundle.limits, lane, min(far, _F(span_of(rays, y, x)[1])))
     return inside and not (rays.any_hit and rays.hits.face[y, x] >= 0)
 
 
@@ -111,7 +115,7 @@ def load_rays(rays, picture, y0, x0, bundle):
 
 @inlined
 def span_of(rays, y, x):
-    """(tmin, tmax) of a ray, float32."""
+    """(tmin, tmax) of a ray, float64."""
     i = (y * rays.skip.shape[1] + x) * rays.each
     return rays.spans[i, 0], rays.spans[i, 1]
 

@@ -16,7 +16,7 @@ from ..trace.forest import Hits, no_hits
 from .fronts import Fronts
 from .options import Options
 from .parts import Parts, parts_of
-from .passes import PassRays, pass_rays
+from .passes import NO_TARGETS, PassRays, pass_rays
 from .raysets import Pass, RaySets, Segments, Together, View, segments_of
 from .schedule import trace_frame
 
@@ -130,19 +130,23 @@ def nearest_hits(
 
 
 def ray_hits(
-    scheduled: Scheduled, rays: RayPass, spans: np.ndarray, cull_faces: int, any_hit: bool, threads=None
-) -> Hits:
+    scheduled: Scheduled, rays: RayPass, spans: np.ndarray, cull_faces: int, any_hit: bool, threads=None,
+    targets: np.ndarray | None = None,
+) -> Hits:  # fmt: skip
     """The nearest hit, or any hit, of each of m rays: `Hits` of shape (1, m).
 
     Rays that are near each other in the list should be alike.
 
-    spans : (m, 2) float32, tmin and tmax of each ray, in lengths of its direction
+    spans : (m, 2) float64, tmin and tmax of each ray, in lengths of its direction
     cull_faces : a value of CULL_FACES
+    targets : (m, 3) float32, the ends of segments; for any hit only. Directions are their rounded differences.
     """
     threads, m = thread_count(threads), len(rays.origins)
     arrays = (a.reshape(1, m, *a.shape[1:]) for a in rays)
     reach = _reach(scheduled, *bounds(rays.origins, threads))
-    made = PassRays(*arrays, no_hits((1, m)), reach, spans, 1, cull_faces, any_hit)
+    ends = NO_TARGETS if targets is None else targets.reshape(1, m, 3)
+    segments = targets is not None
+    made = PassRays(*arrays, no_hits((1, m)), reach, spans, 1, cull_faces, any_hit, ends, segments)
     scheduled.run(Pass(scheduled.parts, scheduled.options, made, threads), (1, m))
     return made.hits
 

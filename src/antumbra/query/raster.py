@@ -47,7 +47,7 @@ def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, coun
     Notes
     -----
     Pixel (x, y) has the ray ``pixels.pixel_ray(rays, x, y)``, over (0, inf). ``filters.meets`` defines coverage, and
-    ``filters.hit_t`` defines t. Triangles are culled and listed by screen tile (`raster_cull`, `raster_bins`). Then one
+    ``hits.hit_t`` defines t. Triangles are culled and listed by screen tile (`raster_cull`, `raster_bins`). Then one
     thread draws each tile (`raster_tiles`).
     """
     corners = _checked(corners)

@@ -1,11 +1,12 @@
-"""`filters.hit_t` of many rays from one eye: terms independent of the direction are computed once per triangle."""
+"""`hits.hit_t` of many rays from one eye: terms independent of the direction are computed once per triangle."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from ..kernels.jit import inlined
-from ..kernels.predicate.filters import hit_t, plane, widest
+from ..kernels.predicate.filters import plane, widest
+from ..kernels.predicate.hits import hit_t
 
 _ACCURACY = 2.0**-31  # half the error that `hit_t` accepts: within it, `hit_t` returns its float64 expression
 _FLOOR = 1e-250  # far above any loss by underflow

@@ -2,7 +2,7 @@
 
 A tile keeps, for each pixel, its face and an interval that surely contains the face's depth key 1 / t. A triangle wins
 a pixel at once if it surely covers it and its interval lies above the pixel's. It loses at once if it surely misses the
-pixel or its interval lies below. `filters.meets` and `filters.hit_t` decide the remaining pixels, as the contract
+pixel or its interval lies below. `filters.meets` and `hits.hit_t` decide the remaining pixels, as the contract
 defines, so the drawing order does not matter. Triangles are drawn front to back, because most hidden ones are then
 rejected early.
 """

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from .diffuse import RayPass
 from .shadow import CULL_FACES
 
 
@@ -18,6 +19,7 @@ class RayList(NamedTuple):
     frame: np.ndarray  # (3,) float64, world position of the zero of the scene's frame
     n: int
     cull_faces: int  # a value of CULL_FACES
+    segments: bool  # directions are targets: the rays are segments
 
 
 class HitArrays(NamedTuple):
@@ -25,7 +27,7 @@ class HitArrays(NamedTuple):
 
     blocked: np.ndarray  # (m,) bool
     face: np.ndarray  # (m,) int32, -1 on a miss
-    t: np.ndarray  # (m,) float64, inf on a miss
+    t: np.ndarray  # (m,) float64, rounded to nearest; inf on a miss
     u: np.ndarray  # (m,) float32, 0 on a miss
     v: np.ndarray  # (m,) float32
 
@@ -55,22 +57,24 @@ def as_array(value, what: str) -> np.ndarray:
 
 
 def ray_arguments(
-    origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin
+    origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin, targets=None
 ) -> tuple["Arguments", tuple[int, ...], int]:
     """The arguments of `Scene.occluded` and `Scene.closest_hit`: (Arguments, leading shape, value of CULL_FACES).
 
     Shapes and dtypes are checked here, the numbers during tracing. World coordinates are recentred (minus
     ``frame_origin``, in float64) before they are rounded to float32.
     """
-    origins = as_array(origins, "origins")
-    if directions is None:
+    origins, ways = as_array(origins, "origins"), "directions" if targets is None else "targets"
+    if targets is not None:
+        directions, tmax = _segment_ends(directions, tmin, tmax, targets)
+    elif directions is None:
         if origins.ndim < 1 or origins.shape[-1] != 6:
             raise InputError(
                 f"rays must have shape (..., 6), or origins and directions (..., 3) each; got {origins.shape}"
             )
         origins, directions = origins[..., :3], origins[..., 3:]
-    directions = as_array(directions, "directions")
-    for array, what in ((origins, "origins"), (directions, "directions")):
+    directions = as_array(directions, ways)
+    for array, what in ((origins, "origins"), (directions, ways)):
         if array.ndim < 1 or array.shape[-1] != 3:
             raise InputError(f"{what} must have shape (..., 3), not {array.shape}")
     tmin, tmax = as_array(tmin, "tmin"), as_array(tmax, "tmax")
@@ -81,42 +85,67 @@ def ray_arguments(
         shape = np.broadcast_shapes(origins.shape[:-1], directions.shape[:-1], tmin.shape, tmax.shape, skip.shape)
     except ValueError:
         raise InputError(
-            f"shapes do not broadcast: origins {origins.shape}, directions {directions.shape}, "
+            f"shapes do not broadcast: origins {origins.shape}, {ways} {directions.shape}, "
             f"tmin {tmin.shape}, tmax {tmax.shape}, skip_face {skip.shape}"
         ) from None
     arrays = Arguments(
         _rows(origins, (*shape, 3)), _rows(directions, (*shape, 3)), _rows(tmin, (*shape, 1)),
         _rows(tmax, (*shape, 1)), _rows(skip, (*shape, 1), np.int32), np.asarray(frame_origin, np.float64),
+        targets is not None,
     )  # fmt: skip
     return arrays, shape, cull_value(cull_faces)
+
+
+def _segment_ends(directions, tmin, tmax, targets):
+    """(targets, tmax) of segments, which have no other ends."""
+    if directions is not None or np.any(as_array(tmin, "tmin")) or np.any(as_array(tmax, "tmax") != np.inf):
+        raise InputError("targets end the rays: give either targets, or directions, tmin and tmax")
+    return targets, 1.0
 
 
 class Arguments(NamedTuple):
     """The arrays of a ray list, of any strides: float32 or float64, `skip` int32."""
 
     origins: np.ndarray  # (m, 3) world
-    directions: np.ndarray  # (m, 3) any length but zero
+    directions: np.ndarray  # (m, 3) any length but zero; or, for segments, their targets, world
     tmin: np.ndarray  # (m, 1) >= 0, in lengths of the direction; hits need t > tmin
     tmax: np.ndarray  # (m, 1) may be inf; hits need t < tmax
     skip: np.ndarray  # (m, 1) index of a triangle that is not tested, or -1
     frame: np.ndarray  # (3,) float64
+    segments: bool = False
 
     def ray_list(self, cull_faces: int) -> RayList:
         """The `RayList` for kernels; valid while this object lives."""
         layout = [(a.ctypes.data, *a.strides, a.dtype == np.float64) for a in self[:5]]
-        return RayList(np.array(layout, np.int64), self.frame, len(self.origins), cull_faces)
+        return RayList(np.array(layout, np.int64), self.frame, len(self.origins), cull_faces, self.segments)
+
+    def part(self, places) -> "Arguments":
+        """Some of the rays; a copy for an array of indices."""
+        return self._replace(**{name: getattr(self, name)[places] for name in self._fields[:5]})
+
+    def local(self) -> tuple[np.ndarray, np.ndarray]:
+        """The origins in the scene's frame, and the directions or the targets in it: (m, 3) float32 each."""
+        ways = self.directions.astype(np.float64) - self.frame if self.segments else self.directions
+        with np.errstate(over="ignore", invalid="ignore"):  # `check` names them
+            origins = (self.origins.astype(np.float64) - self.frame).astype(np.float32)
+            return origins, np.ascontiguousarray(ways, np.float32)
+
+    def rays(self) -> RayPass:
+        """The rays in the scene's frame. Directions of segments are rounded differences of their ends."""
+        origins, ways = self.local()
+        if self.segments:
+            with np.errstate(over="ignore"):
+                ways = (ways.astype(np.float64) - origins).astype(np.float32)
+        return RayPass(origins, ways, np.ascontiguousarray(self.skip[:, 0]))
 
     def check(self) -> None:
         """Raise an InputError that names the first problem of the rays, if there is one."""
-        with np.errstate(over="ignore"):  # overflows are reported as not finite
-            origins = (self.origins.astype(np.float64) - self.frame).astype(np.float32)
-            directions = self.directions.astype(np.float32)
-            tmin, tmax = self.tmin.astype(np.float32), self.tmax.astype(np.float32)
-        for array, name in ((origins, "origins"), (directions, "directions")):
+        origins, directions = self.local()
+        for array, name in ((origins, "origins"), (directions, "targets" if self.segments else "directions")):
             _demand(np.isfinite(array).all(1), f"{name} hold NaN or infinity (ray {{}})")
-        _demand(directions.any(1), "direction of ray {} is zero; give every ray a direction")
-        _demand((tmin >= 0).all(1) & (tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
-        _demand(~np.isnan(tmax).any(1), "tmax is NaN (ray {})")
+        _demand(directions.any(1) | self.segments, "direction of ray {} is zero; give every ray a direction")
+        _demand((self.tmin >= 0).all(1) & (self.tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
+        _demand(~np.isnan(self.tmax).any(1), "tmax is NaN (ray {})")
 
 
 def changed() -> InputError:

@@ -52,7 +52,7 @@ def paged_job() -> Job:
         mark_hits(hits, first, np.zeros(1 << 20, np.uint8), 2)
         faces = np.full((h, w), -1, np.int32)
         number_hits(hits, first, np.zeros(1 << 20, np.int32), faces, 2)
-        ray_hits(scheduled, rays, np.tile(np.array([0.0, 1.0], np.float32), (h * w, 1)), 0, False, 2)
+        ray_hits(scheduled, rays, np.tile([0.0, 1.0], (h * w, 1)), 0, False, 2)
         weights(Batch(np.arange(h * w), rays, hits, scene.triangles(), hits.face.reshape(-1)), 2)
 
     return fixed_job("scenes in a store", work)

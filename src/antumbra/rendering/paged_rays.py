@@ -9,7 +9,7 @@ from ..chcrt.trace import ray_hits
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take
 from ..kernels.predicate.exact import ray_along
-from ..kernels.predicate.filters import volumes64
+from ..kernels.predicate.hits import single_weights
 from ..query.diffuse import RayPass
 from ..query.order import morton_codes
 from ..query.rays import Arguments, changed
@@ -38,13 +38,12 @@ def batches(paged, arguments: Arguments, any_hit: bool, cull_faces: int, most: i
     order = _alike(arguments)
     for begin in range(0, len(order), most):
         places = order[begin : begin + most]
-        origins, directions, tmin, tmax, skip = (np.ascontiguousarray(a[places]) for a in arguments[:5])
-        origins = (origins.astype(np.float64) - arguments.frame).astype(np.float32)
-        if not (np.isfinite(origins).all() and np.isfinite(directions).all()):
+        some = arguments.part(places)
+        rays, spans = some.rays(), np.concatenate([some.tmin, some.tmax], 1, dtype=np.float64)
+        targets = some.local()[1] if some.segments else None
+        if not (np.isfinite(rays.origins).all() and np.isfinite(some.local()[1]).all()):
             raise changed()  # they were checked before
-        rays = RayPass(origins, directions.astype(np.float32), np.ascontiguousarray(skip[:, 0]))
-        spans = np.concatenate([tmin, tmax], 1).astype(np.float32)
-        hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads)
+        hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads, targets)
         if any_hit:
             yield Batch(places, rays, hits, paged.accelerated.triangles, hits.face[0])
         else:
@@ -56,6 +55,8 @@ def _alike(arguments: Arguments) -> np.ndarray:
     """The order of rays by the cells of their origins, then of their directions, both in Morton order."""
     with np.errstate(invalid="ignore", over="ignore"):
         directions = arguments.directions.astype(np.float32)
+        if arguments.segments:
+            directions -= arguments.origins.astype(np.float32)
         directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-30)
         return np.lexsort((morton_codes(directions), morton_codes(arguments.origins)))
 
@@ -68,8 +69,8 @@ def _write_weights(ticket, rays, faces, corners, u, v):
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
             if faces[i] >= 0:
                 o, d = rays.origins[i], rays.directions[i]
-                w = volumes64(ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf), corners, np.int64(faces[i]))
-                u[i], v[i] = w.e1 / w.d, w.e2 / w.d
+                ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
+                u[i], v[i] = single_weights(ray, corners, np.int64(faces[i]))
         first = take(ticket)
 
 

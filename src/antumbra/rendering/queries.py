@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..kernels.progress import hushed, in_turn, shown
 from ..plan import DEFAULT_PLAN, Plan
-from ..query.rays import Arguments, as_array, cull_value, ray_arguments
+from ..query.rays import as_array, cull_value, ray_arguments
 from ..query.receivers import point_receivers
 from ..query.sampling import light_samples
 from ..query.shadow import fraction_lit
@@ -105,12 +105,13 @@ def rays_job() -> Job:
     return fixed_job("ray queries", work)
 
 
-def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_faces, threads):
+def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], targets, time, cull_faces, threads):
     """Trace an array of rays: (...) bool for any-hit, a `Hit` for closest hit.
 
     rays : the first five arguments of `Scene.occluded`
+    targets : its argument of this name; None for closest hit
     """
-    arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin)
+    arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin, targets)
     source = _ray_source(scene, threads, time)
     out = source.trace_rays(arguments, any_hit, facing, time)
     if any_hit:
@@ -122,7 +123,7 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], time, cull_f
 def _corners_of(source, scene, arguments, face, facing, time) -> Callable[[], np.ndarray]:
     """A function that gives the world corners of the faces that were hit, (m, 3, 3) float64."""
     if source_kind(scene).keeps_read:  # a store has no triangles in memory: the same rays find them again
-        own = Arguments(*(np.array(each) for each in arguments))
+        own = arguments.part(np.arange(len(arguments.origins)))  # a copy
         found = lambda: source.surfaces_hit(own, time, facing)[1:]
     else:
         triangles = source.accelerated(time).triangles
@@ -182,7 +183,8 @@ def visibility(
     Raises
     ------
     InputError
-        If a shape or dtype is wrong, a number is NaN or infinite, a normal is zero, or the plan is unknown.
+        If a shape or dtype is wrong, a number is NaN, infinite or beyond float32, a normal is zero, or the plan is
+        unknown.
     """
     renderer = renderer_of(scene, plan, threads, srdh_rays, max_memory)
     points = as_array(points, "points")
@@ -257,8 +259,12 @@ def receivers_of(scene, points: np.ndarray, normals) -> tuple[np.ndarray, np.nda
     if not np.isfinite(world).all():
         raise InputError("points hold NaN or infinity")
     local = world - scene.origin
+    with np.errstate(over="ignore"):
+        single = local.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise InputError("points lie beyond float32, farther than 3.4e38 from the scene; move them closer")
     if normals is None:
-        return settled(local).astype(np.float32), None
+        return settled(single), None
     unit = _unit_normals(normals, points.shape)
     return point_receivers(local, unit, world, points.dtype == np.float32), unit
 

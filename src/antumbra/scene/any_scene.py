@@ -169,10 +169,11 @@ class AnyScene(ABC):
         skip_face=None,
         time=0.0,
         *,
+        targets=None,
         cull_faces=None,
         threads=None,
     ) -> np.ndarray:
-        """Any-hit query: True for each ray that a triangle blocks strictly between tmin and tmax.
+        """Any-hit query: True for each ray that a triangle blocks strictly between tmin and tmax, or before its target.
 
         The answer is exact (docs/design/exactness.md). A scene in a store keeps to its `PagedScene.max_memory`.
 
@@ -180,14 +181,20 @@ class AnyScene(ABC):
         ----------
         origins, directions : (..., 3) float, world
             They broadcast against each other. `origins` alone may have shape (..., 6). Arrays with DLPack in host
-            memory are accepted. Float64 origins are recentred before they are rounded to float32. Directions need not
-            be of unit length.
+            memory are accepted. Float64 origins are recentred before they are rounded to float32. Directions are
+            rounded to float32. They need not be of unit length.
         tmin, tmax : float or (...) float
-            In lengths of the direction, with 0 <= tmin. A hit at exactly tmin or tmax does not count.
+            In lengths of the direction, with 0 <= tmin. They bound `Hit.t`, in float64: a triangle blocks if
+            ``tmin < t < tmax`` for the t that `closest_hit` reports for it. So a hit at exactly tmin or tmax does not
+            count.
         skip_face : int or (...) int, optional
             A face that is not tested, for rays that start on a known face; -1: none.
         time : float
             Seconds. The BVH of the last query's time is kept.
+        targets : (..., 3) float, world, optional
+            The other ends of segments, in place of `directions`, `tmin` and `tmax`. A triangle blocks a segment if it
+            meets it strictly between its ends. Targets are recentred and rounded as origins are. The answer is that of
+            real arithmetic for the two rounded points: no direction between them is rounded.
         cull_faces : None, "front" or "back"
             Faces whose given side faces the ray's origin do not block it.
         threads : int, optional
@@ -200,11 +207,11 @@ class AnyScene(ABC):
         Raises
         ------
         InputError
-            If shapes do not broadcast, origins or directions are NaN or infinite, a direction is zero, tmin is negative
-            or infinite, or tmax is NaN.
+            If shapes do not broadcast, origins, directions or targets are NaN, infinite or beyond float32, a direction
+            is zero, tmin is negative or infinite, tmax is NaN, or targets are given beside directions, tmin or tmax.
         """
         rays = origins, directions, tmin, tmax, skip_face
-        return engine.answer("ask", self, True, rays, time, cull_faces, threads)
+        return engine.answer("ask", self, True, rays, targets, time, cull_faces, threads)
 
     def closest_hit(
         self,
@@ -223,12 +230,17 @@ class AnyScene(ABC):
         Returns
         -------
         Hit
-            t (...) float64, in lengths of the direction, inf on a miss. face (...) int32, -1 on a miss. u, v (...)
-            float32, weights of the face's second and third corner. Among faces equally near in float64, the lowest
-            index wins.
+            t (...) float64, in lengths of the direction, inf on a miss: the real number, rounded to the nearest
+            float64. face (...) int32, -1 on a miss. u, v (...) float32, weights of the face's second and third corner,
+            from 0 to 1. Among faces with the same t, the lowest index wins.
+
+        Notes
+        -----
+        ``closest_hit(o, d, tmin=hit.t)`` finds the next hit. Repeated until nothing is hit, it visits each t once, in
+        order, and of faces with the same t the lowest index.
         """
         rays = origins, directions, tmin, tmax, skip_face
-        return engine.answer("ask", self, False, rays, time, cull_faces, threads)
+        return engine.answer("ask", self, False, rays, None, time, cull_faces, threads)
 
     def _repr_html_(self) -> str:
         """What a notebook shows: a table of facts."""

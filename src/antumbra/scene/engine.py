@@ -2,8 +2,8 @@
 
 The package registers functions with `use`:
 
-- ``ask(scene, any_hit, rays, time, cull_faces, threads)`` gives (...) bool if `any_hit`, else a `Hit`. `rays` are the
-  first five arguments of `Scene.occluded`.
+- ``ask(scene, any_hit, rays, targets, time, cull_faces, threads)`` gives (...) bool if `any_hit`, else a `Hit`. `rays`
+  are the first five arguments of `Scene.occluded`, and `targets` is its argument of this name.
 - ``room_of(scene, outside)`` gives the `Room` that a scene encloses, or None. `outside` is a camera that shows it.
 """
 

@@ -11,10 +11,10 @@ from ..errors import InputError
 class HitFaces(NamedTuple):
     """The arrays of a `Hit`."""
 
-    t: np.ndarray  # (...) float64, in lengths of the direction; inf on a miss
+    t: np.ndarray  # (...) float64, in lengths of the direction, rounded to nearest; inf on a miss
     face: np.ndarray  # (...) int32, index of the face in the scene; -1 on a miss
-    u: np.ndarray  # (...) float32, weight of the face's second corner; 0 on a miss
-    v: np.ndarray  # (...) float32, weight of its third corner; 0 on a miss
+    u: np.ndarray  # (...) float32, weight of the face's second corner, from 0 to 1; 0 on a miss
+    v: np.ndarray  # (...) float32, weight of its third corner, from 0 to 1; 0 on a miss
 
 
 class Hit(HitFaces):

@@ -16,7 +16,8 @@ from ..bvh.nodes import Bvh, tree_of
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.predicate.exact import ray_along, segment
-from ..kernels.predicate.filters import BEYOND, is_nearer, weights
+from ..kernels.predicate.filters import BEYOND, is_nearer
+from ..kernels.predicate.hits import single_weights
 from ..kernels.simd import get, lowest_bit, ptr
 from ..kernels.vec import scalars
 from ..query.diffuse import RayPass
@@ -111,25 +112,24 @@ class CutoutRays(NamedTuple):
     """Rays in the recentred frame."""
 
     origins: np.ndarray  # (m, 3) float32
-    directions: np.ndarray  # (m, 3) float32; zero: no ray
+    directions: np.ndarray  # (m, 3) float32; zero: no ray; or the targets of segments
     skip: np.ndarray  # (m,) int32, a triangle that is not tested; -1: none
-    tmin: np.ndarray  # (m,) float32
-    tmax: np.ndarray  # (m,) float32
+    tmin: np.ndarray  # (m,) float64
+    tmax: np.ndarray  # (m,) float64
     cull_faces: int = 0  # a value of `query.shadow.CULL_FACES`
+    segments: bool = False
 
 
 def rays_of_pass(rays: RayPass) -> CutoutRays:
     """`CutoutRays` over (0, inf)."""
     m = len(rays.origins)
-    return CutoutRays(*rays, np.zeros(m, np.float32), np.full(m, np.inf, np.float32))
+    return CutoutRays(*rays, np.zeros(m), np.full(m, np.inf))
 
 
 def rays_of_arguments(rays: Arguments, cull_faces: int) -> CutoutRays:
     """`CutoutRays` of a checked ray list."""
-    f, origins = np.float32, rays.origins - rays.frame
-    single = (rays.directions, rays.skip[:, 0], rays.tmin[:, 0], rays.tmax[:, 0])
-    directions, skip, tmin, tmax = (np.ascontiguousarray(a, np.int32 if a is single[1] else f) for a in single)
-    return CutoutRays(origins.astype(f), directions, skip, tmin, tmax, cull_faces)
+    ends = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
+    return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), *ends, cull_faces, rays.segments)
 
 
 @kernel
@@ -139,17 +139,20 @@ def _nearest(ticket, bvh, texels, rays, out):
     while first >= 0:
         for i in range(first, min(first + ticket[CHUNK], ticket[N])):
             o, d, skip = rays.origins[i], rays.directions[i], np.int64(rays.skip[i])
-            if d[0] == 0.0 and d[1] == 0.0 and d[2] == 0.0:
+            if rays.segments:
+                ray = segment(o[0], o[1], o[2], d[0], d[1], d[2])
+            else:
+                tmax = min(rays.tmax[i], out.t[i] * BEYOND)
+                ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], tmax)
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:
                 continue
-            tmax = min(np.float64(rays.tmax[i]), out.t[i] * BEYOND)
-            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], tmax)
             slot, t = walk(tree, ray, skip, rays.cull_faces, np.int64(CLOSEST), holes, None)
             if slot < 0:
                 continue
             prim = np.int64(get(tree.prim_ids, slot))
             if out.face[i] < 0 or is_nearer(t, prim, out.t[i], np.int64(out.face[i])):
-                b, c = weights(ray, tree.corners, slot)
-                out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, np.float32(b), np.float32(c)
+                u, v = single_weights(ray, tree.corners, slot)
+                out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, u, v
         first = take(ticket)
 
 
@@ -180,9 +183,8 @@ def add_hits(
         add_nearest(tree, rays_of_arguments(rays, cull_faces), out, threads)
         return
     free = np.flatnonzero(~out.blocked)
-    left = Arguments(*(array[free] for array in rays[:5]), rays.frame)
     hits = _hits(np.full(len(free), -1, np.int32), np.full(len(free), np.inf))
-    add_nearest(tree, rays_of_arguments(left, cull_faces), hits, threads)
+    add_nearest(tree, rays_of_arguments(rays.part(free), cull_faces), hits, threads)
     out.blocked[free] = hits.face >= 0
 
 

@@ -1,11 +1,13 @@
-"""The bit operations on int64."""
+"""The bit operations on int64, and the error of a product."""
+
+from fractions import Fraction
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.simd import highest_bit, lowest_bit, popcount
+from antumbra.kernels.simd import highest_bit, lowest_bit, popcount, product_error
 
 
 @kernel
@@ -24,3 +26,16 @@ def test_narrow_integers_keep_their_value():
     assert _all(np.uint32(2**31)) == (1, 31, 31)
     assert _all(np.int32(-1)) == (64, 0, 63)
     assert _all(np.uint8(0)) == (0, 64, -1)
+
+
+@kernel
+def _error(a, b):
+    return product_error(a, b, a * b)
+
+
+_numbers = st.floats(1e-100, 1e100).flatmap(lambda x: st.sampled_from([x, -x]))
+
+
+@given(_numbers, _numbers)
+def test_the_error_of_a_product_is_exact(a, b):
+    assert Fraction(_error(a, b)) == Fraction(a) * Fraction(b) - Fraction(a * b)

@@ -3,7 +3,8 @@
 A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two float64:
 a float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under two
 conditions. Its *line* meets the closed triangle, edges and vertices included. The t of that point lies strictly inside
-the interval. A line in the triangle's own plane does not meet it, so a triangle without area never blocks.
+the interval: the real t of a segment, and the t of a ray as it is reported, rounded to the nearest float64. A line in
+the triangle's own plane does not meet it, so a triangle without area never blocks.
 
 With a, b, c the corners relative to o, and n the triangle's normal, signs of 3 x 3 determinants decide:
 
@@ -42,13 +43,14 @@ class Ray(NamedTuple):
     rz: np.float64
     tmin: np.float64
     tmax: np.float64
+    real: np.float64  # 1: tmin and tmax bound the real t, for segments; 0: they bound t rounded to the nearest float64
 
 
 @inlined
 def ray_along(ox, oy, oz, dx, dy, dz, tmin, tmax):
     """The ray from a float32 origin and direction, with the open interval (tmin, tmax) in lengths of the direction."""
     f = np.float64
-    return Ray(f(ox), f(oy), f(oz), f(dx), f(dy), f(dz), 0.0, 0.0, 0.0, f(tmin), f(tmax))
+    return Ray(f(ox), f(oy), f(oz), f(dx), f(dy), f(dz), 0.0, 0.0, 0.0, f(tmin), f(tmax), 0.0)
 
 
 @inlined
@@ -58,7 +60,7 @@ def segment(ox, oy, oz, lx, ly, lz):
     dx, rx = two_diff(f(lx), f(ox))
     dy, ry = two_diff(f(ly), f(oy))
     dz, rz = two_diff(f(lz), f(oz))
-    return Ray(f(ox), f(oy), f(oz), dx, dy, dz, rx, ry, rz, 0.0, 1.0)
+    return Ray(f(ox), f(oy), f(oz), dx, dy, dz, rx, ry, rz, 0.0, 1.0, 1.0)
 
 
 class _Work(NamedTuple):
@@ -73,6 +75,10 @@ class _Work(NamedTuple):
 # expansion are NumPy integers, because Numba would compile a callee anew for each literal.
 _EDGE, _VOLUME, _NORMAL = np.arange(0, 9, 3)
 _EMPTY = np.int64(0)
+
+_SMALL, _LARGE = np.float64(2.0**-400), np.float64(2.0**400)  # products of such a t with D stay in float64's range
+_NEXT = np.float64(2.0**-53 * (1.0 + 2.0**-52))  # x + |x| times this is the next float64
+_SURE = np.float64(1.0 - 2.0**-40)
 
 
 @kernel
@@ -162,6 +168,17 @@ def surely_apart(ray, corners, i):
 
 
 @kernel
+def _add_rest(work, ray, corners, i, t, more):
+    """Set the sum to T - (t + more) D, and return its length. Its sign, times that of D, tells which t comes first."""
+    n = _EMPTY
+    for step in range(3):
+        scale = 1.0 if step == 0 else -t if step == 1 else -more
+        if scale != 0.0:
+            n = _add(work, n, ray, corners, i, _VOLUME if step == 0 else _NORMAL, scale)
+    return n
+
+
+@kernel
 def exact_meets(ray, corners, i):
     """Sign of d . n if the ray meets triangle i inside its open interval, else 0."""
     if surely_apart(ray, corners, i):
@@ -169,22 +186,37 @@ def exact_meets(ray, corners, i):
     side = exact_line_side(ray, corners, i)
     if side == 0:
         return 0
+    if ray.real == 0.0:
+        t = exact_t(ray, corners, i)
+        return side if ray.tmin < t and t < ray.tmax else 0
     work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     for end in range(2):
-        t, sign = (ray.tmin, 1.0) if end == 0 else (ray.tmax, -1.0)
-        if t < np.inf:
-            n = _add(work, _EMPTY, ray, corners, i, _VOLUME, sign)
-            if sign_of(work.sum_, _add(work, n, ray, corners, i, _NORMAL, -sign * t)) * side <= 0:
-                return 0
+        t, sign = (ray.tmin, 1) if end == 0 else (ray.tmax, -1)
+        if sign * sign_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) * side <= 0:
+            return 0
     return side
 
 
 @kernel
 def exact_t(ray, corners, i):
-    """t at which the line meets the plane of triangle i, correct to float64's last places."""
+    """t at which the line meets the plane of triangle i, rounded to the nearest float64; ties go to the even one."""
     work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
-    volume = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _VOLUME, 1.0))
-    return volume / value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0))
+    normal = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0))
+    t, rest = np.float64(0.0), np.float64(0.0)
+    for _ in range(2):  # the first rest is the quotient, and the second one its error
+        t += rest
+        rest = value_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) / normal
+    if not (abs(t) > _SMALL and abs(t) < _LARGE):
+        return t
+    # Eq. (16) of docs/design/exactness.md
+    nearest = t + rest
+    left = rest - (nearest - t)
+    other = nearest + abs(nearest) * (_NEXT if left > 0.0 else -_NEXT)
+    gap = (other - nearest) / 2.0
+    if abs(left) <= abs(gap) * _SURE:
+        return nearest
+    beyond = sign_of(work.sum_, _add_rest(work, ray, corners, i, nearest, gap)) * normal * gap
+    return nearest + gap if beyond == 0.0 else other if beyond > 0.0 else nearest
 
 
 @kernel

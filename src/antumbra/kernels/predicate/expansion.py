@@ -16,7 +16,7 @@ from ..jit import kernel
 from ..simd import get, put
 
 PRODUCT = 64  # float64 numbers in a product of a scale and 3 two-part factors
-CAPACITY = 12 * PRODUCT  # components of an expansion: two determinants of 6 products
+CAPACITY = 18 * PRODUCT  # components of an expansion: three determinants of 6 products
 _SPLITTER = np.float64(134217729.0)  # 2**27 + 1
 
 

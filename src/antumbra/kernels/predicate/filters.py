@@ -11,9 +11,12 @@ six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 
     |error e1|, |error e2| <= 16 u |d|_1 m s      |error D| <= 16 u |d|_1 s s      |error T| <= 16 u |a|_1 s s
 
 e0 adds three such errors and two roundings (at most 10 u |d|_1 s max(m, s)). So 60 u |d|_1 s max(m, s) bounds the error
-of each e. ``_FACTOR`` = 20 leaves room for the second order, and for the rounding of the bounds themselves and of the
-comparisons with tmin and tmax. An absolute term covers underflow. Where a product could overflow, the bound is
-infinite, so the answer is UNSURE. No NaN ever decides.
+of each e. ``_FACTOR`` = 20 leaves room for the second order and for the rounding of the bounds themselves. An absolute
+term covers underflow. Where a product could overflow, the bound is infinite, so the answer is UNSURE. No NaN ever
+decides.
+
+The comparisons with tmin and tmax allow twice D's error. The other half covers the rounding of tmin D, of tmin to
+float32, and of the t that is compared to float64: at most 2 u |d|_1 s s each.
 """
 
 from typing import NamedTuple
@@ -22,13 +25,14 @@ import numpy as np
 
 from ..jit import inlined, kernel
 from ..simd import get
-from .exact import exact_has_area, exact_meets, exact_plane_side, exact_t, exact_weights
+from .exact import exact_has_area, exact_meets, exact_plane_side, exact_weights
 
 MISS, UNSURE = 0, 2  # a hit is the sign of d . n: 1 or -1
 
 _FACTOR = 20.0
-BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and a rounding to float32
-_T_ACCURACY = np.float64(2.0**-30)  # relative accuracy of `hit_t`'s numerator and denominator
+BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hits.hit_t` (2**-29) and a rounding to float32
+T_ACCURACY = np.float64(2.0**-30)  # relative accuracy of `hit_t`'s numerator and denominator, and of `weights`
+END_FLOOR = np.float32(2.0**-100)  # added to an end in its error bound: more than underflow takes from tmin or tmax
 
 
 class _Limits(NamedTuple):
@@ -114,7 +118,7 @@ def volumes32(o, d, corners, i):
 
 
 @inlined
-def _edges64(corners, i, x, y, z):
+def edges64(corners, i, x, y, z):
     """(v0 - (x, y, z), v1 - v0, v2 - v0) in float64."""
     f, k = np.float64, 9 * i
     x0, y0, z0 = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
@@ -124,10 +128,15 @@ def _edges64(corners, i, x, y, z):
 
 
 @inlined
+def volumes_of(d, a, p, q):
+    """`Volumes` in float64; d, a, p, q as above, tuples of three float64."""
+    return _volumes(d, a, p, q, _LIMITS64)
+
+
+@inlined
 def volumes64(ray, corners, i):
     """`Volumes` in float64, of the leading part of the ray's direction."""
-    a, p, q = _edges64(corners, i, ray.ox, ray.oy, ray.oz)
-    return _volumes((ray.dx, ray.dy, ray.dz), a, p, q, _LIMITS64)
+    return volumes_of((ray.dx, ray.dy, ray.dz), *edges64(corners, i, ray.ox, ray.oy, ray.oz))
 
 
 @inlined
@@ -148,23 +157,31 @@ def line_verdict(w):
 def verdict(w, tmin, tmax):
     """Whether the ray meets the closed triangle inside (tmin, tmax): the sign of d . n, MISS, or UNSURE.
 
-    tmin and tmax have the float type of w, and are exact.
+    tmin and tmax have the float type of w, rounded to nearest. NaN decides nothing.
     """
     side = line_verdict(w)
     if side == MISS or side == UNSURE:
         return side
     t = w.t if side > 0 else -w.t
     d = w.d if side > 0 else -w.d
+    ends_error = w.d_error + w.d_error
     near = t - tmin * d
-    slack = w.t_error + tmin * w.d_error
+    slack = w.t_error + (tmin + END_FLOOR) * ends_error
     if not near > slack:
         return MISS if near < -slack else UNSURE
-    if tmax < np.inf:
+    if tmax != np.inf:
         far = tmax * d - t
-        slack = w.t_error + tmax * w.d_error
+        slack = w.t_error + (tmax + END_FLOOR) * ends_error
         if not far > slack:
             return MISS if far < -slack else UNSURE
     return side
+
+
+@inlined
+def single_end(t):
+    """tmin or tmax in float32 for `verdict`; NaN where float32 has no such number."""
+    rounded = np.float32(t)
+    return rounded if rounded < np.inf or t == np.inf else np.float32(np.nan)
 
 
 @kernel
@@ -175,23 +192,10 @@ def meets(ray, corners, i):
 
 
 @kernel
-def hit_t(ray, corners, i):
-    """t where the ray's line meets the plane of triangle i. The ray must meet the triangle.
-
-    All methods find the same number, since one float64 expression is fixed. The relative error is at most 2**-29, even
-    for grazing rays: `exact_t` evaluates them.
-    """
-    w = volumes64(ray, corners, i)
-    if w.t_error <= _T_ACCURACY * abs(w.t) and w.d_error <= _T_ACCURACY * abs(w.d):
-        return w.t / w.d
-    return exact_t(ray, corners, i)
-
-
-@kernel
 def weights(ray, corners, i):
     """Weights of the second and third corner where the ray meets triangle i, each with an error of at most 2**-29."""
     w = volumes64(ray, corners, i)
-    certain = _T_ACCURACY * abs(w.d)
+    certain = T_ACCURACY * abs(w.d)
     if w.e_error <= certain and w.d_error <= certain:
         return w.e1 / w.d, w.e2 / w.d
     return exact_weights(ray, corners, i)
@@ -209,7 +213,7 @@ def plane(corners, i, x, y, z):
 
     For any vector a from v0 to a point, the error of a . n is at most e |a|_inf.
     """
-    a, p, q = _edges64(corners, i, x, y, z)
+    a, p, q = edges64(corners, i, x, y, z)
     s = _larger(widest(p), widest(q))
     return a, cross(p, q), _LIMITS64.three * _LIMITS64.u * s * s + _LIMITS64.tiny
 

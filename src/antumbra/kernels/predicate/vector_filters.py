@@ -13,7 +13,9 @@ for the rounding of e0 / 3 and of the bound. If one e is surely negative and ano
 *Fine bound*, where a lane remains. The error of a sum is at most 8 u P. P is the sum of the same six products as
 magnitudes (the permanent), computed within 6 u. The fine bound is much smaller where components are zero: for triangles
 in axis-aligned planes, and rays along axes. e0 carries 8 u (P_D + P_e1 + P_e2) and two more roundings of at most u
-times the same sum. tmin D adds a rounding to D. So 12 u P bounds each quantity, with the same room as above.
+times the same sum. So 12 u P bounds each quantity, with the same room as above. tmin and tmax are rounded to float32,
+and their products with D are rounded. As in `filters`, these comparisons allow twice D's error, and a floor covers
+underflow of tmin and tmax.
 
 An absolute term covers underflow. Where a product could overflow, `unit` is infinite and the test decides nothing. A
 decision needs a comparison with a bound that comes out *true*, and comparisons with infinity and NaN never do.
@@ -26,6 +28,7 @@ import numpy as np
 from ..fields import F32Lanes
 from ..jit import inlined
 from ..simd import absolute, any_lane, bits, flip_sign, fma, maximum, minimum, select
+from .filters import END_FLOOR
 
 _COARSE = np.float32(20.0 * 2.0**-24)
 _FINE = np.float32(12.0 / 20.0)  # of the coarse unit
@@ -42,8 +45,8 @@ class FilterRays(NamedTuple):
     dx: F32Lanes
     dy: F32Lanes
     dz: F32Lanes
-    tmin: F32Lanes
-    tmax: F32Lanes  # may be inf
+    tmin: F32Lanes  # rounded to nearest
+    tmax: F32Lanes  # the same; inf if there is no end, or if it lies beyond float32 and `unit` is inf
     unit: F32Lanes  # 20 u, or inf where a product could overflow
     floor: F32Lanes  # largest error from underflow
 
@@ -122,10 +125,11 @@ def meet(r, t):
     line = positive | negative
     volume, det = flip_sign(_sum3(ax, nx, ay, ny, az, nz), e1), absolute(det)
     b_volume, b_det = fma(b_volume, unit, r.floor), fma(b_det, unit, r.floor)
-    near, near_bound = volume - r.tmin * det, fma(r.tmin, b_det, b_volume)
+    b_ends = b_det + b_det
+    near, near_bound = volume - r.tmin * det, fma(r.tmin + END_FLOOR, b_ends, b_volume)
     endless = ~(r.tmax < np.float32(np.inf))
     tmax = select(endless, np.float32(0.0), r.tmax)
-    far, far_bound = tmax * det - volume, fma(tmax, b_det, b_volume)
+    far, far_bound = tmax * det - volume, fma(tmax + END_FLOOR, b_ends, b_volume)
     inside = (near > near_bound) & (endless | (far > far_bound))
     outside = (near < -near_bound) | (~endless & (far < -far_bound))
     hits = line & inside

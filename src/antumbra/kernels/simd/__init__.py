@@ -8,7 +8,7 @@ Python sees only arrays.
 - vectors: the types, and the conversion of arguments to vectors
 - operators: Python's operators on vectors; lanes: operations on the lanes of vectors
 - memory: loads, stores, pointers, and memory on the stack; by_level: what LLVM lowers badly at some level
-- scalars: operations on the bits of an int64
+- scalars: operations on the bits of an int64, and the error of a product
 
 An example::
 
@@ -50,6 +50,8 @@ Memory
     memory, `stack_array` an array of it. There are `prefetch`, `atomic_add`, `atomic_and` and `atomic_or` too.
 Bits of an int64
     `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to walk the lanes of ``bits(mask)``.
+Float64
+    `product_error`, the exact rounding error of a product of two scalars.
 
 Guarantees and limits
 ---------------------
@@ -106,7 +108,7 @@ _HOMES = {
         store store_compressed
     """,
     "scalars": """
-        highest_bit lowest_bit popcount
+        highest_bit lowest_bit popcount product_error
     """,
 }
 """Module: names that it defines. These modules import Numba. A kernel that is already compiled needs none of them."""
@@ -153,6 +155,7 @@ __all__ = [
     "minimum",
     "popcount",
     "prefetch",
+    "product_error",
     "ptr",
     "ptr_at",
     "put",

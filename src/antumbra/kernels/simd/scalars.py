@@ -1,9 +1,10 @@
-"""Bit operations on an int64, for loops over the set lanes of a mask."""
+"""Bit operations on an int64, for loops over the set lanes of a mask; and the error of a float64 product."""
 
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
+from .by_level import name_of_product_error
 from .vectors import I64, call_llvm, reject
 
 
@@ -38,3 +39,19 @@ def highest_bit(typingctx, x):
         return builder.sub(I64(63), zeros)
 
     return types.int64(x), codegen
+
+
+@intrinsic
+def product_error(typingctx, a, b, product):
+    """a b - product, exactly, where `product` is the float64 product of two float64 numbers.
+
+    The numbers must stay within 1e-150 .. 1e150, or be 0.
+    """
+    if (a, b, product) != (types.float64,) * 3:
+        reject("product_error", a, b, product, cure="needs three float64")
+    name = name_of_product_error()
+
+    def codegen(context, builder, sig, values):
+        return call_llvm(builder, name, ir.DoubleType(), values)
+
+    return types.float64(a, b, product), codegen

@@ -114,7 +114,7 @@ def _bounced(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], length
     scheduled.begin()
     low, high = scheduled.parts.boxes[0].astype(np.float64)
     made = pass_rays(rays, *shape, 2.0 * float(np.linalg.norm(high - low)))
-    made = made._replace(spans=np.array([[0.0, length]], np.float32))
+    made = made._replace(spans=np.array([[0.0, length]]))
     scheduled.run(Pass(scheduled.parts, scheduled.options, made, threads), shape)
     return Seen(made.hits, _state(scheduled))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...kernels.fields import F64Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import hit_t
+from ...kernels.predicate.hits import hit_t
 from ...kernels.simd import as_f32, bits, get, load4, load8, load16, ptr, ptr_at, put, splat16, store
 from ...query.pixels import pixel_ray
 from ...query.raster_depth import NO_PLANE, EyePlane, eye_plane, quick_t

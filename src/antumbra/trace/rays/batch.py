@@ -7,12 +7,13 @@ import numpy as np
 from ...bvh.wide import wide_tree_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, STOP, N, new_ticket, run, take, thread_count
-from ...kernels.predicate.filters import volumes64
+from ...kernels.predicate.expansion import two_diff
 from ...kernels.simd import (
     absolute,
     all_lanes,
     as_i32,
     bits,
+    broadcast16,
     f32_at,
     f64_at,
     get,
@@ -21,6 +22,7 @@ from ...kernels.simd import (
     load16x3,
     maximum,
     ptr,
+    ptr_at,
     put,
     splat16,
     stack_f32,
@@ -32,27 +34,30 @@ from ...kernels.simd import (
     to_f64,
 )
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
+from .finish import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
 from .interleaved import walk_interleaved
 from .rayblock import (
     BLOCK_WORDS,
     BLOCKS,
     DX,
+    ENDS,
     LANES,
     OX,
-    TMAX,
+    PRECISE_WORDS,
+    REST,
     TMIN,
+    WAY,
     RayBlock,
     block_of,
     first_block,
     prepare,
-    ray_of,
     rays_in,
     rays_of_block,
 )
 from .raypacket import runs_along, walk_packet
-from .wide import DEFERRED_WORDS, NONE, Query, WideHit, hits_of, settle_block, slot_of, start
+from .wide import DEFERRED_WORDS, NONE, Query, WideHit, hits_of, settle_block, start
 
-_RAYS, _ROWS, _TESTS = BLOCKS * LANES, BLOCKS * BLOCK_WORDS, BLOCKS * DEFERRED_WORDS  # of the blocks loaded at a time
+_RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
 _CHUNK = 16  # times as many blocks, which a thread takes at a time
 _FINITE = np.float32(3.4028235e38)
 
@@ -70,7 +75,7 @@ class Operands(NamedTuple):
     """All arguments of a ray list."""
 
     origins: Operand
-    directions: Operand
+    directions: Operand  # targets, for segments
     tmin: Operand
     tmax: Operand
     skip: Operand
@@ -88,86 +93,87 @@ def _fill_vectors(operand, first, shift, rows, at):
     if operand.double:
         columns = load16x3(f64_at(begin), 0)
         for k in range(3):
-            x = columns[k]
-            store(rows, at + LANES * k, to_f32(x if shift is None else x - shift[k]))
+            store(rows, at + LANES * k, to_f32(columns[k] - shift[k]))
     else:
         columns = load16x3(f32_at(begin), 0)
         for k in range(3):
-            x = columns[k]
-            store(rows, at + LANES * k, x if shift is None else to_f32(to_f64(x) - shift[k]))
+            store(rows, at + LANES * k, to_f32(to_f64(columns[k]) - shift[k]))
 
 
 @inlined
-def _single(x, shift, k):
-    return np.float32(x if shift is None else np.float64(x) - shift[k])
+def _number(operand, place):
+    """The number at an address, in float64."""
+    return get(f64_at(place), 0) if operand.double else np.float64(get(f32_at(place), 0))
 
 
 @inlined
-def _fill(operand, first, last, columns, shift, rows, at):
+def _fill(operand, first, last, shift, rows, at):
     """Write an argument of rays first .. first + 15, minus `shift` and rounded, to rows of a block from word `at`."""
     for i in range(LANES):
         begin = operand.address + min(first + i, last) * operand.row
-        if operand.double:
-            for k in range(columns):
-                put(rows, at + LANES * k + i, _single(get(f64_at(begin + k * operand.column), 0), shift, k))
-        else:
-            for k in range(columns):
-                put(rows, at + LANES * k + i, _single(get(f32_at(begin + k * operand.column), 0), shift, k))
-
-
-@inlined
-def _fill_number(operand, first, last, rows, at):
-    """`_fill` of one column, which rays often share."""
-    if operand.row != 0:
-        _fill(operand, first, last, 1, None, rows, at)
-    elif operand.double:
-        store(rows, at, splat16(np.float32(get(f64_at(operand.address), 0))))
-    else:
-        store(rows, at, splat16(get(f32_at(operand.address), 0)))
+        for k in range(3):
+            put(rows, at + LANES * k + i, np.float32(_number(operand, begin + k * operand.column) - shift[k]))
 
 
 @inlined
 def _fill_points(operand, first, last, shift, rows, at):
-    """`_fill` of three columns."""
+    """`_fill`, faster where memory allows."""
     side_by_side = operand.column == 4 << operand.double and operand.row == 3 * operand.column
     if side_by_side and first + LANES - 1 <= last:
         _fill_vectors(operand, first, shift, rows, at)
     else:
-        _fill(operand, first, last, 3, shift, rows, at)
+        _fill(operand, first, last, shift, rows, at)
 
 
 @inlined
-def _load(args, frame, first, last, rows, skip):
-    """Convert rays first .. first + 15, and repeat the `last` one beyond the end. Return whether all are legal."""
-    f = np.float32
+def _fill_ends(operand, first, last, block, k):
+    """Write tmin (k = 0) or tmax (k = 1) of rays first .. first + 15. Return whether all are legal."""
+    rows, ends, good = ptr_at(block.rows, TMIN + LANES * k), ptr_at(block.precise, ENDS + LANES * k), True
+    for i in range(1 if operand.row == 0 else LANES):
+        t = _number(operand, operand.address + min(first + i, last) * operand.row)
+        put(ends, i, t)
+        put(rows, i, np.float32(t))
+        good &= t == t and (k == 1 or (t >= 0.0 and t < np.inf))
+    if operand.row == 0:  # all rays share it
+        store(ends, 0, broadcast16(ends, 0))
+        store(rows, 0, broadcast16(rows, 0))
+    return good
+
+
+@inlined
+def _point_at_targets(block):
+    """Make directions of the targets in the rows of directions."""
+    for k in range(3):
+        to, start = to_f64(load16(block.rows, DX + LANES * k)), to_f64(load16(block.rows, OX + LANES * k))
+        way, rest = two_diff(to, start)
+        store(block.precise, WAY + LANES * k, way)
+        store(block.precise, REST + LANES * k, rest)
+        store(block.rows, DX + LANES * k, to_f32(way))
+
+
+@inlined
+def _load(args, frame, first, last, block):
+    """Convert rays first .. first + 15, and repeat the `last` one beyond the end.
+
+    Return (whether all are legal, bits of the rays that go anywhere). A ray needs a direction, a segment does not.
+    """
+    f, rows, skip, zero = np.float32, block.rows, block.skip, np.float64(0.0)
     _fill_points(args.origins, first, last, frame, rows, OX)
-    _fill_points(args.directions, first, last, None, rows, DX)
-    _fill_number(args.tmin, first, last, rows, TMIN)
-    _fill_number(args.tmax, first, last, rows, TMAX)
+    _fill_points(args.directions, first, last, frame if block.segments else (zero, zero, zero), rows, DX)
+    good = _fill_ends(args.tmin, first, last, block, 0) and _fill_ends(args.tmax, first, last, block, 1)
     if args.skip.row == 0:
         store(skip, 0, splat16(get(i32_at(args.skip.address), 0)))
     else:
         for i in range(LANES):
             put(skip, i, get(i32_at(args.skip.address + min(first + i, last) * args.skip.row), 0))
-    tmin, tmax = load16(rows, TMIN), load16(rows, TMAX)
-    good = (tmin >= f(0.0)) & (tmin <= _FINITE) & (tmax == tmax)
-    for k in range(6):
-        good &= absolute(load16(rows, OX + LANES * k)) <= _FINITE  # false for NaN too
+    finite = absolute(load16(rows, OX)) <= _FINITE  # false for NaN too
+    for k in range(1, 6):
+        finite &= absolute(load16(rows, OX + LANES * k)) <= _FINITE
+    if block.segments:
+        _point_at_targets(block)
     moves = maximum(maximum(absolute(load16(rows, DX)), absolute(load16(rows, DX + LANES))),
-                    absolute(load16(rows, DX + 2 * LANES)))  # fmt: skip
-    return all_lanes(good & (moves > f(0.0)))
-
-
-@inlined
-def _write_nearest(tree, rays, found, i, out, at):
-    """Write the nearest hit of ray i of a block to element `at` of the arrays."""
-    slot = slot_of(tree, found, i)
-    if slot < 0:
-        out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
-        return
-    w = volumes64(ray_of(rays, i), tree.corners, slot)
-    out.face[at], out.t[at] = get(found.prim, i), get(found.t, i)
-    out.u[at], out.v[at] = w.e1 / w.d, w.e2 / w.d
+                    absolute(load16(rows, DX + 2 * LANES))) > f(0.0)  # fmt: skip
+    return good and all_lanes(finite) and (block.segments or all_lanes(moves)), bits(moves)
 
 
 @inlined
@@ -213,9 +219,10 @@ def _trace(tree, rays, alive, query, found, counters):
 
 @kernel
 def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
-    rows, skip = stack_f32(_ROWS), stack_i32(_RAYS)
+    rows, precise, skip = stack_f32(_ROWS), stack_f64(_ENDS), stack_i32(_RAYS)
     found = WideHit(stack_i32(_RAYS), stack_i64(_RAYS), stack_f64(_RAYS), stack_i32(_TESTS))
-    block, query = RayBlock(rows, None, skip), Query(rays.cull_faces, any_hit)
+    report = Report(stack_f32(CORNER_WORDS), stack_f64(REPORT_WORDS))
+    block, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
     frame = (rays.frame[0], rays.frame[1], rays.frame[2])
@@ -226,16 +233,18 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
             n = min(_RAYS, rays.n - first)
             count(mine, RAYS, n)
             n_blocks = (n + LANES - 1) // LANES
+            alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
             for j in range(n_blocks):
                 own = block_of(block, j)
-                if not _load(args, frame, first + j * LANES, rays.n - 1, own.rows, own.skip):
+                good, moving = _load(args, frame, first + j * LANES, rays.n - 1, own)
+                if not good:
                     faults[0], ticket[STOP] = True, 1
                     break
+                alive &= moving << (j * LANES) | ~rays_of_block(j)
                 prepare(own.rows, tree.reach)
                 start(hits_of(found, j), own)
             if faults[0]:
                 break
-            alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
             blocked = _trace(tree, block, alive, query, found, mine)
             for j in range(n_blocks):
                 hits = hits_of(found, j)
@@ -245,9 +254,9 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
             if any_hit:
                 _write_blocked(blocked, n, out.blocked, first)
             else:
-                for i in range(n):
-                    own = block_of(block, i // LANES)
-                    _write_nearest(tree, own, hits_of(found, i // LANES), i % LANES, out, first + i)
+                for j in range(n_blocks):
+                    at, left = j * LANES, min(LANES, n - j * LANES)
+                    write_nearest(tree, block_of(block, j), hits_of(found, j), left, report, out, first + at)
         begin = take(ticket)
     add_counters(counters, mine)
 
@@ -255,7 +264,8 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
 def trace_batch(wide, rays, any_hit, out, threads=None, counters=None, progress=None) -> bool:
     """Trace a `query.rays.RayList` over a `WideBvh` and fill `out`, a `query.rays.HitArrays`.
 
-    Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ...
+    Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ... The
+    nearest hit is for rays only, not for segments.
     """
     counters = new_counters() if counters is None else counters
     ticket, faults = new_ticket(-(-rays.n // _RAYS), _CHUNK), np.zeros(1, np.bool_)

@@ -31,7 +31,7 @@ from ...kernels.simd import (
 )
 from ..counters import BOX_TESTS, NODES, count
 from .packetbox import enter_each
-from .rayblock import BLOCK_WORDS, DX, LANES, LIMIT, OX, PRECISE_WORDS, TMAX, TMIN, RayBlock, prepare
+from .rayblock import BLOCK_WORDS, DX, ENDS, LANES, LIMIT, OX, PRECISE_WORDS, REST, TMAX, TMIN, WAY, RayBlock, prepare
 from .wide import (
     DEFERRED_WORDS,
     STACK,
@@ -125,7 +125,7 @@ def walk_interleaved(tree, rays, alive, query, found, counters):
 
 @kernel
 def any_hit_wide(tree, ray, skip, cull_faces, counters):
-    """Slot of a triangle that the ray meets, or -1."""
+    """Slot of a triangle that a segment meets, or -1."""
     rows, precise, skips = stack_f32(BLOCK_WORDS), stack_f64(PRECISE_WORDS), stack_i32(LANES)
     f = np.float32
     store(rows, OX, splat16(f(ray.ox)))
@@ -136,16 +136,18 @@ def any_hit_wide(tree, ray, skip, cull_faces, counters):
     store(rows, DX + 2 * LANES, splat16(f(ray.dz)))
     store(rows, TMIN, splat16(f(ray.tmin)))
     store(rows, TMAX, splat16(f(ray.tmax)))
-    put(precise, 0, ray.dx)
-    put(precise, LANES, ray.dy)
-    put(precise, 2 * LANES, ray.dz)
-    put(precise, 3 * LANES, ray.rx)
-    put(precise, 4 * LANES, ray.ry)
-    put(precise, 5 * LANES, ray.rz)
+    put(precise, ENDS, ray.tmin)
+    put(precise, ENDS + LANES, ray.tmax)
+    put(precise, WAY, ray.dx)
+    put(precise, WAY + LANES, ray.dy)
+    put(precise, WAY + 2 * LANES, ray.dz)
+    put(precise, REST, ray.rx)
+    put(precise, REST + LANES, ray.ry)
+    put(precise, REST + 2 * LANES, ray.rz)
     put(skips, 0, skip)
     found = WideHit(stack_i32(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
     prepare(rows, tree.reach)
-    block, query = RayBlock(rows, precise, skips), Query(cull_faces, True)
+    block, query = RayBlock(rows, precise, skips, True), Query(cull_faces, True)
     start(found, block)
     walk_interleaved(tree, block, np.int64(1), query, found, counters)
     if get(found.deferred, 0) > 0:

@@ -1,9 +1,9 @@
 """Sixteen rays side by side, with the numbers that box and triangle tests need, computed once for all sixteen.
 
 A *block* is scratch memory of 20 rows of 16 float32, with a column for each ray. The caller fills origins, directions,
-tmin and tmax. `prepare` fills the rest. A ray reaches a plane x = c at t = c * inverse + offset, one instruction. Its
-error is absolute: a share of the largest coordinate in play. So the offsets move the planes outwards by more than this
-error, both where a ray enters and where it leaves. docs/design/wide.md has the proof.
+tmin and tmax, rounded to nearest. `prepare` fills the rest. A ray reaches a plane x = c at t = c * inverse + offset, in
+one instruction. Its error is absolute: a share of the largest coordinate in play. So the offsets move the planes
+outwards by more than this error, both where a ray enters and where it leaves. docs/design/wide.md has the proof.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,8 @@ OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by 
 INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
 LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
 BLOCK_WORDS = 20 * LANES
-PRECISE_WORDS = 6 * LANES  # float64 of `RayBlock.precise`
+ENDS, WAY, REST = 0, 2 * LANES, 5 * LANES  # float64 rows of `RayBlock.precise`: tmin, tmax; three rows each: x, y, z
+PRECISE_WORDS = 8 * LANES
 
 _SMALL, LARGE = np.float32(2.0**-40), np.float32(2.0**40)
 _ALONG = np.float32(2.0**-40)  # a direction's component below this share of the largest one counts as this share
@@ -34,14 +35,16 @@ class RayBlock(NamedTuple):
     """A block of rays: pointers to scratch memory."""
 
     rows: F32Ptr  # float32 *, BLOCK_WORDS
-    precise: F64Ptr  # float64 *, rows of 16: direction (x, y, z), its remainder; None: the float32 direction is exact
+    precise: F64Ptr  # float64 *, PRECISE_WORDS: tmin and tmax; for segments also the direction and its remainder
     skip: I32Ptr  # int32 *, 16: a triangle index that does not count, or -1
+    segments: bool  # the rays are segments between float32 points; False: the float32 direction is exact
 
 
 @inlined
 def block_of(rays, j):
-    """Block j of a `RayBlock` without `precise` that holds several blocks, one after the other."""
-    return RayBlock(ptr_at(rays.rows, j * BLOCK_WORDS), None, ptr_at(rays.skip, j * LANES))
+    """Block j of a `RayBlock` that holds several blocks, one after the other."""
+    rows, precise = ptr_at(rays.rows, j * BLOCK_WORDS), ptr_at(rays.precise, j * PRECISE_WORDS)
+    return RayBlock(rows, precise, ptr_at(rays.skip, j * LANES), rays.segments)
 
 
 @inlined
@@ -65,18 +68,13 @@ def rays_in(rays, j):
 @inlined
 def ray_of(rays, i):
     """Ray i in float64."""
-    return _ray_of(rays.rows, rays.precise, i)
-
-
-@inlined
-def _ray_of(b, d, i):
-    ox, oy, oz, tmin, tmax = get(b, OX + i), get(b, OY + i), get(b, OZ + i), get(b, TMIN + i), get(b, TMAX + i)
-    if d is None:  # a constant for the compiler, which then leaves out the other branch
+    f, b, p = np.float64, rays.rows, rays.precise
+    ox, oy, oz, tmin, tmax = get(b, OX + i), get(b, OY + i), get(b, OZ + i), get(p, ENDS + i), get(p, ENDS + LANES + i)
+    if not rays.segments:
         return ray_along(ox, oy, oz, get(b, DX + i), get(b, DY + i), get(b, DZ + i), tmin, tmax)
-    f = np.float64
     return Ray(
-        f(ox), f(oy), f(oz), get(d, i), get(d, LANES + i), get(d, 2 * LANES + i), get(d, 3 * LANES + i),
-        get(d, 4 * LANES + i), get(d, 5 * LANES + i), f(tmin), f(tmax),
+        f(ox), f(oy), f(oz), get(p, WAY + i), get(p, WAY + LANES + i), get(p, WAY + 2 * LANES + i),
+        get(p, REST + i), get(p, REST + LANES + i), get(p, REST + 2 * LANES + i), tmin, tmax, 1.0,
     )  # fmt: skip
 
 

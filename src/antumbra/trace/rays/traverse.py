@@ -13,7 +13,8 @@ from ...bvh.nodes import EMPTY, MAX_DEPTH
 from ...kernels.fields import F32x4, I32Ptr
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.predicate.exact import exact_meets
-from ...kernels.predicate.filters import BEYOND, UNSURE, hit_t, is_nearer, verdict, volumes32, volumes64, widest
+from ...kernels.predicate.filters import BEYOND, UNSURE, single_end, verdict, volumes32, volumes64, widest
+from ...kernels.predicate.hits import comes_first, hit_t, rounded_t
 from ...kernels.simd import (
     bits,
     extract,
@@ -118,7 +119,7 @@ def settle(ray, corners, slot, counters):
 def triangle_hit(corners, slot, ray, o, d, cull_faces, counters):
     """Does the ray meet the triangle in `slot`? o, d: its origin and direction in float32."""
     count(counters, TRIANGLE_TESTS, 1)
-    side = verdict(volumes32(o, d, corners, slot), np.float32(ray.tmin), np.float32(ray.tmax))
+    side = verdict(volumes32(o, d, corners, slot), single_end(ray.tmin), single_end(ray.tmax))
     if side == UNSURE:
         side = settle(ray, corners, slot, counters)
     return side != 0 and side != cull_faces
@@ -176,7 +177,7 @@ def _passed(listener, ray, corners, slot, prim):
 def walk(tree, ray, skip, cull_faces, order, listener, counters):
     """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
 
-    slot is -1 on a miss. t is computed only for the nearest.
+    slot is -1 on a miss. t is computed only for the nearest, by `rounded_t`.
 
     skip : index of a triangle that does not count, or -1
     order : CLOSEST for the nearest hit; otherwise any hit, with the children visited in an order of `orders`
@@ -225,13 +226,13 @@ def walk(tree, ray, skip, cull_faces, order, listener, counters):
                     if order != CLOSEST:
                         return slot, best_t
                     t = hit_t(ray, tree.corners, slot)
-                    if best < 0 or is_nearer(t, prim, best_t, best_id):
+                    if best < 0 or comes_first(ray, tree.corners, slot, prim, t, best, best_id, best_t):
                         best, best_id, best_t = slot, prim, t
                         limit = np.float32(best_t * BEYOND)
         while order == CLOSEST and height > 0 and get(entry, height - 1) > limit:
             height -= 1
         if height == 0:
-            return best, best_t
+            return best, best_t if best < 0 else rounded_t(ray, tree.corners, best)
         height -= 1
         link = np.int64(get(stack, height))
         if one_by_one:

@@ -8,7 +8,8 @@ from ...bvh.nodes import MAX_DEPTH
 from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
 from ...kernels.fields import F32x8, F64Ptr, I32Ptr, I64Ptr
 from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import BEYOND, hit_t, is_nearer
+from ...kernels.predicate.filters import BEYOND
+from ...kernels.predicate.hits import comes_first, hit_t
 from ...kernels.predicate.vector_filters import FilterTriangles, meet
 from ...kernels.simd import broadcast8, fma, get, load8, lowest_bit, maximum, minimum, prefetch, ptr_at, put
 from ..counters import TRIANGLE_TESTS, count
@@ -35,7 +36,7 @@ class WideHit(NamedTuple):
 
     lane: I32Ptr  # int32 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
     prim: I64Ptr  # int64 *: index of the triangle; only for the nearest hit
-    t: F64Ptr  # float64 *: t of the hit; only for the nearest hit
+    t: F64Ptr  # float64 *: `hit_t` of the hit; only for the nearest hit
     deferred: I32Ptr  # int32 *, DEFERRED_WORDS: number of tests; bits of rays that lost tests; each test's ray and lane
 
 
@@ -93,8 +94,10 @@ def keep(tree, rays, i, at, query, found):
     if query.any_hit:
         put(found.lane, i, at)
         return True
-    t = hit_t(ray_of(rays, i), tree.corners, slot)
-    if get(found.lane, i) < 0 or is_nearer(t, prim, get(found.t, i), get(found.prim, i)):
+    ray = ray_of(rays, i)
+    t, best = hit_t(ray, tree.corners, slot), slot_of(tree, found, i)
+    best_prim, best_t = get(found.prim, i), get(found.t, i)
+    if best < 0 or comes_first(ray, tree.corners, slot, prim, t, best, best_prim, best_t):
         put(found.lane, i, at)
         put(found.prim, i, prim)
         put(found.t, i, t)
