@@ -138,7 +138,7 @@ def test_a_light_below_the_horizon_gives_nothing():
 
 
 def test_each_baked_point_gets_all_lights_of_a_sky():
-    """The sky is one of the default lights. Sixteenths of it would differ by a fifth from point to point."""
+    """The sky is one of the default lights. Sixteenths of it are off by a third."""
     scene, rng = at.Scene.from_arrays(FLOOR), np.random.default_rng(3)
     points = rng.uniform(-1, 1, (64, 3)) * (1, 0, 1)
     (sky,) = (light for light in own_lights(scene, "light", 0.0) if isinstance(light, at.Sky))
