@@ -29,11 +29,11 @@ def test_bad_paths(tmp_path):
     check_fails(tmp_path, "is a folder")
     check_fails(tmp_path / "a.gif", "unknown suffix '.gif'; use .png or .exr")
     check_fails(tmp_path / "a", "no suffix; use .png or .exr")
-    check_fails("", "is a folder")
+    check_fails("", "name a file or a folder")
     check_fails(tmp_path / "none" / "a.png", "none does not exist; make it first")
     check_fails(tmp_path / "file" / "a.png", "file is not a folder")
     check_fails(tmp_path / ("a" * 300 + ".png"), "cannot be written")
-    check_fails(str(tmp_path / "a\0.png"), "cannot be written")
+    check_fails(str(tmp_path / "a\0.png"), "name a file or a folder")
     check_fails(3, "must be a string or a path")
 
 

@@ -1,11 +1,22 @@
-"""Checked numbers for the public face."""
+"""Checked arguments for the public face: each function returns the value in one form, or raises an `InputError`."""
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .errors import InputError
+
+T = TypeVar("T")
+
+_LONGEST = 60  # characters of a value in a message
+_NO_NUMBERS = str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating, np.datetime64, np.timedelta64
+_ENDS = {"()": "lie between {} and {}", "[)": "be at least {} and below {}", "[]": "be a number from {} to {}"}
+"""How messages write intervals."""
 
 
 def near(name, known: Iterable[str]) -> str:
@@ -15,46 +26,213 @@ def near(name, known: Iterable[str]) -> str:
     return f"did you mean {found[0]!r}? " if found else ""
 
 
-def vector(value, what: str) -> np.ndarray:
-    """Convert `value` to (3,) float64; InputError naming `what` unless it is three finite numbers."""
+def quoted(value) -> str:
+    """A wrong value as messages show it: its repr on one line, cut where it becomes long."""
     try:
-        v = np.array(value, np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be three numbers, not {value!r}") from None
-    if v.shape != (3,) or not np.isfinite(v).all():
-        raise InputError(f"{what} must be three finite numbers, not {value!r}")
-    return v
+        text = " ".join(repr(value).split())
+    except Exception:  # of another library's object, or of a whole number with thousands of digits
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+# --- Numbers -----------------------------------------------------------------------------------------------------
+
+
+def is_number(value) -> bool:
+    """Whether a value may be one real number. Texts, truth values and arrays with axes are none."""
+    return not isinstance(value, _NO_NUMBERS) and getattr(value, "ndim", 0) == 0
 
 
 def whole_number(value, what: str, low: int, high: int) -> int:
     """Convert `value` to an int; InputError naming `what` unless it is a whole number in [`low`, `high`]."""
+    if is_number(value):
+        with suppress(TypeError, ValueError, ArithmeticError):
+            whole = int(value)
+            if whole == value and low <= whole <= high:
+                return whole
+    raise InputError(f"{what} is {quoted(value)}; it must be a whole number from {low} to {high}")
+
+
+def number(value, what: str, low: float = -np.inf, high: float = np.inf, ends: str = "()") -> float:
+    """Convert `value` to a float; InputError naming `what` unless it lies between `low` and `high`.
+
+    ends : whether the limits are allowed, as intervals are written: ``"()"``, ``"(]"``, ``"[)"`` or ``"[]"``
+    """
+    x = float("nan")
+    if is_number(value):
+        with suppress(TypeError, ValueError, OverflowError):
+            x = float(value)
+    if low < x < high or (x == low and ends[0] == "[") or (x == high and ends[1] == "]"):
+        return x
+    if np.isinf(high):
+        wanted = "be a number" if ends[1] == "]" else "be a finite number"
+        wanted += "" if np.isinf(low) else f" {'above' if ends[0] == '(' else 'of at least'} {low:g}"
+    else:
+        wanted = _ENDS[ends].format(f"{low:g}", f"{high:g}")
+    raise InputError(f"{what} is {quoted(value)}; it must {wanted}")
+
+
+def byte_count(value, what: str, low: int, high: int = 1 << 60) -> int:
+    """As `whole_number`, of a number of bytes: the message writes ``100M``, as the command line does."""
+    with suppress(InputError):
+        return whole_number(value, what, low, high)
+    given = _in_words(int(value)) if isinstance(value, int) and 0 <= value < 1 << 70 else quoted(value)
+    raise InputError(f"{what} is {given}; it must be a number of bytes from {_in_words(low)} to {_in_words(high)}")
+
+
+def _in_words(n: int) -> str:
+    for unit, size in (("T", 1 << 40), ("G", 1 << 30), ("M", 1 << 20), ("k", 1 << 10)):
+        if n >= size:
+            return f"{n / size:,.0f}{unit}" if n >= 1000 * size else f"{n / size:.4g}{unit}"
+    return str(n)
+
+
+# --- Words, and objects ------------------------------------------------------------------------------------------
+
+
+def flag(value, what: str) -> bool:
+    """`value` as a bool; InputError naming `what` unless it is True or False."""
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    raise InputError(f"{what} is {quoted(value)}; it must be True or False")
+
+
+def choice(value, what: str, names: Iterable[str | None]) -> Any:
+    """`value`, if it is one of `names`; otherwise an InputError that names `what` and all of them."""
+    known = list(names)
+    if any(value is None if name is None else isinstance(value, str) and value == name for name in known):
+        return value
+    words = ["None" if name is None else f'"{name}"' for name in known]
+    listed = " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    hint = near(value, filter(None, known)) if isinstance(value, str) else ""
+    raise InputError(f"{what} is {quoted(value)}; {hint}it must be {listed}")
+
+
+def text(value, what: str) -> str:
+    """`value`, if it is a str; otherwise an InputError that names `what`."""
+    if isinstance(value, str):
+        return value
+    raise InputError(f"{what} is {quoted(value)}; it must be a text")
+
+
+def instance(value, kind: type[T], what: str, cure: str = "") -> T:
+    """`value`, if it is of a kind; otherwise an InputError that names `what`, the kind and the cure."""
+    if isinstance(value, kind):
+        return value
+    name = f"an antumbra.{kind.__name__}" if kind.__module__.startswith("antumbra.") else f"a {kind.__name__}"
+    raise InputError(f"{what} must be {name}, not {type(value).__name__}{f'; {cure}' if cure else ''}")
+
+
+def items(value, kind: type[T], what: str, cure: str = "") -> list[T]:
+    """A list of objects of a kind, from several or from one; otherwise an InputError as from `instance`."""
+    if isinstance(value, kind):
+        return [value]
+    found = parts_of(value)
+    if found is None:
+        return [instance(value, kind, what, cure)]
+    return [instance(each, kind, what, cure) for each in found]
+
+
+def parts_of(value) -> list | None:
+    """The parts of an iterable; None of texts, and of what has no parts."""
+    if isinstance(value, (str, bytes)):
+        return None
     try:
-        if not isinstance(value, bool) and int(value) == value and low <= value <= high:
-            return int(value)
+        return list(value)
+    except TypeError:
+        return None
+
+
+def path_of(value, what: str) -> Path:
+    """`value` as a `Path`; InputError naming `what` unless it is a text or a path that the system can take."""
+    try:
+        name = os.fspath(value)
+    except TypeError:
+        name = None
+    if not isinstance(name, str):
+        raise InputError(f"{what} is {quoted(value)}; it must be a string or a path")
+    if not name or "\0" in name:
+        raise InputError(f"{what} is {quoted(name)}; name a file or a folder")
+    return Path(name)
+
+
+# --- Arrays ------------------------------------------------------------------------------------------------------
+
+
+def as_array(value, what: str) -> np.ndarray:
+    """A numpy view (or copy) of numbers, or of an array of another library in host memory.
+
+    Libraries give arrays by ``numpy()`` (Open3D takes a second for a million rays through DLPack) or by DLPack.
+    """
+    if not isinstance(value, np.ndarray):
+        value = _of_library(value, what)
+    try:
+        array = np.asarray(value)
     except (TypeError, ValueError, OverflowError):
-        pass
-    raise InputError(f"{what} is {value!r}; it must be a whole number from {low} to {high}")
+        array = np.asarray(None)
+    if array.dtype.kind not in "fiu":
+        kind = f"{array.dtype}" if isinstance(value, np.ndarray) else quoted(value)
+        raise InputError(f"{what} must be numbers (float32 or float64), not {kind}")
+    return array
 
 
-def number(value, what: str, low: float, high: float) -> float:
-    """Convert `value` to a float; InputError naming `what` unless low < value < high."""
+def _of_library(value, what: str):
+    if hasattr(value, "numpy") and not isinstance(value, type):
+        with suppress(Exception):  # such as torch's, of tensors on another device; DLPack explains it
+            return value.numpy()
+    if not hasattr(value, "__dlpack__"):
+        return value
     try:
-        x = float(value)
-    except (TypeError, ValueError):
-        x = float("nan")
-    if not low < x < high:
-        raise InputError(f"{what} is {value!r}; it must lie between {low:g} and {high:g}")
-    return x
+        return np.from_dlpack(value)
+    except (BufferError, RuntimeError, TypeError) as error:
+        raise InputError(f"{what} cannot be read through DLPack ({error}); copy it to host memory first") from None
+
+
+def vector(value, what: str) -> np.ndarray:
+    """Convert `value` to (3,) float64; InputError naming `what` unless it is three finite numbers."""
+    try:
+        v = as_array(value, what).astype(np.float64)
+    except InputError:
+        raise InputError(f"{what} must be three numbers, not {quoted(value)}") from None
+    if v.shape != (3,) or not np.isfinite(v).all():
+        raise InputError(f"{what} must be three finite numbers, not {quoted(value)}")
+    return v
 
 
 def points(value, what: str) -> np.ndarray:
     """Convert `value` to (m, 3) float64; InputError naming `what` unless all numbers are finite."""
-    try:
-        found = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be numbers of shape (m, 3), not {value!r}") from None
+    found = as_array(value, what).astype(np.float64)
     if found.ndim != 2 or found.shape[1] != 3:
         raise InputError(f"{what} must have shape (m, 3), not {found.shape}")
-    if not np.isfinite(found).all():
-        raise InputError(f"{what} hold NaN or infinity")
+    finite = np.isfinite(found).all(1)
+    if not finite.all():
+        raise InputError(f"{what} hold NaN or infinity (row {np.argmin(finite)})")
     return found
+
+
+def unit_vectors(vectors: np.ndarray, what: str, cure: str = "") -> np.ndarray:
+    """(..., 3) float64 of length 1, of finite vectors of any length: also of those whose square no float holds.
+
+    Raises
+    ------
+    InputError
+        If a vector is zero, NaN or infinite. The message names its index, and the cure.
+    """
+    v = np.asarray(vectors, np.float64)
+    largest = np.abs(v).max(-1, keepdims=True)
+    good = np.isfinite(largest[..., 0]) & (largest[..., 0] > 0.0)
+    if not good.all():
+        at = np.argmin(good.reshape(-1))
+        problem = "is zero" if np.isfinite(largest.reshape(-1)[at]) else "has NaN or infinity"
+        where = "" if v.ndim == 1 else f" {at}"
+        raise InputError(f"{what}{where} {problem}; {cure or 'give it a direction'}")
+    v = np.ldexp(v, -np.frexp(largest)[1])  # by a power of two, which changes no bit of the result
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def listed(value: Sequence, what: str, count: int) -> list:
+    """The parts of a value of `count` parts, such as a pair; otherwise an InputError that names `what`."""
+    parts = parts_of(value)
+    if parts is None or len(parts) != count:
+        raise InputError(f"{what} is {quoted(value)}; it must be {count} values")
+    return parts

@@ -1,8 +1,23 @@
 """The one exception that bad input raises."""
 
+import re
+
+_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
+
 
 class InputError(ValueError):
     """Raised for unusable input, with a one-line message that names the problem and its cure.
 
     The command line prints it without a traceback and exits with code 2.
     """
+
+    def __init__(self, message: str = ""):
+        super().__init__(one_line(message))
+
+
+def one_line(text: str) -> str:
+    """`text` on one line, without control characters and addresses in memory: names in files may hold anything."""
+    text = _ADDRESS.sub("", str(text))
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
+    return text.strip()

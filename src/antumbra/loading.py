@@ -3,11 +3,13 @@
 import os
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from .checks import flag, path_of, text
 from .errors import InputError
+from .scene.any_scene import AnyScene
 from .scene.crs import checked_crs
 from .scene.files import checked_file
 from .scene.foreign import KNOWN, is_mesh
@@ -19,6 +21,9 @@ from .store.layout import STORE_SUFFIX
 
 if TYPE_CHECKING:
     from .store.scene import PagedScene
+
+SceneLike: TypeAlias = "AnyScene | str | os.PathLike[str] | Any"
+"""What functions take as a scene: a scene, the path of one, or a mesh of another library; see `load`."""
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 MESH_SUFFIXES = (".obj", ".ply", ".stl")
@@ -72,22 +77,49 @@ def load(
         Once for each kind of `Scene.notes`, such as missing textures or lights that are only partly supported, with
         their number.
     """
-    if up is not None:
-        checked_up(up)
     asked = None if crs is None else checked_crs(crs)
-    if is_mesh(path):
-        scene = Scene.from_mesh(path, up=up or "y")
-    elif isinstance(path, (str, os.PathLike)):
-        scene = _scene_in(Path(path), up, lod)
-    else:
-        kind = type(path).__name__
-        raise InputError(f"scene is a {kind}; give the path of a file, or {KNOWN}; arrays go to Scene.from_arrays")
-    if not cutouts and isinstance(scene, Scene):
+    scene = _opened(path, up, lod)
+    if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
         scene.ignore_alpha()
     scene.crs = asked or scene.crs
     for note in by_kind(scene.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return scene
+
+
+def scene_of(value: SceneLike) -> "Scene | PagedScene":
+    """The scene that a public function is given: a scene as it is, or what `load` reads.
+
+    Raises
+    ------
+    InputError
+        If it is neither a scene, nor a path, nor a mesh of a library that `load` knows, or cannot be read.
+
+    Warns
+    -----
+    UserWarning
+        As `load` does.
+    """
+    if isinstance(value, AnyScene):
+        return value  # type: ignore[return-value]  # the two kinds that there are
+    scene = _opened(value, None, None)
+    for note in scene.notes:
+        warnings.warn(note, UserWarning, stacklevel=3)
+    return scene
+
+
+def _opened(value, up: str | None, lod: str | None) -> "Scene | PagedScene":
+    """The scene of a path or of a mesh of another library."""
+    if up is not None:
+        checked_up(up)
+    if lod is not None:
+        text(lod, "lod")
+    if is_mesh(value):
+        return Scene.from_mesh(value, up=up or "y")
+    if isinstance(value, (str, os.PathLike)):
+        return _scene_in(path_of(value, "scene"), up, lod)
+    kind = type(value).__name__
+    raise InputError(f"scene is a {kind}; give the path of a file, a scene, or {KNOWN}; arrays go to Scene.from_arrays")
 
 
 def _scene_in(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":

@@ -316,6 +316,8 @@ def find_method(field: str, name: str) -> tuple[str, Any] | None:
         If the words of a tracer's name exclude each other.
     """
     registry = KINDS[field][1]
+    if not isinstance(name, str):
+        return None
     if name not in registry:
         add_plugins()
     if name in registry:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
 
+from .checks import path_of
 from .errors import InputError
 from .temporary import temporary_name
 
@@ -39,7 +40,7 @@ def checked_output(path, suffixes: Sequence[str], size: int = LEAST) -> Path:
     The folder gets an unnamed temporary file for a moment. That finds what permissions do not tell, such as quotas and
     read-only file systems.
     """
-    path = _as_path(path)
+    path = path_of(path, "output path")
     mode = _mode(path)
     kinds = " or ".join(suffixes)
     if mode is not None and stat.S_ISDIR(mode):
@@ -64,7 +65,7 @@ def checked_folder(path, parents: bool = False) -> Path:
     InputError
         If `path` is not a folder, the folder around it is missing, or nothing can be written there.
     """
-    path = _as_path(path)
+    path = path_of(path, "folder")
     mode = _mode(path)
     if mode is not None and not stat.S_ISDIR(mode):
         raise InputError(f"{path}: is a file; name a folder")
@@ -138,13 +139,6 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
-
-
-def _as_path(path) -> Path:
-    try:
-        return Path(os.fspath(path))
-    except TypeError:
-        raise InputError(f"output path is {path!r}; it must be a string or a path") from None
 
 
 def _mode(path: Path) -> int | None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from itertools import product
 
-from .checks import near
+from .checks import near, quoted
 from .errors import InputError
 from .methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
@@ -46,7 +46,7 @@ class Plan:
     def __post_init__(self):
         for field, (kind, registry) in KINDS.items():
             name = getattr(self, field)
-            if name is not None and find_method(field, name) is None:
+            if (name is not None or field == "trace") and find_method(field, name) is None:
                 raise InputError(_unknown_name(name, field, kind, registry))
         if self.build is None and self.tracer.builds and not self.tracer.chooses:
             object.__setattr__(self, "build", "bsah")
@@ -94,6 +94,8 @@ def parse_plan(plan: "str | Plan") -> Plan:
         optimiser or an updater accompanies a tracer that walks no BVH. If an optimiser is combined with a ray-guided
         builder.
     """
+    if not isinstance(plan, (str, Plan)):
+        raise InputError(f"plan is {quoted(plan)}; it must be a text, as in plan='bsah+wide', or an antumbra.Plan")
     found: dict[str, str] = {}
     for part in str(plan).split("+"):
         method = _method(part)
@@ -180,7 +182,9 @@ def _names() -> list[str]:
 
 def _unknown_name(name, field: str, kind: str, registry: dict) -> str:
     """The message about a name that a field of a `Plan` cannot have."""
-    if "+" in str(name) or any(name in names for _, names in KINDS.values()):
+    if not isinstance(name, str):
+        return f"Plan has no {kind} {quoted(name)}; choose one of {', '.join(registry)}"
+    if "+" in name or any(name in names for _, names in KINDS.values()):
         fields = ", ".join(f"{field}=" for field in KINDS)
         return (
             f"Plan has no {kind} {name!r}: it takes {fields} one by one; a whole plan is a text, as in plan='bsah+wide'"

@@ -4,6 +4,7 @@ import pytest
 import antumbra as at
 from antumbra.cli import info as command
 from scene.city_files import building, city, put, solid, surfaces
+from scene.gltf_files import single
 
 
 def test_a_procedural_scene(cli):
@@ -88,3 +89,30 @@ def test_bad_input(cli, scene, word, tmp_path):
     (tmp_path / "a.txt").write_text("x")
     cli("info", scene).refused(word)
     cli("info", scene, "--json").refused(word)
+
+
+def test_lights_with_names(cli, tmp_path):
+    """The name of a light, or of its node, stands among numbers."""
+    made = single()
+    made.json["extensionsUsed"] = ["KHR_lights_punctual"]
+    lights = [{"type": "point", "name": "lamp"}, {"type": "directional"}, {"type": "point"}]
+    made.json["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+    for k, name in enumerate("abc"):
+        made.node(name=name, extensions={"KHR_lights_punctual": {"light": k}}, translation=[0, 5, 0])
+    made.write(tmp_path, "named.gltf")
+    done = cli("info", "named.gltf")
+    assert done.code == 0 and "name 'lamp'" in done.out and "DirectionalLight" in done.out, done
+    assert "(0, 5, 0)" in done.out
+    told = cli("info", "named.gltf", "--json").json()
+    assert told["lights"][0]["name"] == "lamp"
+
+
+@pytest.mark.parametrize("light", [
+    at.PointLight((0, 3, 0)), at.SphereLight((0, 3, 0), 1.0), at.QuadLight((0, 3, 0), (1, 0, 0), (0, 0, 1)),
+    at.DiskLight((0, 3, 0), (0, 1, 0), 1.0), at.DirectionalLight((0, -1, 0)), at.Sky(count=16), at.AmbientOcclusion(),
+    at.PointLights([[0, 3, 0]]), at.DirectionalLights([[0, -1, 0]]),
+], ids=lambda light: type(light).__name__)  # fmt: skip
+def test_every_light_has_words(light):
+    for each in (light, light.named("lamp")):
+        told = command._in_words(each)
+        assert told.startswith(type(light).__name__) and ("lamp" in told) == (each is not light)

@@ -111,7 +111,7 @@ def test_the_same_arguments_give_the_same_file_however_it_is_computed(render):
         ("--preset", "draft"),
         ("--sky", "white"),
         ("--adaptive",),
-        ("--no-aa",),
+        ("--no-antialias",),
         ("--exposure", "0.001"),
         ("--camera", "0,1,0:1,1,0"),
     ],
@@ -377,13 +377,14 @@ def test_textures_and_smooth_normals_can_be_left_out(render, tmp_path):
     scene.write_text(f"mtllib m.mtl\n{corners}{faces}")
     view = "--camera", "0,2,0:0,0,0:60", "--light", "sun:1,-1,0"
     shown = {}
-    for options in ((), ("--no-textures",), ("--flat",), ("--no-textures", "--flat")):
+    for options in ((), ("--no-textures",), ("--no-smooth-normals",), ("--no-textures", "--no-smooth-normals")):
         told = render("--json", *view, *options, scene=scene).json()
-        assert told["textures"] == ("--no-textures" not in options) and told["flat"] == ("--flat" in options)
+        assert told["textures"] == ("--no-textures" not in options)
+        assert told["smooth_normals"] == ("--no-smooth-normals" not in options)
         shown[options] = pixels("paper.png")[8:-8, 8:-8]
     pictures = list(shown.values())
     assert all((a != b).any() for i, a in enumerate(pictures) for b in pictures[:i])
-    assert len(np.unique(shown["--no-textures", "--flat"].reshape(-1, 3), axis=0)) < 10
+    assert len(np.unique(shown["--no-textures", "--no-smooth-normals"].reshape(-1, 3), axis=0)) < 10
 
 
 @pytest.fixture

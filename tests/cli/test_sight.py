@@ -87,7 +87,7 @@ def test_bad_indices(cli, wall, tmp_path):
 
 def test_a_viewshed_in_files(cli, wall, tmp_path):
     asked = "viewshed", wall, "--sensors", "raster:0.5", "--observer", "0,0,3", "--observer", "4,0,3", "--on-surface"
-    told = cli(*asked, "--eye", "1", "-o", "a.npz", "-o", "a.png", "--bits", "b.npy", "--json").json()
+    told = cli(*asked, "--eye-height", "1", "-o", "a.npz", "-o", "a.png", "--bits", "b.npy", "--json").json()
     assert told["sensors"] == 400 and told["observers"] == 2 and 0 < told["seen"] < 400
     assert told["area"] == pytest.approx(100) and told["area_seen"] == pytest.approx(told["seen"] / 4)
     with np.load("a.npz") as read:
@@ -95,7 +95,7 @@ def test_a_viewshed_in_files(cli, wall, tmp_path):
         assert json.loads(str(read["about"]))["about"]["eye_height"] == 1
     assert np.array_equal(unpacked(np.load("b.npy"), 2).sum(1), seen) and set(seen.tolist()) == {0, 1, 2}
     assert np.asarray(Image.open("a.png")).shape[0] > 500
-    near = cli(*asked, "--eye", "1", "--max-distance", "2", "--azimuth", "270:90", "--json").json()
+    near = cli(*asked, "--eye-height", "1", "--max-distance", "2", "--azimuth", "270:90", "--json").json()
     assert 0 < near["seen"] < told["seen"] / 2
     assert "seen by any" in cli(*asked).out
 
@@ -160,7 +160,7 @@ def test_a_viewshed_of_a_real_city(cli):
         "raster:4",
         "--observer=-29.5,-60,0",
         "--on-surface",
-        "--eye",
+        "--eye-height",
         "1.6",
     )
     told = cli(*asked, "--json").json()

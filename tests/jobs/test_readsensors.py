@@ -76,7 +76,7 @@ def test_heights_of_rasters():
 
 @pytest.mark.parametrize("text", ["faces", "grid", "grid:", "raster:1+", "raster:-1", "points.txt", "grid:1:2"])
 def test_unknown_forms(text):
-    with pytest.raises(at.InputError, match="--sensors is"):
+    with pytest.raises(at.InputError, match=r"^sensors is"):
         check_sensors(text)
 
 

@@ -91,7 +91,7 @@ def test_a_raster_lies_on_the_highest_surfaces_north_first(up):
         (lambda: at.grid_sensors(box(), 1e-9), "make it wider"),
         (lambda: at.raster_sensors(box(), 1.0, bounds=((1, 1), (1, 5))), "must have a width"),
         (lambda: at.point_sensors([[0, 0]]), r"shape \(m, 3\)"),
-        (lambda: at.point_sensors([[0, 0, 0]], [[0, 0, 0]]), "none of them zero"),
+        (lambda: at.point_sensors([[0, 0, 0]], [[0, 0, 0]]), "the normal of sensor 0 is zero"),
         (lambda: at.point_sensors([[0, 0, 0]], areas=[-1.0]), "not negative"),
     ],
 )

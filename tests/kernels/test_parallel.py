@@ -67,7 +67,7 @@ def test_thread_count_given(threads):
 
 @pytest.mark.parametrize("threads", [0, -1, 2.0, "2", True])
 def test_thread_count_rejects(threads):
-    with pytest.raises(InputError, match=r"^threads is .*: give a whole number of at least 1"):
+    with pytest.raises(InputError, match=r"^threads is .*; it must be a whole number from 1 to 1024"):
         thread_count(threads)
 
 

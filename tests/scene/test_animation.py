@@ -133,7 +133,7 @@ def test_time_is_clamped_and_frame_and_ids_stay(tmp_path):
         np.testing.assert_array_equal(a.origin, scene.triangles(0.0).origin)
         np.testing.assert_array_equal(a.face_id, b.face_id)
     for bad in (np.nan, "soon", None):
-        with pytest.raises(InputError, match="time must be a number"):
+        with pytest.raises(InputError, match=r"time .*must be a number"):
             scene.triangles(bad)
 
 

@@ -116,3 +116,42 @@ def test_lights_that_are_not_interleaved_keep_their_order():
     lights = at.PointLights(np.eye(3), (1, 2, 3))
     assert (lights.sets == (0, 1, 2)).all()
     np.testing.assert_allclose(lights.weights()[7], np.array([1, 2, 3])[:, None] * np.ones(3))
+
+
+NEAR, FAR = 2.0**124, 1e39  # float32 holds sums of the first, and not the second
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda x: at.PointLight((0, x, 0)),
+        lambda x: at.SphereLight((0, x, 0), 1.0),
+        lambda x: at.SphereLight((0, 0, 0), x),
+        lambda x: at.DiskLight((0, 0, -x), (0, 1, 0), 1.0),
+        lambda x: at.DiskLight((0, 0, 0), (0, 1, 0), x),
+        lambda x: at.QuadLight((x, 0, 0), (1, 0, 0), (0, 1, 0)),
+        lambda x: at.QuadLight((0, 0, 0), (x, 0, 0), (0, 1, 0)),
+        lambda x: at.QuadLight((0, 0, 0), (1, 0, 0), (0, -x, 0)),
+        lambda x: at.PointLights([[0, 0, 0], [0, x, 0]]),
+    ],
+)
+def test_lights_lie_where_float32_reaches(make):
+    assert isinstance(make(NEAR), at.Light)
+    for far in (FAR, 1e200, 1e308):
+        with pytest.raises(at.InputError, match=r"beyond|must lie between"):
+            make(far)
+
+
+@pytest.mark.parametrize("scale", [1e-320, 1e-200, 1e-30, 1.0, 1e30, 1e200, 1e308])
+def test_directions_have_any_length(scale):
+    for way in ([1.0, 1.0, 0.0], [0.0, -1.0, 0.0], [-0.5, 0.25, 0.75]):
+        vector, unit = np.array(way) * scale, np.array(way) / np.linalg.norm(way)
+        found = [
+            at.DirectionalLight(vector).direction,
+            at.DirectionalLights([vector]).directions[0],
+            at.DiskLight((0, 0, 0), vector, 1.0).normal,
+            at.PointLights([[0, 0, 0]], normals=vector).normals[0],
+            at.point_sensors([[0, 0, 0]], [vector]).normals[0],
+        ]
+        tolerance = 1e-3 if scale < 1e-300 else 1e-15  # subnormal numbers have few digits
+        np.testing.assert_allclose(found, np.broadcast_to(unit, (5, 3)), atol=tolerance)

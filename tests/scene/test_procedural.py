@@ -262,7 +262,7 @@ def test_the_largest_city_can_be_streamed():
     ("arguments", "message"),
     [
         (("attic",), "no procedural scene 'attic'; choose one of atrium, city, forest, cellar, museum, blinds"),
-        (("atrium", 10), "triangles is 10; give a whole number from 1000 to 400000000"),
+        (("atrium", 10), "triangles is 10; it must be a whole number from 1000 to 400000000"),
         (("city", MOST + 1), "triangles is 400000001"),
         (("city", 5000.5), "triangles is 5000.5"),
         (("forest", "many"), "triangles is 'many'"),

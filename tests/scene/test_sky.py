@@ -95,3 +95,17 @@ def test_bad_skies(tmp_path, make, message):
 def written(path):
     path.write_bytes(b"nothing")
     return path
+
+
+def test_a_damaged_exr_is_one_error_and_nothing_else(tmp_path, capfd):
+    """OpenEXR reports damage on the standard error of the process, too."""
+    path = tmp_path / "a.exr"
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": SUNNY.astype(np.float32)}) as file:
+        file.write(str(path))
+    data = path.read_bytes()
+    for damaged in (data[: len(data) // 2], data[:8] + b"\xff" * 40 + data[48:], data[:-200] + bytes(200)):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match=r"^a.exr: ") as caught:
+            at.Sky(path)
+        assert str(caught.value).isprintable()
+    assert capfd.readouterr() == ("", "")

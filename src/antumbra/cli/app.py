@@ -3,10 +3,13 @@
 Heavy packages (Numba, trimesh, Rich) are not imported before a command needs them. So ``--help`` appears at once.
 """
 
-from typing import Annotated
+import re
+from functools import cache
+from typing import Annotated, Any
 
 import typer
 
+from ..errors import InputError
 from . import (
     bake,
     bench,
@@ -90,7 +93,30 @@ def _top(
         print(context.get_help())
 
 
+@cache
+def _commands() -> Any:
+    """All commands, as Typer makes them of their functions."""
+    return typer.main.get_command(app)
+
+
 def run(arguments: list[str]) -> object:
     """Run the command that the arguments name; return its exit code or its return value."""
     words.set(tuple(arguments))
-    return typer.main.get_command(app).main(arguments, prog_name="antumbra", standalone_mode=False)
+    command = _commands()
+    try:
+        return command.main(arguments, prog_name="antumbra", standalone_mode=False)
+    except InputError as error:
+        raise InputError(_as_option(str(error), command, arguments)) from error
+
+
+_PARAMETER = re.compile(r"(\w+)(?= ('[^']*' |\([^)]*\) )?(is|belongs|needs) )")
+
+
+def _as_option(message: str, group: Any, arguments: list[str]) -> str:
+    """The message of a function that names a parameter, with the option of the command in its place."""
+    found = _PARAMETER.match(message)
+    command = next((group.commands[word] for word in arguments if word in group.commands), None)
+    for param in getattr(command, "params", ()):
+        if found and param.name == found[1] and param.param_type_name == "option":
+            return f"{param.opts[0]}{message[found.end() :]}"
+    return message

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _WIDTH = 120  # width of the tables, in characters
 _CAPTION = "tests of boxes and triangles per shadow ray, in windows of 16x16 pixels, logarithmic; black: no rays"
-_NO_MAP = "no map: it works on all rays at once"
+_NO_MAP = {True: "no map: it chooses a plan for each query", False: "no map: it works on all rays at once"}
 
 
 class Told(NamedTuple):
@@ -48,13 +48,13 @@ class Panels:
         maps = [one.windows for one in found.plans]
         scale = log_scale_of(np.concatenate([np.empty(0), *(m[m > 0.0] for m in maps if m is not None)]))
 
-        def drawn(windows) -> np.ndarray:
-            if windows is None:
-                return blank(found.asks.shape, _NO_MAP)
-            return scale.colours(over_pixels(windows, found.asks), found.asks)
+        def drawn(one: "Measured") -> np.ndarray:
+            if one.windows is None:
+                return blank(found.asks.shape, _NO_MAP[one.plan.tracer.chooses])
+            return scale.colours(over_pixels(one.windows, found.asks), found.asks)
 
         self.panels: list[Panel] = [Panel(_rendered(told), (told.scene.name, f"{found.frame.rays:,} shadow rays"))]
-        self.panels += [Panel(drawn(one.windows), (str(one.plan), _label(found, one))) for one in found.plans]
+        self.panels += [Panel(drawn(one), (str(one.plan), _label(found, one))) for one in found.plans]
         self.bar: Bar = scale.bar(_CAPTION)
 
     def save(self, path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -10,7 +11,7 @@ from typing import Any
 
 import typer
 
-from ..errors import InputError
+from ..errors import InputError, one_line
 
 UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -76,7 +77,7 @@ def explained(error: BaseException) -> tuple[str, int]:
     if isinstance(error, _UsageError):
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "antumbra"
-        return f"{error.format_message().rstrip('.')}; see {command} --help", BAD_INPUT
+        return f"{_usage(error)}; see {command} --help", BAD_INPUT
     if isinstance(error, MemoryError):
         return "not enough memory; take a smaller --size, fewer --spp or a smaller scene", UNFORESEEN
     if isinstance(error, OSError):  # such as standard output on a full disk
@@ -103,11 +104,41 @@ def _log_lines() -> Iterator[None]:
         log.removeHandler(lines)
 
 
+# What Typer says of values, by the words of pydantic -> what this package says.
+_WORDS = (
+    (r"Value error, .* is not one of (.*)", r"it must be one of \1"),
+    (r"Input should be a valid integer.*", "it must be a whole number"),
+    (r"Input should be a valid number.*", "it must be a number"),
+    (r"Input should be a finite number.*", "it must be a finite number"),
+    (r"Input should be greater than or equal to (.*)", r"it must be at least \1"),
+    (r"Input should be less than or equal to (.*)", r"it must be at most \1"),
+)
+
+
+def _usage(error) -> str:
+    """An error of Typer about a value, in the words of other errors: ``--spp is 'x'; it must be a whole number``."""
+    said = error.format_message().rstrip(".")
+    option = next((o for o in getattr(getattr(error, "param", None), "opts", ()) if o.startswith("--")), None)
+    for pattern, words in _WORDS:
+        found = re.fullmatch(pattern, str(getattr(error, "message", "")).rstrip("."))
+        if found and option:
+            return f"{option}{_given(error)}; {found.expand(words)}"
+    return said
+
+
+def _given(error) -> str:
+    """`` is 'x'`` of the value that pydantic refused; nothing if it is not known."""
+    try:
+        return f" is {error.__cause__.errors()[0]['input']!r}"
+    except (AttributeError, IndexError, KeyError, TypeError):
+        return ""
+
+
 def say(line: str) -> None:
     """Print a line on standard error."""
-    text = " ".join(line.split())
+    text = " ".join(one_line(line).split())
     with suppress(OSError, ValueError):
-        print("antumbra:", "".join(c if c.isprintable() else "?" for c in text), file=sys.stderr, flush=True)
+        print("antumbra:", text, file=sys.stderr, flush=True)
 
 
 def _prepare_streams() -> None:

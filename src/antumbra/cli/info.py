@@ -146,10 +146,12 @@ def _fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
 def _in_words(light) -> str:
     values = report.light_fields(light)
     kind = values.pop("type")
-    if tuple(values["colour"]) == (1.0, 1.0, 1.0):
+    if tuple(values.get("colour", ())) == (1.0, 1.0, 1.0):
         del values["colour"]
-    return f"{kind} " + ", ".join(f"{k} {_short(v)}" for k, v in values.items())
+    return f"{kind} " + ", ".join(f"{k} {_short(v)}" for k, v in values.items() if v is not None)
 
 
 def _short(value) -> str:
+    if isinstance(value, (str, bool)):
+        return repr(value) if isinstance(value, str) else str(value)
     return report.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"

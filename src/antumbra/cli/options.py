@@ -41,7 +41,9 @@ UpOption = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, and nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
 
-Threads = Annotated[int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, show_default=False)]
+Threads = Annotated[
+    int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, max=1024, show_default=False)
+]
 CameraOption = Annotated[
     str | None,
     typer.Option(

@@ -8,12 +8,22 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Scene": ("time", "up", "ground"),
     "Camera": ("camera", "size"),
     "Light": ("light", "ao", "vpl", "bounce", "exposure"),
-    "Quality": ("spp", "sampler", "filter", "antialias", "adaptive", "adaptive_spp", "cull_faces", "textures", "flat"),
+    "Quality": (
+        "spp",
+        "sampler",
+        "filter",
+        "antialias",
+        "adaptive",
+        "adaptive_spp",
+        "cull_faces",
+        "textures",
+        "smooth_normals",
+    ),
     "Animation": ("frames", "fps", "overwrite"),
     "Speed": ("plan", "explain_plan", "srdh_rays", "gbuffer", "threads", "max_memory"),
     "Machines": ("shard", "ray"),
     "Output": ("output", "html", "counters", "json", "quiet"),
-}
+}  # fmt: skip
 """Title -> the parameters below it. Other options stand below "Options"."""
 
 _LEAST = 12  # options from which groups help

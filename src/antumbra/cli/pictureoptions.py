@@ -115,7 +115,8 @@ FilterOption = Annotated[
 AntialiasOption = Annotated[
     bool,
     typer.Option(
-        "--aa/--no-aa", help="Smooth edges of surfaces by their shape; --adaptive looks at them more closely."
+        "--antialias/--no-antialias",
+        help="Smooth edges of surfaces by their shape; --adaptive looks at them more closely.",
     ),
 ]
 AdaptiveOption = Annotated[
@@ -149,6 +150,9 @@ TexturesOption = Annotated[
         "--textures/--no-textures", help="Show textures and colours of vertices, not the mean colour of each face."
     ),
 ]
-FlatOption = Annotated[
-    bool, typer.Option("--flat", help="Shade each face by its own normal, not by those of vertices.")
+SmoothNormalsOption = Annotated[
+    bool,
+    typer.Option(
+        "--smooth-normals/--no-smooth-normals", help="Shade with the normals of vertices, not with those of faces."
+    ),
 ]

@@ -27,7 +27,6 @@ def render(given: RenderArguments) -> int:
       1                         the second camera of the file
       0,1.7,8:0,1,0             position 0,1.7,8, target 0,1,0
       0,1.7,8:0,1,0:45          ... with a vertical field of view of 45 degrees instead of 60
-
       ortho                     an orthographic view that shows the scene; top: from straight above
       ortho:9,9,9:0,0,0:4       ... from a position to a target, 4 units high
       panorama                  all directions, from where the default camera is, or from the middle of a room

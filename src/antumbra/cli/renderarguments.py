@@ -34,7 +34,6 @@ from .pictureoptions import (
     CullFacesOption,
     ExposureOption,
     FilterOption,
-    FlatOption,
     GBufferOption,
     GroundOption,
     PictureLightOption,
@@ -43,6 +42,7 @@ from .pictureoptions import (
     PresetSppOption,
     SamplerOption,
     SkyOption,
+    SmoothNormalsOption,
     TexturesOption,
     VplOption,
 )
@@ -117,7 +117,7 @@ class RenderArguments:
     adaptive: AdaptiveOption = None
     adaptive_spp: AdaptiveSppOption = None
     textures: TexturesOption = True
-    flat: FlatOption = False
+    smooth_normals: SmoothNormalsOption = True
     plan: Annotated[
         str | None,
         typer.Option(
@@ -214,7 +214,7 @@ class RenderArguments:
             json=self.json,
             quiet=self.quiet,
             textures=self.textures,
-            flat=self.flat,
+            smooth_normals=self.smooth_normals,
             antialias=self.antialias,
             moving=self.frames is not None,
             ground=parse_ground(self.ground),

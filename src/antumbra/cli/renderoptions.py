@@ -51,7 +51,7 @@ class RenderOptions(NamedTuple):
     json: bool
     quiet: bool
     textures: bool = True
-    flat: bool = False  # whether each face has its own normal
+    smooth_normals: bool = True  # whether the normals of vertices shade
     antialias: bool = True  # whether edges are smoothed without another ray
     moving: bool = False  # whether the pictures are the frames of an animation
     ground: str | float = "off"  # from `parse_ground`
@@ -144,7 +144,7 @@ class RenderOptions(NamedTuple):
         ground = self.ground_height(scene, time)
         more = {
             "time": time, "counters": self.counters, "background": self.background is None and not self._no_sky,
-            "layers": layers, "textures": self.textures, "smooth_normals": not self.flat,
+            "layers": layers, "textures": self.textures, "smooth_normals": self.smooth_normals,
             "ground": False if ground is None else ground, "antialias": self.antialias,
         }  # fmt: skip
         return self.view(scene, time), self.all_lights(scene, time), {**more, **self.quality()}
@@ -152,7 +152,10 @@ class RenderOptions(NamedTuple):
     def options(self) -> dict:
         """Names and values, for ``--json``."""
         rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
-        more = {name: getattr(self, name) for name in ("plan", "gbuffer", "threads", "textures", "flat", "antialias")}
+        more = {
+            name: getattr(self, name)
+            for name in ("plan", "gbuffer", "threads", "textures", "smooth_normals", "antialias")
+        }
         return {**self.quality(), **more, "srdh_rays": rays}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
@@ -182,7 +185,7 @@ class RenderOptions(NamedTuple):
                 "adaptive": self.adaptive,
                 "cull_faces": self.cull_faces,
                 "textures": self.textures,
-                "flat": self.flat,
+                "smooth_normals": self.smooth_normals,
                 "antialias": self.antialias and self.adaptive is None,
                 **({} if self.background is None else {"background": self.background}),
                 **({"sky": "none"} if self._no_sky else {}),

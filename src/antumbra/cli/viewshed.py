@@ -30,7 +30,7 @@ class ViewshedArguments:
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
-    eye: Annotated[float, typer.Option(help="World units that eyes are above the observers.")] = 0.0
+    eye_height: Annotated[float, typer.Option(help="World units that eyes are above the observers.")] = 0.0
     on_surface: Annotated[
         bool, typer.Option("--on-surface", help="Put each observer on the highest surface at its place first.")
     ] = False
@@ -77,7 +77,7 @@ def viewshed(given: ViewshedArguments) -> int:
     \b
     Examples
       antumbra viewshed --observer 0,1.7,8 -o seen.png
-      antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye 1.6 -o map.tif
+      antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye-height 1.6 -o map.tif
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
@@ -107,9 +107,10 @@ def viewshed(given: ViewshedArguments) -> int:
         opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
         display.say("preparing")
         sensors = sensors_of(given.sensors, opened, given.threads)
+        camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, given.time, _SIZE)
         start = perf_counter()
         found = seen_from(
-            opened, sensors, eyes.points, eye_height=given.eye, on_surface=given.on_surface,
+            opened, sensors, eyes.points, eye_height=given.eye_height, on_surface=given.on_surface,
             min_distance=given.min_distance, max_distance=given.max_distance, azimuth=angles[0], elevation=angles[1],
             curvature=given.curvature, refraction=given.refraction, earth_radius=given.earth_radius,
             bits=bits is not None, plan=given.plan, time=given.time, threads=given.threads,
@@ -117,8 +118,7 @@ def viewshed(given: ViewshedArguments) -> int:
         seconds = perf_counter() - start
         display.say("writing the results")
         table = found.table
-        if asked_camera is not None:
-            table.camera = arguments.make_camera(asked_camera, opened, given.time, _SIZE)
+        table.camera = camera
         for path in outputs:
             table.save(path, given.column)
         if bits is not None and found.bits is not None:

@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ..checks import path_of, quoted, text
 from ..errors import InputError
 from ..jobs.engines import Asked
 from ..loading import load
@@ -42,13 +43,16 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
     --------
     >>> table = at.cluster.run(at.sun_hours, "city.glb", days="year:2026", address="auto")  # doctest: +SKIP
     """
-    if "keep" not in inspect.signature(function).parameters:
-        raise InputError(f"{function.__name__} has no parts; use sun_hours, visibility_matrix, bake or dataset")
+    if not inspect.isfunction(function) or "keep" not in inspect.signature(function).parameters:
+        name = getattr(function, "__name__", quoted(function))
+        raise InputError(f"{name} has no parts; use sun_hours, visibility_matrix, bake or dataset")
+    scene = path_of(scene, "scene")
+    text(address, "address")
     home = function.__module__, function.__name__
     with temporary_folder() as folder:
         prepare = partial(_prepare, home, args, kwargs)
         plan = None if kwargs.get("plan") is None else str(kwargs["plan"])
-        engine = Cluster(folder / "parts", address, prepare, {"scene": Path(scene)}, plan)
+        engine = Cluster(folder / "parts", address, prepare, {"scene": scene}, plan)
         return function(_opened(function, scene), *args, keep=engine, **kwargs)
 
 

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks import number, vector
+from ..checks import choice, number, quoted, vector
+from ..errors import InputError
 from ..output import checked_output, replacing
 from ..scene.colour import BYTE_TO_LINEAR, srgb_to_linear
 from .tonemap import automatic_exposure, linear_to_srgb, to_srgb8
 
 SUFFIXES = (".png", ".exr")
+MAX_EXPOSURE = 1e30  # as lights are limited
 _EXR_MAGIC = b"v/1\x01"
 _NOTE = "antumbra"  # the keyword of a PNG's text chunk, and the name of an EXR's attribute
 
@@ -25,8 +27,8 @@ def check_output(path) -> Path:
 
 
 def checked_exposure(exposure) -> float:
-    """`exposure` as a float; InputError unless it is a finite number above 0."""
-    return number(exposure, "exposure", 0.0, np.inf)
+    """`exposure` as a float; InputError unless it lies between 0 and `MAX_EXPOSURE`."""
+    return number(exposure, "exposure", 0.0, MAX_EXPOSURE)
 
 
 def frame_exposure(frame) -> float:
@@ -61,10 +63,20 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     path = check_output(path)
     if exposure is not None:
         exposure = checked_exposure(exposure)
+    background = _checked_background(background)
     if path.suffix.lower() == ".png":
         save_png(screen_picture(frame, frame_exposure(frame) if exposure is None else exposure, background), path, note)
     else:
         save_exr(exr_channels(frame), path, note, exr_header(frame))
+
+
+def _checked_background(background):
+    if background is None or isinstance(background, str):
+        return None if background is None else choice(background, "background", ("transparent",))
+    colour = vector(background, "background")
+    if not ((colour >= 0.0) & (colour <= 1.0)).all():
+        raise InputError(f"background is {quoted(background)}; an sRGB colour has three numbers from 0 to 1")
+    return colour
 
 
 def screen_picture(frame, exposure: float, background=None) -> np.ndarray:

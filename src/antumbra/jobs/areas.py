@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks import number
+from ..checks import flag, number, path_of
 from ..errors import InputError
-from ..scene.any_scene import AnyScene
+from ..kernels.parallel import thread_count
+from ..loading import SceneLike, scene_of
 from ..scene.crs import checked_crs, moved
 from ..scene.files import checked_file
 from .inside import below_roofs, covered_by_solids
@@ -32,7 +33,7 @@ class Area(NamedTuple):
 
 
 def area_sensors(
-    scene: AnyScene, areas, spacing: float | str | PathLike = SPACING, height: float = 0.0, *, follow: bool = True,
+    scene: SceneLike, areas, spacing: float | str | PathLike = SPACING, height: float = 0.0, *, follow: bool = True,
     threads: int | None = None,
 ) -> Sensors:  # fmt: skip
     """Sensors on the ground of areas, such as gardens: the cells of a raster whose middles lie in them.
@@ -42,7 +43,7 @@ def area_sensors(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, or anything that `antumbra.load` takes
     areas : str, path-like, dict, or sequence
         A GeoJSON file or object of Polygons and MultiPolygons; an object with ``__geo_interface__``, such as a shapely
         polygon or a GeoDataFrame; a sequence of (k, 2) rings, in the scene's coordinates to the east and to the north;
@@ -59,7 +60,8 @@ def area_sensors(
     InputError
         If areas cannot be read, hold no cell, or have no ground below them, or if the scene is in a store.
     """
-    height = number(height, "the height of sensors", -np.inf, np.inf)
+    scene, follow, threads = scene_of(scene), flag(follow, "follow"), thread_count(threads)
+    height = number(height, "the height of sensors")
     found = list(read_areas(areas, scene.crs))
     if not found:
         raise InputError("there is no area; give at least one polygon")
@@ -78,7 +80,7 @@ def area_sensors(
         at[:, up], out = height, np.zeros(len(at), bool)
     out |= covered_by_solids(scene, at, threads)
     zones = [Zone(area.name, len(each), int(out[zone == k].sum())) for k, (area, each) in enumerate(zip(found, cells))]
-    normals, sizes = np.broadcast_to(np.eye(3)[up], at.shape), np.full(len(at), raster.spacing**2)
+    normals, sizes = np.broadcast_to(np.eye(3)[up], at.shape), np.full(len(at), raster.area)
     kept = ~out
     return Sensors(
         at[kept], normals[kept], sizes[kept], faces[kept], "raster", raster, cells=cell[kept], zone=zone[kept],
@@ -96,7 +98,7 @@ def check_areas(path: Path) -> None:
 def read_areas(given, crs: str | None) -> Iterator[Area]:
     """The areas of all that `area_sensors` takes, in the coordinates of a scene with a CRS."""
     if isinstance(given, (str, PathLike)):
-        path = Path(given)
+        path = path_of(given, "areas")
         checked_file(path, path.name)
         try:
             yield from _of_json(json.loads(path.read_bytes()), crs, path.name, None)
@@ -162,7 +164,7 @@ def _of_feature(given: Any, k: int, where: str) -> Area:
 def _ring(given, name: str) -> np.ndarray:
     try:
         ring = np.array([[float(x), float(y)] for x, y, *_ in given])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         ring = np.empty((0, 2))
     if len(ring) < 3 or not np.isfinite(ring).all():
         raise InputError(f"{name}: a ring must have at least three corners of finite numbers, to the east and north")

@@ -7,10 +7,11 @@ docs/design/shards.md gives the reasons.
 import json
 import shlex
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from ..checks import listed, path_of, quoted, whole_number
 from ..errors import InputError
 from ..kernels.progress import reported
 from ..output import checked_folder, replacing
@@ -69,9 +70,9 @@ class Engine(Protocol):
 
 def engine_of(keep) -> Engine:
     """The engine that an argument `keep` means: an engine, or the folder of one that does everything itself."""
-    if keep is None:
-        return Whole(None)
-    return Whole(checked_folder(keep, parents=True)) if isinstance(keep, (str, Path)) else keep
+    if all(hasattr(keep, part) for part in ("folder", "finish", "end")):
+        return keep
+    return Whole(None if keep is None else checked_folder(path_of(keep, "keep"), parents=True))
 
 
 class Whole:
@@ -118,13 +119,11 @@ class Share(NamedTuple):
 
 def checked_share(shard) -> Share:
     """`shard`, (i, n) with 0 <= i < n; otherwise an InputError."""
-    try:
-        index, of = (int(i) for i in shard)
-        if 0 <= index < of and (index, of) == tuple(shard):
+    with suppress(InputError):
+        index, of = (whole_number(i, "shard", 0, 2**31) for i in listed(shard, "shard", 2))
+        if index < of:
             return Share(index, of)
-    except (TypeError, ValueError):
-        pass
-    raise InputError(f"shard is {shard!r}; it must be (i, n) with 0 <= i < n, such as (0, 4)")
+    raise InputError(f"shard is {quoted(shard)}; it must be (i, n) with 0 <= i < n, such as (0, 4)")
 
 
 class Shard:

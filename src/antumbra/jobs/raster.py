@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import points
+from ..checks import as_array, points
 from ..errors import InputError
 from ..extras import needed
 from ..scene.any_scene import AnyScene
@@ -28,6 +28,11 @@ class Raster(NamedTuple):
     columns: int  # cells from west to east
     rows: int  # cells from north to south
     crs: str | None = None  # of the file whose cells they are
+
+    @property
+    def area(self) -> float:
+        """Of a cell, square world units."""
+        return self.spacing * self.spacing
 
     def middles(self) -> tuple[np.ndarray, np.ndarray]:
         """(columns,) and (rows,) float64: distances of the cells' middles, to the east and to the north."""
@@ -53,8 +58,9 @@ def aligned_raster(plan: np.ndarray, spacing: float) -> Raster:
     So the cells are those of a raster file with such edges, whatever part of it the bounds are.
     """
     low, high = _checked(plan)
-    first, last = np.floor(low / spacing + _SAME), np.ceil(high / spacing - _SAME)
-    columns, rows = _counts(last - first, spacing)
+    with np.errstate(over="ignore", invalid="ignore"):
+        first, last = np.floor(low / spacing + _SAME), np.ceil(high / spacing - _SAME)
+        columns, rows = _counts(last - first, spacing)
     return Raster(float(first[0] * spacing), float((first[1] + rows) * spacing), spacing, columns, rows)
 
 
@@ -63,12 +69,12 @@ def raster_in(bounds: ArrayLike, spacing: float) -> Raster:
 
     bounds : ((x0, n0), (x1, n1)), or (x0, n0, x1, n1)
     """
-    try:
-        plan = np.asarray(bounds, np.float64).reshape(2, 2)
-    except (TypeError, ValueError):
-        raise InputError("bounds of the raster must be ((x0, n0), (x1, n1)): to the east and to the north") from None
-    low, high = _checked(points(np.c_[plan, np.zeros(2)], "bounds of the raster")[:, :2])
-    columns, rows = _counts(np.ceil((high - low) / spacing - _SAME), spacing)
+    plan = as_array(bounds, "bounds of the raster").astype(np.float64)
+    if plan.shape not in ((2, 2), (4,)):
+        raise InputError("bounds of the raster must be ((x0, n0), (x1, n1)): to the east and to the north")
+    low, high = _checked(points(np.c_[plan.reshape(2, 2), np.zeros(2)], "bounds of the raster")[:, :2])
+    with np.errstate(over="ignore"):
+        columns, rows = _counts(np.ceil((high - low) / spacing - _SAME), spacing)
     return Raster(float(low[0]), float(high[1]), spacing, columns, rows)
 
 

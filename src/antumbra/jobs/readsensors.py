@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks import number
+from ..checks import near, quoted
 from ..errors import InputError
 from ..extras import needed
-from ..scene.any_scene import AnyScene
+from ..kernels.parallel import thread_count
+from ..loading import SceneLike, scene_of
 from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
 from ..scene.files import checked_file
 from .areas import area_sensors
@@ -31,11 +32,13 @@ _NUMBER_BYTES = 8  # of a column of Parquet, at most
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 
-def check_sensors(text: str, option: str = "--sensors", areas: bool = False) -> None:
+def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> None:
     """Raise an InputError, before a scene is read, unless `sensors_of` knows this form; `areas`: in areas."""
+    if not isinstance(text, str):
+        raise InputError(f"{option} is {quoted(text)}; it must be {FORMS}")
     if areas and not _RASTER.fullmatch(text):
         forms = "raster:SPACING[+HEIGHT|@HEIGHT] or raster:FILE.tif"
-        raise InputError(f"{option} is {text!r}; in areas it must be {forms}")
+        raise InputError(f"{option} is {quoted(text)}; in areas it must be {forms}")
     if text in ("face", "vertex") or _GRID.fullmatch(text):
         return
     if raster := _RASTER.fullmatch(text):
@@ -49,7 +52,8 @@ def check_point_file(text: str, option: str, forms: str) -> None:
     """Raise an InputError unless the text of an option names a file of points; `forms`: what it may be."""
     path = Path(text)
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{option} is {text!r}; it must be {forms}")
+        hint = "" if "." in text else near(text.partition(":")[0], ("face", "vertex", "grid", "raster"))
+        raise InputError(f"{option} is {quoted(text)}; {hint}it must be {forms}")
     checked_file(path, path.name)
 
 
@@ -59,7 +63,7 @@ def kind_of(text: str) -> str:
     return word if word in ("face", "vertex", "grid", "raster") else "points"
 
 
-def sensors_of(text: str, scene: AnyScene, threads: int | None = None, areas=None) -> Sensors:
+def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas=None) -> Sensors:
     """The sensors that a text names.
 
     With `areas`, as `area_sensors` takes them, the text must be one of ``raster``: its heights are above the ground of
@@ -73,6 +77,7 @@ def sensors_of(text: str, scene: AnyScene, threads: int | None = None, areas=Non
     - a file of points: see `read_points`
     """
     check_sensors(text, areas=areas is not None)
+    scene, threads = scene_of(scene), thread_count(threads)
     if text == "face":
         return face_sensors(scene)
     if text == "vertex":
@@ -89,7 +94,13 @@ def sensors_of(text: str, scene: AnyScene, threads: int | None = None, areas=Non
 
 
 def _number(text: str, whole: str) -> float:
-    return number(text, f"a number of --sensors {whole}", -np.inf, np.inf)
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(f"sensors are {whole!r}; {text!r} is no number")
+    return value
 
 
 def read_points(path: Path) -> Sensors:

@@ -2,18 +2,24 @@
 
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import number, points
+from ..checks import as_array, choice, flag, instance, items, number, path_of, points, unit_vectors, whole_number
 from ..errors import InputError
+from ..kernels.parallel import thread_count
+from ..loading import SceneLike, scene_of
 from ..rendering.queries import surfaces_hit
 from ..scene.any_scene import AnyScene
 from ..scene.crs import same_plan
 from .raster import Raster, aligned_raster, check_count, plan_of, raster_in, raster_of_file
+
+KINDS = "face", "vertex", "grid", "raster", "points"
+"""The kinds of `Sensors`."""
+
+_INDICES = "faces", "cells", "zone"  # fields with a whole number for each sensor
 
 LOW = 1.0
 """World units: what is lower above the ground is part of it, such as a pavement; what is higher may be a building."""
@@ -64,6 +70,26 @@ class Sensors:
     zone: np.ndarray | None = None
     zones: tuple[Zone, ...] = ()
 
+    def __post_init__(self):
+        object.__setattr__(self, "points", points(self.points, "points of sensors"))
+        n = len(self.points)
+        for name, shape in (("normals", (n, 3)), *((each, (n,)) for each in ("areas", *_INDICES))):
+            values = getattr(self, name)
+            if values is not None:
+                array = as_array(values, f"{name} of sensors")
+                if array.shape != shape or (name in _INDICES and array.dtype.kind == "f"):
+                    raise InputError(f"{name} of {n} sensors must be numbers {shape}, not {array.dtype} {array.shape}")
+                object.__setattr__(self, name, array)
+        choice(self.kind, "the kind of sensors", KINDS)
+        if self.raster is not None:
+            instance(self.raster, Raster, "raster")
+        if self.corners is not None:
+            corners = as_array(self.corners, "corners of sensors")
+            if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind == "f":
+                raise InputError(f"corners of sensors must be whole numbers (faces, 3), not {corners.shape}")
+            object.__setattr__(self, "corners", corners)
+        object.__setattr__(self, "zones", tuple(items(self.zones, Zone, "zones of sensors")))
+
     def __len__(self) -> int:
         return len(self.points)
 
@@ -87,6 +113,7 @@ class Sensors:
 
     def part(self, first: int, last: int) -> "Sensors":
         """The sensors from `first` to `last`, excluded, as single points."""
+        first, last = (whole_number(each, "a number of sensors", 0, len(self)) for each in (first, last))
         cut = lambda array: None if array is None else array[first:last]
         areas, faces, zone = cut(self.areas), cut(self.faces), cut(self.zone)
         return Sensors(self.points[first:last], cut(self.normals), areas, faces, "points", zone=zone, zones=self.zones)
@@ -106,20 +133,22 @@ def _areas(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return across / length[:, None], length / 2.0
 
 
-def face_sensors(scene: AnyScene, time: float = 0.0) -> Sensors:
+def face_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
     """One sensor in the centre of each face that has an area, on the side from which its corners turn left."""
+    scene = scene_of(scene)
     corners = corners_of(scene, time)
     normals, areas = _areas(corners)
     faces = np.flatnonzero(areas > 0.0)
     return Sensors(corners[faces].mean(1), normals[faces], areas[faces], faces, "face")
 
 
-def vertex_sensors(scene: AnyScene, time: float = 0.0) -> Sensors:
+def vertex_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
     """One sensor at each place where corners of faces lie, with their mean normal, weighted by angles.
 
     Normals that cancel out (both sides of a sheet) are replaced by the normal of one of the faces. A sensor's area is a
     third of its faces' areas.
     """
+    scene = scene_of(scene)
     corners = corners_of(scene, time)
     normals, areas = _areas(corners)
     sound = np.flatnonzero(areas > 0.0)
@@ -147,7 +176,7 @@ def _angles(corners: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(cosines, -1.0, 1.0))
 
 
-def grid_sensors(scene: AnyScene, spacing: float, time: float = 0.0) -> Sensors:
+def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0) -> Sensors:
     """A square grid of sensors on every surface; a face that no point of the grid meets gets one in its centre.
 
     Faces in a plane share one grid, whose rows are horizontal. The sensors of a face share its area.
@@ -155,12 +184,13 @@ def grid_sensors(scene: AnyScene, spacing: float, time: float = 0.0) -> Sensors:
     spacing : float
         World units between neighbours.
     """
+    scene = scene_of(scene)
     spacing = number(spacing, "the spacing of sensors", 0.0, np.inf)
     corners = corners_of(scene, time) - scene.origin  # far from zero, planes' axes would need more than float64
     normals, areas = _areas(corners)
     sound = np.flatnonzero(areas > 0.0)
     corners, normals, areas = corners[sound], normals[sound], areas[sound]
-    check_count(areas.sum() / spacing**2 + len(sound), spacing)
+    check_count(areas.sum() / spacing / spacing + len(sound), spacing)
     across, along = _plane_axes(normals, "xyz".index(scene.up))
     flat = np.stack([(corners * axis[:, None]).sum(-1) for axis in (across, along)], -1) / spacing
     face, places = _lattice(flat)
@@ -229,7 +259,7 @@ def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def raster_sensors(
-    scene: AnyScene, spacing: float | str | PathLike, height: float = 0.0, *, follow: bool = True,
+    scene: SceneLike, spacing: float | str | PathLike, height: float = 0.0, *, follow: bool = True,
     bounds: ArrayLike | None = None, time: float = 0.0, threads: int | None = None,
 ) -> Sensors:  # fmt: skip
     """A horizontal raster of sensors that look up, in the middle of its cells.
@@ -250,7 +280,9 @@ def raster_sensors(
         If a number is wrong, or the raster file cannot be read, has cells that are no squares with north up, or has
         another CRS than the scene.
     """
-    height = number(height, "the height of sensors", -np.inf, np.inf)
+    scene, follow = scene_of(scene), flag(follow, "follow")
+    height = number(height, "the height of sensors")
+    time, threads = scene.clamped(time), thread_count(threads)
     if bounds is None:
         raster = raster_of(scene, spacing)
     elif isinstance(spacing, (str, PathLike)):
@@ -266,7 +298,7 @@ def raster_sensors(
     else:
         at[:, up] = height
     upwards = np.broadcast_to(np.eye(3)[up], at.shape)
-    return Sensors(at, upwards, np.full(len(at), raster.spacing**2), faces, "raster", raster)
+    return Sensors(at, upwards, np.full(len(at), raster.area), faces, "raster", raster)
 
 
 def raster_of(scene: AnyScene, spacing: float | str | PathLike, plan: np.ndarray | None = None) -> Raster:
@@ -274,7 +306,7 @@ def raster_of(scene: AnyScene, spacing: float | str | PathLike, plan: np.ndarray
     if not isinstance(spacing, (str, PathLike)):
         side = number(spacing, "the spacing of sensors", 0.0, np.inf)
         return aligned_raster(plan_of(scene) if plan is None else plan, side)
-    raster = raster_of_file(Path(spacing))
+    raster = raster_of_file(path_of(spacing, "the raster file"))
     if scene.crs and raster.crs and not same_plan(scene.crs, raster.crs):
         raise InputError(f"{spacing}: its CRS is {raster.crs}, and the scene's is {scene.crs}; reproject one of them")
     return raster
@@ -327,12 +359,11 @@ def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayL
     where, unit, sizes = points(at, "points of sensors"), None, None
     if normals is not None:
         directions = points(normals, "normals of sensors")
-        length = np.linalg.norm(directions, axis=1, keepdims=True)
-        if directions.shape != where.shape or not (length > 0.0).all():
-            raise InputError("normals of sensors must be one for each point, and none of them zero")
-        unit = directions / length
+        if directions.shape != where.shape:
+            raise InputError(f"normals of sensors must be one for each of {len(where)} points, not {directions.shape}")
+        unit = unit_vectors(directions, "the normal of sensor", "leave normals out for points in free space")
     if areas is not None:
-        sizes = np.asarray(areas, np.float64)
+        sizes = as_array(areas, "areas of sensors").astype(np.float64)
         if sizes.shape != where.shape[:1] or not (np.isfinite(sizes) & (sizes >= 0.0)).all():
             raise InputError("areas of sensors must be one for each point, finite and not negative")
     return Sensors(where, unit, sizes, None, "points")

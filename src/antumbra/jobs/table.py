@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks import near
+from ..checks import instance, near, points, quoted
 from ..errors import InputError
+from ..loading import scene_of
 from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
 from .formats import writer_of
@@ -49,6 +50,19 @@ class Table:
     marks: np.ndarray | None = None
 
     def __post_init__(self):
+        instance(self.sensors, Sensors, "sensors")
+        if not isinstance(self.columns, dict) or not all(isinstance(name, str) for name in self.columns):
+            raise InputError(f"columns are {quoted(self.columns)}; they must be a dict of names to antumbra.Column")
+        for name, column in self.columns.items():
+            values = instance(column, Column, f"column {name!r}").values
+            if not isinstance(values, np.ndarray) or values.shape != (len(self.sensors),):
+                raise InputError(f"column {name!r} must be an array of {len(self.sensors)} values, one for each sensor")
+        if not isinstance(self.about, dict):
+            raise InputError(f"about is {quoted(self.about)}; it must be a dict")
+        self.scene = None if self.scene is None else scene_of(self.scene)
+        if self.camera is not None:
+            instance(self.camera, Camera, "camera")
+        self.marks = None if self.marks is None else points(self.marks, "marks")
         raster = self.sensors.raster
         crs = (self.scene and self.scene.crs) or (raster and raster.crs)
         if crs:
@@ -59,9 +73,9 @@ class Table:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The values of a column. InputError names the columns if there is none of this name."""
-        if name not in self.columns:
+        if not isinstance(name, str) or name not in self.columns:
             names = ", ".join(self.columns)
-            raise InputError(f"there is no column {name!r}; {near(name, self.columns)}there are {names}")
+            raise InputError(f"there is no column {quoted(name)}; {near(name, self.columns)}there are {names}")
         return self.columns[name].values
 
     def __repr__(self) -> str:
@@ -89,6 +103,8 @@ class Table:
 
     def shown(self, column: str | None) -> str:
         """The name of the column that a picture shows. InputError if it is unknown or has no numbers."""
+        if not self.columns:
+            raise InputError("the table has no columns; there is nothing to show")
         name = next(iter(self.columns)) if column is None else column
         if self[name].dtype.kind not in "fiub":
             raise InputError(f"column {name!r} holds times, and a picture shows numbers; name another column")

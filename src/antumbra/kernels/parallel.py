@@ -31,7 +31,7 @@ from ..errors import InputError
 from .jit import kernel
 from .simd import atomic_add
 
-__all__ = ["CHUNK", "DONE", "NEXT", "STOP", "N", "Ticket", "new_ticket", "run", "take", "thread_count"]
+__all__ = ["CHUNK", "DONE", "MAX_THREADS", "NEXT", "STOP", "N", "Ticket", "new_ticket", "run", "take", "thread_count"]
 
 Ticket: TypeAlias = np.ndarray
 """(5,) int64: the fields below."""
@@ -42,6 +42,9 @@ N = 2  # number of items
 CHUNK = 3  # items handed out at a time
 DONE = 4  # for the worker's own count; starts at 0, and this module never reads it
 
+MAX_THREADS = 1024
+"""Far more threads than processors help nobody, and a system may refuse to start them."""
+
 _POLL_SECONDS = 0.1
 
 
@@ -51,14 +54,17 @@ def thread_count(threads: int | None) -> int:
     Raises
     ------
     InputError
-        When `threads` is not an integer of at least 1.
+        Unless `threads` is an integer from 1 to `MAX_THREADS`.
     """
     if threads is None:
         if hasattr(os, "sched_getaffinity"):
             return len(os.sched_getaffinity(0))
         return os.cpu_count() or 1
-    if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or threads < 1:
-        raise InputError(f"threads is {threads!r}: give a whole number of at least 1, or None for all cores")
+    if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 1 <= threads <= MAX_THREADS:
+        given = repr(threads)[:40]
+        raise InputError(
+            f"threads is {given}; it must be a whole number from 1 to {MAX_THREADS}, or None for all cores"
+        )
     return int(threads)
 
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..checks import as_array, choice
 from ..errors import InputError
 from .diffuse import RayPass
 from .shadow import CULL_FACES
@@ -40,29 +41,15 @@ def hit_arrays(m: int, any_hit: bool) -> HitArrays:
     )
 
 
-def as_array(value, what: str) -> np.ndarray:
-    """A numpy view (or copy) of numbers, or of any array in host memory that supports DLPack."""
-    if not isinstance(value, np.ndarray) and hasattr(value, "__dlpack__"):
-        try:
-            value = np.from_dlpack(value)
-        except (BufferError, RuntimeError, TypeError) as error:
-            raise InputError(f"{what} cannot be read through DLPack ({error}); copy it to host memory first") from None
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        array = np.asarray(None)
-    if array.dtype.kind not in "fiu":
-        raise InputError(f"{what} must hold numbers (float32 or float64), not {array.dtype}")
-    return array
-
-
 def ray_arguments(
-    origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin, targets=None
+    origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin, n_faces: int, targets=None
 ) -> tuple["Arguments", tuple[int, ...], int]:
     """The arguments of `Scene.occluded` and `Scene.closest_hit`: (Arguments, leading shape, value of CULL_FACES).
 
     Shapes and dtypes are checked here, the numbers during tracing. World coordinates are recentred (minus
     ``frame_origin``, in float64) before they are rounded to float32.
+
+    n_faces : number of faces of the scene
     """
     origins, ways = as_array(origins, "origins"), "directions" if targets is None else "targets"
     if targets is not None:
@@ -81,6 +68,8 @@ def ray_arguments(
     skip = as_array(-1 if skip_face is None else skip_face, "skip_face")
     if skip.dtype.kind == "f":
         raise InputError(f"skip_face must hold integers, not {skip.dtype}")
+    if skip.size and (skip.min() < -1 or skip.max() >= n_faces):
+        raise InputError(f"skip_face must lie between -1 and {n_faces - 1}, the scene's last face")
     try:
         shape = np.broadcast_shapes(origins.shape[:-1], directions.shape[:-1], tmin.shape, tmax.shape, skip.shape)
     except ValueError:
@@ -170,6 +159,4 @@ def _demand(good: np.ndarray, message: str) -> None:
 
 def cull_value(cull_faces) -> int:
     """The CULL_FACES value of None, "front" or "back"."""
-    if cull_faces not in CULL_FACES:
-        raise InputError(f'cull_faces is {cull_faces!r}; it must be None, "front" or "back"')
-    return CULL_FACES[cull_faces]
+    return CULL_FACES[choice(cull_faces, "cull_faces", CULL_FACES)]

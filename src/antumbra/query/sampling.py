@@ -12,8 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..checks import near, whole_number
-from ..errors import InputError
+from ..checks import choice, whole_number
 from ..scene.light_list import N_SETS, LightList
 from ..scene.lights import MAX_SPP, Light
 
@@ -165,9 +164,7 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
         On an unknown sampler or spp out of range.
     """
     spp = whole_number(spp, "spp", 1, MAX_SPP)
-    if sampler not in SAMPLERS:
-        cure = f"{near(sampler, SAMPLERS)}choose one of {', '.join(SAMPLERS)}"
-        raise InputError(f"unknown sampler {sampler!r}; {cure}")
+    choice(sampler, "sampler", SAMPLERS)
     return np.ascontiguousarray(SAMPLERS[sampler](spp, seed))
 
 

@@ -1,13 +1,19 @@
 """The public function that builds a store."""
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ..checks import whole_number
+from ..checks import byte_count, quoted, whole_number
+from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..kernels.progress import Progress, followed, shown
+from ..loading import scene_of
 from ..output import checked_output
 from ..scene.any_scene import AnyScene
+from ..scene.foreign import is_mesh
+from ..scene.generated import StreamedCity
 from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
 from ..store.layout import STORE_SUFFIX
 from .ready import Job, fixed_job, make_ready, small_scene
@@ -27,7 +33,7 @@ def build_store(
 
     Parameters
     ----------
-    scenes : Scene or iterable of Scene
+    scenes : Scene, or anything that `antumbra.load` takes, or an iterable of them
         The scenes at time 0, merged in this order. Cameras and lights of all scenes are kept. Scenes are read one
         after the other, so a generator may drop each scene after yielding it.
     path : str or path-like
@@ -53,14 +59,25 @@ def build_store(
         If the scenes have no triangles, lie too far apart, or have different up axes. If the path cannot be written
         or the disk is full; then no file is left behind.
     """
-    scenes = [scenes] if isinstance(scenes, AnyScene) else scenes
+    scenes = _each(scenes)
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
-    max_memory = whole_number(max_memory, "max_memory", LEAST_MEMORY, 1 << 60)
+    max_memory = byte_count(max_memory, "max_memory", LEAST_MEMORY)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
     make_ready(store_job)
     with shown(f"building {path.name}") as heard:
         bar = None if heard is None else lambda text, done, total: heard(done, total)
         return build_compiled(scenes, path, max_memory, threads, chunk, progress if callable(progress) else bar)
+
+
+def _each(scenes) -> Iterator[AnyScene | StreamedCity]:
+    """One scene after the other; each may be what `scene_of` takes."""
+    if isinstance(scenes, (AnyScene, StreamedCity, str, os.PathLike)) or is_mesh(scenes):
+        scenes = [scenes]
+    try:
+        iter(scenes)
+    except TypeError:
+        raise InputError(f"scenes are {quoted(scenes)}; give a scene, or several in a list") from None
+    return (each if isinstance(each, StreamedCity) else scene_of(each) for each in scenes)
 
 
 def store_job() -> Job:

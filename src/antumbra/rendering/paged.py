@@ -9,7 +9,7 @@ from ..chcrt.hits import mark_hits, number_hits
 from ..chcrt.options import Options
 from ..chcrt.parts import parts_of_chunks
 from ..chcrt.trace import Scheduled, camera_hits, nearest_hits, prepare, ray_hits
-from ..checks import whole_number
+from ..checks import byte_count
 from ..errors import InputError
 from ..methods import BUILDERS
 from ..plan import Plan
@@ -98,7 +98,9 @@ class Paged:
                 f"plan {str(plan)!r}: {scene.name} is in a store, whose trees are built; use {self.default_plan}"
             )
         max_memory = scene.max_memory if max_memory is None else max_memory
-        most = MAX_MEMORY if max_memory is None else whole_number(max_memory, "max_memory", 1, 1 << 60)
+        most = MAX_MEMORY
+        if max_memory is not None:
+            most = byte_count(max_memory, "max_memory", 1)
         store = scene.store
         self.scene, self.threads, self.max_memory = scene, accelerator.threads, most
         self.store, self.residency = store, Residency(store, most)

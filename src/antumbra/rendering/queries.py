@@ -6,14 +6,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..checks import as_array, unit_vectors
 from ..errors import InputError
+from ..kernels.parallel import thread_count
 from ..kernels.progress import hushed, in_turn, shown
+from ..loading import SceneLike, scene_of
 from ..plan import DEFAULT_PLAN, Plan
-from ..query.rays import as_array, cull_value, ray_arguments
+from ..query.rays import cull_value, ray_arguments
 from ..query.receivers import point_receivers
 from ..query.sampling import light_samples
 from ..query.shadow import fraction_lit
-from ..scene.any_scene import AnyScene
 from ..scene.hit import Hit, HitFaces
 from ..scene.light_list import in_full
 from ..scene.lights import Light, check_lights
@@ -74,7 +76,7 @@ def accelerated(scene, time=0.0, threads=None, plan=DEFAULT_PLAN) -> Accelerated
 
 def surfaces_hit(scene, origins, directions, time, threads) -> tuple[np.ndarray, Triangles, np.ndarray]:
     """The nearest hits of rays in world coordinates: (t, triangles, index of each ray's triangle in them or -1)."""
-    arguments = ray_arguments(origins, directions, 0.0, np.inf, None, None, scene.origin)[0]
+    arguments = ray_arguments(origins, directions, 0.0, np.inf, None, None, scene.origin, scene.n_triangles)[0]
     return _ray_source(scene, threads, time).surfaces_hit(arguments, time)
 
 
@@ -97,7 +99,7 @@ def rays_job() -> Job:
     """The job of ray queries."""
 
     def work():
-        arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3))[0]
+        arguments = ray_arguments(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, np.zeros(3), 1)[0]
         source = Renderer(small_scene(), PLAN, 1).source
         for any_hit in True, False:
             source.trace_rays(arguments, any_hit, 0, 0.0)
@@ -111,7 +113,8 @@ def ask(scene, any_hit: bool, rays: tuple[Any, Any, Any, Any, Any], targets, tim
     rays : the first five arguments of `Scene.occluded`
     targets : its argument of this name; None for closest hit
     """
-    arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin, targets)
+    time, threads = scene.clamped(time), thread_count(threads)
+    arguments, shape, facing = ray_arguments(*rays, cull_faces, scene.origin, scene.n_triangles, targets)
     source = _ray_source(scene, threads, time)
     out = source.trace_rays(arguments, any_hit, facing, time)
     if any_hit:
@@ -142,7 +145,7 @@ def _objects_of(scene) -> Callable[[], np.ndarray]:
 
 @hushed
 def visibility(
-    scene: AnyScene, points: ArrayLike, light: Light | Sequence[Light], normals: ArrayLike | None = None, *,
+    scene: SceneLike, points: ArrayLike, light: Light | Sequence[Light], normals: ArrayLike | None = None, *,
     spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
     sampler: str = "larcher-pillichshammer", cull_faces: str | None = None, srdh_rays: SrdhRays | None = None,
     max_memory: int | None = None, progress: Progress | bool | None = None,
@@ -153,7 +156,7 @@ def visibility(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
     points : (..., 3) float
         World coordinates, in any array type that supports DLPack.
     light : a light, or a list of lights
@@ -186,6 +189,8 @@ def visibility(
         If a shape or dtype is wrong, a number is NaN, infinite or beyond float32, a normal is zero, or the plan is
         unknown.
     """
+    scene = scene_of(scene)
+    time, threads = scene.clamped(time), thread_count(threads)
     renderer = renderer_of(scene, plan, threads, srdh_rays, max_memory)
     points = as_array(points, "points")
     if points.ndim < 1 or points.shape[-1] != 3:
@@ -271,11 +276,11 @@ def receivers_of(scene, points: np.ndarray, normals) -> tuple[np.ndarray, np.nda
 
 def _unit_normals(normals, shape) -> np.ndarray:
     normals = as_array(normals, "normals").astype(np.float64)
+    if normals.ndim < 1 or normals.shape[-1] != 3:
+        raise InputError(f"normals must have shape (..., 3), not {normals.shape}")
     try:
         normals = np.broadcast_to(normals, shape).reshape(-1, 3)
     except ValueError:
         raise InputError(f"normals {normals.shape} do not broadcast to the points {shape}") from None
-    length = np.sqrt((normals * normals).sum(1, keepdims=True))
-    if not (np.isfinite(length) & (length > 0)).all():
-        raise InputError("normals hold zero, NaN or infinite vectors; leave normals out for points in free space")
-    return np.ascontiguousarray(normals / length)
+    unit = unit_vectors(normals, "the normal of point", "leave normals out for points in free space")
+    return np.ascontiguousarray(unit)

@@ -5,18 +5,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..checks import number
+from ..checks import choice, flag, instance, number
 from ..errors import InputError
 from ..image.background import skies_of
 from ..kernels.parallel import thread_count
 from ..kernels.progress import hushed, shown
+from ..loading import SceneLike, scene_of
 from ..plan import Plan, parse_plan
 from ..query.diffuse import diffuse_passes
 from ..query.gbuffer import GBuffer
 from ..query.rays import cull_value
 from ..query.refine import finer_samples
 from ..query.sampling import light_samples
-from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
 from ..scene.scene import Scene
@@ -47,6 +47,9 @@ if TYPE_CHECKING:
     from .paged import Paged
 
 
+MAX_HEIGHT = 1e30
+"""Of a ground, up or down: float32 holds it, as it does positions of cameras."""
+
 Progress = Callable[[int, int], Any]
 """Hears (rays done, rays), or whatever a tracer counts, about ten times a second."""
 
@@ -65,8 +68,8 @@ class Renderer:
 
     Parameters
     ----------
-    scene : Scene or PagedScene
-        A scene in memory or in a store.
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+        A scene in memory or in a store, a path, or a mesh of another library.
     plan : str, Plan or None
         None: ``"auto"``; for a scene in a store ``"bsah+chcrt"``.
     threads : int or None
@@ -87,16 +90,18 @@ class Renderer:
 
     def __init__(
         self,
-        scene: AnyScene,
+        scene: SceneLike,
         plan: str | Plan | None = None,
         threads: int | None = None,
         gbuffer: str = AUTO,
         srdh_rays: SrdhRays | None = None,
         max_memory: int | None = None,
     ):
-        if gbuffer not in METHODS:
-            raise InputError(f'gbuffer is {gbuffer!r}; it must be "raster", "rays" or "auto"')
+        scene = scene_of(scene)
+        choice(gbuffer, "gbuffer", METHODS)
         kind: Any = source_kind(scene)
+        if srdh_rays is not None:
+            instance(srdh_rays, SrdhRays, "srdh_rays")
         self.plan, self.threads = parse_plan(kind.default_plan if plan is None else plan), thread_count(threads)
         self.accelerator = accelerator_of(self.plan, self.threads, srdh_rays)
         self.scene, self.source = scene, kind(scene, self.accelerator, gbuffer, max_memory)
@@ -135,9 +140,8 @@ class Renderer:
         antialias: bool = True,
     ) -> Request:  # fmt: skip
         """The checked arguments of `render`. The kernels that they need are compiled."""
-        lights = check_lights(lights)
-        if not isinstance(camera, Camera):
-            raise InputError(f"camera must be an antumbra.Camera, not {type(camera).__name__}")
+        camera, lights = _checked_view(camera, lights)
+        time = self.scene.clamped(time)
         samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
         finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
         passes = None if bounce is None else diffuse_passes(lights, bounce, sampler)
@@ -147,31 +151,32 @@ class Renderer:
             samples,
             facing,
             time,
-            counters,
+            flag(counters, "counters"),
             None,
-            bool(filter),
+            filter is not None and flag(filter, "filter"),
             finer,
             passes,
-            bool(background),
-            filter is not False and bool(skies_of(lights)),
-            bool(layers),
-            bool(textures),
-            bool(smooth_normals),
+            flag(background, "background"),
+            (filter is None or bool(filter)) and bool(skies_of(lights)),
+            flag(layers, "layers"),
+            flag(textures, "textures"),
+            flag(smooth_normals, "smooth_normals"),
             self._ground(ground, time),
-            bool(antialias),
+            flag(antialias, "antialias"),
         )
         self._warm_up(request)
         return request
 
     def _ground(self, ground: bool | float, time: float) -> float | None:
         """The height of the ground that the argument `ground` of `render` asks for."""
-        if ground is False or ground is None:
+        given = ground is not None and (not isinstance(ground, (bool, np.bool_)) or bool(ground))
+        if not given:
             return None
         if self.source.keeps_read:
             raise InputError(f"{self.scene.name}: no ground catches the shadows of a scene in a store; leave it out")
-        if ground is True:
+        if isinstance(ground, (bool, np.bool_)):
             return self.scene.ground_height(time)
-        return number(ground, "ground (height)", -np.inf, np.inf)
+        return number(ground, "ground (height)", -MAX_HEIGHT, MAX_HEIGHT)
 
     def _warm_up(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
@@ -202,9 +207,16 @@ class Renderer:
         return see(triangles, camera, accelerated, self.threads)
 
 
+def _checked_view(camera, lights) -> tuple[Camera, list[Light]]:
+    """The camera and the list of lights of a picture; the order of `render` is scene, camera, lights."""
+    if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
+        raise InputError("camera and lights stand in the wrong order; write render(scene, camera, lights)")
+    return instance(camera, Camera, "camera"), check_lights(lights)
+
+
 @hushed
 def render(
-    scene: AnyScene, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
+    scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
     spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
     counters: bool = False, gbuffer: str = AUTO, sampler: str = "larcher-pillichshammer",
     cull_faces: str | None = None, filter: bool | None = None, adaptive: int | None = None,
@@ -218,8 +230,8 @@ def render(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
-        A scene in memory or in a store.
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+        A scene in memory or in a store, a path, or a mesh of another library.
     camera : Camera or None
         None: ``scene.default_camera(time=time)``.
     lights : list of lights, one light, or None
@@ -292,7 +304,9 @@ def render(
     InputError
         If a value is out of range, the plan is unknown, or an argument is not a camera or a light.
     """
-    camera = scene.default_camera(time=time) if camera is None else camera
+    scene = scene_of(scene)
+    if camera is None:
+        camera = scene.default_camera(time=time)
     if lights is None:
         lights = scene.default_lights(time)
     return Renderer(scene, plan, threads, gbuffer, srdh_rays, max_memory).render(

@@ -14,7 +14,7 @@ from ..bvh import lbvh
 from ..bvh.bounds import MAX_COORDINATE
 from ..bvh.nodes import Bvh
 from ..bvh.rayset import Intersections
-from ..checks import points, whole_number
+from ..checks import flag, points, whole_number
 from ..errors import InputError
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
@@ -64,6 +64,8 @@ class SrdhRays:
         if self.size is not None:
             whole_number(self.size, "size", 1, 1 << 16)
         whole_number(self.spp, "spp", 1, 1024)
+        flag(self.bounce, "bounce")
+        flag(self.last_frame, "last_frame")
         if (self.origins is None) != (self.ends is None):
             raise InputError("segments have origins and ends; give both, or neither")
         if self.origins is not None:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ..checks import whole_number
+from ..checks import flag, whole_number
 from ..errors import InputError
+from ..loading import SceneLike, scene_of
 from ..query.receivers import surface_receivers
-from ..scene.any_scene import AnyScene
 from ..scene.lights import (
     DirectionalLight,
     DiskLight,
@@ -22,7 +22,7 @@ from .queries import surfaces_hit
 
 
 def virtual_point_lights(
-    scene: AnyScene, light: Light, n: int = 256, seed: int = 0, time: float = 0.0, *, interleave: bool = True,
+    scene: SceneLike, light: Light, n: int = 256, seed: int = 0, time: float = 0.0, *, interleave: bool = True,
     threads: int | None = None,
 ) -> PointLights:  # fmt: skip
     """Approximate light that has bounced once by point lights: instant radiosity [Keller 1997].
@@ -39,7 +39,7 @@ def virtual_point_lights(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
     light : a light
         Any light except ambient occlusion, `PointLights` and `DirectionalLights`.
     n : int
@@ -63,8 +63,10 @@ def virtual_point_lights(
     InputError
         If the light is of an unsupported kind, n is out of range, or no photon meets the scene.
     """
+    scene = scene_of(scene)
     (light,) = check_lights([light])
-    n = whole_number(n, "n", 1, 16384 if interleave else 1024)
+    n = whole_number(n, "n", 1, 16384 if flag(interleave, "interleave") else 1024)
+    seed = whole_number(seed, "seed", 0, 2**63 - 1)
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
     xi = _sobol(n, seed)
     origins, directions, power = _emitted(light, xi, centre, radius)

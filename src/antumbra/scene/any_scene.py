@@ -1,14 +1,16 @@
 """The common base of scenes: `Scene` has its triangles in memory, a store's `PagedScene` on disk."""
 
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from html import escape
 
 import numpy as np
 
+from ..checks import choice, number, quoted, whole_number
 from ..errors import InputError
 from . import engine, framing
 from .appearance import Appearance
-from .camera import Camera
+from .camera import MAX_SIZE, Camera
 from .cityjson.model import CityModel
 from .cutouts import Cutouts
 from .hit import Hit
@@ -89,15 +91,19 @@ class AnyScene(ABC):
 
     def camera(self, index: int = 0, time: float = 0.0) -> Camera:
         """Camera `index` of the file at `time`."""
-        if not 0 <= index < len(self._cameras):
-            raise InputError(f"{self.name}: there is no camera {index}; the scene has {len(self._cameras)}")
+        index = self._known("camera", index, len(self._cameras))
         return self._cameras_at(self.clamped(time))[index]
 
     def light(self, index: int = 0, time: float = 0.0) -> Light:
         """Light `index` of the file at `time`."""
-        if not 0 <= index < len(self._lights):
-            raise InputError(f"{self.name}: there is no light {index}; the scene has {len(self._lights)}")
+        index = self._known("light", index, len(self._lights))
         return self._lights_at(self.clamped(time))[index]
+
+    def _known(self, kind: str, index: int, count: int) -> int:
+        """The checked index of one of the scene's own cameras or lights."""
+        with suppress(InputError):
+            return whole_number(index, kind, 0, count - 1)
+        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; the scene has {count}")
 
     def default_camera(
         self, width: int = 1024, height: int = 1024, kind: str = "perspective", time: float | None = None
@@ -117,8 +123,9 @@ class AnyScene(ABC):
         time : float or None
             Seconds; the camera shows this moment of an animation. None: the whole animation.
         """
-        if kind not in KINDS:
-            raise InputError(f"camera kind is {kind!r}; it must be one of {', '.join(KINDS)}")
+        choice(kind, "camera kind", KINDS)
+        width = whole_number(width, "picture width", 1, MAX_SIZE)
+        height = whole_number(height, "picture height", 1, MAX_SIZE)
         view = self.view if time is None else self._view_at(self.clamped(time))
         return view.camera(width, height) if kind == "perspective" else view.other_camera(kind, width, height)
 
@@ -153,6 +160,7 @@ class AnyScene(ABC):
 
         A closed room without lights has a lamp instead of the sun. Own lights get a sky if one of them is a sun.
         """
+        time = self.clamped(time)
         own = [self.light(i, time) for i in range(len(self._lights))]
         return own + skies_with(own, self.up) if own else self.view.lights()
 
@@ -259,10 +267,5 @@ class AnyScene(ABC):
 
     def clamped(self, time) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
-        try:
-            time = float(time)
-        except (TypeError, ValueError):
-            time = np.nan
-        if np.isnan(time):
-            raise InputError(f"{self.name}: time must be a number of seconds from 0 to {self.duration:g}")
+        time = number(time, "time (seconds)", -np.inf, np.inf, "[]")
         return min(max(time, 0.0), self.duration)

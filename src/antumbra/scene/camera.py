@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks import number, vector, whole_number
+from ..checks import choice, number, vector, whole_number
 from ..errors import InputError
 from .listed_rays import ListedRays
 from .recentre import settled
@@ -78,8 +78,7 @@ class Camera:
         right = np.cross(view, self.up)
         if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(view) * np.linalg.norm(self.up):
             raise InputError("camera up is along the view direction (or zero); choose another up")
-        if projection not in PROJECTIONS:
-            raise InputError(f"camera projection is {projection!r}; it must be one of {', '.join(PROJECTIONS)}")
+        choice(projection, "camera projection", PROJECTIONS)
         if (projection == "orthographic") != (extent is not None):
             raise InputError("camera extent is the height of an orthographic picture; give both or neither")
         self.projection: str = projection

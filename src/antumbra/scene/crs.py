@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..checks import quoted
 from ..errors import InputError
 from ..extras import needed
 
@@ -20,7 +21,7 @@ def checked_crs(crs) -> str:
     try:
         found = pyproj.CRS.from_user_input(crs)
     except Exception:  # wrong types raise whatever they happen to meet
-        raise InputError(f"crs {str(crs)[:60]!r} is unknown; write an EPSG code such as EPSG:7415") from None
+        raise InputError(f"crs {quoted(crs)} is unknown; write an EPSG code such as EPSG:7415") from None
     return crs if isinstance(crs, str) else found.to_string()
 
 

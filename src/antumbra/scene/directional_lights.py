@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import InputError
+from ..checks import unit_vectors
 from .light_list import LightList, rows
 from .lights import DIRECTIONAL, LightPatch, check_distance
 
@@ -32,10 +32,7 @@ class DirectionalLights(LightList):
 
     def __post_init__(self):
         directions = rows(self.directions, None, 3, "DirectionalLights directions")
-        length = np.linalg.norm(directions, axis=1, keepdims=True)
-        if not (length > 0).all():
-            raise InputError("DirectionalLights directions hold zero vectors; give each light a direction")
-        object.__setattr__(self, "directions", directions / length)
+        object.__setattr__(self, "directions", unit_vectors(directions, "the direction of light"))
         self._check_list()
 
     @property

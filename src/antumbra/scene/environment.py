@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from .files import checked_file
+from .files import checked_file, without_output
 
 SUFFIXES = (".hdr", ".exr")
 _MOST_PIXELS = 1 << 27
@@ -24,7 +24,8 @@ def read_environment(path: Path) -> np.ndarray:
     if path.suffix.lower() not in readers:
         raise InputError(f"{path.name}: a sky is read from one of {', '.join(SUFFIXES)}; convert it")
     try:
-        image = readers[path.suffix.lower()](path)
+        with without_output():
+            image = readers[path.suffix.lower()](path)
     except Exception as error:  # libraries raise various exceptions for bad files
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{path.name}: cannot be read ({reason}); is the file damaged?") from error

@@ -1,6 +1,12 @@
 """Checks of paths: files that may be read, and references from a file to others."""
 
+import ctypes
+import io
+import os
 import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -18,6 +24,37 @@ def checked_file(path: Path, where: str) -> Path:
     if path.stat().st_size == 0:
         raise InputError(f"{where}: the file is empty; export or copy it again")
     return path
+
+
+@contextmanager
+def without_output() -> Iterator[None]:
+    """Drop what libraries write to standard output and error: OpenEXR reports a damaged file there, too, from C++."""
+    _flush()
+    kept = {}
+    for number in (1, 2):
+        with suppress(OSError):  # a stream that is closed
+            kept[number] = os.dup(number)
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for number in kept:
+            os.dup2(null, number)
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            yield
+    finally:
+        _flush()
+        for number, old in kept.items():
+            os.dup2(old, number)
+            os.close(old)
+        os.close(null)
+
+
+def _flush() -> None:
+    """Flush the standard streams: those of Python, and those of C."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).fflush(None)
 
 
 def sibling(folder: Path, uri: str, where: str) -> Path:

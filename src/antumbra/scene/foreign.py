@@ -5,10 +5,12 @@ Objects are known by their attributes, so any version of a library will do, and 
 
 import warnings
 from collections.abc import Iterator
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..checks import as_array
 from ..errors import InputError
 from .materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
 from .mesh import Mesh, linear_colours, make_mesh
@@ -50,15 +52,21 @@ def meshes_of(obj, name: str) -> tuple[list[Mesh], list[str]]:
     if read is None:
         raise InputError(f"{name}: {type(obj).__module__}.{type(obj).__name__} is not {KNOWN}; give one of these")
     notes: list[str] = []
-    found = [each for each in read(obj, name, notes) if len(each.faces)]
+    try:
+        found = [each for each in read(obj, name, notes) if len(each.faces)]
+    except InputError:
+        raise
+    except Exception as error:  # an object that looks like a mesh, or a damaged one
+        reason = str(error)[:200] or type(error).__name__
+        raise InputError(f"{name}: the {type(obj).__name__} cannot be read ({reason}); give {KNOWN}") from error
     if not found:
         raise InputError(f"{name}: the {type(obj).__name__} has no triangles{''.join(f'; {n}' for n in notes)}")
     return [_mesh(each, f'{name}: mesh "{each.name}"') for each in found], notes
 
 
 def _mesh(given: Foreign, where: str) -> Mesh:
-    vertices, faces = np.asarray(given.vertices), np.asarray(given.faces)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
+    vertices, faces = as_array(given.vertices, f"{where}: vertices"), as_array(given.faces, f"{where}: faces")
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"{where}: vertices must be numbers (v, 3), not {vertices.dtype} {vertices.shape}")
     precision = np.float32 if vertices.dtype in (np.float16, np.float32) else np.float64
     colours = None if given.colours is None else linear_colours(given.colours, where)
@@ -69,6 +77,8 @@ def _mesh(given: Foreign, where: str) -> Mesh:
 
 
 def _reader(obj):
+    if isinstance(obj, (type, ModuleType)):  # the class or the library, in place of a mesh
+        return None
     has = lambda *names: all(hasattr(obj, name) for name in names)
     if has("geometry", "graph"):
         return _trimesh_scene

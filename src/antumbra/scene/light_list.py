@@ -1,10 +1,12 @@
 """The common base of lists of lights: many lights as one light, whose samples are the lights of the list."""
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..checks import as_array, flag
 from ..errors import InputError
 from .lights import MAX_SPP, Light
 
@@ -61,6 +63,7 @@ class LightList(Light):
 
     def _check_list(self) -> None:
         name, k = type(self).__name__, len(self.points)
+        flag(self.interleave, f"{name} interleave")
         most = MAX_SPP * (N_SETS if self.interleave else 1)
         if not 1 <= k <= most:
             cure = "drop some" if self.interleave or k < 1 or k > MAX_SPP * N_SETS else "set interleave=True"
@@ -89,16 +92,16 @@ def _z_order(positions: np.ndarray) -> np.ndarray:
 
 def rows(value, k, width, what) -> np.ndarray:
     """`value` as (k, width) float64. One value for all lights is repeated. k None allows any number of rows."""
-    try:
-        array = np.asarray(value, np.float64)
-        if width == 1:
-            array = array[..., None]
-        if k is not None:
+    given = as_array(value, what).astype(np.float64)  # a copy: a light does not change with the caller's array
+    array = given[..., None] if width == 1 else given
+    if k is not None:
+        with suppress(ValueError):  # shapes that do not fit are refused below
             array = np.broadcast_to(array, (k, width))
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.ndim != 2 or array.shape[1] != width or not np.isfinite(array).all():
+    if array.ndim != 2 or array.shape[1] != width or (k is not None and len(array) != k):
         shape = "(k, 3)" if width == 3 else "(k,)"
         lights = "" if k is None else f" for {k} lights"
-        raise InputError(f"{what} must be finite numbers of shape {shape}{lights}, not {np.shape(value)}")
-    return np.array(array, order="C")  # a light does not change with the caller's array
+        raise InputError(f"{what} must be finite numbers of shape {shape}{lights}, not {given.shape}")
+    finite = np.isfinite(array).all(1)
+    if not finite.all():
+        raise InputError(f"{what} hold NaN or infinity (light {np.argmin(finite)})")
+    return np.ascontiguousarray(array)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
-from ..checks import vector, whole_number
+from ..checks import items, number, quoted, text, unit_vectors, vector, whole_number
 from ..errors import InputError
 
 FIXED, DIRECTIONAL, SPHERE, LIST, AMBIENT = 0, 1, 2, 3, 4
@@ -73,7 +73,7 @@ class Light:
     def named(self, name: str) -> Self:
         """A copy of this light with a name."""
         made = copy(self)
-        object.__setattr__(made, "name", str(name))
+        object.__setattr__(made, "name", text(name, "name"))
         return made
 
     def samples(self, spp: int) -> int:
@@ -90,9 +90,11 @@ class Light:
 
     def _check(self) -> None:
         name = type(self).__name__
-        if not 0.0 <= self.intensity <= MAX_INTENSITY:
-            raise InputError(f"{name} intensity is {self.intensity!r}; it must lie between 0 and {MAX_INTENSITY:g}")
+        number(self.intensity, f"{name} intensity", 0.0, MAX_INTENSITY, "[]")
         vector(self.colour, f"{name} colour")
+
+    def __post_init__(self):
+        self._check()
 
 
 def _fixed(base, u=(0, 0, 0), v=(0, 0, 0), origin=(0, 0, 0)) -> LightPatch:
@@ -115,6 +117,7 @@ class PointLight(Light):
 
     def __post_init__(self):
         object.__setattr__(self, "position", vector(self.position, "PointLight position"))
+        check_place(self.position, "PointLight position")
         self._check()
 
     def patch(self, origin, reach):
@@ -142,6 +145,8 @@ class QuadLight(Light):
     def __post_init__(self):
         for name in ("corner", "u", "v"):
             object.__setattr__(self, name, vector(getattr(self, name), f"QuadLight {name}"))
+        for at in (self.corner, self.corner + self.u, self.corner + self.v, self.corner + self.u + self.v):
+            check_place(at, "QuadLight corner")
         self._check()
         if not self.area() > 0.0:
             raise InputError("QuadLight has no area (u and v are parallel or zero); use PointLight for a point")
@@ -179,8 +184,8 @@ class DiskLight(Light):
 
     def __post_init__(self):
         object.__setattr__(self, "center", vector(self.center, "DiskLight center"))
-        object.__setattr__(self, "normal", _unit(self.normal, "DiskLight normal"))
-        _check_radius(self)
+        object.__setattr__(self, "normal", unit_vectors(vector(self.normal, "DiskLight normal"), "DiskLight normal"))
+        _check_round(self)
         self._check()
 
     def area(self):
@@ -214,7 +219,7 @@ class SphereLight(Light):
 
     def __post_init__(self):
         object.__setattr__(self, "center", vector(self.center, "SphereLight center"))
-        _check_radius(self)
+        _check_round(self)
         self._check()
 
     def area(self):
@@ -257,12 +262,9 @@ class DirectionalLight(Light):
         ) -> None: ...
 
     def __post_init__(self):
-        object.__setattr__(self, "direction", _unit(self.direction, "DirectionalLight direction"))
-        if not 0.0 <= self.angular_diameter < 180.0:
-            raise InputError(
-                f"DirectionalLight angular_diameter is {self.angular_diameter!r}; it must be at least 0 and below 180 "
-                "degrees"
-            )
+        what = "DirectionalLight direction"
+        object.__setattr__(self, "direction", unit_vectors(vector(self.direction, what), what))
+        number(self.angular_diameter, "DirectionalLight angular_diameter (degrees)", 0.0, 180.0, "[)")
         self._check()
 
     def patch(self, origin, reach):
@@ -292,12 +294,8 @@ class AmbientOcclusion(Light):
     domain = "hemisphere"
 
     def __post_init__(self):
-        try:
-            positive = self.radius is None or float(self.radius) > 0.0
-        except (TypeError, ValueError):
-            positive = False
-        if not positive:
-            raise InputError(f"AmbientOcclusion radius is {self.radius!r}; it must be positive, or None for no limit")
+        if self.radius is not None:
+            number(self.radius, "AmbientOcclusion radius", 0.0, np.inf, "(]")
         if self.spp is not None:
             object.__setattr__(self, "spp", whole_number(self.spp, "AmbientOcclusion spp", 1, MAX_SPP))
         self._check()
@@ -334,17 +332,22 @@ def tangents(n) -> tuple[np.ndarray, np.ndarray]:
     return np.array([1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]]), np.array([b, s + n[1] * n[1] * a, -n[1]])
 
 
-def _unit(value, what):
-    v = vector(value, what)
-    length = np.linalg.norm(v)
-    if not length > 0.0:
-        raise InputError(f"{what} is zero; give it a direction")
-    return v / length
+def check_place(at: np.ndarray, what: str) -> None:
+    """Raise InputError unless float32 holds a world position ((..., 3) float64), and all sums with it."""
+    near = np.abs(at) < _FARTHEST
+    if not near.all():
+        first = at.reshape(-1, 3)[np.argmin(near.all(-1).reshape(-1))]
+        problem = (
+            "has NaN or infinity" if not np.isfinite(first).all() else f"is beyond {_FARTHEST:.1e}; move it nearer"
+        )
+        raise InputError(f"{what} {quoted(first.tolist())} {problem}")
 
 
-def _check_radius(light):
-    if not (np.isfinite(light.radius) and light.radius > 0.0):
-        raise InputError(f"{type(light).__name__} radius is {light.radius!r}; it must be finite and positive")
+def _check_round(light: "DiskLight | SphereLight") -> None:
+    name = type(light).__name__
+    number(light.radius, f"{name} radius", 0.0, _FARTHEST)
+    for at in (light.center, light.center - light.radius, light.center + light.radius):
+        check_place(at, f"{name} center, or a point at its radius:")
 
 
 _KINDS = {
@@ -368,11 +371,10 @@ def light_names(lights: Sequence[Light]) -> list[str]:
 
 
 def check_lights(lights) -> list[Light]:
-    """The lights as a list. Raises InputError on anything that is no light."""
-    lights = [lights] if isinstance(lights, Light) else list(lights)
+    """The lights as a list. Raises InputError on anything that is no light, such as the bare base class."""
+    lights = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
     if not lights:
         raise InputError("no lights; give at least one, for example scene.default_light()")
-    for light in lights:
-        if not isinstance(light, Light):
-            raise InputError(f"a light must be a QuadLight, DiskLight, ... not {type(light).__name__}")
+    if any(type(light) is Light for light in lights):
+        raise InputError("antumbra.Light is the base class of lights; give a PointLight, a QuadLight, ...")
     return lights

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..checks import as_array
 from ..errors import InputError
 from .colour import BYTE_TO_LINEAR
 from .materials import Look
@@ -108,10 +109,7 @@ def linear_colours(colours, where: str, alpha: bool = False) -> np.ndarray:
 
     uint8: sRGB; floating point: linear light. Alpha is linear in both.
     """
-    try:
-        colours = np.asarray(colours)
-    except ValueError:
-        colours = np.asarray(None)
+    colours = as_array(colours, f"{where}: colours")
     if not (colours.dtype.kind == "f" or colours.dtype == np.uint8) or colours.shape[-1:] not in ((3,), (4,)):
         kinds = "float (linear light, 0 to 1) or uint8 (sRGB), with 3 or 4 of them for each colour"
         raise InputError(f"{where}: colours must be {kinds}, not {colours.dtype} {colours.shape}")

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..checks import as_array
 from ..errors import InputError
 from .materials import PLAIN, Material, Texture, look_of
 from .meancolour import mean_colours
@@ -40,15 +41,15 @@ def painted(
 def _checked(values, shape: tuple[int, int], where: str) -> np.ndarray | None:
     if values is None:
         return None
-    values = np.asarray(values)
-    if values.shape != shape or values.dtype.kind not in "fiu":
+    values = as_array(values, where)
+    if values.shape != shape:
         raise InputError(f"{where} must be numbers {shape}, one row for each vertex, not {values.dtype} {values.shape}")
     return values
 
 
 def picture_texture(picture, where: str) -> Texture:
     """A texture of an array (h, w, 3) or (h, w, 4) uint8, sRGB."""
-    pixels = np.asarray(picture)
+    pixels = as_array(picture, f"{where}: texture")
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
         raise InputError(f"{where}: texture must be (h, w, 3) or (h, w, 4) uint8, not {pixels.dtype} {pixels.shape}")
     opaque = np.full((*pixels.shape[:2], 1), 255, np.uint8)

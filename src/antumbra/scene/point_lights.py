@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import InputError
+from ..checks import flag, number, unit_vectors
 from .light_list import LightList, rows
-from .lights import LIST, LightPatch
+from .lights import LIST, LightPatch, check_place
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,12 +47,11 @@ class PointLights(LightList):
         object.__setattr__(self, "positions", rows(self.positions, None, 3, "PointLights positions"))
         if self.normals is not None:
             normals = rows(self.normals, len(self.positions), 3, "PointLights normals")
-            length = np.linalg.norm(normals, axis=1, keepdims=True)
-            if not (length > 0).all():
-                raise InputError("PointLights normals hold zero vectors; leave normals out for lights all around")
-            object.__setattr__(self, "normals", normals / length)
-        if not (np.isfinite(self.nearest) and self.nearest >= 0.0):
-            raise InputError(f"PointLights nearest is {self.nearest!r}; it must be finite and not negative")
+            cure = "leave normals out for lights all around"
+            object.__setattr__(self, "normals", unit_vectors(normals, "the normal of light", cure))
+        check_place(self.positions, "PointLights positions")
+        flag(self.indirect, "PointLights indirect")
+        number(self.nearest, "PointLights nearest", 0.0, np.inf, "[)")
         self._check_list()
 
     @property

@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import InputError
+from ..checks import as_array, choice, instance, items, quoted, text
+from ..errors import InputError, one_line
 from . import engine
 from .any_scene import AnyScene
 from .appearance import Appearance, appearance_of
@@ -79,8 +80,12 @@ class Scene(AnyScene):
         city: CityModel | None = None,
         crs: str | None = None,
     ):
-        self.city, self.crs = city, crs
-        self.name, self.up, self.notes = name, checked_up(up), tuple(notes)
+        if not all(hasattr(source, part) for part in ("pieces", "cameras", "lights")):
+            raise InputError(f"source is {quoted(source)}; make a Scene by load, Scene.from_arrays or Scene.from_mesh")
+        self.city = None if city is None else instance(city, CityModel, "city")
+        self.name, self.up = one_line(text(name, "name")), checked_up(up)
+        self.notes = tuple(one_line(note) for note in items(notes, str, "notes"))
+        self.crs = None if crs is None else text(crs, "crs")
         self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
         self.objects = source.objects
         self._object_of_face: np.ndarray | None = None
@@ -134,11 +139,11 @@ class Scene(AnyScene):
             If shapes or dtypes are wrong, vertices are NaN or infinite, indices are out of range, or there are no
             triangles.
         """
-        positions, indices = _as_positions(vertices, name), None
+        positions, indices = _as_positions(vertices, text(name, "name")), None
         if faces is not None:
             if positions.ndim == 3:
                 raise InputError(f"{name}: vertices are a triangle soup (n, 3, 3); leave faces out")
-            indices = np.asarray(faces)
+            indices = as_array(faces, f"{name}: faces")
         elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
             raise InputError(f"{name}: {len(positions)} vertices are no multiple of 3; give faces")
         positions = positions.reshape(-1, 3)
@@ -181,7 +186,7 @@ class Scene(AnyScene):
         """
         from .foreign import meshes_of
 
-        name = type(mesh).__name__.lower() if name is None else name
+        name = type(mesh).__name__.lower() if name is None else text(name, "name")
         meshes, notes = meshes_of(mesh, name)
         crs = None if crs is None else checked_crs(crs)
         return cls(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
@@ -294,9 +299,7 @@ class Scene(AnyScene):
 
 
 def checked_up(up: str) -> str:
-    if up not in ("y", "z"):
-        raise InputError(f'up is {up!r}; it must be "y" or "z"')
-    return up
+    return choice(up, "up", ("y", "z"))
 
 
 def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
@@ -313,11 +316,8 @@ def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
 
 def _as_positions(vertices, name: str) -> np.ndarray:
     """`vertices` as (v, 3) or (n, 3, 3) floating point: float32 where that holds them, else float64."""
-    try:
-        positions = np.asarray(vertices)
-    except (TypeError, ValueError):
-        positions = np.asarray(None)
-    if positions.dtype.kind not in "fiu" or positions.shape[-1:] != (3,) or positions.ndim not in (2, 3):
+    positions = as_array(vertices, f"{name}: vertices")
+    if positions.shape[-1:] != (3,) or positions.ndim not in (2, 3):
         raise InputError(
             f"{name}: vertices must be numbers, (v, 3) or (n, 3, 3), not {positions.dtype} {positions.shape}"
         )

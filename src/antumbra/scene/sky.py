@@ -3,12 +3,11 @@
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..checks import number, whole_number
+from ..checks import as_array, choice, flag, number, path_of, unit_vectors, whole_number
 from ..errors import InputError
 from .framing import axes
 from .light_list import N_SETS, LightList
@@ -17,6 +16,7 @@ from .lights import DIRECTIONAL, MAX_SPP, LightPatch, check_distance
 _HEIGHT = 64  # rows of the maps of the soft daylight and of colours
 _ZENITH, _HORIZON, _GROUND = np.array([[0.46, 0.63, 0.92], [0.92, 0.94, 0.97], [0.60, 0.59, 0.57]])
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_LONGEST = 1e18  # of a direction: float32 holds its square
 _STEP = (np.sqrt(5.0) - 1.0) / 2.0  # of the golden ratio: with (i + 0.5) / n, it fills the square evenly
 
 
@@ -53,9 +53,9 @@ class Sky(LightList):
     map: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self):
-        if self.up not in ("y", "z"):
-            raise InputError(f'Sky up is {self.up!r}; it must be "y" or "z"')
-        number(self.turn, "Sky turn (degrees)", -np.inf, np.inf)
+        choice(self.up, "Sky up", ("y", "z"))
+        number(self.turn, "Sky turn (degrees)")
+        flag(self.interleave, "Sky interleave")
         whole_number(self.count, "Sky count", 1, MAX_SPP * (N_SETS if self.interleave else 1))
         object.__setattr__(self, "map", _map_of(self.image))
         self._check()
@@ -86,7 +86,12 @@ class Sky(LightList):
 
     def radiance(self, directions: np.ndarray) -> np.ndarray:
         """(..., 3) float32: linear radiance seen along directions ((..., 3) float, world, any length), bilinear."""
-        x, y, z = np.moveaxis(np.asarray(directions, np.float32), -1, 0)
+        directions = as_array(directions, "directions")
+        if directions.ndim < 1 or directions.shape[-1] != 3:
+            raise InputError(f"directions must have shape (..., 3), not {directions.shape}")
+        if directions.dtype != np.float32 and not (np.abs(directions) < _LONGEST).all():
+            directions = unit_vectors(directions, "direction")
+        x, y, z = np.moveaxis(directions.astype(np.float32), -1, 0)
         # not `@`: threads of BLAS stay busy for a tenth of a second, whatever `threads` a caller asked for
         right, upward, back = (x * a + y * b + z * c for a, b, c in self._frame.astype(np.float32))
         h, w = self.map.shape[:2]
@@ -129,15 +134,12 @@ def _map_of(image) -> np.ndarray:
     if isinstance(image, (str, os.PathLike)):
         from .environment import read_environment
 
-        return read_environment(Path(image))
-    try:
-        array = np.asarray(image, np.float64)
-    except (TypeError, ValueError):
-        array = np.empty(0)
+        return read_environment(path_of(image, "Sky image"))
+    array = as_array(image, "Sky image").astype(np.float64)
     if array.shape == (3,):
         array = np.broadcast_to(array, (_HEIGHT, 1, 3))
     if array.ndim != 3 or array.shape[2] != 3 or not array.size:
-        raise InputError(f"Sky image must be a colour (3,), or a map (h, w, 3), not {np.shape(image)}")
+        raise InputError(f"Sky image must be a colour (3,), or a map (h, w, 3), not {array.shape}")
     if not (np.isfinite(array).all() and (array >= 0.0).all()):
         raise InputError("Sky image must be finite and not negative")
     return array

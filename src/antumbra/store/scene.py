@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks import whole_number
+from ..checks import byte_count, quoted
 from ..errors import InputError
 from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
@@ -34,6 +34,8 @@ class PagedScene(AnyScene):
     """
 
     def __init__(self, store: Store):
+        if not isinstance(store, Store):
+            raise InputError(f"store is {quoted(store)}; antumbra.load opens a store by its path")
         meta = store.meta
         self.store, self.name, self.up, self.notes, self.duration = store, meta.name, meta.up, meta.notes, 0.0
         self.meshes: list[MeshInfo] = []
@@ -50,7 +52,7 @@ class PagedScene(AnyScene):
 
     @max_memory.setter
     def max_memory(self, size: int | None) -> None:
-        self._max_memory = None if size is None else whole_number(size, "max_memory", 1, 1 << 60)
+        self._max_memory = None if size is None else byte_count(size, "max_memory", 1)
 
     def __getstate__(self) -> dict:
         return {name: value for name, value in self.__dict__.items() if name != "own"}

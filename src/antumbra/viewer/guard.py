@@ -17,6 +17,7 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
+from ..checks import quoted
 from ..errors import InputError
 
 LOG = logging.getLogger("antumbra.viewer")
@@ -159,7 +160,9 @@ def one_line(text: Any) -> str:
 def _allowed(name: Any) -> str:
     found = name_of(name if not str(name).count(":") > 1 else f"[{name}]") if isinstance(name, str) else None
     if found is None or found != canonical(name):
-        raise InputError(f"allow_host: {name!r} is no name or address; give one as gpu.example.org, without a port")
+        raise InputError(
+            f"allow_host: {quoted(name)} is no name or address; give one as gpu.example.org, without a port"
+        )
     return found
 
 

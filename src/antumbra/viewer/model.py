@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks import number
+from ..checks import instance, number
 from ..errors import InputError
 from ..image.save import frame_exposure
-from ..jobs.sun.place import Place
+from ..jobs.sun.place import Place, checked_place
 from ..jobs.sun.positions import solar_angles
 from ..jobs.sun.times import zone_of
 from ..rendering.frame import Frame
@@ -60,6 +60,10 @@ class Model:
         time: float = 0.0, *, plan=None, threads: int | None = None, max_memory: int | None = None,
         place: Place | None = None,
     ):  # fmt: skip
+        if camera is not None:
+            instance(camera, Camera, "camera")
+        if place is not None:
+            place = checked_place(instance(place, Place, "place"))
         self.scene, self.stage, self.place, self.threads = scene, Stage.of(scene), place, threads
         self.renderer = Renderer(scene, plan, threads, max_memory=max_memory)
         self.plan, self.time, self.looks = plan, scene.clamped(time), Looks()

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from html import escape
 from time import sleep
 
+from ..checks import flag, items, quoted, text, whole_number
+from ..errors import InputError
 from ..jobs.sun.place import Place
 from ..jobs.warm import points_job
-from ..loading import load
+from ..loading import SceneLike, scene_of
 from ..plan import Plan
 from ..rendering.queries import warm_up_rays
 from ..rendering.ready import make_ready
 from ..rendering.render_jobs import warm_up_quality
-from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from .model import Model
@@ -44,6 +45,8 @@ class Viewer:
     """
 
     def __init__(self, page: Page):
+        if not isinstance(page, Page):
+            raise InputError(f"page is {quoted(page)}; antumbra.view opens a page")
         self._page: Page | None = page
         self._model = page.model
         self.url, self.scene = page.url, page.model.scene
@@ -97,7 +100,7 @@ class Viewer:
 
 
 def view(
-    scene, lights: Sequence[Light] | Light | None = None, *, camera: Camera | None = None, time: float = 0.0,
+    scene: SceneLike, lights: Sequence[Light] | Light | None = None, *, camera: Camera | None = None, time: float = 0.0,
     plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
     place: Place | None = None, port: int = PORT, host: str = HOST, allow_host: Sequence[str] | str = (),
     browser: bool | None = None,
@@ -141,10 +144,14 @@ def view(
     InputError
         If viser is missing, the port is busy, or an argument is wrong.
     """
-    found = scene if isinstance(scene, AnyScene) else load(scene)
-    model = Model(found, lights, camera, time, plan=plan, threads=threads, max_memory=max_memory, place=place)
+    port = whole_number(port, "port", 0, 65535)
+    text(host, "host")
+    allowed = items(allow_host, str, "allow_host")
+    if browser is not None:
+        browser = flag(browser, "browser")
+    model = Model(scene_of(scene), lights, camera, time, plan=plan, threads=threads, max_memory=max_memory, place=place)
     prepare(model)
-    viewer = Viewer(Page(model, host, port, [allow_host] if isinstance(allow_host, str) else list(allow_host)))
+    viewer = Viewer(Page(model, host, port, allowed))
     if "ipykernel" not in sys.modules if browser is None else browser:
         webbrowser.open(viewer.url)
     return viewer

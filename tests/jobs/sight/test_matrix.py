@@ -125,11 +125,11 @@ def test_sparse_matrices_are_scipys(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"points": np.zeros((4, 2))}, "points must have shape"),
-        ({"points": np.zeros((4, 3)), "targets": [[np.nan, 0, 0]]}, "targets hold NaN"),
-        ({"points": np.zeros((4, 3)), "target_normals": [0, 0, 1]}, "target_normals need targets"),
-        ({"points": np.zeros((4, 3)), "output": "m.txt"}, "use .npy"),
-        ({"points": np.zeros((200_000, 3))}, "give an output"),
+        ({"sensors": np.zeros((4, 2))}, "sensors must have shape"),
+        ({"sensors": np.zeros((4, 3)), "targets": [[np.nan, 0, 0]]}, "targets hold NaN"),
+        ({"sensors": np.zeros((4, 3)), "target_normals": [0, 0, 1]}, "target_normals need targets"),
+        ({"sensors": np.zeros((4, 3)), "output": "m.txt"}, "use .npy"),
+        ({"sensors": np.zeros((200_000, 3))}, "give an output"),
     ],
 )
 def test_bad_input(arguments, words):

@@ -228,10 +228,10 @@ def test_parts_of_another_scene_are_not_taken(tmp_path, monkeypatch):
     [
         ({}, "the days are unknown"),
         ({"days": "2026-03-21", "place": None}, "the place is unknown"),
-        ({"days": "2026-03-21", "by": ["week"]}, "must be month or hour"),
+        ({"days": "2026-03-21", "by": ["week"]}, 'it must be "month" or "hour"'),
         ({"days": "2026-03-21", "samples": 0}, "samples is 0"),
         ({"days": "2026-12-21", "place": at.Place(80.0, 0.0)}, "no sun is above the horizon"),
-        ({"days": "2026-03-21", "sensors": "windows"}, "--sensors is 'windows'"),
+        ({"days": "2026-03-21", "sensors": "windows"}, "^sensors is 'windows'"),
     ],
 )
 def test_bad_input_is_named(given, message):

@@ -37,7 +37,7 @@ def _compare(soup, origins, directions, tmin=0.0, tmax=np.inf, skip=None, cull_f
     wide = widen(bvh, 1)
     skip = np.full(n, -1, np.int32) if skip is None else skip.astype(np.int32)
     face, t = np.empty(n, np.int32), np.empty(n)
-    arguments, _, facing = ray_arguments(origins, directions, tmin, tmax, skip, cull_faces, np.zeros(3))
+    arguments, _, facing = ray_arguments(origins, directions, tmin, tmax, skip, cull_faces, np.zeros(3), len(soup))
     _walk_all(bvh, origins, directions, float(tmin), float(tmax), skip, facing, face, t)
     empty = HitArrays(np.empty(0, bool), *(np.empty(0, d) for d in (np.int32, np.float64, np.float32, np.float32)))
     any_hit, counters = empty._replace(blocked=np.empty(n, bool)), new_counters()

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 
+from ...checks import choice
 from ...kernels.progress import Progress, followed
+from ...loading import SceneLike
 from ...scene.lights import Light
 from ..engines import engine_of
 from .options import check, check_output, own_lights
@@ -16,10 +18,11 @@ __all__ = ["Baked", "Given", "bake", "check", "check_output", "is_gltf"]
 
 @followed
 def bake(
-    scene, output, what: str = "ao", *, lights: Sequence[Light] | Light | None = None, radius: float | None = None,
-    spp: int = 256, attribute: str | None = None, multiply: bool = False, texture: int | None = None,
-    uv: int | None = None, bits: int = 8, exr: bool = False, denoise: bool = False, exposure: float | None = None,
-    keep_hidden: bool = False, time: float = 0.0, up: str | None = None, plan: str | None = None,
+    scene: SceneLike, output, what: str = "ao", *, lights: Sequence[Light] | Light | None = None,
+    radius: float | None = None, spp: int = 256, attribute: str | None = None, multiply: bool = False,
+    texture: int | None = None, uv: int | None = None, bits: int = 8, exr: bool = False, denoise: bool = False,
+    exposure: float | None = None, keep_hidden: bool = False, time: float = 0.0, up: str | None = None,
+    plan: str | None = None,
     sampler: str = "hammersley", threads: int | None = None, keep=None, progress: Progress = None,
 ) -> Baked:  # fmt: skip
     """Measure what the surfaces of a scene receive, and write it into a copy of its glTF file.
@@ -86,7 +89,8 @@ def bake(
     InputError
         If an argument is wrong, or the scene cannot be read or written. No file is left behind.
     """
-    output = check_output(output)
+    output, engine = check_output(output), engine_of(keep)
+    choice(up, "up", (None, "y", "z"))
     options = check(
         what, lights=lights, radius=radius, spp=spp, attribute=attribute, multiply=multiply, texture=texture, uv=uv,
         bits=bits, exr=exr, denoise=denoise, exposure=exposure, keep_hidden=keep_hidden, time=time, plan=plan,
@@ -99,5 +103,5 @@ def bake(
         options = options._replace(asked=options.asked._replace(lights=own))
     clock.lap("read")
     job = bake_textures if options.texture else bake_vertices
-    made = job(source, options, output, clock, engine_of(keep))
+    made = job(source, options, output, clock, engine)
     return made  # type: ignore[return-value]  # None: a shard, of a command

@@ -5,10 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...checks import number, whole_number
+from ...checks import choice, flag, is_number, number, quoted, text, whole_number
 from ...errors import InputError
 from ...extras import needed
+from ...image.save import checked_exposure
 from ...image.tonemap import automatic_exposure
+from ...kernels.parallel import thread_count
 from ...output import checked_output
 from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.sampling import sample_sets
@@ -65,13 +67,18 @@ def check(
     plan, sampler, threads,
 ) -> Options:  # fmt: skip
     """The arguments of `bake`, checked as far as no scene is needed. Raises InputError."""
-    if what not in QUANTITIES:
-        raise InputError(f"what is {what!r}; it must be one of {', '.join(QUANTITIES)}")
+    choice(what, "what", QUANTITIES)
+    thread_count(threads)
+    time = number(time, "time (seconds)", -np.inf, np.inf, "[]")
+    flags = {"multiply": multiply, "exr": exr, "denoise": denoise, "keep_hidden": keep_hidden}
+    multiply, exr, denoise, keep_hidden = (flag(value, name) for name, value in flags.items())
+    if attribute is not None:
+        text(attribute, "attribute")
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     sample_sets(whole_number(spp, "spp", 1, 1024), sampler)
     lights = _checked_lights(what, lights, radius)
-    if bits not in (8, 16):
-        raise InputError(f"bits is {bits!r}; a PNG has 8 or 16")
+    if not is_number(bits) or bits not in (8, 16):
+        raise InputError(f"bits is {quoted(bits)}; a PNG has 8 or 16")
     if texture is not None:
         whole_number(texture, "texture", 16, MAX_TEXTURE)
         if attribute is not None or multiply:
@@ -90,7 +97,7 @@ def check(
     if multiply and attribute != "COLOR_0":
         raise InputError("multiply is for COLOR_0; leave it or attribute out")
     if exposure is not None:
-        exposure = number(exposure, "exposure", 0.0, np.inf)
+        exposure = checked_exposure(exposure)
     asked = Asked(what, lights, spp, sampler, plan, time, threads)
     return Options(asked, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden)
 
@@ -99,7 +106,7 @@ def _checked_lights(what: str, lights, radius) -> list[Light]:
     if what in _SKY:
         if lights is not None:
             raise InputError(f"{what} asks the sky; leave lights out")
-        return [AmbientOcclusion(radius)]
+        return [AmbientOcclusion(None if radius is None else number(radius, "radius", 0.0, np.inf, "(]"))]
     if radius is not None:
         raise InputError(f"radius is for ao and bent-normal, and not for {what}; leave it out")
     lights = [] if lights is None else check_lights(lights)

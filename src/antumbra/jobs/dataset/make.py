@@ -6,16 +6,18 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
+from ...checks import flag
 from ...errors import InputError
+from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
+from ...loading import SceneLike, scene_of
 from ...output import checked_folder
 from ...query.sampling import sample_sets
 from ...rendering.renderer import Renderer
-from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...version import VERSION
-from ..engines import Engine, checked_share, do_all
+from ..engines import Engine, checked_share, do_all, engine_of
 from .drawn import Place, place_of
 from .files import MANIFEST, Folder, read_json, write_json
 from .layers import Objects, blocked_by, channels, light_layer, masks, objects_of
@@ -37,7 +39,7 @@ class Dataset(NamedTuple):
 
 @followed
 def dataset(
-    scene: AnyScene, folder, cameras: Sequence[Camera] | None = None, lights: Sequence[Light] | Light | None = None, *,
+    scene: SceneLike, folder, cameras: Sequence[Camera] | None = None, lights: Sequence[Light] | Light | None = None, *,
     orbit: int = 0, random: int = 0, random_lights: int = 0, seed: int = 0, size: tuple[int, int] = (512, 512),
     spp: int = 16, sampler: str = "larcher-pillichshammer", time: float = 0.0, plan=None, threads: int | None = None,
     max_memory: int | None = None, shard: tuple[int, int] = (0, 1), overwrite: bool = False,
@@ -50,7 +52,7 @@ def dataset(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
     folder : str or path-like
         A new folder, or one with a data set of the same settings.
     cameras : list of Camera, optional
@@ -92,8 +94,11 @@ def dataset(
     """
     start = perf_counter()
     path = checked_folder(folder)
+    scene, threads = scene_of(scene), thread_count(threads)
     sample_sets(spp, sampler)
-    share = checked_share(shard)
+    share, overwrite = checked_share(shard), flag(overwrite, "overwrite")
+    if keep is not None:
+        keep = engine_of(keep)
     place = place_of(scene, scene.clamped(time), threads)
     views = views_of(scene, cameras, orbit, random, seed, size, place.time)
     renderer, quality = Renderer(scene, plan, threads, max_memory=max_memory), {"spp": spp, "sampler": sampler}

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ...checks import whole_number
+from ...checks import items, listed, whole_number
 from ...errors import InputError
 from ...scene.any_scene import AnyScene
 from ...scene.camera import MAX_SIZE, Camera
@@ -49,18 +49,12 @@ def views_of(scene: AnyScene, cameras: Sequence[Camera] | None, orbit, random, s
     orbit = whole_number(orbit, "orbit", 0, MOST_FRAMES)
     random = whole_number(random, "random", 0, MOST_FRAMES)
     seed = whole_number(seed, "seed", 0, _MOST_SEED)
-    try:
-        width, height = size
-    except (TypeError, ValueError):
-        raise InputError(f"size is {size!r}; it must be (width, height) in pixels") from None
+    width, height = listed(size, "size (width, height)", 2)
     size = whole_number(width, "picture width", 1, MAX_SIZE), whole_number(height, "picture height", 1, MAX_SIZE)
     if cameras is None:
         own = [] if orbit or random else [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
         cameras = own if own or orbit or random else [scene.default_camera(*size)]
-    cameras = [cameras] if isinstance(cameras, Camera) else list(cameras)
-    for camera in cameras:
-        if not isinstance(camera, Camera):
-            raise InputError(f"a camera must be an antumbra.Camera, not {type(camera).__name__}")
+    cameras = items(cameras, Camera, "a camera")
     views = Views(cameras, orbit, random, seed, size)
     if not 1 <= views.total <= MOST_FRAMES:
         raise InputError(f"{views.total} cameras; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random")
@@ -72,7 +66,7 @@ def lights_of(place: Place, lights: Sequence[Light] | Light | None, random, seed
     random, scene = whole_number(random, "random_lights", 0, MOST_LIGHTS), place.scene
     if lights is None:
         lights = [] if random else scene.default_lights(place.time)
-    given = [lights] if isinstance(lights, Light) else list(lights)
+    given = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
     found = check_lights(given + [random_light(place, seed, k) for k in range(random)])
     if len(found) > MOST_LIGHTS:
         raise InputError(f"{len(found)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")

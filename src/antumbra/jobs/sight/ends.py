@@ -5,7 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...checks import as_array
 from ...checks import points as checked_points
+from ...errors import InputError
 from ...rendering.queries import receivers_of
 from ...scene.any_scene import AnyScene
 from ..sensors import Sensors, point_sensors
@@ -40,5 +42,8 @@ def sensors_from(given: ArrayLike | Sensors, normals: ArrayLike | None, what: st
         return given
     where = checked_points(given, what)
     if normals is not None:
-        normals = np.broadcast_to(checked_points(np.atleast_2d(normals), f"normals of {what}"), where.shape)
+        normals = np.atleast_2d(as_array(normals, f"normals of {what}"))
+        if len(normals) not in (1, len(where)):
+            raise InputError(f"normals of {what} must be one, or one for each of {len(where)}, not {normals.shape}")
+        normals = np.broadcast_to(checked_points(normals, f"normals of {what}"), where.shape)
     return point_sensors(where, normals)

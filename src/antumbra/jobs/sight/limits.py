@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...checks import number
+from ...checks import listed, number
 from ...errors import InputError
 
 
@@ -53,8 +53,8 @@ class Limits(NamedTuple):
 
 def checked_limits(min_distance, max_distance, azimuth, elevation) -> Limits:
     """The `Limits`; InputError names what is wrong."""
-    least = number(min_distance, "min_distance", -np.finfo(float).tiny, np.inf)
-    most = np.inf if max_distance is None or max_distance == np.inf else number(max_distance, "max_distance", 0, np.inf)
+    least = number(min_distance, "min_distance", 0.0, np.inf, "[)")
+    most = np.inf if max_distance is None else number(max_distance, "max_distance", 0.0, np.inf, "(]")
     if least >= most:
         raise InputError(f"min_distance is {least:g} and max_distance {most:g}; nothing lies between them")
     around = _angles(azimuth, "azimuth", 360.0)
@@ -65,10 +65,5 @@ def checked_limits(min_distance, max_distance, azimuth, elevation) -> Limits:
 
 
 def _angles(value, what: str, most: float) -> tuple[float, float]:
-    try:
-        first, last = (float(angle) for angle in value)
-    except (TypeError, ValueError):
-        first = last = np.nan
-    if not (-most <= first <= most and -most <= last <= most):
-        raise InputError(f"{what} is {value!r}; it must be two angles from {-most:g} to {most:g} degrees")
+    first, last = (number(angle, f"{what} (degrees)", -most, most, "[]") for angle in listed(value, what, 2))
     return first, last

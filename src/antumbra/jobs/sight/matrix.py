@@ -8,14 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...checks import whole_number
 from ...errors import InputError
+from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
+from ...loading import SceneLike, scene_of
 from ...output import check_room, checked_output, replacing
-from ...plan import Plan
+from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...query.order import morton_codes
 from ...scene.any_scene import AnyScene
 from ..engines import engine_of
 from ..parts import Parts, about_parts, inexact
+from ..readsensors import sensors_of
 from ..rowfile import RowFile, row_file_size, write_rows
 from ..scenedigest import scene_digest
 from ..sensors import Sensors
@@ -45,6 +49,13 @@ class VisibilityMatrix:
     columns: int
     counts: np.ndarray
 
+    def __post_init__(self):
+        self.columns = whole_number(self.columns, "columns", 0, 2**63 - 1)
+        rows = getattr(self.bits, "shape", (0,))[:1]
+        for name, shape in (("bits", (*rows, words_of(self.columns))), ("counts", rows)):
+            if not isinstance(getattr(self, name), np.ndarray) or getattr(self, name).shape != shape:
+                raise InputError(f"{name} of a matrix must be an array of shape {shape}")
+
     @property
     def shape(self) -> tuple[int, int]:
         return len(self.bits), self.columns
@@ -54,6 +65,8 @@ class VisibilityMatrix:
 
     def rows(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """(rows, m) bool: some rows, or all of them."""
+        first = whole_number(first, "the first row", 0, len(self.bits))
+        last = None if last is None else whole_number(last, "the last row", 0, len(self.bits))
         return unpacked(self.bits[first:last], self.columns)
 
     def sparse(self):
@@ -90,7 +103,7 @@ class _Grid(NamedTuple):
 
 @followed
 def visibility_matrix(
-    scene: AnyScene, points: ArrayLike | Sensors, targets: ArrayLike | Sensors | None = None, *,
+    scene: SceneLike, sensors: ArrayLike | Sensors | str, targets: ArrayLike | Sensors | str | None = None, *,
     normals: ArrayLike | None = None, target_normals: ArrayLike | None = None, output=None,
     plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None, keep=None,
     progress: Progress = None,
@@ -102,11 +115,12 @@ def visibility_matrix(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
-    points : (n, 3) float, or Sensors
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    sensors : (n, 3) float, Sensors, or str
         World coordinates. Sensors on surfaces bring their normals: ``at.face_sensors(scene)`` asks faces by faces.
-    targets : (m, 3) float, or Sensors, optional
-        None: the points themselves. Each pair is then traced once, and no point sees itself.
+        A text is what `antumbra.sensors_of` takes.
+    targets : (m, 3) float, Sensors, or str, optional
+        None: the sensors themselves. Each pair is then traced once, and no sensor sees itself.
     normals, target_normals : (3,) or (..., 3) float, optional
         For points on surfaces, towards the visible side: each is moved off its surface by a few units in the last
         place. Without normals, points lie in free space and are used unchanged.
@@ -130,9 +144,12 @@ def visibility_matrix(
     InputError
         If an argument is wrong, or a matrix in memory would take more than 2 GiB.
     """
+    scene, threads = scene_of(scene), thread_count(threads)
+    time, engine = scene.clamped(time), None if keep is None else engine_of(keep)
+    parse_plan(DEFAULT_PLAN if plan is None else plan)
     path = None if output is None else checked_output(output, (".npy",))
-    own = sensors_from(points, normals, "points")
-    others = None if targets is None else sensors_from(targets, target_normals, "targets")
+    own = sensors_from(_named(sensors, scene, threads), normals, "sensors")
+    others = None if targets is None else sensors_from(_named(targets, scene, threads), target_normals, "targets")
     if others is None and target_normals is not None:
         raise InputError("target_normals need targets; give the points' own normals as normals")
     n, m = len(own), len(own if others is None else others)
@@ -144,7 +161,7 @@ def visibility_matrix(
     grid = _grid(rows, rows if others is None else ends_of(scene, others), others is None)
     if keep is None and path is not None:
         keep = path.with_name(path.name + ".parts")
-    engine = engine_of(keep)
+    engine = engine_of(keep) if engine is None else engine
     tracing = cache(lambda: Tracing(scene, plan, time, threads, len(grid.tiles) * STRIP * STRIP))  # if there is a tile
     work = lambda first, last: {"bits": _tile(tracing(), grid, first)}
     about = None if engine.folder is None else _about(scene, grid, time, plan)
@@ -160,6 +177,11 @@ def visibility_matrix(
         bits = np.load(path, mmap_mode="r")
     engine.end([parts])
     return VisibilityMatrix(bits, m, counts)
+
+
+def _named(given, scene: AnyScene, threads: int):
+    """The sensors that a text names; anything else as it is."""
+    return sensors_of(given, scene, threads) if isinstance(given, str) else given
 
 
 def _grid(rows: Ends, columns: Ends, square: bool) -> _Grid:

@@ -5,9 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...checks import as_array
 from ...errors import InputError
+from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...query.rays import as_array
+from ...loading import SceneLike, scene_of
 from ...rendering.accelerate import Accelerated
 from ...rendering.queries import accelerated, receivers_of
 from ...scene.any_scene import AnyScene
@@ -48,7 +50,7 @@ class _Pairs(NamedTuple):
 
 @followed
 def line_of_sight(
-    scene: AnyScene, observers: ArrayLike, targets: ArrayLike, *, normals: ArrayLike | None = None,
+    scene: SceneLike, observers: ArrayLike, targets: ArrayLike, *, normals: ArrayLike | None = None,
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
     time: float = 0.0, threads: int | None = None, progress: Progress = None,
 ) -> Sightlines:  # fmt: skip
@@ -58,7 +60,7 @@ def line_of_sight(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, or anything that `antumbra.load` takes
     observers, targets : (..., 3) float
         World coordinates. They broadcast: ``a[:, None], b[None]`` asks all pairs.
     normals, target_normals : (..., 3) float, optional
@@ -89,6 +91,7 @@ def line_of_sight(
     Of faces at the same distance in float64, the lowest index blocks. A pair that is blocked by nothing but a horizon
     names the face of `faces` or `target_faces`, and the end that lies on it.
     """
+    scene, threads = scene_of(scene), thread_count(threads)
     pairs, shape = _checked(scene, (observers, normals, faces), (targets, target_normals, target_faces))
     ready = accelerated(scene, time, threads, _PLAN)
     n = len(pairs.begin)
@@ -133,6 +136,8 @@ def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[i
 
 def _as_normals(normals, shape) -> np.ndarray:
     array = as_array(normals, "normals")
+    if array.ndim < 1 or array.shape[-1] != 3:
+        raise InputError(f"normals must have shape (..., 3), not {array.shape}")
     try:
         return np.broadcast_to(array, (*shape, 3))
     except ValueError:

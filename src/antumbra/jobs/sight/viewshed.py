@@ -6,13 +6,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...checks import number, points
+from ...checks import as_array, flag, number, points
 from ...errors import InputError
+from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed, reported
-from ...plan import Plan
+from ...loading import SceneLike, scene_of
+from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...query.order import morton_codes
 from ...scene.any_scene import AnyScene
 from ...scene.lights import MAX_SPP
+from ..readsensors import sensors_of
 from ..sensors import Sensors, on_top
 from ..table import Column, Table
 from .bitrows import unpacked, words_of
@@ -56,7 +59,7 @@ class _Asked:
 
 @followed
 def viewshed(
-    scene: AnyScene, sensors: Sensors | ArrayLike, observers: ArrayLike, *, eye_height: float = 0.0,
+    scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike, *, eye_height: float = 0.0,
     on_surface: bool = False, min_distance: float = 0.0, max_distance: float | None = None,
     azimuth: tuple[float, float] = (0.0, 360.0), elevation: tuple[float, float] = (-90.0, 90.0),
     curvature: bool = False, refraction: float = REFRACTION, earth_radius: float = EARTH_RADIUS, bits: bool = False,
@@ -67,10 +70,11 @@ def viewshed(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
-    sensors : Sensors, or (n, 3) float
-        Where to ask, such as ``at.face_sensors(scene)`` or ``at.raster_sensors(scene, 2.0, height=1.6)``: the last one
-        has the height of the targets above the highest surface. Sensors on surfaces are seen from their outer side.
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    sensors : Sensors, str, or (n, 3) float
+        Where to ask. A text is as in `antumbra.sensors_of`: ``"raster:2+1.6"`` places targets 1.6 above the highest
+        surfaces, as ``at.raster_sensors(scene, 2.0, height=1.6)`` does. Sensors on surfaces, such as
+        ``at.face_sensors(scene)``, are seen from their outer side.
     observers : (3,) or (k, 3) float
         World coordinates.
     eye_height : float
@@ -115,7 +119,11 @@ def viewshed(
     vertices. Edges are divided until they follow the curve within a millimetre (0.001 world units), and sensors on
     faces are lifted by as much. Each observer then costs the building of a BVH.
     """
-    asked = sensors_from(sensors, None, "sensors")
+    scene, threads = scene_of(scene), thread_count(threads)
+    time, bits = scene.clamped(time), flag(bits, "bits")
+    parse_plan(DEFAULT_PLAN if plan is None else plan)
+    earth, curvature = earth_of(scene, refraction, earth_radius), flag(curvature, "curvature")
+    asked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors_from(sensors, None, "sensors")
     limits = checked_limits(min_distance, max_distance, azimuth, elevation)
     eyes = _eyes(scene, observers, eye_height, on_surface, time, threads)
     n, k = len(asked), len(eyes)
@@ -129,7 +137,7 @@ def viewshed(
     work = _Asked(asked, eyes, limits, scene.up, sight)
     with reported(f"{n} sensors, {k} observers") as heard:
         if curvature:
-            _curved(work, CurvedScene(scene, earth_of(scene, refraction, earth_radius), time), plan, threads, heard)
+            _curved(work, CurvedScene(scene, earth, time), plan, threads, heard)
         else:
             _straight(work, scene, Tracing(scene, plan, time, threads, n * k), heard)
     about = {"job": "viewshed", "observers": k, "eye_height": eye_height, **limits._asdict()}
@@ -141,14 +149,14 @@ def viewshed(
 
 def _eyes(scene: AnyScene, observers, height, on_surface: bool, time: float, threads) -> np.ndarray:
     """(k, 3) float64: the observers' eyes."""
-    eyes = points(np.atleast_2d(np.asarray(observers, np.float64)), "observers").copy()
+    eyes = points(np.atleast_2d(as_array(observers, "observers")), "observers").copy()
     if not len(eyes):
         raise InputError("there is no observer; give at least one")
     up = "xyz".index(scene.up)
-    if on_surface:
+    if flag(on_surface, "on_surface"):
         tops, faces = on_top(scene, eyes, time, threads)
         eyes[:, up] = np.where(faces >= 0, tops, eyes[:, up])
-    eyes[:, up] += number(height, "eye_height", -np.inf, np.inf)
+    eyes[:, up] += number(height, "eye_height")
     return eyes
 
 

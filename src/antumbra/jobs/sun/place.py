@@ -2,24 +2,38 @@
 
 from typing import Any, NamedTuple
 
+from ...checks import number, text
 from ...errors import InputError
 from ...extras import needed
+from ...loading import scene_of
 
 _DEGENERATE = 89.999  # degrees: nearer to a pole, there is no direction of north
 _MARGIN = 1.0  # degrees around the area of use of a CRS
 
 
-class Place(NamedTuple):
-    """A position on Earth, and the orientation of the scene there.
-
-    The scene's own north axis is +Y if +Z is up, and -Z if +Y is up. Its east axis is +X in both.
-    """
+class _PlaceFields(NamedTuple):
+    """The fields of a `Place`."""
 
     latitude: float  # degrees, WGS 84
     longitude: float  # degrees, WGS 84, from -180 to 180
     elevation: float = 0.0  # metres above the sea
     north: float = 0.0  # degrees: direction of true north, clockwise from the scene's own north axis
     timezone: str | None = None  # IANA name, or a fixed offset such as "+01:00"; None: the whole hour of the longitude
+
+
+class Place(_PlaceFields):
+    """A position on Earth, and the orientation of the scene there.
+
+    The scene's own north axis is +Y if +Z is up, and -Z if +Y is up. Its east axis is +X in both.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range: latitudes lie between -90 and 90, and longitudes between -360 and 360 degrees.
+    """
+
+    def __new__(cls, latitude, longitude, elevation=0.0, north=0.0, timezone=None):
+        return checked_place(super().__new__(cls, latitude, longitude, elevation, north, timezone))
 
 
 def place_of(
@@ -32,7 +46,7 @@ def place_of(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
         Its bounds, its up axis, and its CRS are used.
     crs : str, optional
         Such as "EPSG:7415"; it replaces the scene's CRS.
@@ -55,6 +69,9 @@ def place_of(
     InputError
         If only one of latitude and longitude is given, a number is out of range, or `place_of_crs` refuses the CRS.
     """
+    scene = scene_of(scene)
+    if crs is not None:
+        text(crs, "crs")
     if (latitude is None) != (longitude is None):
         raise InputError("a position needs a latitude and a longitude; give both")
     crs = crs or getattr(scene, "crs", None)
@@ -71,15 +88,11 @@ def place_of(
 def checked_place(place: Place) -> Place:
     """`place` as floats, with its longitude from -180 to 180. Raises InputError if a number is out of range."""
     limits = {"latitude": 90.0, "longitude": 360.0, "elevation": 9000.0, "north": 360.0}
-    values: dict[str, Any] = {}
-    for name, limit in limits.items():
-        try:
-            value = float(getattr(place, name))
-        except (TypeError, ValueError):
-            value = float("nan")
-        if not -limit <= value <= limit:
-            raise InputError(f"{name} is {getattr(place, name)!r}; it must be a number from {-limit:g} to {limit:g}")
-        values[name] = value
+    values: dict[str, Any] = {
+        name: number(getattr(place, name), name, -limit, limit, "[]") for name, limit in limits.items()
+    }
+    if place.timezone is not None:
+        text(place.timezone, "timezone")
     if not -180.0 <= values["longitude"] <= 180.0:
         values["longitude"] = (values["longitude"] + 180.0) % 360.0 - 180.0
     return place._replace(**values)

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...checks import as_array, choice, instance, number
 from ...errors import InputError
 from ...extras import needed
-from .place import Place
+from .place import Place, checked_place
 from .times import Times
 
 _AT_A_TIME = 16384  # instants: pvlib needs about 1 kB for each
@@ -45,8 +46,13 @@ def suns_of(place: Place, times: Times, up: str, dni=None, *, lowest: float = 0.
     InputError
         If pvlib is missing, or `dni` does not fit `times`.
     """
-    if dni is not None and np.shape(dni) != times.middle.shape:
-        raise InputError(f"dni has shape {np.shape(dni)} for {len(times.middle)} intervals; give one value for each")
+    place, up = checked_place(instance(place, Place, "place")), choice(up, "up", ("y", "z"))
+    instance(times, Times, "times", "times_of makes them")
+    lowest = number(lowest, "lowest (degrees)", -90.0, 90.0, "[]")
+    if dni is not None:
+        dni = as_array(dni, "dni")
+        if dni.shape != times.middle.shape:
+            raise InputError(f"dni has shape {dni.shape} for {len(times.middle)} intervals; give one value for each")
     altitude, azimuth = solar_angles(place, times.middle)
     kept = np.flatnonzero(altitude > lowest)
     altitude, azimuth = altitude[kept], azimuth[kept]

@@ -1,14 +1,17 @@
 """How much of the sky sensors see: `sky_view`, and the sky-view factor of `sun_hours`."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...checks import whole_number
-from ...errors import InputError
+from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...plan import Plan
+from ...loading import SceneLike, scene_of
+from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...scene.any_scene import AnyScene
 from ..readsensors import sensors_of
 from ..sensors import Sensors
+from ..sight.ends import sensors_from
 from ..table import Column, Table
 from .hours import Asked, answer, ask
 from .positions import Suns
@@ -29,8 +32,8 @@ def sky_directions(count: int, up: str) -> np.ndarray:
 
 @followed
 def sky_view(
-    scene: AnyScene, sensors: Sensors | str = "face", *, directions: int = 4096, plan: str | Plan | None = None,
-    threads: int | None = None, progress: Progress = None,
+    scene: SceneLike, sensors: Sensors | ArrayLike | str = "face", *, directions: int = 4096,
+    plan: str | Plan | None = None, threads: int | None = None, progress: Progress = None,
 ) -> Table:  # fmt: skip
     """Find how much of the sky each sensor sees. It needs no place and no dates.
 
@@ -48,8 +51,8 @@ def sky_view(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
-    sensors : Sensors or str
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    sensors : Sensors, str, or (n, 3) float
         As in `sun_hours`.
     directions : int
         Number of directions, 1 to 16384. In a street, 1024 err by up to 0.007, and 4096 by up to 0.002.
@@ -69,10 +72,10 @@ def sky_view(
         If a text has another form, or a number is out of range.
     """
     count = whole_number(directions, "directions", 1, MOST_DIRECTIONS)
-    if isinstance(sensors, str):
-        sensors = sensors_of(sensors, scene, threads)
-    elif not isinstance(sensors, Sensors):
-        raise InputError(f"sensors are a {type(sensors).__name__}; give Sensors, or a text such as face or raster:2")
+    scene, threads = scene_of(scene), thread_count(threads)
+    parse_plan(DEFAULT_PLAN if plan is None else plan)
+    named = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
+    sensors = sensors_from(named, None, "sensors")
     tally = answer(asked_sky(scene, sensors, count, plan, threads), what="sky")
     columns = {
         "sky_view": Column(share_of_sky(tally), "", ABOUT),

@@ -5,26 +5,29 @@ from datetime import date
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ...checks import whole_number
+from ...checks import choice, flag, instance, items, whole_number
 from ...errors import InputError
+from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
+from ...loading import SceneLike, scene_of
 from ...output import check_room, checked_output, replacing
-from ...plan import Plan
-from ...scene.any_scene import AnyScene
+from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ..areas import SPACING
 from ..engines import engine_of
 from ..readsensors import sensors_of
 from ..rowfile import row_file_size
 from ..sensors import Sensors
+from ..sight.ends import sensors_from
 from ..table import Column, Table
 from .hours import Sums, ask
-from .place import Place, place_of
+from .place import Place, checked_place, place_of
 from .positions import Suns, suns_of
 from .rules import Rule, check_asked, passed, rule_named, weights_of
 from .sky import ABOUT, MOST_DIRECTIONS, asked_sky, share_of_sky
 from .tally import Tally
-from .times import parse_days, times_of, zone_of
+from .times import checked_days, checked_step, parse_days, times_of, zone_of
 from .weather import TYPICAL_YEAR, clear_sky, on_days, read_epw
 
 MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
@@ -48,7 +51,7 @@ class Study(NamedTuple):
 
 @followed
 def sun_hours(
-    scene: AnyScene, sensors: Sensors | str | None = None, days: str | Iterable[date] | None = None, *,
+    scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None, days: str | Iterable[date] | None = None, *,
     place: Place | None = None, step: float | None = None, rule: str | None = None, areas=None, epw=None,
     energy: bool = False, sky: int = 0, by: Sequence[str] = (), samples: int = 1, matrix=None,
     plan: str | Plan | None = None, threads: int | None = None, keep=None, progress: Progress = None,
@@ -60,8 +63,8 @@ def sun_hours(
 
     Parameters
     ----------
-    scene : Scene or PagedScene
-    sensors : Sensors or str, optional
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    sensors : Sensors, str, or (n, 3) float, optional
         A text is ``face``, ``vertex``, ``grid:SPACING``, ``raster:SPACING`` or a file; see `antumbra.sensors_of`. None:
         ``face``; in areas ``raster:0.5``.
     days : str or iterable of date, optional
@@ -110,7 +113,10 @@ def sun_hours(
         If the place or the days are unknown, a text has another form, a package is missing (``antumbra[sun]``), or no
         sun is above the horizon.
     """
+    scene, threads = scene_of(scene), thread_count(threads)
     samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, MOST_DIRECTIONS)
+    parse_plan(DEFAULT_PLAN if plan is None else plan)
+    given = None if keep is None else engine_of(keep)
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
     study = studied(scene, days, place=place, step=step, rule=rule, areas=in_areas, epw=epw, energy=energy, by=by)
     if sensors is None:
@@ -119,6 +125,7 @@ def sun_hours(
         sensors = sensors_of(sensors, scene, threads, areas)
     elif areas is not None:
         raise InputError("areas need sensors as text, such as raster:0.5; or leave areas out, and give area_sensors")
+    sensors = sensors_from(sensors, None, "sensors")
     target = None if matrix is None else checked_output(matrix, (".npy",))
     suns, bins = study.suns, _Bins(study)
     asked = ask(
@@ -127,7 +134,7 @@ def sun_hours(
     )  # fmt: skip
     if keep is None and target is not None:
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
-    engine = engine_of(keep)
+    engine = engine_of(keep) if given is None else given
     sums = [Sums(asked, "suns", engine.folder, matrix=target is not None)]
     if target is not None:
         check_room(target, row_file_size(sums[0].matrix_shape))
@@ -151,17 +158,17 @@ def sun_hours(
 
 def studied(scene, days, *, place, step, rule, areas, epw, energy, by) -> Study:
     """Everything but the scene's answer: the place, the suns, and what to count."""
-    for each in by:
-        if each not in BY:
-            raise InputError(f"by is {each!r}; it must be month or hour")
+    by = tuple(choice(each, "by", BY) for each in items(by, str, "by"))
+    energy = flag(energy, "energy")
     found = None if rule is None else rule_named(rule)
     if days is not None:
-        days = parse_days(days) if isinstance(days, str) else list(days)
+        days = parse_days(days) if isinstance(days, str) else checked_days(days)
     if found is not None:
         check_asked(found.name, days, areas)
     if step is None:
         step = 60.0 if found is None else found.step
-    place = place_of(scene) if place is None else place
+    step = checked_step(step)
+    place = place_of(scene) if place is None else checked_place(instance(place, Place, "place"))
     weather = None
     if epw is not None:
         weather, place = read_epw(epw, place)
@@ -182,7 +189,7 @@ def studied(scene, days, *, place, step, rule, areas, epw, energy, by) -> Study:
         diffuse = None if clear is None else clear.dhi * times.hours
     if not len(suns.hours):
         raise InputError("no sun is above the horizon on these days; check the days and the place")
-    return Study(place, suns, found, diffuse, tuple(by), float(step))
+    return Study(place, suns, found, diffuse, by, step)
 
 
 class _Bins:

@@ -7,6 +7,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from ...checks import number, parts_of, quoted
 from ...errors import InputError
 from .place import Place
 
@@ -47,11 +48,12 @@ def times_of(days, zone: tzinfo, step: float = 60) -> Times:
     InputError
         If there are no days, or the step is out of range.
     """
-    days = sorted(set(days))
+    days = sorted(set(checked_days(days)))
     if not days:
         raise InputError(f"there are no days; write {FORMS}")
-    if not 1.0 / 60.0 <= step <= _MOST_MINUTES:
-        raise InputError(f"the step is {step!r}; it must be a number of minutes from 1 to {_MOST_MINUTES}")
+    if not isinstance(zone, tzinfo):
+        raise InputError(f"zone is {quoted(zone)}; it must be a tzinfo, such as zoneinfo.ZoneInfo('Europe/Amsterdam')")
+    step = checked_step(step)
     seconds = round(60.0 * step)
     starts, ends = [], []
     for day in days:
@@ -60,6 +62,24 @@ def times_of(days, zone: tzinfo, step: float = 60) -> Times:
         starts.append(start)
         ends.append(np.minimum(start + seconds, last))
     return intervals(np.concatenate(starts), np.concatenate(ends), zone)
+
+
+def checked_step(step) -> float:
+    """Minutes of an interval; InputError unless it is a number from a second to a day."""
+    return number(step, "step (minutes)", 1.0 / 60.0, _MOST_MINUTES, "[]")
+
+
+def checked_days(days) -> list[date]:
+    """The days of an iterable; InputError unless all are dates."""
+    found = parts_of(days)
+    if found is None:
+        raise InputError(f"days are {quoted(days)}; give a list of datetime.date")
+    for day in found:
+        if not isinstance(day, date) or isinstance(day, datetime):
+            raise InputError(f"a day is {quoted(day)}; it must be a datetime.date")
+        if not YEARS[0] <= day.year <= YEARS[1]:
+            raise InputError(f"a day is {day}; choose a year from {YEARS[0]} to {YEARS[1]}")
+    return found
 
 
 def intervals(starts: np.ndarray, ends: np.ndarray, zone: tzinfo) -> Times:
@@ -108,6 +128,8 @@ def parse_zone(text: str) -> tzinfo:
     InputError
         If the zone is unknown.
     """
+    if not isinstance(text, str):
+        raise InputError(f"timezone is {quoted(text)}; write a name such as Europe/Amsterdam, or +01:00")
     match = _OFFSET.fullmatch(text.strip())
     if match:
         minutes = 60 * int(match[2]) + int(match[3] or 0)

@@ -1,11 +1,11 @@
 """Radiation of the sun for intervals: from an EPW weather file, or of a clear sky."""
 
 from datetime import timedelta, timezone
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ...checks import path_of
 from ...errors import InputError
 from ...extras import needed
 from ...scene.files import checked_file
@@ -50,7 +50,7 @@ def read_epw(path, place: Place | None = None) -> tuple[Weather, Place]:
     needed("pvlib", "an EPW file", "sun")
     from pvlib.iotools import read_epw as read
 
-    path = Path(path)
+    path = path_of(path, "epw")
     checked_file(path, path.name)
     try:
         table, head = read(path)

@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...checks import as_array
+from ...errors import InputError
+
 
 class Surface(NamedTuple):
     """A semantic surface, such as a roof. A polygon without semantics is a surface of its own."""
@@ -36,7 +39,14 @@ class CityModel(NamedTuple):
         It is "" where the polygon has no semantics, and where the face is -1 (none).
 
         faces : (...) int, such as `Hit.face`
+
+        Raises
+        ------
+        InputError
+            If a face is no face of the city.
         """
-        faces = np.asarray(faces)
+        faces, n = as_array(faces, "faces"), len(self.surface_of_face)
+        if faces.dtype.kind == "f" or (faces.size and not (-1 <= faces.min() and faces.max() < n)):
+            raise InputError(f"faces must be whole numbers from -1 to {n - 1}, the city's last face")
         names = np.array([surface.type or "" for surface in self.surfaces] + [""])
         return names[np.where(faces >= 0, self.surface_of_face[faces], len(self.surfaces))]

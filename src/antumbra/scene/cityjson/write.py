@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...checks import path_of, quoted
+from ...checks import text as checked_text
 from ...errors import InputError
 from ...output import checked_output, replacing
 from ..files import checked_file
@@ -51,11 +52,15 @@ def write_attributes(source_path, target_path, values: Mapping[str, np.ndarray],
     InputError
         If the source cannot be read, the target cannot be written, or values do not fit the faces.
     """
-    source = Path(source_path)
+    source = path_of(source_path, "source_path")
     checked_file(source, source.name)
     if source.suffix.lower() not in SUFFIXES:
         raise InputError(f"{source.name}: attributes are written to CityJSON only; name a .json or .jsonl file")
     target = checked_output(target_path, (source.suffix.lower(),))
+    if lod is not None:
+        checked_text(lod, "lod")
+    if not isinstance(values, Mapping):
+        raise InputError(f"values are {quoted(values)}; give a dict of the attribute's name to a value for each face")
     found = read_cityjson(source, lod)
     vectors = _vector_areas(found.source.mesh)
     means = [_means(name, given, found.city, vectors) for name, given in values.items()]
@@ -88,7 +93,10 @@ def _vector_areas(mesh) -> np.ndarray:
 
 
 def _means(name: str, given, city: CityModel, vectors: np.ndarray) -> _Means:
-    values = np.asarray(given)
+    try:
+        values = np.asarray(given)
+    except ValueError:  # rows of several lengths
+        values = np.asarray(None)
     if not isinstance(name, str) or not name or name in _RESERVED:
         raise InputError(f"attribute {name!r} cannot be written; choose another name")
     if values.shape != city.object_of_face.shape or values.dtype.kind not in "fiub":

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import plugins
-from ...checks import near
+from ...checks import near, quoted
 from ...errors import InputError
 from .atrium import atrium
 from .city import city
@@ -60,6 +60,8 @@ def find_scene(name: str) -> Recipe:
     InputError
         On an unknown name.
     """
+    if not isinstance(name, str):
+        raise InputError(f"name is {quoted(name)}; choose one of {', '.join(PROCEDURAL)}")
     if name not in PROCEDURAL:
         add_scenes()
     if name not in PROCEDURAL:

@@ -1,0 +1,139 @@
+"""The commands and the functions are two faces of the same jobs: names, messages and help."""
+
+import inspect
+import re
+
+import pytest
+import typer
+
+import antumbra as at
+from antumbra.cli.app import app
+
+COMMANDS = {
+    name: each for name, each in typer.main.get_command(app).commands.items() if name not in ("bench", "doctor")
+}
+
+TWINS = {
+    "render": at.render,
+    "sun": at.sun_hours,
+    "viewshed": at.viewshed,
+    "los": at.line_of_sight,
+    "matrix": at.visibility_matrix,
+    "bake": at.bake,
+    "dataset": at.dataset,
+    "build": at.build_store,
+    "view": at.view,
+}
+"""Command -> the function that does the same."""
+
+OF_COMMANDS = {
+    "up": "load() takes it",
+    "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
+    "output": "results are returned, and have save()", "column": "Table.save takes it",
+    "shard": "keep", "ray": "keep", "merge": "keep",
+    "crs": "place", "latitude": "place", "longitude": "place", "north": "place", "timezone": "place",
+    "light": "one of lights", "ao": "one of lights", "sky": "one of lights", "vpl": "some of lights",
+    "observer": "one of observers", "target": "one of targets", "pairs": "shapes broadcast",
+    "size": "Camera has it", "exposure": "Frame.save takes it", "preset": "sets spp, filter and adaptive",
+    "adaptive_spp": "the number in adaptive", "frames": "a loop", "fps": "a loop", "overwrite": "a loop",
+    "city_output": "write_attributes", "sparse": "VisibilityMatrix.save", "counts": "VisibilityMatrix.counts",
+    "vertex": "texture is None", "no_browser": "browser=False",
+}  # fmt: skip
+"""Option that no function has -> where Python has it."""
+
+OF_FUNCTIONS = {
+    "lights": "--light, once for each", "cameras": "--camera, once for each", "place": "--latitude and its company",
+    "normals": "columns of files", "target_normals": "columns of files",
+    "faces": "columns of files", "target_faces": "columns of files",
+    "layers": "EXR files have them", "progress": "shown on terminals", "keep": "--shard and --ray",
+    "folder": "--output", "path": "--output", "chunk": "for tests", "browser": "--no-browser",
+    "scenes": "SCENE...",
+}  # fmt: skip
+"""Parameter that no command has -> how the command gives it."""
+
+BY_COMMAND = {"sun": {"max_memory"}, "viewshed": {"camera"}, "dataset": {"camera"}}
+"""Options of one command that its function gets otherwise: of the scene, or of the table."""
+
+
+def options(name: str) -> dict:
+    """Name of the parameter of a command -> the parameter."""
+    return {param.name: param for param in COMMANDS[name].params if param.name != "help"}
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_a_command_and_its_function_have_the_same_names(name):
+    own, others = set(options(name)), set(inspect.signature(TWINS[name]).parameters)
+    assert len(own & others) >= 3
+    assert own - others <= OF_COMMANDS.keys() | BY_COMMAND.get(name, set()) | {"scene"} | OF_FUNCTIONS.keys()
+    assert others - own <= OF_FUNCTIONS.keys()
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_options_are_written_as_parameters(name):
+    """--eye-height is eye_height; a switch may have --no- before it."""
+    for param in options(name).values():
+        if param.param_type_name == "option" and param.name not in ("observer", "target"):
+            assert f"--{param.name.replace('_', '-')}" in param.opts, param.opts
+
+
+def test_every_exception_is_needed():
+    own = set().union(*(options(name) for name in TWINS))
+    others = set().union(*(inspect.signature(function).parameters for function in TWINS.values()))
+    assert OF_COMMANDS.keys() <= own
+    assert OF_FUNCTIONS.keys() <= others
+
+
+ARGUMENTS = {
+    "sun": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--step", "720"],
+    "bake": ["-o", "b.glb", "--spp", "1"],
+    "los": ["--from", "0.1,1,0.1", "--to", "0.1,-1,0.1"],
+    "viewshed": ["--observer", "0.1,1,0.1"],
+    "matrix": ["--sparse", "m.npz"],
+    "dataset": ["-o", "d", "--size", "4", "--spp", "1"],
+    "build": ["-o", "b.antumbra"],
+    "render": ["--size", "4", "--spp", "1"],
+    "compare": ["--size", "4", "--spp", "1", "--plan", "bsah+single", "--plan", "bsah+wide"],
+    "view": ["--no-browser"],
+}
+ANYTHING = {  # any text names something, or a file that may be missing
+    "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
+    "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
+}  # fmt: skip
+"""Options whose messages name the value, not the option."""
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in ("merge", "warmup", "plans", "scenes")])
+def test_wrong_values_of_options(name, cli, square_obj):
+    """One line, which names the option as it was written, in words of this package."""
+    asked = 0
+    for param in COMMANDS[name].params:
+        if param.param_type_name != "option" or param.is_flag or param.name in ANYTHING | {"help"}:
+            continue
+        option = next(text for text in param.opts if text.startswith("--"))
+        done = cli(name, square_obj, *ARGUMENTS.get(name, []), f"{option}=facade")
+        done.refused("facade")
+        told = done.err.removeprefix("antumbra: ")
+        assert told.startswith((option, "plan", "rule", "days")), told
+        assert not re.search(r"Value error|Input should|Invalid value|pydantic", told), told
+        asked += 1
+    assert asked or name in ("info",)
+
+
+def test_numbers_of_options_name_their_limits(cli, square_obj):
+    cli("render", square_obj, "--threads", "100000").refused("--threads is '100000'; it must be at most 1024")
+    cli("render", square_obj, "--spp", "0").refused("--spp is '0'; it must be at least 1")
+    cli("render", square_obj, "--preset", "best").refused("--preset is 'best'; it must be one of 'draft', 'standard'")
+    cli("render", square_obj, "--exposure=-1").refused("--exposure is -1.0; it must lie between 0 and 1e+30")
+    cli("build", square_obj, "-o", "b.antumbra", "--max-memory", "100M").refused("--max-memory is 100M", "from 384M")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_keeps_lines_that_are_laid_out(name, cli, monkeypatch):
+    """Tables and examples of a docstring stand in the help as they were written; only its sentences are wrapped."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERMINAL_WIDTH", "80")
+    shown = cli(name, "--help").out.splitlines()
+    laid_out = [line for line in inspect.cleandoc(COMMANDS[name].callback.__doc__).splitlines() if line[:2] == "  "]
+    assert laid_out or name in ("plans", "doctor", "warmup", "merge", "compare", "scenes", "culling", "explain")
+    for line in laid_out:
+        assert f"  {line}".rstrip() in shown, line
