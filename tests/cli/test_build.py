@@ -58,7 +58,7 @@ def test_info_finds_damage(cli, tmp_path):
         (("none.glb", "-o", "a.antumbra"), ["none.glb"]),
         ((SCENE, "-o", "a.png"), ["a.png", ".antumbra"]),
         ((SCENE, "-o", "gone/a.antumbra"), ["gone", "make it first"]),
-        ((SCENE, "-o", "a.antumbra", "--max-memory", "1M"), ["max_memory", "1048576"]),
+        ((SCENE, "-o", "a.antumbra", "--max-memory", "1M"), ["--max-memory is 1M", "from 384M"]),
         ((SCENE, "-o", "a.antumbra", "--max-memory", "much"), ["--max-memory", "512M"]),
         ((SCENE, "-o", "a.antumbra", "--up", "z"), ["--up"]),
         (("procedural:city?triangles=3", "-o", "a.antumbra"), ["triangles is 3"]),
