@@ -31,6 +31,7 @@ PLUMBING = {
     "view", "rays",  # of cameras, for tracers
     "from_rows", "rows", "see",  # of a Renderer, for commands and workers: they take what its other methods made
     "of_scene",  # of a Hit
+    "middles", "places",  # of a Raster, for sensors
     "ignore_alpha", "refusal", "wait", "close",  # without parameters
 }  # fmt: skip
 """Methods without a face for users."""
