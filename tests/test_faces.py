@@ -148,6 +148,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "PagedScene": ex(at.PagedScene, store=store.store),
         "Sensors": ex(at.Sensors, points=points, normals=up, areas=[1.0, 2.0], faces=[0, 1], kind="points"),
         "Sensors.part": ex(sensors.part, first=0, last=1),
+        "Sensors.on_raster": ex(at.raster_sensors(own, 9.0).on_raster, values=[1.0]),
         "Table": ex(at.Table, sensors=sensors, columns=table.columns),
         "Table.of_faces": ex(table.of_faces, name="seen"),
         "Table.rows": ex(table.rows),

@@ -104,11 +104,21 @@ class Sensors:
         return self.faces >= 0
 
     def on_raster(self, values: np.ndarray) -> np.ndarray:
-        """(rows, columns) float64: the values ((n,) numbers) of `covered` cells; NaN in the others."""
-        assert self.raster is not None
+        """(rows, columns) float64: the values ((n,) numbers) of `covered` cells; NaN in the others.
+
+        Raises
+        ------
+        InputError
+            If the sensors are in no raster, or there is not one number for each.
+        """
+        if self.raster is None:
+            raise InputError(f"sensors of kind {self.kind!r} are in no raster; make them by raster_sensors")
+        own = values if isinstance(values, np.ndarray) and values.dtype == bool else as_array(values, "values")
+        if own.shape != (len(self),):
+            raise InputError(f"values must be ({len(self)},) numbers, one for each sensor, not {own.shape}")
         found = np.full(self.raster.rows * self.raster.columns, np.nan)
         cells = np.arange(len(self)) if self.cells is None else self.cells
-        found[cells[self.covered]] = values[self.covered]
+        found[cells[self.covered]] = own[self.covered]
         return found.reshape(self.raster.rows, self.raster.columns)
 
     def part(self, first: int, last: int) -> "Sensors":
