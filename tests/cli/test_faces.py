@@ -98,6 +98,7 @@ ARGUMENTS = {
 ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
+    "allow_host",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
 

@@ -46,7 +46,7 @@ class CityModel(NamedTuple):
             If a face is no face of the city.
         """
         faces, n = as_array(faces, "faces"), len(self.surface_of_face)
-        if faces.dtype.kind == "f" or (faces.size and not (-1 <= faces.min() and faces.max() < n)):
+        if faces.dtype.kind == "f" or (faces.size and (faces.min() < -1 or faces.max() >= n)):
             raise InputError(f"faces must be whole numbers from -1 to {n - 1}, the city's last face")
         names = np.array([surface.type or "" for surface in self.surfaces] + [""])
         return names[np.where(faces >= 0, self.surface_of_face[faces], len(self.surfaces))]
