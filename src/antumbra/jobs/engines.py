@@ -70,9 +70,17 @@ class Engine(Protocol):
 
 def engine_of(keep) -> Engine:
     """The engine that an argument `keep` means: an engine, or the folder of one that does everything itself."""
-    if all(hasattr(keep, part) for part in ("folder", "finish", "end")):
+    keep = checked_keep(keep)
+    if keep is None:
+        return Whole(None)
+    return Whole(checked_folder(keep, parents=True)) if isinstance(keep, Path) else keep
+
+
+def checked_keep(keep) -> Any:
+    """An argument `keep` as an engine, None, or the path of a folder, which is not made yet; else an InputError."""
+    if keep is None or all(hasattr(keep, part) for part in ("folder", "finish", "end")):
         return keep
-    return Whole(None if keep is None else checked_folder(path_of(keep, "keep"), parents=True))
+    return path_of(keep, "keep")
 
 
 class Whole:

@@ -152,8 +152,9 @@ def test_a_sky_light_is_a_whole_sphere():
     assert at.sky_view(floor)["sky_view"] == pytest.approx(1.0)
     with pytest.raises(at.InputError, match="directions is 0; it must be a whole number from 1 to 16384"):
         at.sky_view(floor, directions=0)
-    with pytest.raises(at.InputError, match="sensors are a list; give Sensors, or a text such as face"):
-        at.sky_view(floor, [[0, 0, 0]])
+    with pytest.raises(at.InputError, match="sensors must have shape"):
+        at.sky_view(floor, [0, 0, 0])
+    assert at.sky_view(floor, [[0, 0, 1]])["sky_share"] == 1.0  # of points in the air, as in `sun_hours`
 
 
 def test_the_disk_of_the_sun_has_its_size():

@@ -17,7 +17,7 @@ from ...output import check_room, checked_output, replacing
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...query.order import morton_codes
 from ...scene.any_scene import AnyScene
-from ..engines import engine_of
+from ..engines import checked_keep, engine_of
 from ..parts import Parts, about_parts, inexact
 from ..readsensors import sensors_of
 from ..rowfile import RowFile, row_file_size, write_rows
@@ -145,7 +145,7 @@ def visibility_matrix(
         If an argument is wrong, or a matrix in memory would take more than 2 GiB.
     """
     scene, threads = scene_of(scene), thread_count(threads)
-    time, engine = scene.clamped(time), None if keep is None else engine_of(keep)
+    time, keep = scene.clamped(time), checked_keep(keep)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     path = None if output is None else checked_output(output, (".npy",))
     own = sensors_from(_named(sensors, scene, threads), normals, "sensors")
@@ -161,7 +161,7 @@ def visibility_matrix(
     grid = _grid(rows, rows if others is None else ends_of(scene, others), others is None)
     if keep is None and path is not None:
         keep = path.with_name(path.name + ".parts")
-    engine = engine_of(keep) if engine is None else engine
+    engine = engine_of(keep)
     tracing = cache(lambda: Tracing(scene, plan, time, threads, len(grid.tiles) * STRIP * STRIP))  # if there is a tile
     work = lambda first, last: {"bits": _tile(tracing(), grid, first)}
     about = None if engine.folder is None else _about(scene, grid, time, plan)

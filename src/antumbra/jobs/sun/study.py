@@ -15,7 +15,7 @@ from ...loading import SceneLike, scene_of
 from ...output import check_room, checked_output, replacing
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ..areas import SPACING
-from ..engines import engine_of
+from ..engines import checked_keep, engine_of
 from ..readsensors import sensors_of
 from ..rowfile import row_file_size
 from ..sensors import Sensors
@@ -116,7 +116,7 @@ def sun_hours(
     scene, threads = scene_of(scene), thread_count(threads)
     samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, MOST_DIRECTIONS)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
-    given = None if keep is None else engine_of(keep)
+    keep = checked_keep(keep)
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
     study = studied(scene, days, place=place, step=step, rule=rule, areas=in_areas, epw=epw, energy=energy, by=by)
     if sensors is None:
@@ -134,7 +134,7 @@ def sun_hours(
     )  # fmt: skip
     if keep is None and target is not None:
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
-    engine = engine_of(keep) if given is None else given
+    engine = engine_of(keep)
     sums = [Sums(asked, "suns", engine.folder, matrix=target is not None)]
     if target is not None:
         check_room(target, row_file_size(sums[0].matrix_shape))
