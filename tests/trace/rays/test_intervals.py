@@ -284,7 +284,7 @@ def test_segments_and_cutouts():
         (dict(targets=np.ones((3, 2))), "targets must have shape"),
         (dict(targets=np.full(3, np.nan)), "targets hold NaN"),
         (dict(targets=np.full(3, 1e39)), "targets hold"),
-        (dict(targets="abc"), "targets must hold numbers"),
+        (dict(targets="abc"), "targets must be numbers"),
         (dict(targets=np.ones((5, 3))), "targets"),
     ],
 )
