@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 import antumbra as at
+import oracle
 from antumbra.errors import InputError
+from antumbra.plan import Plan, covering_plans
 from antumbra.query.placing import MOST_RATIO, place
+from antumbra.query.sampling import light_samples
+from antumbra.rendering.queries import receivers_of
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
+from antumbra.rendering.building import build_store
 
 RNG = np.random.default_rng(8)
 SOUP = RNG.integers(-9, 10, (40, 3, 3)).astype(float)
@@ -74,3 +79,129 @@ def test_lights_next_to_zero_and_distant_ones():
     sun = at.DirectionalLight((0, -1, 0))
     assert place(sun, origin, box, 4.0).base.tobytes() == sun.patch(origin, 4.0).base.tobytes()
     assert place(sun, origin, None, 2 * MOST_RATIO) is not None
+
+
+TINY = 2.0 ** RNG.integers(-149, -100, (96, 3)) * RNG.integers(-1, 2, (96, 3))
+"""Coordinates next to the frame's zero: some are denormal, some are set to 0, some are kept."""
+
+CENTRED = np.concatenate([SOUP, [[[k, k, k], [k, k, 0], [k, 0, 0]] for k in (-16.0, 16.0)]])
+"""A scene whose frame has its zero at the world's."""
+
+
+ENDS = CENTRED[RNG.integers(0, 40, 96)].mean(1) * RNG.choice([0.5, 1.0, 2.0], (96, 1))
+ENDS = np.where(RNG.random((96, 3)) < 1 / 3, 0.0, ENDS).astype(np.float32).astype(float)
+"""Points of the scene's triangles, and beside them."""
+
+WAYS = RNG.integers(-4, 5, (96, 3)) + 0.5
+PACES = 2.0 ** RNG.integers(-130, 100, (192, 1))
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """The centred scene in memory, and in a store."""
+    path, scene = tmp_path_factory.mktemp("centred") / "a.antumbra", at.Scene.from_arrays(CENTRED)
+    build_store(scene, path)
+    assert not scene.origin.any()
+    return scene, at.load(path)
+
+
+def test_ray_lists_next_to_zero(both):
+    """Origins and targets are settled, as corners are; directions of any magnitude count as they are."""
+    origins, ends = np.concatenate([TINY, TINY + ENDS]), np.concatenate([ENDS, TINY])
+    mine, theirs = (settled(a.astype(np.float32)) for a in (origins, ends))
+    assert (mine != origins).any() and (theirs != ends).any()
+    ways = ends + np.where(ends == 0.0, TINY[::-1].repeat(2, 0), 0.0)
+    ways = (ways * PACES).astype(np.float32)
+    ways[~ways.any(1)] = 1.0
+    vertices = both[0].triangles().vertices
+    segments = oracle.occluded(vertices, mine, ends=theirs)
+    t, face = oracle.closest_hit(vertices, mine, ways)
+    assert 0 < segments.sum() < 192 and 0 < (face >= 0).sum() < 192
+    for scene in both:
+        np.testing.assert_array_equal(scene.occluded(origins, targets=ends), segments)
+        np.testing.assert_array_equal(scene.occluded(origins, ways), face >= 0)
+        hit = scene.closest_hit(origins, ways)
+        np.testing.assert_array_equal(hit.t, t)
+        np.testing.assert_array_equal(hit.face, face)
+
+
+def test_a_corner_next_to_zero_is_met_by_the_segment_that_ends_beyond_it(both):
+    """Were only corners settled, the segment would pass it."""
+    at_corner = np.array([2.0**-115, 0.5, 0.5])
+    soup = np.concatenate([CENTRED, [[at_corner, [0, 1, 0.5], [-1, 1, 0.5]]]])[40:]
+    scene = at.Scene.from_arrays(soup)
+    assert not scene.origin.any()
+    assert scene.occluded(at_corner - (0, 0, 1), targets=at_corner + (0, 0, 1))
+    assert not scene.occluded([1e-3, 0.5, -0.5], targets=[1e-3, 0.5, 1.5])
+
+
+def test_directions_with_components_of_all_magnitudes(tmp_path):
+    """A component of 2^-60 beside one of 2^100 decides on which side of an edge a ray passes."""
+    wall = np.array([[[1.0, 0, -1], [1, 0, 1], [1, 1, 0]], [[-1.0, 0, -1], [-1, 0, 1], [-1, -1, 0]]])
+    scene, path = at.Scene.from_arrays(wall), tmp_path / "a.antumbra"
+    build_store(scene, path)
+    ways = np.array([[2.0**100, side * 2.0**-60, 0] for side in (1, 0, -1)])
+    for each in scene, at.load(path):
+        np.testing.assert_array_equal(each.occluded(np.zeros((3, 3)), ways), [True, True, False])
+        np.testing.assert_array_equal(each.closest_hit(np.zeros((3, 3)), ways).face, [0, 0, -1])
+        np.testing.assert_array_equal(each.closest_hit(np.zeros((3, 3)), 2.0**-89 * -ways).face, [1, 1, -1])
+
+
+@pytest.mark.parametrize("far", [2.0**45, 2.0**90, 2.0**120])
+def test_ray_lists_far_from_the_scene(both, far):
+    """Rays need no limit of distances: float64 takes over where float32 does not hold them."""
+    ends = ENDS
+    origins = (ends - far * WAYS).astype(np.float32)
+    back = (ends - origins).astype(np.float32)
+    vertices = both[0].triangles().vertices
+    t, face = oracle.closest_hit(vertices, origins, back)
+    segments = oracle.occluded(vertices, origins, ends=ends)
+    for scene in both:
+        hit = scene.closest_hit(origins, back)
+        np.testing.assert_array_equal(hit.t, t)
+        np.testing.assert_array_equal(hit.face, face)
+        np.testing.assert_array_equal(scene.occluded(origins, targets=ends), segments)
+
+
+NEXT_TO_ZERO = {
+    "list": at.PointLights(np.concatenate([TINY[:4], ENDS[:2]])),
+    "quad": at.QuadLight((0, 0, 0), (1e-33, 0, 0), (0, 0, 2e-33)),
+    "crossing zero": at.QuadLight((-0.5, 0, -1e-20), (1, 0, 0), (0, 0, 2e-20)),
+    "disk": at.DiskLight((0, 0, 0), (0, 1, 0), 1e-33),
+}
+
+
+@pytest.mark.parametrize("plan", [plan for plan in covering_plans() if plan == Plan(trace=plan.trace)], ids=str)
+def test_samples_next_to_zero(both, plan):
+    """Samples of lights are float32 points of any magnitude: see docs/design/exactness.md."""
+    points = np.concatenate([TINY, ENDS])
+    for light in NEXT_TO_ZERO.values():
+        bits = at.visibility(both[0], points, light, spp=4, plan=plan)
+        origins, _ = receivers_of(both[0], points, None)
+        patch = place(light, np.zeros(3), np.array([CENTRED.min((0, 1)), CENTRED.max((0, 1))], np.float32), 1.0)
+        ends = light_samples(light, 4)[np.arange(192) % 4]
+        ends = (((patch.base + ends[..., :1] * patch.u) + ends[..., 1:2] * patch.v) + ends[..., 2:] * patch.w).astype("f")
+        n = ends.shape[1]
+        truth = oracle.occluded(both[0].triangles().vertices, origins.repeat(n, 0), ends=ends.reshape(-1, 3))
+        np.testing.assert_array_equal(~bits.seen_samples, truth.reshape(192, n))
+        assert 0 < truth.sum() < truth.size
+
+
+@pytest.mark.parametrize("plan", ["bsah+single", "bsah+wide", "bsah+multifrusta", "bsah+packet16", "cones", "lbvh+single"])
+@pytest.mark.parametrize("size", [2.0**-103, 2.0**-109, 2.0**-116])
+def test_scenes_that_shrink(tmp_path, plan, size):
+    """The limits of width hold at time 0. Later, coordinates are settled all the same."""
+    np.save(tmp_path / "frames.npy", np.stack([CENTRED, CENTRED * size]).reshape(2, -1, 3))
+    np.save(tmp_path / "faces.npy", np.arange(CENTRED.size // 3, dtype=np.int32).reshape(-1, 3))
+    scene = at.load(tmp_path)
+    later = scene.duration
+    light = at.PointLight(np.array([1.0, 3, 2]) * size)
+    points = ENDS * size
+    vertices = scene.triangles(later).vertices
+    origins = receivers_of(scene, points, None)[0]
+    ends = settled(np.array(light.position)).astype(np.float32)
+    truth = oracle.occluded(vertices, origins, ends=np.broadcast_to(ends, (96, 3)))
+    got = at.visibility(scene, points, light, spp=1, plan=plan, time=later)
+    np.testing.assert_array_equal(~got.seen, truth)
+    np.testing.assert_array_equal(scene.occluded(points, targets=light.position, time=later), truth)
+    assert truth.any() == (size > 2.0**-115)

@@ -42,7 +42,7 @@ class Found(NamedTuple):
     slot: I32Ptr  # int32
     own: I32Ptr  # int32: the triangle that does not count, -1 for none
     span: F64Ptr  # float64: tmin of 16 rays, then tmax
-    targets: F32Ptr  # float32: rows x, y, z; of segments only
+    ways: F32Ptr  # float32: rows x, y, z of the directions, or of the targets of segments
     cull_faces: int  # a value of CULL_FACES
     any_hit: bool
     segments: bool
@@ -61,9 +61,9 @@ def _load(picture, rays, y0, x0, found):
             put(found.part, lane, -1)
             if rays.each != 0:
                 _put_span(found, lane, span_of(rays, y, x))
-            if rays.segments:
-                for k in range(3):
-                    put(found.targets, 16 * k + lane, rays.targets[y, x, k])
+            ways = rays.targets if rays.segments else rays.directions
+            for k in range(3):
+                put(found.ways, 16 * k + lane, ways[y, x, k])
     return live
 
 
@@ -89,7 +89,7 @@ def _write(picture, hits, y0, x0, live, found):
 @kernel
 def _meets(found, lane, corners, slot):
     """Whether a ray meets a triangle that counts, exactly."""
-    c, e = found.bundle.rays, found.targets
+    c, e = found.bundle.rays, found.ways
     if found.segments:
         ray = segment(
             get(c, lane), get(c, 16 + lane), get(c, 32 + lane), get(e, lane), get(e, 16 + lane), get(e, 32 + lane)
@@ -102,11 +102,9 @@ def _meets(found, lane, corners, slot):
 
 @inlined
 def _ray(found, lane):
-    f = np.float64
-    c, s = found.bundle.rays, 1.0 / f(get(found.bundle.lengths, lane))
+    c, d = found.bundle.rays, found.ways  # the bundle's own directions have underflowed where they are much shorter
     return ray_along(
-        get(c, lane), get(c, 16 + lane), get(c, 32 + lane),
-        f(get(c, 48 + lane)) * s, f(get(c, 64 + lane)) * s, f(get(c, 80 + lane)) * s,
+        get(c, lane), get(c, 16 + lane), get(c, 32 + lane), get(d, lane), get(d, 16 + lane), get(d, 32 + lane),
         get(found.span, lane), get(found.span, 16 + lane),
     )  # fmt: skip
 

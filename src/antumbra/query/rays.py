@@ -6,6 +6,7 @@ import numpy as np
 
 from ..checks import as_array, choice
 from ..errors import InputError
+from ..scene.recentre import settled
 from .diffuse import RayPass
 from .shadow import CULL_FACES
 
@@ -116,8 +117,9 @@ class Arguments(NamedTuple):
         """The origins in the scene's frame, and the directions or the targets in it: (m, 3) float32 each."""
         ways = self.directions.astype(np.float64) - self.frame if self.segments else self.directions
         with np.errstate(over="ignore", invalid="ignore"):  # `check` names them
-            origins = (self.origins.astype(np.float64) - self.frame).astype(np.float32)
-            return origins, np.ascontiguousarray(ways, np.float32)
+            origins = settled((self.origins.astype(np.float64) - self.frame).astype(np.float32))
+            ways = np.ascontiguousarray(ways, np.float32)
+        return origins, settled(ways) if self.segments else ways
 
     def rays(self) -> RayPass:
         """The rays in the scene's frame. Directions of segments are rounded differences of their ends."""

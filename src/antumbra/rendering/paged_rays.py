@@ -22,6 +22,8 @@ RAY_BYTES = 160
 LEAST = 1 << 16
 """Rays of a batch, if there are so many: with fewer, each chunk would be read for few rays."""
 
+_LEAST_EXPONENT = 0  # shorter directions are lengthened
+
 
 class Batch(NamedTuple):
     """Some rays of a list, and their hits."""
@@ -40,10 +42,14 @@ def batches(paged, arguments: Arguments, any_hit: bool, cull_faces: int, most: i
         places = order[begin : begin + most]
         some = arguments.part(places)
         rays, spans = some.rays(), np.concatenate([some.tmin, some.tmax], 1, dtype=np.float64)
+        rays, factors = _lengthened(rays)
         targets = some.local()[1] if some.segments else None
         if not (np.isfinite(rays.origins).all() and np.isfinite(some.local()[1]).all()):
             raise changed()  # they were checked before
+        with np.errstate(over="ignore", under="ignore"):  # no t is as large or as small
+            spans = spans / factors
         hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads, targets)
+        hits = hits._replace(t=hits.t * factors.T)
         if any_hit:
             yield Batch(places, rays, hits, paged.accelerated.triangles, hits.face[0])
         else:
@@ -59,6 +65,16 @@ def _alike(arguments: Arguments) -> np.ndarray:
             directions -= arguments.origins.astype(np.float32)
         directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-30)
         return np.lexsort((morton_codes(directions), morton_codes(arguments.origins)))
+
+
+def _lengthened(rays: RayPass) -> tuple[RayPass, np.ndarray]:
+    """The rays with short directions times a power of two, which is exact; and these powers, (n, 1) float64.
+
+    Tracers take multiples of directions that are as long as the scene, which float32 might not hold.
+    """
+    exponents = np.frexp(np.abs(rays.directions).max(1, initial=0.0, keepdims=True))[1]
+    factors = np.ldexp(1.0, np.maximum(_LEAST_EXPONENT - exponents, 0))
+    return rays._replace(directions=(rays.directions * factors).astype(np.float32)), factors
 
 
 @kernel

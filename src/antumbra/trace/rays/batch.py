@@ -24,6 +24,7 @@ from ...kernels.simd import (
     ptr,
     ptr_at,
     put,
+    select,
     splat16,
     stack_f32,
     stack_f64,
@@ -33,6 +34,7 @@ from ...kernels.simd import (
     to_f32,
     to_f64,
 )
+from ...scene.recentre import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .finish import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
 from .interleaved import walk_interleaved
@@ -60,6 +62,7 @@ from .wide import DEFERRED_WORDS, NONE, Query, WideHit, hits_of, settle_block, s
 _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
 _CHUNK = 16  # times as many blocks, which a thread takes at a time
 _FINITE = np.float32(3.4028235e38)
+_NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
 
 
 class Operand(NamedTuple):
@@ -152,6 +155,14 @@ def _point_at_targets(block):
 
 
 @inlined
+def _settle(rows, at):
+    """`scene.recentre.settled` for the points of a block, in three rows from word `at`."""
+    for k in range(3):
+        x = load16(rows, at + LANES * k)
+        store(rows, at + LANES * k, select(absolute(x) < _NEAREST, _ZERO, x))
+
+
+@inlined
 def _load(args, frame, first, last, block):
     """Convert rays first .. first + 15, and repeat the `last` one beyond the end.
 
@@ -160,6 +171,9 @@ def _load(args, frame, first, last, block):
     f, rows, skip, zero = np.float32, block.rows, block.skip, np.float64(0.0)
     _fill_points(args.origins, first, last, frame, rows, OX)
     _fill_points(args.directions, first, last, frame if block.segments else (zero, zero, zero), rows, DX)
+    _settle(rows, OX)
+    if block.segments:
+        _settle(rows, DX)
     good = _fill_ends(args.tmin, first, last, block, 0) and _fill_ends(args.tmax, first, last, block, 1)
     if args.skip.row == 0:
         store(skip, 0, splat16(get(i32_at(args.skip.address), 0)))
