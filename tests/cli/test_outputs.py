@@ -15,7 +15,7 @@ from antumbra.plugins import announced
 from scene import city_files
 from small_disk import fill, small_disk
 
-READ = {"epw", "observers", "targets", "merge", "folders", "store", "sponza"}
+READ = {"areas", "epw", "observers", "targets", "merge", "folders", "store", "sponza"}
 """Arguments of commands that name files and folders to read."""
 
 

@@ -107,7 +107,7 @@ def test_a_viewshed_in_files(cli, wall, tmp_path):
         (("--observer", "0,0,0", "--azimuth", "3"), ["--azimuth", "FROM:TO"]),
         (("--observer", "0,0,0", "--sensors", "cells"), ["--sensors", "grid:SPACING"]),
         (("--observer", "0,0,0", "-o", "a.tif"), ["holds a raster"]),
-        (("--observer", "0,0,0", "--max-distance", "-3"), ["max_distance"]),
+        (("--observer", "0,0,0", "--max-distance", "-3"), ["--max-distance"]),
         (("--observer", "0,0,0", "--bits", "a.csv"), [".npy"]),
         (("--observers", "a.txt"), ["--observers", ".csv"]),
     ],

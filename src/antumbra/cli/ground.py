@@ -19,8 +19,8 @@ def parse_ground(text: str) -> str | float:
     if word in WORDS:
         return word
     try:
-        return number(word, "--ground", -_FARTHEST, _FARTHEST)
-    except InputError as error:
+        return number(float(word), "--ground", -_FARTHEST, _FARTHEST)
+    except ValueError as error:  # an InputError is one
         raise InputError(f"--ground is {text!r}; it must be auto, on, off or a height such as -1.5") from error
 
 
