@@ -80,7 +80,7 @@ SHARP = {
     ),
     "suns": lambda f: at.DirectionalLights(f.of([[1, -2, -1], [-1, -3, 0.5], [0.25, -1, 1]])),
     "sky": lambda f: at.Sky(_MAP, up=f.up, turn=f.around, count=64, interleave=False),
-    "daylight": lambda f: at.Sky(up=f.up, turn=f.around, count=64, interleave=False),
+    "daylight": lambda f: at.Sky(turn=f.around, count=64, interleave=False),  # it follows the scene
 }
 """Lights whose samples turn along: the same rays are traced in each frame."""
 

@@ -131,7 +131,9 @@ def compare(
     plans = compared_plans(plans)
     check_srdh_rays(srdh_rays, *plans)
     whole_number(rounds, "rounds", 1, 1000)
-    work = _Work(scene, moment._replace(lights=check_lights(moment.lights)), threads, gbuffer, srdh_rays, asked)
+    work = _Work(
+        scene, moment._replace(lights=check_lights(moment.lights, scene.up)), threads, gbuffer, srdh_rays, asked
+    )
     for plan in plans:
         work.renderer(plan)  # refuses a plan before the others are measured
     steps = _Steps(say, len(plans) * (_UNTIMED + rounds))

@@ -36,7 +36,7 @@ def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0,
 
     ``culler`` is a name in CULLERS; the other arguments are as in `antumbra.render`.
     """
-    lights, renderer = check_lights(lights), Renderer(scene, f"{culler}+bsah+single", threads)
+    lights, renderer = check_lights(lights, scene.up), Renderer(scene, f"{culler}+bsah+single", threads)
     warm_up(renderer.plan, renderer.source.gbuffer)
     triangles = scene.triangles(time, threads)
     gbuffer = renderer.see(triangles, camera)

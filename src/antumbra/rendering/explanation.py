@@ -100,7 +100,7 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     kind = source_kind(scene)
     for plan in plans if kind.keeps_read else ():
         Renderer(scene, plan, threads)  # a store has its own tree
-    moments = [moment._replace(lights=check_lights(moment.lights)) for moment in moments]
+    moments = [moment._replace(lights=check_lights(moment.lights, scene.up)) for moment in moments]
     for plan in plans:
         warm_up(plan, "rays" if kind.keeps_read else "raster")
     if kind.keeps_read:

@@ -196,7 +196,7 @@ def visibility(
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     alone = isinstance(light, Light)
-    lights = [in_full(each) for each in check_lights(light)]
+    lights = [in_full(each) for each in check_lights(light, scene.up)]
     samples = [light_samples(each, spp, sampler) for each in lights]
     for each in lights:
         if normals is None and each.domain == "hemisphere":

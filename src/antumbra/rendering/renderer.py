@@ -140,7 +140,7 @@ class Renderer:
         antialias: bool = True,
     ) -> Request:  # fmt: skip
         """The checked arguments of `render`. The kernels that they need are compiled."""
-        camera, lights = _checked_view(camera, lights)
+        camera, lights = _checked_view(self.scene, camera, lights)
         time = self.scene.clamped(time)
         samples, facing = [light_samples(s, spp, sampler) for s in lights], cull_value(cull_faces)
         finer = None if adaptive is None else finer_samples(lights, adaptive, sampler)
@@ -207,11 +207,11 @@ class Renderer:
         return see(triangles, camera, accelerated, self.threads)
 
 
-def _checked_view(camera, lights) -> tuple[Camera, list[Light]]:
+def _checked_view(scene, camera, lights) -> tuple[Camera, list[Light]]:
     """The camera and the list of lights of a picture; the order of `render` is scene, camera, lights."""
     if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
         raise InputError("camera and lights stand in the wrong order; write render(scene, camera, lights)")
-    return instance(camera, Camera, "camera"), check_lights(lights)
+    return instance(camera, Camera, "camera"), check_lights(lights, scene.up)
 
 
 @hushed

@@ -64,7 +64,7 @@ def virtual_point_lights(
         If the light is of an unsupported kind, n is out of range, or no photon meets the scene.
     """
     scene = scene_of(scene)
-    (light,) = check_lights([light])
+    (light,) = check_lights([light], scene.up)
     n = whole_number(n, "n", 1, 16384 if flag(interleave, "interleave") else 1024)
     seed = whole_number(seed, "seed", 0, 2**63 - 1)
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0

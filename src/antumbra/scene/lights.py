@@ -80,6 +80,10 @@ class Light:
         """The samples of this light for each receiver of a query with `spp`."""
         return spp
 
+    def upright(self, up: str) -> "Light":
+        """This light in a scene whose axis `up` points up. Only a `Sky` without an axis of its own changes."""
+        return self
+
     def patch(self, origin, reach: float) -> LightPatch:
         """The light in the frame whose zero is at world position `origin`; scene distances are below `reach`."""
         raise NotImplementedError
@@ -370,11 +374,14 @@ def light_names(lights: Sequence[Light]) -> list[str]:
     return found
 
 
-def check_lights(lights) -> list[Light]:
-    """The lights as a list. Raises InputError on anything that is no light, such as the bare base class."""
+def check_lights(lights, up: str) -> list[Light]:
+    """The lights of a scene as a list. Raises InputError on anything that is no light, such as the bare base class.
+
+    up : the scene's axis that points up, for lights such as a `Sky` that follow it
+    """
     lights = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
     if not lights:
         raise InputError("no lights; give at least one, for example scene.default_light()")
     if any(type(light) is Light for light in lights):
         raise InputError("antumbra.Light is the base class of lights; give a PointLight, a QuadLight, ...")
-    return lights
+    return [light.upright(up) for light in lights]

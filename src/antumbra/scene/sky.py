@@ -1,7 +1,7 @@
 """A sky: light from everywhere, from an environment map, and the background of pictures."""
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,8 +36,8 @@ class Sky(LightList):
         None: a soft daylight, bluish above and grey below the horizon. A colour is a uniform sky. An array is an
         equirectangular map of linear radiance: its first row is the zenith, its middle column is the direction -z
         (if z points up: +y), and columns to the right lie to the right. A path names such a map: .hdr or .exr.
-    up : "y" or "z"
-        The axis that points to the zenith.
+    up : "y", "z" or None
+        The axis that points to the zenith. None: the one that points up in the scene.
     turn : float
         Degrees by which the map is turned around this axis, counter-clockwise seen from above.
     count : int
@@ -46,14 +46,14 @@ class Sky(LightList):
     """
 
     image: Any = None
-    up: str = field(default="y", kw_only=True)
+    up: str | None = field(default=None, kw_only=True)
     turn: float = field(default=0.0, kw_only=True)
     count: int = field(default=256, kw_only=True)
     interleave: bool = field(default=True, kw_only=True)
     map: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self):
-        choice(self.up, "Sky up", ("y", "z"))
+        choice(self.up, "Sky up", ("y", "z", None))
         number(self.turn, "Sky turn (degrees)")
         flag(self.interleave, "Sky interleave")
         whole_number(self.count, "Sky count", 1, MAX_SPP * (N_SETS if self.interleave else 1))
@@ -78,6 +78,9 @@ class Sky(LightList):
     def colours(self) -> np.ndarray:
         """(count, 3) float64: the colour of each light, of luminance 1, times `colour`."""
         return self._drawn[2]
+
+    def upright(self, up):
+        return self if self.up else replace(self, image=self.map, up=up).named(self.name)
 
     def patch(self, origin, reach):
         check_distance(reach, "Sky", "make the scene smaller")
@@ -121,7 +124,7 @@ class Sky(LightList):
     @cached_property
     def _frame(self) -> np.ndarray:
         """(3, 3) float64: the rows are the map's right, upward and backward axes in the world."""
-        right, upward, back = axes(self.up)
+        right, upward, back = axes(self.up or "y")
         turn = np.radians(self.turn)
         turned = np.cos(turn) * right - np.sin(turn) * back
         return np.stack([turned, upward, np.cross(turned, upward)])

@@ -67,7 +67,7 @@ class Model:
         self.scene, self.stage, self.place, self.threads = scene, Stage.of(scene), place, threads
         self.renderer = Renderer(scene, plan, threads, max_memory=max_memory)
         self.plan, self.time, self.looks = plan, scene.clamped(time), Looks()
-        self._given = None if lights is None else check_lights(lights)
+        self._given = None if lights is None else check_lights(lights, scene.up)
         self._found: tuple[float, dict[str, Light]] | None = None  # the lights of a time, where nobody moved them
         self._moved: dict[str, Light] = {}
         self._off: set[str] = set()

@@ -109,7 +109,7 @@ def _checked_lights(what: str, lights, radius) -> list[Light]:
         return [AmbientOcclusion(None if radius is None else number(radius, "radius", 0.0, np.inf, "(]"))]
     if radius is not None:
         raise InputError(f"radius is for ao and bent-normal, and not for {what}; leave it out")
-    lights = [] if lights is None else check_lights(lights)
+    lights = [] if lights is None else check_lights(lights, "y")  # no `Sky` among them, see below
     if any(light.domain == "list" for light in lights):
         raise InputError("a bake takes lights one by one; PointLights is a list of them")
     if what == "sun" and lights and not (len(lights) == 1 and isinstance(lights[0], DirectionalLight)):

@@ -67,7 +67,7 @@ def lights_of(place: Place, lights: Sequence[Light] | Light | None, random, seed
     if lights is None:
         lights = [] if random else scene.default_lights(place.time)
     given = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
-    found = check_lights(given + [random_light(place, seed, k) for k in range(random)])
+    found = check_lights(given + [random_light(place, seed, k) for k in range(random)], scene.up)
     if len(found) > MOST_LIGHTS:
         raise InputError(f"{len(found)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
     return found
