@@ -9,6 +9,7 @@ from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import tree_of
 from antumbra.errors import InputError
 from antumbra.kernels.jit import kernel
+from antumbra.kernels.predicate.hits import hit_t
 from antumbra.methods import BUILDERS
 from antumbra.query.pixels import pixel_ray
 from antumbra.trace.primary.trace import trace_primary
@@ -21,8 +22,10 @@ from raster_scenes import FAMILIES, SHAPES, lattices, scattered, view
 def _walk_all(bvh, rays, face, t):
     for y in range(rays.height):
         for x in range(rays.width):
-            slot, t[y, x] = walk(tree_of(bvh), pixel_ray(rays, x, y), np.int64(-1), 0, CLOSEST, None, None)
+            ray, tree = pixel_ray(rays, x, y), tree_of(bvh)
+            slot, _ = walk(tree, ray, np.int64(-1), 0, CLOSEST, None, None)
             face[y, x] = -1 if slot < 0 else bvh.prim_ids[slot]
+            t[y, x] = np.inf if slot < 0 else hit_t(ray, tree.corners, slot)
 
 
 def check(triangles, rays, **options):
