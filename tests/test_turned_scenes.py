@@ -33,8 +33,10 @@ FINDS = {}
 """Name of a public function -> what finds its answers: ``(frame, scene, folder) -> Found``."""
 
 OTHERS = {
+    "area_sensors": "areas are given on a map, which does not turn",
     "build_store": "its scenes are asked by the tests of stores; `build` is below",
     "place_of": "the coordinates of a place on earth do not turn",
+    "sky_view": "its directions lie on a spiral that does not turn; its own tests compare it with closed forms",
     "sensors_of": "text for the sensors below",
     "view": "its pictures are those of render",
     "write_attributes": "writes columns into a file",

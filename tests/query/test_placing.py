@@ -9,9 +9,9 @@ from antumbra.errors import InputError
 from antumbra.plan import Plan, covering_plans
 from antumbra.query.placing import MOST_RATIO, place
 from antumbra.query.sampling import light_samples
+from antumbra.rendering.building import build_store
 from antumbra.rendering.queries import receivers_of
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
-from antumbra.rendering.building import build_store
 
 RNG = np.random.default_rng(8)
 SOUP = RNG.integers(-9, 10, (40, 3, 3)).astype(float)
@@ -180,14 +180,18 @@ def test_samples_next_to_zero(both, plan):
         origins, _ = receivers_of(both[0], points, None)
         patch = place(light, np.zeros(3), np.array([CENTRED.min((0, 1)), CENTRED.max((0, 1))], np.float32), 1.0)
         ends = light_samples(light, 4)[np.arange(192) % 4]
-        ends = (((patch.base + ends[..., :1] * patch.u) + ends[..., 1:2] * patch.v) + ends[..., 2:] * patch.w).astype("f")
+        ends = (((patch.base + ends[..., :1] * patch.u) + ends[..., 1:2] * patch.v) + ends[..., 2:] * patch.w).astype(
+            "f"
+        )
         n = ends.shape[1]
         truth = oracle.occluded(both[0].triangles().vertices, origins.repeat(n, 0), ends=ends.reshape(-1, 3))
         np.testing.assert_array_equal(~bits.seen_samples, truth.reshape(192, n))
         assert 0 < truth.sum() < truth.size
 
 
-@pytest.mark.parametrize("plan", ["bsah+single", "bsah+wide", "bsah+multifrusta", "bsah+packet16", "cones", "lbvh+single"])
+@pytest.mark.parametrize(
+    "plan", ["bsah+single", "bsah+wide", "bsah+multifrusta", "bsah+packet16", "cones", "lbvh+single"]
+)
 @pytest.mark.parametrize("size", [2.0**-103, 2.0**-109, 2.0**-116])
 def test_scenes_that_shrink(tmp_path, plan, size):
     """The limits of width hold at time 0. Later, coordinates are settled all the same."""

@@ -197,7 +197,7 @@ def test_two_read_the_same_store(tmp_path):
     "scenes, options, words",
     [
         ([], {}, "no scenes"),
-        (["a.glb"], {}, "a scene is str"),
+        (["a.glb"], {}, "no such file"),
         (None, dict(max_memory=100 << 20), "max_memory"),
         (None, dict(chunk=3), "chunk"),
         (None, dict(threads=0), "threads"),

@@ -77,7 +77,11 @@ def _each(scenes) -> Iterator[AnyScene | StreamedCity]:
         iter(scenes)
     except TypeError:
         raise InputError(f"scenes are {quoted(scenes)}; give a scene, or several in a list") from None
-    return (each if isinstance(each, StreamedCity) else scene_of(each) for each in scenes)
+    return map(_opened, scenes)  # unlike a generator, `map` keeps no scene that it has handed out
+
+
+def _opened(scene) -> AnyScene | StreamedCity:
+    return scene if isinstance(scene, StreamedCity) else scene_of(scene)
 
 
 def store_job() -> Job:

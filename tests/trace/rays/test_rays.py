@@ -77,7 +77,7 @@ def test_the_interval_counts_in_lengths_of_the_direction_and_is_open():
 def test_skip_face_and_cull_faces():
     scene = _wall()
     o, d = (0.25, 0.5, 2.0), (0, 0, -1.0)
-    assert not scene.occluded(o, d, skip_face=0) and scene.occluded(o, d, skip_face=5)
+    assert not scene.occluded(o, d, skip_face=0) and scene.occluded(o, d, skip_face=-1)
     assert not scene.occluded(o, d, cull_faces="front") and scene.occluded(o, d, cull_faces="back")
     assert scene.occluded((0.25, 0.5, -2.0), (0, 0, 1.0), cull_faces="front")
 
