@@ -55,7 +55,7 @@ def test_what_each_way_of_shrinking_saves_and_costs(counted):
 
 @pytest.mark.parametrize("name", (*TRACERS, *SHRINKING))
 def test_more_uncertain_segments_than_can_be_put_deferred(name):
-    """Triangles with hardly an area, and one real occluder. The triangles are so long that float32 cannot decide any ray."""
+    """Triangles with hardly an area, and one real occluder. They are so long that float32 cannot decide any ray."""
     far = np.random.default_rng(1).uniform(4e4, 5e4, 400)
     start, end = np.stack([-far, 0 * far + 2, -far], -1), np.stack([far, 0 * far + 2, far], -1)
     slivers = np.stack([start, end, end + (0, 0.004, 0)], 1)
