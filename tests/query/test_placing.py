@@ -10,6 +10,7 @@ from antumbra.plan import Plan, covering_plans
 from antumbra.query.placing import MOST_RATIO, place
 from antumbra.query.sampling import light_samples
 from antumbra.rendering.queries import receivers_of
+from antumbra.scene import survey
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
 from antumbra.rendering.building import build_store
 
@@ -28,6 +29,16 @@ def test_a_store_of_such_a_scene(tmp_path):
     np.save(tmp_path / "faces.npy", np.arange(120, dtype=np.int32).reshape(40, 3))
     with pytest.raises(InputError, match="multiply all coordinates"):
         at.load(tmp_path)
+
+
+def test_a_store_of_an_earlier_version(tmp_path, monkeypatch):
+    """Earlier versions wrote stores of narrower scenes. They are refused when they are opened."""
+    with monkeypatch.context() as earlier:
+        earlier.setattr(survey, "MIN_EXTENT", 0.0)
+        build_store(at.Scene.from_arrays(SOUP * 2.0**-106), tmp_path / "a.antumbra")
+        at.load(tmp_path / "a.antumbra")
+    with pytest.raises(InputError, match=r"a\.antumbra: the scene is .* units wide; float32 does not hold"):
+        at.load(tmp_path / "a.antumbra")
 
 
 def test_the_narrowest_scenes():
