@@ -9,10 +9,10 @@ from antumbra.errors import InputError
 from antumbra.plan import Plan, covering_plans
 from antumbra.query.placing import MOST_RATIO, place
 from antumbra.query.sampling import light_samples
+from antumbra.rendering.building import build_store
 from antumbra.rendering.queries import receivers_of
 from antumbra.scene import survey
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
-from antumbra.rendering.building import build_store
 
 RNG = np.random.default_rng(8)
 SOUP = RNG.integers(-9, 10, (40, 3, 3)).astype(float)
@@ -91,6 +91,9 @@ def test_lights_next_to_zero_and_distant_ones():
     assert place(sun, origin, box, 4.0).base.tobytes() == sun.patch(origin, 4.0).base.tobytes()
     assert place(sun, origin, None, 2 * MOST_RATIO) is not None
 
+
+PLANS = [plan for plan in covering_plans() if plan == Plan(trace=plan.trace)]
+"""A plan for each tracer."""
 
 TINY = 2.0 ** RNG.integers(-149, -100, (96, 3)) * RNG.integers(-1, 2, (96, 3))
 """Coordinates next to the frame's zero: some are denormal, some are set to 0, some are kept."""
@@ -182,7 +185,7 @@ NEXT_TO_ZERO = {
 }
 
 
-@pytest.mark.parametrize("plan", [plan for plan in covering_plans() if plan == Plan(trace=plan.trace)], ids=str)
+@pytest.mark.parametrize("plan", PLANS, ids=str)
 def test_samples_next_to_zero(both, plan):
     """Samples of lights are float32 points of any magnitude: see docs/design/exactness.md."""
     points = np.concatenate([TINY, ENDS])
@@ -191,14 +194,20 @@ def test_samples_next_to_zero(both, plan):
         origins, _ = receivers_of(both[0], points, None)
         patch = place(light, np.zeros(3), np.array([CENTRED.min((0, 1)), CENTRED.max((0, 1))], np.float32), 1.0)
         ends = light_samples(light, 4)[np.arange(192) % 4]
-        ends = (((patch.base + ends[..., :1] * patch.u) + ends[..., 1:2] * patch.v) + ends[..., 2:] * patch.w).astype("f")
+        ends = (((patch.base + ends[..., :1] * patch.u) + ends[..., 1:2] * patch.v) + ends[..., 2:] * patch.w).astype(
+            "f"
+        )
         n = ends.shape[1]
-        truth = oracle.occluded(both[0].triangles().vertices, origins.repeat(n, 0), ends=ends.reshape(-1, 3))
+        truth = oracle.occluded(
+            both[0].triangles().vertices, origins.repeat(n, 0), ends=ends.reshape(-1, 3).astype(np.float32)
+        )
         np.testing.assert_array_equal(~bits.seen_samples, truth.reshape(192, n))
         assert 0 < truth.sum() < truth.size
 
 
-@pytest.mark.parametrize("plan", ["bsah+single", "bsah+wide", "bsah+multifrusta", "bsah+packet16", "cones", "lbvh+single"])
+@pytest.mark.parametrize(
+    "plan", ["bsah+single", "bsah+wide", "bsah+multifrusta", "bsah+packet16", "cones", "lbvh+single"]
+)
 @pytest.mark.parametrize("size", [2.0**-103, 2.0**-109, 2.0**-116])
 def test_scenes_that_shrink(tmp_path, plan, size):
     """The limits of width hold at time 0. Later, coordinates are settled all the same."""

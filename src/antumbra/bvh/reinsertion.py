@@ -172,7 +172,9 @@ def _find(tree, item, waiting, gains):
     path = np.int64(get(tree.parents, item))
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)
-    found = _search(tree, item, sibling, gain, Found(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), waiting, gains)
+    found = _search(
+        tree, item, sibling, gain, Found(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), waiting, gains
+    )
     while path > 0:
         other = _sibling(tree, path)
         found = _search(tree, item, other, gain, found, waiting, gains)
@@ -186,7 +188,7 @@ def _find(tree, item, waiting, gains):
 
 @kernel
 def _find_places(ticket, loose, gains, places, visits):
-    """Worker: find the best place of each item, or -1, and count the places that were tried. The root's children stay."""
+    """Worker: find the best place of each item, or -1, and count the places tried. Children of the root stay."""
     tree = _tree_of(loose)
     waiting, scratch = stack_i32(_STACK), stack_f32(_STACK)
     first = take(ticket)
