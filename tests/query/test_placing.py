@@ -1,5 +1,7 @@
 """What the frame of a scene cannot hold is refused, in one line; what is next to its zero is there."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from antumbra.query.placing import MOST_RATIO, place
 from antumbra.query.sampling import light_samples
 from antumbra.rendering.building import build_store
 from antumbra.rendering.queries import receivers_of
+from antumbra.scene import survey
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
 
 RNG = np.random.default_rng(8)
@@ -28,6 +31,16 @@ def test_a_store_of_such_a_scene(tmp_path):
     np.save(tmp_path / "faces.npy", np.arange(120, dtype=np.int32).reshape(40, 3))
     with pytest.raises(InputError, match="multiply all coordinates"):
         at.load(tmp_path)
+
+
+def test_a_store_of_an_earlier_version(tmp_path, monkeypatch):
+    """Earlier versions wrote stores of narrower scenes. They are refused when they are opened."""
+    with monkeypatch.context() as earlier:
+        earlier.setattr(survey, "MIN_EXTENT", 0.0)
+        build_store(at.Scene.from_arrays(SOUP * 2.0**-106), tmp_path / "a.antumbra")
+        at.load(tmp_path / "a.antumbra")
+    with pytest.raises(InputError, match=r"a\.antumbra: the scene is .* units wide; float32 does not hold"):
+        at.load(tmp_path / "a.antumbra")
 
 
 def test_the_narrowest_scenes():
@@ -80,6 +93,9 @@ def test_lights_next_to_zero_and_distant_ones():
     assert place(sun, origin, box, 4.0).base.tobytes() == sun.patch(origin, 4.0).base.tobytes()
     assert place(sun, origin, None, 2 * MOST_RATIO) is not None
 
+
+PLANS = [plan for plan in covering_plans() if plan == Plan(trace=plan.trace)]
+"""A plan for each tracer."""
 
 TINY = 2.0 ** RNG.integers(-149, -100, (96, 3)) * RNG.integers(-1, 2, (96, 3))
 """Coordinates next to the frame's zero: some are denormal, some are set to 0, some are kept."""
@@ -171,22 +187,27 @@ NEXT_TO_ZERO = {
 }
 
 
-@pytest.mark.parametrize("plan", [plan for plan in covering_plans() if plan == Plan(trace=plan.trace)], ids=str)
+@cache
+def _truth(name):
+    """(points, (points, n) bool: whether each sample of a light is occluded)."""
+    light, points = NEXT_TO_ZERO[name], np.concatenate([TINY, ENDS])
+    scene = at.Scene.from_arrays(CENTRED)
+    patch = place(light, np.zeros(3), None, 1.0)
+    ends = light_samples(light, 4)[np.arange(192) % 4]
+    ends = ((patch.base + ends[..., :1] * patch.u) + ends[..., 1:2] * patch.v) + ends[..., 2:] * patch.w
+    origins = receivers_of(scene, points, None)[0].repeat(ends.shape[1], 0)
+    found = oracle.occluded(scene.triangles().vertices, origins, ends=ends.reshape(-1, 3).astype(np.float32))
+    assert 0 < found.sum() < found.size
+    return points, found.reshape(192, -1)
+
+
+@pytest.mark.parametrize("plan", PLANS, ids=str)
 def test_samples_next_to_zero(both, plan):
     """Samples of lights are float32 points of any magnitude: see docs/design/exactness.md."""
-    points = np.concatenate([TINY, ENDS])
-    for light in NEXT_TO_ZERO.values():
-        bits = at.visibility(both[0], points, light, spp=4, plan=plan)
-        origins, _ = receivers_of(both[0], points, None)
-        patch = place(light, np.zeros(3), np.array([CENTRED.min((0, 1)), CENTRED.max((0, 1))], np.float32), 1.0)
-        ends = light_samples(light, 4)[np.arange(192) % 4]
-        ends = (((patch.base + ends[..., :1] * patch.u) + ends[..., 1:2] * patch.v) + ends[..., 2:] * patch.w).astype(
-            "f"
-        )
-        n = ends.shape[1]
-        truth = oracle.occluded(both[0].triangles().vertices, origins.repeat(n, 0), ends=ends.reshape(-1, 3))
-        np.testing.assert_array_equal(~bits.seen_samples, truth.reshape(192, n))
-        assert 0 < truth.sum() < truth.size
+    for name, light in NEXT_TO_ZERO.items():
+        points, occluded = _truth(name)
+        seen = at.visibility(both[0], points, light, spp=4, plan=plan).seen_samples
+        np.testing.assert_array_equal(~seen, occluded)
 
 
 @pytest.mark.parametrize(

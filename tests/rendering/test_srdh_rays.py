@@ -100,6 +100,21 @@ def test_few_rays_of_all_are_shown(scene, camera, given, asked, spp):
     assert (len(np.unique(rays.origins, axis=0)) > size * size / 4) and len(np.unique(rays.ends, axis=0)) > 1
 
 
+def test_fewer_rays_are_shown_where_they_enter_many_boxes(given):
+    """The builder's time grows with the boxes that each ray enters. No bit depends on the rays."""
+    rng = np.random.default_rng(4)
+    points, light = rng.normal(size=(400, 3)), at.QuadLight((0, 9, 0), (1, 0, 0), (0, 0, 1))
+    small = rng.normal(size=(1200, 1, 3)) * 4 + rng.normal(size=(1200, 3, 3)) * 0.1
+    copies = np.broadcast_to([[-9.0, 4, -9], [9, 4, -9], [0, 4, 9]], (1200, 3, 3))
+    shown = []
+    for soup in small, copies, copies[:900]:
+        scene = at.Scene.from_arrays(soup)
+        bits = [at.visibility(scene, points, light, plan=plan).bits for plan in ("srdh+single", "bsah+single")]
+        np.testing.assert_array_equal(*bits)
+        shown.append(len(given[-1][1].origins))
+    assert shown == [1024, 8, 1024]
+
+
 def test_samples_that_are_left_out_are_others_in_each_set():
     samples = light_samples(at.QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0)), 16)
     for spp in (1, 5, 16, 99):

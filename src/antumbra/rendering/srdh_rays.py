@@ -24,6 +24,11 @@ from ..trace.rays.bounce import bounced
 from ..trace.rays.intersections import intersections
 from .solid import solid_tree
 
+_FEW_TRIANGLES = 1000  # among fewer, all rays are shown
+_TRIED_RAYS, _TRIED_TRIANGLES = 16, 128  # pairs that estimate the share of boxes that rays enter
+_LARGE_SHARE = 1 / 32
+_LEAST_RAYS = 8  # that are shown in any case; as many times more as rays enter a smaller share of all boxes
+
 Bounce = Callable[[Bvh], list[ShadowQuery]]
 """Function of a `Bvh` of all triangles: returns the queries at the surfaces that diffuse rays meet."""
 
@@ -90,8 +95,34 @@ class Segments(NamedTuple):
     cull_faces: int  # a value of CULL_FACES
 
     def in_bvh(self, bvh: Bvh, skip: np.ndarray, threads: int) -> Intersections:
-        """All intersections with a BVH; `skip` holds indices into the BVH's triangles."""
-        return intersections(bvh, self.origins, self.ends, skip, threads, self.cull_faces)
+        """All intersections with a BVH; `skip` holds indices into the BVH's triangles.
+
+        Where rays enter the boxes of many triangles, it is those of some of the rays.
+        """
+        some = _affordable(self, bvh.corners)
+        return intersections(bvh, self.origins[some], self.ends[some], skip[some], threads, self.cull_faces)
+
+
+def _affordable(segments: Segments, corners: np.ndarray) -> np.ndarray:
+    """Indices of the segments, evenly spread, that a builder can afford among triangles with these (n, 9) corners.
+
+    A ray costs a builder some time for each box that it enters. In ordinary scenes these are few. But if rays enter a
+    good share of all triangles' boxes, the cost grows with rays times triangles.
+    """
+    m, n = len(segments.origins), len(corners)
+    if n < _FEW_TRIANGLES or m <= _LEAST_RAYS:
+        return np.arange(m)
+    tried, boxed = _spread(m, _TRIED_RAYS), corners[_spread(n, _TRIED_TRIANGLES)].reshape(-1, 3, 3)
+    share = _share_entered(segments.origins[tried], segments.ends[tried], boxed.min(1), boxed.max(1))
+    return _spread(m, max(_LEAST_RAYS, int(_LEAST_RAYS / share))) if share > _LARGE_SHARE else np.arange(m)
+
+
+def _share_entered(origins, ends, lower, upper) -> float:
+    """The share of all pairs in which a segment enters a box, about; the arrays are (r, 3) and (k, 3)."""
+    o, way = origins[:, None].astype(np.float64), ends[:, None].astype(np.float64) - origins[:, None]
+    way = np.where(way == 0.0, 1e-300, way)
+    a, b = (lower - o) / way, (upper - o) / way
+    return float((np.minimum(a, b).max(2).clip(0.0) <= np.maximum(a, b).min(2).clip(None, 1.0)).mean())
 
 
 def _spread(n: int, k: int | None) -> np.ndarray:

@@ -26,6 +26,22 @@ def objects_of(pieces: Iterable[Piece]) -> np.ndarray:
     return np.concatenate(ids)
 
 
+def check_extent(bounds: np.ndarray, file: str) -> None:
+    """Raise InputError if a scene with these bounds, (2, 3) float64, is too large or too small; `file` names it."""
+    lower, upper = bounds
+    if not (upper - lower <= MAX_EXTENT).all():
+        raise InputError(
+            f"{file}: the scene reaches from {lower.tolist()} to {upper.tolist()}; "
+            f"it must be finite and at most {MAX_EXTENT:g} units wide"
+        )
+    extent = (upper - lower).max()
+    if 0.0 < extent < MIN_EXTENT:
+        raise InputError(
+            f"{file}: the scene is {extent:.3g} units wide; float32 does not hold triangles of scenes below "
+            f"{MIN_EXTENT:.2g} units: multiply all coordinates by a power of two"
+        )
+
+
 class Survey:
     """The number of triangles and the bounds of all added pieces; `file` names them in errors."""
 
@@ -51,15 +67,6 @@ class Survey:
         """
         if self.n_triangles == 0:
             raise InputError(f"{self.file}: no triangles; export the scene with its meshes triangulated")
-        if not (self._upper - self._lower <= MAX_EXTENT).all():
-            raise InputError(
-                f"{self.file}: the scene reaches from {self._lower.tolist()} to {self._upper.tolist()}; "
-                f"it must be finite and at most {MAX_EXTENT:g} units wide"
-            )
-        extent = (self._upper - self._lower).max()
-        if 0.0 < extent < MIN_EXTENT:
-            raise InputError(
-                f"{self.file}: the scene is {extent:.3g} units wide; float32 does not hold triangles of scenes below "
-                f"{MIN_EXTENT:.2g} units: multiply all coordinates by a power of two"
-            )
-        return np.stack([self._lower, self._upper])
+        bounds = np.stack([self._lower, self._upper])
+        check_extent(bounds, self.file)
+        return bounds

@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
 from ..scene.mesh import MeshInfo, ObjectInfo
+from ..scene.survey import check_extent
 from ..scene.triangles import Triangles
 from .read import Store, open_store
 
@@ -37,6 +38,7 @@ class PagedScene(AnyScene):
         if not isinstance(store, Store):
             raise InputError(f"store is {quoted(store)}; antumbra.load opens a store by its path")
         meta = store.meta
+        check_extent(meta.bounds, store.path.name)  # earlier versions built stores of narrower scenes
         self.store, self.name, self.up, self.notes, self.duration = store, meta.name, meta.up, meta.notes, 0.0
         self.meshes: list[MeshInfo] = []
         self.objects = [ObjectInfo(meta.name, -1, 0)]
