@@ -27,7 +27,7 @@ LIGHT = at.PointLight((0.5, 3.0, -0.5))
 PLACE = at.Place(52.0, 4.0)
 
 PLUMBING = {
-    "patch", "samples", "area", "weights",  # of lights, for tracers
+    "patch", "samples", "area", "weights", "upright",  # of lights, for tracers and scenes
     "view", "rays",  # of cameras, for tracers
     "from_rows", "rows", "see",  # of a Renderer, for commands and workers: they take what its other methods made
     "of_scene",  # of a Hit

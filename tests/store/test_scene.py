@@ -68,14 +68,14 @@ def test_a_pickle_opens_the_store_again(tmp_path, monkeypatch):
     at.build_store(scene, tmp_path / "a.antumbra", chunk=16)
     monkeypatch.chdir(tmp_path)
     paged = at.load("a.antumbra")
-    paged.max_memory = 1 << 29
+    paged.max_memory = 1 << 32
     origins, directions = np.random.default_rng(2).normal(size=(2, 100, 3))
     first = paged.closest_hit(3 * origins, directions)
     data = pickle.dumps(paged)
     assert len(data) < 1 << 13
     monkeypatch.chdir("/")
     again = pickle.loads(data)
-    assert again.max_memory == 1 << 29 and repr(again) == repr(paged) and again.own is not paged.own
+    assert again.max_memory == 1 << 32 and repr(again) == repr(paged) and again.own is not paged.own
     second = again.closest_hit(3 * origins, directions)
     assert (first.face >= 0).any() and (first.face < 0).any()
     assert np.array_equal(first.face, second.face) and np.array_equal(first.t, second.t)
