@@ -38,7 +38,7 @@ from antumbra.papers.peers.ray_sets import ray_set
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
-from antumbra.rendering.ray_trees import PLAN, forget, plan_at
+from antumbra.engine.ray_lists import PLAN, forget, plan_at
 from antumbra.scene.procedural import PROCEDURAL
 from common import SCENES, arguments, has_embree, installed, machine
 from peers import open3d_rays

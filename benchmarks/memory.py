@@ -12,7 +12,7 @@ import numpy as np
 
 import antumbra as at
 from antumbra.plan import Plan
-from antumbra.rendering.queries import accelerated
+from antumbra.engine.visibility import accelerated
 from common import SCENES
 
 

@@ -35,7 +35,7 @@ from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery
 from antumbra.rendering.renderer import Renderer
-from antumbra.scene.generated import procedural
+from antumbra.engine.scene import procedural
 from antumbra.scene.triangles import Triangles
 from common import arguments, machine
 from peers.embree_frames import Hits, Shadow, light_points, shadows

@@ -27,7 +27,7 @@ from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree_rays import occluded_of, trace, write
 from antumbra.papers.peers.ray_sets import ray_set
-from antumbra.rendering.queries import receivers_of
+from antumbra.engine.visibility import receivers_of
 from common import SCENES, arguments, has_embree, machine
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")

@@ -9,7 +9,7 @@ from hypothesis import settings
 
 from antumbra.kernels import needs
 from antumbra.methods import add_plugins
-from antumbra.rendering.ready import compile_missing, missing_of
+from antumbra.engine.ready import compile_missing, missing_of
 from antumbra.scene.procedural import add_scenes
 
 pytest_plugins = ["command_line"]

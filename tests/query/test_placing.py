@@ -12,7 +12,7 @@ from antumbra.plan import Plan, covering_plans
 from antumbra.query.placing import MOST_RATIO, place
 from antumbra.query.sampling import light_samples
 from antumbra.rendering.building import build_store
-from antumbra.rendering.queries import receivers_of
+from antumbra.engine.visibility import receivers_of
 from antumbra.scene import survey
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
 

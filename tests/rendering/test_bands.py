@@ -2,7 +2,7 @@
 
 import pytest
 
-from antumbra.rendering.bands import Bands
+from antumbra.engine.bands import Bands
 
 BUDGET = 1000
 

@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.plan import parse_plan
 from antumbra.rendering import comparison
-from antumbra.rendering.accelerate import Accelerator
+from antumbra.engine.accelerate import Accelerator
 from antumbra.rendering.building import build_store
 from antumbra.rendering.comparison import Difference, compare, difference, over_pixels
 from antumbra.rendering.frame import PHASES

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.rendering import looking
-from antumbra.rendering.looking import RASTER, RAYS, Looking
+from antumbra.engine.looking import RASTER, RAYS, Looking
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 

@@ -7,7 +7,7 @@ import antumbra as at
 from antumbra.auto import rates
 from antumbra.auto.rates import BEST
 from antumbra.plan import parse_plan
-from antumbra.rendering.ray_trees import PLAN, plan_at
+from antumbra.engine.ray_lists import PLAN, plan_at
 
 BETTER = parse_plan(f"{BEST}+wide")
 

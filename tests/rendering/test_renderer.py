@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.bvh.blocks import BlockTree
 from antumbra.rendering.frame import PHASES
-from antumbra.rendering.queries import accelerated
+from antumbra.engine.visibility import accelerated
 from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace.counters import COUNTERS
 from antumbra.trace.rays.orders import BUILT, Ordered

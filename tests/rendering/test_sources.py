@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.rendering.in_memory import InMemory
-from antumbra.rendering.paged import Paged
+from antumbra.engine.in_memory import InMemory
+from antumbra.engine.paged import Paged
 from antumbra.rendering.renderer import Renderer
-from antumbra.rendering.source import RenderSource
+from antumbra.engine.source import RenderSource
 from stores import built
 
 

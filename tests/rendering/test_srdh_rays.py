@@ -10,8 +10,8 @@ from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
 from antumbra.rendering import points, renderer
 from antumbra.rendering.renderer import Renderer
-from antumbra.rendering.solid import solid_count
-from antumbra.rendering.srdh_rays import fewer_samples
+from antumbra.engine.solid import solid_count
+from antumbra.engine.srdh_rays import fewer_samples
 from asking import query_of
 
 SIZE = (40, 30)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.rendering.see import see
-from antumbra.rendering.wrapping import unwrapped
+from antumbra.engine.see import see
+from antumbra.engine.wrapping import unwrapped
 from antumbra.scene.view import KINDS
 from scene.test_default_view import block, blocks
 

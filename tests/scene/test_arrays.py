@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from antumbra.errors import InputError
-from antumbra.scene.scene import Scene
+from antumbra.engine.scene import Scene
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 GRID = 2.0**-20

@@ -7,7 +7,7 @@ import pytest
 
 from antumbra import loading as module
 from antumbra.errors import InputError
-from antumbra.loading import load
+from antumbra.engine.loading import load
 from scene.gltf_files import single
 
 

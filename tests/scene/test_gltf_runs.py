@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.loading import load
+from antumbra.engine.loading import load
 from antumbra.scene.gltf import runs
 from antumbra.scene.gltf.runs import MOST
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, everything, png

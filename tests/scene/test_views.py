@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.loading import load
+from antumbra.engine.loading import load
 from antumbra.scene.lights import DirectionalLight, PointLight, QuadLight
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, single, trs
 

@@ -14,7 +14,7 @@ from antumbra.scene.generated import StreamedCity
 from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
 from antumbra.scene.point_lights import PointLights
 from antumbra.scene.procedural import stream
-from antumbra.scene.scene import Scene
+from antumbra.engine.scene import Scene
 from antumbra.scene.source import Piece
 from antumbra.store import build as build_module
 from antumbra.store import spool as spool_module

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.scene.any_scene import AnyScene
-from antumbra.scene.scene import Scene
+from antumbra.engine.any_scene import AnyScene
+from antumbra.engine.scene import Scene
 from antumbra.scene.view import view_of_box
 from bvh_scenes import scattered
 from stores import built, soup_scene

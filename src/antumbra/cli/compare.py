@@ -34,6 +34,7 @@ def compare(given: CompareArguments) -> int:
       antumbra compare city.antumbra --plan bsah+chcrt --plan bsah+chcrt:20 --json
     """
     from ..kernels.parallel import thread_count
+    from ..plan import with_sample
     from ..rendering.comparison import compare as compared
     from ..rendering.comparison import compared_plans
     from ..rendering.moments import Moment
@@ -42,6 +43,7 @@ def compare(given: CompareArguments) -> int:
     path, page = given.output, given.html
     plans = compared_plans(given.plan or [])
     asked.check(*plans)
+    plans = with_sample(plans, asked.srdh_rays)
     with ProgressDisplay(asked.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
@@ -53,7 +55,7 @@ def compare(given: CompareArguments) -> int:
         display.say("preparing")
         found = compared(
             scene, moment, plans, rounds=given.rounds, threads=asked.threads, gbuffer=asked.gbuffer,
-            srdh_rays=asked.srdh_rays, say=display.say, **asked.quality(),
+            say=display.say, **asked.quality(),
         )  # fmt: skip
         display.say("writing the picture")
         shot = Shot(*moment, found.frame)

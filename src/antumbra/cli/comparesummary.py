@@ -9,9 +9,9 @@ import numpy as np
 from . import report, summary
 
 if TYPE_CHECKING:
+    from ..engine.any_scene import AnyScene
     from ..image.panels import Bar
     from ..rendering.comparison import Comparison, Measured
-    from ..scene.any_scene import AnyScene
     from .comparearguments import CompareArguments
     from .renderoptions import RenderOptions, Shot
 

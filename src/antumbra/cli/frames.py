@@ -23,8 +23,8 @@ from .progress import ProgressDisplay
 from .renderoptions import RenderOptions, scene_digest
 
 if TYPE_CHECKING:
+    from ..engine.any_scene import AnyScene
     from ..jobs.engines import Engine
-    from ..scene.any_scene import AnyScene
     from .renderoptions import Shot
 
 _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name

@@ -12,12 +12,12 @@ from .sceneinput import limit_memory
 if TYPE_CHECKING:
     import numpy as np
 
+    from ..bvh.srdh_rays import SrdhRays
+    from ..engine.any_scene import AnyScene
     from ..jobs.engines import Engine
     from ..plan import Plan
     from ..rendering.frame import Frame
     from ..rendering.renderer import Renderer
-    from ..rendering.srdh_rays import SrdhRays
-    from ..scene.any_scene import AnyScene
     from ..scene.camera import Camera
     from ..scene.lights import Light
 
@@ -62,27 +62,26 @@ class RenderOptions(NamedTuple):
         plans : plans that are compared, instead of the one among the options
         """
         from ..image.save import checked_exposure
-        from ..plan import DEFAULT_PLAN, parse_plan
+        from ..plan import DEFAULT_PLAN, parse_plan, with_sample
         from ..query.sampling import sample_sets
-        from ..rendering.srdh_rays import check_srdh_rays
 
         if self.exposure is not None:
             checked_exposure(self.exposure)
         if self.srdh_rays is not None or self.plan is not None:  # plans of a comparison are parsed already
-            check_srdh_rays(self.srdh_rays, *map(parse_plan, plans or [self.plan or DEFAULT_PLAN]))
+            with_sample([parse_plan(plan) for plan in plans or [self.plan or DEFAULT_PLAN]], self.srdh_rays)
         sample_sets(self.spp, self.sampler)
 
     def about(self, scene: "AnyScene") -> "RenderOptions":
         """These options, with the default plan for the kind of scene if none was named."""
-        from ..rendering.renderer import source_kind
-
-        return self if self.plan is not None else self._replace(plan=source_kind(scene).default_plan)
+        return self if self.plan is not None else self._replace(plan=scene.engine.source.default_plan)
 
     def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer
+        from ..plan import parse_plan, with_sample
 
         limit_memory(scene, self.max_memory)
-        return Renderer(scene, self.plan, self.threads, self.gbuffer, self.srdh_rays)
+        (plan,) = [self.plan] if self.srdh_rays is None else with_sample([parse_plan(self.plan or "")], self.srdh_rays)
+        return Renderer(scene, plan, self.threads, self.gbuffer)
 
     @property
     def _no_sky(self) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from . import page, report, summary
 
 if TYPE_CHECKING:
-    from ..scene.any_scene import AnyScene
+    from ..engine.any_scene import AnyScene
     from .renderoptions import RenderOptions, Shot
 
 

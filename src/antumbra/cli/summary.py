@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from . import report
 
 if TYPE_CHECKING:
+    from ..engine.any_scene import AnyScene
     from ..rendering.frame import Frame
-    from ..scene.any_scene import AnyScene
     from .renderoptions import RenderOptions, Shot
 
 

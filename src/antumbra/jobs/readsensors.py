@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ..checks import near, quoted
+from ..engine.loading import SceneLike, scene_of
 from ..errors import InputError
 from ..extras import needed
 from ..kernels.parallel import thread_count
-from ..loading import SceneLike, scene_of
 from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
 from ..scene.files import checked_file
 from .areas import area_sensors

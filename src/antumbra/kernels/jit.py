@@ -16,7 +16,7 @@ import types
 from collections.abc import Callable
 from typing import NamedTuple
 
-from .arguments import Key, flatten, struct_of
+from .arguments import Key, flatten, struct_of, text_of
 
 _lock = threading.RLock()
 
@@ -59,8 +59,8 @@ class kernel(inlined):
 
     Division follows IEEE 754. There is no fast-math and no allocation.
 
-    Arguments are C-contiguous or strided arrays of the machine's byte order, numbers, booleans, None, and tuples and
-    NamedTuples of them. The result is a number, a boolean, None, or a tuple of them.
+    Arguments are C-contiguous or strided arrays of the machine's byte order, numbers, booleans, None, tuples and
+    NamedTuples of them, and `arguments.Packed`. The result is a number, a boolean, None, or a tuple of them.
 
     Raises
     ------
@@ -75,6 +75,7 @@ class kernel(inlined):
     def __init__(self, function):
         super().__init__(function)
         self.found: dict[Key, Callable] = {}
+        self._codes: dict[str, Callable] = {}  # by the text of a key, which is the same for a `Packed` and its value
         code = function.__code__
         self._names = code.co_varnames[: code.co_argcount]
         self._defaults = dict(zip(self._names[::-1], (function.__defaults__ or ())[::-1]))
@@ -99,9 +100,11 @@ class kernel(inlined):
 
     def _find(self, key):
         with _lock:
-            code = self.found.get(key)
+            text = text_of(key)
+            code = self._codes.get(text)
             if code is None:
-                code = self.found[key] = above.find(self, " ".join(key))
+                code = self._codes[text] = above.find(self, text)
+            self.found[key] = code
         return code
 
 

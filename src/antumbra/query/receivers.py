@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..checks import as_array, unit_vectors
+from ..errors import InputError
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
 from ..kernels.predicate.filters import plane, side_of, widest
@@ -116,3 +118,104 @@ def point_receivers(points, normals, world, single: bool) -> np.ndarray:
     if single:
         shift = shift + SHIFT / 4 * np.abs(world).max(-1, keepdims=True)
     return np.ascontiguousarray(settled(points + shift * normals).astype(np.float32))
+
+
+class Receivers(NamedTuple):
+    """Points that ask what they see, in a picture-like array: a list of n points has the shape (1, n).
+
+    `on_surface` and `in_space` make them. Made once, they serve any number of questions.
+    """
+
+    origins: np.ndarray  # (h, w, 3) float32, moved off their surfaces, recentred frame
+    sides: np.ndarray  # (h, w) int8: 1, FREE, or NOTHING where there is no receiver
+    normals: np.ndarray  # (h, w, 3) float64 unit, to the tested side; (0, 0, 3) for points in free space
+
+    @classmethod
+    def in_space(cls, points: np.ndarray, frame: np.ndarray) -> "Receivers":
+        """Points in free space, which are used unchanged.
+
+        Parameters
+        ----------
+        points : (..., 3) of any floating point or integer dtype, world
+        frame : (3,) float64, world position of the zero of the scene's frame
+
+        Raises
+        ------
+        InputError
+            If a coordinate is NaN, infinite, or beyond float32 in the scene's frame.
+        """
+        origins = settled(_single(_local(points, frame)))[None]
+        return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
+
+    @classmethod
+    def on_surface(cls, points: np.ndarray, normals, frame: np.ndarray) -> "Receivers":
+        """Points on surfaces, moved off them by a few units in the last place.
+
+        Parameters
+        ----------
+        points : (..., 3) of any floating point or integer dtype, world
+        normals : (..., 3) float, to the tested side, of any length; they broadcast against the points
+        frame : (3,) float64, world position of the zero of the scene's frame
+
+        Raises
+        ------
+        InputError
+            As for `in_space`; and if the normals do not broadcast, or one is zero, NaN or infinite.
+        """
+        local = _local(points, frame)
+        _single(local)
+        unit = _unit_normals(normals, points.shape)
+        world, single = points.astype(np.float64).reshape(-1, 3), points.dtype == np.float32
+        origins = point_receivers(local, unit, world, single)[None]
+        return cls(origins, np.ones(origins.shape[:2], np.int8), unit[None])
+
+    @classmethod
+    def moved_off(cls, points: np.ndarray, normals: np.ndarray, frame: np.ndarray) -> "Receivers":
+        """(h, w, 3) points on surfaces as from `on_surface`, whose float64 coordinates and unit normals are checked."""
+        flat = points.reshape(-1, 3)
+        origins = point_receivers(flat - frame, normals.reshape(-1, 3), flat, False).reshape(points.shape)
+        return cls(origins, np.ones(points.shape[:2], np.int8), np.ascontiguousarray(normals))
+
+    def __len__(self) -> int:
+        """The number of receivers, with those that are missing."""
+        return self.sides.size
+
+    def take(self, places) -> "Receivers":
+        """Some receivers of a list: a slice, or (m,) indices."""
+        normals = self.normals[:, places] if self.normals.size else self.normals
+        return Receivers(np.ascontiguousarray(self.origins[:, places]), self.sides[:, places], normals)
+
+    def seeing_all_around(self) -> "Receivers":
+        """The same places, without surfaces that hide what is below them."""
+        return Receivers(self.origins, np.full_like(self.sides, FREE), _NO_NORMALS)
+
+
+_NO_NORMALS = np.empty((0, 0, 3))
+
+
+def _local(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """(n, 3) float64 in the scene's frame."""
+    local = points.astype(np.float64, copy=False).reshape(-1, 3) - frame
+    if not np.isfinite(local).all():
+        raise InputError("points hold NaN or infinity")
+    return local
+
+
+def _single(local: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        single = local.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise InputError("points lie beyond float32, farther than 3.4e38 from the scene; move them closer")
+    return single
+
+
+def _unit_normals(normals, shape: tuple[int, ...]) -> np.ndarray:
+    normals = as_array(normals, "normals").astype(np.float64)
+    if normals.ndim < 1 or normals.shape[-1] != 3:
+        raise InputError(f"normals must have shape (..., 3), not {normals.shape}")
+    try:
+        normals = np.broadcast_to(normals, shape).reshape(-1, 3)
+    except ValueError:
+        raise InputError(f"normals {normals.shape} do not broadcast to the points {shape}") from None
+    unit = unit_vectors(normals, "the normal of point", "leave normals out for points in free space")
+    return np.ascontiguousarray(unit)

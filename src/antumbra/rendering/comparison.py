@@ -12,15 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks import whole_number
+from ..engine.any_scene import AnyScene
 from ..errors import InputError
 from ..plan import Plan, parse_plan
 from ..query.receivers import NOTHING
-from ..scene.any_scene import AnyScene
 from ..scene.lights import check_lights
 from .frame import Frame
 from .moments import Moment, Picture, build_for, picture_of
 from .renderer import Renderer
-from .srdh_rays import SrdhRays, check_srdh_rays
 from .windows import WINDOW, trace_windows
 
 Say = Callable[[str, int, int], object]
@@ -92,11 +91,10 @@ class _Work(NamedTuple):
     moment: Moment
     threads: int | None
     gbuffer: str
-    srdh_rays: SrdhRays | None
     asked: dict  # arguments of `Renderer.render`
 
     def renderer(self, plan: Plan) -> Renderer:
-        return Renderer(self.scene, plan, self.threads, self.gbuffer, self.srdh_rays if plan.wants_rays else None)
+        return Renderer(self.scene, plan, self.threads, self.gbuffer)
 
     def draw(self, plan: Plan, counters: bool = False) -> Frame:
         time, camera, lights = self.moment
@@ -106,7 +104,7 @@ class _Work(NamedTuple):
 
 def compare(
     scene: AnyScene, moment: Moment, plans: Sequence[str | Plan], *, rounds: int = 5, threads: int | None = None,
-    gbuffer: str = "raster", srdh_rays: SrdhRays | None = None, say: Say | None = None, **asked,
+    gbuffer: str = "raster", say: Say | None = None, **asked,
 ) -> Comparison:  # fmt: skip
     """Measure several plans on the same frame.
 
@@ -117,8 +115,8 @@ def compare(
     plans : list of str or Plan, two or more
     rounds : int
         Timed frames of each plan, 1 to 1000.
-    threads, gbuffer, srdh_rays
-        As in `antumbra.render`; `srdh_rays` are for the plans that want rays.
+    threads, gbuffer
+        As in `antumbra.render`.
     say : function of (what is done, steps done, all steps), optional
     **asked
         Further arguments of `Renderer.render`: spp, sampler, filter, adaptive, bounce, cull_faces, antialias (False).
@@ -129,11 +127,8 @@ def compare(
         If a value is out of range, or a plan is unknown, named twice, or unable to render the scene.
     """
     plans = compared_plans(plans)
-    check_srdh_rays(srdh_rays, *plans)
     whole_number(rounds, "rounds", 1, 1000)
-    work = _Work(
-        scene, moment._replace(lights=check_lights(moment.lights, scene.up)), threads, gbuffer, srdh_rays, asked
-    )
+    work = _Work(scene, moment._replace(lights=check_lights(moment.lights, scene.up)), threads, gbuffer, asked)
     for plan in plans:
         work.renderer(plan)  # refuses a plan before the others are measured
     steps = _Steps(say, len(plans) * (_UNTIMED + rounds))

@@ -4,6 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..engine.accelerate import Accelerated, Accelerator
+from ..engine.see import see
+from ..engine.srdh_rays import bounced_queries
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.picture import shadow_queries, surface_queries
@@ -12,12 +15,8 @@ from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
-from .accelerate import Accelerated, Accelerator
 from .memory import frame_memory
-from .renderer import Renderer, source_kind
 from .request import Request
-from .see import see
-from .srdh_rays import bounced_queries
 
 
 class Moment(NamedTuple):
@@ -48,7 +47,7 @@ def picture_of(
     plan : the plan whose tracer a store is prepared for; None: the default
     """
     samples, facing = [light_samples(light, spp, sampler) for light in moment.lights], cull_value(cull_faces)
-    if source_kind(scene).keeps_read:
+    if scene.engine.source.in_store:
         return _picture_of_store(scene, moment, samples, facing, threads, plan)
     triangles = scene.triangles(moment.time, threads)
     gbuffer = see(triangles, moment.camera, None, threads)
@@ -57,7 +56,7 @@ def picture_of(
 
 
 def _picture_of_store(scene, moment: Moment, samples: list[np.ndarray], facing: int, threads: int, plan) -> Picture:
-    source = Renderer(scene, plan, threads).source
+    source = scene.engine.with_options(plan, threads, None).source
     source.begin(frame_memory(Request(moment.camera, moment.lights, samples)))
     surfaces = source.look(moment.camera, *source.moment(0.0))
     queries = surface_queries(surfaces, moment.lights, samples, facing, threads)

@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.accelerate import Accelerator
+from ..engine.source import RenderSource
+from ..engine.srdh_rays import bounced_queries
 from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import Visible, as_needed, finer_query, refined, visible
@@ -18,7 +21,6 @@ from ..scene.lights import is_bounced, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.bounce import Nearest
-from .accelerate import Accelerator
 from .antialias import antialias
 from .frame import Frame, Ground
 from .ground import ShadowCatcher
@@ -26,8 +28,6 @@ from .indirect import indirect_light
 from .layers import layers_of
 from .memory import edge_bytes, frame_memory
 from .request import Request, rays_of
-from .source import RenderSource
-from .srdh_rays import bounced_queries
 from .state import (
     FrameState,
     KeptRows,

@@ -1,26 +1,18 @@
 """The jobs of rendering: frames by a plan, and the extra kernels of filter, refinement and bounced light."""
 
-import numpy as np
-
-from ..auto.rates import GOOD, QUICK
-from ..auto.ways import WAYS, Forms, answer
-from ..kernels import needs
-from ..methods import BUILDERS, UPDATERS
-from ..plan import Plan, parse_plan
+from ..bvh.srdh_rays import SrdhRays
+from ..engine.choosing import accelerator_of
+from ..engine.in_memory import InMemory
+from ..engine.precompile import record_of, recorded, trace_all_ways, wide_lights_job
+from ..engine.ready import Job, fixed_job, make_ready, small_scene, small_view
+from ..engine.trees import Trees
+from ..plan import Plan
 from ..query.diffuse import diffuse_passes
-from ..query.picture import shadow_queries
 from ..query.refine import finer_samples
 from ..query.sampling import light_samples
 from ..scene.camera import Camera
-from ..scene.lights import QuadLight
-from ..trace.counters import new_counters
-from .choosing import accelerator_of
-from .in_memory import InMemory
 from .passes import draw
-from .ready import Job, fixed_job, make_ready, small_scene, small_view
 from .request import Request
-from .see import see
-from .srdh_rays import SrdhRays
 
 
 def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
@@ -67,38 +59,13 @@ def warm_up_ground() -> None:
 
 def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:
     """The job of rendering by a plan. A plan without a record gets the kernels of recorded plans with its methods."""
-    name = lambda p: f"{p} ({gbuffer}{', counted' if counters else ''})"
-    plain = lambda p: needs.of_job(f"{p} ({gbuffer})") or set()
-
-    def kernels():
-        found = needs.of_job(name(plan))
-        if found is not None:
-            return found
-        tracing = needs.of_job(name(Plan(trace=plan.trace)))
-        if tracing is None:
-            return None
-        usual = plain(Plan(trace="single"))
-        for methods in _parts(plan):
-            with_it = plain(Plan(trace="single", **methods))
-            tracing = (tracing - (usual - with_it)) | (with_it - usual)
-        return tracing
 
     def work():
         if plan.tracer.chooses:
-            _trace_small_all_ways(counters)
+            trace_all_ways(counters)
         _render_small(plan, gbuffer, counters=counters)
 
-    return Job(name(plan), work, kernels)
-
-
-def _parts(plan: Plan) -> list[dict[str, str]]:
-    """Methods whose kernels are recorded together, as fields of a plan, for all methods that the plan adds."""
-    fields = "cull", "build", "optimise", "update"
-    added = {f: method for f in fields if (method := getattr(plan, f)) not in (None, getattr(Plan(), f))}
-    parts = [{field: method} for field, method in added.items()]
-    if plan.cull and plan.update:
-        parts.append({"cull": "grid32", "update": plan.update})
-    return parts
+    return Job(record_of(plan, gbuffer, counters), work, recorded(plan, gbuffer, counters))
 
 
 def quality_job() -> Job:
@@ -113,19 +80,8 @@ def antialias_job() -> Job:
 
 def bounce_job() -> Job:
     """The job of the diffuse rays that a builder is shown."""
-    plan = parse_plan("srdh+single")
-    return fixed_job("a diffuse bounce", lambda: _render_small(plan, "raster", srdh_rays=SrdhRays(bounce=True)))
-
-
-def wide_lights_job() -> Job:
-    """The job of `cones` with lights too wide for one apex."""
-
-    def work():
-        light = QuadLight(np.array([-1, 0.5, -1]), np.array([2, 0, 0]), np.array([0, 0, 2]))
-        view = Camera((0, 2, 3), (0, 0, 0), width=96, height=96), [light]
-        _render_small(Plan(trace="cones"), "raster", view=view, spp=16)
-
-    return fixed_job("cones, wide lights", work)
+    plan = Plan(build="srdh", trace="single", sample=SrdhRays(bounce=True))
+    return fixed_job("a diffuse bounce", lambda: _render_small(plan, "raster"))
 
 
 def dressed_job() -> Job:
@@ -155,11 +111,11 @@ def ground_job() -> Job:
 
 
 def _render_small(
-    plan: Plan, gbuffer: str, quality=False, srdh_rays=None, passes=0, counters=False, view=None, spp=1, dressed=False,
+    plan: Plan, gbuffer: str, quality=False, passes=0, counters=False, view=None, spp=1, dressed=False,
     ground=None, antialias=False,
 ):  # fmt: skip
     """Render a frame of the small scene; `passes`: number of diffuse rays, `view`: (camera, lights)."""
-    scene, accelerator = small_scene(dressed), accelerator_of(plan, 2, srdh_rays)
+    scene, accelerator = small_scene(dressed), accelerator_of(plan, 2)
     camera, lights = view or small_view(quality, sky=not passes)
     request = Request(
         camera,
@@ -174,16 +130,4 @@ def _render_small(
     )
     if accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
         accelerator.build(scene.triangles(0.0, 2))
-    draw(InMemory(scene, accelerator, gbuffer), accelerator, request)
-
-
-def _trace_small_all_ways(counters: bool) -> None:
-    """Trace the lights of the small scene in each way that `auto` may choose, over the trees that it may build."""
-    triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
-    queries = shadow_queries(triangles, see(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights])
-    for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
-        forms = Forms(build(triangles.vertices, 2), 2)
-        for name, way in WAYS.items():
-            for query in queries:
-                if way.suits(query, forms.box):
-                    answer(name, forms, query, 2, new_counters() if counters else None)
+    draw(InMemory(scene.data, accelerator, Trees(scene.data), gbuffer), accelerator, request)

@@ -1,17 +1,20 @@
 """Render one frame, or a sequence of frames with state kept between them, of one scene by one plan."""
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..checks import choice, flag, instance, number
+from ..engine.accelerate import Accelerated
+from ..engine.engine import Engine
+from ..engine.loading import SceneLike, scene_of
+from ..engine.looking import AUTO, METHODS, compiled_for
+from ..engine.see import see
+from ..engine.source import Progress
 from ..errors import InputError
 from ..image.background import skies_of
-from ..kernels.parallel import thread_count
 from ..kernels.progress import hushed, shown
-from ..loading import SceneLike, scene_of
-from ..plan import Plan, parse_plan
+from ..plan import Plan
 from ..query.diffuse import diffuse_passes
 from ..query.gbuffer import GBuffer
 from ..query.rays import cull_value
@@ -19,13 +22,8 @@ from ..query.refine import finer_samples
 from ..query.sampling import light_samples
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
-from ..scene.scene import Scene
 from ..scene.triangles import Triangles
-from .accelerate import Accelerated
-from .choosing import accelerator_of
 from .frame import Frame
-from .in_memory import InMemory
-from .looking import AUTO, METHODS, compiled_for
 from .passes import draw
 from .render_jobs import (
     warm_up,
@@ -39,28 +37,10 @@ from .render_jobs import (
 )
 from .request import Request
 from .rows import Rows
-from .see import see
-from .srdh_rays import SrdhRays
 from .state import KeptRows
-
-if TYPE_CHECKING:
-    from .paged import Paged
-
 
 MAX_HEIGHT = 1e30
 """Of a ground, up or down: float32 holds it, as it does positions of cameras."""
-
-Progress = Callable[[int, int], Any]
-"""Hears (rays done, rays), or whatever a tracer counts, about ten times a second."""
-
-
-def source_kind(scene) -> "type[InMemory] | type[Paged]":
-    """The class of source that supplies this scene to a `Renderer`."""
-    if isinstance(scene, Scene):
-        return InMemory
-    from .paged import Paged  # imported late: scenes in memory start sooner without it
-
-    return Paged
 
 
 class Renderer:
@@ -77,8 +57,6 @@ class Renderer:
     gbuffer : "raster", "rays" or "auto"
         The method of primary visibility; both give the same bits. "auto" is raster, or rays through a tree that an
         earlier frame has kept, whichever was faster. A store, and a camera that is not perspective, always use rays.
-    srdh_rays : SrdhRays or None
-        The rays that a ray-guided builder (`srdh`) is shown; None: the rays of 16 x 16 pixels of each frame.
     max_memory : int or None
         Limit in bytes on the memory of the process at any time, for a scene in a store; None: 4 GiB.
 
@@ -94,17 +72,13 @@ class Renderer:
         plan: str | Plan | None = None,
         threads: int | None = None,
         gbuffer: str = AUTO,
-        srdh_rays: SrdhRays | None = None,
         max_memory: int | None = None,
     ):
         scene = scene_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
-        kind: Any = source_kind(scene)
-        if srdh_rays is not None:
-            instance(srdh_rays, SrdhRays, "srdh_rays")
-        self.plan, self.threads = parse_plan(kind.default_plan if plan is None else plan), thread_count(threads)
-        self.accelerator = accelerator_of(self.plan, self.threads, srdh_rays)
-        self.scene, self.source = scene, kind(scene, self.accelerator, gbuffer, max_memory)
+        self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer)
+        self.plan, self.threads = self.engine.plan, self.engine.threads
+        self.accelerator, self.source = self.engine.accelerator, self.engine.source
 
     @hushed
     def render(
@@ -172,7 +146,7 @@ class Renderer:
         given = ground is not None and (not isinstance(ground, (bool, np.bool_)) or bool(ground))
         if not given:
             return None
-        if self.source.keeps_read:
+        if self.source.in_store:
             raise InputError(f"{self.scene.name}: no ground catches the shadows of a scene in a store; leave it out")
         if isinstance(ground, (bool, np.bool_)):
             return self.scene.ground_height(time)
@@ -220,7 +194,7 @@ def render(
     spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
     counters: bool = False, gbuffer: str = AUTO, sampler: str = "larcher-pillichshammer",
     cull_faces: str | None = None, filter: bool | None = None, adaptive: int | None = None,
-    progress: Progress | bool | None = None, srdh_rays: SrdhRays | None = None, bounce: int | None = None,
+    progress: Progress | bool | None = None, bounce: int | None = None,
     max_memory: int | None = None, background: bool = True, layers: bool = False, textures: bool = True,
     smooth_normals: bool = True, ground: bool | float = False, antialias: bool = True,
 ) -> Frame:  # fmt: skip
@@ -265,8 +239,6 @@ def render(
     progress : function of (done, total), or bool, optional
         Called about ten times a second while rays are traced. False: nothing is shown. None: terminals and notebooks
         show a bar after a second.
-    srdh_rays : SrdhRays or None
-        The rays that the builder `srdh` is shown; None: the rays of 16 x 16 pixels. They never change the bits.
     bounce : int or None
         Replace ambient light by light that bounces once: this many diffuse rays per pixel, 1 to 1024. Each diffuse
         ray has a shadow ray to each light from its end. `sampler` distributes the diffuse rays too.
@@ -309,7 +281,7 @@ def render(
         camera = scene.default_camera(time=time)
     if lights is None:
         lights = scene.default_lights(time)
-    return Renderer(scene, plan, threads, gbuffer, srdh_rays, max_memory).render(
+    return Renderer(scene, plan, threads, gbuffer, max_memory).render(
         camera,
         lights,
         spp=spp,

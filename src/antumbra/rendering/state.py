@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.accelerate import Accelerated, Accelerator
+from ..engine.source import RenderSource
+from ..engine.srdh_rays import Shown
 from ..image.albedo import albedo, eye_of
 from ..image.corners import places_of
 from ..image.normals import shading_normals
@@ -19,11 +22,8 @@ from ..scene.listed_rays import ListedRays
 from ..scene.sky import Sky
 from ..scene.triangles import Triangles
 from ..trace.counters import new_counters
-from .accelerate import Accelerated, Accelerator
 from .frame import Clock
 from .request import Request
-from .source import RenderSource
-from .srdh_rays import Shown
 
 
 class TracedLights(NamedTuple):

@@ -21,7 +21,7 @@ from ..kernels.predicate.hits import single_weights
 from ..kernels.simd import get, lowest_bit, ptr
 from ..kernels.vec import scalars
 from ..query.diffuse import RayPass
-from ..query.rays import Arguments, HitArrays
+from ..query.rays import HitArrays, RayArrays
 from ..query.shadow import new_bits, patch_of, query_pointers, sample_of, set_bit
 from ..scene.areas import with_area
 from ..scene.triangles import Triangles
@@ -126,7 +126,7 @@ def rays_of_pass(rays: RayPass) -> CutoutRays:
     return CutoutRays(*rays, np.zeros(m), np.full(m, np.inf))
 
 
-def rays_of_arguments(rays: Arguments, cull_faces: int) -> CutoutRays:
+def rays_of_arguments(rays: RayArrays, cull_faces: int) -> CutoutRays:
     """`CutoutRays` of a checked ray list."""
     ends = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
     return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), *ends, cull_faces, rays.segments)
@@ -176,7 +176,7 @@ def _hits(face: np.ndarray, t: np.ndarray) -> HitArrays:
 
 
 def add_hits(
-    tree: CutoutTree, rays: Arguments, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
+    tree: CutoutTree, rays: RayArrays, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
 ) -> None:
     """Add the hits on cut-outs to those of a checked ray list on solid triangles."""
     if not any_hit:

@@ -7,13 +7,13 @@ from html import escape
 from time import sleep
 
 from ..checks import flag, items, quoted, text, whole_number
+from ..engine.loading import SceneLike, scene_of
+from ..engine.ready import make_ready
+from ..engine.visibility import warm_up_rays
 from ..errors import InputError
 from ..jobs.sun.place import Place
 from ..jobs.warm import points_job
-from ..loading import SceneLike, scene_of
 from ..plan import Plan
-from ..rendering.queries import warm_up_rays
-from ..rendering.ready import make_ready
 from ..rendering.render_jobs import warm_up_quality
 from ..scene.camera import Camera
 from ..scene.lights import Light

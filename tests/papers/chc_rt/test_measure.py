@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.chcrt.options import Options
 from antumbra.errors import InputError
-from antumbra.loading import load
+from antumbra.engine.loading import load
 from antumbra.papers.chc_rt import measure as chcrt
 from antumbra.papers.chc_rt import published as published_chcrt
 from antumbra.papers.chc_rt import stores as chcrt_store
@@ -15,7 +15,7 @@ from antumbra.papers.chc_rt.views import place_of
 from antumbra.papers.views import own_view
 from antumbra.rendering.building import build_store
 from antumbra.scene.camera import Camera
-from antumbra.scene.generated import procedural
+from antumbra.engine.scene import procedural
 
 SIZE = 24
 AGGRESSIVE = "chcrt", "chcrt:20", "chcrt:100", "chcrt:200"

@@ -12,7 +12,7 @@ from antumbra.papers.chc_rt.rays import AO, PRIMARY, timed
 from antumbra.papers.chc_rt.views import place_of
 from antumbra.papers.views import own_view
 from antumbra.scene.camera import Camera
-from antumbra.scene.generated import procedural
+from antumbra.engine.scene import procedural
 
 SIZE = 160, 100
 BENCH = "bench", "chc-rt", "--table", "queries", "--frames", "1"

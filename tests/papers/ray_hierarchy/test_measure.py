@@ -13,7 +13,7 @@ from antumbra.papers.ray_hierarchy.views import Picture, pictures, with_point
 from antumbra.papers.views import own_view
 from antumbra.plan import parse_plan
 from antumbra.scene.camera import Camera
-from antumbra.scene.generated import procedural
+from antumbra.engine.scene import procedural
 
 SIZE = 24
 

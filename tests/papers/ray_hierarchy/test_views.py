@@ -18,7 +18,7 @@ from antumbra.papers.ray_hierarchy.views import (
     with_point,
 )
 from antumbra.papers.views import own_view
-from antumbra.scene.generated import procedural
+from antumbra.engine.scene import procedural
 from antumbra.scene.lights import PointLight
 
 INFO = {

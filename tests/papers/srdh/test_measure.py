@@ -19,9 +19,9 @@ from antumbra.papers.srdh.measure import (
 )
 from antumbra.papers.srdh.times import BuildTimes
 from antumbra.papers.views import View, own_view
-from antumbra.rendering.srdh_rays import segments_of
+from antumbra.engine.srdh_rays import segments_of
 from antumbra.scene.camera import Camera
-from antumbra.scene.generated import procedural
+from antumbra.engine.scene import procedural
 from antumbra.trace.rays.steps import FALSE, PATH, UNOCCLUDED
 
 SIZE = 24

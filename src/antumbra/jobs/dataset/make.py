@@ -7,10 +7,10 @@ from time import perf_counter
 from typing import NamedTuple
 
 from ...checks import flag
+from ...engine.loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...loading import SceneLike, scene_of
 from ...output import checked_folder
 from ...query.sampling import sample_sets
 from ...rendering.renderer import Renderer

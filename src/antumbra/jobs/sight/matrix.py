@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import whole_number
+from ...engine.any_scene import AnyScene
+from ...engine.loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...loading import SceneLike, scene_of
 from ...output import check_room, checked_output, replacing
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...query.order import morton_codes
-from ...scene.any_scene import AnyScene
+from ...query.receivers import Receivers
 from ..engines import checked_keep, engine_of
 from ..parts import Parts, about_parts, inexact
 from ..readsensors import sensors_of
@@ -24,7 +25,7 @@ from ..rowfile import RowFile, row_file_size, write_rows
 from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bitrows import reordered, transposed, unpacked, words_of
-from .ends import Ends, ends_of, sensors_from
+from .ends import ends_of, sensors_from
 from .sparse import sparse_matrix, write_sparse
 from .tiles import STRIP, Tracing
 
@@ -93,8 +94,8 @@ class VisibilityMatrix:
 class _Grid(NamedTuple):
     """The tiles of a matrix; both sets of points in the order of a curve."""
 
-    rows: Ends
-    columns: Ends
+    rows: Receivers
+    columns: Receivers
     row_order: np.ndarray  # (n,) int64: number of each row before it was sorted
     column_order: np.ndarray
     tiles: list[tuple[int, int]]  # strip of rows, strip of columns
@@ -184,15 +185,15 @@ def _named(given, scene: AnyScene, threads: int):
     return sensors_of(given, scene, threads) if isinstance(given, str) else given
 
 
-def _grid(rows: Ends, columns: Ends, square: bool) -> _Grid:
-    row_order, column_order = (np.argsort(morton_codes(ends.at), kind="stable") for ends in (rows, columns))
+def _grid(rows: Receivers, columns: Receivers, square: bool) -> _Grid:
+    row_order, column_order = (np.argsort(morton_codes(ends.origins[0]), kind="stable") for ends in (rows, columns))
     high, wide = (-(-len(ends) // STRIP) for ends in (rows, columns))
     tiles = [(i, j) for i in range(high) for j in range(i if square else 0, wide)]
     return _Grid(rows.take(row_order), columns.take(column_order), row_order, column_order, tiles, square)
 
 
 def _about(scene: AnyScene, grid: _Grid, time: float, plan) -> dict[str, str]:
-    ends = [array for end in (grid.rows, grid.columns) for array in end if array is not None]
+    ends = [array for end in (grid.rows, grid.columns) for array in end]
     return about_parts("lines of sight", scene_digest(scene, scene.clamped(time)), inexact(plan), grid.square, *ends)
 
 

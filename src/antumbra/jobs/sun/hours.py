@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.any_scene import AnyScene
+from ...engine.ready import Job, fixed_job, make_ready
+from ...engine.visibility import visibility
 from ...plan import Plan
-from ...rendering.queries import visibility
-from ...rendering.ready import Job, fixed_job, make_ready
-from ...scene.any_scene import AnyScene
 from ...scene.directional_lights import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents
 from ..engines import Whole

@@ -3,9 +3,9 @@
 from typing import Any, NamedTuple
 
 from ...checks import number, text
+from ...engine.loading import scene_of
 from ...errors import InputError
 from ...extras import needed
-from ...loading import scene_of
 
 _DEGENERATE = 89.999  # degrees: nearer to a pole, there is no direction of north
 _MARGIN = 1.0  # degrees around the area of use of a CRS

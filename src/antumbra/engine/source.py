@@ -1,28 +1,31 @@
 """The protocol of a render source: it supplies triangles and trees, primary visibility and closest hits."""
 
-from collections.abc import Iterator
-from typing import ClassVar, Protocol
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from ..query.picture import Surfaces
-from ..query.rays import Arguments, HitArrays
-from ..scene.any_scene import AnyScene
+from ..query.rays import HitArrays, Rays
 from ..scene.camera import CameraRays
+from ..scene.data import SceneData
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated
 from .memory import FrameMemory
 
+Progress = Callable[[int, int], Any]
+"""Hears (rays done, rays), or whatever a tracer counts, about ten times a second."""
+
 
 class RenderSource(Protocol):
-    """A scene as seen by one `Renderer`: `InMemory` or `Paged`.
+    """A scene as seen by one `Engine`: `InMemory` or `Paged`.
 
     default_plan : str
-        The plan of a `Renderer` without an explicit plan.
-    keeps_read : bool
-        True if the source keeps the data read for a query of points. Then the next query reuses its `Renderer`.
+        The plan of an `Engine` without an explicit plan.
+    in_store : bool
+        True if the triangles are read in chunks when rays reach them.
     looks : int
         How often `look` runs `progress` to its end.
     gbuffer : "raster", "rays" or "auto"
@@ -30,11 +33,11 @@ class RenderSource(Protocol):
     """
 
     default_plan: ClassVar[str]
-    keeps_read: ClassVar[bool]
+    in_store: ClassVar[bool]
     looks: ClassVar[int]
 
     @property
-    def scene(self) -> AnyScene: ...
+    def scene(self) -> SceneData: ...
 
     @property
     def gbuffer(self) -> str: ...
@@ -94,8 +97,8 @@ class RenderSource(Protocol):
         """The surfaces of the sub-pixels of selected pixels: see `query.subpixels`; `whole`: as in `look`."""
         ...
 
-    def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
-        """Trace a list of rays at a time in seconds. In memory, the plan's tracer must be `wide`.
+    def trace_rays(self, rays: Rays, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+        """Trace a list of rays at a time within 0 .. `duration`.
 
         Raises
         ------
@@ -104,10 +107,8 @@ class RenderSource(Protocol):
         """
         ...
 
-    def surfaces_hit(
-        self, arguments: Arguments, time: float, cull_faces: int = 0
-    ) -> tuple[np.ndarray, Triangles, np.ndarray]:
-        """The nearest hits of a list of rays: (t, triangles, index of each ray's triangle in them or -1)."""
+    def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+        """The triangles that rays with these hits meet, and the index of each ray's triangle in them, or -1."""
         ...
 
     def box(self, triangles: Triangles) -> np.ndarray:

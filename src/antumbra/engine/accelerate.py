@@ -9,6 +9,7 @@ from ..auto.trace import Auto
 from ..bvh.blocks import block_tree
 from ..bvh.kept import part_of
 from ..bvh.nodes import Bvh
+from ..bvh.srdh_rays import SrdhRays
 from ..chcrt.trace import Scheduled
 from ..cull.cull import Culled
 from ..errors import InputError
@@ -19,7 +20,7 @@ from ..rayhierarchy.soup import soup_of
 from ..scene.triangles import Triangles
 from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree
 from .solid import solid_of, solid_tree
-from .srdh_rays import Bounce, Showing, Shown, SrdhRays, check_srdh_rays
+from .srdh_rays import Bounce, Showing, Shown
 
 
 class Accelerated(NamedTuple):
@@ -53,14 +54,11 @@ class Accelerator:
     ----------
     plan : Plan
     threads : int
-    srdh_rays : SrdhRays or None
-        The rays that a ray-guided builder (`srdh`) is shown; None: the default.
     """
 
-    def __init__(self, plan: Plan, threads: int, srdh_rays: SrdhRays | None = None):
-        check_srdh_rays(srdh_rays, plan)
+    def __init__(self, plan: Plan, threads: int):
         self.plan, self.threads = plan, threads
-        self.showing = Showing(srdh_rays or SrdhRays(), threads) if plan.wants_rays else None
+        self.showing = Showing(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
         self.one_tree = plan.tracer.builds and self.showing is None  # one BVH for shadow rays and camera rays
         self._kept = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
         self._updated: tuple[Triangles, Bvh] | None = None  # all triangles that the updater saw last, and their BVH

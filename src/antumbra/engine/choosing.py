@@ -18,7 +18,7 @@ from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator
 from .ready import Job, fixed_job, make_ready, small_scene
 from .solid import solid_count, solid_of
-from .srdh_rays import Shown, SrdhRays
+from .srdh_rays import Shown
 
 _RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
 
@@ -32,8 +32,8 @@ class Choosing(Accelerator):
     rule. Trees of animated scenes are refitted from the first tree of GOOD on, and so are those of BEST.
     """
 
-    def __init__(self, plan: Plan, threads: int, srdh_rays: SrdhRays | None = None):
-        super().__init__(plan, threads, srdh_rays)
+    def __init__(self, plan: Plan, threads: int):
+        super().__init__(plan, threads)
         self.memory = Memory()
         self._tree_name = self._built = QUICK  # the next tree, and the last one
         self._rays_soon = self._later = 0  # rays of which only the number is known
@@ -135,6 +135,6 @@ def best_tree_job() -> Job:
     return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
 
 
-def accelerator_of(plan: Plan, threads: int, srdh_rays: SrdhRays | None = None) -> Accelerator:
+def accelerator_of(plan: Plan, threads: int) -> Accelerator:
     """The accelerator of a plan."""
-    return (Choosing if plan.chooses else Accelerator)(plan, threads, srdh_rays)
+    return (Choosing if plan.chooses else Accelerator)(plan, threads)

@@ -9,13 +9,14 @@ from ..checks import byte_count, quoted, whole_number
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..kernels.progress import Progress, followed, shown
-from ..loading import scene_of
 from ..output import checked_output
-from ..scene.any_scene import AnyScene
+from ..scene.data import SceneData
 from ..scene.foreign import is_mesh
 from ..scene.generated import StreamedCity
 from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
 from ..store.layout import STORE_SUFFIX
+from .any_scene import AnyScene
+from .loading import scene_of
 from .ready import Job, fixed_job, make_ready, small_scene
 
 
@@ -69,7 +70,7 @@ def build_store(
         return build_compiled(scenes, path, max_memory, threads, chunk, progress if callable(progress) else bar)
 
 
-def _each(scenes) -> Iterator[AnyScene | StreamedCity]:
+def _each(scenes) -> Iterator[SceneData | StreamedCity]:
     """One scene after the other; each may be what `scene_of` takes."""
     if isinstance(scenes, (AnyScene, StreamedCity, str, os.PathLike)) or is_mesh(scenes):
         scenes = [scenes]
@@ -80,8 +81,8 @@ def _each(scenes) -> Iterator[AnyScene | StreamedCity]:
     return map(_opened, scenes)  # unlike a generator, `map` keeps no scene that it has handed out
 
 
-def _opened(scene) -> AnyScene | StreamedCity:
-    return scene if isinstance(scene, StreamedCity) else scene_of(scene)
+def _opened(scene) -> SceneData | StreamedCity:
+    return scene if isinstance(scene, StreamedCity) else scene_of(scene).data
 
 
 def store_job() -> Job:

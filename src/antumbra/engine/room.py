@@ -12,9 +12,9 @@ import numpy as np
 from ..scene.camera import Camera
 from ..scene.framing import axes
 from ..scene.lights import tangents
+from ..scene.memory import MemoryData
 from ..scene.room import Room
 from ..scene.sampled import MOST, detail, moving_faces
-from ..scene.scene import Scene
 from ..scene.triangles import Triangles
 from ..scene.view import view_of_box
 from .see import see
@@ -40,7 +40,7 @@ class _Around(NamedTuple):
     facing: np.ndarray  # (m,) bool: a front side is met
 
 
-def room_of(scene: Scene, outside: Camera, box: np.ndarray, threads: int | None = None) -> Room | None:
+def room_of(scene: MemoryData, outside: Camera, box: np.ndarray, threads: int | None = None) -> Room | None:
     """The room that a scene encloses at time 0; None if the scene is better seen from outside.
 
     outside : a camera that shows the scene's detail; box : (2, 3) float64, the extent of this detail
@@ -74,7 +74,7 @@ def _content(around: _Around, triangles: Triangles, wrapping: Wrapping) -> _Arou
     return around._replace(facing=around.facing & inside[around.faces])
 
 
-def _moving(scene: Scene) -> np.ndarray:
+def _moving(scene: MemoryData) -> np.ndarray:
     """(k, 3) float64, recentred: corners of a sample of faces, at several moments."""
     return moving_faces(scene.source, scene.n_triangles).reshape(-1, 3) - scene.origin
 

@@ -6,25 +6,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
-from ..plan import DEFAULT_PLAN, Plan
+from ..plan import DEFAULT_PLAN
 from ..query.bounds import bounds
 from ..query.picture import Surfaces, surfaces_of
-from ..query.rays import Arguments, HitArrays, changed, hit_arrays
+from ..query.rays import HitArrays, Rays
 from ..query.subpixels import subpixel_rays
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
-from ..scene.scene import Scene
+from ..scene.memory import MemoryData
 from ..scene.triangles import Triangles
-from ..trace.cutouts import add_hits
-from ..trace.rays.batch import trace_batch
 from ..trace.rays.bounce import Nearest
 from .accelerate import Accelerated, Accelerator
 from .looking import AUTO, RAYS, Looking
 from .memory import FrameMemory
-from .ray_trees import counted
+from .ray_lists import RayLists
 from .ready import make_ready
 from .see import cutouts_job, nearest_in, see, see_subpixels
+from .trees import Trees
 
 
 class InMemory:
@@ -32,29 +30,24 @@ class InMemory:
 
     Parameters
     ----------
-    scene : Scene
+    data : MemoryData
     accelerator : Accelerator
         Holds the plan and builds its trees.
+    trees : Trees
+        Shared with other engines of the scene.
     gbuffer : "raster", "rays" or "auto"
         The method of primary visibility; "auto": the faster one, see `looking`.
-    max_memory : None
-        Must be None; the limit exists only for stores.
-
-    Raises
-    ------
-    InputError
-        If `max_memory` is given.
     """
 
     default_plan: ClassVar = DEFAULT_PLAN
-    keeps_read: ClassVar = False
+    in_store: ClassVar = False
     looks: ClassVar = 0
 
-    def __init__(self, scene: Scene, accelerator: Accelerator, gbuffer: str = AUTO, max_memory: int | None = None):
-        if max_memory is not None:
-            raise InputError(f"max_memory is for scenes in a store, and {scene.name} is in memory; leave it out")
-        self.scene, self.gbuffer, self._looking = scene, gbuffer, Looking()
+    def __init__(self, data: MemoryData, accelerator: Accelerator, trees: Trees, gbuffer: str = AUTO):
+        self.scene, self.gbuffer, self._looking, self._trees = data, gbuffer, Looking(), trees
         self._accelerator, self.threads = accelerator, accelerator.threads
+        self._box: tuple[Triangles, np.ndarray] | None = None  # of the triangles that were asked for last
+        self._lists = RayLists(data, trees, self.threads)
         self._last: Accelerated | None = None  # of earlier frames, if later frames can reuse it
 
     def warm_up(self) -> None:
@@ -73,33 +66,15 @@ class InMemory:
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
         if self._last is None or self._accelerator.outgrown(self._last):
             self._last = None
-            return self.scene.triangles(time, self.threads), None
+            return self._trees.triangles(time, self.threads), None
         return self._last.triangles, self._last
 
     def for_points(self, time: float) -> tuple[Triangles, Accelerated | None]:
         plan = self._accelerator.plan
         if plan.cull or plan.wants_rays:
-            return self.scene.triangles(time, self.threads), None
-        ready = self.accelerated(time)
+            return self._trees.triangles(time, self.threads), None
+        ready = self._trees.of(self._accelerator, time)
         return ready.triangles, ready
-
-    def accelerated(self, time: float) -> Accelerated:
-        """The scene's triangles and BVH at a time in seconds; the scene caches them, per plan, for the latest time.
-
-        Plans that differ only in their tracer share the triangles and the BVH, if they have one.
-        """
-        make, time = self._accelerator, self.scene.clamped(time)
-        kept: tuple[float, dict[Plan, Accelerated]] | None = self.scene.__dict__.get("_accelerated")
-        if kept is None or kept[0] != time:
-            kept = self.scene.__dict__["_accelerated"] = (time, {})
-        plan, plans = make.plan, kept[1]
-        if plan not in plans or make.outgrown(plans[plan]):
-            built = None if plan.chooses else next((p for o, p in list(plans.items()) if o.tree == plan.tree), None)
-            if built is None:
-                plans[plan] = make.build(self.scene.triangles(time, self.threads))
-            else:
-                plans[plan] = make.prepare(built.triangles, built.bvh)
-        return plans[plan]
 
     def keep(self, accelerated: Accelerated) -> None:
         """Keep the tree if its tracer remembers frames and later frames use the same triangles and tree."""
@@ -123,23 +98,11 @@ class InMemory:
     def nearest_in(self, whole: Accelerated) -> Nearest:
         return nearest_in(whole, self.threads)
 
-    def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
-        out = hit_arrays(len(arguments.origins), any_hit)
-        ready = self.accelerated(time)
-        with counted(self.scene, self.scene.clamped(time)):
-            legal = trace_batch(ready.prepared, arguments.ray_list(cull_faces), any_hit, out, self.threads)
-        if not legal:  # and what was traced is not whole
-            arguments.check()
-            raise changed()
-        if ready.cutouts is not None:
-            add_hits(ready.cutouts, arguments, cull_faces, any_hit, out, self.threads)
-        return out
+    def trace_rays(self, rays: Rays, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+        return self._lists.trace_rays(rays, any_hit, time, threads)
 
-    def surfaces_hit(
-        self, arguments: Arguments, time: float, cull_faces: int = 0
-    ) -> tuple[np.ndarray, Triangles, np.ndarray]:
-        found = self.trace_rays(arguments, False, cull_faces, time)
-        return found.t, self.accelerated(time).triangles, found.face
+    def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+        return self._lists.triangles_hit(rays, face, time)
 
     def subpixels(
         self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
@@ -152,7 +115,9 @@ class InMemory:
         return surfaces_of(see_subpixels(triangles, view, edge, self.threads, cutouts), triangles)
 
     def box(self, triangles: Triangles) -> np.ndarray:
-        return np.stack(bounds(triangles.vertices, self.threads))
+        if self._box is None or self._box[0] is not triangles:
+            self._box = triangles, np.stack(bounds(triangles.vertices, self.threads))
+        return self._box[1]
 
     def paging(self) -> None:
         return None

@@ -5,18 +5,15 @@ animation, or from the user. All their intersections are found in an existing BV
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ..bvh import lbvh
-from ..bvh.bounds import MAX_COORDINATE
 from ..bvh.nodes import Bvh
 from ..bvh.rayset import Intersections
-from ..checks import flag, points, whole_number
+from ..bvh.srdh_rays import SrdhRays
 from ..errors import InputError
-from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.picture import shadow_queries
 from ..query.shadow import ShadowQuery, segments
@@ -31,59 +28,6 @@ _LEAST_RAYS = 8  # that are shown in any case; as many times more as rays enter 
 
 Bounce = Callable[[Bvh], list[ShadowQuery]]
 """Function of a `Bvh` of all triangles: returns the queries at the surfaces that diffuse rays meet."""
-
-
-@dataclass(frozen=True, eq=False)
-class SrdhRays:
-    """The choice of shadow rays that the builder `srdh` is shown.
-
-    Parameters
-    ----------
-    size : int or None
-        Size x size pixels, spread evenly over the picture, or size x size points of a query; 1 to 65536. None: all.
-    spp : int
-        Samples of each light from each pixel, 1 to 1024; at most the number that is traced.
-    bounce : bool
-        Add as many rays from the surfaces that one diffuse ray from each pixel meets [Feltman et al. 2012, Sec. 4].
-        Use it for trees that answer more than the shadows of visible surfaces.
-    last_frame : bool
-        Show each frame of a `Renderer` after the first the rays of the previous frame, with their intersections.
-    origins, ends : (m, 3) float or None
-        World coordinates of explicit segments, which replace all other rays.
-
-    Raises
-    ------
-    InputError
-        If a value is out of range, a coordinate is not below the limit for triangles, or `origins` and `ends` differ in
-        shape.
-    """
-
-    size: int | None = 16
-    spp: int = 4
-    bounce: bool = False
-    last_frame: bool = False
-    origins: np.ndarray | None = None
-    ends: np.ndarray | None = None
-
-    def __post_init__(self):
-        if self.size is not None:
-            whole_number(self.size, "size", 1, 1 << 16)
-        whole_number(self.spp, "spp", 1, 1024)
-        flag(self.bounce, "bounce")
-        flag(self.last_frame, "last_frame")
-        if (self.origins is None) != (self.ends is None):
-            raise InputError("segments have origins and ends; give both, or neither")
-        if self.origins is not None:
-            origins, ends = points(self.origins, "origins"), points(self.ends, "ends")
-            if origins.shape != ends.shape:
-                raise InputError(f"origins {origins.shape} and ends {ends.shape} must have the same shape")
-            for array, name in ((origins, "origins"), (ends, "ends")):
-                if not (np.abs(array) < MAX_COORDINATE).all():
-                    raise InputError(f"{name} have a coordinate that is not below {MAX_COORDINATE:.1e}")
-            if self.bounce or self.last_frame:
-                raise InputError("origins and ends are given, so bounce and last_frame say nothing; leave them out")
-            object.__setattr__(self, "origins", origins)
-            object.__setattr__(self, "ends", ends)
 
 
 class Segments(NamedTuple):
@@ -261,13 +205,6 @@ class Showing:
         """Store the intersections of this frame's rays with the first BVH of the frame, for the next frame."""
         if self.last is not None and self.last.met is None:  # a later BVH of the frame, for culled edges, has less
             self.last.met = self.last.segments.in_bvh(bvh, self.last.segments.skip, self.threads)
-
-
-def check_srdh_rays(srdh_rays: SrdhRays | None, *plans: Plan) -> None:
-    """Raise InputError if `srdh_rays` is given and no plan has a ray-guided method."""
-    if srdh_rays is not None and not any(plan.wants_rays for plan in plans):
-        names = ", ".join(map(str, plans))
-        raise InputError(f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh")
 
 
 def bounced_queries(showing: Showing | None, triangles, gbuffer: GBuffer, lights, samples, facing=0) -> Bounce | None:

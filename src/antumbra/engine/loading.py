@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .checks import flag, path_of, text
-from .errors import InputError
-from .scene.any_scene import AnyScene
-from .scene.crs import checked_crs
-from .scene.files import checked_file
-from .scene.foreign import KNOWN, is_mesh
-from .scene.notes import by_kind
-from .scene.sampled import looks_z_up, sampled_faces
-from .scene.scene import Scene, checked_up
-from .scene.source import Source
-from .store.layout import STORE_SUFFIX
+from ..checks import flag, path_of, text
+from ..errors import InputError
+from ..scene.crs import checked_crs
+from ..scene.files import checked_file
+from ..scene.foreign import KNOWN, is_mesh
+from ..scene.memory import checked_up
+from ..scene.notes import by_kind
+from ..scene.sampled import looks_z_up, sampled_faces
+from ..scene.source import Source
+from ..store.layout import STORE_SUFFIX
+from .any_scene import AnyScene
+from .scene import Scene
 
 if TYPE_CHECKING:
-    from .store.scene import PagedScene
+    from .paged_scene import PagedScene
 
 SceneLike: TypeAlias = "AnyScene | str | os.PathLike[str] | Any"
 """What functions take as a scene: a scene, the path of one, or a mesh of another library; see `load`."""
@@ -144,13 +145,14 @@ def _read(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":
     if lod is not None:
         raise InputError(f"{name}: lod is for CityJSON files; leave it out")
     if path.is_dir():
-        from .scene.frames import read_frames
+        from ..scene.frames import read_frames
 
         return _scene(*read_frames(path), path.resolve().name, up)
     if suffix == STORE_SUFFIX:
-        from .store.scene import load_store
+        from ..store.data import load_store
+        from .paged_scene import PagedScene
 
-        return load_store(path)
+        return PagedScene.of_data(load_store(path))
     if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
         known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, *CITY_SUFFIXES, STORE_SUFFIX))
         checked_file(path, name)
@@ -158,16 +160,16 @@ def _read(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":
         raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")
     checked_file(path, name)
     if suffix in GLTF_SUFFIXES:
-        from .scene.gltf import read_gltf
+        from ..scene.gltf import read_gltf
 
         return _scene(*read_gltf(path), path.stem, up)
-    from .scene.meshfile import read_mesh_file
+    from ..scene.meshfile import read_mesh_file
 
     return _scene(*read_mesh_file(path), path.stem, up)
 
 
 def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Scene:
-    from .scene.cityjson.read import read_cityjson
+    from ..scene.cityjson.read import read_cityjson
 
     checked_file(path, name)
     found = read_cityjson(path, lod)

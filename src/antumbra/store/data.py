@@ -1,38 +1,21 @@
-"""The scene of a store; only the chunks in use are in memory."""
+"""What a scene in a store holds; only the chunks in use are in memory."""
 
-import threading
 from pathlib import Path
 
 import numpy as np
 
-from ..checks import byte_count, quoted
+from ..checks import quoted
 from ..errors import InputError
-from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
+from ..scene.data import SceneData
 from ..scene.mesh import MeshInfo, ObjectInfo
 from ..scene.survey import check_extent
 from ..scene.triangles import Triangles
 from .read import Store, open_store
 
 
-class PagedScene(AnyScene):
-    """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
-
-    The scene is static. Name, up axis, CRS, bounds, origin, cameras and lights equal those of a `Scene` of the same
-    sources, and so do the answers to all questions. The store does not record the mesh of a triangle, so all its faces
-    are one object. Methods that need all triangles at once raise InputError. A pickled scene opens its store again, by
-    its path.
-
-    Attributes
-    ----------
-    store : Store
-        The open file.
-    max_memory : int or None
-        Limit in bytes on the memory of the process, for all questions that do not give their own, such as `occluded`
-        and `closest_hit`; None: 4 GiB.
-    own : threading.local
-        What each Python thread keeps between its questions.
-    """
+class StoreData(SceneData):
+    """Name, bounds, cameras and lights of a scene whose triangles are in a store. It is static."""
 
     def __init__(self, store: Store):
         if not isinstance(store, Store):
@@ -44,24 +27,6 @@ class PagedScene(AnyScene):
         self.objects = [ObjectInfo(meta.name, -1, 0)]
         self.bounds, self.origin, self.crs = meta.bounds, meta.origin, meta.crs
         self._cameras, self._lights = list(meta.cameras), list(meta.lights)
-        self.max_memory = None
-        self.own = threading.local()
-
-    @property
-    def max_memory(self) -> int | None:
-        """Limit in bytes on the memory of the process; None: 4 GiB. Setting it raises InputError if it is no size."""
-        return self._max_memory
-
-    @max_memory.setter
-    def max_memory(self, size: int | None) -> None:
-        self._max_memory = None if size is None else byte_count(size, "max_memory", 1)
-
-    def __getstate__(self) -> dict:
-        return {name: value for name, value in self.__dict__.items() if name != "own"}
-
-    def __setstate__(self, state: dict) -> None:
-        self.__dict__.update(state)
-        self.own = threading.local()
 
     @property
     def n_triangles(self) -> int:
@@ -94,10 +59,7 @@ class PagedScene(AnyScene):
     def _lights_at(self, time: float) -> list:
         return self._lights
 
-    def __repr__(self) -> str:
-        return f"PagedScene({self.name!r}, {self.n_triangles} triangles, up={self.up!r})"
 
-
-def load_store(path: Path) -> PagedScene:
+def load_store(path: Path) -> StoreData:
     """Open the scene of a store."""
-    return PagedScene(open_store(path))
+    return StoreData(open_store(path))

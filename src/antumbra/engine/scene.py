@@ -1,30 +1,18 @@
-"""A scene: triangles, cameras and lights as a function of time."""
-
-from contextlib import suppress
-from functools import cached_property
+"""Scenes in memory, as users have them."""
 
 import numpy as np
 
-from ..checks import as_array, choice, instance, items, quoted, text
-from ..errors import InputError, one_line
-from . import engine
-from .any_scene import AnyScene
-from .appearance import Appearance, appearance_of
-from .camera import Camera
-from .cityjson.model import CityModel
-from .crs import checked_crs
-from .cutouts import Cutouts, cutouts_of
-from .materials import OPAQUE, PLAIN, Material
-from .mesh import make_mesh
-from .painted import painted, picture_texture
-from .recentre import frame_origin
-from .sampled import detail, moving_faces, sampled_faces, within
-from .source import Source, StaticMeshes
-from .survey import Survey, faces_of, objects_of
-from .triangles import Triangles
-from .view import View
-
-_MOMENTS = 25  # of an animation, at which its lowest point is looked for
+from ..checks import as_array, text
+from ..errors import InputError
+from ..scene.cityjson.model import CityModel
+from ..scene.crs import checked_crs
+from ..scene.generated import generated
+from ..scene.materials import PLAIN, Material
+from ..scene.memory import MemoryData
+from ..scene.mesh import make_mesh
+from ..scene.painted import painted, picture_texture
+from ..scene.source import Source, StaticMeshes
+from .any_scene import AnyScene, Of
 
 
 class Scene(AnyScene):
@@ -70,6 +58,9 @@ class Scene(AnyScene):
         Of a CityJSON file: the object and the semantic surface of each face, and `CityModel.surface_types`.
     """
 
+    data: MemoryData
+    source = Of[Source]()
+
     def __init__(
         self,
         source: Source,
@@ -80,21 +71,14 @@ class Scene(AnyScene):
         city: CityModel | None = None,
         crs: str | None = None,
     ):
-        if not all(hasattr(source, part) for part in ("pieces", "cameras", "lights")):
-            raise InputError(f"source is {quoted(source)}; make a Scene by load, Scene.from_arrays or Scene.from_mesh")
-        self.city = None if city is None else instance(city, CityModel, "city")
-        self.name, self.up = one_line(text(name, "name")), checked_up(up)
-        self.notes = tuple(one_line(note) for note in items(notes, str, "notes"))
-        self.crs = None if crs is None else text(crs, "crs")
-        self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
-        self.objects = source.objects
-        self._object_of_face: np.ndarray | None = None
-        self.bounds, self.colours, self._looks, alpha = _survey(source)
-        self._appearance: Appearance | None = None
-        self._cutouts: Cutouts | None = None
-        self._find_cutouts = alpha
-        self.origin = frame_origin(*self.bounds)
-        self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
+        super().__init__(MemoryData(source, name=name, up=up, notes=notes, city=city, crs=crs))
+
+    @classmethod
+    def of_data(cls, data: MemoryData) -> "Scene":
+        """The scene with this data."""
+        made = cls.__new__(cls)
+        AnyScene.__init__(made, data)
+        return made
 
     @classmethod
     def from_arrays(
@@ -184,134 +168,16 @@ class Scene(AnyScene):
         InputError
             If the object is of another kind, has no triangles, or has vertices that are NaN or infinite.
         """
-        from .foreign import meshes_of
+        from ..scene.foreign import meshes_of
 
         name = type(mesh).__name__.lower() if name is None else text(name, "name")
         meshes, notes = meshes_of(mesh, name)
         crs = None if crs is None else checked_crs(crs)
         return cls(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
 
-    @property
-    def n_triangles(self) -> int:
-        return len(self.colours)
-
-    def _find_view(self) -> View:
-        faces = moving_faces(self.source, self.n_triangles)
-        box = detail(faces)
-        view = View(within(faces, box), self.up, None)
-        room = engine.answer("room_of", self, view.camera(1, 1), box)
-        return view._replace(room=room, points=view.points if room is None or room.points is None else room.points)
-
-    def _view_at(self, time: float) -> View:
-        if not self.animated or self.view.room is not None:
-            return self.view
-        faces = sampled_faces(self.source, self.n_triangles, time)
-        return self.view._replace(points=within(faces, detail(faces)))
-
-    def _lowest(self, time: float | None) -> float:
-        if not self.animated:
-            return super()._lowest(time)
-        if time is None:
-            return self._lowest_ever
-        axis = "xyz".index(self.up)
-        return float(self.triangles(time).vertices[..., axis].min() + self.origin[axis])
-
-    @cached_property
-    def _lowest_ever(self) -> float:
-        found = [self._lowest(0.0)]
-        for time in np.linspace(0.0, self.duration, _MOMENTS)[1:]:
-            with suppress(InputError):  # a moment that has no triangles shows its error when it is rendered
-                found.append(self._lowest(time))
-        return min(found)
-
-    @property
-    def object_of_face(self) -> np.ndarray:
-        """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it.
-
-        The first use evaluates the geometry once more, piece by piece.
-        """
-        if self._object_of_face is None:
-            self._object_of_face = objects_of(self.source.pieces(0.0))
-        return self._object_of_face
-
-    @property
-    def appearance(self) -> Appearance | None:
-        """Textures, colours of vertices, shading normals and alpha; None if each face has one colour and no more.
-
-        The first use evaluates the geometry once more, piece by piece. Textures are decoded when they are shown.
-        """
-        if self._looks and self._appearance is None:
-            self._appearance = appearance_of(self.source, self.n_triangles)
-        return self._appearance
-
-    @property
-    def cutouts(self) -> Cutouts | None:
-        """The faces with holes, which alpha cuts; None: all faces are solid. The first use decodes their textures.
-
-        Raises
-        ------
-        InputError
-            If a texture cannot be decoded.
-        """
-        if self._find_cutouts:
-            assert self.appearance is not None
-            self._cutouts, self._find_cutouts = cutouts_of(self.appearance), False
-        return self._cutouts
-
-    def ignore_alpha(self) -> None:
-        """Make all faces solid. Call it before the first query."""
-        self._cutouts, self._find_cutouts = None, False
-
-    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
-        """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
-
-        threads : int, optional
-            None: all cores.
-
-        Raises
-        ------
-        InputError
-            If the time is not a number, or the animation moves vertices to infinity.
-        """
-        from ..kernels.parallel import thread_count  # imports Numba, which file inspection does not need
-        from .areas import solid_faces
-        from .gather import gather
-
-        time, threads = self.clamped(time), thread_count(threads)
-        vertices = np.empty((self.n_triangles, 3, 3), np.float32)
-        start = 0
-        with np.errstate(all="ignore"):
-            for piece in self.source.pieces(time):
-                start += gather(piece, self.origin, vertices[start:], threads)
-        face_id, cutouts = np.arange(self.n_triangles, dtype=np.int32), self.cutouts
-        solid = solid_faces(vertices, None if cutouts is None else cutouts.solid, threads)
-        return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid)
-
-    def _cameras_at(self, time: float) -> list[Camera]:
-        return self.source.cameras(time)
-
-    def _lights_at(self, time: float) -> list:
-        return self.source.lights(time)
-
     def __repr__(self) -> str:
         moving = f", duration={self.duration:g}" if self.animated else ""
         return f"Scene({self.name!r}, {self.n_triangles} triangles{moving}, up={self.up!r})"
-
-
-def checked_up(up: str) -> str:
-    return choice(up, "up", ("y", "z"))
-
-
-def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
-    """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0; whether any mesh has a look, and alpha."""
-    survey, colours, looks, alpha = Survey(source.file), [np.empty((0, 3), np.float32)], False, False
-    for piece in source.pieces(0.0):
-        survey.add(piece)
-        looks = looks or piece.look is not None
-        alpha = alpha or (piece.look is not None and any(m.alpha_mode != OPAQUE for m in piece.look.materials))
-        shape = piece.vertices.shape[0], faces_of(piece), 3
-        colours.append(np.broadcast_to(piece.colour, shape).reshape(-1, 3))
-    return survey.bounds(), np.concatenate(colours), looks, alpha
 
 
 def _as_positions(vertices, name: str) -> np.ndarray:
@@ -324,3 +190,22 @@ def _as_positions(vertices, name: str) -> np.ndarray:
     if positions.ndim == 3 and positions.shape[1] != 3:
         raise InputError(f"{name}: a triangle soup has shape (n, 3, 3), not {positions.shape}")
     return positions.astype(np.float32 if positions.dtype in (np.float16, np.float32) else np.float64)
+
+
+def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0) -> Scene:
+    """A procedural scene with a camera and a quad light. Equal arguments give the same scene on every machine.
+
+    Parameters
+    ----------
+    name : "atrium", "city", "forest", or the name of a scene that a package adds (``antumbra scenes`` lists all)
+    triangles : int, optional
+        Number of triangles, met within 10 %. Each scene has its own default.
+    seed : int
+        Another seed scatters the clutter differently.
+
+    Raises
+    ------
+    InputError
+        On an unknown name, or a number of triangles out of range.
+    """
+    return Scene.of_data(generated(name, triangles, seed))

@@ -24,8 +24,8 @@ from ..scene.materials import MASK, Material, Texture
 from ..scene.mesh import make_mesh
 from ..scene.painted import painted
 from ..scene.point_lights import PointLights
-from ..scene.scene import Scene
 from ..scene.source import StaticMeshes
+from .scene import Scene
 
 
 class Job(NamedTuple):

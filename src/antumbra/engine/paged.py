@@ -16,14 +16,14 @@ from ..plan import Plan
 from ..query.diffuse import RayPass, camera_pass
 from ..query.gbuffer import from_hits
 from ..query.picture import Surfaces
-from ..query.rays import Arguments, HitArrays, hit_arrays
+from ..query.rays import HitArrays, RayArrays, Rays, hit_arrays
 from ..query.subpixels import subpixel_rays
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles, joined
+from ..store.data import StoreData
 from ..store.residency import Copies, Paging, Residency, marked, places
 from ..store.resident import release_freed, resident
-from ..store.scene import PagedScene
 from ..trace.forest import Hits
 from ..trace.rays.bounce import Nearest, surfaces_met
 from .accelerate import Accelerated, Accelerator
@@ -63,11 +63,9 @@ class Paged:
 
     Parameters
     ----------
-    scene : PagedScene
+    data : StoreData
     accelerator : Accelerator
         Its plan names the tracer for the store's trees.
-    gbuffer : str
-        Has no effect: primary visibility in a store always uses rays. They give the same bits as rasterisation.
     max_memory : int or None
         Limit in bytes on the memory of the process at any time; None: 4 GiB.
 
@@ -85,24 +83,19 @@ class Paged:
     """
 
     default_plan: ClassVar = str(Plan(trace="chcrt"))
-    keeps_read: ClassVar = True
+    in_store: ClassVar = True
     looks: ClassVar = 1
     gbuffer = "rays"
 
-    def __init__(
-        self, scene: PagedScene, accelerator: Accelerator, gbuffer: str = "rays", max_memory: int | None = None
-    ):
+    def __init__(self, data: StoreData, accelerator: Accelerator, max_memory: int | None = None):
         plan = accelerator.plan
         if plan.tracer.culling is None or plan.cull or plan.optimise or plan.update or plan.build != Plan().build:
             raise InputError(
-                f"plan {str(plan)!r}: {scene.name} is in a store, whose trees are built; use {self.default_plan}"
+                f"plan {str(plan)!r}: {data.name} is in a store, whose trees are built; use {self.default_plan}"
             )
-        max_memory = scene.max_memory if max_memory is None else max_memory
-        most = MAX_MEMORY
-        if max_memory is not None:
-            most = byte_count(max_memory, "max_memory", 1)
-        store = scene.store
-        self.scene, self.threads, self.max_memory = scene, accelerator.threads, most
+        most = MAX_MEMORY if max_memory is None else byte_count(max_memory, "max_memory", 1)
+        store = data.store
+        self.scene, self.threads, self.max_memory = data, accelerator.threads, most
         self.store, self.residency = store, Residency(store, most)
         self._before: Paging | None = None  # when the frame began
         self._room = 0
@@ -216,10 +209,10 @@ class Paged:
             gbuffer = surfaces_met(rays, face.reshape(-1), met.t.reshape(-1), shape, triangles, self.threads)
             yield Surfaces(gbuffer, triangles, met.face, self.store.meta.box)
 
-    def trace_rays(self, arguments: Arguments, any_hit: bool, cull_faces: int, time: float) -> HitArrays:
-        arguments.check()
-        out = hit_arrays(len(arguments.origins), any_hit)
-        for batch in self._batches(arguments, any_hit, cull_faces):
+    def trace_rays(self, rays: Rays, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+        """`threads` is not used: those of the engine trace."""
+        arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
+        for batch in self._batches(arrays, any_hit, rays.cull_faces):
             at, hits = batch.places, batch.hits
             if any_hit:
                 out.blocked[at] = hits.face[0] >= 0
@@ -228,25 +221,23 @@ class Paged:
                 out.u[at], out.v[at] = weights(batch, self.threads)
         return out
 
-    def surfaces_hit(
-        self, arguments: Arguments, time: float, cull_faces: int = 0
-    ) -> tuple[np.ndarray, Triangles, np.ndarray]:
-        arguments.check()
-        t, faces, found, n = np.full(len(arguments.origins), np.inf), np.full(len(arguments.origins), -1), [], 0
-        for batch in self._batches(arguments, False, cull_faces):
-            t[batch.places] = batch.hits.t[0]
+    def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+        """The same rays find the triangles again: a store has none in memory."""
+        faces, found, n = np.full(rays.n, -1), [], 0
+        for batch in self._batches(rays.arrays(), False, rays.cull_faces):
             faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
             found.append(batch.triangles)
             n += len(batch.triangles.vertices)
         self.residency.budget = 0  # such questions are rare: leave the memory to others
         self.residency.trim()
-        return t, joined(found or [self.accelerated.triangles]), faces
+        return joined(found or [self.accelerated.triangles]), faces.reshape(face.shape)
 
-    def _batches(self, arguments: Arguments, any_hit: bool, cull_faces: int) -> Iterator[Batch]:
-        m = len(arguments.origins)
+    def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[Batch]:
+        rays.check()
+        m = len(rays.origins)
         self.begin(FrameMemory(0, 0, 2 * m * RAY_BYTES))
         self.accelerated.begin()
-        return batches(self, arguments, any_hit, cull_faces, max(self.together(RAY_BYTES), LEAST))
+        return batches(self, rays, any_hit, cull_faces, max(self.together(RAY_BYTES), LEAST))
 
     def subpixels(
         self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None = None

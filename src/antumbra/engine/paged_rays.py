@@ -12,7 +12,7 @@ from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.hits import single_weights
 from ..query.diffuse import RayPass
 from ..query.order import morton_codes
-from ..query.rays import Arguments, changed
+from ..query.rays import RayArrays, changed
 from ..scene.triangles import Triangles
 from ..trace.forest import Hits
 
@@ -35,7 +35,7 @@ class Batch(NamedTuple):
     faces: np.ndarray  # (n,) int32: index of each hit's triangle in `triangles`, or -1
 
 
-def batches(paged, arguments: Arguments, any_hit: bool, cull_faces: int, most: int) -> Iterator[Batch]:
+def batches(paged, arguments: RayArrays, any_hit: bool, cull_faces: int, most: int) -> Iterator[Batch]:
     """Trace the rays of a list, at most `most` at a time."""
     order = _alike(arguments)
     for begin in range(0, len(order), most):
@@ -57,7 +57,7 @@ def batches(paged, arguments: Arguments, any_hit: bool, cull_faces: int, most: i
             yield Batch(places, rays, hits, triangles, faces[0])
 
 
-def _alike(arguments: Arguments) -> np.ndarray:
+def _alike(arguments: RayArrays) -> np.ndarray:
     """The order of rays by the cells of their origins, then of their directions, both in Morton order."""
     with np.errstate(invalid="ignore", over="ignore"):
         directions = arguments.directions.astype(np.float32)

@@ -1,109 +1,130 @@
-"""The common base of scenes: `Scene` has its triangles in memory, a store's `PagedScene` on disk."""
+"""The faces of scenes: what a scene holds, and the questions that its engine answers."""
 
-from abc import ABC, abstractmethod
-from contextlib import suppress
+import threading
 from html import escape
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 import numpy as np
 
-from ..checks import choice, number, quoted, whole_number
-from ..errors import InputError
-from . import engine, framing
-from .appearance import Appearance
-from .camera import MAX_SIZE, Camera
-from .cityjson.model import CityModel
-from .cutouts import Cutouts
-from .hit import Hit
-from .lights import Light
-from .mesh import MeshInfo, ObjectInfo
-from .triangles import Triangles
-from .view import KINDS, View, skies_with, view_of_box
+from ..checks import choice, whole_number
+from ..scene import framing
+from ..scene.camera import MAX_SIZE, Camera
+from ..scene.data import SceneData
+from ..scene.hit import Hit
+from ..scene.lights import Light
+from ..scene.mesh import MeshInfo, ObjectInfo
+from ..scene.triangles import Triangles
+from ..scene.view import KINDS, View, skies_with
 
-_GAP = 1e-5  # under a scene, as a share of its size: less than a picture shows, and more than float32 rounds
+if TYPE_CHECKING:
+    from .engine import Engine
+
+_T = TypeVar("_T")
 
 
-class AnyScene(ABC):
-    """Name, bounds, cameras and lights of a scene, and ray queries. `Scene` documents the attributes."""
+class Of(Generic[_T]):
+    """An attribute of a face that is its data's own."""
 
-    name: str
-    up: str  # "y" or "z"
-    notes: tuple[str, ...]
-    duration: float  # seconds
-    meshes: list[MeshInfo]
-    objects: list[ObjectInfo]
-    bounds: np.ndarray  # (2, 3) float64, world
-    origin: np.ndarray  # (3,) float64, world
-    city: CityModel | None = None  # of a CityJSON file
-    crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
-    _cameras: list[Camera]  # at time 0
-    _lights: list[Light]
-    _view: View | None = None
+    def __set_name__(self, owner, name: str) -> None:
+        self._name = name
 
-    @property
-    @abstractmethod
-    def n_triangles(self) -> int: ...
+    @overload
+    def __get__(self, face: None, owner) -> "Of[_T]": ...
+    @overload
+    def __get__(self, face: "AnyScene", owner) -> _T: ...
+    def __get__(self, face, owner):
+        return self if face is None else getattr(face.data, self._name)
 
-    @property
-    def appearance(self) -> Appearance | None:
-        """Textures, colours of vertices, shading normals and alpha. A store has none."""
-        return None
+    def __set__(self, face: "AnyScene", value: _T) -> None:
+        setattr(face.data, self._name, value)
 
-    @property
-    def cutouts(self) -> Cutouts | None:
-        """The faces with holes, which alpha cuts; None: all faces are solid, as those of a store."""
-        return None
 
-    def ignore_alpha(self) -> None:
-        """Make all faces solid. Call it before the first query."""
-        assert self.cutouts is None, "only scenes in memory have cut-outs"
+class AnyScene:
+    """A scene: its data, an engine that answers questions about it, and default views. `Scene` documents attributes.
 
-    @property
-    @abstractmethod
-    def object_of_face(self) -> np.ndarray:
-        """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it."""
+    data : SceneData
+    """
 
-    @abstractmethod
-    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
-        """The triangles at `time`. A store raises InputError."""
+    name = Of[str]()
+    up = Of[str]()
+    notes = Of[tuple[str, ...]]()
+    duration = Of[float]()
+    meshes = Of[list[MeshInfo]]()
+    objects = Of[list[ObjectInfo]]()
+    bounds = Of[np.ndarray]()
+    origin = Of[np.ndarray]()
+    colours = Of[np.ndarray]()
+    city = Of["CityModel | None"]()
+    crs = Of["str | None"]()
+    n_triangles = Of[int]()
+    object_of_face = Of[np.ndarray]()
+    appearance = Of["Appearance | None"]()
+    cutouts = Of["Cutouts | None"]()
+    animated = Of[bool]()
+    cameras = Of[list[Camera]]()
+    lights = Of[list[Light]]()
 
-    @abstractmethod
-    def _cameras_at(self, time: float) -> list[Camera]:
-        """The cameras at a time within 0 .. `duration`."""
+    def __init__(self, data: SceneData):
+        self.data = data
+        self._engine: Engine | None = None
+        self._view: View | None = None
+        self._lock = threading.Lock()
 
-    @abstractmethod
-    def _lights_at(self, time: float) -> list[Light]:
-        """The lights at a time within 0 .. `duration`."""
+    def __getstate__(self) -> dict[str, Any]:
+        return {"data": self.data}
 
-    @property
-    def animated(self) -> bool:
-        """Whether anything can change between time 0 and `duration`."""
-        return self.duration > 0.0
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        AnyScene.__init__(self, state["data"])
 
     @property
-    def cameras(self) -> list[Camera]:
-        """The cameras of the file at time 0, 1024 pixels high."""
-        return list(self._cameras)
+    def engine(self) -> "Engine":
+        """What answers this scene's questions, and remembers trees between them."""
+        engine = self._engine
+        return self._new_engine() if engine is None else engine
 
-    @property
-    def lights(self) -> list[Light]:
-        """The lights of the file (KHR_lights_punctual) at time 0."""
-        return list(self._lights)
+    def _new_engine(self) -> "Engine":
+        from .engine import Engine  # imports kernels, which file inspection does not need
+
+        with self._lock:
+            if self._engine is None:
+                self._engine = Engine(self)
+            return self._engine
 
     def camera(self, index: int = 0, time: float = 0.0) -> Camera:
         """Camera `index` of the file at `time`."""
-        index = self._known("camera", index, len(self._cameras))
-        return self._cameras_at(self.clamped(time))[index]
+        return self.data.camera(index, time)
 
     def light(self, index: int = 0, time: float = 0.0) -> Light:
         """Light `index` of the file at `time`."""
-        index = self._known("light", index, len(self._lights))
-        return self._lights_at(self.clamped(time))[index]
+        return self.data.light(index, time)
 
-    def _known(self, kind: str, index: int, count: int) -> int:
-        """The checked index of one of the scene's own cameras or lights."""
-        with suppress(InputError):
-            return whole_number(index, kind, 0, count - 1)
-        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; the scene has {count}")
+    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
+        """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
+
+        threads : int, optional
+            None: all cores.
+
+        Raises
+        ------
+        InputError
+            If the time is not a number, the animation moves vertices to infinity, or the scene is in a store.
+        """
+        return self.data.triangles(time, threads)
+
+    def ignore_alpha(self) -> None:
+        """Make all faces solid. Call it before the first query."""
+        self.data.ignore_alpha()
+
+    def clamped(self, time) -> float:
+        """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
+        return self.data.clamped(time)
+
+    def ground_height(self, time: float | None = None) -> float:
+        """The height, along the up axis, of a level ground just under the scene, in world units.
+
+        time : seconds; under the scene at this moment of an animation; None: at moments all over the animation
+        """
+        return self.data.ground_height(time)
 
     def default_camera(
         self, width: int = 1024, height: int = 1024, kind: str = "perspective", time: float | None = None
@@ -126,34 +147,19 @@ class AnyScene(ABC):
         choice(kind, "camera kind", KINDS)
         width = whole_number(width, "picture width", 1, MAX_SIZE)
         height = whole_number(height, "picture height", 1, MAX_SIZE)
-        view = self.view if time is None else self._view_at(self.clamped(time))
+        from .views import view_at
+
+        view = self.view if time is None else view_at(self.data, self.view, self.clamped(time))
         return view.camera(width, height) if kind == "perspective" else view.other_camera(kind, width, height)
 
     @property
     def view(self) -> View:
         """The geometry that a default picture shows. It is found at the first use."""
         if self._view is None:
-            self._view = self._find_view()
+            from .views import view_of
+
+            self._view = view_of(self.data)
         return self._view
-
-    def _find_view(self) -> View:
-        return view_of_box(self.bounds, self.up)
-
-    def _view_at(self, time: float) -> View:
-        """The view of a moment."""
-        return self.view
-
-    def ground_height(self, time: float | None = None) -> float:
-        """The height, along the up axis, of a level ground just under the scene, in world units.
-
-        time : seconds; under the scene at this moment of an animation; None: at moments all over the animation
-        """
-        gap = _GAP * float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
-        return self._lowest(None if time is None else self.clamped(time)) - gap
-
-    def _lowest(self, time: float | None) -> float:
-        """The lowest height of the scene, world."""
-        return float(self.bounds[0, "xyz".index(self.up)])
 
     def default_lights(self, time: float = 0.0) -> list[Light]:
         """The scene's own lights at a time, or daylight: a sun to the viewer's left, and a `Sky`.
@@ -161,7 +167,7 @@ class AnyScene(ABC):
         A closed room without lights has a lamp instead of the sun. Own lights get a sky if one of them is a sun.
         """
         time = self.clamped(time)
-        own = [self.light(i, time) for i in range(len(self._lights))]
+        own = [self.light(i, time) for i in range(len(self.lights))]
         return own + skies_with(own, self.up) if own else self.view.lights()
 
     def default_light(self):
@@ -218,8 +224,9 @@ class AnyScene(ABC):
             If shapes do not broadcast, origins, directions or targets are NaN, infinite or beyond float32, a direction
             is zero, tmin is negative or infinite, tmax is NaN, or targets are given beside directions, tmin or tmax.
         """
-        rays = origins, directions, tmin, tmax, skip_face
-        return engine.answer("ask", self, True, rays, targets, time, cull_faces, threads)
+        return self.engine.occluded(
+            origins, directions, tmin, tmax, skip_face, time, targets=targets, cull_faces=cull_faces, threads=threads
+        )
 
     def closest_hit(
         self,
@@ -247,8 +254,9 @@ class AnyScene(ABC):
         ``closest_hit(o, d, tmin=hit.t)`` finds the next hit. Repeated until nothing is hit, it visits each t once, in
         order, and of faces with the same t the lowest index.
         """
-        rays = origins, directions, tmin, tmax, skip_face
-        return engine.answer("ask", self, False, rays, None, time, cull_faces, threads)
+        return self.engine.closest_hit(
+            origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads
+        )
 
     def _repr_html_(self) -> str:
         """What a notebook shows: a table of facts."""
@@ -258,14 +266,9 @@ class AnyScene(ABC):
             "objects": f"{len(self.objects):,}",
             "size": f"{size}, {self.up} up",
             **({"crs": self.crs} if self.crs else {}),
-            "cameras, lights": f"{len(self._cameras)}, {len(self._lights)}",
+            "cameras, lights": f"{len(self.cameras)}, {len(self.lights)}",
             **({"duration": f"{self.duration:g} s"} if self.animated else {}),
             **({"left out": "; ".join(self.notes)} if self.notes else {}),
         }
         body = "".join(f"<tr><th>{name}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
         return f"<table><caption>{type(self).__name__} {escape(self.name)}</caption>{body}</table>"
-
-    def clamped(self, time) -> float:
-        """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
-        time = number(time, "time (seconds)", -np.inf, np.inf, "[]")
-        return min(max(time, 0.0), self.duration)
