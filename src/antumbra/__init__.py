@@ -20,8 +20,9 @@ if typing.TYPE_CHECKING:
     from .engine.engine import Engine
     from .engine.loading import load
     from .engine.paged_scene import PagedScene
+    from .engine.points import visibility
     from .engine.scene import Scene, procedural
-    from .engine.visibility import Visibility, visibility
+    from .engine.visibility import Visibility
     from .errors import InputError
     from .jobs.areas import area_sensors
     from .jobs.bake import Baked, bake
@@ -135,7 +136,8 @@ _HOMES = {
     "jobs.areas": ["area_sensors"],
     "jobs.bake": ["Baked", "bake"],
     "plan": ["Plan"],
-    "engine.visibility": ["Visibility", "visibility"],
+    "engine.points": ["visibility"],
+    "engine.visibility": ["Visibility"],
     "query.gbuffer": ["GBuffer"],
     "rendering.frame": ["Frame"],
     "rendering.renderer": ["Renderer", "render"],

@@ -106,7 +106,7 @@ def parse_plan(plan: "str | Plan") -> Plan:
     """
     if not isinstance(plan, (str, Plan)):
         raise InputError(f"plan is {quoted(plan)}; it must be a text, as in plan='bsah+wide', or an antumbra.Plan")
-    found: dict[str, str] = {}
+    found: dict[str, Any] = {}
     for part in str(plan).split("+"):
         method = _method(part)
         if method is None:
@@ -188,7 +188,8 @@ def covering_plans(papers: bool = False) -> list[Plan]:
     names = names_of(papers)
     plans = [Plan(trace=name) for name in names["trace"]]
     for field in "build", "optimise", "update", "cull":
-        plans += [Plan(**{"trace": "single", field: name}) for name in names[field] if name != Plan().build]
+        single = Plan(trace="single")
+        plans += [replace(single, **{field: name}) for name in names[field] if name != single.build]
     return plans + [Plan(cull=names["cull"][0], update=name, trace="single") for name in names["update"]]
 
 

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +26,9 @@ from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator
 from .choosing import accelerator_of
 from .in_memory import InMemory
-from .loading import SceneLike, scene_of
 from .looking import AUTO, compiled_for
 from .memory import FrameMemory, points_memory
+from .opening import data_of
 from .precompile import warm_up
 from .source import Progress, RenderSource
 from .trees import Trees
@@ -64,13 +65,13 @@ class Engine:
     """
 
     def __init__(
-        self, scene: SceneLike, plan: str | Plan | None = None, threads: int | None = None,
+        self, scene: Any, plan: str | Plan | None = None, threads: int | None = None,
         max_memory: int | None = None, *, gbuffer: str = AUTO,
     ):  # fmt: skip
-        scene = scene_of(scene)
+        data = data_of(scene)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
-        trees = Trees(scene.data) if isinstance(scene.data, MemoryData) else None
-        self._start(scene.data, trees, plan, threads, limit, gbuffer)
+        trees = Trees(data) if isinstance(data, MemoryData) else None
+        self._start(data, trees, plan, threads, limit, gbuffer)
 
     def _start(self, data: SceneData, trees: Trees | None, plan, threads, max_memory, gbuffer: str) -> None:
         default = InMemory.default_plan if trees is not None else _paged().default_plan

@@ -2,22 +2,16 @@
 
 import os
 import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
-
-from ..checks import flag, path_of, text
-from ..errors import InputError
+from ..checks import flag
 from ..scene.crs import checked_crs
-from ..scene.files import checked_file
-from ..scene.foreign import KNOWN, is_mesh
-from ..scene.memory import checked_up
+from ..scene.data import SceneData
+from ..scene.memory import MemoryData
 from ..scene.notes import by_kind
-from ..scene.sampled import looks_z_up, sampled_faces
-from ..scene.source import Source
-from ..store.layout import STORE_SUFFIX
+from ..store.data import StoreData
 from .any_scene import AnyScene
+from .opening import opened
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -25,10 +19,6 @@ if TYPE_CHECKING:
 
 SceneLike: TypeAlias = "AnyScene | str | os.PathLike[str] | Any"
 """What functions take as a scene: a scene, the path of one, or a mesh of another library; see `load`."""
-
-GLTF_SUFFIXES = (".glb", ".gltf")
-MESH_SUFFIXES = (".obj", ".ply", ".stl")
-CITY_SUFFIXES = (".json", ".jsonl")
 
 
 def load(
@@ -79,7 +69,7 @@ def load(
         their number.
     """
     asked = None if crs is None else checked_crs(crs)
-    scene = _opened(path, up, lod)
+    scene = _face(opened(path, up, lod))
     if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
         scene.ignore_alpha()
     scene.crs = asked or scene.crs
@@ -103,82 +93,17 @@ def scene_of(value: SceneLike) -> "Scene | PagedScene":
     """
     if isinstance(value, AnyScene):
         return value  # type: ignore[return-value]  # the two kinds that there are
-    scene = _opened(value, None, None)
+    scene = _face(opened(value))
     for note in scene.notes:
         warnings.warn(note, UserWarning, stacklevel=3)
     return scene
 
 
-def _opened(value, up: str | None, lod: str | None) -> "Scene | PagedScene":
-    """The scene of a path or of a mesh of another library."""
-    if up is not None:
-        checked_up(up)
-    if lod is not None:
-        text(lod, "lod")
-    if is_mesh(value):
-        return Scene.from_mesh(value, up=up or "y")
-    if isinstance(value, (str, os.PathLike)):
-        return _scene_in(path_of(value, "scene"), up, lod)
-    kind = type(value).__name__
-    raise InputError(f"scene is a {kind}; give the path of a file, a scene, or {KNOWN}; arrays go to Scene.from_arrays")
+def _face(data: SceneData) -> "Scene | PagedScene":
+    """The scene with this data."""
+    if isinstance(data, MemoryData):
+        return Scene.of_data(data)
+    from .paged_scene import PagedScene
 
-
-def _scene_in(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":
-    """The scene of a file or folder; errors of libraries become an `InputError`."""
-    try:
-        with np.errstate(all="ignore"):
-            return _read(path, up, lod)
-    except InputError:
-        raise
-    except MemoryError as error:
-        raise InputError(f"{path.name}: not enough memory for this scene; use a smaller one") from error
-    except Exception as error:  # a library failed on input that passed all checks
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"{path.name}: cannot be read ({reason}); is the file damaged?") from error
-
-
-def _read(path: Path, up: str | None, lod: str | None) -> "Scene | PagedScene":
-    # Readers are imported on demand: importing trimesh alone takes longer than loading most scenes.
-    name, suffix = path.name or str(path), path.suffix.lower()
-    if suffix in CITY_SUFFIXES and not path.is_dir():
-        return _read_city(path, name, up, lod)
-    if lod is not None:
-        raise InputError(f"{name}: lod is for CityJSON files; leave it out")
-    if path.is_dir():
-        from ..scene.frames import read_frames
-
-        return _scene(*read_frames(path), path.resolve().name, up)
-    if suffix == STORE_SUFFIX:
-        from ..store.data import load_store
-        from .paged_scene import PagedScene
-
-        return PagedScene.of_data(load_store(path))
-    if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
-        known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, *CITY_SUFFIXES, STORE_SUFFIX))
-        checked_file(path, name)
-        shown = f"format {suffix!r}" if suffix else "format, no suffix"
-        raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")
-    checked_file(path, name)
-    if suffix in GLTF_SUFFIXES:
-        from ..scene.gltf import read_gltf
-
-        return _scene(*read_gltf(path), path.stem, up)
-    from ..scene.meshfile import read_mesh_file
-
-    return _scene(*read_mesh_file(path), path.stem, up)
-
-
-def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Scene:
-    from ..scene.cityjson.read import read_cityjson
-
-    checked_file(path, name)
-    found = read_cityjson(path, lod)
-    name, city = path.stem.removesuffix(".city"), found.city
-    return Scene(found.source, name=name, up=up or "z", notes=tuple(found.notes), city=city, crs=city.crs)
-
-
-def _scene(source: Source, notes: list[str], name: str, up: str | None) -> Scene:
-    scene = Scene(source, name=name, up=up or "y", notes=tuple(notes))
-    if up is None and looks_z_up(sampled_faces(source, scene.n_triangles)):
-        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: looks as if z pointed up; up="y" says otherwise')
-    return scene
+    assert isinstance(data, StoreData)
+    return PagedScene.of_data(data)

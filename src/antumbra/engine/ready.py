@@ -20,12 +20,13 @@ from ..kernels.loading import events, is_kept, user_cache
 from ..kernels.progress import reported
 from ..scene.camera import Camera
 from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
+from ..scene.made import data_of_arrays
 from ..scene.materials import MASK, Material, Texture
+from ..scene.memory import MemoryData
 from ..scene.mesh import make_mesh
 from ..scene.painted import painted
 from ..scene.point_lights import PointLights
 from ..scene.source import StaticMeshes
-from .scene import Scene
 
 
 class Job(NamedTuple):
@@ -78,7 +79,7 @@ def compile_missing(missing: set[Wanted]) -> None:
         compile_all(missing, progress)
 
 
-def small_scene(dressed: bool = False) -> Scene:
+def small_scene(dressed: bool = False) -> MemoryData:
     """Hills of about 10 000 triangles, enough that builders take every code path of large scenes.
 
     dressed : whether they have a texture, colours of vertices and normals
@@ -88,9 +89,9 @@ def small_scene(dressed: bool = False) -> Scene:
     faces = np.concatenate([np.stack([a, a + 73, a + 1], 1), np.stack([a + 1, a + 73, a + 74], 1)])
     vertices = np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3)
     if not dressed:
-        return Scene.from_arrays(vertices, faces)
+        return data_of_arrays(vertices, faces)
     white, up = np.full((2, 2, 3), 255, np.uint8), np.broadcast_to((0.0, 1.0, 0.0), vertices.shape)
-    return Scene.from_arrays(
+    return data_of_arrays(
         vertices, faces, vertex_colours=np.ones(vertices.shape), uv=vertices[:, ::2], texture=white, normals=up
     )
 
@@ -103,7 +104,7 @@ def small_view(quality=False, sky=True) -> tuple[Camera, list]:
     return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), lights
 
 
-def small_scene_with_cutouts() -> Scene:
+def small_scene_with_cutouts() -> MemoryData:
     """The small scene with a sheet of paper full of holes above it."""
     corners = np.array([[[-1, 1, -1], [1, 1, -1], [1, 1, 1]], [[-1, 1, -1], [1, 1, 1], [-1, 1, 1]]], np.float32)
     pixels = np.full((8, 8, 4), 255, np.uint8)
@@ -112,4 +113,4 @@ def small_scene_with_cutouts() -> Scene:
     sheet = make_mesh("paper", corners.reshape(-1, 3), None, None, "paper")
     paper = painted(sheet, None, 6, material, "paper", uv=corners[..., ::2].reshape(-1, 2))
     hills = make_mesh("hills", small_scene().triangles().vertices.reshape(-1, 3), None, None, "hills")
-    return Scene(StaticMeshes([hills, paper], "small"))
+    return MemoryData(StaticMeshes([hills, paper], "small"))

@@ -1,17 +1,10 @@
 """Scenes in memory, as users have them."""
 
-import numpy as np
-
-from ..checks import as_array, text
-from ..errors import InputError
 from ..scene.cityjson.model import CityModel
-from ..scene.crs import checked_crs
 from ..scene.generated import generated
-from ..scene.materials import PLAIN, Material
+from ..scene.made import data_of_arrays, data_of_mesh
 from ..scene.memory import MemoryData
-from ..scene.mesh import make_mesh
-from ..scene.painted import painted, picture_texture
-from ..scene.source import Source, StaticMeshes
+from ..scene.source import Source
 from .any_scene import AnyScene, Of
 
 
@@ -123,23 +116,11 @@ class Scene(AnyScene):
             If shapes or dtypes are wrong, vertices are NaN or infinite, indices are out of range, or there are no
             triangles.
         """
-        positions, indices = _as_positions(vertices, text(name, "name")), None
-        if faces is not None:
-            if positions.ndim == 3:
-                raise InputError(f"{name}: vertices are a triangle soup (n, 3, 3); leave faces out")
-            indices = as_array(faces, f"{name}: faces")
-        elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
-            raise InputError(f"{name}: {len(positions)} vertices are no multiple of 3; give faces")
-        positions = positions.reshape(-1, 3)
-        mesh = make_mesh(name, positions, indices, colours, name)
-        if any(given is not None for given in (vertex_colours, uv, texture, normals)):
-            if colours is not None:
-                raise InputError(
-                    f"{name}: colours and vertex_colours, uv, texture or normals exclude each other; leave colours out"
-                )
-            material = PLAIN if texture is None else Material(texture=picture_texture(texture, name))
-            mesh = painted(mesh, indices, len(positions), material, name, uv, vertex_colours, normals)
-        return cls(StaticMeshes([mesh], name), name=name, up=up, crs=None if crs is None else checked_crs(crs))
+        data = data_of_arrays(
+            vertices, faces, colours, vertex_colours=vertex_colours, uv=uv, texture=texture, normals=normals, name=name,
+            up=up, crs=crs,
+        )  # fmt: skip
+        return cls.of_data(data)
 
     @classmethod
     def from_mesh(cls, mesh, *, name: str | None = None, up="y", crs=None) -> "Scene":
@@ -168,28 +149,11 @@ class Scene(AnyScene):
         InputError
             If the object is of another kind, has no triangles, or has vertices that are NaN or infinite.
         """
-        from ..scene.foreign import meshes_of
-
-        name = type(mesh).__name__.lower() if name is None else text(name, "name")
-        meshes, notes = meshes_of(mesh, name)
-        crs = None if crs is None else checked_crs(crs)
-        return cls(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
+        return cls.of_data(data_of_mesh(mesh, name=name, up=up, crs=crs))
 
     def __repr__(self) -> str:
         moving = f", duration={self.duration:g}" if self.animated else ""
         return f"Scene({self.name!r}, {self.n_triangles} triangles{moving}, up={self.up!r})"
-
-
-def _as_positions(vertices, name: str) -> np.ndarray:
-    """`vertices` as (v, 3) or (n, 3, 3) floating point: float32 where that holds them, else float64."""
-    positions = as_array(vertices, f"{name}: vertices")
-    if positions.shape[-1:] != (3,) or positions.ndim not in (2, 3):
-        raise InputError(
-            f"{name}: vertices must be numbers, (v, 3) or (n, 3, 3), not {positions.dtype} {positions.shape}"
-        )
-    if positions.ndim == 3 and positions.shape[1] != 3:
-        raise InputError(f"{name}: a triangle soup has shape (n, 3, 3), not {positions.shape}")
-    return positions.astype(np.float32 if positions.dtype in (np.float16, np.float32) else np.float64)
 
 
 def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0) -> Scene:

@@ -14,6 +14,7 @@ from ..engine.accelerate import Accelerated, Accelerator
 from ..engine.choosing import accelerator_of
 from ..engine.engine import Engine
 from ..engine.ready import Job, fixed_job, make_ready, small_scene, small_view
+from ..engine.scene import Scene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan
@@ -111,7 +112,7 @@ def steps_job() -> Job:
 
     def work():
         camera, lights = small_view()
-        explain_compiled(small_scene(), [Moment(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2)
+        explain_compiled(Scene.of_data(small_scene()), [Moment(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2)
 
     return fixed_job("counted steps", work)
 

@@ -130,4 +130,4 @@ def _render_small(
     )
     if accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
         accelerator.build(scene.triangles(0.0, 2))
-    draw(InMemory(scene.data, accelerator, Trees(scene.data), gbuffer), accelerator, request)
+    draw(InMemory(scene, accelerator, Trees(scene), gbuffer), accelerator, request)

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from ...engine.any_scene import AnyScene
-from ...engine.loading import GLTF_SUFFIXES, load
+from ...engine.loading import load
+from ...engine.opening import GLTF_SUFFIXES
 from ...engine.paged_scene import PagedScene
 from ...engine.scene import Scene
 from ...scene.framing import axes
