@@ -149,7 +149,7 @@ def test_bad_folders_and_stores_are_refused_before_anything_is_measured(cli, tmp
     pytest.importorskip("matplotlib")
     (tmp_path / "file").touch()
     cli(*BENCH, "--pictures", "none").refused("none", "make it first")
-    cli(*BENCH, "--pictures", "file").refused("file", "is not a folder")
+    cli(*BENCH, "--pictures", "file").refused("file", "is a file; name a folder")
     cli("bench", "chc-rt", "--store", "none.antumbra", "--pictures", ".").refused("--pictures", "leave --store out")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
