@@ -8,11 +8,11 @@ import subprocess
 import sys
 
 import pytest
-from repository import ROOT
 
 from antumbra import InputError, temporary
 from antumbra.output import replacing
 from antumbra.temporary import remove_abandoned, temporary_folder, temporary_name
+from repository import ROOT
 
 fcntl = pytest.importorskip("fcntl", reason="this system has no flock: Windows")
 DEAD = ".antumbra-0123456789ab"
@@ -224,7 +224,7 @@ from pathlib import Path
 os.kill(os.getpid(), signal.SIGKILL)
 """
 MAKERS = {
-    "a context": "from antumbra.temporary import temporary_folder\nmade = temporary_folder()\nfolder = made.__enter__()",
+    "a context": "from antumbra import temporary\nmade = temporary.temporary_folder()\nfolder = made.__enter__()",
     "a process": "from antumbra.kernels.private import private_folder\nfolder = private_folder('inputs')",
     "a node of a cluster": "from antumbra.cluster.node import Node\nnode = Node(1)\nfolder = node._own",
 }

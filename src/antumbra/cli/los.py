@@ -69,6 +69,7 @@ def los(
     spec = arguments.parse_scene(scene)
 
     from ..jobs.formats import writer_of
+    from ..jobs.readsensors import check_file_crs
     from ..jobs.sight.lines import sight_model, sight_table
     from ..jobs.sight.pairs import line_of_sight
     from ..jobs.sight.readpairs import check_pairs, paired, read_pairs
@@ -87,6 +88,7 @@ def los(
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = in_memory(open_scene(spec, None if up is None else up.value, quiet, crs))
+        check_file_crs(opened, observers, targets, Path(pairs))
         start = perf_counter()
         at, to, normals, target_normals, faces, target_faces = asked
         found = line_of_sight(

@@ -1,6 +1,7 @@
 """Sensors from text on a command line, and from files of points."""
 
 import csv
+import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +14,9 @@ from ..errors import InputError
 from ..extras import needed
 from ..kernels.parallel import thread_count
 from ..loading import SceneLike, scene_of
+from ..scene.any_scene import AnyScene
 from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
+from ..scene.crs import check_plan, checked_crs
 from ..scene.files import checked_file
 from .areas import area_sensors
 from .raster import SUFFIXES as RASTERS
@@ -29,6 +32,7 @@ _GRID = re.compile(r"grid:([0-9.eE+-]+)")
 _RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc))(?:([+@])([0-9.eE+-]+))?", re.I)
 _ROWS = 1 << 16  # lines of a CSV file that are lists at a time
 _NUMBER_BYTES = 8  # of a column of Parquet, at most
+_WORLD = "OGC:CRS84"  # of GeoParquet that names no CRS
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 
@@ -90,7 +94,16 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas=No
         if areas is not None:
             return area_sensors(scene, areas, cells, height, follow=raster[2] != "@", threads=threads)
         return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)
+    check_file_crs(scene, Path(text))
     return read_points(Path(text))
+
+
+def check_file_crs(scene: AnyScene, *paths: Path | None) -> None:
+    """Raise an InputError if a file of points names a CRS with other horizontal coordinates than the scene's."""
+    for path in paths:
+        if scene.crs and path is not None and path.suffix.lower() == ".parquet":
+            with _told(path):
+                check_plan(path.name, _crs_of(path), scene.crs)
 
 
 def _number(text: str, whole: str) -> float:
@@ -195,6 +208,19 @@ def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
         check_expansion(path, file.metadata.num_rows * len(names) * _NUMBER_BYTES)
         table = file.read(columns=names)
     return {name.lower(): _numbers(table[name].to_numpy(), name, path) for name in names}
+
+
+def _crs_of(path: Path) -> str | None:
+    """The CRS of the geometry that GeoParquet names as the main one; None: none, or the file is plain Parquet."""
+    needed("pyarrow", ".parquet", "gis")
+    import pyarrow.parquet
+
+    told = (pyarrow.parquet.read_schema(path).metadata or {}).get(b"geo")
+    if told is None:
+        return None
+    geo = json.loads(told)
+    named = geo["columns"][geo["primary_column"]].get("crs", _WORLD)
+    return None if named is None else checked_crs(named)
 
 
 def _npz(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:

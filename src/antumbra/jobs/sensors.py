@@ -13,7 +13,7 @@ from ..kernels.parallel import thread_count
 from ..loading import SceneLike, scene_of
 from ..rendering.queries import surfaces_hit
 from ..scene.any_scene import AnyScene
-from ..scene.crs import same_plan
+from ..scene.crs import check_plan
 from .raster import Raster, aligned_raster, check_count, plan_of, raster_in, raster_of_file
 
 KINDS = "face", "vertex", "grid", "raster", "points"
@@ -317,8 +317,7 @@ def raster_of(scene: AnyScene, spacing: float | str | PathLike, plan: np.ndarray
         side = number(spacing, "the spacing of sensors", 0.0, np.inf)
         return aligned_raster(plan_of(scene) if plan is None else plan, side)
     raster = raster_of_file(path_of(spacing, "the raster file"))
-    if scene.crs and raster.crs and not same_plan(scene.crs, raster.crs):
-        raise InputError(f"{spacing}: its CRS is {raster.crs}, and the scene's is {scene.crs}; reproject one of them")
+    check_plan(str(spacing), raster.crs, scene.crs)
     return raster
 
 

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 from ..checks import byte_count, quoted, whole_number
 from ..errors import InputError
