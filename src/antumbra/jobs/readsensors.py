@@ -45,9 +45,9 @@ def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> No
         raise InputError(f"{option} is {quoted(text)}; in areas it must be {forms}")
     if text in ("face", "vertex") or _GRID.fullmatch(text):
         return
-    if raster := _RASTER.fullmatch(text):
-        if Path(raster[1]).suffix.lower() in RASTERS:
-            checked_file(Path(raster[1]), raster[1])
+    if _RASTER.fullmatch(text):
+        if file := raster_file(text):
+            checked_file(Path(file), file)
         return
     check_point_file(text, option, FORMS)
 
@@ -59,6 +59,12 @@ def check_point_file(text: str, option: str, forms: str) -> None:
         hint = "" if "." in text else near(text.partition(":")[0], ("face", "vertex", "grid", "raster"))
         raise InputError(f"{option} is {quoted(text)}; {hint}it must be {forms}")
     checked_file(path, path.name)
+
+
+def raster_file(text: str) -> str | None:
+    """The path in ``raster:FILE.tif`` and its like; None: the text names no raster file."""
+    raster = _RASTER.fullmatch(text)
+    return raster[1] if raster and Path(raster[1]).suffix.lower() in RASTERS else None
 
 
 def kind_of(text: str) -> str:
@@ -90,7 +96,7 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas=No
         return grid_sensors(scene, _number(grid[1], text))
     if raster := _RASTER.fullmatch(text):
         height = _number(raster[3], text) if raster[3] else 0.0
-        cells = raster[1] if Path(raster[1]).suffix.lower() in RASTERS else _number(raster[1], text)
+        cells = raster_file(text) or _number(raster[1], text)
         if areas is not None:
             return area_sensors(scene, areas, cells, height, follow=raster[2] != "@", threads=threads)
         return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)
