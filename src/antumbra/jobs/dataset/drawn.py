@@ -99,7 +99,7 @@ def orbit_camera(place: Place, k: int, n: int, size: tuple[int, int]) -> Camera:
     share = _BACK * room.way(camera.target, back)
     if share >= 1.0:
         return camera
-    radius, distance = bounding_sphere(bounds)[1], share * np.linalg.norm(back)
+    radius, distance = bounding_sphere(bounds)[1], share * float(np.linalg.norm(back))
     half = np.arctan(np.tan(np.arcsin(min(1.02 * radius / distance, 1.0))) / min(1.0, size[0] / size[1]))
     vfov = min(2.0 * float(np.degrees(half)), _WIDEST)
     return Camera(camera.target + share * back, camera.target, camera.up, vfov, *size)

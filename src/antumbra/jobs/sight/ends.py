@@ -10,6 +10,7 @@ from ...checks import points as checked_points
 from ...errors import InputError
 from ...rendering.queries import receivers_of
 from ...scene.any_scene import AnyScene
+from ..sensorfields import check_on_scene
 from ..sensors import Sensors, point_sensors
 
 
@@ -36,9 +37,10 @@ def ends_of(scene: AnyScene, sensors: Sensors) -> Ends:
     return Ends(at, None if sensors.kind == "raster" else unit)
 
 
-def sensors_from(given: ArrayLike | Sensors, normals: ArrayLike | None, what: str) -> Sensors:
-    """Sensors as they are, or of points with normals. InputError names `what` they are."""
+def sensors_from(scene: AnyScene, given: ArrayLike | Sensors, normals: ArrayLike | None, what: str) -> Sensors:
+    """Sensors of a scene as they are, or of points with normals. InputError names `what` they are."""
     if isinstance(given, Sensors):
+        check_on_scene(given, scene)
         return given
     where = checked_points(given, what)
     if normals is not None:

@@ -125,7 +125,7 @@ def sun_hours(
         sensors = sensors_of(sensors, scene, threads, areas)
     elif areas is not None:
         raise InputError("areas need sensors as text, such as raster:0.5; or leave areas out, and give area_sensors")
-    sensors = sensors_from(sensors, None, "sensors")
+    sensors = sensors_from(scene, sensors, None, "sensors")
     target = None if matrix is None else checked_output(matrix, (".npy",))
     suns, bins = study.suns, _Bins(study)
     asked = ask(
