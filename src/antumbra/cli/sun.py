@@ -44,13 +44,15 @@ def sun(given: SunArguments) -> int:
     """
     from ..jobs.areas import SPACING, check_areas
     from ..jobs.readsensors import check_sensors, sensors_of
-    from ..jobs.sun.place import place_of
+    from ..jobs.sun.place import given_position, place_of
     from ..jobs.sun.rules import check_asked
     from ..jobs.sun.study import sun_hours
     from ..jobs.sun.times import parse_days
     from ..plan import parse_plan
 
     spec = parse_scene(given.scene)
+    names = "latitude", "longitude", "north", "timezone"
+    position = given_position(**{name: getattr(given, name) for name in names})
     in_areas = given.areas is not None
     asked = given.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
     if given.areas is not None:
@@ -68,9 +70,7 @@ def sun(given: SunArguments) -> int:
         display.say("reading the scene")
         scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
         limit_memory(scene, memory)
-        place = place_of(
-            scene, latitude=given.latitude, longitude=given.longitude, north=given.north, timezone=given.timezone
-        )
+        place = place_of(scene, **position)
         sensors = sensors_of(asked, scene, given.threads, given.areas)
         display.say("preparing")
         ask = partial(

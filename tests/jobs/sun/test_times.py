@@ -8,7 +8,7 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.sun.place import Place
-from antumbra.jobs.sun.times import month_days, parse_days, parse_zone, zone_of
+from antumbra.jobs.sun.times import month_days, parse_days, zone_of
 
 AMSTERDAM = ZoneInfo("Europe/Amsterdam")
 
@@ -88,20 +88,6 @@ def test_steps_that_are_refused():
             at.times_of([date(2026, 1, 1)], UTC, step)
     with pytest.raises(at.InputError, match="there are no days; write 2026-06-21"):
         at.times_of([], UTC)
-
-
-@pytest.mark.parametrize(
-    "text, minutes",
-    [("+01:00", 60), ("-0330", -210), ("+5", 300), ("+00:00", 0), ("UTC", 0), ("Asia/Kolkata", 330)],
-)
-def test_zones(text, minutes):
-    assert datetime(2026, 1, 1, tzinfo=parse_zone(text)).utcoffset() == timedelta(minutes=minutes)
-
-
-@pytest.mark.parametrize("text", ["", "Mars/Crater", "+15:00", "+01:75", "../etc/passwd", "CET+1x", "\0"])
-def test_zones_that_are_refused(text):
-    with pytest.raises(at.InputError, match="write a name such as Europe/Amsterdam"):
-        parse_zone(text)
 
 
 def test_zones_of_places():
