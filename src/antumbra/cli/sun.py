@@ -47,7 +47,7 @@ def sun(given: SunArguments) -> int:
     from ..jobs.sun.place import given_position, place_of
     from ..jobs.sun.rules import check_asked
     from ..jobs.sun.study import sun_hours
-    from ..jobs.sun.times import parse_days
+    from ..jobs.sun.times import checked_step, parse_days
     from ..plan import parse_plan
 
     spec = parse_scene(given.scene)
@@ -58,8 +58,11 @@ def sun(given: SunArguments) -> int:
     if given.areas is not None:
         check_areas(given.areas)
     check_sensors(asked, areas=in_areas)
+    days = None if given.days is None else parse_days(given.days)
+    if given.step is not None:
+        checked_step(given.step)
     if given.rule is not None:
-        check_asked(given.rule, None if given.days is None else parse_days(given.days), in_areas)
+        check_asked(given.rule, days, in_areas)
     parse_plan(given.plan)
     memory = None if given.max_memory is None else parse_bytes(given.max_memory, "--max-memory")
     outputs = _checked_outputs(given, spec, asked)
@@ -74,7 +77,7 @@ def sun(given: SunArguments) -> int:
         sensors = sensors_of(asked, scene, given.threads, given.areas)
         display.say("preparing")
         ask = partial(
-            sun_hours, scene, days=given.days, place=place, step=given.step, rule=given.rule, epw=given.epw,
+            sun_hours, scene, days=days, place=place, step=given.step, rule=given.rule, epw=given.epw,
             energy=given.energy, sky=given.sky, by=[by.value for by in given.by or ()], samples=given.samples,
             plan=given.plan, threads=given.threads,
         )  # fmt: skip

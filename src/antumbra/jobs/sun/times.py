@@ -68,11 +68,16 @@ def checked_step(step) -> float:
     return number(step, "step (minutes)", 1.0 / 60.0, _MOST_MINUTES, "[]")
 
 
-def checked_days(days) -> list[date]:
-    """The days of an iterable; InputError unless all are dates."""
+def days_of(days) -> list[date]:
+    """The days of a text (`parse_days`) or of an iterable of dates; otherwise an InputError."""
+    return parse_days(days) if isinstance(days, str) else checked_days(days, "a text such as 2026-06-21, or ")
+
+
+def checked_days(days, instead: str = "") -> list[date]:
+    """The days of an iterable; InputError unless all are dates. `instead`: what else its message proposes."""
     found = parts_of(days)
     if found is None:
-        raise InputError(f"days are {quoted(days)}; give a list of datetime.date")
+        raise InputError(f"days are {quoted(days)}; give {instead}a list of datetime.date")
     for day in found:
         if not isinstance(day, date) or isinstance(day, datetime):
             raise InputError(f"a day is {quoted(day)}; it must be a datetime.date")
