@@ -131,6 +131,7 @@ NAN, INF = float("nan"), float("inf")
         ({"zone": [0, 1], "zones": (Zone("a", 2, 0),)}, "zone of sensors hold 1; they must be from 0 to 0"),
         ({"zone": [0, 0]}, "zone of sensors hold 0; they must be left out"),
         ({"kind": "vertex", "corners": [[0, 1, 2]]}, "corners of sensors hold 2; they must be from -1 to 1"),
+        ({"kind": "vertex", "corners": 3}, r"corners of sensors must be whole numbers \(faces, 3\), not \(\)"),
         ({"normals": [[0, 0, 1], [0, 0, 0]]}, "the normal of sensor 1 is zero"),
         ({"normals": [[0, 0, 1], [0, NAN, 0]]}, "the normal of sensor 1 has NaN"),
         ({"areas": [1, -1]}, "areas of sensors must be finite and not negative"),

@@ -43,6 +43,14 @@ def checked_indices(values, shape: tuple[int, ...], name: str, low: int, count: 
     return found.astype(np.int64, copy=False)
 
 
+def checked_corners(values, n: int) -> np.ndarray:
+    """(faces, 3) int64, from -1 to n - 1."""
+    corners = as_array(values, "corners of sensors")
+    if corners.ndim != 2 or corners.shape[1] != 3:
+        raise InputError(f"corners of sensors must be whole numbers (faces, 3), not {corners.shape}")
+    return checked_indices(corners, corners.shape, "corners", -1, n)
+
+
 def check_on_scene(sensors, scene: AnyScene) -> None:
     """Raise an InputError if sensors lie on faces that a scene does not have: they belong to another scene."""
     n, faces, corners = scene.n_triangles, sensors.faces, sensors.corners

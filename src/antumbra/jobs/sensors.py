@@ -15,7 +15,7 @@ from ..rendering.queries import surfaces_hit
 from ..scene.any_scene import AnyScene
 from ..scene.crs import check_plan
 from .raster import Raster, aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
-from .sensorfields import NEEDED, checked_areas, checked_indices, checked_normals
+from .sensorfields import NEEDED, checked_areas, checked_corners, checked_indices, checked_normals
 
 KINDS = "face", "vertex", "grid", "raster", "points"
 """The kinds of `Sensors`."""
@@ -91,8 +91,7 @@ class Sensors:
         if self.faces is not None:
             keep("faces", checked_indices(self.faces, (n,), "faces", -1))
         if self.corners is not None:
-            shape = len(as_array(self.corners, "corners of sensors")), 3
-            keep("corners", checked_indices(self.corners, shape, "corners", -1, n))
+            keep("corners", checked_corners(self.corners, n))
         if self.zone is not None:
             keep("zone", checked_indices(self.zone, (n,), "zone", 0, len(self.zones)))
         self._check_cells()
