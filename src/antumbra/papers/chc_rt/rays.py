@@ -177,6 +177,6 @@ def differing(one: list[Answer], other: list[Answer]) -> int:
 
 
 def _near(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(m,) bool: where two t are equal, but for rounding: the t of pictures, `hit_t`, is within 2**-29 of that of rays."""
+    """(m,) bool: where two t are equal, but for rounding: `hit_t` of pictures is within 2**-29 of the t of rays."""
     with np.errstate(invalid="ignore"):
         return (one == other) | (np.abs(one - other) <= 2.0**-28 * np.abs(one))
