@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.plan import Plan
 from antumbra.engine.visibility import accelerated
+from antumbra.plan import Plan
 from common import SCENES
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.jobs.sun.times import parse_days, zone_of
 from antumbra.engine.visibility import receivers_of
+from antumbra.jobs.sun.times import parse_days, zone_of
 from common import installed, machine
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")

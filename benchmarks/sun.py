@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
+from antumbra.engine.visibility import receivers_of
 from antumbra.jobs.sun.hours import answer, ask
 from antumbra.jobs.sun.times import parse_days, zone_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree_rays import occluded_of, trace, write
 from antumbra.papers.peers.ray_sets import ray_set
-from antumbra.engine.visibility import receivers_of
 from common import SCENES, arguments, has_embree, machine
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")

@@ -2,6 +2,8 @@
 
 import errno
 import os
+import re
+import signal
 import subprocess
 import sys
 
@@ -10,6 +12,7 @@ import pytest
 from antumbra import InputError, temporary
 from antumbra.output import replacing
 from antumbra.temporary import remove_abandoned, temporary_folder, temporary_name
+from repository import ROOT
 
 fcntl = pytest.importorskip("fcntl", reason="this system has no flock: Windows")
 DEAD = ".antumbra-0123456789ab"
@@ -215,17 +218,23 @@ def test_a_folder_that_nobody_can_write_in(tmp_path):
 
 KILLED = """
 import os, signal
-from antumbra.temporary import temporary_folder
-
-with temporary_folder() as folder:
-    (folder / "model.glb").write_bytes(b"half")
-    os.kill(os.getpid(), signal.SIGKILL)
+from pathlib import Path
+{make}
+(Path(folder) / "model.glb").write_bytes(b"half")
+os.kill(os.getpid(), signal.SIGKILL)
 """
+MAKERS = {
+    "a context": "from antumbra import temporary\nmade = temporary.temporary_folder()\nfolder = made.__enter__()",
+    "a process": "from antumbra.kernels.private import private_folder\nfolder = private_folder('inputs')",
+    "a node of a cluster": "from antumbra.cluster.node import Node\nnode = Node(1)\nfolder = node._own",
+}
 
 
-def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_path, monkeypatch):
+@pytest.mark.parametrize("maker", MAKERS)
+def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_path, monkeypatch, maker):
     env = {**os.environ, "TMPDIR": str(tmp_path)}
-    subprocess.run([sys.executable, "-c", KILLED], env=env)
+    done = subprocess.run([sys.executable, "-c", KILLED.format(make=MAKERS[maker])], env=env)
+    assert done.returncode == -signal.SIGKILL
     (left,) = tmp_path.iterdir()
     assert files(left) == [".lock", "model.glb"]
     (tmp_path / "antumbra-theirs00").mkdir()  # without a lock
@@ -239,3 +248,9 @@ def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_pa
             assert folder.exists() and other != folder
     assert files(tmp_path) == ["antumbra-theirs00"]
     temporary._remove_abandoned_folders.cache_clear()
+
+
+def test_no_other_module_makes_folders_that_outlive_a_killed_process():
+    makers = re.compile(r"TemporaryDirectory|mkdtemp\(")
+    found = [path.name for path in (ROOT / "src").rglob("*.py") if makers.search(path.read_text(encoding="utf-8"))]
+    assert sorted(found) == ["private.py", "temporary.py"]

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 from .bvh.srdh_rays import SrdhRays
 from .checks import instance, near, quoted
@@ -189,7 +190,7 @@ def covering_plans(papers: bool = False) -> list[Plan]:
     plans = [Plan(trace=name) for name in names["trace"]]
     for field in "build", "optimise", "update", "cull":
         single = Plan(trace="single")
-        plans += [replace(single, **{field: name}) for name in names[field] if name != single.build]
+        plans += [replace(single, **dict[str, Any]({field: name})) for name in names[field] if name != single.build]
     return plans + [Plan(cull=names["cull"][0], update=name, trace="single") for name in names["update"]]
 
 

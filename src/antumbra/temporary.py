@@ -19,10 +19,10 @@ from functools import cache
 from pathlib import Path
 
 from .kernels.locks import lock
+from .kernels.private import HELD, hold
 
 _OURS = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
-_FOLDER = re.compile(r"antumbra-[a-z0-9_]{8}")  # as mkdtemp names it
-_HELD = ".lock"  # in a temporary folder: locked while its owner lives
+_FOLDER = re.compile(r"antumbra-(?:[a-z]+-)?[a-z0-9_]{8}")  # as mkdtemp names it
 _YOUNG = 10.0  # seconds in which a folder without a locked file is not abandoned
 _TRIES = 3  # attempts to lock a name before a file is created without a lock
 
@@ -60,10 +60,8 @@ def temporary_folder() -> Iterator[Path]:
     parent = tempfile.gettempdir()
     _remove_abandoned_folders(parent)
     folder = tempfile.mkdtemp(prefix="antumbra-", dir=parent)
-    held = os.open(os.path.join(folder, _HELD), os.O_RDWR | os.O_CREAT, 0o600)
+    held = hold(folder)
     try:
-        with suppress(OSError):  # without locks, no process ever removes it
-            lock(held)
         yield Path(folder)
     finally:
         os.close(held)  # first, for Windows
@@ -85,7 +83,7 @@ def _is_own(entry: os.DirEntry) -> bool:
 
 def _remove_folder_if_abandoned(folder: str) -> None:
     """Remove a folder whose owner has ended; OSError if it is alive or cannot be determined."""
-    held = os.open(os.path.join(folder, _HELD), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    held = os.open(os.path.join(folder, HELD), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
     try:
         if time.time() - os.fstat(held).st_mtime > _YOUNG:  # its owner may be about to lock it
             lock(held)

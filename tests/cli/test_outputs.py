@@ -1,6 +1,7 @@
 """Every command checks every file and folder that it will write, before any work."""
 
 import os
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,8 +10,9 @@ from typing import Any, NamedTuple, get_type_hints
 import pytest
 
 import antumbra as at
-from antumbra.cli import bench
+from antumbra.cli import bench, outputs
 from antumbra.cli.app import app
+from antumbra.jobs import formats
 from antumbra.plugins import announced
 from scene import city_files
 from small_disk import fill, small_disk
@@ -65,6 +67,16 @@ def test_paths_are_read_or_checked():
     assert (
         len(names) > 25 and {"sun --city-output", "build --output", "bench srdh --plot", "bench all --output"} < names
     )
+
+
+@pytest.mark.parametrize("output", [path for path in OUTPUTS if not path.is_folder], ids=str)
+def test_help_lists_what_an_option_takes(output):
+    listed = re.findall(r"(?<!\w)\.[a-z0-9]+", f"{output.info.help} {output.info.metavar}")
+    assert set(listed) == set(output.info.callback.writes()) - {".htm"}
+
+
+def test_tables_have_the_suffixes_of_their_writers():
+    assert set(outputs.TABLES) == set(formats.WRITERS)
 
 
 def ask(cli, output, path):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 
 import antumbra as at
 
@@ -106,6 +107,19 @@ JOBS = {
 @pytest.mark.parametrize("job", JOBS)
 def test_every_job_has_the_bytes_of_the_whole(same, job):
     same(*JOBS[job], "-q")
+
+
+def test_files_that_other_arguments_name(same):
+    """A raster in the command's folder; and folders whose names are those of methods, which are no inputs."""
+
+    def prepare():
+        place = rasterio.transform.from_origin(-20.0, 20.0, 10.0, 10.0)
+        with rasterio.open("dem.tif", "w", "GTiff", 4, 4, 1, dtype="float32", transform=place) as file:
+            file.write(np.zeros((1, 4, 4), np.float32))
+        Path("auto").mkdir()
+
+    days = "--latitude", 52, "--longitude", 4.36, "--days", "2026-03-21"
+    same("sun", CITY, *days, "--sensors", "raster:dem.tif+1.6", "-o", "a.csv", "-q", prepare=prepare)
 
 
 class Disturbing:

@@ -1,7 +1,9 @@
 """A CRS goes from a scene to every file made of it, and rasters have the cells that were asked for."""
 
 import json
+import re
 import struct
+from typing import get_type_hints
 
 import numpy as np
 import pyarrow.parquet
@@ -11,6 +13,7 @@ import rasterio
 from rasterio.transform import from_origin
 
 import antumbra as at
+from antumbra.cli.app import app
 from antumbra.jobs.sight.lines import sight_model, sight_table
 from antumbra.jobs.sight.readpairs import PairList
 from scene.city_files import CUBE, building, city, put, solid
@@ -257,3 +260,90 @@ def test_bad_raster_files(tmp_path):
         at.raster_sensors(scene, tmp_path / "dem.tif", bounds=(0, 0, 1, 1))
     with pytest.raises(at.InputError, match="bounds of the raster must be"):
         at.raster_sensors(scene, 1.0, bounds=3)
+
+
+# --- points from GeoParquet -------------------------------------------------------------------------------------------
+
+
+def points_file(folder, crs, name="points.parquet", columns="x y z"):
+    """GeoParquet with two points near the south-west corner, or pairs of them; `crs`: as in its metadata, if any."""
+    rows = dict(zip(columns.split(), np.tile(np.array([[85001.0, 85009.0], [447001.0] * 2, [9.0] * 2]), (2, 1))))
+    column = {"encoding": "WKB", "geometry_types": ["Point Z"], **crs}
+    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+    table = pyarrow.table(rows).replace_schema_metadata({"geo": json.dumps(geo)})
+    pyarrow.parquet.write_table(table, folder / name)
+    return name
+
+
+def own(name):
+    return {"crs": pyproj.CRS(name).to_json_dict()}
+
+
+READERS = {
+    "sun --sensors": ("points.parquet", "--days", "2026-03-21", "--step", 240, "-o", "a.csv"),
+    "matrix --sensors": ("points.parquet", "--counts", "a.csv"),
+    "matrix --targets": ("points.parquet", "--counts", "a.csv"),
+    "viewshed --sensors": ("points.parquet", "--observer", "85001,447001,9", "-o", "a.csv"),
+    "viewshed --observers": ("points.parquet", "--sensors", "face", "-o", "a.csv"),
+    "los --observers": ("points.parquet", "--to", "85001,447001,19", "-o", "a.csv"),
+    "los --targets": ("points.parquet", "--from", "85001,447001,19", "-o", "a.csv"),
+    "los --pairs": ("pairs.parquet", "-o", "a.csv"),
+}
+"""Command and option that reads points -> the file, and the rest of a command line."""
+FILE_OF_POINTS = re.compile(r"file of (points|observers|targets)|forms as --sensors|\|FILE$")
+"""What the help of such options says."""
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_points_of_another_crs_are_refused(cli, tmp_path, reader):
+    put(tmp_path, city({"a": building(solid())}, CUBE * 4 + CORNER))
+    command, option = reader.split()
+    words = command, "a.city.json", option, *READERS[reader], "--quiet"
+    for crs, accepted in ((own("EPSG:28992"), True), (own("EPSG:25832"), False)):
+        points_file(tmp_path, crs)
+        points_file(tmp_path, crs, "pairs.parquet", "x1 y1 z1 x2 y2 z2")
+        if accepted:
+            assert cli(*words).code == 0
+        else:
+            cli(*words).refused(f"{READERS[reader][0]}: its CRS is EPSG:25832, and the scene's is {CRS}; reproject")
+
+
+def test_all_options_that_read_points_are_tested():
+    found = set()
+    for command in app.registered_commands:
+        for name, kind in get_type_hints(command.callback, include_extras=True).items():
+            for info in getattr(kind, "__metadata__", ()):
+                if FILE_OF_POINTS.search(f"{info.help} {info.metavar}"):
+                    found.add(f"{command.name} --{name}")
+    assert found == set(READERS)
+
+
+@pytest.mark.parametrize(
+    "crs, words",
+    [
+        ({}, "its CRS is OGC:CRS84"),  # what the format says if there is none
+        ({"crs": None}, None),  # unknown
+        ({"crs": {"type": "?"}}, r"crs {'type': '\?'} is unknown"),
+        (own("EPSG:4326"), "its CRS is EPSG:4326"),
+        (own(CRS), None),
+    ],
+)
+def test_the_crs_that_geoparquet_names(tmp_path, crs, words):
+    scene = of_city_file(tmp_path)
+    text = str(tmp_path / points_file(tmp_path, crs))
+    if words is None:
+        assert len(at.sensors_of(text, scene)) == 2
+    else:
+        with pytest.raises(at.InputError, match=words):
+            at.sensors_of(text, scene)
+    scene.crs = None
+    assert len(at.sensors_of(text, scene)) == 2
+
+
+def test_bad_metadata_of_geoparquet(tmp_path):
+    scene = of_city_file(tmp_path)
+    for geo in (b"{", b"[]", b'{"primary_column": "a", "columns": {}}', b'{"primary_column": [], "columns": 3}'):
+        table = pyarrow.table({"x": [85001.0], "y": [447001.0], "z": [1.0]}).replace_schema_metadata({"geo": geo})
+        pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+        with pytest.raises(at.InputError, match=r"a\.parquet: cannot be read .*write it again$"):
+            at.sensors_of(str(tmp_path / "a.parquet"), scene)

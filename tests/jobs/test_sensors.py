@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import antumbra as at
+from antumbra.jobs.sensors import Zone
 
 BOX = np.array([[x, y, z] for x in (0, 2) for y in (0, 3) for z in (0, 1)], float)
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -98,3 +99,75 @@ def test_a_raster_lies_on_the_highest_surfaces_north_first(up):
 def test_bad_input_is_named(make, message):
     with pytest.raises(at.InputError, match=message):
         make()
+
+
+# --- sensors made by hand ---------------------------------------------------------------------------------------------
+
+RASTER = at.Raster(0.0, 2.0, 1.0, 2, 1)
+BY_HAND = {"points": [[0.5, 0.5, 1.0], [1.5, 1.5, 1.0]], "kind": "points"}
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    "fields, words",
+    [
+        ({"kind": "raster"}, 'of kind "raster" have no raster; give it, or the kind "points"'),
+        ({"kind": "face"}, 'of kind "face" have no faces'),
+        ({"kind": "grid"}, 'of kind "grid" have no faces'),
+        ({"kind": "vertex", "faces": [0, 1]}, 'of kind "vertex" have no corners'),
+        ({"raster": RASTER, "cells": [0, 2]}, "cells of sensors hold 2; they must be from 0 to 1"),
+        ({"raster": RASTER, "cells": [-1, 0]}, "cells of sensors hold -1; they must be from 0 to 1"),
+        ({"raster": RASTER, "cells": [0.0, 1.0]}, "cells of sensors must be whole numbers"),
+        ({"raster": RASTER, "cells": [0]}, r"cells of 2 sensors must be numbers \(2,\)"),
+        ({"raster": RASTER._replace(columns=3)}, "2 sensors are not one for each of 3 cells of the raster; give cells"),
+        ({"cells": [0, 1]}, "cells of sensors need a raster"),
+        ({"raster": RASTER._replace(west="a"), "cells": [0, 1]}, "west of the raster is 'a'"),
+        ({"raster": RASTER._replace(north=NAN), "cells": [0, 1]}, "north of the raster is nan"),
+        ({"raster": RASTER._replace(spacing=0), "cells": [0, 1]}, "the spacing of the raster is 0"),
+        ({"raster": RASTER._replace(rows=-1), "cells": [0, 1]}, "rows of the raster is -1"),
+        ({"raster": RASTER._replace(columns=10**6, rows=10**6), "cells": [0, 1]}, "more than 2e"),
+        ({"raster": RASTER._replace(crs=3), "cells": [0, 1]}, "crs of the raster is 3"),
+        ({"faces": [0, -2]}, "faces of sensors hold -2; they must be at least -1"),
+        ({"zone": [0, 1], "zones": (Zone("a", 2, 0),)}, "zone of sensors hold 1; they must be from 0 to 0"),
+        ({"zone": [0, 0]}, "zone of sensors hold 0; they must be left out"),
+        ({"kind": "vertex", "corners": [[0, 1, 2]]}, "corners of sensors hold 2; they must be from -1 to 1"),
+        ({"kind": "vertex", "corners": 3}, r"corners of sensors must be whole numbers \(faces, 3\), not \(\)"),
+        ({"normals": [[0, 0, 1], [0, 0, 0]]}, "the normal of sensor 1 is zero"),
+        ({"normals": [[0, 0, 1], [0, NAN, 0]]}, "the normal of sensor 1 has NaN"),
+        ({"areas": [1, -1]}, "areas of sensors must be finite and not negative"),
+        ({"areas": [1, INF]}, "areas of sensors must be finite and not negative"),
+    ],
+)
+def test_wrong_fields_are_refused_at_construction(fields, words):
+    with pytest.raises(at.InputError, match=words) as refused:
+        at.Sensors(**{**dict.fromkeys(("normals", "areas", "faces")), **BY_HAND, **fields})
+    assert "\n" not in str(refused.value)
+
+
+def test_right_fields_are_kept():
+    made = at.Sensors(BOX, [[0, 0, 5]] * 8, None, None, "points")
+    assert (made.normals == (0, 0, 1)).all()
+    exact = at.face_sensors(box())
+    again = at.Sensors(exact.points, exact.normals, exact.areas, exact.faces, "face")
+    assert again.normals is exact.normals and again.faces.dtype == np.int64
+    up = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (8, 3))
+    assert at.Sensors(BOX, up, None, None, "points").normals.strides[0] == 0  # rasters have one normal for all cells
+    some = at.Sensors(BOX[:2], None, None, None, "raster", RASTER, cells=[1, 0])
+    assert some.on_raster(np.array([5.0, 6.0])).tolist() == [[6.0, 5.0]]
+
+
+@pytest.mark.parametrize("sensors", [at.face_sensors(box()), at.vertex_sensors(box())], ids=["faces", "corners"])
+def test_sensors_of_another_scene_are_refused_before_the_work(sensors):
+    scene, place = at.Scene.from_arrays(BOX, FACES[:5], up="z"), at.Place(52.0, 4.0)
+    jobs = {
+        "sun": lambda: at.sun_hours(scene, sensors, "2026-06-21", place=place),
+        "sky": lambda: at.sky_view(scene, sensors),
+        "matrix": lambda: at.visibility_matrix(scene, sensors),
+        "targets": lambda: at.visibility_matrix(scene, [[9.0, 9.0, 9.0]], sensors),
+        "viewshed": lambda: at.viewshed(scene, sensors, [9.0, 9.0, 9.0]),
+        "table": lambda: at.Table(sensors, {}, scene=scene),
+    }
+    for name, job in jobs.items():
+        with pytest.raises(at.InputError, match=r"(on face 11|of 12 faces), and arrays has 5.*make them for"):
+            job()
+            raise AssertionError(name)

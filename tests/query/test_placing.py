@@ -7,12 +7,12 @@ import pytest
 
 import antumbra as at
 import oracle
+from antumbra.engine.building import build_store
+from antumbra.engine.visibility import receivers_of
 from antumbra.errors import InputError
 from antumbra.plan import Plan, covering_plans
 from antumbra.query.placing import MOST_RATIO, place
 from antumbra.query.sampling import light_samples
-from antumbra.rendering.building import build_store
-from antumbra.engine.visibility import receivers_of
 from antumbra.scene import survey
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.accelerate import Accelerator
+from antumbra.engine.building import build_store
 from antumbra.plan import parse_plan
 from antumbra.rendering import comparison
-from antumbra.engine.accelerate import Accelerator
-from antumbra.rendering.building import build_store
 from antumbra.rendering.comparison import Difference, compare, difference, over_pixels
 from antumbra.rendering.frame import PHASES
 from antumbra.rendering.moments import Moment

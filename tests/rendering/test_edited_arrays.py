@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.building import build_store
 from antumbra.query.rays import Arguments
-from antumbra.rendering.building import build_store
 
 VERTICES = np.array([[0, 0, 0], [4, 0, 0], [0, 0, 4], [4, 0, 4]], np.float64)
 FACES = np.array([[0, 1, 2], [1, 3, 2]])

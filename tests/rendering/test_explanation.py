@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.accelerate import Accelerator
 from antumbra.methods import TRACERS
 from antumbra.plan import parse_plan
 from antumbra.query.shadow import segments, with_receivers
-from antumbra.engine.accelerate import Accelerator
 from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment
 from antumbra.rendering.windows import WINDOW, trace_windows

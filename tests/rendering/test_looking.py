@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.rendering import looking
+from antumbra.engine import looking
+from antumbra.engine.choosing import Choosing
 from antumbra.engine.looking import RASTER, RAYS, Looking
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
@@ -17,9 +18,10 @@ def scene():
 
 @pytest.fixture
 def compiled(monkeypatch):
-    """All kernels are compiled, and kept trees have the form that camera rays walk."""
+    """All kernels are compiled; trees are kept, however slow the machine, and have the form that camera rays walk."""
     monkeypatch.setattr(looking, "_rays_are_compiled", lambda: True)
     monkeypatch.setattr(looking, "_has_blocks", lambda whole: True)
+    monkeypatch.setattr(Choosing, "outgrown", lambda self, accelerated: False)
 
 
 def _used(monkeypatch):

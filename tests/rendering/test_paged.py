@@ -11,7 +11,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.bands import Bands
-from antumbra.rendering.building import build_store
+from antumbra.engine.building import build_store
 from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment
 from antumbra.rendering.renderer import Renderer

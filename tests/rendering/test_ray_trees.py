@@ -6,8 +6,8 @@ import pytest
 import antumbra as at
 from antumbra.auto import rates
 from antumbra.auto.rates import BEST
-from antumbra.plan import parse_plan
 from antumbra.engine.ray_lists import PLAN, plan_at
+from antumbra.plan import parse_plan
 
 BETTER = parse_plan(f"{BEST}+wide")
 

@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh.blocks import BlockTree
-from antumbra.rendering.frame import PHASES
 from antumbra.engine.visibility import accelerated
+from antumbra.rendering.frame import PHASES
 from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace.counters import COUNTERS
 from antumbra.trace.rays.orders import BUILT, Ordered

@@ -9,8 +9,8 @@ import pytest
 import antumbra as at
 from antumbra.engine.in_memory import InMemory
 from antumbra.engine.paged import Paged
-from antumbra.rendering.renderer import Renderer
 from antumbra.engine.source import RenderSource
+from antumbra.rendering.renderer import Renderer
 from stores import built
 
 

@@ -5,13 +5,13 @@ import pytest
 
 import antumbra as at
 import oracle
+from antumbra.engine.solid import solid_count
+from antumbra.engine.srdh_rays import fewer_samples
 from antumbra.methods import BUILDERS
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
 from antumbra.rendering import points, renderer
 from antumbra.rendering.renderer import Renderer
-from antumbra.engine.solid import solid_count
-from antumbra.engine.srdh_rays import fewer_samples
 from asking import query_of
 
 SIZE = (40, 30)

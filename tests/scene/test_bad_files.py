@@ -6,8 +6,8 @@ import threading
 import pytest
 
 from antumbra import loading as module
-from antumbra.errors import InputError
 from antumbra.engine.loading import load
+from antumbra.errors import InputError
 from scene.gltf_files import single
 
 

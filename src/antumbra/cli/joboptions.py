@@ -7,23 +7,14 @@ import typer
 
 from ..errors import InputError
 from .arguments import parse_point
-from .outputs import tables, writes
+from .outputs import tables
 
 SENSORS_HELP = (
     "Where to ask: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif (its "
     "cells), or a file of points (.csv, .parquet, .npy, .npz)."
 )
 SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
-OutputsOption = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--output",
-        "-o",
-        help="Where to write; may be repeated: .csv, .parquet, .json, .npz, .png, .glb or .tif.",
-        show_default=False,
-        callback=writes(tables),
-    ),
-]
+OutputsOption = Annotated[list[Path] | None, tables("Where to write", "--output", "-o")]
 ColumnOption = Annotated[
     str | None,
     typer.Option(help="Column that a picture or model shows.  [default: the first]", show_default=False),

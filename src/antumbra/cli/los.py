@@ -8,8 +8,9 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .joboptions import CrsOption, OutputsOption, points_or_file
+from .joboptions import CrsOption, points_or_file
 from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption
+from .outputs import tables
 from .progress import ProgressDisplay
 from .sceneinput import in_memory, open_scene
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 _MOST_LINES = 20  # pairs that are printed
 _MODEL = ".glb"
+_SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
 _COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # of the lines that are printed
 
 
@@ -45,7 +47,7 @@ def los(
             metavar="all|zip|FILE",
         ),
     ] = "all",
-    output: OutputsOption = None,
+    output: Annotated[list[Path] | None, tables("Where to write", "--output", "-o", suffixes=_SUFFIXES)] = None,
     time: TimeOption = 0.0,
     up: UpOption = None,
     crs: CrsOption = None,
@@ -69,13 +71,14 @@ def los(
     spec = arguments.parse_scene(scene)
 
     from ..jobs.formats import writer_of
+    from ..jobs.readsensors import check_file_crs
     from ..jobs.sight.lines import sight_model, sight_table
     from ..jobs.sight.pairs import line_of_sight
     from ..jobs.sight.readpairs import check_pairs, paired, read_pairs
-    from ..output import checked_output, replacing
+    from ..output import replacing
 
     check_pairs(pairs)
-    outputs = [checked_output(path, (".csv", ".parquet", ".json", ".npz", _MODEL)) for path in output or []]
+    outputs = output or []
     writers = [writer_of(path, "points") for path in outputs]
     begin = points_or_file(observer, observers, "--from", "--observers")
     end = points_or_file(target, targets, "--to", "--targets")
@@ -87,6 +90,7 @@ def los(
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = in_memory(open_scene(spec, None if up is None else up.value, quiet, crs))
+        check_file_crs(opened, observers, targets, Path(pairs))
         start = perf_counter()
         at, to, normals, target_normals, faces, target_faces = asked
         found = line_of_sight(

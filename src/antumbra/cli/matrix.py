@@ -50,15 +50,7 @@ class MatrixArguments:
             callback=writes(_SPARSE),
         ),
     ] = None
-    counts: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="A file of the number of targets that each sensor sees; may be repeated: .csv, .parquet, .json, .npz, "
-            ".png, .glb or .tif.",
-            show_default=False,
-            callback=writes(tables),
-        ),
-    ] = None
+    counts: Annotated[list[Path] | None, tables("A file of the number of targets that each sensor sees")] = None
     plan: PlanOption = None
     time: TimeOption = 0.0
     up: UpOption = None

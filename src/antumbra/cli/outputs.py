@@ -5,13 +5,16 @@ forget the check. What depends on other arguments, such as a name by default, is
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import typer
 
 from ..errors import InputError
+
+TABLES = ".csv", ".parquet", ".json", ".npz", ".png", ".glb", ".tif"
+"""Suffixes of tables: those of `jobs.formats.WRITERS`, which is slow to import."""
 
 _GIVEN = "antumbra.outputs"  # in the context of the command: the outputs so far
 
@@ -22,15 +25,25 @@ def writes(*suffixes: str | Callable[[], Any]) -> Callable:
     suffixes : in lower case, or a function that gives some: it can import modules that are slow to import
     """
 
+    def allowed() -> list[str]:
+        return [suffix for each in suffixes for suffix in ([each] if isinstance(each, str) else each())]
+
     def check(path: Path) -> None:
         from ..output import checked_output
 
-        allowed: list[str] = []
-        for each in suffixes:
-            allowed += [each] if isinstance(each, str) else each()
-        checked_output(path, allowed)
+        checked_output(path, allowed())
 
-    return _callback(check)
+    return _callback(check, allowed)
+
+
+def tables(about: str, *names: str, suffixes: Sequence[str] = TABLES, **more: Any) -> Any:
+    """An option, which may be repeated, of files of a table. Its help lists what it takes.
+
+    about : what the files hold; names : of the option
+    """
+    listed = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
+    help = f"{about}; may be repeated: {listed}."
+    return typer.Option(*names, help=help, show_default=False, callback=writes(*suffixes), **more)
 
 
 def writes_folder() -> Callable:
@@ -41,14 +54,7 @@ def writes_folder() -> Callable:
 
         checked_folder(path)
 
-    return _callback(check)
-
-
-def tables() -> list[str]:
-    """Suffixes of tables."""
-    from ..jobs.formats import WRITERS
-
-    return list(WRITERS)
+    return _callback(check, list)
 
 
 def pictures() -> list[str]:
@@ -65,7 +71,7 @@ def films() -> list[str]:
     return list(SUFFIXES)
 
 
-def _callback(check: Callable[[Path], None]) -> Callable:
+def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -> Callable:
     def run(context: typer.Context, value: Any) -> Any:
         if value is not None and not context.resilient_parsing:
             for path in value if isinstance(value, (list, tuple)) else [value]:
@@ -74,7 +80,7 @@ def _callback(check: Callable[[Path], None]) -> Callable:
         return value
 
     written: Any = run
-    written.writes = True  # for tests
+    written.writes = allowed  # for tests
     return run
 
 

@@ -2,7 +2,7 @@
 
 import re
 from contextvars import ContextVar
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -98,25 +98,15 @@ def engine_for(given: Any, output: Path) -> "Engine | None":
         return Merge(folder, given.merge)
     if given.ray is not None:
         from ..cluster.engine import Cluster
+        from ..cluster.named import files_in
 
         if share is not None:
             raise InputError("--ray makes shards of its own; leave it or --shard out")
         prepare = partial(begin, type(given).home, replace(given, json=False, quiet=True, ray=None))
         plan = getattr(given, "plan", None)
-        return Cluster(folder, given.ray, prepare, _files(given), plan, None if not given.quiet else lambda line: None)
+        say = (lambda line: None) if given.quiet else None
+        return Cluster(folder, given.ray, prepare, files_in(vars(given)), plan, say)
     return None if share is None else Shard(folder, share, command_words())
-
-
-def _files(given: Any) -> dict[str, Path]:
-    """The fields of arguments that name files or folders to read."""
-    found = {}
-    for field in fields(given):
-        value = getattr(given, field.name)
-        if field.name not in (*_OUTPUTS, *_LEFT_OUT) and isinstance(value, (str, Path)):
-            path = Path(str(value).partition("?")[0])
-            if path.exists():
-                found[field.name] = path
-    return found
 
 
 def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int, engine: "Asked") -> None:
@@ -125,15 +115,14 @@ def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int
     home : module and name of the command
     paths : field -> the path of its file on this node
     """
+    from ..cluster.named import with_files
+
     changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(given, name)}
     for name in _OUTPUTS:
         value = getattr(given, name, None)
         if value is not None:
             changed[name] = [Path(path.name) for path in value] if isinstance(value, list) else Path(value.name)
-    for name, path in paths.items():
-        value = getattr(given, name)
-        _, mark, query = str(value).partition("?")
-        changed[name] = type(value)(f"{path}{mark}{query}") if isinstance(value, str) else Path(path)
+    changed |= with_files(vars(given), paths)
     token = asked.set(engine)
     try:
         command = getattr(import_module(home[0]), home[1]).command

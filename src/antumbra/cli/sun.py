@@ -44,20 +44,25 @@ def sun(given: SunArguments) -> int:
     """
     from ..jobs.areas import SPACING, check_areas
     from ..jobs.readsensors import check_sensors, sensors_of
-    from ..jobs.sun.place import place_of
+    from ..jobs.sun.place import given_position, place_of
     from ..jobs.sun.rules import check_asked
     from ..jobs.sun.study import sun_hours
-    from ..jobs.sun.times import parse_days
+    from ..jobs.sun.times import checked_step, parse_days
     from ..plan import parse_plan
 
     spec = parse_scene(given.scene)
+    names = "latitude", "longitude", "north", "timezone"
+    position = given_position(**{name: getattr(given, name) for name in names})
     in_areas = given.areas is not None
     asked = given.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
     if given.areas is not None:
         check_areas(given.areas)
     check_sensors(asked, areas=in_areas)
+    days = None if given.days is None else parse_days(given.days)
+    if given.step is not None:
+        checked_step(given.step)
     if given.rule is not None:
-        check_asked(given.rule, None if given.days is None else parse_days(given.days), in_areas)
+        check_asked(given.rule, days, in_areas)
     parse_plan(given.plan)
     memory = None if given.max_memory is None else parse_bytes(given.max_memory, "--max-memory")
     outputs = _checked_outputs(given, spec, asked)
@@ -68,13 +73,11 @@ def sun(given: SunArguments) -> int:
         display.say("reading the scene")
         scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
         limit_memory(scene, memory)
-        place = place_of(
-            scene, latitude=given.latitude, longitude=given.longitude, north=given.north, timezone=given.timezone
-        )
+        place = place_of(scene, **position)
         sensors = sensors_of(asked, scene, given.threads, given.areas)
         display.say("preparing")
         ask = partial(
-            sun_hours, scene, days=given.days, place=place, step=given.step, rule=given.rule, epw=given.epw,
+            sun_hours, scene, days=days, place=place, step=given.step, rule=given.rule, epw=given.epw,
             energy=given.energy, sky=given.sky, by=[by.value for by in given.by or ()], samples=given.samples,
             plan=given.plan, threads=given.threads,
         )  # fmt: skip

@@ -83,7 +83,7 @@ class SunArguments:
     city_output: Annotated[
         Path | None,
         typer.Option(
-            help="A copy of a CityJSON file with the results as attributes.",
+            help="A copy of a CityJSON file, .json or .jsonl, with the results as attributes.",
             metavar="FILE",
             callback=writes(".json", ".jsonl"),
         ),

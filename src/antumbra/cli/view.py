@@ -82,17 +82,18 @@ def view(given: ViewArguments) -> int:
     memory = None if given.max_memory is None else arguments.parse_bytes(given.max_memory, "--max-memory")
 
     from ..extras import needed
-    from ..jobs.sun.place import place_of
+    from ..jobs.sun.place import given_position, place_of
     from ..viewer.page import checked_port
     from ..viewer.show import view as shown
 
     needed("viser", "antumbra view", "view")
     port = checked_port(given.host, given.port)
+    names = "latitude", "longitude", "north", "timezone"
+    position = given_position(**{name: getattr(given, name) for name in names})
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
         limit_memory(opened, memory)
-        position = {name: getattr(given, name) for name in ("latitude", "longitude", "north", "timezone")}
         place = place_of(opened, **position)
         if place is None and (given.north is not None or given.timezone is not None):
             raise InputError("--north and --timezone need a place; give --latitude and --longitude, or --crs")

@@ -89,7 +89,7 @@ def viewshed(given: ViewshedArguments) -> int:
     asked_camera = None if given.camera is None else arguments.parse_camera(given.camera)
 
     from ..jobs.formats import writer_of
-    from ..jobs.readsensors import check_sensors, kind_of, sensors_of
+    from ..jobs.readsensors import check_file_crs, check_sensors, kind_of, sensors_of
     from ..jobs.rowfile import write_rows
     from ..jobs.sight.viewshed import viewshed as seen_from
     from ..output import replacing
@@ -105,6 +105,7 @@ def viewshed(given: ViewshedArguments) -> int:
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        check_file_crs(opened, given.observers)
         display.say("preparing")
         sensors = sensors_of(given.sensors, opened, given.threads)
         camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, given.time, _SIZE)

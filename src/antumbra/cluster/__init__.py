@@ -2,7 +2,7 @@
 
 - calls: `run`, a function of this package on a cluster
 - engine: the engine; crew: hands units to nodes, hears of them, and replaces workers that are lost
-- node: what happens on a node; inputs: its files, by path or fetched
+- node: what happens on a node; inputs: its files, by path or fetched; named: the files that arguments name
 - survey: what nodes have
 """
 

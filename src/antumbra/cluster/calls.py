@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..jobs.engines import Asked
 from ..temporary import temporary_folder
 from .engine import Cluster
+from .named import files_in, with_files
 
 _OUTPUTS = "output", "matrix", "folder"
 
@@ -52,8 +53,16 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
     with temporary_folder() as folder:
         prepare = partial(_prepare, home, args, kwargs)
         plan = None if kwargs.get("plan") is None else str(kwargs["plan"])
-        engine = Cluster(folder / "parts", address, prepare, {"scene": scene}, plan)
+        engine = Cluster(folder / "parts", address, prepare, files_in(_named(function, scene, args, kwargs)), plan)
         return function(_opened(function, scene), *args, keep=engine, **kwargs)
+
+
+def _named(function: Callable, scene, args, kwargs) -> dict[str, Any]:
+    """The arguments of a call by their names."""
+    try:
+        return dict(inspect.signature(function).bind(scene, *args, **kwargs).arguments)
+    except TypeError as error:
+        raise InputError(f"{function.__name__}: {error}; see its documentation") from None
 
 
 def _opened(function: Callable, scene):
@@ -64,7 +73,9 @@ def _opened(function: Callable, scene):
 def _prepare(home: tuple[str, str], args, kwargs, paths: dict[str, str], threads: int, engine: Asked) -> None:
     """Begin the call on a node. Its results go to the current folder."""
     function = getattr(import_module(home[0]), home[1])
-    named = inspect.signature(function).bind(_opened(function, paths["scene"]), *args, **kwargs).arguments
+    named = _named(function, Path(), args, kwargs)
+    named |= with_files(named, paths)
+    named["scene"] = _opened(function, named["scene"])
     for name in _OUTPUTS:
         if named.get(name) is not None:
             named[name] = Path(named[name]).name

@@ -73,17 +73,17 @@ def connected(address: str) -> Iterator:
     Raises
     ------
     InputError
-        If Ray is missing, or there is no cluster at the address.
+        If Ray is missing, or there is no cluster at the address, also where a connection exists.
     """
     ray = needed("ray", "a cluster", "ray")
+    if "://" in address:
+        raise InputError(f"--ray is {address!r}; run the command on a node of the cluster, with --ray auto")
+    if address not in ("auto", "local"):
+        _check_place(ray, address)
     if ray.is_initialized():
         yield ray
         return
-    if "://" in address:
-        raise InputError(f"--ray is {address!r}; run the command on a node of the cluster, with --ray auto")
     own = {}
-    if address not in ("auto", "local"):
-        _check_place(ray, address)
     if address == "local":
         own = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")

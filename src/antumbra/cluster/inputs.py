@@ -19,7 +19,7 @@ from ..store.layout import STORE_SUFFIX
 PIECE = 8 << 20  # bytes that are fetched at once
 
 _HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
-_WITH_MORE = ".gltf", ".obj"  # files that may name others
+_WITH_MORE = ".gltf", ".obj", ".vrt"  # files that may name others
 
 
 class Input(NamedTuple):
@@ -57,7 +57,10 @@ def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | 
     if (wanted.size < 0 and path.is_dir()) or _is_same(path, wanted):
         return wanted.path
     if wanted.size < 0 or path.suffix.lower() in _WITH_MORE:
-        raise InputError(f"{path}: is not on node {platform.node()}, and names other files; share it, or use .glb")
+        raise InputError(
+            f"{path}: is not on node {platform.node()}, and names other files; share it, or use one file, "
+            "such as .glb or .tif"
+        )
     folder = (folder or own_temporary() / "inputs") / wanted.sha256
     make_folder(folder)
     target = folder / path.name

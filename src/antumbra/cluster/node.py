@@ -3,7 +3,7 @@
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from ..jobs.warm import jobs
 from ..kernels.locks import held
 from ..kernels.progress import heard_by, unheard
 from ..plan import DEFAULT_PLAN, parse_plan
+from ..temporary import temporary_folder
 from .inputs import Input, local_path, own_temporary
 
 Prepare = Callable[[dict[str, str], int, Asked], Any]
@@ -45,7 +46,8 @@ class Node:
     """The worker of a node. Files are written in a folder of its own, and sent from there."""
 
     def __init__(self, threads: int):
-        self._threads, self._own = threads, tempfile.TemporaryDirectory(prefix="antumbra-node-")
+        self._threads, self._open = threads, ExitStack()
+        self._own = self._open.enter_context(temporary_folder())  # of a killed node, the next one removes it
         self._units: list[tuple[Units, int]] = []
 
     def begin(self, job: NodeJob, read: Callable[[str, int], bytes] | None) -> list[tuple[int, list[str]]]:
@@ -55,7 +57,7 @@ class Node:
         """
         with heard_by(unheard):
             paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
-            os.chdir(self._own.name)  # results of a job have relative names here
+            os.chdir(self._own)  # results of a job have relative names here
             warm(job.plan)
             asked = Asked(Path(job.folder))
             job.prepare(paths, self._threads, asked)
@@ -80,8 +82,7 @@ class Node:
     def leave(self) -> None:
         """Remove the node's own files."""
         os.chdir(tempfile.gettempdir())
-        with suppress(OSError):
-            self._own.cleanup()
+        self._open.close()
 
 
 def warm(plan: str | None) -> None:

@@ -2,8 +2,6 @@
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from ..checks import byte_count, quoted, whole_number
 from ..errors import InputError
@@ -15,6 +13,7 @@ from ..scene.foreign import is_mesh
 from ..scene.generated import StreamedCity
 from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
 from ..store.layout import STORE_SUFFIX
+from ..temporary import temporary_folder
 from .any_scene import AnyScene
 from .loading import scene_of
 from .ready import Job, fixed_job, make_ready, small_scene
@@ -89,7 +88,7 @@ def store_job() -> Job:
     """The job of building a store."""
 
     def work():
-        with TemporaryDirectory() as folder:
-            build_compiled([small_scene()], Path(folder) / "small.antumbra", threads=2, chunk=64)
+        with temporary_folder() as folder:
+            build_compiled([small_scene()], folder / "small.antumbra", threads=2, chunk=64)
 
     return fixed_job("building stores", work)

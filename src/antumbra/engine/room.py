@@ -64,7 +64,10 @@ def room_of(scene: MemoryData, outside: Camera, box: np.ndarray, threads: int | 
     rooms = [place for place in places if _encloses(place[1], shown)]
     if wrapping is not None:
         rooms = [(point, _content(around, triangles, wrapping)) for point, around in rooms or places]
-    return _room(*max(rooms, key=lambda place: _n_faces(place[1])), up) if rooms else None
+    if not rooms:
+        return None
+    room = _room(*max(rooms, key=lambda place: _n_faces(place[1])), up)
+    return room if wrapping is None else room._replace(planes=wrapping.planes_in_world)
 
 
 def _content(around: _Around, triangles: Triangles, wrapping: Wrapping) -> _Around:

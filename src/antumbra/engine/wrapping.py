@@ -10,7 +10,7 @@ import numpy as np
 
 from ..scene.camera import Camera
 from ..scene.framing import VFOV, axes, bounding_sphere, fitted_camera
-from ..scene.room import Room
+from ..scene.room import Room, way_out
 from ..scene.sampled import MOST, detail, within
 from ..scene.triangles import Triangles
 from .see import see
@@ -43,8 +43,13 @@ class Wrapping(NamedTuple):
 
     def way(self, start: np.ndarray, along: np.ndarray) -> float:
         """How many times `along` leads from a point inside, in the recentred frame, to the box."""
-        left, rate = -(self.planes[:, :3] @ start + self.planes[:, 3]), self.planes[:, :3] @ along
-        return float((left[rate > 0.0] / rate[rate > 0.0]).min())
+        return way_out(self.planes, start, along)
+
+    @property
+    def planes_in_world(self) -> np.ndarray:
+        """(m, 4) float64: the planes in world coordinates."""
+        normals, offsets = self.planes[:, :3], self.planes[:, 3]
+        return np.c_[normals, offsets - normals @ self.content.origin]
 
 
 def unwrapped(triangles: Triangles, threads: int | None) -> Wrapping | None:
@@ -75,7 +80,8 @@ def content_room(wrapping: Wrapping, up: str) -> Room | None:
     middle = camera.target + max((points @ upward).max() - camera.target @ upward, 0.0) * upward
     middle += 0.1 * min(wrapping.way(middle, upward), float(np.linalg.norm(back))) * upward
     above = wrapping.way((middle + eye) / 2.0, upward)
-    return Room(middle + origin, eye + origin, camera.target + origin, vfov, False, above, points + origin)
+    middle, eye, target = middle + origin, eye + origin, camera.target + origin
+    return Room(middle, eye, target, vfov, False, above, points + origin, wrapping.planes_in_world)
 
 
 def _opened(triangles: Triangles, threads: int | None) -> Wrapping | None:

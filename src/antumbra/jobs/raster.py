@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import as_array, points
+from ..checks import as_array, instance, number, points, text, whole_number
 from ..engine.any_scene import AnyScene
 from ..errors import InputError
 from ..extras import needed
@@ -34,6 +34,11 @@ class Raster(NamedTuple):
         """Of a cell, square world units."""
         return self.spacing * self.spacing
 
+    @property
+    def n_cells(self) -> int:
+        """The number of cells."""
+        return self.rows * self.columns
+
     def middles(self) -> tuple[np.ndarray, np.ndarray]:
         """(columns,) and (rows,) float64: distances of the cells' middles, to the east and to the north."""
         east = self.west + (np.arange(self.columns) + 0.5) * self.spacing
@@ -44,6 +49,20 @@ class Raster(NamedTuple):
         east, north = self.middles()
         x, y = east[cells % self.columns], north[cells // self.columns]
         return np.stack([x, y, np.zeros(len(cells))] if up == "z" else [x, np.zeros(len(cells)), -y], 1)
+
+
+def checked_raster(raster) -> Raster:
+    """`raster`, if it is a `Raster` of sound numbers; otherwise an InputError."""
+    instance(raster, Raster, "raster")
+    for name in ("west", "north"):
+        number(getattr(raster, name), f"{name} of the raster")
+    number(raster.spacing, "the spacing of the raster", 0.0, np.inf)
+    for name in ("columns", "rows"):
+        whole_number(getattr(raster, name), f"{name} of the raster", 1, _MOST)
+    if raster.crs is not None:
+        text(raster.crs, "crs of the raster")
+    check_count(raster.n_cells, raster.spacing)
+    return raster
 
 
 def plan_of(scene: AnyScene) -> np.ndarray:

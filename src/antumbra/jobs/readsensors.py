@@ -1,6 +1,7 @@
 """Sensors from text on a command line, and from files of points."""
 
 import csv
+import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from ..checks import near, quoted
+from ..engine.any_scene import AnyScene
 from ..engine.loading import SceneLike, scene_of
 from ..errors import InputError
 from ..extras import needed
 from ..kernels.parallel import thread_count
 from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
+from ..scene.crs import check_plan, checked_crs
 from ..scene.files import checked_file
 from .areas import area_sensors
 from .raster import SUFFIXES as RASTERS
@@ -29,6 +32,7 @@ _GRID = re.compile(r"grid:([0-9.eE+-]+)")
 _RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc))(?:([+@])([0-9.eE+-]+))?", re.I)
 _ROWS = 1 << 16  # lines of a CSV file that are lists at a time
 _NUMBER_BYTES = 8  # of a column of Parquet, at most
+_WORLD = "OGC:CRS84"  # of GeoParquet that names no CRS
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 
@@ -41,9 +45,9 @@ def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> No
         raise InputError(f"{option} is {quoted(text)}; in areas it must be {forms}")
     if text in ("face", "vertex") or _GRID.fullmatch(text):
         return
-    if raster := _RASTER.fullmatch(text):
-        if Path(raster[1]).suffix.lower() in RASTERS:
-            checked_file(Path(raster[1]), raster[1])
+    if _RASTER.fullmatch(text):
+        if file := raster_file(text):
+            checked_file(Path(file), file)
         return
     check_point_file(text, option, FORMS)
 
@@ -55,6 +59,12 @@ def check_point_file(text: str, option: str, forms: str) -> None:
         hint = "" if "." in text else near(text.partition(":")[0], ("face", "vertex", "grid", "raster"))
         raise InputError(f"{option} is {quoted(text)}; {hint}it must be {forms}")
     checked_file(path, path.name)
+
+
+def raster_file(text: str) -> str | None:
+    """The path in ``raster:FILE.tif`` and its like; None: the text names no raster file."""
+    raster = _RASTER.fullmatch(text)
+    return raster[1] if raster and Path(raster[1]).suffix.lower() in RASTERS else None
 
 
 def kind_of(text: str) -> str:
@@ -86,11 +96,20 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas=No
         return grid_sensors(scene, _number(grid[1], text))
     if raster := _RASTER.fullmatch(text):
         height = _number(raster[3], text) if raster[3] else 0.0
-        cells = raster[1] if Path(raster[1]).suffix.lower() in RASTERS else _number(raster[1], text)
+        cells = raster_file(text) or _number(raster[1], text)
         if areas is not None:
             return area_sensors(scene, areas, cells, height, follow=raster[2] != "@", threads=threads)
         return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)
+    check_file_crs(scene, Path(text))
     return read_points(Path(text))
+
+
+def check_file_crs(scene: AnyScene, *paths: Path | None) -> None:
+    """Raise an InputError if a file of points names a CRS with other horizontal coordinates than the scene's."""
+    for path in paths:
+        if scene.crs and path is not None and path.suffix.lower() == ".parquet":
+            with _told(path):
+                check_plan(path.name, _crs_of(path), scene.crs)
 
 
 def _number(text: str, whole: str) -> float:
@@ -195,6 +214,19 @@ def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
         check_expansion(path, file.metadata.num_rows * len(names) * _NUMBER_BYTES)
         table = file.read(columns=names)
     return {name.lower(): _numbers(table[name].to_numpy(), name, path) for name in names}
+
+
+def _crs_of(path: Path) -> str | None:
+    """The CRS of the geometry that GeoParquet names as the main one; None: none, or the file is plain Parquet."""
+    needed("pyarrow", ".parquet", "gis")
+    import pyarrow.parquet
+
+    told = (pyarrow.parquet.read_schema(path).metadata or {}).get(b"geo")
+    if told is None:
+        return None
+    geo = json.loads(told)
+    named = geo["columns"][geo["primary_column"]].get("crs", _WORLD)
+    return None if named is None else checked_crs(named)
 
 
 def _npz(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:

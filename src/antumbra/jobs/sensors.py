@@ -7,18 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import as_array, choice, flag, instance, items, number, path_of, points, unit_vectors, whole_number
+from ..checks import as_array, choice, flag, items, number, path_of, points, unit_vectors, whole_number
 from ..engine.any_scene import AnyScene
 from ..engine.loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..scene.crs import same_plan
-from .raster import Raster, aligned_raster, check_count, plan_of, raster_in, raster_of_file
+from ..scene.crs import check_plan
+from .raster import Raster, aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
+from .sensorfields import NEEDED, checked_areas, checked_corners, checked_indices, checked_normals
 
 KINDS = "face", "vertex", "grid", "raster", "points"
 """The kinds of `Sensors`."""
-
-_INDICES = "faces", "cells", "zone"  # fields with a whole number for each sensor
 
 LOW = 1.0
 """World units: what is lower above the ground is part of it, such as a pavement; what is higher may be a building."""
@@ -39,7 +38,7 @@ class Sensors:
     points : (n, 3) float64
         World coordinates.
     normals : (n, 3) float64 or None
-        Unit vectors to the tested side. None: points in free space.
+        Vectors to the tested side; they become unit vectors. None: points in free space.
     areas : (n,) float64 or None
         Square world units for which each sensor stands. None: points without area.
     faces : (n,) int64 or None
@@ -56,6 +55,12 @@ class Sensors:
         Of sensors in areas: the area of each, an index in `zones`.
     zones : tuple of Zone
         The areas.
+
+    Raises
+    ------
+    InputError
+        If the fields have not as many rows as there are points, a number is out of range, or the kind needs another
+        field: "face" and "grid" need `faces`, "vertex" needs `corners`, and "raster" needs `raster`.
     """
 
     points: np.ndarray
@@ -70,24 +75,36 @@ class Sensors:
     zones: tuple[Zone, ...] = ()
 
     def __post_init__(self):
-        object.__setattr__(self, "points", points(self.points, "points of sensors"))
-        n = len(self.points)
-        for name, shape in (("normals", (n, 3)), *((each, (n,)) for each in ("areas", *_INDICES))):
-            values = getattr(self, name)
-            if values is not None:
-                array = as_array(values, f"{name} of sensors")
-                if array.shape != shape or (name in _INDICES and array.dtype.kind == "f"):
-                    raise InputError(f"{name} of {n} sensors must be numbers {shape}, not {array.dtype} {array.shape}")
-                object.__setattr__(self, name, array)
+        given = points(self.points, "points of sensors")
+        n, keep = len(given), lambda name, value: object.__setattr__(self, name, value)
+        keep("points", given)
+        keep("zones", tuple(items(self.zones, Zone, "zones of sensors")))
         choice(self.kind, "the kind of sensors", KINDS)
-        if self.raster is not None:
-            instance(self.raster, Raster, "raster")
+        needs = NEEDED.get(self.kind)
+        if needs and getattr(self, needs) is None:
+            raise InputError(f'sensors of kind "{self.kind}" have no {needs}; give it, or the kind "points"')
+        if self.normals is not None:
+            keep("normals", checked_normals(self.normals, n))
+        if self.areas is not None:
+            keep("areas", checked_areas(self.areas, n))
+        if self.faces is not None:
+            keep("faces", checked_indices(self.faces, (n,), "faces", -1))
         if self.corners is not None:
-            corners = as_array(self.corners, "corners of sensors")
-            if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind == "f":
-                raise InputError(f"corners of sensors must be whole numbers (faces, 3), not {corners.shape}")
-            object.__setattr__(self, "corners", corners)
-        object.__setattr__(self, "zones", tuple(items(self.zones, Zone, "zones of sensors")))
+            keep("corners", checked_corners(self.corners, n))
+        if self.zone is not None:
+            keep("zone", checked_indices(self.zone, (n,), "zone", 0, len(self.zones)))
+        self._check_cells()
+
+    def _check_cells(self):
+        if self.raster is None:
+            if self.cells is not None:
+                raise InputError("cells of sensors need a raster; give it, or leave cells out")
+            return
+        count = checked_raster(self.raster).n_cells
+        if self.cells is not None:
+            object.__setattr__(self, "cells", checked_indices(self.cells, (len(self),), "cells", 0, count))
+        elif len(self) != count:
+            raise InputError(f"{len(self)} sensors are not one for each of {count} cells of the raster; give cells")
 
     def __len__(self) -> int:
         return len(self.points)
@@ -316,8 +333,7 @@ def raster_of(scene: AnyScene, spacing: float | str | PathLike, plan: np.ndarray
         side = number(spacing, "the spacing of sensors", 0.0, np.inf)
         return aligned_raster(plan_of(scene) if plan is None else plan, side)
     raster = raster_of_file(path_of(spacing, "the raster file"))
-    if scene.crs and raster.crs and not same_plan(scene.crs, raster.crs):
-        raise InputError(f"{spacing}: its CRS is {raster.crs}, and the scene's is {scene.crs}; reproject one of them")
+    check_plan(str(spacing), raster.crs, scene.crs)
     return raster
 
 

@@ -12,6 +12,7 @@ from ..engine.loading import scene_of
 from ..errors import InputError
 from ..scene.camera import Camera
 from .formats import writer_of
+from .sensorfields import check_on_scene
 from .sensors import Sensors
 
 
@@ -59,7 +60,9 @@ class Table:
                 raise InputError(f"column {name!r} must be an array of {len(self.sensors)} values, one for each sensor")
         if not isinstance(self.about, dict):
             raise InputError(f"about is {quoted(self.about)}; it must be a dict")
-        self.scene = None if self.scene is None else scene_of(self.scene)
+        if self.scene is not None:
+            self.scene = scene_of(self.scene)
+            check_on_scene(self.sensors, self.scene)
         if self.camera is not None:
             instance(self.camera, Camera, "camera")
         self.marks = None if self.marks is None else points(self.marks, "marks")

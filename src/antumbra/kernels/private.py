@@ -5,8 +5,14 @@ import os
 import shutil
 import stat
 import tempfile
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
+
+from .locks import lock
+
+HELD = ".lock"
+"""The file in a temporary folder that is locked while its owner lives; see `antumbra.temporary`."""
 
 _WRITABLE = stat.S_IWGRP | stat.S_IWOTH
 _FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
@@ -63,10 +69,22 @@ def read_own(path: Path) -> bytes:
 
 @cache
 def private_folder(name: str) -> Path:
-    """A new folder among the temporary files, for this process alone. It is removed when the process ends."""
+    """A new folder among the temporary files, for this process alone. It is removed when the process ends.
+
+    If the process is killed, a later one removes it, see `antumbra.temporary`.
+    """
     folder, owner = Path(tempfile.mkdtemp(prefix=f"antumbra-{name}-")), os.getpid()
+    hold(folder)
     atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == owner else None)
     return folder
+
+
+def hold(folder: str | Path) -> int:
+    """Mark a temporary folder as this process's own while it lives; return the descriptor that holds the lock."""
+    held = os.open(os.path.join(folder, HELD), os.O_RDWR | os.O_CREAT, 0o600)
+    with suppress(OSError):  # without locks, no process ever removes it
+        lock(held)
+    return held
 
 
 def _is_own_group(group: int) -> bool:

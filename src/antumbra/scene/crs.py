@@ -25,9 +25,14 @@ def checked_crs(crs) -> str:
     return crs if isinstance(crs, str) else found.to_string()
 
 
-def same_plan(a: str, b: str) -> bool:
-    """Whether two checked CRS have the same horizontal coordinates."""
-    return _plan(a).equals(_plan(b), ignore_axis_order=True)
+def check_plan(name: str, crs: str | None, scene: str | None) -> None:
+    """Raise an InputError if a file has other horizontal coordinates than a scene; None: its CRS is unknown.
+
+    name : of the file
+    crs, scene : their checked CRS
+    """
+    if crs and scene and not _plan(crs).equals(_plan(scene), ignore_axis_order=True):
+        raise InputError(f"{name}: its CRS is {crs}, and the scene's is {scene}; reproject one of them")
 
 
 def moved(plan: np.ndarray, source: str, target: str) -> np.ndarray:

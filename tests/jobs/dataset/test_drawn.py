@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.see import see
 from antumbra.jobs.dataset import drawn
 from antumbra.jobs.dataset.drawn import orbit_camera, place_of, random_camera, random_light
 from antumbra.scene.framing import bounding_sphere
+from rendering.test_wrapping import BOXES, MAP
 
 ATRIUM = place_of(at.procedural("atrium", triangles=2000), 0.0, None)
 SIZE = 16, 12
@@ -82,7 +84,7 @@ def test_no_view_is_an_error_that_names_the_cure(monkeypatch):
 def test_an_orbit_goes_around_at_equal_angles(up):
     scene = at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4)), up=up)
     centre, radius = bounding_sphere(scene.bounds)
-    views = [orbit_camera(scene, k, 6, SIZE) for k in range(6)]
+    views = [orbit_camera(place_of(scene, 0.0, None), k, 6, SIZE) for k in range(6)]
     towards = np.array([v.position - centre for v in views])
     axis = "xyz".index(up)
     assert np.allclose(towards[:, axis], towards[0, axis]) and towards[0, axis] > 0
@@ -92,6 +94,39 @@ def test_an_orbit_goes_around_at_equal_angles(up):
     assert np.allclose(turned, np.cos(np.radians(60.0)))
     assert np.allclose(flat.sum(axis=0), 0.0, atol=1e-9 * radius)
     assert all((at.render(scene, v, at.PointLight((9, 9, 9)), spp=1).gbuffer.face >= 0).any() for v in views)
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize("inward", [True, False])
+@pytest.mark.parametrize("name", BOXES)
+def test_an_orbit_in_a_closed_box_stands_inside_and_shows_what_the_box_encloses(name, inward, up):
+    lower, upper = np.array(BOXES[name], float)
+    soup = np.concatenate([box(lower, upper, inward), MAP])
+    soup = soup if up == "y" else soup[..., [0, 2, 1]] * (1, -1, 1)
+    scene = at.Scene.from_arrays(soup, up=up)
+    lower, upper = scene.bounds
+    place, directions = place_of(scene, 0.0, None), []
+    for size in ((32, 32), (64, 16), (16, 64)):
+        for k in range(5):
+            camera = orbit_camera(place, k, 5, size)
+            assert (camera.position > lower).all() and (camera.position < upper).all()
+            face = see(scene.triangles(), camera, None).face
+            assert (face >= 12).mean() > 0.03, (size, k)
+            directions.append(camera.axes[2])
+    flat = np.delete(np.array(directions[:5]), "xyz".index(up), axis=1)
+    flat /= np.linalg.norm(flat, axis=1)[:, None]
+    assert np.allclose(flat.sum(0), 0.0)
+
+
+def test_an_orbit_in_a_furnished_room_stands_between_the_furniture_and_its_middle():
+    chairs = np.concatenate([box((x, 0, z), (x + 0.4, 1, z + 0.4)) for x in (-3, 1, 2.5) for z in (-2, 0.3, 1.5)])
+    scene = at.Scene.from_arrays(np.concatenate([box((-4, 0, -3), (4, 2.5, 3), inward=True), chairs]))
+    place = place_of(scene, 0.0, None)
+    for k in range(8):
+        camera = orbit_camera(place, k, 8, (32, 24))
+        assert ((camera.position > (-4, 0, -3)) & (camera.position < (4, 2.5, 3))).all()
+        assert not place.walled(camera.position, 1e-3)
+        assert len(np.unique(see(scene.triangles(), camera, None).face)) > 8
 
 
 def test_lights_are_suns_above_the_horizon_and_spheres_in_free_space():

@@ -1,5 +1,8 @@
 """Places: positions and convergence of reference systems, against projection of points to the north."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -123,3 +126,42 @@ def test_the_place_of_a_scene(tmp_path):
     refused(lambda: at.place_of(bare, latitude=3.0), "give both")
     wide = at.Scene.from_arrays(np.array(vertices)[[0, 1, 2]], up="z")
     assert at.place_of(wide, crs="EPSG:28992").latitude == pytest.approx(52.0122, abs=1e-3)
+
+
+@pytest.mark.parametrize("zone", ["x", "", "Europe", "+99", "two\nlines", 3, b"UTC"])
+def test_unknown_zones_are_refused_at_construction(zone):
+    bare = at.Scene.from_arrays(np.eye(3), up="z")
+    words = "timezone", "write a name such as Europe/Amsterdam, or +01:00"
+    refused(lambda: Place(52.0, 4.0, timezone=zone), *words)
+    refused(lambda: at.place_of(bare, latitude=52.0, longitude=4.0, timezone=zone), *words)
+    refused(lambda: at.place_of(bare, timezone=zone), *words)  # also where there is no place
+
+
+@pytest.mark.parametrize("crs", ["x", "", "EPSG:1", "two\nlines", 3, b"EPSG:28992"])
+def test_an_unknown_crs_is_refused_before_the_scene_is_read(crs):
+    for more in ({}, {"latitude": 52.0, "longitude": 4.0}):
+        refused(lambda more=more: at.place_of("none.glb", crs=crs, **more), "crs")
+
+
+def test_wrong_positions_are_refused_before_the_scene_is_read(cli):
+    for words, message in (
+        (("--latitude", 52), "give both"),
+        (("--latitude", 91, "--longitude", 4), "latitude is 91"),
+        (("--timezone", "x"), "timezone 'x' is unknown; write a name such as Europe/Amsterdam"),
+        (("--north", 999), "north is 999"),
+    ):
+        for command in "sun", "view":
+            cli(command, "none.glb", *words).refused(message)
+
+
+def test_places_import_nothing_heavy():
+    program = """
+import sys
+import antumbra as at
+
+scene = at.Scene.from_arrays([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+assert at.place_of(scene) is None
+at.place_of(scene, latitude=52, longitude=4, timezone="Europe/Amsterdam")
+print({"pyproj", "pvlib", "pandas", "scipy", "rasterio"} & set(sys.modules))
+"""
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "set()\n"

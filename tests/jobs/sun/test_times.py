@@ -8,7 +8,7 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.sun.place import Place
-from antumbra.jobs.sun.times import month_days, parse_days, parse_zone, zone_of
+from antumbra.jobs.sun.times import month_days, parse_days, zone_of
 
 AMSTERDAM = ZoneInfo("Europe/Amsterdam")
 
@@ -91,17 +91,50 @@ def test_steps_that_are_refused():
 
 
 @pytest.mark.parametrize(
-    "text, minutes",
-    [("+01:00", 60), ("-0330", -210), ("+5", 300), ("+00:00", 0), ("UTC", 0), ("Asia/Kolkata", 330)],
+    "days",
+    [
+        3,
+        1.5,
+        True,
+        b"2026",
+        [1],
+        ["2026-06-21"],
+        [None],
+        {"a": 1},
+        datetime(2026, 6, 21),
+        [datetime(2026, 6, 21)],
+        date,
+        np.datetime64("2026-06-21"),
+        np.array(["2026-06-21"], "datetime64[D]"),
+        np.array(3),
+        object(),
+        [[date(2026, 6, 21)]],
+        "",
+        "x",
+        "2026-02-30",
+        "year:x",
+        [],
+        {},
+        date(1, 1, 1),
+        [date(1, 1, 1)],
+    ],
 )
-def test_zones(text, minutes):
-    assert datetime(2026, 1, 1, tzinfo=parse_zone(text)).utcoffset() == timedelta(minutes=minutes)
+def test_days_of_wrong_types_are_refused_in_one_line(days):
+    scene = at.Scene.from_arrays(np.eye(3))
+    with pytest.raises(at.InputError) as caught:
+        at.sun_hours(scene, "face", days, place=Place(52.0, 4.0))
+    message = str(caught.value)
+    assert "\n" not in message and "day" in message
+    assert any(cure in message for cure in ("datetime.date", "write 2026-06-21", "exists", "choose a year"))
+    if not isinstance(days, str | list | dict | np.ndarray):
+        assert "give a text such as 2026-06-21, or a list of datetime.date" in message
 
 
-@pytest.mark.parametrize("text", ["", "Mars/Crater", "+15:00", "+01:75", "../etc/passwd", "CET+1x", "\0"])
-def test_zones_that_are_refused(text):
-    with pytest.raises(at.InputError, match="write a name such as Europe/Amsterdam"):
-        parse_zone(text)
+def test_days_are_checked_before_the_scene_is_read(cli):
+    for words in ("--days", "2026-02-30"), ("--step", "0"), ("--days", "x", "--rule", "en17037-medium"):
+        cli("sun", "none.glb", "--latitude", 52, "--longitude", 4, *words).refused(
+            "days" if "--days" in words else "step"
+        )
 
 
 def test_zones_of_places():

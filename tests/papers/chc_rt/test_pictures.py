@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.chc_rt import coverage
 from antumbra.papers.chc_rt.culled import culled, options_of
@@ -12,7 +13,6 @@ from antumbra.papers.chc_rt.rays import AO, PRIMARY, timed
 from antumbra.papers.chc_rt.views import place_of
 from antumbra.papers.views import own_view
 from antumbra.scene.camera import Camera
-from antumbra.engine.scene import procedural
 
 SIZE = 160, 100
 BENCH = "bench", "chc-rt", "--table", "queries", "--frames", "1"
@@ -149,7 +149,7 @@ def test_bad_folders_and_stores_are_refused_before_anything_is_measured(cli, tmp
     pytest.importorskip("matplotlib")
     (tmp_path / "file").touch()
     cli(*BENCH, "--pictures", "none").refused("none", "make it first")
-    cli(*BENCH, "--pictures", "file").refused("file", "is not a folder")
+    cli(*BENCH, "--pictures", "file").refused("file", "is a file; name a folder")
     cli("bench", "chc-rt", "--store", "none.antumbra", "--pictures", ".").refused("--pictures", "leave --store out")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 

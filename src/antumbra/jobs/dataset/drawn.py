@@ -9,14 +9,16 @@ from ...engine.any_scene import AnyScene
 from ...engine.paged_scene import PagedScene
 from ...errors import InputError
 from ...scene.camera import Camera
-from ...scene.framing import axes, bounding_sphere, default_camera
+from ...scene.framing import AZIMUTH, axes, bounding_sphere, default_camera
 from ...scene.hit import Hit
 from ...scene.lights import DirectionalLight, Light, SphereLight
+from ...scene.room import Room
 
 TRIES = 512
 """Places that are tried for a camera or a light."""
 
 VFOV = 60.0
+_BACK, _WIDEST = 0.9, 75.0  # of an orbit in a closed box: share of the way to it, and degrees
 _CAMERA, _LIGHT = 1, 2  # streams of random numbers
 _PROBE = 16  # rays across and down a view that is tried
 _LEAST_SEEN = 0.25  # of a view's rays
@@ -79,9 +81,36 @@ def place_of(scene: AnyScene, time: float, threads: int | None) -> Place:
     return Place(scene, time, threads, np.clip(np.stack([lower - more, upper + more]), *scene.bounds))
 
 
-def orbit_camera(scene: AnyScene, k: int, n: int, size: tuple[int, int]) -> Camera:
-    """Camera k of n that stand around the scene at equal angles, and show its bounding sphere."""
-    return default_camera(scene.bounds, scene.up, *size, 2.0 * np.pi * k / n)
+def orbit_camera(place: Place, k: int, n: int, size: tuple[int, int]) -> Camera:
+    """Camera k of n that stand around the scene at equal angles, and show its bounding sphere.
+
+    In a closed box, such as a sky box, they stand around what it encloses, if necessary nearer and with a wider lens.
+    In a box that is too tight for this, they look at the middle of the room, from most of the way to what is around it.
+    """
+    scene, turn = place.scene, 2.0 * np.pi * k / n
+    room = scene.view.room
+    if room is None or room.planes is None:
+        return default_camera(scene.bounds, scene.up, *size, turn)
+    if room.points is None:
+        return _across(place, room, turn, size)
+    bounds = np.stack([room.points.min(0), room.points.max(0)])
+    camera = default_camera(bounds, scene.up, *size, turn)
+    back = camera.position - camera.target
+    share = _BACK * room.way(camera.target, back)
+    if share >= 1.0:
+        return camera
+    radius, distance = bounding_sphere(bounds)[1], share * float(np.linalg.norm(back))
+    half = np.arctan(np.tan(np.arcsin(min(1.02 * radius / distance, 1.0))) / min(1.0, size[0] / size[1]))
+    vfov = min(2.0 * float(np.degrees(half)), _WIDEST)
+    return Camera(camera.target + share * back, camera.target, camera.up, vfov, *size)
+
+
+def _across(place: Place, room: Room, turn: float, size: tuple[int, int]) -> Camera:
+    """A camera that looks at the middle of a room, level; `turn`: radians around the up axis."""
+    right, upward, towards = axes(place.scene.up)
+    back = np.sin(AZIMUTH + turn) * right + np.cos(AZIMUTH + turn) * towards
+    free = min(float(place.nearest(room.middle, back[None])[0].t[0]), room.way(room.middle, back))
+    return Camera(room.middle + _BACK * free * back, room.middle, upward, VFOV, *size)
 
 
 def random_camera(place: Place, seed: int, k: int, size: tuple[int, int]) -> Camera:

@@ -61,7 +61,7 @@ def dataset(
     lights : list of lights, one light, or None
         None: `Scene.default_lights`; no such light if `random_lights` is given.
     orbit : int
-        Number of cameras that stand around the scene at equal angles.
+        Number of cameras that stand around the scene at equal angles; inside, if a closed box is around everything.
     random : int
         Number of cameras in and around the scene. Each looks at a point in the scene's bounds, sees surfaces, and
         stands in no wall.

@@ -35,7 +35,7 @@ class Views(NamedTuple):
             return "given", self.given[k]
         k -= len(self.given)
         if k < self.orbit:
-            return "orbit", orbit_camera(place.scene, k, self.orbit, self.size)
+            return "orbit", orbit_camera(place, k, self.orbit, self.size)
         return "random", random_camera(place, self.seed, k - self.orbit, self.size)
 
     def record(self) -> dict:

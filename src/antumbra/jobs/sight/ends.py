@@ -8,6 +8,7 @@ from ...checks import points as checked_points
 from ...engine.any_scene import AnyScene
 from ...errors import InputError
 from ...query.receivers import Receivers
+from ..sensorfields import check_on_scene
 from ..sensors import Sensors, point_sensors
 
 
@@ -22,9 +23,10 @@ def ends_of(scene: AnyScene, sensors: Sensors) -> Receivers:
     return ends.seeing_all_around() if sensors.kind == "raster" else ends
 
 
-def sensors_from(given: ArrayLike | Sensors, normals: ArrayLike | None, what: str) -> Sensors:
-    """Sensors as they are, or of points with normals. InputError names `what` they are."""
+def sensors_from(scene: AnyScene, given: ArrayLike | Sensors, normals: ArrayLike | None, what: str) -> Sensors:
+    """Sensors of a scene as they are, or of points with normals. InputError names `what` they are."""
     if isinstance(given, Sensors):
+        check_on_scene(given, scene)
         return given
     where = checked_points(given, what)
     if normals is not None:

@@ -149,8 +149,10 @@ def visibility_matrix(
     time, keep = scene.clamped(time), checked_keep(keep)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     path = None if output is None else checked_output(output, (".npy",))
-    own = sensors_from(_named(sensors, scene, threads), normals, "sensors")
-    others = None if targets is None else sensors_from(_named(targets, scene, threads), target_normals, "targets")
+    own = sensors_from(scene, _named(sensors, scene, threads), normals, "sensors")
+    others = None
+    if targets is not None:
+        others = sensors_from(scene, _named(targets, scene, threads), target_normals, "targets")
     if others is None and target_normals is not None:
         raise InputError("target_normals need targets; give the points' own normals as normals")
     n, m = len(own), len(own if others is None else others)

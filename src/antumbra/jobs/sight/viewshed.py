@@ -16,7 +16,7 @@ from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...query.order import morton_codes
 from ...scene.lights import MAX_SPP
 from ..readsensors import sensors_of
-from ..sensors import Sensors, on_top
+from ..sensors import Sensors, on_top, point_sensors
 from ..table import Column, Table
 from .bitrows import unpacked, words_of
 from .earth import EARTH_RADIUS, REFRACTION, CurvedScene, earth_of
@@ -123,7 +123,8 @@ def viewshed(
     time, bits = scene.clamped(time), flag(bits, "bits")
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     earth, curvature = earth_of(scene, refraction, earth_radius), flag(curvature, "curvature")
-    asked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors_from(sensors, None, "sensors")
+    named = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
+    asked = sensors_from(scene, named, None, "sensors")
     limits = checked_limits(min_distance, max_distance, azimuth, elevation)
     eyes = _eyes(scene, observers, eye_height, on_surface, time, threads)
     n, k = len(asked), len(eyes)
@@ -172,7 +173,7 @@ def _columns(sight: _Sight, observers: int) -> dict[str, Column]:
 
 def _straight(asked: _Asked, scene: AnyScene, tracing: Tracing, progress) -> None:
     """All observers, in lists; sensors beyond the reach of a list are not asked."""
-    ends, eyes = ends_of(scene, asked.sensors), ends_of(scene, sensors_from(asked.eyes, None, "observers"))
+    ends, eyes = ends_of(scene, asked.sensors), ends_of(scene, point_sensors(asked.eyes))
     curve, order = (np.argsort(morton_codes(each.origins[0]), kind="stable") for each in (ends, eyes))
     for first in range(0, len(order), MAX_SPP):
         some = order[first : first + MAX_SPP]
@@ -198,7 +199,7 @@ def _curved(asked: _Asked, curved: CurvedScene, plan, threads, progress) -> None
             copy, sensors = curved.seen_from(eye), curved.sensors(asked.sensors, eye)
             ends = ends_of(copy, sensors).take(places)
             tracing = Tracing(copy, plan, 0.0, threads, len(places))
-            one = ends_of(copy, sensors_from(eye[None], None, "observers"))
+            one = ends_of(copy, point_sensors(eye[None]))
             _add(asked, places, np.array([k]), tracing.visible(ends, one))
         progress(k + 1, len(asked.eyes))
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...engine.any_scene import AnyScene
 from ...engine.ready import Job, fixed_job, make_ready
-from ...engine.visibility import visibility
+from ...engine.points import visibility
 from ...plan import Plan
 from ...scene.directional_lights import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents

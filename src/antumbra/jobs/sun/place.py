@@ -6,6 +6,8 @@ from ...checks import number, text
 from ...engine.loading import scene_of
 from ...errors import InputError
 from ...extras import needed
+from ...scene.crs import checked_crs
+from .zones import parse_zone
 
 _DEGENERATE = 89.999  # degrees: nearer to a pole, there is no direction of north
 _MARGIN = 1.0  # degrees around the area of use of a CRS
@@ -29,7 +31,8 @@ class Place(_PlaceFields):
     Raises
     ------
     InputError
-        If a number is out of range: latitudes lie between -90 and 90, and longitudes between -360 and 360 degrees.
+        If a number is out of range: latitudes lie between -90 and 90, and longitudes between -360 and 360 degrees. If
+        the time zone is unknown.
     """
 
     def __new__(cls, latitude, longitude, elevation=0.0, north=0.0, timezone=None):
@@ -67,32 +70,44 @@ def place_of(
     Raises
     ------
     InputError
-        If only one of latitude and longitude is given, a number is out of range, or `place_of_crs` refuses the CRS.
+        If only one of latitude and longitude is given, a number is out of range, the time zone is unknown, or
+        `place_of_crs` refuses the CRS.
     """
-    scene = scene_of(scene)
+    given = given_position(
+        latitude=latitude, longitude=longitude, north=north, elevation=elevation, timezone=timezone
+    )  # fmt: skip
     if crs is not None:
-        text(crs, "crs")
-    if (latitude is None) != (longitude is None):
-        raise InputError("a position needs a latitude and a longitude; give both")
+        checked_crs(text(crs, "crs"))
+    scene = scene_of(scene)
     crs = crs or getattr(scene, "crs", None)
     if latitude is not None:
-        place = Place(latitude, longitude)
-    elif crs is not None:
-        place = place_of_crs(crs, scene.bounds, scene.up)
-    else:
-        return None
-    given = {"north": north, "elevation": elevation, "timezone": timezone}
-    return checked_place(place._replace(**{name: value for name, value in given.items() if value is not None}))
+        return Place(**given)
+    return None if crs is None else checked_place(place_of_crs(crs, scene.bounds, scene.up)._replace(**given))
+
+
+def given_position(**given) -> dict[str, Any]:
+    """Those fields of a `Place` that are not None. It needs no scene, so that mistakes are found before one is read.
+
+    Raises
+    ------
+    InputError
+        If only one of latitude and longitude is given, or a value is wrong.
+    """
+    found = {name: value for name, value in given.items() if value is not None}
+    if ("latitude" in found) != ("longitude" in found):
+        raise InputError("a position needs a latitude and a longitude; give both")
+    Place(**({"latitude": 0.0, "longitude": 0.0} | found))
+    return found
 
 
 def checked_place(place: Place) -> Place:
-    """`place` as floats, with its longitude from -180 to 180. Raises InputError if a number is out of range."""
+    """`place` as floats, with its longitude from -180 to 180. Raises InputError if a value is wrong."""
     limits = {"latitude": 90.0, "longitude": 360.0, "elevation": 9000.0, "north": 360.0}
     values: dict[str, Any] = {
         name: number(getattr(place, name), name, -limit, limit, "[]") for name, limit in limits.items()
     }
     if place.timezone is not None:
-        text(place.timezone, "timezone")
+        parse_zone(place.timezone)
     if not -180.0 <= values["longitude"] <= 180.0:
         values["longitude"] = (values["longitude"] + 180.0) % 360.0 - 180.0
     return place._replace(**values)
@@ -138,10 +153,7 @@ def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -
 
 def _projected(pyproj, text: str):
     """(the projected CRS, metres in one unit of height)."""
-    try:
-        crs = pyproj.CRS.from_user_input(text)
-    except pyproj.exceptions.CRSError:
-        raise InputError(f"crs {text!r} is unknown; write an EPSG code such as EPSG:7415") from None
+    crs = pyproj.CRS.from_user_input(checked_crs(text))
     parts = crs.sub_crs_list if crs.is_compound else [crs]
     plan = parts[0].source_crs if parts[0].is_bound else parts[0]
     cure = "reproject the scene to a projected CRS, such as the UTM zone of the place"

@@ -75,7 +75,7 @@ def sky_view(
     scene, threads = scene_of(scene), thread_count(threads)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     named = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
-    sensors = sensors_from(named, None, "sensors")
+    sensors = sensors_from(scene, named, None, "sensors")
     tally = answer(asked_sky(scene, sensors, count, plan, threads), what="sky")
     columns = {
         "sky_view": Column(share_of_sky(tally), "", ABOUT),

@@ -27,7 +27,7 @@ from .positions import Suns, suns_of
 from .rules import Rule, check_asked, passed, rule_named, weights_of
 from .sky import ABOUT, MOST_DIRECTIONS, asked_sky, share_of_sky
 from .tally import Tally
-from .times import checked_days, checked_step, parse_days, times_of, zone_of
+from .times import checked_step, days_of, times_of, zone_of
 from .weather import TYPICAL_YEAR, clear_sky, on_days, read_epw
 
 MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
@@ -125,7 +125,7 @@ def sun_hours(
         sensors = sensors_of(sensors, scene, threads, areas)
     elif areas is not None:
         raise InputError("areas need sensors as text, such as raster:0.5; or leave areas out, and give area_sensors")
-    sensors = sensors_from(sensors, None, "sensors")
+    sensors = sensors_from(scene, sensors, None, "sensors")
     target = None if matrix is None else checked_output(matrix, (".npy",))
     suns, bins = study.suns, _Bins(study)
     asked = ask(
@@ -161,8 +161,7 @@ def studied(scene, days, *, place, step, rule, areas, epw, energy, by) -> Study:
     by = tuple(choice(each, "by", BY) for each in items(by, str, "by"))
     energy = flag(energy, "energy")
     found = None if rule is None else rule_named(rule)
-    if days is not None:
-        days = parse_days(days) if isinstance(days, str) else checked_days(days)
+    days = None if days is None else days_of(days)
     if found is not None:
         check_asked(found.name, days, areas)
     if step is None:

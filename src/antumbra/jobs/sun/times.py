@@ -1,15 +1,15 @@
 """Intervals of time: days in a time zone, cut in steps."""
 
 import re
-from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
+from datetime import date, datetime, time, timedelta, timezone, tzinfo
 from typing import NamedTuple
-from zoneinfo import ZoneInfo
 
 import numpy as np
 
 from ...checks import number, parts_of, quoted
 from ...errors import InputError
 from .place import Place
+from .zones import parse_zone
 
 FORMS = "2026-06-21, 2026-03-21:2026-09-21, 2026-01-21:2026-12-21:7 (every 7th day), year:2026, or several with commas"
 """The forms of days in text."""
@@ -17,7 +17,6 @@ FORMS = "2026-06-21, 2026-03-21:2026-09-21, 2026-01-21:2026-12-21:7 (every 7th d
 YEARS = 1900, 2199
 """The first and last year of days in text."""
 
-_OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
 _MOST_MINUTES = 24 * 60
 _DAYS_AT_MOST = 366 * 100
 
@@ -69,11 +68,16 @@ def checked_step(step) -> float:
     return number(step, "step (minutes)", 1.0 / 60.0, _MOST_MINUTES, "[]")
 
 
-def checked_days(days) -> list[date]:
-    """The days of an iterable; InputError unless all are dates."""
+def days_of(days) -> list[date]:
+    """The days of a text (`parse_days`) or of an iterable of dates; otherwise an InputError."""
+    return parse_days(days) if isinstance(days, str) else checked_days(days, "a text such as 2026-06-21, or ")
+
+
+def checked_days(days, instead: str = "") -> list[date]:
+    """The days of an iterable; InputError unless all are dates. `instead`: what else its message proposes."""
     found = parts_of(days)
     if found is None:
-        raise InputError(f"days are {quoted(days)}; give a list of datetime.date")
+        raise InputError(f"days are {quoted(days)}; give {instead}a list of datetime.date")
     for day in found:
         if not isinstance(day, date) or isinstance(day, datetime):
             raise InputError(f"a day is {quoted(day)}; it must be a datetime.date")
@@ -118,29 +122,6 @@ def zone_of(place: Place) -> tzinfo:
     if place.timezone is None:
         return timezone(timedelta(hours=round(place.longitude / 15.0)))
     return parse_zone(place.timezone)
-
-
-def parse_zone(text: str) -> tzinfo:
-    """A time zone from an IANA name (Europe/Amsterdam), UTC, or a fixed offset (+01:00).
-
-    Raises
-    ------
-    InputError
-        If the zone is unknown.
-    """
-    if not isinstance(text, str):
-        raise InputError(f"timezone is {quoted(text)}; write a name such as Europe/Amsterdam, or +01:00")
-    match = _OFFSET.fullmatch(text.strip())
-    if match:
-        minutes = 60 * int(match[2]) + int(match[3] or 0)
-        if minutes <= 14 * 60 and int(match[3] or 0) < 60:
-            return timezone((-1 if match[1] == "-" else 1) * timedelta(minutes=minutes))
-    else:
-        try:
-            return UTC if text.strip() == "UTC" else ZoneInfo(text.strip())
-        except (OSError, ValueError, KeyError):  # ZoneInfoNotFoundError is a KeyError
-            pass
-    raise InputError(f"time zone {text[:60]!r} is unknown; write a name such as Europe/Amsterdam, or +01:00")
 
 
 def month_days(local: np.ndarray) -> np.ndarray:

@@ -1,0 +1,135 @@
+"""Files that arguments name go to nodes that lack them."""
+
+import re
+from dataclasses import fields, is_dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+import rasterio
+
+import antumbra as at
+from antumbra.cli import sharing
+from antumbra.cli.app import app
+from antumbra.cli.matrix import MatrixArguments
+from antumbra.cli.sunarguments import SunArguments
+from antumbra.cluster import calls, inputs, node
+from antumbra.cluster.named import INPUTS, files_in, with_files
+
+
+def put_raster(folder, name="dem.tif"):
+    place = rasterio.transform.from_origin(-20.0, 20.0, 10.0, 10.0)
+    with rasterio.open(folder / name, "w", "GTiff", 4, 4, 1, dtype="float32", transform=place) as file:
+        file.write(np.zeros((1, 4, 4), np.float32))
+
+
+@pytest.mark.parametrize(
+    "argument, path, there",
+    [
+        ({"sensors": "raster:dem.tif"}, "dem.tif", "raster:/n/x.tif"),
+        ({"sensors": "raster:dem.tif+1.6"}, "dem.tif", "raster:/n/x.tif+1.6"),
+        ({"targets": "raster:dem.tif@-2"}, "dem.tif", "raster:/n/x.tif@-2"),
+        ({"sensors": "dem.tif"}, "dem.tif", "/n/x.tif"),
+        ({"scene": "city.json?lod=2.2"}, "city.json", "/n/x.tif?lod=2.2"),
+        ({"areas": Path("city.json")}, "city.json", Path("/n/x.tif")),
+        ({"sensors": "raster:2"}, None, None),
+        ({"sensors": "raster:none.tif"}, None, None),
+        ({"sensors": "face", "areas": {"a": [[0, 0], [1, 0], [0, 1]]}, "sky": 3}, None, None),
+        ({"what": "light", "plan": "auto"}, None, None),  # also where folders have these names
+    ],
+)
+def test_files_in_arguments(tmp_path, monkeypatch, argument, path, there):
+    monkeypatch.chdir(tmp_path)
+    for name in ("dem.tif", "city.json", "light", "auto"):
+        Path(name).touch()
+    found = files_in(argument)
+    name = next(iter(argument))
+    assert found == ({} if path is None else {name: Path(path)})
+    assert with_files(argument, {each: "/n/x.tif" for each in found}) == ({} if path is None else {name: there})
+
+
+@pytest.fixture
+def told(tmp_path, monkeypatch):
+    """Begins a job on a node that has none of the files of the driver; gives the units and the fetched files."""
+
+    def run(prepare, paths, lost=True):
+        fetched = []
+
+        def read(path, offset):
+            fetched.append(Path(path).name)
+            return inputs.piece_of(path.removeprefix("/gone"), offset)
+
+        wanted = {name: inputs.input_of(Path(path)) for name, path in paths.items()}
+        if lost:
+            wanted = {name: each._replace(path=f"/gone{each.path}") for name, each in wanted.items()}
+        with monkeypatch.context() as patched:
+            patched.setattr(inputs.tempfile, "tempdir", str(tmp_path))
+            patched.setattr(node, "warm", lambda plan: None)
+            patched.chdir(tmp_path)
+            worker = node.Node(1)
+            found = worker.begin(node.NodeJob(prepare, wanted, "bsah+single", "a.shards"), read)
+            worker.leave()
+        return found, fetched
+
+    return run
+
+
+CITY = "procedural:city?triangles=1000"
+SUN = SunArguments(CITY, "raster:dem.tif+1.6", "2026-03-21", latitude=52.0, longitude=4.36, plan="bsah+single",
+                   output=[Path("a.csv")])  # fmt: skip
+MATRIX = MatrixArguments(CITY, "raster:dem.tif+1.6", output=Path("a.npy"), plan="bsah+single")
+
+
+@pytest.mark.parametrize(
+    "given, home", [(SUN, ("antumbra.cli.sun", "sun")), (MATRIX, ("antumbra.cli.matrix", "matrix"))]
+)
+def test_rasters_of_sensors_are_fetched(tmp_path, monkeypatch, told, given, home):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    put_raster(tmp_path / "here")
+    prepare = partial(sharing.begin, home, replace(given, quiet=True))
+    paths = {name: str(path) for name, path in files_in(vars(given)).items()}
+    far, fetched = told(prepare, paths)
+    assert fetched == ["dem.tif"] and far[0][1]
+    near, fetched = told(prepare, paths, lost=False)
+    assert not fetched and far == near  # units have digests of the sensors in their names
+
+
+def test_files_of_calls_are_fetched(tmp_path, monkeypatch, told):
+    monkeypatch.chdir(tmp_path)
+    put_raster(tmp_path)
+    at.build_store(at.procedural("city", triangles=1000), "city.antumbra")
+    given = {"days": "2026-03-21", "place": at.Place(52.0, 4.36), "plan": "bsah+chcrt"}
+    args = ("raster:dem.tif+1.6",)
+    named = calls._named(at.sun_hours, Path("city.antumbra"), args, given)
+    prepare = partial(calls._prepare, ("antumbra.jobs.sun.study", "sun_hours"), args, given)
+    found, fetched = told(prepare, files_in(named))
+    assert set(fetched) == {"city.antumbra", "dem.tif"} and found[0][0] >= 1
+    with pytest.raises(at.InputError, match="sun_hours: got an unexpected keyword argument 'dayz'"):
+        at.cluster.run(at.sun_hours, "city.antumbra", dayz=3)
+
+
+def test_a_raster_of_other_files_is_not_fetched(tmp_path):
+    (tmp_path / "dem.vrt").write_text("<VRTDataset/>")
+    wanted = inputs.input_of(tmp_path / "dem.vrt")._replace(path="/gone/dem.vrt")
+    with pytest.raises(at.InputError, match=r"dem\.vrt: is not on node .*, and names other files; share it"):
+        inputs.local_path(wanted, inputs.piece_of, tmp_path)
+
+
+def test_all_arguments_that_name_files_are_inputs():
+    """Of all commands that run on a cluster."""
+    told = set()
+    for command in app.registered_commands:
+        kind = getattr(command.callback, "command", None)
+        given = next((type_ for type_ in get_type_hints(kind).values() if is_dataclass(type_)), None) if kind else None
+        hints = get_type_hints(given, include_extras=True) if given else {}
+        if "ray" in hints:
+            for field in fields(given):
+                (info, *_) = getattr(hints[field.name], "__metadata__", (None,))
+                words = f"{info.help} {info.metavar}" if info else ""
+                reads = not hasattr(getattr(info, "callback", None), "writes") and "bool" not in str(hints[field.name])
+                if reads and re.search(r"\bFILE\b|file of points|--sensors|\.hdr|SCENE$", words):
+                    told.add(field.name)
+    assert told == set(INPUTS)
