@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.engine.visibility import accelerated
 from antumbra.plan import Plan
 from common import SCENES
 
@@ -30,7 +29,7 @@ def main() -> None:
     gc.collect()
     before = resident()
     scene = at.load(path)
-    made = accelerated(scene, plan=Plan())
+    made = scene.engine.with_options(Plan(), None, None).accelerated()
     gc.collect()
     grown = resident() - before
     held = {name: a for part in made if part is not None for name, a in part._asdict().items()}

@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.engine.visibility import receivers_of
 from antumbra.jobs.sun.hours import answer, ask
 from antumbra.jobs.sun.times import parse_days, zone_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree_rays import occluded_of, trace, write
 from antumbra.papers.peers.ray_sets import ray_set
+from antumbra.query.receivers import Receivers
 from common import SCENES, arguments, has_embree, machine
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
@@ -52,7 +52,7 @@ def embree_hours(scene, sensors, suns, every: int, threads: int):
     """(hours of each k-th sensor, seconds in all, seconds of Embree's calls)."""
     start = time.perf_counter()
     points, normals = sensors.points[::every], sensors.normals[::every]
-    origins, _ = receivers_of(scene, points, normals)
+    origins = Receivers.on_surface(points, normals, scene.origin).origins[0]
     far = 4.0 * float(np.linalg.norm(np.diff(scene.bounds, axis=0)))
     row, sun = np.nonzero(normals @ suns.directions.T > 0.0)
     rays = ray_set(origins[row], (far * suns.directions).astype(np.float32)[sun], 1.0)

@@ -5,7 +5,6 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh.blocks import BlockTree
-from antumbra.engine.visibility import accelerated
 from antumbra.rendering.frame import PHASES
 from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace.counters import COUNTERS
@@ -161,21 +160,24 @@ def test_bad_arguments_are_named(atrium, change, says):
 
 def test_plans_of_one_builder_share_what_it_built(atrium):
     """For one time, a builder's tree is built once. Only the tracer's own structure is made for each plan."""
-    one, other = (accelerated(atrium, 0.0, 1, plan) for plan in ("bsah+single", "bsah+multifrusta"))
+    one, other = (
+        atrium.engine.with_options(plan, 1, None).accelerated() for plan in ("bsah+single", "bsah+multifrusta")
+    )
     assert one.bvh is other.bvh and one.triangles is other.triangles
     assert one.prepared == Ordered(one.bvh, BUILT) and isinstance(other.prepared, BlockTree)
-    assert accelerated(atrium, 0.0, 1, "bsah+single") is one
+    assert atrium.engine.with_options("bsah+single", 1, None).accelerated() is one
 
 
 def test_a_plan_without_a_builder_has_no_bvh(atrium):
     one, other, walked = (
-        accelerated(atrium, 0.0, 1, plan) for plan in ("cones", "cones:sorted:spheres", "bsah+single")
+        atrium.engine.with_options(plan, 1, None).accelerated()
+        for plan in ("cones", "cones:sorted:spheres", "bsah+single")
     )
     assert one.bvh is other.bvh is None and one.triangles is other.triangles and walked.bvh is not None
     assert np.shares_memory(one.prepared.corners, one.triangles.vertices)
     np.testing.assert_array_equal(one.prepared.ids, np.arange(atrium.n_triangles))
     assert one.prepared.corners.shape == (atrium.n_triangles, 9) and one.prepared.ids.dtype == np.int32
-    assert accelerated(atrium, 0.0, 1, "cones:spheres:sorted") is other
+    assert atrium.engine.with_options("cones:spheres:sorted", 1, None).accelerated() is other
 
 
 @pytest.mark.parametrize("plan", ["bsah+single", "bsah+wide"])

@@ -47,7 +47,7 @@ class InMemory:
         self.scene, self.gbuffer, self._looking, self._trees = data, gbuffer, Looking(), trees
         self._accelerator, self.threads = accelerator, accelerator.threads
         self._box: tuple[Triangles, np.ndarray] | None = None  # of the triangles that were asked for last
-        self._lists = RayLists(data, trees, self.threads)
+        self.ray_lists = RayLists(data, trees, self.threads)
         self._last: Accelerated | None = None  # of earlier frames, if later frames can reuse it
 
     def warm_up(self) -> None:
@@ -99,10 +99,10 @@ class InMemory:
         return nearest_in(whole, self.threads)
 
     def trace_rays(self, rays: Rays, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
-        return self._lists.trace_rays(rays, any_hit, time, threads)
+        return self.ray_lists.trace_rays(rays, any_hit, time, threads)
 
     def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
-        return self._lists.triangles_hit(rays, face, time)
+        return self.ray_lists.triangles_hit(rays, face, time)
 
     def subpixels(
         self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None

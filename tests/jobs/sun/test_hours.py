@@ -31,7 +31,7 @@ def town(seed=0, blocks=40):
 
 def seen_of(scene, points, normals, suns):
     """(n, k) bool by brute force, from receivers where the library puts them."""
-    from antumbra.engine.visibility import receivers_of
+    from receivers import receivers_of
 
     origins = receivers_of(scene, points, normals)[0]
     ends = origins[:, None] + (1000.0 * suns.directions)[None]

@@ -96,7 +96,7 @@ def test_trees_of_animated_scenes_are_refitted_once_it_pays(monkeypatch, tmp_pat
 
 
 def _chosen(scene):
-    return scene.__dict__["_accelerated"][1][parse_plan("auto")].chosen
+    return scene.engine._trees._made[parse_plan("auto")].chosen
 
 
 def test_points_share_the_scenes_tree_until_it_is_outgrown(scene, monkeypatch):

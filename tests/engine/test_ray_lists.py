@@ -5,11 +5,22 @@ import pytest
 
 import antumbra as at
 from antumbra.auto import rates
-from antumbra.auto.rates import BEST
-from antumbra.engine.ray_lists import PLAN, plan_at
+from antumbra.engine.ray_lists import PLANS
 from antumbra.plan import parse_plan
 
-BETTER = parse_plan(f"{BEST}+wide")
+FIRST, BETTER = map(parse_plan, PLANS)
+
+
+class _Lasting:
+    """A source that lasts two seconds and does not move."""
+
+    duration = 2.0
+
+    def __init__(self, source):
+        self._source = source
+
+    def __getattr__(self, name):
+        return getattr(self._source, name)
 
 
 @pytest.fixture
@@ -32,8 +43,8 @@ def test_rays_get_a_better_tree_once_it_pays(scene, monkeypatch, seconds):
     rays = _rays()
     blocked, hit = scene.occluded(*rays), scene.closest_hit(*rays)
     assert 0.1 < blocked.mean() < 1
-    plans = scene.__dict__["_accelerated"][1]
-    assert set(plans) == ({BETTER} if seconds == 0.0 else {parse_plan(PLAN)})
+    plans = scene.engine._trees._made
+    assert set(plans) == ({BETTER} if seconds == 0.0 else {FIRST})
     tree = next(iter(plans.values())).bvh
     np.testing.assert_array_equal(scene.occluded(*rays), blocked)
     assert next(iter(plans.values())).bvh is tree
@@ -42,9 +53,13 @@ def test_rays_get_a_better_tree_once_it_pays(scene, monkeypatch, seconds):
 
 def test_another_moment_begins_anew(scene, monkeypatch):
     _price(monkeypatch, 0.0)
-    assert plan_at(scene, 0.0) == parse_plan(PLAN)
-    scene.occluded(*_rays())
-    assert plan_at(scene, 0.0) == BETTER and plan_at(scene, 1.0) == parse_plan(PLAN)
+    moving = at.Scene(_Lasting(scene.source))
+    for time in (0.0, 1.0):
+        moving.occluded(*_rays(), time=time)
+        lists = moving.engine.source.ray_lists
+        assert lists.plan == FIRST
+        moving.occluded(*_rays(), time=time)
+        assert lists.plan == BETTER
 
 
 def test_illegal_rays_are_refused_after_the_tree_was_optimised(scene, monkeypatch):
