@@ -96,10 +96,8 @@ def main() -> None:
     rows: list[dict] = []
     print(f"{len(sensors):,} sensors, {len(suns.hours)} suns: {len(row):,} pairs with the sun above the surface")
     if installed(library):
-        origins = (
-            Receivers.on_surface(sensors.points, sensors.normals, scene.origin).origins[0].astype(np.float64)
-            + scene.origin
-        )
+        receivers = Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
+        origins = receivers.origins[0].astype(np.float64) + scene.origin
         start = time.perf_counter()
         met = hit_by_radiance(soup, origins[row], suns.directions[sun], given.threads)
         pairs["radiance_seconds"] = time.perf_counter() - start

@@ -26,7 +26,7 @@ def test_both_sources_have_all_of_the_protocol(both):
     for scene, kind in zip(both, (InMemory, Paged)):
         source = Renderer(scene).source
         assert type(source) is kind and names <= set(dir(source)) and len(names) > 10
-        assert source.scene is scene and str(Renderer(scene).plan) == kind.default_plan
+        assert source.scene is scene.data and str(Renderer(scene).plan) == kind.default_plan
 
 
 def test_only_stores_count_what_the_camera_sees_and_what_is_read(both):

@@ -5,12 +5,14 @@ import pytest
 
 import antumbra as at
 import oracle
+from antumbra.engine import engine
 from antumbra.engine.solid import solid_count
 from antumbra.engine.srdh_rays import fewer_samples
 from antumbra.methods import BUILDERS
+from antumbra.plan import parse_plan, with_sample
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
-from antumbra.rendering import points, renderer
+from antumbra.rendering import renderer
 from antumbra.rendering.renderer import Renderer
 from asking import query_of
 
@@ -47,12 +49,17 @@ def given(monkeypatch):
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
     for name in ("warm_up", "warm_up_quality", "warm_up_bounce"):  # they build too
         monkeypatch.setattr(renderer, name, lambda *arguments: None)
-    monkeypatch.setattr(points, "warm_up", lambda *arguments: None)
+    monkeypatch.setattr(engine, "warm_up", lambda *arguments: None)
     return builds
 
 
-def render(scene, camera, plan="srdh+single", **options):
-    return at.render(scene, camera, scene.lights[0], **dict(spp=SPP, plan=plan) | options)
+def sampled(plan, rays):
+    """A plan whose builder is shown these rays."""
+    return with_sample([parse_plan(plan)], rays)[0]
+
+
+def render(scene, camera, plan="srdh+single", srdh_rays=None, **options):
+    return at.render(scene, camera, scene.lights[0], **dict(spp=SPP, plan=sampled(plan, srdh_rays)) | options)
 
 
 def as_matrix(rays, n):
@@ -189,7 +196,7 @@ def test_rays_after_a_bounce_are_shown_too(scene, camera, plain, given):
 def test_a_bounce_of_points_is_refused(scene):
     points = np.random.default_rng(0).uniform(*scene.bounds, (50, 3))
     with pytest.raises(at.InputError, match="srdh_rays asks for a bounce; only the rays of pictures"):
-        at.visibility(scene, points, scene.lights[0], plan="srdh+single", srdh_rays=at.SrdhRays(bounce=True))
+        at.visibility(scene, points, scene.lights[0], plan=sampled("srdh+single", at.SrdhRays(bounce=True)))
 
 
 # From frame to frame
@@ -217,7 +224,7 @@ def frames_of(scene, plan, times, **options):
 def test_the_rays_of_the_last_frame_are_shown_with_what_they_met_then(moving, given, gbuffer):
     times = np.linspace(0, moving.duration, 4)
     asked = at.SrdhRays(size=None, last_frame=True)
-    frames = frames_of(moving, "srdh+single", times, srdh_rays=asked, gbuffer=gbuffer)
+    frames = frames_of(moving, sampled("srdh+single", asked), times, gbuffer=gbuffer)
     assert len(given) == 4
     for k, (_, rays) in enumerate(given):
         before = max(k - 1, 0)
@@ -240,7 +247,7 @@ def test_the_rays_of_the_last_frame_are_shown_with_what_they_met_then(moving, gi
 @pytest.mark.parametrize("last_frame", [True, False])
 def test_animations_by_other_plans(moving, plan, last_frame):
     times = np.linspace(0, moving.duration, 3)
-    frames = frames_of(moving, plan, times, srdh_rays=at.SrdhRays(last_frame=last_frame, bounce=last_frame))
+    frames = frames_of(moving, sampled(plan, at.SrdhRays(last_frame=last_frame, bounce=last_frame)), times)
     for frame, plain in zip(frames, frames_of(moving, "bsah+single", times)):
         np.testing.assert_array_equal(frame.bits[0], plain.bits[0])
         np.testing.assert_array_equal(frame.image, plain.image)
@@ -249,7 +256,7 @@ def test_animations_by_other_plans(moving, plan, last_frame):
 
 def test_hits_of_a_frame_of_other_triangles_are_not_shown(scene, moving, given):
     """The number of a renderer's triangles changes from frame to frame, down or up."""
-    one = Renderer(scene, "srdh+single", srdh_rays=at.SrdhRays(size=None, last_frame=True))
+    one = Renderer(scene, sampled("srdh+single", at.SrdhRays(size=None, last_frame=True)))
     cellar, asked = query_of(scene, scene.cameras[0].resized(*SIZE), scene.lights[0], 1)
     soup, other = query_of(moving, CAMERA, LIGHT, 1)
     for triangles, query in ((cellar, asked), (soup, other), (cellar, asked)):
@@ -274,7 +281,7 @@ def test_a_refined_edge_does_not_change_what_the_next_frame_is_shown(given):
     above = np.array([[[5, 12, 0], [6, 12, 0], [5, 12, 1.0]]])
     scene = at.Scene.from_arrays(np.concatenate([floor, blocker, tent, above]))
     light, camera = at.PointLight((-2, 8, -2)), at.Camera((0, 3, 0.01), (0, 0, 0), width=40, height=40)
-    one = Renderer(scene, "grid128+srdh+single", srdh_rays=at.SrdhRays(size=None, last_frame=True))
+    one = Renderer(scene, sampled("grid128+srdh+single", at.SrdhRays(size=None, last_frame=True)))
     one.render(camera, light, spp=1, adaptive=16)
     blockers = [blocker[0].tobytes() in {(v + scene.origin).tobytes() for v in vertices} for vertices, _ in given]
     assert blockers == [True, False]
@@ -293,7 +300,7 @@ OPTIONS = [
     dict(adaptive=16, filter=True, gbuffer="rays", plan="grid32+srdh+single"),
     dict(cull_faces="back", plan="srdh:distance+single:srdh"),
     dict(plan="srdh:paper+multifrusta"),
-    dict(plan="srdh:all+wide", srdh_rays=at.SrdhRays(size=1, spp=1)),
+    dict(plan=sampled("srdh:all+wide", at.SrdhRays(size=1, spp=1))),
 ]
 
 
@@ -309,7 +316,7 @@ def test_frames_are_the_same(scene, camera, options):
 
 
 def _without(options):
-    return dict(plan="bsah+single", srdh_rays=None, **({"gbuffer": "raster"} if "gbuffer" in options else {}))
+    return dict(plan="bsah+single", **({"gbuffer": "raster"} if "gbuffer" in options else {}))
 
 
 def test_points_ask_through_a_tree_that_is_made_for_them(scene, given):
@@ -318,7 +325,7 @@ def test_points_ask_through_a_tree_that_is_made_for_them(scene, given):
     plain = at.visibility(scene, points, light, plan="bsah+single").bits
     for plan in ("srdh+single", "grid32+srdh+single"):
         for rays in (None, at.SrdhRays(size=None), at.SrdhRays(origins=points[:9], ends=points[9:18])):
-            np.testing.assert_array_equal(at.visibility(scene, points, light, plan=plan, srdh_rays=rays).bits, plain)
+            np.testing.assert_array_equal(at.visibility(scene, points, light, plan=sampled(plan, rays)).bits, plain)
     assert 0 < np.bitwise_count(plain).sum() < 2000 * 16
     assert [len(rays.origins) for _, rays in given] == [256 * 4, 2000 * 4, 9] * 2
     none = at.visibility(scene, np.zeros((0, 3)), light, plan="srdh+single")
@@ -358,7 +365,7 @@ def test_rays_for_a_plan_that_wants_none(scene, camera):
     with pytest.raises(at.InputError, match=r"srdh_rays is given, but nothing in bsah\+multifrusta wants rays"):
         render(scene, camera, "bsah+multifrusta", srdh_rays=at.SrdhRays())
     with pytest.raises(at.InputError, match="leave it out, or build by srdh"):
-        at.visibility(scene, np.zeros((1, 3)), scene.lights[0], plan="lbvh+single", srdh_rays=at.SrdhRays())
+        at.visibility(scene, np.zeros((1, 3)), scene.lights[0], plan=sampled("lbvh+single", at.SrdhRays()))
 
 
 def test_a_tree_for_nobody_in_particular(scene):

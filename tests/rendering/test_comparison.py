@@ -140,7 +140,9 @@ def test_options_of_the_frame(scene, moment):
 
 def test_rays_for_srdh(scene, moment):
     boxes = [
-        compare(scene, moment, ["bsah+wide", "srdh+single"], rounds=1, spp=SPP, srdh_rays=rays).plans[1].counters
+        compare(scene, moment, ["bsah+wide", at.Plan(build="srdh", trace="single", sample=rays)], rounds=1, spp=SPP)
+        .plans[1]
+        .counters
         for rays in (None, at.SrdhRays(2))
     ]
     assert boxes[0]["box_tests"] != boxes[1]["box_tests"]
@@ -179,6 +181,6 @@ def test_what_is_wrong_is_said_before_anything_is_drawn(scene, moment, monkeypat
         with pytest.raises(at.InputError, match=words):
             compare(scene, moment, plans)
     with pytest.raises(at.InputError, match="wants rays"):
-        compare(scene, moment, PLANS[:2], srdh_rays=at.SrdhRays(2))
+        at.Plan(trace="wide", sample=at.SrdhRays(2))
     with pytest.raises(at.InputError, match="rounds"):
         compare(scene, moment, PLANS[:2], rounds=0)

@@ -8,7 +8,10 @@ import numpy as np
 
 from ..checks import choice, whole_number
 from ..scene import framing
+from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
+from ..scene.cityjson.model import CityModel
+from ..scene.cutouts import Cutouts
 from ..scene.data import SceneData
 from ..scene.hit import Hit
 from ..scene.lights import Light

@@ -99,11 +99,15 @@ class Choosing(Accelerator):
         n = solid_count(triangles)
         self._choose(self._loss(self._rays_soon + self._later), n)
         if self._tree_name == GOOD and self._kept is None and good_pays(self.memory.lost, n):
-            self._kept = UPDATERS["refit"].keep(self._new_tree)
+            self._keep_trees()
         if self._kept is not None and best_pays(self.memory.in_good, n):
             self._optimise()
-            self._kept = UPDATERS["refit"].keep(self._new_tree)
+            self._keep_trees()
         return super().build(triangles, culled, shown)
+
+    def _keep_trees(self) -> None:
+        """Refit the trees of later moments to a new one, which the next moment gets."""
+        self._kept, self._updated = UPDATERS["refit"].keep(self._new_tree), None
 
     def _new_tree(self, vertices, threads) -> Bvh:
         tree = super()._new_tree(vertices, threads)

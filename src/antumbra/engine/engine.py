@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import byte_count
 from ..errors import InputError
 from ..kernels.parallel import thread_count
+from ..kernels.progress import in_turn
 from ..plan import Plan, parse_plan
 from ..query.bounds import reach_of
 from ..query.gbuffer import GBuffer
@@ -96,16 +98,21 @@ class Engine:
 
         None: as in this engine.
         """
-        wanted = plan, threads, max_memory
-        if wanted == (None, None, None):
+        if plan is threads is max_memory is None:
+            return self
+        own = self.plan, self.threads, self.max_memory
+        wanted = (
+            self.plan if plan is None else parse_plan(plan),
+            self.threads if threads is None else thread_count(threads),
+            self.max_memory if max_memory is None else byte_count(max_memory, "max_memory", 1),
+        )
+        if wanted == own:
             return self
         with self._lock:
             found = self._others.pop(wanted, None)
             if found is None:
                 found = Engine.__new__(Engine)
-                own = self.plan, self.threads, self.max_memory
-                given = (mine if other is None else other for other, mine in zip(wanted, own))
-                found._start(self.data, self._trees, *given, AUTO)
+                found._start(self.data, self._trees, *wanted, AUTO)
             self._others[wanted] = found  # the last one is the latest
             if len(self._others) > _KEPT:
                 self._others.pop(next(iter(self._others)))
@@ -207,7 +214,7 @@ class Engine:
             if ready is None:  # the tree depends on the queries
                 ready = make.build(triangles, make.culled(triangles, queries), make.show(triangles, queries))
             ready.begin()
-            return list(zip(queries, make.answer_all(ready, queries, None, progress)))
+            return list(zip(queries, make.answer_all(ready, queries, None, in_turn(progress, len(queries)))))
 
     def queries(
         self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[np.ndarray], facing: int = 0,

@@ -9,7 +9,6 @@ from ..scene.crs import checked_crs
 from ..scene.data import SceneData
 from ..scene.memory import MemoryData
 from ..scene.notes import by_kind
-from ..store.data import StoreData
 from .any_scene import AnyScene
 from .opening import opened
 from .scene import Scene
@@ -103,7 +102,6 @@ def _face(data: SceneData) -> "Scene | PagedScene":
     """The scene with this data."""
     if isinstance(data, MemoryData):
         return Scene.of_data(data)
-    from .paged_scene import PagedScene
+    from .paged_scene import PagedScene  # imported late: scenes in memory start sooner without it
 
-    assert isinstance(data, StoreData)
-    return PagedScene.of_data(data)
+    return PagedScene.of_data(data)  # type: ignore[arg-type]  # the other kind that there is
