@@ -37,6 +37,7 @@ if typing.TYPE_CHECKING:
     from .query.gbuffer import GBuffer
     from .rendering.building import build_store
     from .rendering.frame import Frame
+    from .rendering.options import RenderOptions
     from .rendering.queries import Visibility, visibility
     from .rendering.renderer import Renderer, render
     from .rendering.srdh_rays import SrdhRays
@@ -84,6 +85,7 @@ __all__ = [
     "PointLights",
     "QuadLight",
     "Raster",
+    "RenderOptions",
     "Renderer",
     "Scene",
     "Sensors",
@@ -136,6 +138,7 @@ _HOMES = {
     "rendering.queries": ["Visibility", "visibility"],
     "query.gbuffer": ["GBuffer"],
     "rendering.frame": ["Frame"],
+    "rendering.options": ["RenderOptions"],
     "rendering.renderer": ["Renderer", "render"],
     "scene.camera": ["Camera"],
     "scene.cityjson.model": ["CityModel"],

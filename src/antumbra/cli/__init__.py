@@ -1,7 +1,7 @@
 """The command ``antumbra``.
 
 - app: the program and its commands; failures: errors as one line and an exit code
-- render, frames, renderarguments, renderoptions, summary: ``antumbra render``, for pictures and animations
+- render, frames, renderarguments, picturespec, summary: ``antumbra render``, for pictures and animations
 - page: HTML files of results; renderpage: that of ``render --html``
 - explain, culling: pictures of the work of plans
 - compare, comparearguments, comparesummary, comparepage: ``antumbra compare``, plans side by side

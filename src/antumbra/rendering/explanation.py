@@ -19,6 +19,7 @@ from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_d
 from .accelerate import Accelerated, Accelerator
 from .choosing import accelerator_of
 from .moments import Moment, Picture, build_for, picture_of
+from .options import RenderOptions
 from .ready import Job, fixed_job, make_ready, small_scene, small_view
 from .render_jobs import warm_up, warm_up_bounce
 from .renderer import Renderer, source_kind
@@ -132,7 +133,7 @@ def explained_plans(plans) -> list[Plan]:
 
 def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=None) -> Explanation:
     """`explain` with checked arguments and compiled kernels."""
-    pictures, told = [picture_of(scene, moment, spp, threads) for moment in moments], []
+    pictures, told = [picture_of(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)
