@@ -99,10 +99,8 @@ class PictureSpec(NamedTuple):
 
         lights = self.direct_lights(scene, time)
         if self.vpl is not None:
-            sources = [lights[0], *skies_of(lights[1:])]
-            lights += [
-                virtual_point_lights(scene, s, self.vpl, time=time, threads=self.engine.threads) for s in sources
-            ]
+            sources, threads = [lights[0], *skies_of(lights[1:])], self.engine.threads
+            lights += [virtual_point_lights(scene, s, self.vpl, time=time, threads=threads) for s in sources]
         return lights
 
     def options(self, scene: "AnyScene", time: float, layers: bool = False) -> RenderOptions:
@@ -118,11 +116,7 @@ class PictureSpec(NamedTuple):
 
     def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress, layers: bool = False) -> "Shot":
         """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
-        camera, lights, options = (
-            self.view(scene, time),
-            self.all_lights(scene, time),
-            self.options(scene, time, layers),
-        )
+        camera, lights, options = self._asked(scene, time, layers)
         pictures = (1 if options.adaptive is None else 3) * (1 if options.ground is False else 2)
         runs = len(lights) * (pictures + (options.bounce or 0)) + renderer.source.looks
         frame = renderer.render(camera, lights, options=options, progress=progress("tracing shadow rays", runs))
@@ -134,11 +128,7 @@ class PictureSpec(NamedTuple):
         """The same frame, whose rays an engine traces; None if it leaves some to other processes."""
         from ..jobs.bands import render_bands
 
-        camera, lights, options = (
-            self.view(scene, time),
-            self.all_lights(scene, time),
-            self.options(scene, time, layers),
-        )
+        camera, lights, options = self._asked(scene, time, layers)
         settings = self.settings(scene, digest, time)
         frame = render_bands(self.renderer(scene), camera, lights, options, engine, digest, settings)
         return None if frame is None else Shot(camera, lights, options, frame)

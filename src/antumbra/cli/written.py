@@ -32,13 +32,13 @@ class Written(NamedTuple):
         """What Typer is told of it."""
         flag, words, check = f"--{self.name.replace('_', '-')}", self.words, option_of(self.field).check
         switch = self.kind in (bool, bool | None)
-        limits = isinstance(check, Whole) and not switch and words.kind is None
+        low, high = check[:2] if isinstance(check, Whole) and words.kind is None else (None, None)
         return typer.Option(
             f"{flag}/--no-{flag[2:]}" if switch and start is not False else flag,
             help=words.help + (f"  [default: {words.note}]" if start is None and words.note else ""),
             metavar=words.metavar,
-            min=check.low if limits else None,  # type: ignore[attr-defined]
-            max=check.high if limits else None,  # type: ignore[attr-defined]
+            min=low,
+            max=high,
             show_default=start is not None,
             rich_help_panel=words.panel,
         )

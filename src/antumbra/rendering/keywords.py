@@ -120,7 +120,7 @@ def described(kind: _K) -> _K:
     return kind
 
 
-def with_keywords(kind: type) -> Callable[[Callable[..., Any]], Any]:
+def with_keywords(kind: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator of a function with ``**keywords``: its signature and its docstring show the fields of `kind` instead.
 
     Unknown keywords are a TypeError, as of any function.

@@ -76,12 +76,12 @@ class RenderMethod(Protocol[_P]):
 
 def _function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderFunction[_P]]:
     """Decorator: `with_keywords` with types."""
-    return with_keywords(kind)  # type: ignore[arg-type]
+    return with_keywords(kind)
 
 
 def _method(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderMethod[_P]]:
     """Decorator: `with_keywords` of a method with types."""
-    return with_keywords(kind)  # type: ignore[arg-type]
+    return with_keywords(kind)
 
 
 def source_kind(scene) -> "type[InMemory] | type[Paged]":
